@@ -126,9 +126,9 @@ fn a_motion_that_cannot_show_a_skew_is_refused_and_told_why() {
     let delay_s = 5e-5;
     let tone = refusal(&late("fast", Sensors { delay_s, ..bench_sensors() }));
     assert!(matches!(tone, SkewError::SingleTone { .. }), "{tone}");
-    assert!(tone.to_string().contains("a delay and viscous friction are one"), "{tone}");
+    assert!(tone.to_string().contains("a delay and viscous friction are indistinguishable"), "{tone}");
     let noisy = refusal(&late("random@3s;hold", Sensors { delay_s, force_noise_n: 3000.0, ..bench_sensors() }));
-    assert!(matches!(noisy, SkewError::TooNoisy { .. }) && noisy.to_string().contains("for noise"), "{noisy}");
+    assert!(matches!(noisy, SkewError::TooNoisy { .. }) && noisy.to_string().contains("noise hides"), "{noisy}");
     let still = refusal(&late("hold", Sensors { delay_s, ..bench_sensors() }));
     assert!(matches!(still, SkewError::Fit(_)) && still.to_string().contains("too little motion"), "{still}");
     for delay_s in [8e-3, -6e-3] {

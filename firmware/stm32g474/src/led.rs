@@ -2,9 +2,9 @@
 //!
 //! | LED | state |
 //! |---|---|
-//! | steady light | starting; more than a moment of it: does not start |
+//! | steady light | starting; if it lasts, the firmware does not start |
 //! | quick blinking, 5 a second | no samples: halted, injected, or the front end gives none |
-//! | two flashes a second | samples, but the crystal does not run: no claim on the inertance |
+//! | two flashes a second | samples, but the crystal does not run: the clock may be 1 % off |
 //! | one flash a second | samples, and no host listens |
 //! | half a second on, half off | samples, and a host listens |
 //! | dark | no power, or update mode |

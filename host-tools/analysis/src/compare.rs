@@ -1,8 +1,7 @@
 //! Runs side by side: what differs between them by more than their intervals.
 //!
-//! The first run is what the others are held against. Runs on one rig have the same errors of force gain, lead and
-//! clock: of a difference these take only their part in proportion. All other parts of the two intervals count as
-//! independent.
+//! All other runs are compared with the first. Runs on one rig have the same errors of force gain, lead and clock:
+//! these enter a difference only in proportion to it. All other parts of the two intervals count as independent.
 //!
 //! Source: docs/THEORY.md, "Runs compared".
 
@@ -30,15 +29,15 @@ const MOST_FREEDOM: f64 = 1e4;
 /// Why runs cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Diagnostic)]
 pub enum CompareError {
-    /// One is no comparison.
-    #[error("one run is no comparison")]
-    #[diagnostic(code(inerter::compare::one), help("give two runs at least; the others are compared with the first"))]
+    /// There is only one.
+    #[error("a comparison needs at least two runs")]
+    #[diagnostic(code(inerter::compare::one), help("give at least two; the others are compared with the first"))]
     One,
     /// They are of different kinds.
     #[error("{} is of a linear machine and {} of a rotary one", runs[0], runs[1])]
     #[diagnostic(
         code(inerter::compare::machine),
-        help("compare runs of one kind; the setting `machine` says which kind a run is of")
+        help("compare runs of the same kind, which the setting `machine` states")
     )]
     Machine {
         /// Names of a linear and of a rotary run.
@@ -57,7 +56,7 @@ pub struct Side {
     pub hello: Option<Hello>,
     /// What is known of the calibration of its rig.
     pub calibration: Option<Calibration>,
-    /// What it tells.
+    /// The parameters that it identifies.
     pub told: Told,
 }
 
@@ -66,15 +65,15 @@ pub struct Side {
 pub enum Rig {
     /// It does.
     Same,
-    /// It is taken to, for want of a word on it.
+    /// It is assumed to, as nothing shows it.
     Assumed,
     /// It does not, for this reason.
     Other(String),
 }
 
 impl Rig {
-    /// By what the runs say of themselves: another board, another calibration, or another scale of encoder or force is
-    /// another rig. The force's scale of a run without a device is a matter of its file, and says nothing.
+    /// By what the runs state: another board, another calibration, or another scale of encoder or force is another rig.
+    /// The force's scale of a run without a device depends on its file, and proves nothing.
     pub fn of(first: &Side, other: &Side) -> Self {
         match differing(first, other) {
             Some(what) => Self::Other(format!("{what} differs")),
@@ -105,7 +104,7 @@ fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     }
     let stated = |settings: &Settings| [settings.force_gain_u95, settings.lead_u95, settings.timebase_u95];
     if stated(&one.settings) != stated(&other.settings) {
-        return Some("what is stated of the calibration (force_gain_u95, lead_u95 or timebase_u95)");
+        return Some("the stated uncertainty of the calibration (force_gain_u95, lead_u95 or timebase_u95)");
     }
     let (a, b) = (one.hello.as_ref()?, other.hello.as_ref()?);
     if a.serial != b.serial {
@@ -139,35 +138,35 @@ impl Shared {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// There is one: chance makes none this large.
+    /// There is one: chance alone would hardly make it this large.
     Differs,
-    /// Chance alone could make it.
+    /// Chance alone could explain it.
     NotShown,
-    /// One of the runs does not tell the parameter, or proves nothing.
+    /// One of the runs does not identify the parameter, or proves nothing.
     Undecided,
 }
 
 /// A parameter of a run beside others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
-    /// What the run tells.
+    /// The value, if the run identifies it.
     pub found: Option<Quantity>,
     /// Why it proves nothing, if so.
     pub doubt: Option<&'static str>,
-    /// Against the first run; nothing for that one itself, and where one of them does not tell it.
+    /// From the first run; nothing for that one itself, or if one of them does not identify it.
     pub difference: Option<Difference>,
-    /// What is said of it; nothing for the first run.
+    /// The verdict on it; nothing for the first run.
     pub verdict: Option<Verdict>,
 }
 
-/// A run's value less the first one's.
+/// A run's value minus the first one's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
     /// The difference.
     pub value: f64,
     /// Half width of its 95 % interval.
     pub u95: f64,
-    /// Chance of one at least this large where there is none.
+    /// Probability of one at least this large if there is none.
     pub p: f64,
 }
 
@@ -181,7 +180,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// What the catalogue says of it.
+    /// Its entry in the catalogue.
     pub fn field(&self, machine: Machine) -> &'static Field {
         limits::field(machine, NAMES[self.place])
     }
@@ -224,8 +223,8 @@ impl Compared {
         }
         match (self.doubt, first) {
             (Some(doubt), _) => Some(doubt.into()),
-            (None, Some(doubt)) => Some(format!("of the first run, {doubt}")),
-            (None, None) => Some("one of the two motions does not tell it".into()),
+            (None, Some(doubt)) => Some(format!("in the first run, {doubt}")),
+            (None, None) => Some("one of the two motions cannot identify it".into()),
         }
     }
 }
@@ -234,8 +233,8 @@ fn signed(text: &str, value: f64) -> String {
     if value > 0.0 { format!("+{text}") } else { text.into() }
 }
 
-/// Compares runs with the first one: the parameters that any of them tells. `rigs` says of each run whether it shares
-/// that one's rig.
+/// Compares runs with the first one: the parameters that any of them identifies. `rigs` states for each run whether it
+/// shares the rig of the first.
 pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     let [first, others @ ..] = sides else { return Err(CompareError::One) };
     if others.is_empty() {

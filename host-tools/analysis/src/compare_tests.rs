@@ -108,11 +108,11 @@ fn nothing_is_said_of_what_proves_nothing() {
     let inertance = row(&rows, "inertance_kg");
     assert_eq!(inertance.runs[1].difference, None);
     assert_eq!(inertance.runs[1].verdict, Some(Verdict::Undecided));
-    assert_eq!(inertance.runs[1].reason(None).unwrap(), "one of the two motions does not tell it");
+    assert_eq!(inertance.runs[1].reason(None).unwrap(), "one of the two motions cannot identify it");
     let doubted = &inertance.runs[2];
     assert_eq!(doubted.verdict, Some(Verdict::Undecided), "{doubted:?}");
     assert_eq!(doubted.reason(None).as_deref(), doubted.doubt);
-    assert_eq!(doubted.reason(Some("it is late")).as_deref(), doubted.doubt.or(Some("of the first run, it is late")));
+    assert_eq!(doubted.reason(Some("it is late")).as_deref(), doubted.doubt.or(Some("in the first run, it is late")));
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Stiffness and damping of the contact as settings: measured once with a terminal displacement sensor, they let the
-//! force alone find the backlash from then on.
+//! Stiffness and damping of the contact as settings: once they are measured with a terminal displacement sensor, the
+//! backlash follows from the force alone.
 
 use inerter_core::constants::UNSTATED_STIFFNESS_U95;
 use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
@@ -9,7 +9,7 @@ use miette::Diagnostic;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum ContactError {
     /// Nothing measures the terminal's displacement.
-    #[error("a stiffness needs the terminal's own displacement, and the settings know of no sensor for it")]
+    #[error("a stiffness needs the terminal's own displacement, and the settings declare no sensor for it")]
     #[diagnostic(
         code(inerter::contact::no_sensor),
         help(
@@ -18,14 +18,14 @@ pub enum ContactError {
         )
     )]
     NoSensor,
-    /// The motion does not show it.
-    #[error("this motion cannot show the contact's stiffness: {}", why(*reason))]
+    /// The motion cannot identify it.
+    #[error("this motion cannot identify the contact's stiffness: {}", why(*reason))]
     #[diagnostic(
         code(inerter::contact::not_shown),
-        help("shake harder and faster, from 3 Hz up, for 20 s: the force must press on either flank by turns")
+        help("shake harder and faster, from 3 Hz up, for 20 s: the force must press on both flanks in turn")
     )]
     NotShown {
-        /// What stands in its way, where that is known.
+        /// Why not, where that is known.
         reason: Option<Reason>,
     },
 }
@@ -34,7 +34,7 @@ fn why(reason: Option<Reason>) -> &'static str {
     match reason {
         Some(Reason::ForceNeverReverses) => "the force never reverses",
         Some(Reason::TooFewReversals) => "neither flank is touched for long enough",
-        _ => "the stretch is too small beside the sensor's noise, or only the sign of the force changes",
+        _ => "the deflection is too small compared with the sensor's noise, or only the sign of the force changes",
     }
 }
 
@@ -43,7 +43,7 @@ fn why(reason: Option<Reason>) -> &'static str {
 pub struct ContactLaw {
     /// Stiffness \[N/m\].
     pub stiffness: Parameter,
-    /// Damping \[N s/m\]; a slow motion does not show it.
+    /// Damping \[N s/m\]; a slow motion cannot identify it.
     pub damping: Parameter,
 }
 
@@ -64,7 +64,7 @@ impl ContactLaw {
         Ok(Self { stiffness, damping })
     }
 
-    /// Whether it says more than the stiffness in use: there is none, it lies outside of the interval, or the interval
+    /// Whether it is better than the stiffness in use: there is none, it lies outside the interval, or the new interval
     /// is the smaller one.
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         let Settings { stiffness_n_per_m: used, stiffness_u95_n_per_m: used_u95, .. } = *settings;

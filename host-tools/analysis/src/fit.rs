@@ -39,7 +39,7 @@ const MOST_STEPS: f64 = 0.5;
 /// Part of a regressor's square that the others must leave over.
 const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
 
-/// Why a fit says nothing.
+/// Why a fit gives no result.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum FitError {
     /// Too little motion.
@@ -50,20 +50,20 @@ pub enum FitError {
         observations: f64,
     },
     /// The parameters cannot be told from each other.
-    #[error("the motion cannot tell inertance and friction apart")]
+    #[error("the motion cannot separate inertance from friction")]
     #[diagnostic(code(inerter::fit::motion), help("move in both directions, fast enough that inertance matters"))]
     Motion,
     /// The sums do not belong together.
-    #[error("the two halves of the sums are not of the same moment")]
+    #[error("the two halves of the sums are from different moments")]
     #[diagnostic(code(inerter::fit::torn), help("frames were lost on the way: try again"))]
     Torn,
 }
 
 fn short_help(observations: f64) -> &'static str {
     if observations < 1.0 {
-        "nothing moved by the encoder: move the terminal to and fro, and see with `inerter monitor` that it counts"
+        "the encoder shows no motion: move the terminal back and forth, and check with `inerter monitor` that it counts"
     } else {
-        "record at least some seconds of motion"
+        "record at least a few seconds of motion"
     }
 }
 
@@ -407,7 +407,7 @@ impl Judge<'_> {
     }
 }
 
-/// What a run says of a fit beside its sums.
+/// What a fit needs of a run in addition to its sums.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     /// What is known of the motion.

@@ -1,12 +1,12 @@
-//! What runs of an instrumented inerter say of the device.
+//! Analysis of runs of an instrumented inerter.
 //!
-//! [`fit`] fits again what the estimator has summed: friction by direction; [`merge`] does so for several runs
-//! together. [`contact`] takes stiffness and damping from a terminal displacement sensor. [`mod@identify`] fits the
-//! complete model, [`response`] measures F/x over frequency, [`law`] is the estimator's with its kernels, [`rows`] has
-//! it beside the force row by row, [`mod@compare`] holds runs against each other, [`paper`] identifies the paper's
-//! device from its three tests. [`mod@diagnose`] names what breaks the law, [`mod@skew`] finds how late the force is,
-//! [`plan`] designs a motion and predicts what it will tell. [`calibrate`] turns samples at known loads, displacements
-//! and rests into settings with their uncertainty. [`results`] puts all of that together as the program prints it.
+//! [`fit`] refits the sums of the estimator: friction by direction; [`merge`] does so for several runs together.
+//! [`contact`] derives stiffness and damping from a terminal displacement sensor. [`mod@identify`] fits the complete
+//! model, [`response`] measures F/x over frequency, [`law`] is the law of the estimator with its kernels, [`rows`]
+//! lists it beside the force row by row, [`mod@compare`] compares runs, [`paper`] identifies the paper's device from
+//! its three tests. [`mod@diagnose`] identifies what breaks the law, [`mod@skew`] finds the delay of the force,
+//! [`plan`] designs a motion and predicts its intervals. [`calibrate`] turns samples at known loads, displacements and
+//! rests into settings with their uncertainty. [`results`] combines all of that as the program prints it.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;

@@ -1,8 +1,8 @@
 //! Several runs of one device together: the law fitted to the sum of their exact sums.
 //!
-//! Sums are integers: those of a thousand runs add up to the same bits whatever the order and the grouping. What an
-//! interval needs beside them is kept for each run, and taken together in one order, that of the sums. A run that is
-//! given twice counts once.
+//! Sums are integers: those of a thousand runs add up to the same bits in any order and grouping. What an interval
+//! needs in addition is kept for each run, and combined in one order, that of the sums. A run that is given twice
+//! counts once.
 //!
 //! Terms:
 //! - *own*: of the fit to one run alone, as the estimator has it.
@@ -47,13 +47,13 @@ const BISECTIONS: u32 = 80;
 pub enum MergeError {
     /// There is none.
     #[error("there is no run to merge")]
-    #[diagnostic(code(inerter::merge::empty), help("give one run at least"))]
+    #[diagnostic(code(inerter::merge::empty), help("give at least one run"))]
     Empty,
     /// They were not measured or replayed alike.
     #[error("the settings of {} and {} differ: {}", runs[0], runs[1], differences(settings))]
     #[diagnostic(
         code(inerter::merge::settings),
-        help("sums add up where settings are the same; if this is right for both: {}", alike(settings))
+        help("runs merge only with the same settings; if this is right for both: {}", alike(settings))
     )]
     Settings {
         /// Names of those that differ, and what each is in two runs.
@@ -62,7 +62,7 @@ pub enum MergeError {
         runs: [String; 2],
     },
     /// Bytes that are no sums.
-    #[error("these bytes are no sums of runs, or of another version")]
+    #[error("these bytes are not sums of runs, or are of another version")]
     #[diagnostic(code(inerter::merge::bytes), help("replay the runs again with this version"))]
     Bytes,
 }
@@ -168,7 +168,7 @@ pub struct Runs {
     parts: BTreeMap<Key, Part>,
 }
 
-/// What runs say together.
+/// Several runs fitted together.
 #[derive(Clone, Debug)]
 pub struct Merged {
     /// The fits to all.
@@ -182,9 +182,9 @@ pub struct Merged {
     /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond
     /// their scatter: a standard deviation. Nothing where fewer than two runs tell one.
     pub apart: [Option<f32>; 4],
-    /// Which of the four differ more than chance would have it.
+    /// Which of the four differ by more than chance.
     pub differs: [bool; 4],
-    /// Names of the runs that the law does not hold for.
+    /// Names of the runs for which the law does not hold.
     pub broken: Vec<String>,
     /// Names of those in which nothing was summed.
     pub empty: Vec<String>,
@@ -565,7 +565,7 @@ impl Merged {
         if !self.broken.is_empty() {
             let runs = plural(self.broken.len() as u64, "run");
             remarks.push(format!(
-                "the law is broken in {runs} ({}): see with `inerter diagnose` what breaks it, or leave them out",
+                "the law is broken in {runs} ({}): find the cause with `inerter diagnose`, or leave them out",
                 self.broken.join(", ")
             ));
         }

@@ -1,13 +1,12 @@
 //! The paper's device identified blindly from its three tests.
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the
-//! friction,
-//! 3.2 Hz for the rest, 15.9 Hz to validate. Here as there the lower terminal is moved and the load cell hangs on the upper one; the
-//! terminal's displacement is measured as well, and in place of tuning by eye stands [`mod@identify`] with its
-//! intervals. Blind: of the device only the structure mass is told, which the paper has weighed.
+//! friction, 3.2 Hz for the rest, 15.9 Hz to validate. As there, the lower terminal is moved and the load cell hangs on
+//! the upper one; in addition the terminal's displacement is measured, and [`mod@identify`] with its intervals replaces
+//! tuning by eye. Blind: of the device only the structure mass is given, which the paper has weighed.
 //!
-//! What is not the paper's: its Coulomb friction did not survive in the text at hand, 50 N is our choice; noise,
-//! encoder and sample rate are those of our bench.
+//! Not from the paper: its Coulomb friction is missing from our copy of the text, 50 N is our choice; noise, encoder
+//! and sample rate are those of our bench.
 
 use std::f64::consts::TAU;
 
@@ -73,7 +72,7 @@ pub struct Test {
     pub plan: Plan,
     /// What was recorded.
     pub run: Run,
-    /// What the estimator made of it.
+    /// The result of the estimator.
     pub outcome: Outcome,
     /// Force over the terminal's displacement at the tone.
     pub response: Option<Point>,
@@ -256,7 +255,7 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             "fc",
             ("N", 1.0),
             device.coulomb_n,
-            "did not survive: 50 N is our choice",
+            "missing: 50 N is our choice",
             parameter(8, |outcome| outcome.estimate.whole_run.coulomb_n),
         ),
         one(

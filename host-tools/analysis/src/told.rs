@@ -1,4 +1,4 @@
-//! What a run tells of each parameter, to be held against limits or against another run.
+//! The parameters that a run identifies, to be compared with limits or with another run.
 
 use inerter_core::Budget;
 use inerter_data::{
@@ -13,11 +13,11 @@ use crate::diagnose::{Judged, is_suspect};
 pub struct Quantity {
     /// Its value.
     pub value: f32,
-    /// What its interval is made of.
+    /// The sources of its interval.
     pub budget: Budget,
 }
 
-/// What a run tells of each parameter of [`NAMES`].
+/// The parameters of [`NAMES`] that a run identifies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
     found: [Option<Quantity>; NAMES.len()],
@@ -25,7 +25,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// Of a run that came to this; `are_wrong` says that samples were.
+    /// Of a run with this outcome; `are_wrong` says that samples were wrong.
     pub fn new(outcome: &Outcome, judged: &[Judged; 4], are_wrong: bool) -> Self {
         let Outcome { estimate, detail, budgets, law, .. } = outcome;
         let values = estimate.whole_run;
@@ -44,7 +44,7 @@ impl Told {
         }
     }
 
-    /// The parameter at this place of [`NAMES`], where the motion tells it.
+    /// The parameter at this place of [`NAMES`], if the motion identifies it.
     pub fn found(&self, place: usize) -> Option<Quantity> {
         self.found.get(place).copied().flatten()
     }
@@ -54,7 +54,7 @@ impl Told {
         self.doubts.of(place)
     }
 
-    /// What the run says of limits.
+    /// The verdicts of the run on limits.
     pub fn within(&self, limits: &Limits) -> Vec<limits::Judged> {
         limits.judge(|place| Measured {
             found: self.found(place).map(|Quantity { value, budget }| (value, budget.u95())),

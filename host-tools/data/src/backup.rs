@@ -1,6 +1,6 @@
-//! Settings of a device in a file, with whose they are; and what differs between two sets.
+//! Settings of a device in a file, with the device they belong to; and the differences between two sets.
 //!
-//! The file is one that `--settings` takes; the device stands in comments at its beginning.
+//! The file is one that `--settings` takes; the device is given in comments at its beginning.
 
 use std::{
     borrow::Cow,
@@ -23,11 +23,11 @@ use crate::{
 /// Why a backup is not restored.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum BackupError {
-    /// Another device's.
-    #[error("{path} is of another device: {theirs}, and this one is {ours}", path = path.display())]
+    /// It is of another device.
+    #[error("{path} belongs to another device: {theirs}; this one is {ours}", path = path.display())]
     #[diagnostic(
         code(inerter::backup::other),
-        help("a calibration belongs to its board, cell and screw; where those were moved to this board, add --force")
+        help("a calibration belongs to its board, cell and screw; if they were moved to this board, add --force")
     )]
     Other {
         /// The file.
@@ -37,8 +37,8 @@ pub enum BackupError {
         /// The device that is connected.
         ours: String,
     },
-    /// Nobody's.
-    #[error("{path} does not say whose settings it holds", path = path.display())]
+    /// It does not say of which device it is.
+    #[error("{path} does not say to which device its settings belong", path = path.display())]
     #[diagnostic(
         code(inerter::backup::nobody),
         help("it was not made by `inerter settings backup`: look at it with `inerter settings diff {path} device`, \
@@ -71,7 +71,7 @@ impl Owner {
     }
 }
 
-/// Settings as they stand in a file: only those that it names.
+/// Settings as they are in a file: only those that it names.
 #[derive(Clone, Debug, Default)]
 pub struct Backup {
     /// The settings.

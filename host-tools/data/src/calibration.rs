@@ -1,6 +1,6 @@
-//! What a rig's calibration says of itself: when it was made, by which certificate, and how long it is valid.
+//! Data on a rig's calibration: when it was made, by which certificate, and how long it is valid.
 //!
-//! It stands in a settings file as the table `[calibration]`, and in a recording as the metadata `inerter.calibration`.
+//! In a settings file it is the table `[calibration]`, in a recording the metadata `inerter.calibration`.
 
 use std::{
     collections::BTreeMap,

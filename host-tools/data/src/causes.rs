@@ -95,33 +95,33 @@ impl Cause {
         match self {
             Self::Samples(WarningKind::WrongSign) => {
                 "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
-                 inertia; look at the signs of newtons_per_code and metres_per_count"
+                 inertia; check the signs of newtons_per_code and metres_per_count"
             }
             Self::Samples(WarningKind::CountSlip) => {
-                "the position jumped as no force could move it, and what rests on it is left out: the encoder loses counts; look at \
-                 its cable, its supply and its highest rate"
+                "the position jumped as no force could move it, and what depends on it is left out: the encoder loses counts; check \
+                 its cable, its supply and its maximum rate"
             }
             Self::Samples(WarningKind::ClippedForce) => {
-                "the force is clipped below its stated limits: clipped samples are left out, and the estimator begins anew; lower \
+                "the force is clipped below its stated limits: clipped samples are left out, and the estimator restarts; reduce \
                  the amplifier's gain or the motion, or state force_min_code and force_max_code"
             }
             Self::Samples(WarningKind::DeadForce) => {
-                "the force stands still while the screw goes to and fro: such samples are left out, and the estimator begins anew; \
-                 look at the load cell's cable and its supply"
+                "the force stays constant while the screw moves back and forth: such samples are left out, and the estimator \
+                 restarts; check the load cell's cable and its supply"
             }
             Self::Law(Kind::LoadDependent) => "friction that grows with the load",
             Self::Law(Kind::PositionPeriodic) => "force or friction that repeats with the turns",
             Self::Law(Kind::Stribeck) => "friction that is greater at low speed",
-            Self::Law(Kind::Presliding) => "friction that turns over a distance",
+            Self::Law(Kind::Presliding) => "friction that reverses gradually over a distance",
             Self::Law(Kind::Drift) => "a drift",
             Self::Law(Kind::Skew) => "a delay of the force",
             Self::Law(Kind::EncoderError) => "an error of the encoder",
             Self::Law(Kind::Direction) => "viscous friction that differs by direction",
-            Self::Law(Kind::QuadraticFriction) => "friction by the square of the velocity",
-            Self::Law(Kind::Spring) => "a force that goes with the position",
-            Self::Law(Kind::Compliance) => "a position that gives way with the force",
-            Self::Law(Kind::ForceNonlinear) => "a force that is not measured in proportion",
-            Self::Law(Kind::Structure) => "a mass on the terminal that moves otherwise than the screw",
+            Self::Law(Kind::QuadraticFriction) => "friction that grows with the square of the velocity",
+            Self::Law(Kind::Spring) => "a force that varies with the position",
+            Self::Law(Kind::Compliance) => "a position that yields to the force",
+            Self::Law(Kind::ForceNonlinear) => "a nonlinear measurement of the force",
+            Self::Law(Kind::Structure) => "a mass on the terminal that moves differently from the screw",
         }
     }
 }

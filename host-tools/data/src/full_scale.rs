@@ -40,8 +40,8 @@ impl Peaks {
         peaks
     }
 
-    /// Raises the settings of full scale that nobody has given to what holds these, in powers of two, as far as the
-    /// other settings allow: a count that leaps is no motion, and what is beyond is left out.
+    /// Raises the settings of full scale that were not given, in powers of two, until they cover these, as far as the
+    /// other settings allow: a count that leaps is not motion, and what is beyond is left out.
     pub fn hold(&self, settings: &mut Settings, given: &Overrides) -> Result<(), SettingsInputError> {
         for (name, peak) in self.named() {
             let is_held = settings.get(name).is_none_or(|scale| ROOM * peak <= scale);
@@ -90,7 +90,7 @@ impl Peaks {
         Some(description(
             settings.machine,
             &format!(
-                "the motion reaches {velocity:.3} {per_s} and {acceleration:.3} {per_s2}, and what is beyond full scale is left out: {}",
+                "the motion reaches {velocity:.3} {per_s} and {acceleration:.3} {per_s2}, and samples beyond full scale are left out: {}",
                 set.join(" ")
             ),
         ))

@@ -1,10 +1,13 @@
-//! A run without the samples that tell nothing of the device, as the estimator's gates leave them out.
+//! A run without the wrong samples, which the estimator's gates leave out.
 //!
-//! The estimator sees a sample once, and says with which one it knew. Here the whole run is at hand, so that the same
-//! is found from its first sample on, by the same rules:
-//! - *Clipped force*: codes pile up at an extreme below the rails. What lies so near that noise is cut off on one side goes too.
-//! - *Dead force*: the code stands still while the screw goes to and fro. Then it is none wherever it stands still.
-//! - *Slipped counts*: the position bends by as much as where the estimator said so. No sample is lost; the stretch ends there.
+//! The estimator sees each sample once, and reports the one at which it knew. Here the whole run is available, so the
+//! same faults are found from their first sample on, by the same rules:
+//! - *Clipped force*: codes pile up at an extreme below the rails. Codes so near to it that noise is cut off on one
+//!   side are left out too.
+//! - *Dead force*: the code stays constant while the screw moves back and forth. It is then invalid wherever it stays
+//!   constant.
+//! - *Slipped counts*: the position bends by as much as where the estimator reported it. No sample is lost; the stretch
+//!   ends there.
 
 use inerter_core::{
     RawSample, Warning, WarningKind,
@@ -22,19 +25,19 @@ const REVERSED_COUNTS: f64 = 4.0;
 /// Time for which no live force stands still in motion \[s\].
 const STILL_S: f64 = 0.1;
 
-/// A run without what tells nothing.
+/// A run without wrong samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gated {
     /// The rest.
     pub series: Series,
-    /// What was left out, or parted.
+    /// What was left out, or split.
     pub left_out: Vec<WarningKind>,
     /// What the estimator said of samples that are not found here: it may be anywhere.
     pub not_found: Vec<WarningKind>,
 }
 
 impl Gated {
-    /// Whether samples were left out in which the force is none.
+    /// Whether samples with an invalid force were left out.
     pub fn has_no_force(&self) -> bool {
         self.left_out.iter().any(|kind| matches!(kind, WarningKind::ClippedForce | WarningKind::DeadForce))
     }

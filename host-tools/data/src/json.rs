@@ -1,7 +1,7 @@
 //! Estimates, events and health as JSON, for programs.
 //!
 //! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a
-//! NaN or an infinity. What is not known is `null`.
+//! NaN or an infinity. Unknown values are `null`.
 
 use inerter_core::{
     Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, Machine, Parameter, Parameters,
@@ -403,7 +403,7 @@ pub fn health_json(health: &Health) -> serde_json::Value {
 pub enum Shown {
     /// Value and interval hold.
     Ok,
-    /// The same, and the value is smaller than the interval: there may be none.
+    /// The same, and the value is smaller than the interval: it may be zero.
     BelowU95,
     /// Nothing moves.
     Held,

@@ -1,7 +1,7 @@
-//! Limits of a device, and what a measurement says of them by ISO 14253-1: not the value decides, but its whole
-//! interval.
+//! Limits of a device, and the verdicts of a measurement on them by ISO 14253-1: the whole interval decides, not the
+//! value.
 //!
-//! A parameter passes where its 95 % interval lies within the limits, and fails where it lies beyond one. Else it is
+//! A parameter passes if its 95 % interval lies within the limits, and fails if it lies beyond one. Otherwise it is
 //! undecided: a narrower interval would decide.
 
 use std::{fmt, io, path::Path, path::PathBuf};
@@ -43,7 +43,7 @@ pub enum LimitsError {
         /// The reason.
         source: io::Error,
     },
-    /// What stands in it is not what it should be.
+    /// Its content is invalid.
     #[error("the limits {path}, line {line}: {problem}", path = path.display())]
     #[diagnostic(code(inerter::limits::form), help("{help}"))]
     Form {
@@ -78,13 +78,13 @@ pub struct Limits {
     pub all: Vec<Limit>,
 }
 
-/// What a measurement says of a limit.
+/// The verdict of a measurement on a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The interval lies within the limits.
     Pass,
-    /// It reaches beyond them, or is not known.
+    /// It extends beyond them, or is unknown.
     Undecided,
     /// It lies beyond them.
     Fail,
@@ -103,13 +103,13 @@ impl fmt::Display for Verdict {
 /// A parameter as it was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Value, and half width of its 95 % interval; nothing where the motion does not tell it.
+    /// Value, and half width of its 95 % interval; nothing where the motion cannot identify it.
     pub found: Option<(f32, f32)>,
-    /// Why it proves nothing, whatever it is.
+    /// Why it proves nothing, whatever its value.
     pub doubt: Option<&'static str>,
 }
 
-/// Why what a run tells of its parameters proves nothing, if so.
+/// Why the parameters of a run prove nothing, if so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Doubts {
     of_run: Option<&'static str>,
@@ -127,14 +127,14 @@ impl Doubts {
         let of_run = if changed {
             Some("the device changed during the run")
         } else if are_wrong {
-            Some("samples are wrong, as the warnings say")
+            Some("samples are wrong (see the warnings)")
         } else {
             None
         };
         // Of a law that nobody can call broken where flanks may part no interval says how far that may reach.
         let of_law = match law {
             LawStatus::Broken => Some("the law is broken"),
-            _ if is_beyond => Some("the law leaves more over than noise and steps explain"),
+            _ if is_beyond => Some("the residual of the law is more than noise and steps explain"),
             _ => None,
         };
         Self { of_run, of_law, is_broken: law == LawStatus::Broken }
@@ -160,7 +160,7 @@ pub struct Judged {
     pub min: Option<f64>,
     /// Greatest value that passes.
     pub max: Option<f64>,
-    /// As it was measured; nothing where the motion does not tell it.
+    /// As it was measured; nothing where the motion cannot identify it.
     pub value: Option<f32>,
     /// Half width of the 95 % interval.
     pub u95: Option<f32>,
@@ -198,7 +198,7 @@ impl Limits {
                 )
             })?;
             let DeValue::Table(bounds) = value.get_ref() else {
-                return Err(form(at, format!("`{name}` is no table"), example()));
+                return Err(form(at, format!("`{name}` is not a table"), example()));
             };
             let (mut min, mut max) = (None, None);
             for (key, value) in bounds.iter() {
@@ -225,13 +225,13 @@ impl Limits {
             match (min, max) {
                 (None, None) => return Err(form(at, format!("`{name}` has neither `min` nor `max`"), example())),
                 (Some(min), Some(max)) if min > max => {
-                    return Err(form(at, format!("{name}: min {min} is above max {max}"), "exchange them".into()));
+                    return Err(form(at, format!("{name}: min {min} is above max {max}"), "swap them".into()));
                 }
                 _ => all.push(Limit { place, min, max }),
             }
         }
         if all.is_empty() {
-            return Err(form(0, "it limits nothing".into(), example()));
+            return Err(form(0, "it sets no limit".into(), example()));
         }
         Ok(Self { path: path.into(), all })
     }
@@ -242,7 +242,7 @@ impl Limits {
     }
 }
 
-/// What the catalogue says of a parameter of [`NAMES`] on this machine.
+/// The catalogue entry of a parameter of [`NAMES`] on this machine.
 pub fn field(machine: Machine, name: &str) -> &'static Field {
     let groups = [Group::Parameter, Group::Detail];
     groups.into_iter().find_map(|group| catalogue::find(machine, group, name)).unwrap_or(&catalogue::FIELDS[0])
@@ -269,7 +269,7 @@ impl Limit {
         let undecided = |reason, needed_u95| (Verdict::Undecided, Some(reason), needed_u95);
         let told = Judged { parameter, min, max, value, u95, verdict: Verdict::Pass, needed_u95: None, reason: None };
         let (verdict, reason, needed_u95) = match found {
-            None => undecided("the motion does not tell it", None),
+            None => undecided("the motion cannot identify it", None),
             Some((value, u95)) => {
                 if let Some(doubt) = measured.doubt {
                     return Judged { verdict: Verdict::Undecided, reason: Some(doubt), needed_u95: None, ..told };
@@ -283,7 +283,7 @@ impl Limit {
                     (Verdict::Fail, None, None)
                 } else {
                     let needed = both().map(f64::abs).fold(f64::INFINITY, f64::min);
-                    undecided("the interval reaches beyond a limit", Some(needed as f32).filter(|needed| *needed > 0.0))
+                    undecided("the interval extends beyond a limit", Some(needed as f32).filter(|needed| *needed > 0.0))
                 }
             }
         };
@@ -319,7 +319,8 @@ impl Judged {
             (None, max) => format!("at most {}", max.map(number).unwrap_or_default()),
         };
         let reason = self.reason.map(|reason| format!(": {reason}")).unwrap_or_default();
-        let needed = self.needed_u95.map(|u95| format!("; one under {} {unit} would decide", rounded_down(u95.into())));
+        let needed =
+            self.needed_u95.map(|u95| format!("; an interval under {} {unit} would decide", rounded_down(u95.into())));
         format!("{label}: {found}, wanted {limits} {unit}{reason}{}", needed.unwrap_or_default())
     }
 }
@@ -348,7 +349,7 @@ mod tests {
     #[test]
     fn what_is_wrong_with_limits_is_named_with_its_line() {
         for (text, line, words) in [
-            ("", 1, "it limits nothing"),
+            ("", 1, "it sets no limit"),
             (
                 "[coulomb_n]\nmax = 60\n[coulomb]\nmin = 1\n",
                 3,
@@ -359,7 +360,7 @@ mod tests {
             ("[coulomb_n]\nmax = nan\n", 2, "`nan` is not a number"),
             ("[coulomb_n]\n", 1, "neither `min` nor `max`"),
             ("[coulomb_n]\nmin = 2\nmax = 1\n", 1, "min 2 is above max 1"),
-            ("coulomb_n = 60\n", 1, "`coulomb_n` is no table"),
+            ("coulomb_n = 60\n", 1, "`coulomb_n` is not a table"),
             ("[inertia_kg_m2]\nmin = 1\n", 1, "no parameter is called `inertia_kg_m2`"),
             ("[coulomb_n\n", 1, ""),
         ] {
@@ -404,14 +405,14 @@ mod tests {
             (Some((50.0, 0.3)), "Coulomb friction: 50.00 ± 0.30 N, wanted at most 55 N"),
             (
                 Some((54.8, 0.3)),
-                "Coulomb friction: 54.80 ± 0.30 N, wanted at most 55 N: the interval reaches beyond a limit; one under 0.20 N would decide",
+                "Coulomb friction: 54.80 ± 0.30 N, wanted at most 55 N: the interval extends beyond a limit; an interval under 0.20 N would decide",
             ),
             (
                 Some((54.9004, 0.3)),
-                "Coulomb friction: 54.90 ± 0.30 N, wanted at most 55 N: the interval reaches beyond a limit; one under 0.099 N would decide",
+                "Coulomb friction: 54.90 ± 0.30 N, wanted at most 55 N: the interval extends beyond a limit; an interval under 0.099 N would decide",
             ),
             (Some((60.0, 0.3)), "Coulomb friction: 60.00 ± 0.30 N, wanted at most 55 N"),
-            (None, "Coulomb friction: not identifiable, wanted at most 55 N: the motion does not tell it"),
+            (None, "Coulomb friction: not identifiable, wanted at most 55 N: the motion cannot identify it"),
         ] {
             assert_eq!(judged(found).words(Machine::Linear), words);
         }

@@ -33,7 +33,7 @@ pub enum OutputError {
         path: PathBuf,
     },
     /// The file is one that the same command reads or writes.
-    #[error("{path} is another file of this command, and would be written over", path = path.display())]
+    #[error("{path} is another file of this command, and would be overwritten", path = path.display())]
     #[diagnostic(code(inerter::output::input), help("choose another name"))]
     Input {
         /// The file.
@@ -58,7 +58,7 @@ pub enum Disturbance {
     /// It has no name any more.
     #[error("another program deleted it")]
     Deleted,
-    /// Its name belongs to nobody or to another file.
+    /// Its name is gone or belongs to another file.
     #[error("another program moved it or replaced it")]
     Moved,
     /// It is shorter or longer than what was written.
@@ -175,7 +175,7 @@ pub struct Pending {
 }
 
 impl Pending {
-    /// Begins a file beside the one that it will be. Only `replace` lets it take the place of one that is there.
+    /// Begins a temporary file beside the final one. Only `replace` lets it replace one that exists.
     pub fn create(path: &Path, replace: bool) -> Result<Self, OutputError> {
         if is_special(path) {
             return Ok(Self { path: path.into(), replace, temporary: None });
@@ -285,7 +285,7 @@ fn plain(error: io::Error) -> io::Error {
     }
 }
 
-/// Refuses to go on when `path` is an ordinary file, even an empty one, or a link that leads nowhere.
+/// Refuses to continue if `path` is an ordinary file, even an empty one, or a link that leads nowhere.
 pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
     let is_there = path.symlink_metadata().is_ok() && !is_special(path);
     if is_there { Err(OutputError::Exists { path: path.into() }) } else { Ok(()) }

@@ -22,14 +22,14 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// An estimator that has seen nothing; the first sample that it takes stands at `start_s` \[s\].
+    /// An estimator that has seen nothing; the first sample that it takes is at `start_s` \[s\].
     pub fn new(settings: &Settings, start_s: f64) -> Result<Self, SettingsInputError> {
         let active = validate(settings)?;
         let state = Box::new(State::new(&active));
         Ok(Self { active, state, rate_hz: settings.sample_rate_hz, start_s, elapsed: 0, last_index: None })
     }
 
-    /// Takes one sample; gives what comes of it, in the order in which a device sends it.
+    /// Takes one sample; returns the resulting events, in the order in which a device sends them.
     pub fn step(&mut self, sample: &RawSample) -> impl Iterator<Item = EstimatorEvent> + use<> {
         if let Some(last) = self.last_index.replace(sample.index) {
             self.elapsed += step(last, sample.index);
@@ -56,7 +56,7 @@ impl Replay {
         (self.active.sums(&self.state, bank), self.active.more_sums(&self.state, bank))
     }
 
-    /// What it has all come to by now.
+    /// The outcome so far.
     pub fn outcome(&self) -> Outcome {
         let Published { estimate, law, detail } = self.active.publish(&self.state);
         Outcome {

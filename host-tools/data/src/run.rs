@@ -20,7 +20,7 @@ pub struct Run {
     pub start_s: f64,
     /// Host time of the first frame \[ns since 1970\]; `None` where no clock was there, as in a simulation.
     pub recorded_ns: Option<u64>,
-    /// What was put right or found missing on the way.
+    /// What was repaired or found missing on reading.
     pub notes: Vec<String>,
     /// The device that recorded it, when known.
     pub hello: Option<Hello>,

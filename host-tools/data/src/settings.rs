@@ -152,7 +152,7 @@ impl Overrides {
         self.values.get(Settings::find(name)?).copied().flatten()
     }
 
-    /// What the file says of the rig's calibration, if it does.
+    /// The rig's calibration in the file, if there is one.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref()
     }

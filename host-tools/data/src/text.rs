@@ -151,9 +151,10 @@ pub fn settings_note(reading: &Reading) -> Option<String> {
     let some = |count: usize, thing| (count > 0).then(|| plural(count as u64, thing));
     let newer = [some(reading.unknown, "setting"), some(reading.impossible, "value")];
     let newer = newer.into_iter().flatten().reduce(|settings, values| format!("{settings} and {values}"));
-    let newer = newer.map(|what| format!("the firmware is newer than this program: {what} not known here, left out"));
+    let newer = newer.map(|what| format!("the firmware is newer than this program: {what} unknown here, left out"));
     let older = some(reading.missing, "setting");
-    let older = older.map(|what| format!("the firmware is older than this program: {what} missing, here the defaults"));
+    let older =
+        older.map(|what| format!("the firmware is older than this program: {what} missing, set to the defaults"));
     newer.into_iter().chain(older).reduce(|newer, older| format!("{newer}; {older}"))
 }
 
@@ -162,7 +163,7 @@ pub fn event_words(machine: Machine, kind: &EventKind) -> String {
     match kind {
         EventKind::Started => "the device has started".into(),
         EventKind::SourceEnded => "no more samples: the motion has ended".into(),
-        EventKind::EstimatorReset => "the estimator begins anew".into(),
+        EventKind::EstimatorReset => "the estimator restarts".into(),
         EventKind::SettingsChanged => "the settings were changed".into(),
         EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
         EventKind::Fault(fault) => format!("fault: {fault}"),
@@ -173,7 +174,7 @@ pub fn event_words(machine: Machine, kind: &EventKind) -> String {
     }
 }
 
-/// Whether an event tells of something wrong that somebody who records wants to know.
+/// Whether an event reports a fault that matters to a recording.
 pub fn is_trouble(kind: &EventKind) -> bool {
     match kind {
         EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) | EventKind::Warned(_) => true,
@@ -213,10 +214,7 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
         if text.contains('e') { text } else { text.trim_end_matches('0').trim_end_matches('.').to_string() }
     };
     let (before, after) = (digits(change.before), digits(change.after));
-    format!(
-        "the device has changed: {} from {before} to {after} {unit}; the estimator begins anew",
-        label.to_lowercase()
-    )
+    format!("the device has changed: {} from {before} to {after} {unit}; the estimator restarts", label.to_lowercase())
 }
 
 /// `holds`, `broken` or `unknown`.
@@ -273,7 +271,7 @@ fn detail_parts(detail: &Detail) -> Vec<String> {
     parts
 }
 
-/// What a row says beside its numbers: only what is not as it should be.
+/// Remarks of a row beside its numbers: only what is not as it should be.
 pub fn remarks(estimated: &Estimated) -> impl Iterator<Item = &'static str> {
     let of_detail = |detail: Detail| {
         let contact =
@@ -313,7 +311,7 @@ fn reason_words(reason: Reason) -> &'static str {
     match reason {
         Reason::ForceNeverReverses => "load never reverses",
         Reason::TooFewReversals => "too few reversals",
-        Reason::FlankTooShort => "flanks too short",
+        Reason::FlankTooShort => "contact too short",
         Reason::StiffnessUnknown => "stiffness unknown",
         Reason::Scattered => "reversals disagree",
     }
@@ -323,7 +321,7 @@ fn reason_words(reason: Reason) -> &'static str {
 pub fn contact_words(contact: Contact) -> &'static str {
     match contact {
         Contact::Unknown => "not seen yet",
-        Contact::OneSided => "one flank carries it all",
+        Contact::OneSided => "one flank carries all of it",
         Contact::Closed => "no backlash seen",
         Contact::Backlash => "backlash at each reversal",
         Contact::Bouncing => "the flanks bounce",

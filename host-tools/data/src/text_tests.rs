@@ -86,12 +86,12 @@ fn reversals_and_changes_have_lines_of_their_own() {
     let change = Change { index: 9, parameter: Changed::Coulomb, before: 50.0, after: 80.25 };
     assert_eq!(
         change_words(Machine::Linear, &change),
-        "the device has changed: coulomb friction from 50 to 80.25 N; the estimator begins anew"
+        "the device has changed: coulomb friction from 50 to 80.25 N; the estimator restarts"
     );
     let event = EventJson::new(None, 9, &inerter_wire::EventKind::Changed(change), Machine::Linear);
     assert_eq!(
         json_line(&event),
-        r#"{"kind":"event","t_s":null,"index":9,"code":"changed","event":"the device has changed: coulomb friction from 50 to 80.25 N; the estimator begins anew","parameter":"coulomb_n","before":50.0,"after":80.25}"#
+        r#"{"kind":"event","t_s":null,"index":9,"code":"changed","event":"the device has changed: coulomb friction from 50 to 80.25 N; the estimator restarts","parameter":"coulomb_n","before":50.0,"after":80.25}"#
     );
     let paths = [Changed::Inertance, Changed::Viscous, Changed::Coulomb, Changed::Offset]
         .map(|parameter| changed_field(Machine::Linear, &Change { parameter, ..change }).path);

@@ -1,4 +1,4 @@
-//! What the intervals of a run are made of, for programs and for people.
+//! The sources of the intervals of a run, for programs and for people.
 
 use inerter_core::{Budget, ContactBudgets, Source};
 use serde::Serialize;
@@ -25,12 +25,12 @@ pub struct BudgetJson {
     pub scatter_degrees_of_freedom: f32,
     /// Degrees of freedom of all together, after Welch and Satterthwaite.
     pub degrees_of_freedom: Option<f32>,
-    /// What it is made of, without what has no part in it.
+    /// Its parts, without those that are zero.
     pub budget: Vec<PartJson>,
-    /// What moves it most by the samples, named as a cause or too small for that.
+    /// The cause that moves it most by the samples, whether named or too small for that.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_by: Option<&'static str>,
-    /// What this motion does not tell from it: it is right only if there is none.
+    /// Causes that this motion cannot separate from it: it is right only in their absence.
     pub assumes: Vec<&'static str>,
 }
 
@@ -65,13 +65,13 @@ pub struct UncertaintyJson {
     pub stiffness_n_per_m: Option<BudgetJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_damping_n_s_per_m: Option<BudgetJson>,
-    /// How the errors of the first four hang together, in this order: 1 where one follows the other; `null` where the
-    /// motion does not tell.
+    /// Correlation of the errors of the first four, in this order: 1 where one follows the other; `null` if the motion
+    /// does not identify it.
     pub correlation: Option<[[f64; 4]; 4]>,
 }
 
 impl UncertaintyJson {
-    /// Of these budgets, in the order of the parameters; those of the contact only as far as it is told.
+    /// Of these budgets, in the order of the parameters; those of the contact only as far as they are identified.
     pub fn new(
         [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [BudgetJson; 4],
         contact: &ContactBudgets,

@@ -12,7 +12,7 @@ use crate::words::nearest;
 #[diagnostic(
     code(inerter::want),
     help(
-        "write \"fc to 0.3 N, mt to 0.1 %\": {known}, each to an interval in its own unit or in % of what is expected"
+        "write \"fc to 0.3 N, mt to 0.1 %\": {known}, each with an interval in its own unit or in % of the expected value"
     )
 )]
 pub struct WantError {
@@ -67,7 +67,7 @@ pub fn parse(text: &str, machine: Machine, values: [f64; 4]) -> Result<Vec<Want>
         let (number, unit) = wanted.split_at(digits.unwrap_or(wanted.len()));
         let number: f64 = number.parse().map_err(|_| wrong(part, format!("`{number}` is not a number")))?;
         if !(number.is_finite() && number > 0.0) {
-            return Err(wrong(part, format!("{number} is not more than 0 and finite")));
+            return Err(wrong(part, format!("{number} is not a finite number above 0")));
         }
         let value = values.get(place).copied().unwrap_or_default().abs();
         let u95 = match unit.trim() {
@@ -129,10 +129,10 @@ mod tests {
             ("fd to 0.3 N", "no parameter is called `fd`"),
             ("inertanc_kg to 1 kg", "did you mean `inertance_kg`?"),
             ("fc to zero N", "`zero` is not a number"),
-            ("fc to NaN N", "NaN is not more than 0"),
-            ("fc to inf N", "inf is not more than 0"),
-            ("fc to -1 N", "-1 is not more than 0"),
-            ("fc to 0 N", "0 is not more than 0"),
+            ("fc to NaN N", "NaN is not a finite number above 0"),
+            ("fc to inf N", "inf is not a finite number above 0"),
+            ("fc to -1 N", "-1 is not a finite number above 0"),
+            ("fc to 0 N", "0 is not a finite number above 0"),
             ("fc to 1", "the unit is missing: N or %"),
             ("fc to 1 kg", "`kg` is not its unit, which is N"),
             ("F0 to 1 %", "expected to be 0"),

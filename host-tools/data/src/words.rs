@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use chrono::{DateTime, SecondsFormat};
 
-/// One line of text that a terminal shows as it is, whoever wrote it: characters that control, that turn the writing
-/// direction or that nobody sees stand as the escapes of JSON, so JSON stays what it was.
+/// One line of text that is safe to print on a terminal, wherever it comes from: control characters, those that turn
+/// the writing direction and invisible ones become JSON escapes, so JSON stays the same JSON.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_unprintable) {
         return text.into();

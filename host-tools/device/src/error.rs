@@ -59,13 +59,13 @@ pub enum DeviceError {
     #[diagnostic(
         code(inerter::device::turned_away),
         help(
-            "other programs may take all its places: close one of them, or wait; else look whether it is a device at all"
+            "other programs may hold all its connections: close one of them, or wait; otherwise check that it is a device at all"
         )
     )]
     TurnedAway { name: String },
 
     /// Opened, but nothing comes.
-    #[error("{name} does not answer: nothing that can be understood came within {seconds} s")]
+    #[error("{name} does not answer: no valid message came within {seconds} s")]
     #[diagnostic(
         code(inerter::device::silent),
         help(
@@ -74,16 +74,16 @@ pub enum DeviceError {
     )]
     Silent { name: String, seconds: f64 },
 
-    /// It says much, but not what was asked for.
+    /// It sends much, but not what was asked for.
     #[error("{name} did not answer the request {what}")]
     #[diagnostic(
         code(inerter::device::no_reply),
-        help("try again; if it stays so, restart the device, and update its firmware")
+        help("try again; if that does not help, restart the device and update its firmware")
     )]
     NoReply { name: String, what: &'static str },
 
     /// More than any device of ours sends.
-    #[error("{name} sends faster than anything can be asked of it")]
+    #[error("{name} sends so fast that it cannot be queried")]
     #[diagnostic(
         code(inerter::device::flood),
         help("is this an instrumented inerter? Restart it, and update its firmware")
@@ -108,7 +108,7 @@ pub enum DeviceError {
     )]
     Vanished { name: String, reason: String, kept: String },
 
-    /// The device said no.
+    /// The device refused a request.
     #[error("{name} refused {what}: {refusal}")]
     #[diagnostic(code(inerter::device::refused), help("{}", refusal_help(refusal)))]
     Refused { name: String, what: &'static str, refusal: Refusal },
@@ -146,14 +146,14 @@ fn seen(stlinks: &[String], in_dfu: bool) -> String {
 
 fn none_help(stlinks: &[String], in_dfu: bool) -> String {
     if in_dfu {
-        return "it waits for firmware: give it some with `inerter update FILE`, or reset it".into();
+        return "it is waiting for firmware: load it with `inerter update FILE`, or reset it".into();
     }
     let link = match stlinks.first() {
         Some(port) => format!("the board's UART comes through the ST-Link: --port {port}"),
         None => "a board on another port needs --port PORT".into(),
     };
     format!(
-        "plug the board's own USB connector in and look at `inerter ports`; {link}; a simulated one --connect HOST:PORT"
+        "plug in the board's own USB connector and check `inerter ports`; {link}; a simulated one needs --connect HOST:PORT"
     )
 }
 
@@ -161,18 +161,18 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
     match refusal {
         Refusal::Unsupported => "`inerter info` shows a recorded device's capabilities; update its firmware",
         Refusal::Busy => {
-            "another program may control it, as where `simulate --tcp` or `monitor --share` serves several: end that one, or \
-             ask there. Else try again; if it stays so, restart the device"
+            "another program may control it, as when `simulate --tcp` or `monitor --share` serves several: end that one, or \
+             send the request there. Otherwise try again; if that does not help, restart the device"
         }
-        Refusal::QueueFull { .. } => "try again; if it stays so, restart the device",
+        Refusal::QueueFull { .. } => "try again; if that does not help, restart the device",
         Refusal::BadSetting { .. } => "change this setting with --set",
         Refusal::BadSamples => "update the firmware of the device, or this program",
-        Refusal::Store => "the settings hold until the device restarts; if it stays so, the board is damaged",
+        Refusal::Store => "the settings hold until the device restarts; if this recurs, the board is damaged",
         Refusal::NotInjecting | Refusal::NoSamples => "start again from the beginning",
-        Refusal::Source => "choose the front end that is wired with --set front_end, or check its wiring",
+        Refusal::Source => "select the front end that is wired with --set front_end, or check its wiring",
         Refusal::NothingSaved => "`inerter settings backup FILE.toml`, without --saved, writes those in use",
         Refusal::SavedUnreadable => "`inerter settings factory-reset` erases it",
-        Refusal::NotPlaying => "let nothing else take the computer's time, and start again",
+        Refusal::NotPlaying => "close other programs, and start again",
         Refusal::Worn { .. } => "nothing was written; a script should save once, when all settings are made",
     }
 }

@@ -1,6 +1,6 @@
 //! A firmware image: read from a file, and found good for the board before anything is erased.
 //!
-//! - *identity*: what the firmware says of itself in `Hello`, kept in the image behind [`MAGIC`].
+//! - *identity*: how the firmware identifies itself in `Hello`, stored in the image after [`MAGIC`].
 //! - *page*: what flash erases at once; bytes of a page that the file leaves open are 0xFF, as erased.
 //!
 //! Taken: the ELF that `cargo build` makes, by the physical addresses of its segments, and its plain bytes (`.bin`),
@@ -15,13 +15,13 @@ use std::{collections::BTreeSet, fs::File, io::Read, path::Path};
 
 use crate::board::{CODE, PAGE, SETTINGS, STACK};
 
-/// Stands before the identity, once in an image.
+/// Marks the identity, once in an image.
 pub const MAGIC: &[u8] = b"inerter-identity\0";
 
 /// Longest file that is read: an ELF with all debug information is below a tenth of it (bytes).
 const LONGEST: u64 = 256 << 20;
 
-/// What a firmware says of itself; the same texts come in its `Hello`.
+/// The identity of a firmware; its `Hello` has the same texts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Name and version.
@@ -150,11 +150,11 @@ impl Draft {
         Some(u32::from_le_bytes(bytes.try_into().ok()?))
     }
 
-    /// Stack pointer and reset vector stand first (Armv7-M, B1.5.3).
+    /// Stack pointer and reset vector come first (Armv7-M, B1.5.3).
     fn check_vectors(&self, file: &str) -> Result<(), ImageError> {
         let failed = |what: String| ImageError::Vectors { file: file.into(), what };
         if !self.pages.contains(&CODE.start) {
-            return Err(failed(format!("it has nothing for 0x{:08X}, where the chip starts", CODE.start)));
+            return Err(failed(format!("it has no bytes at 0x{:08X}, where the chip starts", CODE.start)));
         }
         let (stack, reset) = (self.word(0).unwrap_or(0), self.word(4).unwrap_or(0));
         if !STACK.contains(&stack) || !stack.is_multiple_of(4) {
@@ -171,7 +171,7 @@ impl Draft {
         let (place, _) = found.next().ok_or_else(|| ImageError::NoIdentity { file: file.into() })?;
         let failed = |what| ImageError::BadIdentity { file: file.into(), what };
         if found.next().is_some() {
-            return Err(failed("it does so twice"));
+            return Err(failed("its identity appears twice"));
         }
         let behind = self.flash.get(place + MAGIC.len()..).unwrap_or_default();
         let mut texts = behind.splitn(4, |byte| *byte == 0);

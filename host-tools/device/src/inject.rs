@@ -31,7 +31,7 @@ pub struct Injection<'a> {
     pub start_s: f64,
 }
 
-/// What an injection came to.
+/// The result of an injection.
 #[derive(Clone, Copy, Debug)]
 pub struct Injected {
     /// Time of the last sample \[s\].
@@ -42,7 +42,7 @@ pub struct Injected {
     pub samples: u64,
 }
 
-/// [`inject_all`] for whoever wants the device's estimates alone.
+/// [`inject_all`] for the device's estimates alone.
 pub fn inject<E: From<DeviceError>>(
     device: &mut Device,
     injection: &Injection,

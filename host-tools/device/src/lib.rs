@@ -1,4 +1,4 @@
-//! Connected devices: finding them, opening the link, talking to them, giving them other firmware.
+//! Connected devices: finding them, opening the link, talking to them, updating their firmware.
 //!
 //! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends
 //! samples through a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by

@@ -102,7 +102,7 @@ impl Link {
             io::ErrorKind::InvalidInput => failed("an address has the form HOST:PORT".into()),
             _ => failed(error.to_string()),
         })?;
-        let mut last = failed("the name stands for no address".into());
+        let mut last = failed("the name has no address".into());
         for place in places {
             match TcpStream::connect_timeout(&place, CONNECT_TIME) {
                 Ok(stream) => {

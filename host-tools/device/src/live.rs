@@ -1,4 +1,4 @@
-//! A device that is listened to for as long as it is there, and waited for when it is not.
+//! Listens to a device while it is connected, and waits for it when it is not.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ use crate::{
 
 /// Pause between two attempts to reach a device that went away.
 const RETRY: Duration = Duration::from_millis(300);
-/// A device says something every second: silence this long means that it is gone.
+/// A device sends something every second: silence this long means that it is gone.
 const SILENCE: Duration = Duration::from_secs(5);
 
 /// What happened on the link.
@@ -22,7 +22,7 @@ pub enum LinkEvent {
     Received(Box<Received>),
     /// Nothing for the moment.
     Quiet,
-    /// The device went away; attempts to reach it go on.
+    /// The device went away; attempts to reach it continue.
     Away {
         /// Why, for a person.
         reason: String,

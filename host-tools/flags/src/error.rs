@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use miette::Diagnostic;
 
-/// Variable that names another one; empty means none.
+/// Variable that names another file; empty means none.
 pub const VARIABLE: &str = "INERTER_CONFIG";
 
 /// Why the file cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum ConfigError {
     /// It cannot be read.
-    #[error("the flags' file {path} cannot be read: {source}", path = path.display())]
+    #[error("the flag file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(code(inerter::config::file), help("check the name after --config, or the variable {VARIABLE}"))]
     File {
         /// Its name.
@@ -19,8 +19,8 @@ pub enum ConfigError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// It is no TOML.
-    #[error("the flags' file {path}, line {line}: {message}", path = path.display())]
+    /// It is not TOML.
+    #[error("the flag file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(
         code(inerter::config::toml),
         help("flags are lines like `duration = 60`, for one command below a line like `[record]`")
@@ -34,11 +34,11 @@ pub enum ConfigError {
         message: String,
     },
     /// It was only found, and sets what only a named one may.
-    #[error("the flags' file {path} was not named, so it may not set `{key}`", path = path.display())]
+    #[error("the flag file {path} was not named explicitly, so it may not set `{key}`", path = path.display())]
     #[diagnostic(
         code(inerter::config::found),
         help(
-            "a file that lies in the folder sets no outputs, no images to run, no --force and no addresses of other machines: type the flag, or \
+            "a file that is merely found in the folder may not set outputs, images to run, --force or addresses of other machines: type the flag, or \
              name the file with --config or {VARIABLE}"
         )
     )]
@@ -48,8 +48,8 @@ pub enum ConfigError {
         /// What it may not set.
         key: String,
     },
-    /// It names what there is not.
-    #[error("the flags' file {path}: there is no {what} `{name}`", path = path.display())]
+    /// It names a flag or command that does not exist.
+    #[error("the flag file {path}: there is no {what} `{name}`", path = path.display())]
     #[diagnostic(code(inerter::config::unknown), help("{help}"))]
     Unknown {
         /// The file.
@@ -62,14 +62,14 @@ pub enum ConfigError {
         help: String,
     },
     /// It gives a value that the flag does not take.
-    #[error("the flags' file {path}: {key}: {message}", path = path.display())]
+    #[error("the flag file {path}: {key}: {message}", path = path.display())]
     #[diagnostic(code(inerter::config::value), help("{help}"))]
     Value {
         /// The file.
         path: PathBuf,
         /// The key, with its tables.
         key: String,
-        /// Why it is no value of that flag.
+        /// Why the flag does not take it.
         message: String,
         /// The next step.
         help: String,

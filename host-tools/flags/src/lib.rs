@@ -198,7 +198,7 @@ impl Reader<'_> {
             path: self.path.into(),
             key: key.into(),
             message,
-            help: format!("write what would follow --{}", long(arg)),
+            help: format!("write what would follow --{} on the command line", long(arg)),
         };
         let is_address = arg.get_value_names().is_some_and(|names| names.iter().any(|name| name == "HOST:PORT"));
         let elsewhere = || texts(value).is_ok_and(|places| !places.iter().all(|place| (self.rules.is_here)(place)));
@@ -283,7 +283,7 @@ fn texts(value: &Value) -> Result<Vec<String>, String> {
         Value::Array(values) => {
             values.iter().map(texts).collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect()
         }
-        Value::Datetime(_) | Value::Table(_) => return Err("a text, a number, true or false is needed".into()),
+        Value::Datetime(_) | Value::Table(_) => return Err("a string, a number, true or false is needed".into()),
     })
 }
 
@@ -441,7 +441,7 @@ mod tests {
             ("[record]\nconnect = \"example.org:7878\"\n", "record.connect"),
         ] {
             let error = read_file(text, &["-o", "x"], false).err().unwrap_or_default();
-            assert!(error.contains(&format!("was not named, so it may not set `{key}`")), "{text}: {error}");
+            assert!(error.contains(&format!("was not named explicitly, so it may not set `{key}`")), "{text}: {error}");
         }
         for place in ["127.0.0.1:7878", "localhost:7878", "[::1]:7878"] {
             let Verb::Record { connect, .. } =

@@ -331,7 +331,7 @@
     byId("marker-text").value = "";
   };
   byId("reset").onclick = () => {
-    if (confirm("Forget all motion seen so far and begin the estimates anew?")) ask({ reset_estimator: true });
+    if (confirm("Forget all motion seen so far and restart the estimates?")) ask({ reset_estimator: true });
   };
   const choose = (id, spans, chosen, set) => {
     const label = (s) => (Number.isFinite(s) ? (s < 120 ? `${s} s` : `${s / 60} min`) : "all");

@@ -100,7 +100,7 @@ fn plugged_in() -> Vec<Check> {
         ),
         None => (
             format!("no inerter among {}", inerter_data::words::plural(ports.len() as u64, "serial port")),
-            "plug the board's own USB connector in; a charging cable without data lines does not do".to_string(),
+            "plug in the board's own USB connector; a charging cable without data lines does not work".to_string(),
         ),
     };
     vec![Check::warning("device", text, advice)]
@@ -145,8 +145,8 @@ fn waiting() -> Vec<Check> {
     let check = |device: &dfu::DfuDevice| match dfu::may_open(device) {
         Ok(()) => Check::warning(
             "update mode",
-            format!("a device (serial {}) waits for firmware", device.serial),
-            "give it some with `inerter update FILE`, or reset it",
+            format!("a device (serial {}) is waiting for firmware", device.serial),
+            "load it with `inerter update FILE`, or reset it",
         ),
         Err(error) => Check::of("update mode", &error),
     };
@@ -163,7 +163,7 @@ fn rule(folders: &[&Path]) -> Check {
         Some((path, _)) => Check::good("udev rule", path.display().to_string()),
         None => Check::warning(
             "udev rule",
-            "none for the inerter: updating needs one, and ModemManager may hold a port that was just plugged in",
+            "none for the inerter: updating needs one, and ModemManager may hold a port just after it is plugged in",
             install_rule(),
         ),
     }
@@ -178,7 +178,7 @@ fn modem_manager(proc: &Path) -> Option<Check> {
     runs.then(|| {
         Check::warning(
             "ModemManager",
-            "runs, and opens each new serial port for some seconds unless a rule says that it is no modem",
+            "is running, and opens each new serial port for some seconds unless a rule says that it is not a modem",
             "the udev rule above says so",
         )
     })

@@ -44,12 +44,12 @@ pub enum Error {
     Device(#[from] DeviceError),
     /// This machine cannot use a device that is there.
     #[error("{} found", plural(*problems as u64, "problem"))]
-    #[diagnostic(code(inerter::doctor), help("each one says above what to do"))]
+    #[diagnostic(code(inerter::doctor), help("each is listed above with what to do"))]
     Doctor {
         /// How many.
         problems: usize,
     },
-    /// Standard output is to hold two things.
+    /// Two results are to go to standard output.
     #[error("with --csv - standard output holds the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
@@ -61,7 +61,7 @@ pub enum Error {
     #[error("{failed} of {of} recordings were not added")]
     #[diagnostic(
         code(inerter::store::not_added),
-        help("each one is named above with the reason; the others are in the store")
+        help("each is listed above with the reason; the others are in the store")
     )]
     NotAdded {
         /// How many were not.
@@ -73,7 +73,7 @@ pub enum Error {
     #[error("{failed} of {of} runs could not be replayed")]
     #[diagnostic(
         code(inerter::store::not_replayed),
-        help("the batch has each one with its error; the others are there with their results")
+        help("the batch holds each of them with its error, and the others with their results")
     )]
     NotReplayed {
         /// How many could not.
@@ -86,7 +86,7 @@ pub enum Error {
     #[diagnostic(
         code(inerter::store::verify),
         help(
-            "`inerter store verify {url} --repair` makes anew what follows from whole recordings; where a recording is damaged, remove the run and add it again from a copy"
+            "`inerter store verify {url} --repair` rebuilds what follows from intact recordings; if a recording is damaged, remove the run and add it again from a copy"
         )
     )]
     StoreDamage {
@@ -99,7 +99,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Simulate(#[from] SimulateError),
-    /// A fit has nothing to say.
+    /// A fit gives no result.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
@@ -138,8 +138,8 @@ pub enum Error {
         /// Whether they are files, or runs of a store.
         are_files: bool,
     },
-    /// Nothing is held against limits.
-    #[error("no run is like this: nothing was held against the limits")]
+    /// Nothing was checked against limits.
+    #[error("no run matches: nothing was checked against the limits")]
     #[diagnostic(code(inerter::limits::nothing), help("`inerter store ls STORE` lists the runs that there are"))]
     NothingHeld,
     /// Runs cannot be compared.
@@ -150,19 +150,19 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Merge(#[from] MergeError),
-    /// A motion shows no skew.
+    /// A motion cannot identify the skew.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Skew(#[from] SkewError),
-    /// There is no stiffness to be had.
+    /// A stiffness cannot be found.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Contact(#[from] ContactError),
-    /// Samples, loads or displacements give no calibration.
+    /// Samples, loads or displacements do not give a calibration.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Calibrate(#[from] CalibrateError),
-    /// A question is not answered.
+    /// A question was not answered.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Dialogue(#[from] DialogueError),
@@ -170,7 +170,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Backup(#[from] BackupError),
-    /// A figure cannot be had.
+    /// A figure cannot be drawn.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Page(#[from] PageError),
@@ -178,11 +178,11 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Identify(#[from] IdentifyError),
-    /// No motion can be planned, or none that tells what is wanted.
+    /// No motion can be planned, or none that gives what is wanted.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
-    /// A file is no firmware for the board.
+    /// A file is not firmware for the board.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Image(#[from] ImageError),
@@ -208,7 +208,7 @@ pub enum Error {
 #[derive(Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum SelfTestError {
     /// Nothing to measure, or an older firmware.
-    #[error("{name} ({firmware}) does not measure itself")]
+    #[error("{name} ({firmware}) cannot measure itself")]
     #[diagnostic(
         code(inerter::selftest::unsupported),
         help("update the firmware of a board with `inerter update`; a simulated device has nothing to measure")
@@ -234,7 +234,7 @@ pub enum SelfTestError {
     #[error("the board did not pass: {failed}")]
     #[diagnostic(
         code(inerter::selftest::failed),
-        help("each line above that says FAIL names the likely cause; `-o PAGE.html` writes it all down to send on")
+        help("each line above that says FAIL names the likely cause; `-o PAGE.html` writes a report to pass on")
     )]
     Failed {
         /// The checks that failed.
@@ -256,7 +256,7 @@ pub enum DialogueError {
     },
 
     /// Nobody answers.
-    #[error("nobody answers: standard input has ended before the calibration")]
+    #[error("no answer: standard input ended before the calibration")]
     #[diagnostic(
         code(inerter::calibrate::nobody),
         help("run it in a terminal, or give a line for each question; nothing was changed on the device")
@@ -264,7 +264,7 @@ pub enum DialogueError {
     Nobody,
 
     /// No terminal.
-    #[error("the wizard asks questions, and this is no terminal to ask at")]
+    #[error("the wizard asks questions, but this is not a terminal")]
     #[diagnostic(
         code(inerter::calibrate::no_terminal),
         help(
@@ -274,12 +274,12 @@ pub enum DialogueError {
     NoTerminal,
 
     /// Nobody is there who could say yes.
-    #[error("erasing settings needs a yes, and this is no terminal to ask at")]
+    #[error("erasing settings needs confirmation, but this is not a terminal")]
     #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
     Unconfirmed,
 
     /// The same, of runs.
-    #[error("removing runs needs a yes, and this is no terminal to ask at")]
+    #[error("removing runs needs confirmation, but this is not a terminal")]
     #[diagnostic(code(inerter::store::unconfirmed), help("add --yes; nothing was removed"))]
     UnconfirmedRemoval,
 }
@@ -348,7 +348,7 @@ fn is_or_are(count: usize) -> &'static str {
 /// What to do about runs that are not proven to be within limits.
 fn runs_help(are_files: bool) -> &'static str {
     match are_files {
-        true => "`inerter replay FILE --limits ..` says of one run what is wrong, and which motion would decide",
+        true => "`inerter replay FILE --limits ..` says what is wrong with one run, and which motion would decide",
         false => {
             "`inerter store get STORE RUN -o run.mcap`, then `inerter replay run.mcap --limits ..` says what is wrong, and which \
              motion would decide"
@@ -360,8 +360,8 @@ fn runs_help(are_files: bool) -> &'static str {
 fn limits_help(run: &str, wants: &str) -> String {
     if wants.is_empty() {
         return format!(
-            "`inerter diagnose {run}` says what breaks the law, `inerter plan {run}` designs a motion that tells more"
+            "`inerter diagnose {run}` says what breaks the law, `inerter plan {run}` designs a more informative motion"
         );
     }
-    format!("a motion that decides, where one can: `inerter plan {run} --want \"{wants}\"`")
+    format!("to design a motion that would decide: `inerter plan {run} --want \"{wants}\"`")
 }

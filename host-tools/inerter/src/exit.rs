@@ -34,7 +34,7 @@ pub const DEVICE_LOST: u8 = 6;
 pub const WIRE_VERSION: u8 = 7;
 /// The output cannot be written: disk full, no permission, file in the way.
 pub const OUTPUT: u8 = 8;
-/// The motion cannot show what was asked for.
+/// The motion cannot identify what was asked for.
 pub const NOT_SHOWN: u8 = 9;
 /// The board did not pass its self-test, or a device is not proven to be within its limits.
 pub const NOT_PASSED: u8 = 10;

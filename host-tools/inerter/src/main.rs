@@ -1,7 +1,7 @@
 //! The program `inerter`: one file per command in `cmd`, the views of a live device in `monitor`, dialogues in
 //! `calibrate`.
 //!
-//! What a command does stands in the libraries beside this crate; this one asks, shows, and decides the exit code.
+//! The libraries beside this crate do the work of a command; this one asks, shows, and decides the exit code.
 #![forbid(unsafe_code)]
 
 mod calibrate;
@@ -29,7 +29,7 @@ use inerter_flags::ConfigError;
 #[derive(Parser)]
 #[command(name = "inerter", version, after_help = AFTER_HELP, max_term_width = 110)]
 struct Cli {
-    /// Read flags from a TOML file; without it from inerter.toml in the current folder, where there is one
+    /// Read flags from a TOML file [default: inerter.toml in the current folder, if there is one]
     #[arg(long, value_name = "FILE.toml", global = true, help_heading = "Other")]
     config: Option<PathBuf>,
     #[command(subcommand)]
@@ -39,13 +39,14 @@ struct Cli {
 const AFTER_HELP: &str = "\
 Try it without hardware:
   inerter simulate -o run.mcap --duration 20    a recording of a simulated inerter
-  inerter replay run.mcap                       what the estimator makes of it
+  inerter replay run.mcap                       the estimates from it
   inerter simulate --tcp 127.0.0.1:7878         a live simulated inerter; then, in another terminal:
   inerter monitor --connect 127.0.0.1:7878
 
 Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 settings or parameters,
-5 device or probe not found or not opened, 6 device went away or refused, 7 wire version, 8 output not written, 9 the motion cannot show it,
-10 the board did not pass its self-test, or a device its limits, 130 interrupted.";
+5 device or probe not found or not opened, 6 device went away or refused, 7 wire version,
+8 output not written, 9 the motion cannot identify what was asked, 10 a board failed its self-test
+or a device its limits, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {

@@ -137,7 +137,7 @@ fn a_channel_at_rest_is_judged_live_and_from_a_recording() {
     assert_eq!(output.status.code(), Some(9));
     let (said, words) = (text(&output.stdout), text(&output.stderr));
     assert!(
-        said.contains("bad: mains are") && said.contains("screen") && words.contains("1 problem found"),
+        said.contains("bad: mains pickup is") && said.contains("screen") && words.contains("1 problem found"),
         "{said}{words}"
     );
 
@@ -176,7 +176,7 @@ fn recordings_of_loads_and_of_a_motion_need_no_device() {
     let found = last(&done(folder.path(), &turned));
     assert_eq!(found["values"]["newtons_per_code"], 0.002, "{found}");
     let words = fails(folder.path(), &["calibrate", "direction", "0.mcap"], 9);
-    assert!(words.contains("does not show the inertance"), "{words}");
+    assert!(words.contains("cannot identify the inertance"), "{words}");
 }
 
 #[test]
@@ -237,12 +237,15 @@ fn settings_are_backed_up_compared_and_restored() {
     let restore = ["settings", "restore", "a.toml", "--connect", other.name()];
     let words = fails(folder.path(), &restore, 4);
     assert!(
-        words.contains("is of another device: virtual, serial SIM-1, and this one is virtual, serial SIM-9"),
+        words.contains("belongs to another device: virtual, serial SIM-1; this one is virtual, serial SIM-9"),
         "{words}"
     );
     done(folder.path(), &[&restore[..], &["--force"]].concat());
     std::fs::write(folder.path().join("b.toml"), "memory_s = 5\n").unwrap();
-    assert!(fails(folder.path(), &["settings", "restore", "b.toml", "--connect", other.name()], 4).contains("whose"));
+    assert!(
+        fails(folder.path(), &["settings", "restore", "b.toml", "--connect", other.name()], 4)
+            .contains("to which device")
+    );
     std::fs::write(folder.path().join("c.toml"), "memory_s = 5000\n").unwrap();
     assert!(fails(folder.path(), &["settings", "restore", "c.toml", "--connect", other.name()], 4).contains("line 1"));
     done(folder.path(), &["simulate", "-o", "run.mcap", "--excite", "hold", "--duration", "1", "--set", "memory_s=7"]);
@@ -255,11 +258,11 @@ fn without_a_terminal_the_wizard_says_so_and_a_script_that_ends_early_changes_no
     let folder = tempfile::tempdir().unwrap();
     let (device, _) = device(bench_sensors(), 10.0);
     let words = fails(folder.path(), &["calibrate", "--connect", device.name()], 2);
-    assert!(words.contains("no terminal to ask at"), "{words}");
+    assert!(words.contains("this is not a terminal"), "{words}");
     let force =
         ["calibrate", "force", "--mass", "0", "--mass", "5", "--mass", "0", "--write", "--connect", device.name()];
     let words = fails(folder.path(), &force, 2);
-    assert!(words.contains("nobody answers"), "{words}");
+    assert!(words.contains("no answer: standard input ended"), "{words}");
     assert_eq!(setting(folder.path(), &device, "newtons_per_code"), 0.002);
 }
 
@@ -268,7 +271,7 @@ fn a_force_that_wanders_is_refused_and_hands_do_what_standard_input_says() {
     let folder = tempfile::tempdir().unwrap();
     let (drifting, _) = device(Sensors { force_drift_n_per_s: 1.0, ..bench_sensors() }, 20.0);
     let words = fails(folder.path(), &["calibrate", "zero", "--write", "--connect", drifting.name()], 9);
-    assert!(words.contains("does not come to rest: it wanders by"), "{words}");
+    assert!(words.contains("does not settle: it varies by"), "{words}");
     assert_eq!(setting(folder.path(), &drifting, "force_zero_code"), 0.0);
 
     let simulate =

@@ -137,7 +137,7 @@ fn a_recording_that_breaks_off_can_be_cut_and_exported() {
         assert_eq!(info.get("ending").unwrap(), "closed");
         let output = run(folder.path(), &["export", "cut.mcap", "--parquet", "o.parquet", "--json", "--force"]);
         assert_eq!(number(&last(&text(&output.stdout)), "samples"), number(&repaired, "samples"));
-        assert!(text(&output.stderr).contains("the file breaks off"));
+        assert!(text(&output.stderr).contains("the file is cut off"));
     }
 }
 

@@ -53,7 +53,7 @@ fn images_that_do_not_fit_the_board_are_refused_by_either_way_before_a_device_is
         (elf::elf(62, &[(0x0800_0000, &code)]), "f is a program for a PC, not for the board's Arm Cortex-M4"),
         (with(0x0807_C000, &[0; 8]), "over the settings at 0x0807C000 to 0x08080000"),
         (with(0x0804_0000, &[0; 8]), "f has bytes for 0x08040000 to 0x08040008; the firmware lies in 0x08000000"),
-        (elf::elf(elf::ARM, &[(0x0800_0000, &nameless)]), "f says in an unknown form which firmware it is"),
+        (elf::elf(elf::ARM, &[(0x0800_0000, &nameless)]), "f identifies its firmware in an unknown format"),
         (elf::elf(elf::ARM, &[(0x0800_0000, &[0; 64])]), "f cannot start on the board"),
     ] {
         fs::write(folder.path().join("f"), bytes).unwrap();
@@ -129,7 +129,7 @@ fn settings_are_shown_changed_saved_and_forgotten() {
     reboot();
     assert_eq!(value("memory_s"), 30.0, "not saved, so forgotten");
 
-    assert!(text(&output(&["set", "memory_s=12", "--save"]).stderr).contains("outlive a restart"));
+    assert!(text(&output(&["set", "memory_s=12", "--save"]).stderr).contains("survive a restart"));
     assert!(output(&["tare"]).status.success());
     assert!(output(&["save"]).status.success());
     reboot();

@@ -128,11 +128,11 @@ fn what_is_wanted_decides_how_long_it_lasts_and_what_cannot_be_had_is_said() {
     assert!(number(want, "/reached") > 0.3 && number(want, "/enough_s") > 20.0, "{want}");
     assert!(at.join("best.csv").is_file());
     let words = text(&output.stderr);
-    assert!(words.contains("not within reach: cf to ± 0.30 N s/m") && words.contains("would do"), "{words}");
+    assert!(words.contains("not within reach: cf to ± 0.30 N s/m") && words.contains("would suffice"), "{words}");
     // More than any time allows: the force's gain alone is 0.5 %.
     let gain = [&RIG[..], &["--set", "force_gain_u95=0.005", "--want", "mt to 0.1 %"]].concat();
     let words = fails(at, &gain, 9);
-    assert!(words.contains("no time is enough") && words.contains("inerter calibrate force"), "{words}");
+    assert!(words.contains("no duration suffices") && words.contains("inerter calibrate force"), "{words}");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn contradictions_and_nonsense_are_refused_with_what_to_do() {
         (
             &["--force-noise-n", "1", "--stroke-m", "0.01", "--force-n", "40"],
             4,
-            "40.0 N do not move a screw that 50.0 N of friction hold",
+            "40.0 N cannot move a screw that 50.0 N of friction hold",
         ),
         (&["--force-noise-n", "1", "--stroke-m", "0.01", "--duration", "0"], 4, "--duration: 0 is not from 2 to 600 s"),
         (&["--force-noise-n", "1", "--stroke-m", "0.01", "--duration", "1e9"], 4, "is not from 2 to 600 s"),
@@ -292,7 +292,7 @@ fn a_motion_that_is_given_is_predicted_and_what_it_exceeds_is_said() {
     ];
     let output = run(at, &given);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("beyond the limits"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("exceeds the limits"), "{}", text(&output.stderr));
     let plan = last(&text(&output.stdout));
     assert_eq!((&plan["criterion"], &plan["motion"]), (&"given".into(), &"mid".into()));
     assert!((number(&plan, "/peaks/stroke_m") / 4.16e-3 - 1.0).abs() < 0.01, "{plan}");
@@ -315,7 +315,7 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     assert_eq!((&advice["lacking"], &advice["told"]), (&serde_json::json!(["viscous_n_s_per_m"]), &advice["lacking"]));
     let predicted = number(&advice, "/predicted/viscous_n_s_per_m/u95");
     let words = done(at, &["replay", "blind.mcap"]);
-    assert!(words.contains("This motion does not show cf. Within the same ±"), "{words}");
+    assert!(words.contains("This motion cannot identify cf. Within the same ±"), "{words}");
     assert!(words.trim_end().ends_with("designs and writes such a motion"), "{words}");
     assert_eq!(advice["text"].as_str(), words.lines().last());
 
@@ -365,11 +365,11 @@ fn a_run_that_shows_all_or_nothing_is_told_so() {
     done(at, &["simulate", "-o", "good.mcap", "--excite", "random@8s"]);
     let lines = json_lines(&done(at, &["replay", "good.mcap", "--json"]));
     assert!(lines.iter().all(|line| line.get("advice").is_none()));
-    assert!(!done(at, &["replay", "good.mcap"]).contains("does not show"));
+    assert!(!done(at, &["replay", "good.mcap"]).contains("cannot identify"));
     done(at, &["simulate", "-o", "rest.mcap", "--excite", "hold@5s"]);
     let advice = last(&done(at, &["replay", "rest.mcap", "--json"]))["advice"].take();
     assert_eq!((&advice["parts"], &advice["duration_s"]), (&serde_json::json!([]), &Value::Null));
-    assert!(done(at, &["replay", "rest.mcap"]).contains("It says too little of the device to plan another by it"));
+    assert!(done(at, &["replay", "rest.mcap"]).contains("It says too little about the device to plan another from it"));
     assert!(fails(at, &["plan", "rest.mcap"], 9).contains("its inertance is not known"));
 }
 

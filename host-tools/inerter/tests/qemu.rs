@@ -102,7 +102,7 @@ fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];
     // Before anybody has measured for an hour.
     let words = fails(folder.path(), &[&zero[..], &["--write"]].concat(), 6);
-    assert!(words.contains("refused to keep settings over a restart, as --write wants"), "{words}");
+    assert!(words.contains("refused to keep settings over a restart, as --write requires"), "{words}");
     bench.load(100.0);
     let found = last(&done(folder.path(), &zero));
     let code = found["values"]["force_zero_code"].as_f64().unwrap();

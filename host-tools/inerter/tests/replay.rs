@@ -154,7 +154,7 @@ fn a_change_of_the_device_is_told_where_it_happens() {
     assert!(words.contains("the device has changed: effective inertance from 299."), "{words}");
     assert!(words.contains("299.4906, then 150.0"), "{words}");
     let output = run(folder.path(), &["fit", "run.mcap", "--json"]);
-    assert!(text(&output.stderr).contains("only the motion since is fitted"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("only the motion since then is fitted"), "{}", text(&output.stderr));
     let inertance = last(&text(&output.stdout)).pointer("/symmetric/inertance_kg/value").unwrap().as_f64().unwrap();
     assert!((inertance - 150.0).abs() < 1.0, "{inertance}");
 }
@@ -188,7 +188,7 @@ fn a_terminal_sensor_brings_its_parameters() {
     assert!(last(&done(folder.path(), &plain)).get("stiffness_n_per_m").is_some());
     let off = run(folder.path(), &[&plain[..], &["--set", "terminal_sensor=0"]].concat());
     assert_eq!(last(&text(&off.stdout)).get("stiffness_n_per_m"), None);
-    assert!(text(&off.stderr).contains("the column terminal_m is left alone"), "{}", text(&off.stderr));
+    assert!(text(&off.stderr).contains("the column terminal_m is ignored"), "{}", text(&off.stderr));
     // What a simulation or an export writes has the column where its settings speak of the sensor, and only there.
     let header = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap().lines().next().unwrap().to_string();
     assert_eq!(header("run.csv"), "t_s,encoder_count,force_n,terminal_m");
@@ -234,7 +234,7 @@ fn runs_are_fitted_together_in_any_order_where_their_settings_are_the_same() {
     let all = line(&["1.mcap", "2.mcap", "3.mcap"]);
     let output = run(folder.path(), &["fit", "--json", "3.mcap", "1.mcap", "2.mcap", "1.mcap"]);
     assert_eq!(text(&output.stdout), all);
-    assert!(text(&output.stderr).contains("1.mcap: this run is there already, and counts once"));
+    assert!(text(&output.stderr).contains("1.mcap: this run was given twice, and counts once"));
     let fit = last(&all);
     assert_eq!(fit.get("files").unwrap(), &serde_json::json!(["1.mcap", "2.mcap", "3.mcap"]));
     assert_eq!(fit.get("differs").unwrap(), &serde_json::json!(["coulomb_n"]));
@@ -277,12 +277,12 @@ fn a_motion_that_shows_no_skew_is_refused_with_its_own_code() {
     let folder = tempfile::tempdir().unwrap();
     simulate(folder.path(), &["--excite", "fast"]);
     let words = fails(folder.path(), &["calibrate", "skew", "run.mcap"], 9);
-    assert!(words.contains("as in a single tone, where a delay and viscous friction are one"), "{words}");
+    assert!(words.contains("as in a single tone, where a delay and viscous friction are indistinguishable"), "{words}");
     assert!(words.contains("several frequencies at once"), "{words}");
     simulate(folder.path(), &["--excite", "hold"]);
     for command in ["fit", "calibrate skew"] {
         let words = fails(folder.path(), &[&command.split(' ').collect::<Vec<_>>()[..], &["run.mcap"]].concat(), 9);
-        assert!(words.contains("too little motion") && words.contains("nothing moved by the encoder"), "{words}");
+        assert!(words.contains("too little motion") && words.contains("the encoder shows no motion"), "{words}");
     }
     // A force at its limits is not a lack of motion.
     simulate(folder.path(), &["--force-min-code", "-300000", "--force-max-code", "300000"]);
@@ -428,7 +428,7 @@ fn a_recording_that_is_cut_off_or_damaged_replays_up_to_there() {
     let cut = whole.get(..whole.len() / 2).unwrap();
     fs::write(folder.path().join("cut.mcap"), cut).unwrap();
     let output = run(folder.path(), &["replay", "cut.mcap", "--json"]);
-    assert!(text(&output.stderr).contains("note: cut.mcap: the file breaks off; everything before is used"));
+    assert!(text(&output.stderr).contains("note: cut.mcap: the file is cut off; everything before the cut is used"));
     let samples = last(&text(&output.stdout)).get("samples").unwrap().as_u64().unwrap();
     assert!((2500..3500).contains(&samples), "{samples}");
     let info = last(&done(folder.path(), &["info", "cut.mcap", "--json"]));

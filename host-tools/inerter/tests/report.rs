@@ -170,7 +170,7 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     // Without a word on the rig the boards tell: each simulated device has a serial number of its own.
     let output = compare(&[]);
     let words = text(&output.stdout);
-    let other = "heavier.mcap is of another rig than a<b>.mcap (the serial number of the board differs): its intervals are whole.";
+    let other = "heavier.mcap is from another rig than a<b>.mcap (the serial number of the board differs): its full intervals are used.";
     assert!(words.contains(other), "{words}");
     assert!(words.contains("+1.5 ± 2.2   no difference shown"), "{words}");
 

@@ -228,13 +228,13 @@ fn a_small_axis_is_served_by_every_command() {
     assert!(stiffness.contains("N m/rad, contact damping"), "{stiffness}");
     with(&["report", "late.csv", "-o", "page.html"]);
     let page = fs::read_to_string(folder.join("page.html")).unwrap();
-    assert!(page.contains("e-4") && page.contains("N m rms are left over") && !page.contains(">0.00 N m rms"), "page");
+    assert!(page.contains("e-4") && page.contains("N m rms, ") && !page.contains(">0.00 N m rms"), "page");
 
     axis(folder, "rest.mcap", &["--excite=hold"]);
     let cell = done(folder, &["calibrate", "load-cell", "rest.mcap"]);
     assert!(cell.contains("noise 0.00020 N m rms") && cell.contains("N m/s, range ±8.4 N m"), "{cell}");
     let zero = done(folder, &["calibrate", "zero", "rest.mcap"]);
-    assert!(zero.contains("code at no torque") && zero.contains("e-6 N m beside the zero"), "{zero}");
+    assert!(zero.contains("code at no torque") && zero.contains("e-6 N m from the zero in use"), "{zero}");
 }
 
 #[test]

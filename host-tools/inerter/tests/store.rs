@@ -111,7 +111,7 @@ fn a_recording_twice_is_one_run_and_conditions_choose() {
     assert_eq!(query(&["samples = 6000", "--from", "1970-01-02"]), 0);
     assert_eq!(query(&["samples = 6000", "--to", "1970"]), 2);
     assert!(fails(folder, &["store", "query", "s", "inertance < 3"], 2).contains("did you mean inertance_kg?"));
-    assert!(fails(folder, &["store", "query", "s", "inertance_kg is 3"], 2).contains("is no condition"));
+    assert!(fails(folder, &["store", "query", "s", "inertance_kg is 3"], 2).contains("is not a condition"));
     for day in ["yesterday", "2026-99-99"] {
         fails(folder, &["store", "ls", "s", "--from", day], 2);
     }
@@ -235,16 +235,19 @@ fn what_is_no_store_or_no_recording_is_told_with_what_to_do() {
     assert!(fails(folder, &["store", "add", "ftp://x/y", "1.mcap"], 2).contains("no such kind of store"));
     done(folder, &["export", "1.mcap", "--csv", "run.csv"]);
     fs::write(folder.join("broken.mcap"), &fs::read(folder.join("1.mcap")).unwrap()[..300]).unwrap();
-    assert!(fails(folder, &["store", "add", "s", "run.csv"], 3).contains("run.csv is no recording"));
+    assert!(fails(folder, &["store", "add", "s", "run.csv"], 3).contains("run.csv is not a recording"));
     assert!(fails(folder, &["store", "add", "s", "nothing.mcap"], 3).contains("nothing.mcap"));
     // The others go in.
     let words = fails(folder, &["store", "add", "s", "run.csv", "broken.mcap", "1.mcap"], 3);
-    assert!(words.contains("2 of 3 recordings were not added") && words.contains("run.csv is no recording"), "{words}");
+    assert!(
+        words.contains("2 of 3 recordings were not added") && words.contains("run.csv is not a recording"),
+        "{words}"
+    );
     assert_eq!(rows(folder).len(), 1);
     let name = rows(folder)[0]["run"].as_str().unwrap().to_owned();
     assert!(fails(folder, &["store", "show", "s", "zz"], 3).contains("has no run zz"));
     assert!(fails(folder, &["store", "show", "s", ""], 3).contains("has no run"));
-    assert!(fails(folder, &["store", "remove", "s", &name], 2).contains("needs a yes"));
+    assert!(fails(folder, &["store", "remove", "s", &name], 2).contains("needs confirmation"));
     assert!(fails(folder, &["store", "remove", "s", &name, "zz", "--yes"], 3).contains("has no run zz"));
     assert_eq!(rows(folder).len(), 1);
     write(&folder.join("s/inerter-store.json"), br#"{"kind":"inerter-store","version":99}"#);
@@ -423,7 +426,7 @@ fn a_store_is_held_against_limits() {
     done(folder, &["store", "add", "store", "linear.mcap"]);
     assert!(done(folder, &["store", "ls", "store", "--limits", "limits.toml"]).contains("  pass"));
     let none = ["store", "query", "store", "machine = rotary", "--limits", "limits.toml"];
-    assert!(fails(folder, &none, 10).contains("nothing was held against the limits"));
+    assert!(fails(folder, &none, 10).contains("nothing was checked against the limits"));
     assert!(!done(folder, &["store", "query", "store", "machine = rotary", "--csv"]).contains("limits"));
     done(folder, &["store", "add", "store", "rotary.mcap"]);
     assert!(

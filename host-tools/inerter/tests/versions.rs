@@ -86,7 +86,7 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
         (
             "newer.mcap",
             newer as firmware::Change,
-            "the firmware is newer than this program: 2 settings and 1 value not known here, left out",
+            "the firmware is newer than this program: 2 settings and 1 value unknown here, left out",
         ),
         ("older.mcap", older, "the firmware is older than this program: "),
     ] {
@@ -116,7 +116,7 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
     assert!(!info(folder, "newer.mcap")["estimate"]["backlash_m"].is_null());
     assert!(info(folder, "older.mcap")["estimate"]["backlash_m"].is_null());
     let words = text(&run(folder, &["info", "newer.mcap"]).stderr);
-    assert!(words.contains("frames of a kind that this program does not know were left out"), "{words}");
+    assert!(words.contains("frames of a kind unknown to this program were left out"), "{words}");
     assert!(words.contains("the firmware is newer than this program"), "{words}");
 }
 
@@ -138,7 +138,7 @@ fn a_device_with_any_firmware_is_watched_and_set() {
         let plain =
             inerter(folder, &[&["monitor", "--plain", "--duration", "2"], &link[..]].concat()).output().unwrap();
         let notes = text(&plain.stderr);
-        let said = notes.matches("frames of a kind that this program does not know").count();
+        let said = notes.matches("frames of a kind unknown to this program").count();
         assert_eq!(said, usize::from(has_detail), "{notes}");
 
         let set = ["settings", "set", "memory_s=12", "--json"];

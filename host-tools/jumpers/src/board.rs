@@ -20,7 +20,7 @@ pub enum JumperError {
     /// The link failed.
     #[error("{0}")]
     Link(String),
-    /// The board said no.
+    /// The board refused a request.
     #[error("the device refused to {doing}: {why}")]
     Refused {
         /// What was asked.
@@ -28,20 +28,20 @@ pub enum JumperError {
         /// Its reason.
         why: Refusal,
     },
-    /// The board's player stood as no knots had come.
-    #[error("this computer sent too late, {0} times: end other programs, and start again")]
+    /// The board's player stopped because no knots had come.
+    #[error("this computer sent too late, {0} times: close other programs, and start again")]
     TooLate(u32),
-    /// The board let go of its outputs by itself.
+    /// The board released its outputs by itself.
     #[error(
-        "a transfer by DMA to the board's outputs failed, and it let go of them: restart it and start again; \
-         where it stays so, please report it"
+        "a DMA transfer to the board's outputs failed, and the board released them: restart it and start again; \
+         if it fails again, please report it"
     )]
     TransferFailed,
     /// No samples came.
     #[error("the device sends no samples: check the cable, and start again")]
     NoSamples,
     /// The settings could not be read.
-    #[error("the device does not tell its settings: update its firmware")]
+    #[error("the device does not report its settings: update its firmware")]
     NoSettings,
 }
 

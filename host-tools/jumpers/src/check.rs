@@ -1,4 +1,4 @@
-//! What comes of the test.
+//! Results of the test.
 
 /// One thing that was looked at.
 #[derive(Clone, Debug, PartialEq)]

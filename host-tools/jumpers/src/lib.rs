@@ -1,4 +1,4 @@
-//! The self-test with jumpers: four wires lead a board's outputs to its inputs, and it measures what it plays.
+//! The self-test with jumpers: four wires connect a board's outputs to its inputs, and it measures what it plays.
 //!
 //! ```text
 //! plant -> tape -> knots -> board: player -> wires -> converters, counter -> estimator
@@ -8,12 +8,12 @@
 //! Terms:
 //! - *tape*: knots, and the same [`Step`](inerter_app::player::Step)s that the board makes of them; so the host knows what
 //!   the outputs were at every 64000th of a second, to the last code.
-//! - *lag*: steps from a tape's begin to the first sample. Counts have no noise, so they give it exactly.
-//! - *phase*: from the sampling clock's event to a change of the outputs. Moving it shows when the converters look.
-//! - *check*: what was expected, what was found, and where it differs the cause.
+//! - *lag*: steps from a tape's beginning to the first sample. Counts have no noise, so they give it exactly.
+//! - *phase*: from the sampling clock's event to a change of the outputs. Moving it shows when the converters sample.
+//! - *check*: what was expected, what was found, and if they differ the cause.
 //!
-//! [`run`] does it all over a [`Board`]; nothing here knows a port or a screen, and time comes from the board's keeper,
-//! so the same code runs against a device and against an emulated one.
+//! [`run`] does all of it on a [`Board`]; nothing here depends on a port or a screen, and time comes from the caller,
+//! so the same code runs on a device and on an emulated one.
 
 #![forbid(unsafe_code)]
 

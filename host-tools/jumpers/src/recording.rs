@@ -75,7 +75,7 @@ impl Recording {
 }
 
 /// What [`Play::Progress`] asks of the board.
-const PROGRESS: &str = "tell how far it is";
+const PROGRESS: &str = "report its progress";
 
 /// Asks something of the player; gives its answer and the room for knots.
 pub fn ask(board: &mut impl Board, doing: &'static str, play: Play) -> Result<(u32, u16), JumperError> {
@@ -197,7 +197,7 @@ impl Playing {
             }
             let (batch, later) = rest.split_at(count);
             let knots = batch.iter().copied().collect();
-            match ask(board, "take what it is to play", Play::Knots(knots)) {
+            match ask(board, "take knots to play", Play::Knots(knots)) {
                 Ok((_, room)) => {
                     self.free = room;
                     rest = later;

@@ -35,7 +35,7 @@ pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
         .into_iter()
         .try_for_each(|command| board.request(command).map(|_| ()));
     let report = outcome?;
-    restored.map_err(JumperError::refused("take its settings back"))?;
+    restored.map_err(JumperError::refused("take back its settings"))?;
     Ok(report)
 }
 
@@ -161,7 +161,7 @@ fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperErro
     let played = f64::from(recording.edges);
     let (wanted, lost) = (f64::from(BLOCKS) * 256.0, played - counted);
     let cause = if played != wanted {
-        Some("the burst was not put out whole: please send this page to us".to_owned())
+        Some("the burst was not played completely: please send this page to us".to_owned())
     } else {
         (lost != 0.0).then(|| "edges are lost at the highest rate: shorten the wires to A and B".to_owned())
     };

@@ -169,12 +169,12 @@ fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let [force_is_off, terminal_is_off] = [force, terminal].map(|off| off.abs() > NEAR_US);
     let late = |converter: &str, off: f64| {
         let word = if off > 0.0 { "late" } else { "early" };
-        format!("{converter} looks {:.1} us too {word}: force and position do not belong together", off.abs())
+        format!("{converter} samples {:.1} us too {word}: force and position are not simultaneous", off.abs())
     };
     let cause = match (force_is_off, terminal_is_off) {
         (false, false) => None,
         (true, true) if (force - terminal).abs() < NEAR_US => Some(format!(
-            "both converters look {:.1} us off: they are started by another trigger than the sampling clock's",
+            "both converters sample {:.1} us off: a trigger other than the sampling clock starts them",
             force
         )),
         (true, _) => Some(late("the force's converter", force)),
@@ -184,8 +184,9 @@ fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let found = format!("force {:.2} us, terminal {:.2} us", looks[0].at_us, looks[1].at_us);
     let timed = report.take(Check::new("timing", expected, found, cause));
     let slow = looks.iter().any(|look| look.settling_us > SETTLING_US);
-    let cause =
-        slow.then(|| "an output settles too slowly: take everything but the jumpers off PA4, PA6, PA0 and PA1".into());
+    let cause = slow.then(|| {
+        "an output settles too slowly: disconnect everything but the jumpers from PA4, PA6, PA0 and PA1".into()
+    });
     let found = format!("{:.2} us and {:.2} us", looks[0].settling_us, looks[1].settling_us);
     timed && report.take(Check::new("settling", format!("under {SETTLING_US} us"), found, cause))
 }
@@ -220,8 +221,8 @@ mod tests {
             report.checks.iter().find_map(|check| check.cause.clone())
         };
         assert_eq!(judged(0.63, 0.7), None);
-        assert!(judged(8.4, 8.4).is_some_and(|cause| cause.contains("another trigger")));
-        assert!(judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter looks 2.0 us too late")));
+        assert!(judged(8.4, 8.4).is_some_and(|cause| cause.contains("a trigger other than")));
+        assert!(judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter samples 2.0 us too late")));
         assert!(judged(0.63, 2.6).is_some_and(|cause| cause.contains("terminal's converter")));
         let mut report = Report::default();
         assert!(!judge([Look { at_us: 0.63, settling_us: 3.0 }; 2], &mut report));

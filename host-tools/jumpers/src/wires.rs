@@ -60,8 +60,8 @@ pub struct Chain {
 }
 
 /// What it means where the converters give nothing, or lose samples again and again.
-pub const NOT_IN_STEP: &str = "what the converters give does not belong to the sampling clock's events: another trigger starts \
-                               them, or none, or one of them is broken";
+pub const NOT_IN_STEP: &str = "the converters do not follow the sampling clock: another trigger starts them, or none, or one of \
+                               them is broken";
 /// Part of the samples that a single disturbance takes at most.
 const ONCE: f64 = 0.05;
 
@@ -73,13 +73,13 @@ pub fn sampling(recording: &Recording) -> Check {
     let cause = if ended || lost as f64 > ONCE * recording.samples.len() as f64 {
         Some(NOT_IN_STEP.to_owned())
     } else if faults.contains(&Fault::SamplerMisaligned) {
-        Some("a transfer by DMA was lost, so that force, terminal and count no longer belonged together".to_owned())
+        Some("a DMA transfer was lost, so that force, terminal and count were no longer simultaneous".to_owned())
     } else if faults.contains(&Fault::SamplerOverrun) {
         Some("a conversion was not fetched by DMA in time".to_owned())
     } else if let Some(fault) = faults.first() {
         Some(fault.to_string())
     } else {
-        (lost > 0).then(|| "samples were lost on the way: check the cable, or end other programs".to_owned())
+        (lost > 0).then(|| "samples were lost on the way: check the cable, or close other programs".to_owned())
     };
     let said: Vec<String> = faults.iter().map(|fault| format!("{fault:?}")).collect();
     Check::new("sampling", "no sample lost, no fault", format!("{lost} samples lost, faults: {said:?}"), cause)
@@ -168,7 +168,7 @@ impl Channel {
             (0.5.., -0.05..0.05) => None,
             (-0.05..0.05, 0.5..) => Some(self.swapped.to_owned()),
             (-0.05..0.05, -0.05..0.05) => Some(format!("the wire {} is missing", self.pins)),
-            _ => Some(format!("the wire {} does not lead there alone", self.pins)),
+            _ => Some(format!("the wire {} also leads elsewhere", self.pins)),
         };
         let found = format!("{:.3} of its own output, {:.3} of the other", own.slope, other.slope);
         if !report.take(Check::new(self.wire, "follows its own output alone", found, cause)) {
@@ -176,7 +176,10 @@ impl Channel {
         }
         let good = GAIN.contains(&own.slope) && own.offset.abs() < OFFSET && own.worst < STRAIGHT;
         let cause = (!good).then(|| {
-            format!("the wire {} is loaded, or a converter is damaged: take everything else off both pins", self.pins)
+            format!(
+                "the wire {} is loaded, or a converter is damaged: disconnect everything else from both pins",
+                self.pins
+            )
         });
         let expected = format!("{} to {}, offset under {OFFSET}, straight to {STRAIGHT} codes", GAIN.start, GAIN.end);
         let found = format!("{:.4}, offset {:.1}, straight to {:.1} codes", own.slope, own.offset, own.worst);
@@ -197,10 +200,10 @@ pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: 
     let cause = match noise.map(|noise| noise < NOISE) {
         [true, true] => None,
         [false, false] => {
-            Some("noise on the supply or the ground: shorten the wires, and feed the board from another port")
+            Some("noise on the supply or the ground: shorten the wires, and power the board from another port")
         }
-        [false, true] => Some("noise on the force's wire: shorten it, and keep it from the encoder's"),
-        [true, false] => Some("noise on the terminal's wire: shorten it, and keep it from the encoder's"),
+        [false, true] => Some("noise on the force's wire: shorten it, and keep it away from the encoder's"),
+        [true, false] => Some("noise on the terminal's wire: shorten it, and keep it away from the encoder's"),
     };
     let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
     let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause.map(str::to_owned));

@@ -271,7 +271,7 @@ impl Plant {
 
     /// A device that changes at times \[s\], in any order: a flywheel swapped, a lubricant failing.
     ///
-    /// Displacement and velocity go on; contact and friction follow from them and the new device at once.
+    /// Displacement and velocity continue; contact and friction follow from them and the new device at once.
     pub fn changing(device: Inerter, later: Vec<(f64, Inerter)>, excitation: Excitation) -> Result<Self, PlantError> {
         let mut fastest_rad_per_s: f64 = 0.0;
         for one in later.iter().map(|(_, one)| one).chain([&device]) {

@@ -63,7 +63,7 @@ impl Tone {
     }
 }
 
-/// A motion of terminal 1: what the rig is told to do.
+/// A motion of terminal 1: the command of the rig.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Excitation {
     segments: Vec<Segment>,

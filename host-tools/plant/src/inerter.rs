@@ -54,17 +54,17 @@ field_table! { Inerter {
     contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
     backlash_m, "m", 0.0, 0.0, 1.0, Real, "Total backlash between the flanks";
     structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal beside the screw";
-    coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which Coulomb friction is greater forward, less backward";
-    viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Part by which viscous friction is greater forward, less backward";
+    coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which Coulomb friction is greater forward and less backward";
+    viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which viscous friction is greater forward and less backward";
     stribeck_ratio, "", 1.0, 1.0, 10.0, Real, "Friction at rest over that of fast sliding";
-    stribeck_velocity_m_per_s, "m/s", 0.002, 1e-6, 1e3, Real, "Velocity at which the surplus at rest has fallen to 1/e";
-    presliding_m, "m", 0.0, 0.0, 1.0, Real, "Travel in which friction turns by 1 - 1/e; 0 turns at once";
-    unilateral, "", 0.0, 0.0, 1.0, Whole, "1 where the flanks can only push";
+    stribeck_velocity_m_per_s, "m/s", 0.002, 1e-6, 1e3, Real, "Velocity at which the excess at rest has fallen to 1/e";
+    presliding_m, "m", 0.0, 0.0, 1.0, Real, "Travel over which friction reverses by 1 - 1/e; 0 reverses at once";
+    unilateral, "", 0.0, 0.0, 1.0, Whole, "1 if the flanks can only push";
     constant_force_n, "N", 0.0, -1e6, 1e6, Real, "Force on the screw, e.g. a weight; positive pushes forward";
 } }
 
 impl Inerter {
-    /// The paper's device. Its Coulomb friction did not survive in our text of the paper: 50 N is our choice.
+    /// The paper's device. Its Coulomb friction is missing from our copy of the paper: 50 N is our choice.
     pub const fn paper() -> Self {
         Self {
             inertance_kg: 299.4906,
@@ -94,7 +94,7 @@ impl Inerter {
         Self { coulomb_n: 150.0, ..Self::paper() }
     }
 
-    /// The paper's device with friction that turns over 50 um, as in a ball screw.
+    /// The paper's device with friction that reverses over 50 um, as in a ball screw.
     pub const fn presliding() -> Self {
         Self { presliding_m: 50e-6, ..Self::paper() }
     }
@@ -170,7 +170,7 @@ impl Inerter {
         self.viscous_n_s_per_m * (1.0 + direction * self.viscous_asymmetry)
     }
 
-    /// Whether friction turns over a distance.
+    /// Whether friction reverses over a distance (presliding).
     pub(crate) fn presslides(&self) -> bool {
         self.presliding_m > 0.0 && self.coulomb_n > 0.0
     }

@@ -26,12 +26,12 @@ pub struct Sample {
     pub truth: Truth,
 }
 
-/// What somebody does to a standing device by hand.
+/// Manual handling of a device at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hands {
     /// Load on the load cell that is no force on the screw, such as a weight hung on it \[N\].
     pub load_n: f64,
-    /// Displacement of the screw beside its own motion \[m\].
+    /// Displacement of the screw in addition to its own motion \[m\].
     pub moved_m: f64,
 }
 
@@ -107,14 +107,14 @@ impl Simulation {
         self.hands = hands;
     }
 
-    /// From the next sample on, samples another plant at its time zero; the instruments go on.
+    /// From the next sample on, samples another plant at its time zero; the instruments continue.
     pub fn replace(&mut self, plant: Plant) {
         self.plant = plant;
         self.history.clear();
         self.since = Since { number: self.number, plant_s: 0.0, zero_s: self.since.zero_s + self.next_s() };
     }
 
-    /// From the next sample on, so many samples a second, each the sum of so many conversions; the motion goes on.
+    /// From the next sample on, so many samples a second, each the sum of so many conversions; the motion continues.
     pub fn sample_at(&mut self, sample_rate_hz: f64, oversampling: f64) -> Result<(), PlantError> {
         let sensors = Sensors { sample_rate_hz, oversampling, ..self.sensors };
         sensors.validate()?;

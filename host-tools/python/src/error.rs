@@ -21,7 +21,7 @@ create_exception!(
     inerter,
     InerterError,
     PyException,
-    "Something that cannot be done. `code` names it as the command line does, `help` says what to do next."
+    "Raised when something cannot be done. `code` is that of the command line, `help` says what to do next."
 );
 
 /// A failure of the libraries, or of Python.
@@ -29,7 +29,7 @@ create_exception!(
 pub enum Failure {
     Ours(Box<dyn Diagnostic + Send + Sync>),
     Python(PyErr),
-    /// Nobody waits for the result any more.
+    /// The caller no longer waits for the result.
     Stopped,
 }
 

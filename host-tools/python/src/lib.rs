@@ -1,7 +1,7 @@
-//! The Python package's half in Rust: files in, results out, each as the command line gives it.
+//! The Rust half of the Python package: files in, results out, each as the command line gives it.
 //!
 //! Results are JSON (docs/CLI.md), tables are Arrow. What a user sees is written in Python (`python/inerter`). Work
-//! runs in a thread of its own (`watch`), so that other threads of Python go on and Ctrl-C ends it.
+//! runs in a thread of its own (`watch`), so that other threads of Python continue and Ctrl-C ends it.
 #![forbid(unsafe_code)]
 
 mod device;

@@ -1,4 +1,4 @@
-//! What runs come to, as the JSON of the command line.
+//! Results of runs, as the JSON of the command line.
 
 use std::path::{Path, PathBuf};
 
@@ -92,7 +92,7 @@ pub fn compare(
             whole.name = name.unwrap_or(whole.name);
             Ok(Content::of(whole, |part| progress.tell((number as f64 + part) / count))?)
         });
-        let rig = is_one_rig.map(|is_one| if is_one { Rig::Same } else { Rig::Other("as was said".into()) });
+        let rig = is_one_rig.map(|is_one| if is_one { Rig::Same } else { Rig::Other("stated by rigs".into()) });
         let mut comparison = Comparison::of(contents, rig)?;
         let machine = comparison.machine();
         if let Some(limits) = read(limits.as_deref(), machine)? {
@@ -122,7 +122,7 @@ pub fn diagnose(
         let run = run.whole()?;
         let (machine, mut words) = (run.settings.machine, Vec::new());
         let changed = |since_s| {
-            words.push(format!("The device changed at {since_s:.1} s: only the motion since is looked at."));
+            words.push(format!("The device changed at {since_s:.1} s: only the motion since then is used."));
         };
         let encoder = Encoder { counts_per_turn, counts_per_line };
         let found = results::diagnosed::<Failure>(&run, encoder, changed, |part| progress.tell(part))?;

@@ -15,7 +15,7 @@ use crate::{
     watch::{Progress, watch},
 };
 
-/// A store, which is opened when something is asked of it.
+/// A store, which is opened on first use.
 #[pyclass(frozen, module = "inerter")]
 pub struct Store {
     url: String,

@@ -25,7 +25,7 @@ use crate::error::Failure;
 /// Rows that are handed over together.
 const BATCH: usize = 1 << 16;
 
-/// A table of a run, read when it is asked for.
+/// A table of a run, read on demand.
 ///
 /// It has the Arrow PyCapsule interface: `pandas.DataFrame.from_arrow`, `polars.DataFrame`, `pyarrow.table` and DuckDB
 /// take it.

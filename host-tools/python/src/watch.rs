@@ -1,4 +1,4 @@
-//! Work that Python waits for: other threads go on, a callback hears of progress, and Ctrl-C ends the wait.
+//! Work that Python waits for: other threads continue, a callback receives the progress, and Ctrl-C ends the wait.
 
 use std::{
     panic,
@@ -77,7 +77,7 @@ pub fn watch<T: Send + 'static>(
                 }
             }
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(PyRuntimeError::new_err("the work ended by a fault of the package: please report it"));
+                return Err(PyRuntimeError::new_err("a fault in the package ended the work: please report it"));
             }
         }
     }

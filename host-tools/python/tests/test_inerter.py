@@ -158,7 +158,7 @@ def test_a_motion_may_be_points(tmp_path: Path) -> None:
     for given in (pd.DataFrame(points), pl.DataFrame(points), pa.table(points)):
         assert pa.table(inerter.simulate(given).samples).equals(pa.table(held.samples))
     for wrong, words in (
-        ({"t_s": time_s**2}, "one distance"),
+        ({"t_s": time_s**2}, "equally spaced"),
         ({"t_s": time_s[:-1]}, "4000 values"),
         ({"terminal_m": np.zeros((4001, 2))}, "2 dimensions"),
     ):
@@ -343,11 +343,11 @@ def test_runs_are_compared_as_by_the_command_line(folder: Path, tmp_path: Path) 
     assert [one.verdict for one in same.differences] == ["not_shown"] * len(same.differences)
     assert "recorded &lt;1&gt;" in same._repr_html_()
     assert inerter.replay(files[0], limits=limits)["limits"] == json.loads(undecided.stdout)["limits"][0]
-    with pytest.raises(inerter.InerterError, match="one run is no comparison"):
+    with pytest.raises(inerter.InerterError, match="a comparison needs at least two runs"):
         inerter.compare(files[:1])
     with pytest.raises(inerter.InerterError, match="exists already"):
         inerter.compare(files[:2], path=tmp_path / "page.html")
-    with pytest.raises(ValueError, match="'one' and 'several', not 'two'"):
+    with pytest.raises(ValueError, match="'one' or 'several', not 'two'"):
         inerter.compare(files[:2], rigs="two")
     with pytest.raises(inerter.InerterError, match="no parameter is called") as refused:
         limits.write_text("[coulomb]\nmax = 1\n")

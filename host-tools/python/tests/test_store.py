@@ -261,7 +261,7 @@ def test_addresses_that_lead_nowhere_are_told(folder: Path, server: str, monkeyp
             inerter.Store(url).runs()
         assert caught.value.code == "inerter::store::address"
     monkeypatch.setenv("AWS_ENDPOINT", "no address")
-    with pytest.raises(inerter.InerterError, match="AWS_ENDPOINT is no address"):
+    with pytest.raises(inerter.InerterError, match="AWS_ENDPOINT is not an address"):
         inerter.Store("s3://lab/store").runs()
 
 

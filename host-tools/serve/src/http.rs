@@ -1,4 +1,4 @@
-//! HTTP for the page and for Foxglove, in a thread of its own, with limits: whoever can connect may be anybody.
+//! HTTP for the page and for Foxglove, in a separate thread, with limits, as anybody may connect.
 //!
 //! A connection ends [`REQUEST_TIME`] after it began, whatever came; a WebSocket stays as long as its other end takes
 //! what is sent, each message within [`SEND_TIME`]. Of [`MOST`] connections the oldest that is no WebSocket makes room
@@ -170,7 +170,7 @@ pub fn guarded(router: Router) -> Router {
 
 async fn guard(request: Request, next: Next) -> Response {
     if !from_here(request.headers()) {
-        return (StatusCode::FORBIDDEN, "only pages of this machine may ask\n").into_response();
+        return (StatusCode::FORBIDDEN, "only pages of this machine may connect\n").into_response();
     }
     let mut response = next.run(request).await;
     let headers = response.headers_mut();

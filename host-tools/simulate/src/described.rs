@@ -16,10 +16,10 @@ use crate::{
 /// Duration of a run that must end, when neither its description nor its motion says one \[s\].
 const USUAL_S: f64 = 20.0;
 
-/// A simulated run, before anything that is left out has its usual value.
+/// A simulated run as described, before defaults are filled in.
 #[derive(Clone, Debug)]
 pub struct Described {
-    /// Device to begin with, one of [`Inerter::PRESETS`].
+    /// Device to start from, one of [`Inerter::PRESETS`].
     pub preset: String,
     /// Parameters of the device and of its instruments, over those of the preset.
     pub given: BTreeMap<String, f64>,
@@ -29,7 +29,7 @@ pub struct Described {
     pub seed: u64,
     /// Duration \[s\]; that of the motion where nothing is said.
     pub duration_s: Option<f64>,
-    /// Load on the load cell beside the motion \[N\].
+    /// Load on the load cell in addition to the motion \[N\].
     pub load_n: f64,
     /// When the device changes \[s\], and its parameters from then on.
     pub change: Option<(f64, BTreeMap<String, f64>)>,

@@ -8,7 +8,7 @@ use miette::Diagnostic;
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum SimulateError {
-    /// Device, motion or instruments cannot be.
+    /// Device, motion or instruments are invalid.
     #[error("the simulation cannot be set up: {source}")]
     #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
     Setup { source: PlantError },
@@ -73,7 +73,7 @@ pub enum SimulateError {
     #[error("QEMU ended on its own ({status}): {message}")]
     #[diagnostic(
         code(inerter::simulate::qemu_ended),
-        help("is the image one for `-M netduinoplus2`, and the port free?")
+        help("is the image built for `-M netduinoplus2`, and is the port free?")
     )]
     QemuEnded { status: String, message: String },
 

@@ -31,7 +31,7 @@ pub struct Setup {
     pub excitation: Excitation,
     /// What the device becomes, and when \[s\].
     pub later: Option<(f64, Inerter)>,
-    /// Load on the load cell beside the motion \[N\].
+    /// Load on the load cell in addition to the motion \[N\].
     pub load_n: f64,
     /// Duration \[s\]; `None` without end.
     pub duration_s: Option<f64>,

@@ -5,7 +5,7 @@
 //! - *controller*: the reader that spoke first. Its requests go to the device; when it leaves, the oldest other reader
 //!   that has spoken takes its place.
 //!
-//! What the device says goes to every reader, in frames that are numbered anew for each. `Hello`, `ReadSettings` and
+//! What the device says goes to every reader, in frames that are renumbered for each. `Hello`, `ReadSettings` and
 //! `Streams` are answered here, so that each reader learns what it needs and gets the streams that it chose; any other
 //! request is refused as [`Refusal::Busy`] but from the controller. A reader alone holds the device's link up when it
 //! reads slowly, as a host at a cable does; among several, frames that one does not take are left out for it, which it

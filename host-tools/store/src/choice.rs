@@ -93,18 +93,18 @@ impl FromStr for Condition {
 
     fn from_str(text: &str) -> Result<Self, StoreError> {
         let refused = |problem: &str| refused(text, problem, String::new());
-        let place = text.find(['<', '>', '=', '!']).ok_or_else(|| refused("it has no relation"))?;
+        let place = text.find(['<', '>', '=', '!']).ok_or_else(|| refused("it has no comparison"))?;
         let (column, rest) = text.split_at(place);
         let known = RELATIONS.iter().find_map(|(sign, relation)| Some((*relation, rest.strip_prefix(sign)?)));
-        let (relation, value) = known.ok_or_else(|| refused("it has no relation"))?;
+        let (relation, value) = known.ok_or_else(|| refused("it has no comparison"))?;
         let (column, value) = (column.trim(), value.trim());
         let quoted = ['\'', '"'].iter().find_map(|mark| value.strip_prefix(*mark)?.strip_suffix(*mark));
         if value.starts_with(['<', '>', '=', '!']) && quoted.is_none() {
-            return Err(refused("it has two relations"));
+            return Err(refused("it has two comparisons"));
         }
         let value = quoted.unwrap_or(value);
         if column.is_empty() || value.is_empty() && quoted.is_none() {
-            return Err(refused("a side of it is empty"));
+            return Err(refused("one side of it is empty"));
         }
         Ok(Self { text: text.into(), column: column.into(), relation, value: value.into() })
     }
@@ -129,7 +129,7 @@ impl Condition {
         Err(refused(&self.text, "no run has such a column", more))
     }
 
-    /// Whether a row is like this. What is not known is not: neither equal nor unequal.
+    /// Whether a row meets it. An unknown value does not: it is neither equal nor unequal.
     pub(crate) fn holds(&self, row: &Row) -> Result<bool, StoreError> {
         let Some(found) = row.get(&self.column) else { return Ok(false) };
         let is_order = !matches!(self.relation, Relation::Equal | Relation::Unequal);
@@ -144,7 +144,7 @@ impl Condition {
                 number.as_f64().and_then(|number| number.partial_cmp(&value))
             }
             Value::String(_) if is_order && !TIMES.contains(&self.column.as_str()) => {
-                return Err(refused(&self.text, "of words none is less than the other", String::new()));
+                return Err(refused(&self.text, "words have no order", String::new()));
             }
             Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
                 return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));

@@ -97,8 +97,8 @@ pub enum StoreError {
         /// How many there are.
         count: usize,
     },
-    /// A file that is no recording.
-    #[error("{path} is no recording", path = path.display())]
+    /// The file is not a recording.
+    #[error("{path} is not a recording", path = path.display())]
     #[diagnostic(
         code(inerter::store::no_recording),
         help("a store holds recordings (.mcap): `inerter record` makes one, and `inerter cut` a part of one")
@@ -115,7 +115,7 @@ pub enum StoreError {
         path: PathBuf,
     },
     /// A condition cannot be read.
-    #[error("`{condition}` is no condition: {problem}")]
+    #[error("`{condition}` is not a condition: {problem}")]
     #[diagnostic(code(inerter::store::condition), help("{help}"))]
     Condition {
         /// What was given.
@@ -125,19 +125,16 @@ pub enum StoreError {
         /// What to do.
         help: String,
     },
-    /// The name of a batch is none.
+    /// The name of a batch is invalid.
     #[error("`{name}` cannot be the name of a batch")]
-    #[diagnostic(code(inerter::store::batch), help("use letters, digits, - and _, 80 at most"))]
+    #[diagnostic(code(inerter::store::batch), help("use letters, digits, - and _, at most 80 of them"))]
     Batch {
         /// What was given.
         name: String,
     },
     /// A batch was made in another way.
     #[error("the batch {name} was made by {kind} with the settings {given}")]
-    #[diagnostic(
-        code(inerter::store::other_batch),
-        help("choose another name for this one, or do all of the batch again")
-    )]
+    #[diagnostic(code(inerter::store::other_batch), help("choose another name for this one, or redo the whole batch"))]
     OtherBatch {
         /// The batch.
         name: String,
@@ -174,13 +171,13 @@ fn access_help(source: &io::Error) -> &'static str {
         io::ErrorKind::PermissionDenied => {
             "ask for permission to this folder or bucket, or use another store; S3 takes AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
         }
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space, then do it again",
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => "free some space, then try again",
         io::ErrorKind::NotFound => {
             "check that the bucket or folder is there; `inerter store verify` says what is missing in a store"
         }
         io::ErrorKind::TimedOut | io::ErrorKind::ConnectionRefused | io::ErrorKind::ConnectionReset => {
-            "check the address and the network, then do it again: what was done before is kept"
+            "check the address and the network, then try again: what was done before is kept"
         }
-        _ => "do it again: what was done before is kept",
+        _ => "try again: what was done before is kept",
     }
 }

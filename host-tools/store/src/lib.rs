@@ -1,13 +1,12 @@
 //! A store of recorded runs, in a folder or in S3-compatible storage.
 //!
 //! Glossary: a *store* holds runs; a *run* is one recording with its tables, and is named by the SHA-256 of the
-//! recording; a
-//! *row* is what the table `runs` says of it.
+//! recording; a *row* is its entry in the table `runs`.
 //!
-//! Recordings are the truth: they are never changed. Everything else follows from them: the same recording added twice,
-//! or by many processes at once, gives the same files with the same bytes. A run is there from the moment its row is,
-//! which is written last and removed first; what a broken-off process leaves behind is no run, and adding the recording
-//! again completes it. What lies where is described in docs/STORE.md, for those who read the files without this crate.
+//! Recordings are never changed. Everything else follows from them: the same recording added twice, or by many
+//! processes at once, gives the same files with the same bytes. A run exists while its row does, which is written last
+//! and removed first; what an interrupted process leaves behind is not a run, and adding the recording again completes
+//! it. docs/STORE.md describes the layout, for those who read the files without this crate.
 #![forbid(unsafe_code)]
 
 mod choice;

@@ -1,4 +1,4 @@
-//! What else was made of the runs of a store: batches of results, each named by whoever asked for it.
+//! Further results of the runs of a store: batches, each named by the caller.
 
 use serde_json::{Value, json};
 
@@ -35,7 +35,7 @@ pub(crate) fn checked(batch: &str) -> Result<&str, StoreError> {
     }
 }
 
-/// Some runs of a store, the same ones whoever asks: part `number` of `of`, from 1.
+/// Some runs of a store, the same ones for every caller: part `number` of `of`, from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     number: u64,

@@ -1,4 +1,4 @@
-//! What the table `runs` says of a run.
+//! The row of a run in the table `runs`.
 
 use inerter_core::{LawStatus, Machine};
 use inerter_data::{
@@ -67,7 +67,7 @@ impl Row {
         if self.text("machine") == Some("rotary") { Machine::Rotary } else { Machine::Linear }
     }
 
-    /// What it says of limits: the same as a replay of its recording with its own settings.
+    /// Its verdicts on limits: the same as a replay of its recording with its own settings.
     pub fn within(&self, limits: &Limits) -> Vec<Judged> {
         let doubts = self.doubts();
         limits.judge(|place| {

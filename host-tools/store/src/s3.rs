@@ -50,7 +50,7 @@ impl Bucket {
                 })
             };
             if std::env::var(variable).is_ok_and(|address| !is_address(&address)) {
-                return Err(io::Error::other(format!("{variable} is no address such as http://localhost:9000")));
+                return Err(io::Error::other(format!("{variable} is not an address such as http://localhost:9000")));
             }
         }
         // Letters that would have to be written otherwise lead others elsewhere.

@@ -210,7 +210,7 @@ impl Store {
                 return Ok(());
             }
         }
-        Err(self.damaged(&name, "another process removes this run, or another version adds it, again and again"))
+        Err(self.damaged(&name, "another process keeps removing this run, or another version keeps adding it"))
     }
 
     /// The runs that are meant.
@@ -266,12 +266,12 @@ impl Store {
         }
     }
 
-    /// What the store says of a run.
+    /// The row of a run.
     pub fn row(&self, place: &Place) -> Result<Row, StoreError> {
         let name = place.file(Part::Row);
         match serde_json::from_slice(&self.bytes(&name)?) {
             Ok(Value::Object(values)) => Ok(Row { place: place.clone(), values }),
-            _ => Err(self.damaged(&name, "it is no JSON object")),
+            _ => Err(self.damaged(&name, "it is not a JSON object")),
         }
     }
 
@@ -396,7 +396,7 @@ impl Store {
         Ok(found)
     }
 
-    /// Makes anew what follows from recordings that are whole, and removes what is left of others; gives how many runs
+    /// Rebuilds what follows from intact recordings, and removes what is left of others; gives how many runs
     /// were made whole. A damaged recording stays as it is, and so does one that this version cannot use.
     pub fn repair(&self, progress: Progress<'_>) -> Result<usize, StoreError> {
         let damages = self.verify(progress)?.damages;

@@ -1,4 +1,4 @@
-//! The tables of a recording: what our estimator, and nothing else, makes of it.
+//! The tables of a recording: the results of our estimator, and nothing else.
 
 use std::path::Path;
 

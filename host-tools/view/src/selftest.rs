@@ -66,7 +66,7 @@ fn row(check: &Check) -> Markup {
 fn figures(test: &SelfTest) -> Markup {
     markup! {
         section #figures {
-            h2 { "What the board measured of itself" }
+            h2 { "Measurements by the board itself" }
             table {
                 thead { tr { th scope="col" { "Quantity" } th.number scope="col" { "Value" } th scope="col" { "Unit" } } }
                 tbody {

@@ -141,16 +141,16 @@ const CASES: &[Case] = &[
     case("wrong trigger, half a period late", "sampling", "another trigger", |machine| {
         machine.chip_mut().planted = Planted { late: [HALF; 2], ..Planted::default() };
     }),
-    case("wrong trigger, 1.2 us late", "timing", "another trigger", |machine| {
+    case("wrong trigger, 1.2 us late", "timing", "a trigger other than", |machine| {
         machine.chip_mut().planted = Planted { late: [6 * US / 5; 2], ..Planted::default() };
     }),
-    case("ADC1 2 us late", "timing", "the force's converter looks 2.0 us too late", |machine| {
+    case("ADC1 2 us late", "timing", "the force's converter samples 2.0 us too late", |machine| {
         machine.chip_mut().planted = Planted { late: [2 * US, 0], ..Planted::default() };
     }),
-    case("ADC2 2 us late", "timing", "the terminal's converter looks 2.0 us too late", |machine| {
+    case("ADC2 2 us late", "timing", "the terminal's converter samples 2.0 us too late", |machine| {
         machine.chip_mut().planted = Planted { late: [0, 2 * US], ..Planted::default() };
     }),
-    case("a lost DMA request", "sampling", "a transfer by DMA was lost", |machine| {
+    case("a lost DMA request", "sampling", "a DMA transfer was lost", |machine| {
         machine.chip_mut().planted = Planted { lost: Some((Request::Tim6Update, 1.0)), ..Planted::default() };
     }),
     case("half the count rate", "encoder wires", "every other edge", |machine| {

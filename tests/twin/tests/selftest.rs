@@ -338,10 +338,5 @@ fn a_wire_that_is_missing_is_named() {
 fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
     // How late to 0.1 us tells the library's test, in which nobody has to hurry.
-    is_named(
-        "late",
-        "timing",
-        "us too late: force and position do not belong together",
-        wired(Jumpers::RIGHT, planted),
-    );
+    is_named("late", "timing", "us too late: force and position are not simultaneous", wired(Jumpers::RIGHT, planted));
 }

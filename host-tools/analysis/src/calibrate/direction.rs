@@ -55,10 +55,8 @@ pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, 
     let which = match known {
         Known { force: true, position: true } => {
             return {
-                let text = "force and position point against each other, though both were calibrated: one of the \
-                directions that were \
-                            called positive, of the loads or of the displacement, was the other one. Repeat one of \
-                            them";
+                let text = "force and position have opposite positive directions, though both were calibrated: the positive \
+                            direction of the loads or of the displacement was stated wrongly. Repeat one of the two";
                 finding.remark(Level::Bad, "reversed", text);
                 Ok(finding)
             };
@@ -72,9 +70,9 @@ pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, 
     };
     finding.set(which, value);
     let text = format!(
-        "force and position point against each other: {which} is turned to {value:?}{}",
+        "force and position have opposite positive directions: {which} changes sign, to {value:?}{}",
         if known == Known::default() {
-            format!("; where it is the displacement that points the wrong way, turn {other} instead")
+            format!("; if the displacement has the wrong sign, change the sign of {other} instead")
         } else {
             String::new()
         }

@@ -17,9 +17,9 @@ const USUAL_LINES: [f64; 26] = [
     100.0, 125.0, 200.0, 250.0, 256.0, 360.0, 400.0, 500.0, 512.0, 600.0, 720.0, 800.0, 900.0, 1000.0, 1024.0, 1250.0,
     1500.0, 1800.0, 2000.0, 2048.0, 2500.0, 3600.0, 4096.0, 5000.0, 8192.0, 10000.0,
 ];
-/// Why counts come to nothing.
-const HALF: &str = "A and B must both be connected, and the encoder must have power: with one of them the count only goes \
-                    to and fro";
+/// Why there are hardly any counts.
+const HALF: &str = "connect both A and B, and check the encoder's supply: with only one of A and B the count merely moves \
+                    back and forth";
 /// Counts over which a scale is found: one count is then 0.1 %.
 const LEAST_COUNTS: f64 = 1000.0;
 /// Distance from the line over the greatest displacement from which it is none.
@@ -66,27 +66,27 @@ fn mismatch(ratio: f64) -> String {
     let near = |value: f64| (ratio / value - 1.0).abs() < 0.1;
     match ratio {
         _ if ratio < 0.05 => HALF,
-        _ if near(0.25) => "give the lines of the label to --lines, not four times as many: each line is four counts",
+        _ if near(0.25) => "give --lines the number on the label, not four times that: each line is four counts",
         _ if near(4.0) => {
-            "give the lines of the label to --lines, not pulses after a divider: each line is four \
+            "give --lines the number on the label, not the pulses after a divider: each line is four \
         counts"
         }
         _ if near(0.5) || near(2.0) => {
-            "is it a factor of two in the gear or the belt, or were the revolutions \
+            "is there a factor of two in the gear or the belt, or were the revolutions \
         counted twice?"
         }
         _ if ratio < 1.0 => {
-            "were all revolutions made, all the way and in one direction? Counts are lost where \
-        lines are slow or noisy: check A and B with a scope"
+            "was every revolution completed, and in one direction? Slow or noisy lines lose \
+        counts: check A and B with a scope"
         }
-        _ => "were more revolutions made? Noise on A and B makes counts too: check them with a scope",
+        _ => "were there more revolutions? Noise on A and B also adds counts: check them with a scope",
     }
     .into()
 }
 
 /// The scale that displacements give: each with the encoder's count there; `gauge_u95_m` is the gauge's uncertainty.
 ///
-/// With `per_revolution` the lead comes with it, and is held against `lead_m` where that is known.
+/// With `per_revolution` the lead comes with it, and is compared with `lead_m` if that is known.
 pub fn displacement(
     points: &[Point],
     gauge_u95_m: f64,
@@ -106,7 +106,7 @@ pub fn displacement(
             of: "displacements",
             change: line.change,
             needed: LEAST_COUNTS,
-            help: "take greater displacements, some turns of the screw; where nothing changes, check A, B and the \
+            help: "use larger displacements, several turns of the screw; if nothing changes, check A, B and the \
             encoder's supply",
         });
     }
@@ -140,7 +140,7 @@ pub fn displacement(
         ));
         if let Some(lead_m) = lead_m.filter(|lead_m| (found / lead_m - 1.0).abs() > u95 + 1e-3) {
             let text = format!(
-                "the lead was said to be {:.4} mm: check the gauge's scale, the revolutions, and whether the thread \
+                "the stated lead is {:.4} mm: check the gauge's scale, the revolutions, and whether the thread \
                 has several starts",
                 1e3 * lead_m
             );
@@ -148,8 +148,8 @@ pub fn displacement(
         }
     }
     if line.hysteresis.is_some_and(|part| part > 1e-3) {
-        let text = "coming from either side differs by over 0.2 %: gauge or screw has play; approach each \
-        displacement from one side";
+        let text = "approaching from the other side changes the result by over 0.2 %: the gauge or the screw has play; \
+        approach each displacement from one side";
         finding.remark(Level::Doubtful, "play", text);
     }
     Ok(finding)
@@ -170,13 +170,12 @@ fn scale(finding: &mut Finding, metres_per_count: f64, u95: f64, settings: &Sett
     finding.measure("change_of_scale", metres_per_count / settings.metres_per_count - 1.0);
     finding.say(format!("{metres_per_count:.6e} {} per count ± {:.3} %", unit(settings.machine, "m"), 100.0 * u95));
     if metres_per_count * settings.metres_per_count < 0.0 {
-        let text = "the direction turns against before: A and B are swapped, or the other direction is positive now; \
-        the sign of the \
-                    scale puts it right";
+        let text = "the direction is opposite to that of the settings in use: A and B are swapped, or the other \
+                    direction is positive now; the sign of the scale corrects it";
         finding.remark(Level::Note, "sign", text);
     }
     if u95 > 5e-3 {
-        let text = "over 0.5 % of uncertainty: a greater displacement, or a better gauge, lowers it";
+        let text = "the uncertainty is over 0.5 %: a larger displacement or a better gauge reduces it";
         finding.remark(Level::Doubtful, "wide", text);
     }
 }
@@ -197,7 +196,7 @@ mod tests {
         assert!(matches!(refused(3.0, 10.0, None), CalibrateError::Unchanged { .. }));
         assert!(matches!(refused(0.0, 10.0, Some(1024.0)), CalibrateError::Counts { .. }));
         for (counts, word) in
-            [(3.0, "connected"), (10_240.0, "four times"), (20_500.0, "factor of two"), (33_000.0, "lost")]
+            [(3.0, "connect both"), (10_240.0, "four times"), (20_500.0, "factor of two"), (33_000.0, "lose counts")]
         {
             let help = miette::Diagnostic::help(&refused(counts, 10.0, Some(1024.0))).map(|help| help.to_string());
             assert!(help.as_ref().is_some_and(|help| help.contains(word)), "{help:?}");

@@ -1,4 +1,4 @@
-//! Why a calibration says nothing, and what to do about it.
+//! Why a calibration gives no result, and what to do about it.
 
 use inerter_data::words::amount_text;
 use miette::Diagnostic;
@@ -11,29 +11,32 @@ pub enum CalibrateError {
     #[error("{seconds:.1} s of samples are too few: {needed:.1} s are needed")]
     #[diagnostic(
         code(inerter::calibrate::short),
-        help("listen longer (--duration), and see with `inerter monitor` that samples come")
+        help("listen longer (--duration), and check with `inerter monitor` that samples arrive")
     )]
     TooShort { seconds: f64, needed: f64 },
 
     /// At a rail.
-    #[error("the force code stands at its limit{at}: {share:.0} % of the samples are saturated")]
+    #[error("the force code is at its limit{at}: {share:.0} % of the samples are saturated")]
     #[diagnostic(
         code(inerter::calibrate::saturated),
         help(
-            "check the wiring of the load cell; else lower the load or the amplifier's gain, or shake less hard. force_min_code and \
-            force_max_code say where the limits are"
+            "check the wiring of the load cell; if it is right, lower the load or the amplifier's gain, or shake less hard. \
+            force_min_code and force_max_code are the limits"
         )
     )]
     Saturated { at: String, share: f64 },
 
     /// Faster than the estimator was set to expect.
     #[error("{share:.0} % of the samples are left out: {words}")]
-    #[diagnostic(code(inerter::calibrate::full_scale), help("set what the machine reaches, with room, and try again"))]
+    #[diagnostic(
+        code(inerter::calibrate::full_scale),
+        help("raise full scale beyond what the machine reaches, and retry")
+    )]
     FullScale { share: f64, words: String },
 
     /// Not at rest.
     #[error(
-        "the force does not come to rest{at}: it wanders by {} {unit}, {} {unit} are allowed",
+        "the force does not settle{at}: it varies by {} {unit}; up to {} {unit} is allowed",
         amount_text(*wander, 3),
         amount_text(*allowed, 3)
     )]
@@ -52,61 +55,58 @@ pub enum CalibrateError {
     Moving { at: String, counts: f64 },
 
     /// Too few points.
-    #[error("{count} {what} of {different} different sizes are too few for a scale")]
+    #[error("{count} {what} with {different} different values are too few for a scale")]
     #[diagnostic(
         code(inerter::calibrate::points),
-        help("give at least three, of two sizes, and come back to the first one: {example}")
+        help("give at least three, with two different values, and return to the first: {example}")
     )]
     TooFewPoints { what: &'static str, count: usize, different: usize, example: &'static str },
 
     /// Nothing happens.
-    #[error("the {what} hardly changes: by {change:.1} over all {of}, and {needed:.1} are needed to tell a scale")]
+    #[error("the {what} hardly changes: by {change:.1} over all {of}; a scale needs at least {needed:.1}")]
     #[diagnostic(code(inerter::calibrate::unchanged), help("{help}"))]
     Unchanged { what: &'static str, of: &'static str, change: f64, needed: f64, help: &'static str },
 
     /// Up for either sign.
-    #[error("the force code {direction} for loads of either direction: pushing and pulling are not told apart")]
+    #[error("the force code {direction} for loads in both directions: pushing and pulling cannot be distinguished")]
     #[diagnostic(
         code(inerter::calibrate::both_ways),
         help(
-            "were both loads put on the same side? If not, a wire is swapped or loose: signal + and - of the cell, \
-            or its supply, \
-             or the amplifier has no room below zero. Check the sign of each load as given, then the wiring"
+            "were both loads put on the same side? If not, a wire of the cell (signal +, signal - or \
+             supply) is swapped or loose, or the amplifier cannot go below zero. Check the sign of each stated load, then the wiring"
         )
     )]
     BothWays { direction: &'static str },
 
     /// Not a line.
-    #[error(
-        "the {what} do not lie on a line: they miss it by up to {percent:.1} % of the greatest; {worst} fits worst"
-    )]
+    #[error("the {what} do not lie on a line: they deviate by up to {percent:.1} % of the largest; {worst} fits worst")]
     #[diagnostic(
         code(inerter::calibrate::crooked),
         help(
-            "was it typed right, with its unit and sign? Else something touches, sticks or hits a stop: look at it \
-            there and repeat it"
+            "was it typed right, with its unit and sign? If so, something touches, sticks or hits a stop there: check \
+            and repeat"
         )
     )]
     Crooked { what: &'static str, percent: f64, worst: String },
 
     /// Counts and revolutions do not agree.
-    #[error("{counts:.0} counts in {revolutions} revolutions are {per_revolution:.0} each, and not {expected:.0}")]
+    #[error("{counts:.0} counts in {revolutions} revolutions are {per_revolution:.0} each, not {expected:.0}")]
     #[diagnostic(code(inerter::calibrate::counts), help("{help}"))]
     Counts { counts: f64, revolutions: f64, per_revolution: f64, expected: f64, help: String },
 
     /// No whole number is near enough.
-    #[error("{per_revolution:.1} counts per revolution, give or take {tolerance:.1}, may be any of many encoders")]
+    #[error("{per_revolution:.1} counts per revolution, give or take {tolerance:.1}, fits many encoders")]
     #[diagnostic(
         code(inerter::calibrate::ambiguous),
-        help("give the encoder's lines with --lines, or turn it by more revolutions, mark to mark")
+        help("give the encoder's lines with --lines, or turn it through more revolutions, mark to mark")
     )]
     Ambiguous { per_revolution: f64, tolerance: f64 },
 
     /// No motion to speak of.
-    #[error("this motion does not show the inertance: force and acceleration cannot be compared")]
+    #[error("this motion cannot identify the inertance: force and acceleration cannot be compared")]
     #[diagnostic(
         code(inerter::calibrate::motion),
-        help("move the terminal to and fro by some millimetres, several times a second, while this is measured")
+        help("move the terminal back and forth by a few millimetres, several times a second, while this is measured")
     )]
     NoMotion,
 
@@ -119,7 +119,7 @@ pub enum CalibrateError {
     #[error("{} found", inerter_data::words::plural(*problems as u64, "problem"))]
     #[diagnostic(
         code(inerter::calibrate::unfit),
-        help("each one says above what to do; nothing was changed on the device")
+        help("each is listed above with what to do; nothing was changed on the device")
     )]
     Unfit { problems: usize },
 }

@@ -57,7 +57,7 @@ impl Gravity {
     }
 }
 
-/// A load that somebody put on: its size and what a person calls it.
+/// A load that was applied: its size and its name for a person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
     /// Force; positive in the direction that is to be positive \[N\].
@@ -96,7 +96,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
             of: "loads",
             change: line.change,
             needed,
-            help: "does the load pass through the cell, and is the cell connected? Else take greater loads or a \
+            help: "does the load pass through the cell, and is the cell connected? If so, use larger loads or a \
             higher gain",
         });
     }
@@ -132,7 +132,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
     ));
     let percent = |part: Option<f64>| part.map_or_else(|| "not shown".into(), |part| format!("{:.3} %", 100.0 * part));
     finding.say(format!(
-        "of the greatest load: off the line {}, hysteresis {}, return to zero {}; scatter {}, loads {}",
+        "relative to the largest load: off the line {}, hysteresis {}, return to zero {}; scatter {}, loads {}",
         percent(Some(line.nonlinearity)),
         percent(line.hysteresis),
         percent(line.zero_return),
@@ -164,38 +164,35 @@ fn refuse_both_ways(points: &[Point]) -> Result<(), CalibrateError> {
 
 fn remarks(finding: &mut Finding, line: &Line, points: &[Point], u95: f64, newtons_per_code: f64, settings: &Settings) {
     if newtons_per_code * settings.newtons_per_code < 0.0 {
-        let text = "the sign turns: the cell's signal wires are swapped against before, or the other direction is \
-        positive now. \
-                    The negative scale puts it right; `inerter calibrate direction` checks it against the encoder";
+        let text = "the sign is opposite to that of the settings in use: the cell's signal wires are swapped, or the \
+                    other direction is positive now. The sign of the scale corrects it; `inerter calibrate direction` checks it against the encoder";
         finding.remark(Level::Note, "sign", text);
     } else if newtons_per_code < 0.0 {
         finding.remark(
             Level::Note,
             "sign",
-            "the scale is negative: it turns the direction of the force, as swapped signal wires need",
+            "the scale is negative: it reverses the force, as swapped signal wires require",
         );
     }
     if !points.iter().any(|point| point.applied > 0.0) || !points.iter().any(|point| point.applied < 0.0) {
-        let text = "loads of one direction only: that the other one has the same scale is assumed";
+        let text = "loads in one direction only: the other direction is assumed to have the same scale";
         finding.remark(Level::Doubtful, "one_direction", text);
     }
     match line.zero_return {
         None => finding.remark(
             Level::Doubtful,
             "no_return",
-            "no return to zero was shown: end with the empty cell (--mass 0)",
+            "no return to zero was measured: end with the empty cell (--mass 0)",
         ),
         Some(back) if back > 1e-3 => {
-            let text = format!(
-                "zero comes back {:.2} % off: something rubs, creeps, or the cell was overloaded",
-                100.0 * back
-            );
+            let text =
+                format!("zero returns {:.2} % off: something rubs or creeps, or the cell was overloaded", 100.0 * back);
             finding.remark(Level::Doubtful, "zero_return", text);
         }
         Some(_) => {}
     }
     if u95 > DOUBTFUL_U95 {
-        let text = "over 1 % of uncertainty goes into every inertance: more loads, and better known ones, lower it";
+        let text = "over 1 % of uncertainty enters every inertance: more loads, or better known ones, reduce it";
         finding.remark(Level::Doubtful, "wide", text);
     }
 }

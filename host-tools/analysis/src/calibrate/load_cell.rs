@@ -238,11 +238,11 @@ pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
             each.join(", ")
         )
     } else {
-        "no mains to be seen".into()
+        "no mains pickup".into()
     });
     remarks(&mut finding, diagnosis, settings, room / range_code);
     if finding.remarks.is_empty() {
-        finding.say("nothing is wrong with it");
+        finding.say("no fault found");
     }
     finding
 }
@@ -253,7 +253,7 @@ fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, ro
     let (noise, mains) = (diagnosis.noise_code, diagnosis.mains.amplitude_code());
     let (drift, drift_u95) = diagnosis.drift_code_per_s;
     if diagnosis.saturated > 0.0 {
-        let text = "the code stands at its limit: a wire of the cell is loose, the cell is overloaded, or the gain \
+        let text = "the code is at its limit: a wire of the cell is loose, the cell is overloaded, or the gain \
         is too high";
         return finding.remark(Level::Bad, "saturated", text);
     }
@@ -263,25 +263,25 @@ fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, ro
     }
     if let Some(rate) = diagnosis.rate.filter(|rate| rate.deviation.abs() > 1e-3 + rate.scatter_u95) {
         let text = format!(
-            "samples come {:.2} % off the rate stated: sample_rate_hz is not the device's, or its crystal does not run",
+            "the sample rate is {:.2} % off that stated: sample_rate_hz is not the device's, or its crystal does not run",
             100.0 * rate.deviation
         );
         finding.remark(Level::Bad, "rate", text);
     }
     if diagnosis.lost > 0 {
-        let text = format!("{} samples were lost: shorten the cable, take USB, or free this computer", diagnosis.lost);
+        let text = format!("{} samples were lost: shorten the cable, use USB, or close other programs", diagnosis.lost);
         finding.remark(Level::Doubtful, "lost", text);
     }
     if noise > NOISE_OF_RANGE * range_code {
         let text = format!(
-            "noise is {:.2} % of the range, and 0.2 % is usual: check the screen, the ground and the cell's supply",
+            "noise is {:.2} % of the range; 0.2 % is usual: check the cable's screen, the ground and the cell's supply",
             100.0 * noise / range_code
         );
         finding.remark(Level::Bad, "noise", text);
     }
     if noise < STEPS * settings.oversampling.sqrt() {
         let text = format!(
-            "noise is under a step of the converter ({} {}): the gain is too low, steps limit what can be seen",
+            "the noise is below one step of the converter ({} {}): the gain is too low, and the steps limit the resolution",
             amount_text(newtons, 4),
             unit(settings.machine, "N")
         );
@@ -291,16 +291,15 @@ fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, ro
     if mains > MAINS_OF_RANGE * range_code || harmful {
         let level = if mains > MAINS_OF_RANGE * range_code { Level::Bad } else { Level::Doubtful };
         let text = format!(
-            "mains are {:.1} times the noise (up to {HARMLESS_MAINS:.0} do no harm): ground the cable's screen at \
-            one end only, keep it away from \
-             drives, and use a USB isolator where grounds differ",
+            "mains pickup is {:.1} times the noise (up to {HARMLESS_MAINS:.0} is harmless): ground the cable's screen at \
+             one end only, keep it away from drives, and use a USB isolator where grounds differ",
             mains / noise
         );
         finding.remark(level, "mains", text);
     }
     if drift.abs() > HARMLESS_DRIFT_PER_S * noise + drift_u95 {
         let text = "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
-        slow motion suffers first";
+        slow motion is affected first";
         finding.remark(Level::Doubtful, "drift", text);
     }
     if room < ROOM {

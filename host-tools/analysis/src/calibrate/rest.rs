@@ -231,7 +231,7 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
     finding.measure("noise_code", level.noise_code);
     finding.say(format!("code at no force {zero:.0} ± {u95:.1}, over {:.1} s", level.seconds));
     finding.say(format!(
-        "that is {} {unit} beside the zero in use, ± {} {unit} by the force scale in use",
+        "that is {} {unit} from the zero in use, ± {} {unit}, by the force scale in use",
         amount_text(shift * settings.newtons_per_code, 4),
         amount_text(u95 * newtons, 4),
         unit = unit(settings.machine, "N")

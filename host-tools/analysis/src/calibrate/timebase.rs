@@ -89,8 +89,8 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
     finding.measure("host_clock_ppm", host_ppm);
     finding.measure("duration_s", rate.seconds);
     finding.say(format!(
-        "the device's clock is {:.1} ppm {} than this computer's, ± {:.1} ppm: {:.1} by {:.0} s of arrivals, \
-        {host_ppm:.1} by this computer's clock",
+        "the device's clock is {:.1} ppm {} than this computer's, ± {:.1} ppm: {:.1} from {:.0} s of arrival times, \
+        {host_ppm:.1} from this computer's clock",
         ppm(rate.deviation).abs(),
         if rate.deviation < 0.0 { "slower" } else { "faster" },
         ppm(u95),
@@ -103,7 +103,7 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
         finding.remark(
             Level::Bad,
             "odd_rate",
-            "no crystal is that wrong: it does not run (see the LED and `inerter monitor`), or sample_rate_hz is not \
+            "no crystal is that far off: it does not run (see the LED and `inerter monitor`), or sample_rate_hz is not \
             the device's",
         );
     } else if contradicts || claim < in_use {
@@ -112,13 +112,13 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
             .say(format!("timebase_u95 = {claim:?}: the deviation and its uncertainty, as the rate is not corrected"));
     } else {
         finding.say(format!(
-            "nothing to change: timebase_u95 = {in_use:?} agrees, and this comparison claims no less than {claim:?}"
+            "nothing to change: timebase_u95 = {in_use:?} agrees, and this comparison cannot prove less than {claim:?}"
         ));
         if rate.scatter_u95 < 0.5 * host {
             finding.remark(
                 Level::Note,
                 "host_clock",
-                "this computer's clock is the limit: where NTP or PTP has held it for hours, say how well with \
+                "this computer's clock is the limit: if NTP or PTP has disciplined it for hours, state its accuracy with \
                 --host-clock-ppm",
             );
         }

@@ -1,4 +1,4 @@
-//! A cause, and what a person is told of it.
+//! A cause, and its sentence for a person.
 
 use std::f64::consts::TAU;
 
@@ -22,7 +22,8 @@ pub struct Cause {
     pub f: f64,
     /// Length of a turn \[m\], where it repeats with it.
     pub period_m: Option<f64>,
-    /// The motion covers less than a period, which nobody gave: another is as likely, and the size goes with it.
+    /// The motion covers less than one period, and the period was not given: another is as likely, and the size changes
+    /// with it.
     pub is_part_of_a_turn: bool,
     /// What explains as much.
     pub rival: Option<Kind>,
@@ -55,7 +56,7 @@ impl Cause {
         let period = self.period_m.map(|period| format!("{:.4} {}", period, unit(machine, "m"))).unwrap_or_default();
         let words = match self.kind {
             Kind::LoadDependent => format!(
-                "friction grows with the load, by {} of the force: look at the alignment, the nut's preload and its lubrication",
+                "friction grows with the load, by {} of the force: check the alignment, the nut's preload and its lubrication",
                 sized(100.0, "%")
             ),
             Kind::PositionPeriodic => format!(
@@ -67,7 +68,7 @@ impl Cause {
                 in_unit()
             ),
             Kind::Presliding => format!(
-                "friction turns over {} after a reversal, as of a spring: use strokes that are much longer",
+                "friction reverses gradually, over {} after a reversal, like a spring: use much longer strokes",
                 if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
             ),
             Kind::Drift => format!(
@@ -76,40 +77,40 @@ impl Cause {
             ),
             Kind::Skew => {
                 format!(
-                    "force and position are {} apart in time: `inerter calibrate skew`, or skew_s",
+                    "force and position are {} apart in time: run `inerter calibrate skew`, or set skew_s",
                     sized(1e3, "ms")
                 )
             }
             Kind::EncoderError => format!(
-                "the encoder errs every {period}, by {}: look how it is centred on its shaft",
+                "the encoder has an error that repeats every {period}, by {}: check how it is centred on its shaft",
                 if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
             ),
             Kind::Direction => {
                 format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())
             }
             Kind::QuadraticFriction => format!(
-                "friction grows with the square of the velocity, by {}: look for air or oil that is driven, or move slower",
+                "friction grows with the square of the velocity, by {}: look for air or oil that is moved, or move more slowly",
                 in_unit()
             ),
             Kind::Spring => format!(
-                "a force goes with the position, by {}: look for a spring, a hose or a cable beside the screw, and for crosstalk in the force's amplifier",
+                "a force varies with the position, by {}: look for a spring, a hose or a cable beside the screw, and for crosstalk in the force's amplifier",
                 in_unit()
             ),
             Kind::Compliance => format!(
-                "the position gives way with the force, by {}: look how stiff the encoder's mount is, and whether the encoder is on the screw",
+                "the position yields to the force, by {}: check how stiff the encoder's mount is, and whether the encoder is on the screw",
                 in_unit()
             ),
             Kind::ForceNonlinear => format!(
-                "the measured force is not in proportion to what acts, by {} of the greatest: look whether the load cell sits firmly, its screws and its amplifier's range",
+                "the measured force is not proportional to the true one, by {} of the largest: check the load cell's seat and screws, and its amplifier's range",
                 sized(100.0, "%")
             ),
             Kind::Structure => format!(
-                "a mass on the terminal moves otherwise than the screw, as one that resonates on the contact at {:.0} Hz: set structure_mass_kg and stiffness_n_per_m, which `inerter calibrate stiffness` finds",
+                "a mass on the terminal moves differently from the screw, resonating on the contact at {:.0} Hz: set structure_mass_kg and stiffness_n_per_m, which `inerter calibrate stiffness` finds",
                 1.0 / (TAU * self.value.max(f64::MIN_POSITIVE).sqrt())
             ),
         };
         let turn = if self.is_part_of_a_turn {
-            "; the motion covers less than a period, so that it may be another, and the size with it: give it to `inerter diagnose` as --counts-per-turn"
+            "; the motion covers less than one period, so both period and size are uncertain: give the period to `inerter diagnose` as --counts-per-turn"
         } else {
             ""
         };

@@ -1,4 +1,4 @@
-//! What rows are made with: kernels, and what makes their noise white.
+//! Filters of the rows: kernels, and whitening of their noise.
 //!
 //! The residual is the force's noise, white, and the encoder's steps, whose acceleration grows with the square of the
 //! frequency: `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes keep what

@@ -1,9 +1,9 @@
-//! What may have moved the parameters, also where it is too small to be named.
+//! Causes that may have moved the parameters, including those too small to be named.
 //!
-//! Taking a cause in beside the law moves each parameter, by chance alone by as much as its standard error then grows
-//! (Hausman). So much it may have been moved by while the cause was left out. Where the standard error would grow
-//! beyond [`TOLD`], an interval that holds that as well would say little where there is no such cause: then the
-//! parameter rests on its absence, as it does where the run does not tell it at all.
+//! Adding a cause to the law moves each parameter; by chance alone, by as much as its standard error then grows
+//! (Hausman). By that much the parameter may have been moved while the cause was left out. If the standard error would
+//! grow beyond [`TOLD`], an interval that covers this as well would say little when there is no such cause: the
+//! parameter then rests on its absence, as it does if the run cannot separate the two at all.
 
 use inerter_core::{Bank, Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_data::{
@@ -46,16 +46,16 @@ const WORTH_A_WORD: f32 = 1.05;
 /// A parameter of the whole run, by what the samples show beside the estimator's sums.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Judged {
-    /// What its interval is made of.
+    /// The sources of its interval.
     pub budget: Budget,
     /// What moves it most by the samples, named as a cause or too small for that.
     pub moved_by: Option<Kind>,
-    /// What this motion hides in it: the value is right if there is none.
+    /// Causes that this motion cannot separate from it: the value is right in their absence.
     pub assumes: Vec<Kind>,
 }
 
-/// What a person is told of the causes that a motion does not tell from the parameters, those among them that were
-/// `found`; nothing where it tells all.
+/// A sentence on the causes that a motion cannot separate from the parameters, with those that were `found` marked;
+/// nothing if it separates all.
 pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Option<String> {
     let is_found = |kind: Kind| found.iter().any(|cause| cause.kind == kind);
     let told = all.iter().enumerate().filter(|(_, one)| one.budget.u95().is_finite() && !one.assumes.is_empty());
@@ -68,11 +68,11 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Opti
         format!(" {}: {}.", parameter(machine, place).label, description(machine, &words.join(", ")))
     });
     let told: String = told.collect();
-    let head = "This motion does not tell some causes from a parameter, which is right only where there are none.";
+    let head = "This motion cannot separate some causes from a parameter, which is right only in their absence.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
-/// What a person is told of the intervals that the samples make wider than the device has them; nothing where they make
+/// A sentence on the intervals that the samples make wider than those of the device; nothing if they make
 /// none.
 pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> Option<String> {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = whole_run;
@@ -90,8 +90,7 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
         Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
     });
     let told: String = told.collect();
-    let head =
-        "The samples show more than the law explains, or cannot rule it out. For this, 95 % intervals are wider.";
+    let head = "The samples show more than the law explains, or cannot rule it out. This widens 95 % intervals.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 

@@ -1,4 +1,4 @@
-//! The latest samples of a run that is too long to be kept, or goes on.
+//! The latest samples of a run that is too long to be kept, or still running.
 
 use std::collections::VecDeque;
 

@@ -57,7 +57,7 @@ pub struct Diagnosis {
     pub corrected: Option<Parameters>,
     /// Greatest evidence of what was not named, in parts of its limit.
     pub greatest_left: f64,
-    /// Root mean square of what the law leaves over by itself, and with the causes beside it \[N\].
+    /// Root mean square of the residual of the law by itself, and with the causes included \[N\].
     pub residual_rms_n: [f64; 2],
     /// The same that noise and the encoder's steps leave in these rows \[N\].
     pub noise_rms_n: f64,
@@ -70,14 +70,14 @@ impl Diagnosis {
         with_causes < MOST_LEFT * alone
     }
 
-    /// Whether noise and the encoder's steps explain what is left over with the causes included.
+    /// Whether noise and the encoder's steps explain the residual with the causes included.
     pub fn is_explained(&self) -> bool {
         let [_, with_causes] = self.residual_rms_n;
         with_causes <= EXPLAINED * self.noise_rms_n
     }
 }
 
-/// Whether a cause should be sought: more is left over than chance leaves, whatever the flanks may have to do with it.
+/// Whether a cause should be sought: the residual is larger than chance explains, even if the flanks may be the reason.
 pub fn is_suspect(law: &LawState) -> bool {
     law.status == LawStatus::Broken || law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
 }

@@ -15,7 +15,7 @@ pub enum IdentifyError {
     )]
     #[diagnostic(
         code(inerter::identify::short),
-        help("record at least some seconds of motion, with the force within the load cell's range")
+        help("record at least a few seconds of motion, with the force within the load cell's range")
     )]
     TooShort { file: String, needed_s: f64, longest_s: f64 },
 
@@ -24,7 +24,7 @@ pub enum IdentifyError {
     #[diagnostic(
         code(inerter::identify::stages),
         help(
-            "give a file at low frequency for the friction and one at a higher for the rest; a third, faster one validates"
+            "give one file at low frequency for the friction and one at a higher frequency for the rest; a third, faster one validates"
         )
     )]
     Stages { files: usize },
@@ -39,8 +39,8 @@ pub enum IdentifyError {
     )]
     Terminal,
 
-    /// The steps led nowhere.
-    #[error("the complete model cannot be fitted: no parameters near the start explain the force")]
+    /// The fit diverged.
+    #[error("the complete model cannot be fitted: no parameters near the initial values explain the force")]
     #[diagnostic(
         code(inerter::identify::diverged),
         help(
@@ -54,7 +54,7 @@ pub enum IdentifyError {
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
 
-    /// Settings of a file cannot be.
+    /// Settings of a file are invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Settings(#[from] SettingsInputError),

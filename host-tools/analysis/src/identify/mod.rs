@@ -67,9 +67,9 @@ pub struct Options {
     pub staged: bool,
     /// Length of the segments of the linear fits \[s\]; without it from discontinuity to discontinuity.
     pub segment_s: Option<f64>,
-    /// Fit the structure mass, whatever the settings say of it.
+    /// Fit the structure mass, whatever the settings say.
     pub free_structure_mass: bool,
-    /// Fit the skew, whatever the settings say of it.
+    /// Fit the skew, whatever the settings say.
     pub free_skew: bool,
     /// What moved the terminal from time 0, in place of a sensor.
     pub excite: Option<Excitation>,
@@ -164,18 +164,18 @@ fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
         let name = &run.name;
         match line.outcome.detail.friction.regime {
             Regime::Presliding => {
-                notes.push(format!("{name}: friction turns over a distance, which the model has not: it jumps there"));
+                notes.push(format!("{name}: friction reverses gradually over a distance; in the model it jumps"));
             }
             Regime::Stribeck => {
                 notes.push(format!(
-                    "{name}: friction is greater near rest, which the model has not: it is one number there"
+                    "{name}: friction is greater near rest; in the model it does not depend on the speed"
                 ));
             }
             Regime::Unknown | Regime::Coulomb => {}
         }
         if line.outcome.detail.changes > 0 {
             notes.push(format!(
-                "{name}: the device has changed on the way; `inerter replay` says when: identify the parts apart"
+                "{name}: the device changed during the run; `inerter replay` says when: identify the parts separately"
             ));
         }
     }
@@ -382,7 +382,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
         _ if settings.stiffness_n_per_m == 0.0 => {
             Found::unknown("needs the terminal's displacement, or the stiffness (--set stiffness_n_per_m=..)")
         }
-        _ => Found::unknown("too few reversals of the flanks that it could be seen from"),
+        _ => Found::unknown("too few reversals of the flanks to identify it"),
     };
     let given = |value: f64, u95: f64| Found { status: FoundStatus::Given, ..Found::known(value, u95) };
     let correlation = whole.correlation().ok().map(|matrix| Correlation {
@@ -467,12 +467,12 @@ fn complete_result(
     let ratio = over_noise(fitted);
     if ratio > DOUBTFUL {
         notes.push(format!(
-            "the model leaves {ratio:.1} times what the sensors' noise explains: the device or the rig has something that the \
-             model has not"
+            "the model's residual is {ratio:.1} times what the sensors' noise explains: the device or the rig has something that \
+             the model lacks"
         ));
     }
     if !fitted.converged {
-        notes.push("the fit did not come to rest: the values are the best that were found".into());
+        notes.push("the fit did not converge: the values are the best that were found".into());
     }
     if task.known_of(Name::Structure).is_none() && !options.free_structure_mass {
         notes.push(

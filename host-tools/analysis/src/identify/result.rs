@@ -1,4 +1,4 @@
-//! What an identification comes to, for programs and for people.
+//! Results of an identification, for programs and for people.
 
 use inerter_data::json::ParameterJson;
 use inerter_plant::Inerter;
@@ -66,11 +66,11 @@ impl From<&Parameters> for ModelParameters {
 pub enum FoundStatus {
     /// Value and interval hold.
     Ok,
-    /// Value and interval hold, and there may be none.
+    /// Value and interval hold, but the value may be zero.
     BelowU95,
-    /// As the settings say: the data add little or nothing.
+    /// From the settings: the data add little or nothing.
     Given,
-    /// The data cannot show it.
+    /// The data cannot identify it.
     NotIdentifiable,
 }
 
@@ -86,12 +86,12 @@ pub struct Found {
     pub profile: Option<[f64; 2]>,
     /// Whether it can be used.
     pub status: FoundStatus,
-    /// Why not, or what stands beside it, for a person.
+    /// Why not, or a remark, for a person.
     pub reason: Option<String>,
 }
 
 impl Found {
-    /// One that the data cannot show.
+    /// One that the data cannot identify.
     pub fn unknown(reason: impl Into<String>) -> Self {
         Self {
             value: None,
@@ -218,7 +218,7 @@ pub struct SegmentParameters {
     pub residual_by_direction_rms_n: f64,
 }
 
-/// What the data say of the device.
+/// What the data show of the device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Identified {
     /// What was fitted.

@@ -196,7 +196,7 @@ impl Errors {
         let symbol = name.words();
         let cannot = || match self.partner(name) {
             Some((other, correlation)) => Found::unknown(format!(
-                "{symbol} and {} cannot be told apart by this motion (correlation {correlation:.2})",
+                "this motion cannot separate {symbol} from {} (correlation {correlation:.2})",
                 other.words()
             )),
             None => Found::unknown(format!("this motion hardly depends on {symbol}: {value:.3e} within {u95:.1e}")),
@@ -204,7 +204,7 @@ impl Errors {
         let slow = is_slow(fitted, stretches);
         match name {
             Name::Stiffness | Name::Damping if slow => Found::unknown(format!(
-                "the motion is too slow for {symbol}: the force of the contact changes only where the screw turns round"
+                "the motion is too slow for {symbol}: the contact's force changes only where the screw reverses"
             )),
             Name::Structure | Name::Skew => match known {
                 Some((_, deviation)) if self.error(self.place(name).unwrap_or(0), fitted) > Some(0.7 * deviation) => {
@@ -222,7 +222,7 @@ impl Errors {
                 let reverses = span.0 < 0.0 && span.1 > 0.0;
                 let stretch = (span.1 - span.0) / fitted.state.parameters.stiffness_n_per_m;
                 match () {
-                    () if !reverses => Found::unknown("the force never changes its sign: one flank carries it all"),
+                    () if !reverses => Found::unknown("the force never changes sign: one flank carries all of it"),
                     () if u95 > 0.5 * stretch && u95 > value => cannot(),
                     () if value < u95 => Found { status: FoundStatus::BelowU95, ..found },
                     () => found,

@@ -1,4 +1,4 @@
-//! Whether what is left over is noise: the test of Ljung and Box, Biometrika 65 (1978).
+//! Whether the residual is white noise: the test of Ljung and Box, Biometrika 65 (1978).
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 

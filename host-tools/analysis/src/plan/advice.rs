@@ -26,7 +26,7 @@ pub struct Advice {
     pub lacking: Vec<usize>,
     /// The motion, and the limits that the run itself kept to; none where the run says too little of the device.
     pub motion: Option<(Sketch, Limits)>,
-    /// Those of what was lacking that it would tell clearly better.
+    /// Those of the lacking parameters that it would identify clearly better.
     pub told: Vec<usize>,
 }
 
@@ -58,10 +58,10 @@ impl Advice {
     pub fn sentence(&self, machine: Machine) -> String {
         let symbols: Vec<String> =
             self.lacking.iter().map(|place| parameter(machine, *place).symbol.to_string()).collect();
-        let beginning = format!("This motion does not show {}.", listed(&symbols));
+        let beginning = format!("This motion cannot identify {}.", listed(&symbols));
         let Some((sketch, limits)) = &self.motion else {
             return format!(
-                "{beginning} It says too little of the device to plan another by it: state what you expect, `inerter plan --help`"
+                "{beginning} It says too little about the device to plan another from it: state what you expect, `inerter plan --help`"
             );
         };
         let reach = limits_text(machine, limits);
@@ -79,7 +79,7 @@ impl Advice {
         };
         if self.told.is_empty() {
             return format!(
-                "{beginning} Nor does another one within the same {reach} in {time}, which tells {}: allow it a longer stroke, a higher \
+                "{beginning} Nor can another one within the same {reach} in {time}, which gives {}: allow a longer stroke, a higher \
                  speed, a larger force or more time, `inerter plan`",
                 of(&self.lacking)
             );

@@ -1,4 +1,4 @@
-//! What is asked of a plan, and the device and the limits that follow.
+//! The request for a plan, and the device and the limits that follow from it.
 
 use std::collections::BTreeMap;
 
@@ -24,15 +24,15 @@ use super::{
 };
 
 /// What to do where nothing says what to expect.
-const EXPECTED: &str = "state inertance, viscous and Coulomb friction and the force's noise roughly, or give a recording of an earlier run; \
+const EXPECTED: &str = "state inertance, viscous and Coulomb friction and the force's noise approximately, or give a recording of an earlier run; \
     `--preset paper` is the paper's device";
 
-/// What is asked of a plan; what is left out follows from the run, or has its usual value.
+/// The request for a plan; what is left out follows from the run, or has its default.
 #[derive(Clone, Debug, Default)]
 pub struct Asked {
-    /// A run whose device is expected, and whose limits are kept to.
+    /// A run whose device is expected, and whose limits apply.
     pub run: Option<Source>,
-    /// Device to begin with where there is no run, one of [`Inerter::PRESETS`].
+    /// Device to start from if there is no run, one of [`Inerter::PRESETS`].
     pub preset: Option<String>,
     /// Parameters of the expected device, over those of run or preset.
     pub given: BTreeMap<String, f64>,
@@ -57,12 +57,12 @@ pub struct Asked {
     pub lowest_hz: Option<f64>,
     /// Highest frequency \[Hz\].
     pub highest_hz: Option<f64>,
-    /// Time in which a part comes up from rest, and goes down to it \[s\].
+    /// Time in which a part rises from rest, and returns to it \[s\].
     pub fade_s: Option<f64>,
 }
 
 impl Asked {
-    /// The motion and what it will tell, with the device that was expected; `progress` is handed the part that is done.
+    /// The motion and its prediction, with the expected device; `progress` is called with the part that is done.
     pub fn planned<E: From<PlanError> + From<Error>>(&self, progress: impl FnMut(f64)) -> Result<Planned, E> {
         let (expected, known) = match &self.run {
             Some(run) => self.by_run::<E>(run)?,

@@ -52,13 +52,13 @@ pub enum Criterion {
 pub struct Plan {
     /// What it is made of.
     pub parts: Vec<Part>,
-    /// What it will tell.
+    /// Its predicted intervals.
     pub prediction: Prediction,
-    /// By what it was chosen.
+    /// The criterion by which it was chosen.
     pub criterion: Criterion,
     /// What was wanted.
     pub wants: Vec<Want>,
-    /// The limits that it keeps to.
+    /// The limits that it respects.
     pub limits: Limits,
     /// What chance alone adds to the interval of each by the theory, as the half width of a part.
     chance: [f64; 4],
@@ -75,13 +75,12 @@ impl Plan {
         duration_s(&self.parts)
     }
 
-    /// The interval that will be had of what is wanted, or the scatter where it is wider; infinite where there will be
-    /// none.
+    /// The predicted interval for a wanted one, or the scatter if that is wider; infinite if there will be none.
     pub fn reached(&self, want: &Want) -> f64 {
         self.of(want).map_or(f64::INFINITY, Predicted::half_width)
     }
 
-    /// The same if the motion went on for ever: what no time takes away.
+    /// The same for an endless motion: what no duration averages out.
     pub fn floor(&self, want: &Want) -> f64 {
         let Some(predicted) = self.of(want) else { return f64::INFINITY };
         let u95 = predicted.half_width();
@@ -390,11 +389,11 @@ fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f6
 fn nothing(expected: &Expected, limits: &Limits, found: &[Candidate]) -> PlanError {
     let why = match found.iter().map(|one| one.peaks.stroke_m).reduce(f64::max) {
         None => format!(
-            "from {:.3} to {:.3} Hz the estimator takes in nothing, as the screw sticks or moves by less than 2 encoder counts in 24 ms",
+            "from {:.3} to {:.3} Hz the estimator uses nothing, because the screw sticks or moves by less than 2 encoder counts in 24 ms",
             limits.lowest_hz, limits.highest_hz
         ),
         Some(stroke_m) => format!(
-            "strokes of {:.0} encoder counts at most leave no more of the acceleration than the encoder's steps",
+            "with strokes of {:.0} encoder counts at most, the acceleration is lost in the encoder's steps",
             stroke_m / expected.settings.metres_per_count.abs()
         ),
     };

@@ -8,12 +8,12 @@ use miette::Diagnostic;
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum PlanError {
-    /// The expected device or its motion cannot be.
+    /// The expected device or its motion is invalid.
     #[error("the expected device cannot be simulated: {0}")]
     #[diagnostic(code(inerter::plan::device), help("`inerter plan --help` lists every parameter of the device"))]
     Device(#[from] PlantError),
 
-    /// The motion that is given cannot be.
+    /// The given motion is invalid.
     #[error("the motion cannot be used: {0}")]
     #[diagnostic(code(inerter::plan::motion), help("`inerter simulate --help` lists every motion"))]
     Motion(PlantError),
@@ -23,17 +23,17 @@ pub enum PlanError {
     #[diagnostic(transparent)]
     Wants(#[from] WantError),
 
-    /// The settings cannot be.
+    /// The settings are invalid.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Settings(#[from] SettingsInputError),
 
     /// Nothing says what to expect, or what the rig can do.
-    #[error("{missing} is missing: a motion is planned for a device that is expected, on a rig whose limits are known")]
+    #[error("{missing} is missing: a plan needs the expected device and the limits of the rig")]
     #[diagnostic(code(inerter::plan::unstated), help("{help}"))]
     Unstated { missing: &'static str, help: &'static str },
 
-    /// The rate of a file that is written is none.
+    /// The rate of a file to write is invalid.
     #[error("--rate-hz: {rate_hz} {problem}")]
     #[diagnostic(
         code(inerter::plan::rate),
@@ -41,7 +41,7 @@ pub enum PlanError {
     )]
     Rate { rate_hz: f64, problem: &'static str },
 
-    /// A limit is no limit.
+    /// A limit is invalid.
     #[error("{name}: {value} is not {wanted}")]
     #[diagnostic(code(inerter::plan::limit), help("{help}"))]
     Limit { name: &'static str, value: f64, wanted: &'static str, help: &'static str },
@@ -51,23 +51,23 @@ pub enum PlanError {
     #[diagnostic(code(inerter::plan::conflict), help("{help}"))]
     Conflict { one: &'static str, other: &'static str, why: String, help: &'static str },
 
-    /// Nothing within the limits shows anything.
-    #[error("no motion within these limits shows inertance and friction: {why}")]
+    /// No motion within the limits identifies anything.
+    #[error("no motion within these limits identifies inertance and friction: {why}")]
     #[diagnostic(
         code(inerter::plan::nothing),
         help("allow a longer stroke, a higher speed or frequency, or a larger force")
     )]
     Nothing { why: String },
 
-    /// A run says too little of the device to plan another one.
-    #[error("this run says too little of the device to plan by it: {why}")]
+    /// A run says too little about the device to plan another one.
+    #[error("this run says too little about the device to plan from it: {why}")]
     #[diagnostic(
         code(inerter::plan::run),
         help("state the expected device: --inertance-kg, --viscous-n-s-per-m and --coulomb-n")
     )]
     Run { why: &'static str },
 
-    /// What is wanted is more than can be had.
+    /// What is wanted is out of reach.
     #[error("{what}")]
     #[diagnostic(code(inerter::plan::missed), help("{help}"))]
     Missed { what: String, help: String },

@@ -76,7 +76,7 @@ impl Limits {
             true => Ok(()),
             false => Err(PlanError::Limit { name, value, wanted, help }),
         };
-        let help = "accuracy grows with the root of the time only";
+        let help = "accuracy grows only with the square root of the time";
         within("--duration", self.duration_s, DURATION_S, "from 2 to 600 s", help)?;
         within(
             "--fade-s",
@@ -95,7 +95,7 @@ impl Limits {
                 one: "--lowest-hz",
                 other: "--highest-hz",
                 why: format!("{lowest_hz} Hz is above {} Hz", self.highest_hz),
-                help: "exchange them",
+                help: "swap them",
             });
         }
         if 2.0 / lowest_hz > self.duration_s {
@@ -125,7 +125,7 @@ impl Limits {
                 one: if force_n < self.force_n { "the force channel's range" } else { "--force-n" },
                 other: "--coulomb-n",
                 why: format!(
-                    "{} {newton} do not move a screw that {} {newton} of friction hold",
+                    "{} {newton} cannot move a screw that {} {newton} of friction hold",
                     three_digits(force_n),
                     three_digits(breakaway_n)
                 ),

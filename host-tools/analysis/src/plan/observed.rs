@@ -1,4 +1,4 @@
-//! What a run tells of device and rig, so that another motion can be planned by it.
+//! What a run shows of device and rig, so that another motion can be planned from it.
 
 use std::{collections::VecDeque, f64::consts::TAU};
 

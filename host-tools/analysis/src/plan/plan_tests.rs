@@ -147,7 +147,7 @@ fn a_limit_that_is_none_is_named() {
     assert!(refused(Limits { stroke_m: 0.0, ..rig() }).contains("--stroke-m: 0"));
     assert!(refused(Limits { stroke_m: f64::INFINITY, ..rig() }).contains("--stroke-m is missing"));
     assert!(refused(Limits { speed_m_per_s: f64::NAN, ..rig() }).contains("--speed-m-per-s: NaN"));
-    assert!(refused(Limits { force_n: 50.5, ..rig() }).contains("do not move a screw"));
+    assert!(refused(Limits { force_n: 50.5, ..rig() }).contains("cannot move a screw"));
     assert!(refused(Limits { duration_s: f64::NAN, ..rig() }).contains("--duration: NaN"));
     assert!(refused(Limits { fade_s: -1.0, ..rig() }).contains("--fade-s: -1"));
     assert!(refused(Limits { lowest_hz: f64::NAN, ..rig() }).contains("--lowest-hz: NaN"));

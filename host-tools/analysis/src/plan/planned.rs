@@ -8,7 +8,7 @@ use inerter_data::{
     text::backlash_text,
     uncertainty::{PartJson, parts, source_word},
     wants::Want,
-    words::{duration_text, plural, rounded_text, three_digits},
+    words::{duration_text, rounded_text, three_digits},
 };
 use inerter_plant::{Excitation, Inerter};
 use serde::Serialize;
@@ -30,7 +30,7 @@ const SCATTERS: f64 = 1.3;
 /// Part of the rehearsals with a broken law from which on a person is told.
 const BREAKS: f64 = 0.1;
 
-/// A motion and what it will tell of the device that is expected.
+/// A motion and its predicted intervals for the expected device.
 #[derive(Clone, Debug)]
 pub struct Planned {
     expected: Expected,
@@ -97,7 +97,7 @@ impl Planned {
         self.duration_s
     }
 
-    /// What it takes of the rig.
+    /// What it needs from the rig.
     pub fn peaks(&self) -> Peaks {
         self.prediction.peaks
     }
@@ -108,7 +108,7 @@ impl Planned {
         if stroke_m.is_finite() { stroke_m.max(self.peaks().stroke_m) } else { self.peaks().stroke_m }
     }
 
-    /// What is wanted and will not be had, and why; nothing where all will.
+    /// Wanted intervals that are out of reach, and why; nothing if there are none.
     pub fn missed(&self) -> Option<PlanError> {
         let wants = self.plan.iter().flat_map(|plan| &plan.wants);
         let missed: Vec<Want> = wants.copied().filter(|want| self.reached(want) > want.u95).collect();
@@ -116,7 +116,7 @@ impl Planned {
         let all: Vec<String> = missed.iter().map(|want| self.missed_text(want)).collect();
         Some(PlanError::Missed {
             what: format!("not within reach: {}", all.join("; ")),
-            help: format!("most of it is {}", source_words(self.machine(), first)),
+            help: format!("the largest part is {}", source_words(self.machine(), first)),
         })
     }
 
@@ -128,7 +128,7 @@ impl Planned {
         match self.enough_s(want) {
             _ if !reached.is_finite() => format!("{wanted}: no value at all"),
             Some(seconds) => format!(
-                "{wanted}: ± {} is the best within {}, about {} would do",
+                "{wanted}: ± {} is the best within {}, about {} would suffice",
                 rounded_text(reached, reached),
                 duration_text(self.duration_s),
                 duration_text(seconds)
@@ -136,7 +136,7 @@ impl Planned {
             None => {
                 let floor = self.floor(want);
                 let floor = rounded_text(floor, floor);
-                format!("{wanted}: no time is enough, as what does not average out is ± {floor} of {symbol}")
+                format!("{wanted}: no duration suffices, as ± {floor} of {symbol} does not average out")
             }
         }
     }
@@ -174,19 +174,19 @@ impl Planned {
         if self.given.is_some() && self.limits.room(peaks) < 1.0 {
             let limits = limits_text(machine, &self.stated);
             remarks
-                .push(format!("this motion is beyond the limits of {limits}: it takes {}", peaks_text(machine, peaks)));
+                .push(format!("this motion exceeds the limits of {limits}: it needs {}", peaks_text(machine, peaks)));
         }
         if *broken > BREAKS {
             let part = 100.0 * broken;
             remarks.push(format!(
-                "in {part:.0} % of the rehearsals the law is called broken: expect wider intervals, or none"
+                "in {part:.0} % of the rehearsals the law is judged broken: expect wider intervals, or none"
             ));
         }
         for (place, predicted) in parameters.iter().enumerate().take(3) {
             let stands_for = predicted.same_rig_u95() / 1.96;
             if predicted.is_given() && predicted.scatter > SCATTERS * stands_for {
                 remarks.push(format!(
-                    "{} will scatter by {} {}, more than its interval stands for: the encoder's steps are a large part of this motion",
+                    "{} will scatter by {} {}, more than its interval covers: the encoder's steps are a large part of this motion",
                     parameter(machine, place).symbol,
                     three_digits(predicted.scatter),
                     parameter(machine, place).unit
@@ -203,7 +203,7 @@ impl Planned {
         remarks
     }
 
-    /// What stands above the points of a file.
+    /// The comments above the points of a file.
     pub fn comments(&self) -> Vec<String> {
         let mut comments = vec![format!("inerter plan {}: {}", env!("CARGO_PKG_VERSION"), self.heading())];
         comments.extend(self.lines());
@@ -238,11 +238,11 @@ impl Planned {
         let (expected, machine) = (&self.expected, self.machine());
         let mut text = vec![self.heading()];
         text.extend(self.lines().into_iter().map(|line| format!("  {line}")));
-        text.push(format!("it takes {} of the rig", peaks_text(machine, &self.peaks())));
+        text.push(format!("it needs {} from the rig", peaks_text(machine, &self.peaks())));
         text.push(String::new());
         text.push(format!(
             "{:<20} {:<6} {:<10} {:<10} {:<10} {:<10} {}",
-            "", "", "expected", "U95", "same rig", "scatter", "most of it is"
+            "", "", "expected", "U95", "same rig", "scatter", "largest part"
         ));
         for (place, predicted) in self.prediction.parameters.iter().enumerate() {
             text.push(row(machine, place, predicted));
@@ -376,8 +376,8 @@ fn row(machine: Machine, place: usize, predicted: &Predicted) -> String {
     };
     let begin = format!("{:<20} {:<6} {expected:<10}", field.label, field.unit);
     if !predicted.is_given() {
-        let times = plural((predicted.given * 100.0).round() as u64, "percent");
-        return format!("{begin} not identifiable: a value in {times} of the rehearsals");
+        let part = (predicted.given * 100.0).round();
+        return format!("{begin} not identifiable: a value in {part} % of the rehearsals");
     }
     let digits = |value: f64| if value < 1e-4 { format!("{value:.1e}") } else { rounded_text(value, value) };
     let below = if place < 3 && !predicted.is_shown() { " (may be none)" } else { "" };

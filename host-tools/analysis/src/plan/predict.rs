@@ -1,5 +1,5 @@
-//! What a motion will tell of the expected device: the estimator's theory on its sums, and rehearsals for what has no
-//! formula.
+//! Predicted intervals of a motion with the expected device: the estimator's theory applied to its sums, and rehearsals
+//! for what has no formula.
 //!
 //! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. Its sums are
 //! what the theory is applied to: `u_a`, the encoder's part and all that the settings state follow from them
@@ -26,12 +26,12 @@ pub const REHEARSALS: u64 = 48;
 /// Seed before the first.
 const BEFORE_FIRST: u64 = 900;
 
-/// What a motion will tell of one parameter.
+/// The prediction for one parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct Predicted {
     /// What is expected.
     pub value: f64,
-    /// What its interval will be made of.
+    /// The sources of its interval.
     pub budget: Budget,
     /// Standard uncertainty by scatter where noise and steps explain the residual: by the theory alone.
     pub theory_u_a: f64,
@@ -47,7 +47,7 @@ impl Predicted {
         if self.is_given() { f64::from(self.budget.u95()) } else { f64::INFINITY }
     }
 
-    /// The same without what two runs on one rig share.
+    /// The same without the errors that two runs on one rig share.
     pub fn same_rig_u95(&self) -> f64 {
         if self.is_given() { f64::from(self.budget.same_rig_u95()) } else { f64::INFINITY }
     }
@@ -72,31 +72,31 @@ impl Predicted {
         self.u95() < self.value.abs()
     }
 
-    /// The source that its interval comes from most.
+    /// The largest source of its interval.
     pub fn most(&self) -> Source {
         let parts = self.budget.parts().into_iter();
         parts.max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Source::Noise, |(source, _)| source)
     }
 }
 
-/// What a motion will tell.
+/// The prediction for a motion.
 #[derive(Clone, Debug)]
 pub struct Prediction {
     /// Of inertance, viscous and Coulomb friction and offset.
     pub parameters: [Predicted; 4],
     /// Of the backlash, by the first rehearsal.
     pub backlash: Backlash,
-    /// What it takes of the rig.
+    /// What it needs from the rig.
     pub peaks: Peaks,
     /// Bank that the estimate will come from.
     pub bank: Bank,
     /// Frequencies that the inertance will be seen at \[Hz\].
     pub band_hz: [f64; 2],
-    /// Part of the rehearsals in which the law was called broken.
+    /// Part of the rehearsals in which the law was judged broken.
     pub broken: f64,
 }
 
-/// What one motion will tell of the expected device in so long \[s\].
+/// The prediction for a motion of this duration \[s\] with the expected device.
 pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Prediction, PlanError> {
     let seen = rehearsed(expected, motion, duration_s)?;
     let count = seen.len() as f64;

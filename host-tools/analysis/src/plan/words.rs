@@ -1,4 +1,4 @@
-//! Motions, and what they tell, in words.
+//! Motions and their intervals, in words.
 
 use inerter_core::{Machine, Source};
 use inerter_data::{
@@ -69,7 +69,7 @@ pub fn source_words(machine: Machine, source: Source) -> String {
     let words = match source {
         Source::Noise => "the force's noise and the encoder's steps: a longer or stronger motion",
         Source::Encoder => {
-            "the encoder's steps, which the motion repeats or which are much of its acceleration: a finer encoder, or more samples a second"
+            "the encoder's steps, which the motion repeats or which are a large part of its acceleration: a finer encoder, or more samples per second"
         }
         Source::Skew => "the delay between force and position: `inerter calibrate skew`",
         Source::Gain => "the calibration of the force: `inerter calibrate force`, and force_gain_u95",
@@ -77,7 +77,7 @@ pub fn source_words(machine: Machine, source: Source) -> String {
         Source::Timebase => "the clock: `inerter calibrate timebase`, and timebase_u95",
         Source::Structure => "the structure's mass: weigh it, and set structure_mass_u95_kg",
         Source::Stiffness => "the contact's stiffness: `inerter calibrate stiffness`, and stiffness_u95_n_per_m",
-        Source::Model => "what the run itself can say of the law near rest: a longer motion, at several speeds",
+        Source::Model => "what the run itself can show of the law near rest: a longer motion, at several speeds",
     };
     description(machine, words)
 }

@@ -22,7 +22,7 @@ pub struct CompareJson {
 }
 
 impl CompareJson {
-    /// Of these runs; `within` has what each says of limits.
+    /// Of these runs; `within` has the verdicts of each on limits.
     pub fn new(sides: &[Side], rigs: &[Rig], rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
         let of_row = |row: &Row| {
             (NAMES.get(row.place).copied().unwrap_or_default(), row.runs.iter().map(RunJson::from).collect())

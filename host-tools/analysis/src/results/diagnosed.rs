@@ -28,7 +28,7 @@ pub struct Diagnosed {
     pub outcome: Outcome,
     /// Gates that samples failed, and how often, in the order of the list.
     pub gates: Vec<(WarningKind, u32)>,
-    /// The samples without those that tell nothing.
+    /// The samples without the wrong ones.
     pub gated: Gated,
     /// Causes, or why none could be sought.
     pub found: Result<Diagnosis, Unsought>,
@@ -148,11 +148,11 @@ impl Diagnosed {
         let causes = self.causes();
         let law = match self.outcome.law.status {
             LawStatus::Holds if !causes.is_empty() => {
-                "The law holds as far as the estimator sees. Near the reversals, or over the whole run, the samples show more:"
+                "The law holds as far as the estimator can tell. Near the reversals, or over the whole run, the samples show more:"
             }
-            LawStatus::Holds => "The law holds: force noise and encoder steps explain what it leaves over.",
-            LawStatus::Broken => "The law is broken: it leaves more over than force noise and encoder steps explain.",
-            LawStatus::Unknown => "Whether the law holds is not known: too little was seen, or the flanks may part.",
+            LawStatus::Holds => "The law holds: force noise and encoder steps explain the residual.",
+            LawStatus::Broken => "The law is broken: the residual is more than force noise and encoder steps explain.",
+            LawStatus::Unknown => "Whether the law holds is unknown: too little was seen, or the flanks may separate.",
         };
         let mut words = vec![law.to_string()];
         words.extend(self.gates.iter().map(|(kind, times)| {
@@ -162,11 +162,12 @@ impl Diagnosed {
         match &self.found {
             Err(unsought) => words.push(unsought.words()),
             Ok(_) if causes.is_empty() => {
-                let more = if self.outcome.law.status == LawStatus::Broken { " that is known here" } else { "" };
+                let more = if self.outcome.law.status == LawStatus::Broken { " known to this program" } else { "" };
                 words.push(format!("No cause{more} explains more than noise and steps could."));
             }
-            Ok(_) if self.corrected.is_none() && !self.gated.not_found.is_empty() => words
-                .push("No parameters are given with that included: which samples were bad is not known.".to_string()),
+            Ok(_) if self.corrected.is_none() && !self.gated.not_found.is_empty() => {
+                words.push("No corrected parameters are given: which samples were bad is unknown.".to_string())
+            }
             Ok(_) => {}
         }
         words

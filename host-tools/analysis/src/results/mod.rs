@@ -1,4 +1,4 @@
-//! What a run comes to, as the program prints it and other programs get it.
+//! Results of runs, as the program prints them and other programs get them.
 
 mod compared;
 mod diagnosed;

@@ -1,4 +1,4 @@
-//! A whole run through the estimator, with what the samples tell beside it.
+//! A whole run through the estimator, with what its samples show in addition.
 
 use std::cell::RefCell;
 
@@ -28,9 +28,9 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct Replayed {
     settings: Settings,
-    /// By the estimator alone, as the device would have said it.
+    /// By the estimator alone, as the device would have reported it.
     pub outcome: Outcome,
-    /// The parameters of the whole run by what the latest samples tell of a law that is nearly true.
+    /// The parameters of the whole run, judged by the latest samples for a law that is only nearly true.
     pub judged: [Judged; 4],
     /// What breaks the law in the latest samples.
     pub causes: Vec<Cause>,
@@ -39,7 +39,7 @@ pub struct Replayed {
     warnings: Vec<WarningJson>,
     /// What is wrong with samples that the estimator had no time to see.
     unseen: Vec<WarningKind>,
-    /// What the settings of full scale do not hold.
+    /// What exceeds the settings of full scale.
     beyond: Option<String>,
 }
 
@@ -103,7 +103,7 @@ impl Replayed {
         unseen.chain(causes).chain(self.beyond.iter().map(|words| ("full_scale", words.clone())))
     }
 
-    /// What the whole run tells of each parameter.
+    /// The parameters that the whole run identifies.
     pub fn told(&self) -> Told {
         Told::new(&self.outcome, &self.judged, self.wrong_samples() > 0)
     }
@@ -114,7 +114,7 @@ impl Replayed {
         self.warnings.len() + self.unseen.len()
     }
 
-    /// The last line of the run; `within` is what it says of limits, where there are any.
+    /// The last line of the run; `within` has its verdicts on limits, if there are any.
     pub fn json(&self, within: Option<&[limits::Judged]>) -> LastJson {
         let Outcome { t_s, counters, .. } = self.outcome;
         let remarks = self.remarks().map(|(code, text)| WarningJson { code, t_s: rounded_s(t_s), text });
@@ -153,12 +153,12 @@ pub struct LastJson {
     /// Which motion would have shown what this one could not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<AdviceJson>,
-    /// What it says of limits, where there are any.
+    /// Its verdicts on limits, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limits: Option<LimitsJson>,
 }
 
-/// What a run says of limits.
+/// The verdicts of a run on limits.
 #[derive(Clone, Debug, Serialize)]
 pub struct LimitsJson {
     verdict: Verdict,

@@ -52,8 +52,8 @@ pub enum SkewError {
     #[error(
         "{}",
         description(*machine, &format!(
-            "this motion cannot show a skew: the force changes in step with the velocity (only {:.2} % of the square of its \
-             rate is left over), as in a single tone, where a delay and viscous friction are one",
+            "this motion cannot identify a skew: the force changes in step with the velocity (only {:.2} % of the square of its \
+             rate remains), as in a single tone, where a delay and viscous friction are indistinguishable",
             left * 100.0
         ))
     )]
@@ -71,7 +71,7 @@ pub enum SkewError {
     #[error(
         "{}",
         description(*machine, &format!(
-            "this motion cannot show a skew for noise: of a force of {} rms the law leaves {} over, and the skew would be \
+            "noise hides the skew in this motion: of a force of {} rms the law leaves {} unexplained, and the skew would be \
              uncertain by {:.2} ms",
             force_text(*machine, *force_rms_n),
             force_text(*machine, *residual_rms_n),
@@ -96,7 +96,7 @@ pub enum SkewError {
     #[error(
         "{}",
         description(*machine, &format!(
-            "force and position are more than {:.0} ms apart, which is more than the setting skew_s undoes",
+            "force and position are more than {:.0} ms apart, which is more than the setting skew_s can correct",
             MOST_S * 1e3
         ))
     )]
@@ -117,7 +117,7 @@ pub enum SkewError {
     )]
     #[diagnostic(
         code(inerter::skew::backwards),
-        help("turn newtons_per_code or metres_per_count: `inerter calibrate direction`")
+        help("change the sign of newtons_per_code or metres_per_count: `inerter calibrate direction`")
     )]
     Backwards {
         /// Kind of the machine.
@@ -142,7 +142,7 @@ pub struct Skew {
     pub viscous_before: Parameter,
     /// Viscous friction with that skew undone \[N s/m\].
     pub viscous_after: Parameter,
-    /// What the law leaves over with the skew in use, and with that skew undone, rms \[N\].
+    /// Residual of the law with the skew in use, and with that skew corrected, rms \[N\].
     pub residual_rms_n: [f64; 2],
     /// Force without its mean, rms \[N\].
     pub force_rms_n: f64,

@@ -16,7 +16,7 @@ const MISSED: f64 = 1e-3;
 pub enum ColumnsError {
     /// One column is longer than another.
     #[error("{name}: `{column}` has {length} values, and `t_s` has {samples}")]
-    #[diagnostic(code(inerter::columns::length), help("give each column one value a sample"))]
+    #[diagnostic(code(inerter::columns::length), help("give each column one value per sample"))]
     Length { name: String, column: &'static str, length: usize, samples: usize },
 
     /// Not a number, or infinite.
@@ -27,14 +27,14 @@ pub enum ColumnsError {
     )]
     Number { name: String, column: &'static str, row: usize, value: f64 },
 
-    /// Time does not go on.
+    /// Time does not increase.
     #[error("{name}: `t_s[{row}]` is {time}, and the one before it {previous}")]
     #[diagnostic(code(inerter::columns::time), help("`t_s` is in seconds and increases from sample to sample"))]
     Time { name: String, row: usize, previous: f64, time: f64 },
 
     /// Nothing at all.
     #[error("{name}: there are no samples")]
-    #[diagnostic(code(inerter::columns::empty), help("give columns with one value a sample"))]
+    #[diagnostic(code(inerter::columns::empty), help("give columns with one value per sample"))]
     Empty { name: String },
 }
 

@@ -64,8 +64,8 @@ pub enum CsvError {
     },
 
     /// A column is there twice.
-    #[error("{file}, line {line}: the column `{column}` is there twice")]
-    #[diagnostic(code(inerter::csv::twice), help("rename one of them: which is meant cannot be guessed"))]
+    #[error("{file}, line {line}: the column `{column}` appears twice")]
+    #[diagnostic(code(inerter::csv::twice), help("rename one of them: it is unclear which is meant"))]
     DuplicateColumn {
         file: String,
         line: usize,
@@ -94,10 +94,10 @@ pub enum CsvError {
     },
 
     /// The columns are those of one kind of machine, and the settings say the other.
-    #[error("{file}: the column `{column}` is not that of a machine as the setting machine = {set} says")]
+    #[error("{file}: the column `{column}` contradicts the setting machine = {set}")]
     #[diagnostic(
         code(inerter::csv::machine),
-        help("leave the setting `machine` out, or name the columns as it says: {force} and {terminal}")
+        help("leave the setting `machine` out, or name the columns to match it: {force} and {terminal}")
     )]
     Machine { file: String, column: &'static str, set: u8, force: &'static str, terminal: &'static str },
 
@@ -164,7 +164,7 @@ pub enum CsvError {
     Irregular { file: String, percent: f64, median_s: f64 },
 
     /// More is missing than a sample counter of 32 bits can tell from a restart.
-    #[error("{file}, column t_s: there is nothing for {gap_s:.3e} s, while the samples are {median_s:.6} s apart")]
+    #[error("{file}, column t_s: a gap of {gap_s:.3e} s, while the samples are {median_s:.6} s apart")]
     #[diagnostic(code(inerter::csv::gap), help("check the times there; a file with two recordings must be split"))]
     Gap { file: String, gap_s: f64, median_s: f64 },
 
@@ -190,7 +190,7 @@ pub enum CsvError {
     RateConflict { file: String, set_hz: f64, rate_hz: f64 },
 
     /// The encoder's scale was not given.
-    #[error("{file} holds encoder counts, but not how far one count is")]
+    #[error("{file} holds encoder counts, but not the displacement of one count")]
     #[diagnostic(
         code(inerter::csv::metres_per_count),
         help(

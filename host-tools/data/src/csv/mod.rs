@@ -4,7 +4,7 @@
 //! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are
 //! skipped. [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`]
 //! quantises what a board would have delivered. [`export`](crate::export) writes such files. [`Table::of_columns`]
-//! takes columns that are in memory already. [`motion`] reads and writes what a shaker is told.
+//! takes columns that are in memory already. [`motion`] reads and writes motions for a shaker.
 
 mod columns;
 mod dialect;

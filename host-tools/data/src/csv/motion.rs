@@ -1,4 +1,4 @@
-//! A motion as a CSV: what a shaker is told, and the plant.
+//! A motion as a CSV, for a shaker and for the plant.
 //!
 //! Columns `t_s,terminal_m,velocity_m_per_s,acceleration_m_per_s2`, of a rotary machine
 //! `t_s,terminal_rad,velocity_rad_per_s, acceleration_rad_per_s2`; comments above them say what it is. Only time and

@@ -36,7 +36,7 @@ pub struct Table {
     pub t_s: Vec<f64>,
     /// Encoder count; only differences matter.
     pub encoder_count: Vec<i64>,
-    /// What the names of the columns say of the machine.
+    /// The machine, by the names of the columns.
     pub machine: Machine,
     /// Force \[N\].
     pub force_n: Vec<f64>,
@@ -46,7 +46,7 @@ pub struct Table {
     pub line: Vec<usize>,
     /// Decimals that `t_s` is written with: how well the sample instants are known.
     pub time_decimals: u32,
-    /// What was put right on the way, for the user.
+    /// What was repaired on reading, for the user.
     pub notes: Vec<String>,
 }
 
@@ -70,7 +70,7 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
             Err(CsvError::Short { .. } | CsvError::Cell { .. }) if line.is_cut_off(&text) => {
                 table
                     .notes
-                    .push(format!("{file}, line {}: the file is cut off within this line; left out", line.number));
+                    .push(format!("{file}, line {}: the file ends within this line, which is left out", line.number));
                 break;
             }
             row => row?,
@@ -187,7 +187,10 @@ fn missing_advice(column: &str, names: &[(usize, &str)]) -> String {
         .filter(|near| ![T_S, ENCODER_COUNT, force, terminal].contains(near));
     match rename {
         Some(near) => {
-            format!("rename `{}` if it is the one, in the unit that the name `{column}` ends with", shortened(near))
+            format!(
+                "if `{}` is that column, rename it; its unit must be the one that `{column}` ends with",
+                shortened(near)
+            )
         }
         None => {
             format!("the columns t_s, encoder_count and force_n are needed, in any order; found: {}", shortened(&found))

@@ -36,10 +36,10 @@ fn a_missing_column_is_named_with_the_one_that_may_be_meant() {
     let problem = parse("run.csv", b"t_s,encoder,force_n\n0,1,2\n").unwrap_err();
     assert_eq!(problem.to_string(), "run.csv, line 1: the column `encoder_count` is missing");
     use miette::Diagnostic;
-    assert!(problem.help().unwrap().to_string().contains("rename `encoder`"));
+    assert!(problem.help().unwrap().to_string().contains("if `encoder` is that column, rename it"));
     assert!(error("a,b,c\n1,2,3\n").contains("`t_s` is missing"));
     assert!(error("0,1,2\n1,2,3\n").contains("the header is missing"));
-    assert!(error("t_s,force_n,encoder_count,force_n\n").contains("`force_n` is there twice"));
+    assert!(error("t_s,force_n,encoder_count,force_n\n").contains("`force_n` appears twice"));
 }
 
 #[test]

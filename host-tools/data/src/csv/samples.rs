@@ -40,7 +40,7 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
     if group > 1 {
         settings.oversampling *= group as f64;
         notes.push(format!(
-            "{file}: {} Hz is brought down to {} Hz by summing {group} samples into one",
+            "{file}: {} Hz is reduced to {} Hz by summing {group} samples into one",
             timebase.rate_hz, settings.sample_rate_hz
         ));
     }
@@ -55,7 +55,7 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
         match overrides.get("terminal_sensor") {
             None => settings.terminal_sensor = true,
             Some(0.0) => notes.push(format!(
-                "{file}: the column {terminal_column} is left alone, as the settings say terminal_sensor = 0; \
+                "{file}: the column {terminal_column} is ignored, as the settings say terminal_sensor = 0; \
                  --set terminal_sensor=1 uses it"
             )),
             Some(_) => {}
@@ -159,7 +159,7 @@ fn sample(table: &Table, at: usize, group: usize, number: u64, settings: &Settin
             column,
             value,
             scale: format!("{setting} = {scale:?}"),
-            advice: "check the number; where it is right, give a coarser scale with --set, or leave the scale out",
+            advice: "check the number; if it is right, give a coarser scale with --set, or leave the scale out",
         })
     };
     let (force_column, terminal_column) = column_names(table.machine);

@@ -22,7 +22,7 @@ fn table(rate_hz: f64, samples: usize) -> Table {
 #[test]
 fn the_encoder_scale_must_be_given() {
     let error = to_run(table(1000.0, 100), &Overrides::default()).unwrap_err();
-    assert_eq!(error.to_string(), "run.csv holds encoder counts, but not how far one count is");
+    assert_eq!(error.to_string(), "run.csv holds encoder counts, but not the displacement of one count");
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn a_column_for_the_terminal_is_a_sensor_unless_it_is_switched_off() {
     assert_eq!(sensor(&with, &["terminal_sensor=1"]), silent(true));
     assert_eq!(sensor(&without, &["terminal_sensor=0"]), silent(false));
     let (off, note) = sensor(&with, &["terminal_sensor=0"]);
-    assert!(!off && note.contains("terminal_m is left alone") && note.contains("--set terminal_sensor=1"), "{note}");
+    assert!(!off && note.contains("terminal_m is ignored") && note.contains("--set terminal_sensor=1"), "{note}");
 }
 
 #[test]

@@ -20,7 +20,7 @@ use crate::{
     replay::Replay,
 };
 
-/// A column of the table; what is not known is `None`.
+/// A column of the table; unknown values are `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateColumn {
     /// Name, with the unit at its end where there is one.

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-/// A column of a table that is held; what is not known is `None`, and null in the file.
+/// A column of a table in memory; unknown values are `None`, and null in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldColumn<'a> {
     /// Name, with the unit at its end where there is one.

@@ -1,4 +1,4 @@
-//! Where the samples come from: a recording, read anew for each pass, or a CSV, which is held.
+//! Where the samples come from: a recording, read again for each pass, or a CSV, which is held in memory.
 
 use std::{collections::BTreeMap, ops::Range, path::Path, path::PathBuf, sync::Arc};
 
@@ -23,7 +23,7 @@ pub struct Source {
     pub settings: Settings,
     /// Time of the first sample \[s\].
     pub start_s: f64,
-    /// What was put right or found missing on the way.
+    /// What was repaired or found missing on reading.
     pub notes: Vec<String>,
     /// The device, when known.
     pub device: Option<BTreeMap<String, String>>,
@@ -33,7 +33,7 @@ pub struct Source {
     pub truth: Option<BTreeMap<String, String>>,
     /// How much there is.
     pub extent: Extent,
-    /// What somebody wrote down.
+    /// Remarks made during the recording.
     pub markers: Vec<Marker>,
     /// Host time of the first frame \[ns\]; 0 where it is not known.
     pub first_ns: u64,

@@ -213,7 +213,7 @@ fn reason(summary: &Summary) -> String {
     match (&summary.contents.ending, reason) {
         (Ending::Closed, Some(reason)) => reason.clone(),
         (Ending::Closed, None) => "finished".into(),
-        (Ending::CutOff, _) => "the file that it was made from breaks off".into(),
+        (Ending::CutOff, _) => "the file that it was made from is cut off".into(),
         (Ending::Damaged { .. }, _) => "the file that it was made from is damaged".into(),
     }
 }

@@ -146,7 +146,7 @@ fn parts_of_a_recording_that_was_cut_off_or_damaged_hold_what_there_is() {
     assert_eq!(indices(&part), before);
     assert_eq!(found.samples as usize, before.len());
     let end = summary(&part).unwrap().contents.metadata.remove(END_METADATA).unwrap();
-    assert_eq!(end["reason"], "the file that it was made from breaks off");
+    assert_eq!(end["reason"], "the file that it was made from is cut off");
 }
 
 #[test]

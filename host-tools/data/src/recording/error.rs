@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use inerter_wire::{VersionAdvice, WIRE_VERSION};
 use miette::Diagnostic;
 
-/// A recording that cannot be used at all; one that merely breaks off is read up to there.
+/// A recording that cannot be used at all; one that is merely truncated is read up to the cut.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum RecordingError {
@@ -51,7 +51,7 @@ pub enum RecordingError {
     NoSamples { file: String },
 
     /// No settings.
-    #[error("{file} holds no settings: what a count and a code mean is not known")]
+    #[error("{file} holds no settings: the scales of counts and codes are unknown")]
     #[diagnostic(
         code(inerter::recording::settings),
         help("give them with --settings FILE.toml, or at least --metres-per-count and --set newtons_per_code=NEWTONS")
@@ -85,7 +85,7 @@ pub enum RecordingError {
     OtherSetting { setting: &'static str, file: String, value: f64, other: String, other_value: f64 },
 
     /// To be put in a row, and made at the same time.
-    #[error("{file} and {other} overlap by {overlap_s:.3} s of the host's time: they cannot follow each other")]
+    #[error("{file} and {other} overlap by {overlap_s:.3} s of the host's time: they cannot be joined")]
     #[diagnostic(
         code(inerter::recording::overlap),
         help("is one of them a copy or a part of the other? simulated recordings all begin at time 0")

@@ -4,7 +4,7 @@ use std::{fs::File, io::Read, path::Path};
 
 /// Topic of the channel that holds the frames.
 pub const RAW_TOPIC: &str = "raw";
-/// Topic of the channel that holds what somebody wrote down.
+/// Topic of the channel with remarks.
 pub const MARKER_TOPIC: &str = "marker";
 /// Message encoding of the channel that holds the frames.
 pub const RAW_ENCODING: &str = "inerter";
@@ -31,7 +31,7 @@ pub fn is_recording(path: &Path) -> std::io::Result<bool> {
 pub enum Ending {
     /// It was closed: everything is there.
     Closed,
-    /// It breaks off: everything before is there.
+    /// It is truncated: everything before the cut is there.
     CutOff,
     /// It is damaged at about this byte, and was read up to there.
     Damaged {

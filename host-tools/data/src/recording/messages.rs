@@ -29,7 +29,7 @@ pub(super) struct MarkerJson {
 pub(super) enum Message<'a> {
     /// Bytes of the stream, as received at host time `time_ns`; `part` changes where another stream begins.
     Raw { time_ns: u64, part: u16, bytes: &'a [u8] },
-    /// What somebody wrote down at that time.
+    /// A remark made at that time.
     Marker { time_ns: u64, text: String },
 }
 

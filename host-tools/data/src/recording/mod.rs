@@ -8,10 +8,10 @@
 //! | when and how its rig was calibrated | metadata `inerter.calibration` |
 //! | what is true of a simulated device | metadata `inerter.truth` |
 //! | how and why the recording ended | metadata `inerter.end`; missing when the writer was killed |
-//! | what somebody wrote down on the way | channel `marker`, JSON |
+//! | remarks made during the recording | channel `marker`, JSON |
 //! | the same decoded, for PlotJuggler and Foxglove | channels `motion`, `estimate`, `reversal`, `event`, `health`, JSON |
 //!
-//! The frames are the truth: readers here leave the decoded channels alone.
+//! The frames are authoritative: readers here ignore the decoded channels.
 //!
 //! Chunks are written whole, uncompressed, so that a file which is cut off anywhere reads up to the cut, within a chunk
 //! too. Of a live device they are written and synchronised twice a second: a power cut costs a second at most.

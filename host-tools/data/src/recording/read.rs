@@ -1,4 +1,4 @@
-//! Reading a recording, whole or broken off, frame by frame.
+//! Reading a recording, complete or truncated, frame by frame.
 
 use std::{collections::BTreeMap, io::Read, path::Path};
 
@@ -27,7 +27,7 @@ pub struct Incoming {
 pub enum Item {
     /// Something in the stream.
     Frame(Frame<Record>),
-    /// What somebody wrote down.
+    /// A remark made during the recording.
     Marker(String),
 }
 

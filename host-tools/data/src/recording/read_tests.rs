@@ -232,7 +232,7 @@ fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
         notes[0].contains("had failed before this run: at line 0;") && notes[19].contains("at line 19;"),
         "{notes:?}"
     );
-    assert!(notes[20].contains("99960 further reports of such trouble"), "{notes:?}");
+    assert!(notes[20].contains("99960 further reports of such faults"), "{notes:?}");
 }
 
 #[test]

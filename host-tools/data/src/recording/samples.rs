@@ -38,7 +38,7 @@ pub struct Summary {
     pub settings: Option<Settings>,
     /// How much there is of samples.
     pub extent: Extent,
-    /// What somebody wrote down while it was recorded.
+    /// Remarks made during the recording.
     pub markers: Vec<Marker>,
     /// The device's own last estimate.
     pub estimated: Option<Estimated>,
@@ -233,7 +233,7 @@ fn summary_with(
     notes.extend(collected.faults.iter().map(|fault| format!("{file}: {fault}")));
     if collected.faults_untold > 0 {
         notes.push(format!(
-            "{file}: {} of such trouble are not listed here",
+            "{file}: {} of such faults are not listed here",
             plural(collected.faults_untold, "further report")
         ));
     }
@@ -261,7 +261,7 @@ pub fn calibration(path: &Path, summary: &Summary, overrides: &Overrides) -> (Op
     let (calibration, trouble) = match overrides.calibration().cloned().map(Ok).or_else(recorded) {
         None => (None, None),
         Some(Ok(calibration)) => (Some(calibration.clone()), calibration.trouble(summary.recorded_ns())),
-        Some(Err(problem)) => (None, Some(format!("what it says of its calibration cannot be read: {problem}"))),
+        Some(Err(problem)) => (None, Some(format!("its entry on the calibration cannot be read: {problem}"))),
     };
     (calibration, trouble.map(|trouble| format!("{}: {}", path.display(), printable(&trouble))))
 }
@@ -355,12 +355,14 @@ fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: 
     for (name, text) in map {
         let value = text.parse().ok().filter(|value| settings.set_by_name(name, *value).is_ok());
         if value.is_none() {
-            notes.push(format!("{file}: the recorded setting {name} = {text} is not known here and was left out"));
+            notes.push(format!(
+                "{file}: the recorded setting {name} = {text} is unknown to this program and was left out"
+            ));
         }
     }
     let changed = records.iter().any(|values| values.read(&settings).settings != settings);
     if changed {
-        notes.push(format!("{file}: the settings were changed while it was recorded; those of its beginning are used"));
+        notes.push(format!("{file}: the settings were changed during the recording; the initial ones are used"));
     }
     Some(settings)
 }
@@ -371,9 +373,9 @@ fn ending_notes(file: &str, contents: &Contents) -> Vec<String> {
             Some(reason) if reason != "finished" => vec![format!("{file}: the recording ended early: {reason}")],
             _ => Vec::new(),
         },
-        Ending::CutOff => vec![format!("{file}: the file breaks off; everything before is used")],
+        Ending::CutOff => vec![format!("{file}: the file is cut off; everything before the cut is used")],
         Ending::Damaged { byte, reason } => {
-            vec![format!("{file}: the file is damaged near byte {byte} ({reason}); everything before is used")]
+            vec![format!("{file}: the file is damaged near byte {byte} ({reason}); everything before that is used")]
         }
     }
 }
@@ -392,12 +394,12 @@ fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> Vec<String> 
     }
     if counts.unknown > 0 {
         notes.push(format!(
-            "{file}: {} of a kind that this program does not know were left out; a newer one may show more",
+            "{file}: {} of a kind unknown to this program were left out; a newer version may show more",
             plural(counts.unknown.into(), "frame")
         ));
     }
     if counts.restarts > 0 {
-        notes.push(format!("{file}: the device started anew {}", plural(counts.restarts.into(), "time")));
+        notes.push(format!("{file}: the device restarted {}", plural(counts.restarts.into(), "time")));
     }
     if bad_batches > 0 {
         notes.push(format!(

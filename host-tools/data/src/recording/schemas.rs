@@ -17,10 +17,10 @@ pub(super) fn schema(machine: Machine, channel: Channel) -> String {
     let (title, properties) = match channel {
         Channel::Motion => ("Means over 50 ms of samples", motion()),
         Channel::Estimate => ("What the device estimated, once a second", estimate()),
-        Channel::Reversal => ("Backlash by one reversal of the flanks alone, at most ten a second", reversal()),
+        Channel::Reversal => ("Backlash by single reversals of the flanks, at most ten per second", reversal()),
         Channel::Event => ("Something that happened once", event()),
-        Channel::Health => ("How the device is doing", health()),
-        Channel::Marker => ("What somebody wrote down while it was recorded", marker()),
+        Channel::Health => ("Health of the device", health()),
+        Channel::Marker => ("Remarks made during the recording", marker()),
     };
     let mut schema = json!({"title": title, "type": "object", "properties": properties});
     describe(machine, &mut schema);

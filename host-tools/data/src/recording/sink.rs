@@ -1,5 +1,4 @@
-//! The file of a recording, filled by a thread of its own: a disk that takes its time holds up nobody who reads a
-//! device.
+//! The file of a recording, filled by a separate thread, so that a slow disk does not delay reading the device.
 
 use std::{
     fs::File,

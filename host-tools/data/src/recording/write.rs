@@ -25,7 +25,7 @@ const LIVE_FLUSH_NS: u64 = 500_000_000;
 /// The same where the file gets its name at the end \[ns\].
 const FLUSH_NS: u64 = 1_000_000_000;
 
-/// How a recording ended, for whoever reads it.
+/// How a recording ended, for its readers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct End {
     /// One sentence.

@@ -1,6 +1,6 @@
 //! What raw figures and samples of a board mean.
 //!
-//! Each judgement takes what the board told, and gives its checks in a fixed order. A figure that is missing fails its
+//! Each judgement takes what the board reported, and gives its checks in a fixed order. A missing figure fails its
 //! check, unless there is a plain reason for it.
 
 use inerter_core::RawSample;
@@ -67,7 +67,7 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
         "chip",
         "Chip",
         "an STM32G471/473/474/483/484 (0x469)",
-        id.map_or("nothing".into(), |id| format!("0x{:03X}, revision {}", id & 0xFFF, revision(id))),
+        id.map_or("not reported".into(), |id| format!("0x{:03X}, revision {}", id & 0xFFF, revision(id))),
         id.is_none_or(|id| id & 0xFFF != DEVICE).then(|| "another chip, or a clone: its errata are not known".into()),
     );
     let told_kb = hello.capabilities.flash_kb().map(f64::from);
@@ -77,20 +77,20 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     });
     let agree = Check::words(
         "flash_told",
-        "Flash as told in Hello",
-        kb.map_or("nothing".into(), |kb| kb.to_string()),
-        told_kb.map_or("nothing".into(), |kb| kb.to_string()),
+        "Flash as reported in Hello",
+        kb.map_or("not reported".into(), |kb| kb.to_string()),
+        told_kb.map_or("not reported".into(), |kb| kb.to_string()),
         (kb.is_none() || kb != told_kb).then(|| "the firmware contradicts itself".into()),
     );
     let (options, wanted) = (get(Quantity::OptionBytes), get(Quantity::OptionBytesWanted));
-    let hex = |value: Option<u32>| value.map_or("nothing".into(), |value| format!("0x{value:08X}"));
+    let hex = |value: Option<u32>| value.map_or("not reported".into(), |value| format!("0x{value:08X}"));
     let options = Check::words(
         "option_bytes",
         "Option bytes",
         hex(wanted),
         hex(options),
         (options.is_none() || options != wanted)
-            .then(|| "they could not be set: a restart tries again, and they may be protected".into()),
+            .then(|| "they could not be set and may be protected; a restart tries again".into()),
     );
     let stack = get(Quantity::StackBytes).filter(|bytes| *bytes > 0).map(f64::from);
     let free = ratio(get(Quantity::StackFreeBytes), get(Quantity::StackBytes)).map(|part| part * 100.0);
@@ -126,13 +126,13 @@ pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, st
         _ => 0,
     };
     let flags_words = flags.map_or("no flags".into(), |flags| format!("flags 0x{flags:08X}"));
-    let mut found = format!("{}, {flags_words}", told.map_or("not told".into(), |told| told.to_string()));
+    let mut found = format!("{}, {flags_words}", told.map_or("not reported".into(), |told| told.to_string()));
     if told.is_none() {
         found += &uptime_s.map_or(", up for an unknown time".into(), |(up_s, _)| format!(", up for {up_s} s"));
     }
     let is_younger = uptime_s.is_some_and(|(up_s, without_s)| f64::from(up_s) + YOUNGER_S <= without_s);
     let cause = if told.is_some_and(|told| told != expected) {
-        Some("it started for another reason: look at its supply and its reset pin")
+        Some("it started for another reason: check its supply and its reset pin")
     } else if flags.is_none_or(|flags| flags & wanted != wanted) {
         Some("the chip's reset flags say otherwise")
     } else if told.is_none() && !is_younger {
@@ -158,7 +158,7 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
         match (runs(CRYSTAL_READY), runs(PLL_READY)) {
             (true, true) => "crystal and PLL run",
             (false, true) => "the PLL runs, the crystal does not",
-            _ => "the PLL does not run, or nothing was told",
+            _ => "the PLL does not run, or nothing was reported",
         },
         (!(crystal && runs(CRYSTAL_READY) && runs(PLL_READY)))
             .then(|| "the crystal does not run: the chip's own oscillator is good for 1 % only".into()),
@@ -272,7 +272,8 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
             Check::range(*name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
-                    "less than the twin needs for the same: it did not do its work, or the counter stands".into()
+                    "less than the twin needs for the same work: it did not do its work, or the counter stands still"
+                        .into()
                 } else {
                     "more than the model of the chip allows: wait states, caches, or the build".into()
                 }
@@ -282,7 +283,7 @@ pub fn work(measured: &Measured) -> Vec<Check> {
     let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)));
     let load = idle.filter(|idle| *idle <= 1.0).map(|idle| (1.0 - idle) * 100.0);
     checks.push(Check::range("load", "Processor load at 1 kHz", "%", 0.5..=35.0, load, |_| {
-        "the processor is busier or idler than its tasks make it".into()
+        "the processor load does not match its tasks".into()
     }));
     checks
 }
@@ -326,7 +327,7 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     };
     let at_rail = rest.iter().filter(|code| **code <= 0.0 || **code >= RAIL).count();
     if at_rail * 2 > rest.len() {
-        let reason = "the input rests at the end of its range: nothing is connected, or its sensor is off";
+        let reason = "the input is at the end of its range: nothing is connected, or its sensor is off";
         return vec![Check::skipped(noise, noise_label, reason), Check::skipped(first, first_label, reason)];
     }
     let squares: f64 = rest.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();

@@ -20,7 +20,7 @@ use serde_json::{Value, json};
 
 use crate::words::three_digits;
 
-/// What a check has come to.
+/// The result of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -63,7 +63,7 @@ pub struct Check {
 }
 
 impl Check {
-    /// A number that must lie in a range; one that is none fails.
+    /// A number that must lie in a range; one that is not finite fails.
     pub fn range(
         name: impl Into<Cow<'static, str>>,
         label: &'static str,
@@ -81,7 +81,7 @@ impl Check {
             (least, most) => format!("{} to {}", ends(least), ends(most)),
         };
         let Some(value) = found.filter(|value| value.is_finite()) else {
-            let reason = Some("the board did not tell".into());
+            let reason = Some("the board did not report it".into());
             return Self { name, label, expected, found: None, unit, verdict: Verdict::Fail, reason };
         };
         let passes = range.contains(&value);
@@ -137,7 +137,7 @@ pub struct SelfTest {
 }
 
 impl SelfTest {
-    /// How many checks have come to this.
+    /// How many checks have this verdict.
     pub fn count(&self, verdict: Verdict) -> usize {
         self.checks.iter().filter(|check| check.verdict == verdict).count()
     }

@@ -100,8 +100,8 @@ pub enum FlashError {
     #[diagnostic(
         code(inerter::flash::program),
         help(
-            "run the same command again; if it stays so, take read and write protection away with STM32CubeProgrammer \
-             (taking read protection away erases everything, settings too)"
+            "run the same command again; if it fails again, remove read and write protection with STM32CubeProgrammer \
+             (removing read protection erases everything, settings too)"
         )
     )]
     Program { reason: String },

@@ -1,6 +1,6 @@
 //! Programming through a debug probe: for a board that runs nothing yet, or nothing that answers.
 //!
-//! Only pages of the image are erased, so that settings are kept. Everything but the probe itself stands here, behind
+//! Only pages of the image are erased, so that settings are kept. Everything but the probe itself is here, behind
 //! [`Probes`]; the probe is probe-rs's, in a program that was built with the feature `probe`.
 
 mod error;
@@ -66,7 +66,7 @@ pub fn probes() -> Result<Without, FlashError> {
     Err(FlashError::BuiltWithout)
 }
 
-/// Stands in for probes in a program that was built without them.
+/// Replaces probes in a program that was built without them.
 #[cfg(not(feature = "probe"))]
 pub enum Without {}
 

@@ -1,4 +1,4 @@
-//! Why a file is no firmware for the board.
+//! Why a file is not firmware for the board.
 
 use std::io;
 
@@ -20,11 +20,11 @@ pub enum ImageError {
     Read { file: String, source: io::Error },
 
     /// The file is something else.
-    #[error("{file} is no firmware image: {what}")]
+    #[error("{file} is not a firmware image: {what}")]
     #[diagnostic(code(inerter::image::kind), help("{BUILD}"))]
     Kind { file: String, what: &'static str },
 
-    /// The ELF breaks off or contradicts itself.
+    /// The ELF is truncated or inconsistent.
     #[error("{file} is a damaged ELF: {what}")]
     #[diagnostic(code(inerter::image::damaged), help("build or copy it again"))]
     Damaged { file: String, what: String },
@@ -62,8 +62,8 @@ pub enum ImageError {
     #[diagnostic(code(inerter::image::identity), help("is it the image for QEMU, or another project's? {BUILD}"))]
     NoIdentity { file: String },
 
-    /// What it says of itself cannot be read.
-    #[error("{file} says in an unknown form which firmware it is: {what}")]
+    /// Its identity cannot be read.
+    #[error("{file} identifies its firmware in an unknown format: {what}")]
     #[diagnostic(code(inerter::image::identity_form), help("use the `inerter` program of the same release. {BUILD}"))]
     BadIdentity { file: String, what: &'static str },
 }

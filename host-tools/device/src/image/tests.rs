@@ -91,14 +91,14 @@ fn an_image_that_cannot_start_is_refused() {
         assert!(matches!(with(4, word), ImageError::Vectors { .. }), "{word:08X}");
     }
     let behind = refused(&elf(ARM, &[(0x0800_8000, &good())])).to_string();
-    assert!(behind.contains("it has nothing for 0x08000000, where the chip starts"), "{behind}");
+    assert!(behind.contains("it has no bytes at 0x08000000, where the chip starts"), "{behind}");
 }
 
 #[test]
 fn an_image_that_does_not_say_who_it_is_or_says_it_twice_is_refused() {
     let mut bytes = good();
     bytes.extend(good());
-    assert!(matches!(refused(&bytes), ImageError::BadIdentity { what: "it does so twice", .. }));
+    assert!(matches!(refused(&bytes), ImageError::BadIdentity { what: "its identity appears twice", .. }));
     let mut bytes = good();
     *bytes.get_mut(8).unwrap() = b'I';
     assert!(matches!(refused(&bytes), ImageError::NoIdentity { .. }));
@@ -132,7 +132,7 @@ fn other_kinds_of_files_are_named() {
         (b"t_s,encoder_count,force_n\n0,0,0\n", "it is text"),
         (b"\x00\x80\x01", "it has only a few bytes"),
     ] {
-        assert_eq!(refused(bytes).to_string(), format!("f is no firmware image: {kind}"));
+        assert_eq!(refused(bytes).to_string(), format!("f is not a firmware image: {kind}"));
     }
     let mut object = elf(ARM, &[(0x0800_0000, &good())]);
     *object.get_mut(16).unwrap() = 1;

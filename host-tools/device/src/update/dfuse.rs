@@ -6,7 +6,7 @@
 //!
 //! The first page holds the vectors. It is erased before all others and written after them, and the vectors by a
 //! transfer of their own last of all, so that no half of an image ever runs, wherever power is lost. The same order
-//! begins anew after whatever broke it off. Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
+//! starts over after any interruption. Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
 //!
 //! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
 
@@ -21,7 +21,7 @@ use crate::{
     image::Image,
 };
 
-/// Whether work goes on.
+/// Whether work continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Going {
     /// It does.
@@ -145,7 +145,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         }
         let descriptor = self.io.functional_descriptor();
         if !descriptor.can_download || descriptor.transfer_size < 8 || !descriptor.transfer_size.is_multiple_of(8) {
-            return Err(other("it takes no firmware".into()));
+            return Err(other("it does not accept firmware".into()));
         }
         let sizes: &[u32] = memory_layout.as_ref();
         let kb = sizes.iter().fold(0u32, |sum, size| sum.saturating_add(*size)) / 1024;

@@ -21,7 +21,7 @@ pub enum UpdateError {
     #[error("no instrumented inerter was found{}, neither running nor in update mode", named(serial))]
     #[diagnostic(
         code(inerter::update::none),
-        help("plug the board's own USB connector in and look at `inerter ports`; {BY_HAND}")
+        help("plug in the board's own USB connector and check `inerter ports`; {BY_HAND}")
     )]
     NoDevice { serial: Option<String> },
 
@@ -96,11 +96,11 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::stuck), help("reset it and run the same command again; {BY_HAND}"))]
     Stuck { action: String, seconds: u64, state: String },
 
-    /// What was written reads back otherwise.
+    /// What was written reads back differently.
     #[error("flash at 0x{address:08X} reads 0x{got:02X} where 0x{wanted:02X} was written")]
     #[diagnostic(
         code(inerter::update::verify),
-        help("run the same command again; if it stays so, the chip's flash is worn out")
+        help("run the same command again; if it fails again, the chip's flash is worn out")
     )]
     Verify { address: u32, wanted: u8, got: u8 },
 
@@ -109,7 +109,7 @@ pub enum UpdateError {
     #[diagnostic(
         code(inerter::update::board),
         help(
-            "build it for this board (cargo build --release --no-default-features --features board-...); --force writes it all the same"
+            "build it for this board (cargo build --release --no-default-features --features board-...); --force writes it anyway"
         )
     )]
     OtherBoard { image: String, device: String },
@@ -121,11 +121,11 @@ pub enum UpdateError {
     )]
     #[diagnostic(
         code(inerter::update::not_back),
-        help("unplug it, plug it in again, and look with `inerter monitor`; if it stays away, {BY_HAND}")
+        help("unplug it, plug it in again, and check with `inerter monitor`; if it does not come back, {BY_HAND}")
     )]
     NotBack { written: String, serial: String, seconds: u64, reason: String },
 
-    /// A visit that wrote nothing did not lead back.
+    /// The device did not leave update mode, though nothing was written.
     #[error("the device (serial {serial}) may have stayed in update mode: {reason}")]
     #[diagnostic(
         code(inerter::update::stays),
@@ -145,7 +145,7 @@ pub enum UpdateError {
     OtherVersion { running: String, written: String },
 
     /// Ctrl-C while flash is written.
-    #[error("interrupted; the device has no whole firmware now and stays in update mode")]
+    #[error("interrupted; the device has no complete firmware now and stays in update mode")]
     #[diagnostic(code(inerter::update::interrupted), help("run the same command again to complete it; {BY_HAND}"))]
     Interrupted,
 
@@ -169,7 +169,7 @@ fn reason_words(reason: &str) -> String {
 
 fn no_dfu_help(others: &[String]) -> String {
     let other = match others {
-        [one] => format!("if that one is it: --serial {one}. "),
+        [one] => format!("if that is the one: --serial {one}. "),
         _ => String::new(),
     };
     let driver = if cfg!(windows) {
@@ -179,7 +179,7 @@ fn no_dfu_help(others: &[String]) -> String {
     };
     format!(
         "{other}the update goes over the board's own USB connector, not over an ST-Link: is it plugged in? {driver}. \
-         Nothing was changed; reset brings the firmware back"
+         Nothing was changed; a reset restarts the firmware"
     )
 }
 
@@ -187,7 +187,7 @@ fn permission_help() -> String {
     if cfg!(target_os = "linux") {
         format!("allow it once: {}; then run the same command again", install_rule())
     } else {
-        "run it as a user who may use USB devices; nothing was changed, reset brings the firmware back".into()
+        "run it as a user who may use USB devices; nothing was changed, a reset restarts the firmware".into()
     }
 }
 
@@ -203,8 +203,8 @@ fn open_help() -> String {
 fn refused_help(protected: bool) -> String {
     if protected {
         format!(
-            "the flash from 0x{:08X} is protected: take read and write protection away with STM32CubeProgrammer \
-             (taking read protection away erases everything, settings too)",
+            "the flash from 0x{:08X} is protected: remove read and write protection with STM32CubeProgrammer \
+             (removing read protection erases everything, settings too)",
             CODE.start
         )
     } else {

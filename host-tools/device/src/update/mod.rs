@@ -2,7 +2,7 @@
 //!
 //! The device restarts into its ROM on [`Command::EnterDfu`](inerter_wire::Command::EnterDfu), the ROM erases and
 //! writes the pages of the image ([`dfuse`]), starts it, and the device is asked what it runs now. Settings lie in
-//! pages of their own and are kept. Whatever breaks it off, the same command begins anew and completes it.
+//! pages of their own and are kept. If it is interrupted, the same command starts over and completes it.
 
 pub mod dfuse;
 mod error;

@@ -27,12 +27,12 @@ const ATTEMPTS: usize = 3;
 /// Looks until a missing permission is believed: 2 s.
 const PERMISSION_LOOKS: usize = 8;
 
-/// What an update tells on its way.
+/// Progress of an update.
 #[derive(Debug)]
 pub enum UpdateEvent<'a> {
     /// This is what runs now.
     Found(&'a Running),
-    /// It is told to enter update mode and waited for.
+    /// The device is asked to enter update mode.
     Entering,
     /// This device in update mode takes the image.
     InDfu(&'a DfuDevice),
@@ -139,11 +139,11 @@ fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> Up
     }
 }
 
-/// Into update mode and back, without writing anything. `enter` tells the device to go there; else somebody leads it
-/// there by hand, and it is waited for.
+/// Into update mode and back, without writing anything. `enter` asks the device to go there; otherwise the user puts it
+/// there by hand, and this waits for it.
 ///
-/// An interruption ends the wait for somebody's hand. It does not end anything else before the device was told to
-/// leave, or it would stay there.
+/// An interruption ends the wait for the user. Before the device was asked to leave, it does not end anything else, or
+/// the device would stay there.
 pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
     let stays =
         |error: UpdateError| UpdateError::StaysInDfu { serial: running.serial.to_string(), reason: error.to_string() };

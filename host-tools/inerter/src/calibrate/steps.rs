@@ -278,7 +278,7 @@ pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
             value_text(&found.viscous_after)
         ),
         format!(
-            "of a force of {} rms the law leaves {} over as it is, {} without that delay",
+            "of a force of {} rms the law leaves {} unexplained as it is, {} without that delay",
             force(found.force_rms_n),
             force(before_n),
             force(after_n)
@@ -299,7 +299,7 @@ fn skew_of(run: &Run) -> Result<Finding, Error> {
         finding.set_with("skew_s", rounded_s(found.skew_s), found.u95_s);
         finding.set("skew_u95_s", rounded_s(rounded_up(found.u95_s)));
     } else {
-        let text = "nothing to change: the skew in use is known as well as this motion shows it";
+        let text = "nothing to change: this motion cannot improve on the skew in use";
         finding.remark(finding::Level::Note, "known", text);
     }
     Ok(finding)

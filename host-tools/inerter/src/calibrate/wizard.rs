@@ -66,36 +66,36 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         let hello = self.rig.device.hello();
         let greeting = format!("{} (serial {}) at {}", hello.board, hello.serial, self.rig.device.name());
         self.say(&greeting);
-        self.say("Seven steps, each may be skipped; Enter takes what stands in parentheses.");
+        self.say("Seven steps, each may be skipped; Enter accepts the value in parentheses.");
         self.say("Nothing is changed on the device before the end, and Ctrl-C leaves it as it is.");
         if !self.rig.device.keeps_settings() {
-            self.say("This device keeps no settings: they are in use until it restarts, and can go into a file.");
+            self.say(
+                "This device does not store settings: they are in use until it restarts, and can be written to a file.",
+            );
         }
-        self.step(
-            "1. Load cell",
-            "The device stands still, without load: noise, mains and range are looked at.",
-            |rig| rig.load_cell(LOAD_CELL_S),
-        )?;
-        self.step("2. Zero", "The device stands still, without load: its code becomes the zero.", |rig| {
+        self.step("1. Load cell", "Keep the device still, without load: noise, mains and range are checked.", |rig| {
+            rig.load_cell(LOAD_CELL_S)
+        })?;
+        self.step("2. Zero", "Keep the device still, without load: its code becomes the zero.", |rig| {
             rig.zero(ZERO_S)
         })?;
         self.known.force = self.step(
             "3. Force",
-            "Known masses or forces (torques) on the load cell, in both directions where that can be. Lock the screw first.",
+            "Known masses or forces (torques) on the load cell, in both directions where possible. Lock the screw first.",
             loads,
         )?;
         self.known.position = self.step(
             "4. Encoder",
-            "The screw is turned by hand, then moved along a gauge, or its lead is taken from the data sheet. An axis is only turned.",
+            "Turn the screw by hand, then move it along a gauge, or take its lead from the data sheet. A rotary axis is only turned.",
             encoder,
         )?;
         let known = self.known;
         self.step(
             "5. Direction",
-            "The terminal is moved to and fro: a positive force must accelerate to the positive side.",
+            "Move the terminal back and forth: a positive force must accelerate it to the positive side.",
             |rig| {
                 rig.dialogue.ask(
-                    "move it some millimetres to and fro, several times a second; press Enter while it moves",
+                    "move it back and forth by a few millimetres, several times a second; press Enter while it moves",
                     "",
                 )?;
                 rig.direction(DIRECTION_S, known)
@@ -103,7 +103,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         )?;
         self.step(
             "6. Skew",
-            "The rig moves with several frequencies or from point to point: the delay of the force behind the position.",
+            "Move the rig with several frequencies or from point to point, to find the delay of the force behind the position.",
             |rig| {
                 rig.dialogue.ask(
                     "start two tones, a random motion or moves from point to point; press Enter while it moves",
@@ -113,7 +113,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
             },
         )?;
         self.step("7. Timebase", "The device's clock is compared with this computer's for a minute.", |rig| {
-            let question = "this computer's clock is good to how many ppm (50: any, 1: held by NTP for hours)";
+            let question = "accuracy of this computer's clock in ppm (50: any, 1: disciplined by NTP for hours)";
             let ppm = rig.dialogue.ask_number(question, "50", PPM)?.map_or(HOST_PPM, f64::abs);
             rig.timebase(TIMEBASE_S, ppm)
         })?;
@@ -146,7 +146,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
                             return Ok(finding.has_settings());
                         }
                         (Verdict::Accept, Err(error)) => {
-                            self.say(&format!("this cannot be a setting: {error}"));
+                            self.say(&format!("this is not a valid setting: {error}"));
                             self.retry()?
                         }
                         _ => verdict,
@@ -178,7 +178,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         if !finding.is_good() {
             return self.retry();
         }
-        let question = if finding.has_settings() { "take it?" } else { "go on?" };
+        let question = if finding.has_settings() { "accept it?" } else { "continue?" };
         let choices = ["accept", "repeat", "skip"];
         Ok(match self.rig.dialogue.choose(question, &choices)? {
             0 => Verdict::Accept,
@@ -191,7 +191,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         self.say("");
         let accepted = self.accepted();
         if accepted.is_empty() {
-            self.say("nothing was accepted that differs from what the device has: it stays as it is");
+            self.say("no accepted value differs from the device's: nothing is changed");
             return Ok(false);
         }
         self.say("What would change on the device:");
@@ -206,7 +206,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         }
         if keeps {
             write(self.rig.device, &self.rig.settings)?;
-            self.say("saved on the device: these settings outlive a restart");
+            self.say("saved on the device: these settings survive a restart");
         } else {
             self.rig.device.write_settings(&self.rig.settings)?;
             self.say("in use on the device, until it restarts");
@@ -228,7 +228,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
             match written {
                 Ok(()) => {
                     self.say(&format!(
-                        "all settings are in {}; `inerter settings restore` takes them back",
+                        "all settings are in {}; `inerter settings restore` restores them",
                         path.display()
                     ));
                     return Ok(());
@@ -283,14 +283,14 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Erro
     };
     let both = rig.dialogue.choose("can they be put on in both directions?", &["yes", "no"])? == 0;
     let gravity = if sizes.iter().any(|(_, is_mass)| *is_mass) {
-        let question = "latitude in degrees, for the local gravity (empty: anywhere, 0.27 % uncertain)";
+        let question = "latitude in degrees, for the local gravity (empty: unknown, 0.27 % uncertain)";
         rig.dialogue.ask_number(question, "", DEGREES)?.map_or(Gravity::ANYWHERE, Gravity::at_latitude)
     } else {
         Gravity { value: 1.0, u95: 0.0 }
     };
     let percent = rig
         .dialogue
-        .ask_number(&description(machine, "how well are these loads known, in percent"), "0.1", PERCENT)?
+        .ask_number(&description(machine, "uncertainty of these loads, in percent"), "0.1", PERCENT)?
         .unwrap_or(0.1)
         .abs();
     let mut loads = vec![Load::mass(0.0, &gravity)];
@@ -332,7 +332,7 @@ fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
 fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
     let is_rotary = rig.settings.machine == Machine::Rotary;
     let dialogue = &mut *rig.dialogue;
-    let lines = dialogue.ask_number("lines per revolution by the encoder's label (empty: unknown)", "", PLAIN)?;
+    let lines = dialogue.ask_number("lines per revolution from the encoder's label (empty: unknown)", "", PLAIN)?;
     let revolutions =
         dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?.filter(|turns| turns.abs() >= 0.5);
     if is_rotary {
@@ -344,7 +344,8 @@ fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Er
             ..EncoderPlan::default()
         });
     }
-    let lead_mm = dialogue.ask_number("lead of the screw in mm by its data sheet (empty: unknown)", "", MILLIMETRES)?;
+    let lead_mm =
+        dialogue.ask_number("lead of the screw in mm from its data sheet (empty: unknown)", "", MILLIMETRES)?;
     let gauge_mm =
         dialogue.ask_number("displacement to move along a gauge, in mm (empty: no gauge)", "", MILLIMETRES)?;
     let mut plan = EncoderPlan {
@@ -357,11 +358,11 @@ fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Er
         Some(gauge_mm) => {
             let far = 1e-3 * gauge_mm;
             plan.displacements_m = vec![0.0, far, 0.0, far, 0.0];
-            let microns = dialogue.ask_number("the gauge is good to how many µm", "10", MICROMETRES)?.unwrap_or(10.0);
+            let microns = dialogue.ask_number("uncertainty of the gauge in µm", "10", MICROMETRES)?.unwrap_or(10.0);
             plan.gauge_u95_m = 1e-6 * microns.abs();
         }
         None => {
-            let percent = dialogue.ask_number("the lead is known to how many percent", "0.1", PERCENT)?.unwrap_or(0.1);
+            let percent = dialogue.ask_number("uncertainty of the lead in percent", "0.1", PERCENT)?.unwrap_or(0.1);
             plan.lead_u95 = percent.abs() / 100.0;
         }
     }

@@ -67,7 +67,7 @@ impl Dialogue for Technician {
                 self.bench.advance(to_m - self.gauge_m);
                 self.gauge_m = to_m;
             }
-            _ if question.contains("to and fro") => self.bench.shake("random@12s").unwrap(),
+            _ if question.contains("back and forth") => self.bench.shake("random@12s").unwrap(),
             _ if question.contains("two tones") => self.bench.shake("random@25s").unwrap(),
             _ if question.contains("masses in kg") => return Ok("5 10".into()),
             _ if question.contains("displacement to move") => return Ok("40".into()),
@@ -160,7 +160,7 @@ fn ctrl_c_at_any_question_leaves_the_device_as_it_was() {
 fn what_is_declined_at_the_end_is_not_written() {
     let (virtual_device, bench, _) = bench();
     let before = *connected(&virtual_device).settings();
-    let answers = [("begin?", "s"), ("begin?", "b"), ("take it?", "r"), ("take it?", "a")];
+    let answers = [("begin?", "s"), ("begin?", "b"), ("accept it?", "r"), ("accept it?", "a")];
     let mut technician = Technician::new(bench, &answers);
     technician.answers.extend([("begin?", "s"); 5]);
     technician.answers.push_back(("write and save", "no"));

@@ -17,10 +17,10 @@ use inerter_wire::Streams;
 use super::terminal::{interrupted, note};
 use crate::{Error, monitor::address::exposed};
 
-/// Settings over the run's own.
+/// Settings that override those of the run.
 #[derive(clap::Args)]
 pub struct SettingsArgs {
-    /// Set one setting; may be given several times, the last one wins
+    /// Set one setting; may be repeated, the last one wins
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Settings")]
     pub set: Vec<String>,
     /// Read settings from a TOML file with lines `key = value`; --set wins over it
@@ -57,7 +57,7 @@ impl FileSettingsArgs {
 /// Which device.
 #[derive(clap::Args)]
 pub struct LinkArgs {
-    /// Serial port of the device; without it the only inerter that is plugged in
+    /// Serial port of the device [default: the only inerter that is plugged in]
     #[arg(long, value_name = "PORT", conflicts_with_all = ["connect", "serial"], help_heading = "Device")]
     pub port: Option<String>,
     /// Connect to a device at a TCP address, e.g. a simulated one
@@ -66,7 +66,7 @@ pub struct LinkArgs {
     /// Serial number of the device, when several are plugged in
     #[arg(long, value_name = "NUMBER", help_heading = "Device")]
     pub serial: Option<String>,
-    /// Bits per second of a real UART; USB does not care
+    /// Bits per second of a real UART; USB ignores it
     #[arg(long, value_name = "RATE", default_value_t = DEFAULT_BAUD, help_heading = "Device")]
     pub baud: u32,
 }
@@ -89,7 +89,7 @@ impl LinkArgs {
         let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
         live.device().into_iter().for_each(tell);
         if live.looks_on() {
-            note("another program controls this device: this one looks on, and what it asks for is refused");
+            note("another program controls this device: this one only watches, and its requests are refused");
         }
         Ok(live)
     }
@@ -111,7 +111,7 @@ fn tell(device: &Device) {
 /// Says so where other machines can connect.
 pub fn note_exposed(address: &str) {
     if exposed(address).is_some() {
-        note(format!("every machine that reaches {address} can connect: nothing there asks for a password"));
+        note(format!("any machine that reaches {address} can connect: no password is required"));
     }
 }
 
@@ -121,13 +121,13 @@ pub struct OutputArgs {
     /// File to write (.mcap)
     #[arg(short, long, value_name = "FILE.mcap")]
     output: PathBuf,
-    /// Replace the file when it exists
+    /// Replace the file if it exists
     #[arg(long)]
     pub force: bool,
 }
 
 impl OutputArgs {
-    /// The file, unless one is there that must stay.
+    /// The file, unless it exists and may not be replaced.
     pub fn path(&self) -> Result<&Path, OutputError> {
         if !self.force {
             output::refuse_existing(&self.output)?;
@@ -141,7 +141,7 @@ impl OutputArgs {
     }
 }
 
-/// What a settings file says of the calibration of a rig that is about to be recorded; that it has expired is told.
+/// The calibration of the rig about to be recorded, from a settings file; notes when it has expired.
 pub fn calibration(file: Option<&Path>) -> Result<Option<Calibration>, SettingsInputError> {
     let Some(path) = file else { return Ok(None) };
     let read = Overrides::from_inputs(Some(path), &[])?;
@@ -157,10 +157,10 @@ pub fn calibration(file: Option<&Path>) -> Result<Option<Calibration>, SettingsI
 /// A part of a file.
 #[derive(clap::Args)]
 pub struct RangeArgs {
-    /// Begin so many seconds after the first sample
+    /// Begin this many seconds after the first sample
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub from: Option<Duration>,
-    /// End so many seconds after the first sample; a sample at this very time is left out
+    /// End this many seconds after the first sample; a sample at exactly this time is left out
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub to: Option<Duration>,
 }
@@ -175,10 +175,10 @@ impl RangeArgs {
 /// How long.
 #[derive(clap::Args)]
 pub struct TimeArgs {
-    /// Stop after this many seconds; without it at Ctrl-C
+    /// Stop after this many seconds [default: at Ctrl-C]
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub duration: Option<Duration>,
-    /// Wait this many seconds for a device that went away to come back
+    /// If the device goes away, wait this many seconds for it to come back
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true, default_value = "10")]
     pub wait: Duration,
 }

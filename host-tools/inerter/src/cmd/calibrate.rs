@@ -18,10 +18,10 @@ mod zero;
 
 /// Calibrate a device: a wizard, or each of its steps as a command.
 ///
-/// Without a step: a wizard that goes through all of them at a device and asks before it changes anything. The steps as
-/// commands are for scripts and for whoever knows what he wants: each shows what it found with its uncertainty, --write
-/// puts that in use on the device and saves it, and --json prints one object. Order: load-cell, zero, force, encoder,
-/// direction, skew, timebase; stiffness where there is a displacement sensor at the terminal.
+/// Without a step: a wizard that goes through all of them on a device and asks before it changes anything. The steps as
+/// commands are for scripts and for experienced users: each shows its result with its uncertainty, --write puts that in
+/// use on the device and saves it, and --json prints one object. Order: load-cell, zero, force, encoder, direction,
+/// skew, timebase; also stiffness, if there is a displacement sensor at the terminal.
 #[derive(clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct Args {

@@ -20,13 +20,13 @@ use crate::Error;
 
 /// Compare runs side by side: which differences are significant, and one page with all figures overlaid.
 ///
-/// All other runs are compared with the first one. Runs on one rig share the errors of force gain, lead and clock, so
-/// these do not count in a difference. Runs of another board or calibration, or with another scale of encoder or force,
-/// count as measured on another rig and are compared by their whole intervals; --rigs overrules that. A difference is
-/// significant where chance alone would hardly make one as large; the more differences are tested, the stricter each
-/// test (Holm's method). A run whose law is broken, in which the device changed, or with wrong samples stays undecided.
+/// All other runs are compared with the first. Runs on one rig share the errors of force gain, lead and clock, so these
+/// do not count in a difference. Runs of another board or calibration, or with another scale of encoder or force, count
+/// as measured on another rig, and their full intervals are used; --rigs overrides that. A difference is significant if
+/// chance alone would hardly make one as large; the more differences are tested, the stricter each test (Holm's
+/// method). A run whose law is broken, in which the device changed, or with wrong samples stays undecided.
 ///
-/// With --limits each run is held against limits as well, and the exit code is 10 unless all pass. With --json one
+/// With --limits each run is also checked against limits, and the exit code is 10 unless all pass. With --json one
 /// object:
 /// {"kind":"compare","files":[..],"rigs":[{"rig":"same"},..],"parameters":{"inertance_kg":[{"value":..,"u95":..,
 /// "same_rig_u95":..},{..,"difference":{"value":..,"u95":..,"p":..},"verdict":"differs"}],..}}. docs/CLI.md describes
@@ -34,19 +34,19 @@ use crate::Error;
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
-    /// Recordings (.mcap) or CSV files, two at least; the others are compared with the first
+    /// Recordings (.mcap) or CSV files, at least two; the others are compared with the first
     #[arg(required = true, num_args = 2.., value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Page to write
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
-    /// Write the figures as PNG files into this folder, which is made when it is not there
+    /// Write the figures as PNG files into this folder, which is created if needed
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]
     force: bool,
-    /// Whether the runs share a rig and its calibration; by default what the files show
+    /// Whether the runs share a rig and its calibration [default: as the files show]
     #[arg(long, value_name = "HOW_MANY")]
     rigs: Option<Rigs>,
     #[command(flatten)]
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     args.limits.check(&read, &args.output.as_deref().into_iter().collect::<Vec<_>>(), args.force)?;
     let rig = args.rigs.map(|rigs| match rigs {
         Rigs::One => Rig::Same,
-        Rigs::Several => Rig::Other("as --rigs says".into()),
+        Rigs::Several => Rig::Other("stated by --rigs".into()),
     });
     let runs = args.files.iter().map(|file| content(file, &args.settings));
     let mut comparison = Comparison::of(runs, rig)?;

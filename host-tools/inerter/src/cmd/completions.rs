@@ -23,10 +23,10 @@ pub struct Args {
 /// For example: inerter man -o ~/.local/share/man/man1, then: man inerter-record
 #[derive(clap::Args)]
 pub struct ManArgs {
-    /// Folder to write them to; it is made when it does not exist
+    /// Folder to write them to, which is created if needed
     #[arg(short, long, value_name = "FOLDER")]
     output: PathBuf,
-    /// Replace pages that are there
+    /// Replace pages that exist
     #[arg(long)]
     force: bool,
 }

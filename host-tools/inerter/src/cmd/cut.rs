@@ -13,11 +13,11 @@ use crate::Error;
 
 /// Keep a part of a recording.
 ///
-/// The frames stay as they were received, so that a replay of the part gives what a replay of those samples gives. They
-/// stay whole, too: up to 31 samples beyond --to come along, and as many after --from may be missing. Parts that follow
-/// each other hold every frame once, and `inerter merge` puts them together again.
+/// The frames stay exactly as received, so a replay of the part gives what a replay of those samples gives. Frames are
+/// kept whole: up to 31 samples beyond --to are included, and as many after --from may be missing. Consecutive parts
+/// hold every frame once, and `inerter merge` joins them again.
 ///
-/// A recording that was cut off may be given. The input is never changed.
+/// A truncated recording may be given. The input is never changed.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recording (.mcap)

@@ -13,20 +13,19 @@ use inerter_wire::catalogue;
 use super::{args::FileSettingsArgs, terminal::note};
 use crate::Error;
 
-/// Name what breaks the law of the estimator in a recording or a CSV file.
+/// Identify what breaks the law of the estimator in a recording or a CSV file.
 ///
-/// The law is F = mt a + cf v + fc sgn(v) + F0. Where force noise and encoder steps do not explain what it leaves over,
-/// a cause is sought: friction that grows with the load, that repeats with the turns of the screw, falls with the
-/// speed, turns over a distance or changes with time or with the square of the velocity, a skew between force and
-/// position, an encoder error, friction by direction, a spring, a position that gives way, a force that is not measured
-/// in proportion, a mass on the terminal that moves otherwise than the screw. Each is added to the law, the one that
-/// explains most first, as long as it explains more than noise and steps ever do. The parameters are given again with
-/// all of them included. Samples that no device can be blamed for are named as well: lost counts, a clipped or dead
-/// force, a wrong sign.
+/// The law is F = mt a + cf v + fc sgn(v) + F0. If force noise and encoder steps do not explain its residual, the
+/// command looks for a cause: friction that grows with the load, repeats with the turns of the screw, falls with the
+/// speed, reverses gradually over a distance, or changes with time or with the square of the velocity; a skew between
+/// force and position, an encoder error, friction that differs by direction, a spring, a position that yields to the
+/// force, a nonlinear measurement of the force, or a mass on the terminal that moves differently from the screw. Each
+/// is added to the law, the one that explains most first, as long as it explains more than noise and steps ever do. The
+/// parameters are given again with all of them included. Samples that no device could produce are reported as well:
+/// lost counts, a clipped or dead force, a wrong sign.
 ///
-/// What repeats with the turns of the screw is sought at the usual counts per turn, and intervals hold all that are
-/// possible;
-/// --counts-per-turn says what they are.
+/// Effects that repeat with the turns of the screw are sought at the usual counts per turn, and intervals cover all
+/// that are possible; --counts-per-turn gives the right one.
 ///
 /// With --json one object: {"kind":"diagnosis","law":{..},"causes":[{"name":..}],"corrected":{..}}. docs/CLI.md
 /// describes it.
@@ -59,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
     run.notes.iter().for_each(note);
     let encoder = Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line };
-    let changed = |since_s| note(format!("the device changed at {since_s:.1} s: only the motion since is looked at"));
+    let changed = |since_s| note(format!("the device changed at {since_s:.1} s: only the motion since then is used"));
     let diagnosed = diagnosed::<Error>(&run, encoder, changed, drop)?;
     let machine = run.settings.machine;
     if args.json {

@@ -10,19 +10,19 @@ use crate::{
     doctor::{Check, Condition, examine},
 };
 
-/// Look for what keeps this machine from using a device.
+/// Find what prevents this machine from using a device.
 ///
-/// Ports and why one cannot be opened, udev rule, versions and whether they go together, what `inerter.toml` is in use.
-/// Changes nothing. Ends with code 5 when a device is there that cannot be used. With --json one object a line:
+/// Checks ports and why one cannot be opened, the udev rule, whether the versions match, and which `inerter.toml` is in
+/// use. Changes nothing. Ends with code 5 if a connected device cannot be used. With --json one object per line:
 /// {"kind":"check","topic":..,"condition":"good"|"warning"|"problem","text":..,"advice":..}
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
     link: LinkArgs,
-    /// Print the udev rule for Linux, to be put into /etc/udev/rules.d
+    /// Print the udev rule for Linux, which belongs in /etc/udev/rules.d
     #[arg(long)]
     udev_rule: bool,
-    /// Print JSON, one object a line
+    /// Print JSON, one object per line
     #[arg(long)]
     json: bool,
 }
@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let problems = checks.iter().filter(|check| check.condition == Condition::Problem).count();
     if problems == 0 {
         if !args.json {
-            note("nothing keeps this machine from using a device");
+            note("nothing prevents this machine from using a device");
         }
         return Ok(());
     }

@@ -20,17 +20,17 @@ use crate::Error;
 
 /// Write samples and estimates for Excel, pandas, MATLAB, PlotJuggler.
 ///
-/// Several formats may be written at once. Memory stays small however long the recording.
+/// Several formats may be written at once. Memory use stays small, however long the recording.
 ///
-/// CSV: t_s, encoder_count, force_n and, when it was measured, terminal_m. The settings go into a TOML file beside it
+/// CSV: t_s, encoder_count, force_n and, if measured, terminal_m. The settings go into a TOML file beside it
 /// (run.csv, run.settings.toml): with them a replay of the CSV gives the same result as a replay of the recording.
 /// `--csv -` writes to standard output, without the settings.
 ///
-/// Parquet, MATLAB: also position_m; units, settings and device go with them (metadata of the Parquet file and
+/// Parquet, MATLAB: also position_m; units, settings and device are included (metadata of the Parquet file and
 /// DataFrame.attrs in pandas; the variables `settings`, `units`, `device` in MATLAB). A .mat is version 7.3, which is
 /// HDF5.
 ///
-/// MCAP: every sample as JSON for PlotJuggler and Foxglove, some 100 bytes each.
+/// MCAP: every sample as JSON for PlotJuggler and Foxglove, about 100 bytes each.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("output").required(true).multiple(true))]
 pub struct Args {
@@ -55,13 +55,13 @@ pub struct Args {
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = column)]
     columns: Option<Vec<Column>>,
     /// Also write the device's estimates with their intervals: beside a CSV or Parquet file (run.estimates.csv), as the
-    /// variable `estimates` in MATLAB. Of a CSV they are made by a replay
+    /// variable `estimates` in MATLAB. For a CSV a replay computes them
     #[arg(long)]
     estimates: bool,
     /// Replace files that exist
     #[arg(long)]
     force: bool,
-    /// Print JSON: one object when all is written
+    /// Print JSON: one object when everything is written
     #[arg(long)]
     json: bool,
     #[command(flatten)]

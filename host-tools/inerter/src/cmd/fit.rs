@@ -19,15 +19,16 @@ use inerter_wire::{EstimatorEvent, catalogue};
 use super::{args::FileSettingsArgs, terminal::note};
 use crate::Error;
 
-/// Fit recordings or CSV files again, with friction that may differ by direction.
+/// Refit recordings or CSV files, with friction that may differ by direction.
 ///
-/// Each run goes through the estimator, whose exact sums are fitted twice: with friction alike in both directions, and
-/// with one viscous and one Coulomb friction for each. Positive is where the encoder counts up (down, when
-/// metres_per_count is negative). A constant force cannot be told from a Coulomb friction that differs by direction:
-/// without --offset-n only fc+ - fc- + 2 F0 is given. After a change of the device only the motion since is fitted.
+/// Each run goes through the estimator, whose exact sums are fitted twice: with the same friction in both directions,
+/// and with one viscous and one Coulomb friction for each. Positive is the direction in which the encoder counts up
+/// (down if metres_per_count is negative). A constant force cannot be distinguished from a Coulomb friction that
+/// differs by direction: without --offset-n only fc+ - fc- + 2 F0 is given. If the device changed, only the motion
+/// since then is fitted.
 ///
-/// Several runs of one device are fitted together: their sums are added, which gives the same whatever the order, and a
-/// run that is given twice counts once. Their settings must be the same, but for the tare and what is of the terminal's
+/// Several runs of one device are fitted together: their sums are added, which gives the same result in any order, and
+/// a run that is given twice counts once. Their settings must be the same, except the tare and those of the terminal's
 /// sensor.
 ///
 /// With --json one object: {"kind":"fit","symmetric":{..},"by_direction":{..}}. docs/CLI.md describes it.
@@ -37,7 +38,7 @@ pub struct Args {
     /// Recordings (.mcap) or CSV files of one device
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// The force offset F0, where it is known: 0 after a tare without load
+    /// The force offset F0, if known: 0 after a tare without load
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     offset_n: Option<f64>,
     #[command(flatten)]
@@ -62,7 +63,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
             Some(others) => others.and(runs)?,
         };
         if together.count() == before {
-            note(format!("{about}this run is there already, and counts once"));
+            note(format!("{about}this run was given twice, and counts once"));
         }
         all = Some(together);
         saturated = saturated.or_else(|| refuse_saturated(&outcome, &run).err());
@@ -90,7 +91,7 @@ pub fn replayed(run: &Run, about: &str) -> Result<Outcome, Error> {
     replay_all(run, |t_s, event| {
         match event {
             EstimatorEvent::Changed(_) => {
-                note(format!("{about}the device changed at {t_s:.1} s: only the motion since is fitted"));
+                note(format!("{about}the device changed at {t_s:.1} s: only the motion since then is fitted"));
             }
             EstimatorEvent::Warned(warning) => {
                 note(format!("{about}at {t_s:.1} s {}", warning_words(run.settings.machine, warning.kind)))
@@ -133,8 +134,8 @@ fn text(args: &Args, run: &Run, fit: &Directions) -> Result<(), Error> {
     output::line("")?;
     if args.offset_n.is_none() {
         output::lines(format!(
-            "fc+ - fc- + 2 F0 is {} {unit}: a {} offset cannot be told from a Coulomb friction that differs by direction;\n\
-             give the offset with --offset-n (0 after a tare without load) to tell fc+ and fc- apart",
+            "fc+ - fc- + 2 F0 is {} {unit}: a {} offset cannot be distinguished from a Coulomb friction that differs by direction;\n\
+             give the offset with --offset-n (0 after a tare without load) to separate fc+ and fc-",
             cell(&fit.difference_n),
             description(run.settings.machine, "force")
         ))?;

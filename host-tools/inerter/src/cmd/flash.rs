@@ -18,21 +18,21 @@ use crate::Error;
 
 /// Program a board through a debug probe, such as the NUCLEO's ST-Link.
 ///
-/// For a board that runs nothing yet, or nothing that answers; else `inerter update` needs no probe. Only the pages of
-/// the image are erased, so that settings and calibration are kept; all is read back, the board is reset, found again
-/// on its USB connector or the probe's serial port, and asked what it runs.
+/// For a board that runs no firmware yet, or none that answers; otherwise `inerter update` needs no probe. Only the
+/// pages of the image are erased, so settings and calibration are kept. Everything is read back; then the board is
+/// reset, found again on its USB connector or the probe's serial port, and asked what it runs.
 /// With --json one object: {"kind":"flashed","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Firmware image: ELF or .bin
     file: PathBuf,
-    /// The probe, when several are plugged in
+    /// The probe, if several are plugged in
     #[arg(long, value_name = "VID:PID:SERIAL")]
     probe: Option<String>,
     /// The chip, by its name in probe-rs
     #[arg(long, value_name = "CHIP", default_value = board::CHIP)]
     chip: String,
-    /// Serial port to ask the board at afterwards, where neither its USB connector nor an ST-Link is plugged in
+    /// Serial port at which to ask the board afterwards, if neither its USB connector nor an ST-Link is plugged in
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     /// Do not ask the board afterwards what it runs

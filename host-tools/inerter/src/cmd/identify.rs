@@ -29,18 +29,19 @@ use crate::Error;
 ///
 /// With the terminal's displacement (a sensor, or --excite) inertance, viscous and Coulomb friction, contact stiffness
 /// and damping, backlash, structure mass, force offset and skew are fitted by simulation to encoder and force together.
-/// Each gets a 95 % interval, or the reason why this motion cannot show it. Without it the law of the estimator is
-/// fitted: inertance, friction and offset. In either case the law is also fitted to each segment by itself.
+/// Each gets a 95 % interval, or the reason why this motion cannot identify it. Without the displacement the law of the
+/// estimator is fitted: inertance, friction and offset. In either case the law is also fitted to each segment
+/// separately.
 ///
-/// The structure mass is taken as the settings say, within structure_mass_u95_kg and 5 %, and the skew within
-/// skew_u95_s;
-/// --free mr, --free tau leave them to the data. Several files are one device, each with its own force offset. The last 30 %
-/// of each file are explained by a fit of the first 70 %: what is left unexplained there is the validation.
+/// The structure mass is taken from the settings, within structure_mass_u95_kg and 5 %, and the skew within skew_u95_s;
+/// --free mr and --free tau fit them to the data. Several files are one device, each with its own force offset. For
+/// validation, the last 30 % of each file are predicted by a fit of the first 70 %, and what remains unexplained there
+/// is reported.
 ///
-/// The frequency response force over displacement (H1 or steady tones, with coherence and interval) is measured as
-/// well, and stands beside that of the ideal inertance and of the complete model with what was found.
+/// The frequency response of force over displacement (H1 or steady tones, with coherence and interval) is measured as
+/// well, and compared with that of the ideal inertance and of the fitted complete model.
 ///
-/// --staged goes about it as Li, Liang and Wang did: the slowest file gives the Coulomb friction, the next ones the rest,
+/// --staged proceeds as Li, Liang and Wang did: the slowest file gives the Coulomb friction, the next ones the rest;
 /// the fastest of three or more validates.
 ///
 /// With --json one object: {"kind":"identify",..}. docs/CLI.md describes it.
@@ -50,25 +51,25 @@ pub struct Args {
     /// Recordings (.mcap) or CSV files of one device
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Friction from the slowest file, the rest from the next, the fastest validates
+    /// Take friction from the slowest file and the rest from the next ones; the fastest validates
     #[arg(long)]
     staged: bool,
-    /// Length of the segments that are fitted by themselves; without it from one discontinuity to the next
+    /// Length of the segments that are fitted separately [default: from one discontinuity to the next]
     #[arg(long, value_name = "SECONDS", value_parser = segment)]
     segments: Option<f64>,
-    /// Fit this too, whatever the settings say of it; may be given several times
+    /// Fit this too, whatever the settings say; may be repeated
     #[arg(long, value_name = "PARAMETER")]
     free: Vec<Free>,
-    /// What moved the terminal from time 0, in place of a sensor: as in `inerter simulate --excite`
+    /// Motion of the terminal from time 0, instead of a sensor: as in `inerter simulate --excite`
     #[arg(long, value_name = "MOTION")]
     excite: Option<String>,
-    /// Seed of that motion, where it is a random one
+    /// Seed of that motion, if it is random
     #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "excite")]
     seed: u64,
     /// Print the measured frequency response of each file beside the ideal and the complete model; --json always has it
     #[arg(long)]
     response: bool,
-    /// Leave out the profiles of weakly determined parameters, which take longest
+    /// Skip the profiles of weakly determined parameters, which take longest
     #[arg(long)]
     no_profiles: bool,
     #[command(flatten)]

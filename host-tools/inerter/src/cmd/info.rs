@@ -28,8 +28,8 @@ use crate::Error;
 
 /// Show what a recording or a CSV file holds.
 ///
-/// Device, settings (with them the calibration), duration, losses, markers, and how it ended. Needs little memory,
-/// however long the recording.
+/// Device, settings with the calibration, duration, losses, markers, and how it ended. Needs little memory, however
+/// long the recording.
 ///
 /// With --json one object: {"kind":"recording","file":..,"ending":"closed"|"cut_off"|"damaged","duration_s":..,
 /// "samples":..,"discontinuities":..,"frames":..,"lost_frames":..,"damaged_frames":..,"device":{..},"settings":{..},"calibration":{..},"truth":{..},
@@ -193,7 +193,7 @@ fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option
     )?;
     if summary.settings.is_some() {
         let mut changed = changed(settings);
-        row("settings", changed.next().unwrap_or_else(|| "all as by default".into()))?;
+        row("settings", changed.next().unwrap_or_else(|| "all defaults".into()))?;
         changed.try_for_each(|setting| row("", setting))?;
     }
     if let Some(calibration) = calibration {

@@ -1,4 +1,4 @@
-//! Limits that a device is held against, and the files that say what came of it.
+//! Limits that a device is checked against, and the files with the verdicts.
 
 use std::path::{Path, PathBuf};
 
@@ -13,22 +13,22 @@ use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 use super::terminal::tidy_at_interrupts;
 use crate::Error;
 
-/// What a device is held against.
+/// The limits that a device is checked against.
 #[derive(clap::Args)]
 pub struct LimitsArgs {
-    /// Hold the parameters against limits: TOML with a table for each, such as `[coulomb_n]`, and `min` or `max` below
+    /// Check the parameters against limits: TOML with a table for each, such as `[coulomb_n]`, and `min` or `max` below
     /// it
     #[arg(long, value_name = "FILE.toml", help_heading = "Limits")]
     limits: Option<PathBuf>,
-    /// Write what is said of the limits as JUnit XML; what is undecided is an error there
+    /// Write the verdicts as JUnit XML; undecided ones are errors there
     #[arg(long, value_name = "FILE.xml", requires = "limits", help_heading = "Limits")]
     junit: Option<PathBuf>,
-    /// Write it as CSV
+    /// Write the verdicts as CSV
     #[arg(long, value_name = "FILE.csv", requires = "limits", help_heading = "Limits")]
     verdicts: Option<PathBuf>,
 }
 
-/// A run and what is said of its limits.
+/// A run and the verdicts on its limits.
 pub struct Held<'a> {
     /// Its name: a file, or that in a store.
     pub run: String,
@@ -36,7 +36,7 @@ pub struct Held<'a> {
     pub is_file: bool,
     /// Kind of its machine.
     pub machine: Machine,
-    /// A word on each limit.
+    /// The verdict on each limit.
     pub judged: &'a [Judged],
 }
 

@@ -15,13 +15,13 @@ use super::{
 };
 use crate::Error;
 
-/// Put recordings of one device in a row.
+/// Join recordings of one device in time order.
 ///
-/// The earliest comes first, whatever the order in which they are given. Frames, markers and times stay as they were
-/// received. Between two recordings samples are missing, unless the device's sample counter simply goes on.
+/// They are sorted by time, in whatever order they are given. Frames, markers and times stay exactly as received.
+/// Samples are missing between two recordings unless the device's sample counter continues.
 ///
-/// Settings that differ, another device, and recordings that were made at the same time are refused. Recordings that
-/// were cut off may be given. The inputs are never changed.
+/// Recordings with different settings, of different devices, or made at the same time are refused. Truncated recordings
+/// may be given. The inputs are never changed.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recordings (.mcap), two or more

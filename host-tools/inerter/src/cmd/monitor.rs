@@ -33,40 +33,41 @@ const SHARE: &str = "127.0.0.1:7878";
 /// Show what a device measures, live.
 ///
 /// In a terminal: signals, parameters with 95 % intervals over time, losses, health, events; `?` lists the keys.
-/// Otherwise, or with --plain, one line per estimate is printed. With --json one object a line: {"kind":"device",..} at
-/// the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json` prints it,
+/// Otherwise, or with --plain, one line per estimate is printed. With --json one object per line: {"kind":"device",..}
+/// at the beginning and after each reconnection, {"kind":"estimate",..} as `inerter replay --json` prints it,
 /// {"kind":"reversal",..} for each reversal of the flanks, {"kind":"health",..} once a second,
 /// {"kind":"event","code":..,"event":..}, with a code like cause.skew for what breaks the law,
 /// {"kind":"link","lost_frames":..} when frames were lost, {"kind":"link","left_out_lines":..} when lines were not read
-/// in time, {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot, --plotjuggler, --foxglove, --share.
+/// in time, {"kind":"marker","text":..}, {"kind":"view","view":..,"address":..} for each of --web, --teleplot,
+/// --plotjuggler, --foxglove, --share.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
     link: LinkArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Print JSON, one object a line
+    /// Print JSON, one object per line
     #[arg(long)]
     json: bool,
     /// Print lines even in a terminal
     #[arg(long, conflicts_with = "json")]
     plain: bool,
-    /// Record everything that the device sends meanwhile, with the markers
+    /// Record everything that the device sends, with the markers
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`,
-    /// and `certificate` and `expires` where they are known
+    /// Store when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and
+    /// `certificate` and `expires` if known
     #[arg(long, value_name = "FILE.toml", requires = "record")]
     calibration: Option<PathBuf>,
-    /// Replace the recording when it exists
+    /// Replace the recording if it exists
     #[arg(long, requires = "record")]
     force: bool,
     #[command(flatten)]
     others: Wanted,
-    /// Let other programs look on as at a device: `monitor` or `record` with --connect HOST:PORT. This one controls it
+    /// Let other programs read the device: `monitor` or `record` with --connect HOST:PORT. This program controls it
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = SHARE, help_heading = "Other views")]
     share: Option<String>,
-    /// Let other machines connect where an address is not a loopback one (--foxglove, --share)
+    /// Allow addresses that other machines can reach (--foxglove, --share)
     #[arg(long, help_heading = "Other views")]
     allow_remote: bool,
 }

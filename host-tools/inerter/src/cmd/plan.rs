@@ -1,4 +1,4 @@
-//! `inerter plan`: which motion would tell most, and what it would tell.
+//! `inerter plan`: the most informative motion, and its predicted intervals.
 
 mod files;
 mod written;
@@ -16,30 +16,30 @@ use super::{
 use crate::Error;
 use files::FileArgs;
 
-/// Design the motion that tells most of a device within a rig's limits, and predict what it will tell.
+/// Design the most informative motion within a rig's limits, and predict its intervals.
 ///
-/// State roughly what you expect of the device (or give a recording of an earlier run, or --preset), the force's noise,
-/// and what the rig can do: --stroke-m to either side, --speed-m-per-s, --force-n, --duration. The motion is made of
-/// tones and multisines in a row, each as large as the limits allow on the simulated device, with a smooth lead-in and
-/// lead-out. Without --want it fills the duration and is D-optimal; with --want "fc to 0.3 N, mt to 0.1 %" it is as
-/// short as what is wanted allows.
+/// State approximately what you expect of the device (or give a recording of an earlier run, or --preset), the force's
+/// noise, and what the rig can do: --stroke-m to either side, --speed-m-per-s, --force-n, --duration. The motion is a
+/// sequence of tones and multisines, each as large as the limits allow on the simulated device, with a smooth lead-in
+/// and lead-out. Without --want it fills the duration and is D-optimal; with --want "fc to 0.3 N, mt to 0.1 %" it is as
+/// short as the wanted intervals allow.
 ///
-/// For each parameter it prints the U95 that will be stated, the same without what two runs on one rig share, the
-/// scatter from run to run, and what the interval comes from most. --excite predicts a motion of yours instead. -o
-/// writes the motion as a CSV, --wav as a sound file for a shaker controller; `inerter simulate --motion FILE.csv`
-/// tries it out. What is wanted and cannot be had ends with code 9, after the best that can be is told and written.
+/// For each parameter it prints the U95 that a run will state, the same without the errors that two runs on one rig
+/// share, the scatter from run to run, and the largest source of the interval. --excite predicts a motion of yours
+/// instead. -o writes the motion as a CSV, --wav as a sound file for a shaker controller; `inerter simulate --motion
+/// FILE.csv` tries it out. If a wanted interval is out of reach, the best possible motion is printed and written, and
+/// the exit code is 9.
 ///
-/// The settings are those of the rig (scales, rate, what is uncertain of them): --settings, --set, as elsewhere;
+/// The settings are those of the rig (scales, rate, and their uncertainties): --settings, --set, as elsewhere;
 /// structure mass and stiffness are those of the expected device. With --json one object:
 /// {"kind":"plan","parts":[..],"predicted":{..},"wants":[..]}. docs/CLI.md describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
-    /// Recording (.mcap) or CSV file of an earlier run: what it tells is expected, and the limits it kept to hold where
-    /// none are given
+    /// Recording (.mcap) or CSV file of an earlier run: its results are expected, and the limits it kept apply unless
+    /// others are given
     file: Option<PathBuf>,
-    /// What is wanted: parameters (mt, cf, fc, F0) and the half widths of their 95 % intervals, e.g. "fc to 0.3 N, mt
-    /// to 0.1 %"
+    /// Wanted half widths of 95 % intervals, by parameter (mt, cf, fc, F0), e.g. "fc to 0.3 N, mt to 0.1 %"
     #[arg(long, value_name = "WANTS", conflicts_with = "excite")]
     want: Vec<String>,
     /// Travel of the terminal to either side of its middle
@@ -51,7 +51,7 @@ pub struct Args {
     /// Force on the load cell
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Limits")]
     force_n: Option<f64>,
-    /// Length of the motion, with --want the longest [default: 20, or that of FILE]
+    /// Length of the motion, with --want at most [default: 20, or that of FILE]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Limits")]
     duration: Option<f64>,
     /// Lowest frequency [default: four periods within the duration]
@@ -60,20 +60,19 @@ pub struct Args {
     /// Highest frequency [default: 16]
     #[arg(long, value_name = "Hz", allow_negative_numbers = true, help_heading = "Limits")]
     highest_hz: Option<f64>,
-    /// Time in which each part comes up from rest, and goes down to it [default: 0.5, or a quarter of the lowest
-    /// period]
+    /// Time in which each part rises from rest, and returns to it [default: 0.5, or a quarter of the lowest period]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Limits")]
     fade_s: Option<f64>,
     /// White noise of the force in one sample, rms
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Expected device")]
     force_noise_n: Option<f64>,
-    /// Device to begin with: paper, worn, preloaded, presliding or stribeck
+    /// Device to start from: paper, worn, preloaded, presliding or stribeck
     #[arg(long, value_name = "NAME", conflicts_with = "file", help_heading = "Expected device")]
     preset: Option<String>,
-    /// Predict what this motion tells instead of designing one, as in `inerter simulate --excite`
+    /// Predict the intervals of this motion instead of designing one, as in `inerter simulate --excite`
     #[arg(long, value_name = "MOTION")]
     excite: Option<String>,
-    /// Seed of that motion, where it is a random one
+    /// Seed of that motion, if it is random
     #[arg(long, value_name = "NUMBER", default_value_t = 1, requires = "excite")]
     seed: u64,
     #[command(flatten)]

@@ -15,9 +15,9 @@ use crate::Error;
 
 /// Draw one figure of a run, as SVG for print or as PNG.
 ///
-/// force: measured force and law in the middle of the run. loop: force over displacement. residual: what the law leaves
-/// over. parameters: estimates with intervals over time. backlash: by reversal. bode: measured, ideal and complete
-/// frequency response. A figure that the run cannot show is refused with code 9.
+/// force: measured force and law in the middle of the run. loop: force over displacement. residual: residual of the
+/// law. parameters: estimates with intervals over time. backlash: by reversal. bode: measured, ideal and complete
+/// frequency response. A figure that the run cannot give is refused with code 9.
 ///
 /// With --json one object: {"kind":"plot","file":..,"source":..,"figure":..,"caption":..}.
 #[derive(clap::Args)]

@@ -9,13 +9,13 @@ use crate::Error;
 /// List the serial ports of this machine, and devices in update mode.
 ///
 /// Instrumented inerters come first and are marked with *, then ST-Links, which carry the UART of a NUCLEO; devices in
-/// update mode, which wait for `inerter update`, come last. Prints nothing but a note when there are none. With --json
-/// one object a line:
+/// update mode, which wait for `inerter update`, come last. If there are none it prints only a note. With --json
+/// one object per line:
 /// {"kind":"port","port":"/dev/ttyACM0","inerter":true,"stlink":false,"product":..,"serial":..,"vid":..,"pid":..},
 /// {"kind":"dfu","product":..,"serial":..,"vid":..,"pid":..}
 #[derive(clap::Args)]
 pub struct Args {
-    /// Print JSON, one object a line
+    /// Print JSON, one object per line
     #[arg(long)]
     json: bool,
 }

@@ -28,11 +28,11 @@ const REPORT: Duration = Duration::from_secs(1);
 
 /// Record everything that a device sends.
 ///
-/// The MCAP file holds every frame exactly as received. On a terminal each line that is typed becomes a marker with the
-/// time at which it was finished; an empty line is a numbered one. `inerter info` lists them.
+/// The MCAP file holds every frame exactly as received. On a terminal each typed line becomes a marker with the time at
+/// which it was finished; an empty line becomes a numbered marker. `inerter info` lists them.
 ///
-/// Ends after --duration or at Ctrl-C. A device that goes away is waited for (--wait); when it does not come back, the
-/// recording is closed with what there is. A file that was cut off, even by a power failure, reads up to the cut.
+/// Ends after --duration or at Ctrl-C. If the device goes away, the command waits for it (--wait); if it does not come
+/// back, the recording is closed with what there is. A truncated file, even after a power failure, reads up to the cut.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]
@@ -41,8 +41,8 @@ pub struct Args {
     link: LinkArgs,
     #[command(flatten)]
     time: TimeArgs,
-    /// Write down when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`,
-    /// and `certificate` and `expires` where they are known
+    /// Store when and how the rig was calibrated: the table `[calibration]` of this settings file, with `date`, and
+    /// `certificate` and `expires` if known
     #[arg(long, value_name = "FILE.toml")]
     calibration: Option<PathBuf>,
     /// Stop when the device has no more samples, as at the end of a simulated motion
@@ -96,8 +96,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
             }
             Ok(LinkEvent::Back) => {
                 let port = live.device().map(|device| format!(" at {}", device.name())).unwrap_or_default();
-                progress
-                    .note(format!("the device is back{port}, the recording goes on; the samples between are missing"));
+                progress.note(format!(
+                    "the device is back{port}, the recording continues; the samples in between are missing"
+                ));
             }
             Err(error) => break Some(error),
         }
@@ -189,11 +190,11 @@ fn end(args: &Args, duration_s: f64, frames: u32, lost_frames: u64) -> Result<()
 fn kept(error: DeviceError, file: &str, duration_s: f64) -> DeviceError {
     match error {
         DeviceError::Vanished { name, reason, .. } => {
-            let kept = format!("; {} until then can be read in {file}", duration_text(duration_s));
+            let kept = format!("; the {} before that can be read in {file}", duration_text(duration_s));
             DeviceError::Vanished { name, reason, kept }
         }
         other => {
-            note(format!("{} until then can be read in {file}", duration_text(duration_s)));
+            note(format!("the {} before that can be read in {file}", duration_text(duration_s)));
             other
         }
     }

@@ -30,26 +30,25 @@ const ROWS: f64 = 20.0;
 
 /// Run the estimator over a recording or a CSV file.
 ///
-/// The result is what the device itself would have said, to the bit. FILE is a recording (.mcap) or a CSV with the
-/// columns t_s, encoder_count, force_n and, optionally, terminal_m, in any order, with a header; of a rotary machine
+/// The result is exactly what the device would have reported, to the bit. FILE is a recording (.mcap) or a CSV with the
+/// columns t_s, encoder_count, force_n and, optionally, terminal_m, in any order, with a header; for a rotary machine
 /// torque_n_m and terminal_rad. The sample rate comes from t_s; the estimator assumes nothing about missing samples. A
-/// CSV needs
-/// --metres-per-count. Settings: those of the recording (for a CSV the defaults below), then --settings, then --set,
-/// then --metres-per-count; later ones win.
+/// CSV needs --metres-per-count. Settings: those of the recording (for a CSV the defaults below), then --settings, then
+/// --set, then --metres-per-count; later ones win.
 ///
-/// With --json one object a line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
+/// With --json one object per line: {"kind":"estimate","t_s":..,"whole_run":{..},"inertance_kg":{"value":..,"u95":..,
 /// "status":"ok"},..,"backlash_m":{..},..}, the last with "final":true; {"kind":"reversal",..} for each reversal of the
-/// flanks and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and its like
-/// for samples that no device can be blamed for. Where the law leaves more over than chance would, what is found in the
-/// last minute is told at the end, as by `inerter diagnose`. What the motion could not show is told last, with one that
-/// would have, as by `inerter plan`. docs/CLI.md describes them.
+/// flanks and {"kind":"event","code":"changed",..} for each change of the device, "warned.clipped_force" and the like
+/// for samples that no device could produce. If the residual of the law is larger than chance explains, the causes
+/// found in the last minute are reported at the end, as by `inerter diagnose`. Parameters that the motion could not
+/// identify are reported last, with a motion that would have, as by `inerter plan`. docs/CLI.md describes them.
 ///
-/// With --store the runs of a store are replayed, or with --shard a part of them, and what comes of each is kept there
-/// in a batch: `inerter replay --store runs --shard 3/100` in the third of a hundred jobs. What the batch has is not
-/// done again. A run that fails is kept with its error, and the exit code is 3. docs/STORE.md describes batches.
+/// With --store the runs of a store are replayed, or with --shard a part of them, and the results are kept there in a
+/// batch: `inerter replay --store runs --shard 3/100` in the third of a hundred jobs. Runs that the batch already has
+/// are not repeated. A run that fails is kept with its error, and the exit code is 3. docs/STORE.md describes batches.
 ///
-/// With --limits each parameter that the file names passes where its 95 % interval lies within the limits, fails where
-/// it lies beyond one, and is undecided else (ISO 14253-1); the exit code is 10 unless all pass.
+/// With --limits each parameter that the file names passes if its 95 % interval lies within the limits, fails if it
+/// lies beyond one, and is otherwise undecided (ISO 14253-1); the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -58,15 +57,15 @@ pub struct Args {
     file: Option<PathBuf>,
     #[command(flatten)]
     settings: FileSettingsArgs,
-    /// Print JSON, one object a line
+    /// Print JSON, one object per line
     #[arg(long)]
     json: bool,
-    /// Print a row at most every so many seconds of the run; 0 prints every estimate, without --every about 20 rows
+    /// Print at most one row per this many seconds of the run; 0 prints every estimate [default: about 20 rows]
     #[arg(long, value_name = "SECONDS", conflicts_with = "json", value_parser = super::args::seconds, allow_negative_numbers = true)]
     every: Option<std::time::Duration>,
     #[command(flatten)]
     limits: LimitsArgs,
-    /// Replace the files of --junit and --verdicts where they are there
+    /// Replace the files of --junit and --verdicts if they exist
     #[arg(long, help_heading = "Limits")]
     force: bool,
     #[command(flatten)]

@@ -25,16 +25,16 @@ use crate::Error;
 /// Write a page on a run: parameters with intervals, figures, conditions, settings and versions.
 ///
 /// The page is one HTML file that loads nothing else, prints on A4 and follows the reader's light or dark scheme. It
-/// shows the force against the law, what is left over, the force-displacement loop, parameters over time, backlash by
-/// reversal, and the measured frequency response beside the ideal and the complete model. What this run cannot show is
-/// said in words.
+/// shows the force against the law, the residual, the force-displacement loop, parameters over time, backlash by
+/// reversal, and the measured frequency response beside the ideal and the complete model. The page says what this run
+/// cannot identify.
 ///
-/// With --limits the page says pass, fail or undecided of each parameter that the file names, as `inerter replay` does,
-/// and the exit code is 10 unless all pass.
+/// With --limits the page says pass, fail or undecided for each parameter that the file names, as `inerter replay`
+/// does, and the exit code is 10 unless all pass.
 ///
-/// --png writes the figures as PNG files besides, for slides and papers; `inerter plot` writes a single one.
-/// With --json one object: {"kind":"report","file":..,"source":..,"figures":[..],"png":[..]}, and "limits" where there
-/// are any. docs/CLI.md describes it.
+/// --png also writes the figures as PNG files, for slides and papers; `inerter plot` writes a single one. With --json
+/// one object: {"kind":"report","file":..,"source":..,"figures":[..],"png":[..]}, and "limits" if there are any.
+/// docs/CLI.md describes it.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -43,7 +43,7 @@ pub struct Args {
     /// Page to write
     #[arg(short, long, value_name = "FILE.html")]
     output: PathBuf,
-    /// Write the figures as PNG files into this folder, which is made when it is not there
+    /// Write the figures as PNG files into this folder, which is created if needed
     #[arg(long, value_name = "DIR")]
     png: Option<PathBuf>,
     /// Replace files that exist

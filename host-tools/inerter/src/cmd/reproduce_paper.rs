@@ -25,16 +25,16 @@ const SEED: u64 = 2011;
 
 /// Simulate the paper's device and rig, identify it blindly, and draw the paper's figures 8, 9, 10 and 11.
 ///
-/// The three tests (0.053 Hz 15.1 mm, 3.2 Hz 4.16 mm, 15.9 Hz 0.806 mm) are simulated with noise; what the instrument
-/// says of the device is put beside the published values, and the band in which the ideal mass model holds is computed.
-/// The folder gets a page (reproduction.html) and each figure as SVG and PNG. The same seeds give the same figures.
+/// The three tests (0.053 Hz 15.1 mm, 3.2 Hz 4.16 mm, 15.9 Hz 0.806 mm) are simulated with noise; the results of the
+/// instrument are compared with the published values, and the band in which the ideal mass model holds is computed. The
+/// folder gets a page (reproduction.html) and each figure as SVG and PNG. The same seeds give the same figures.
 ///
-/// The paper's Coulomb friction did not survive in the text at hand: 50 N is our choice.
+/// The paper's Coulomb friction is missing from our copy of its text: 50 N is our choice.
 ///
 /// With --json one object: {"kind":"reproduced","file":..,"parameters":{..},"ideal_band_rad_per_s":[..],..}.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder to write into, which is made when it is not there
+    /// Folder to write into, which is created if needed
     #[arg(short, long, value_name = "DIR", default_value = "paper")]
     output: PathBuf,
     /// Replace files that exist
@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         return Ok(output::line(json_line(&object(&paper, &file, &names)))?);
     }
     output::lines(table(&paper))?;
-    terminal::say(format!("{file}: the page; the figures stand beside it as SVG and PNG"));
+    terminal::say(format!("{file}: the page; the figures are beside it as SVG and PNG"));
     Ok(())
 }
 
@@ -130,7 +130,7 @@ fn table(paper: &Reproduction) -> String {
     let [slow, fast] = paper.at_published_ends;
     format!(
         "{text}\n\nThe ideal mass is within 1 dB and 5 degrees of the complete model {words}.\nThe paper's middle band is {low} to {high} rad/s: at its ends they differ \
-         by {:.1} dB and {:.0} degrees, and by {:.1} dB and {:.1} degrees.\nfc: the paper's did not survive in the text at hand; 50 N is our choice.",
+         by {:.1} dB and {:.0} degrees, and by {:.1} dB and {:.1} degrees.\nfc: the paper's is missing from our copy of its text; 50 N is our choice.",
         slow.decibels,
         slow.degrees.abs(),
         fast.decibels,

@@ -55,37 +55,36 @@ const HALT: Duration = Duration::from_secs(1);
 /// Time for a board to say how it is doing, which it does once a second.
 const HEALTH: Duration = Duration::from_secs(2);
 
-/// Prove a board: chip, clocks, supply, noise, flash, watchdog, restart, update mode, and write it all down.
+/// Test a board (chip, clocks, supply, noise, flash, watchdog, restart, update mode) and write a report.
 ///
 /// Most of it needs no wires. With four jumpers between the board's outputs and inputs (docs/HARDWARE.md) it also plays
-/// a simulated inerter to itself and measures it, with nothing else connected: --rig-unplugged says so, or the answer
-/// to a question. The board's settings are backed up to a file first and put back at the end, also after Ctrl-C and
-/// after an error. The board restarts three times; over its own USB connector it also goes into update mode and back,
-/// without being written to. Each line is a check with what was found and what was expected; where one fails, with its
-/// likely cause.
+/// a simulated inerter to itself and measures it, with nothing else connected: confirm that with --rig-unplugged or
+/// when asked. The board's settings are backed up to a file first and restored at the end, also after Ctrl-C and after
+/// an error. The board restarts three times; over its own USB connector it also goes into update mode and back, without
+/// being written to. Each line is a check with the result and the expected range; if one fails, with its likely cause.
 ///
-/// -o writes the same as a page, and beside it a JSON file and the backup: made to be sent on. Without it the backup is
+/// -o writes a report page, and beside it a JSON file and the backup, to be passed on. Without it the backup is
 /// selftest.settings.toml in the current folder. An earlier backup is never replaced: the next one is named
-/// .settings.2.toml. With --json one object a check and one at the end: docs/CLI.md describes them. Exit code 10 when a
+/// .settings.2.toml. With --json one object per check and one at the end: docs/CLI.md describes them. Exit code 10 if a
 /// check fails.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Page to write; beside it a file .json with the same, and a backup of the settings (.settings.toml)
+    /// Page to write; beside it the same as .json, and a backup of the settings (.settings.toml)
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
-    /// Replace a page and JSON file that exist
+    /// Replace a page and a JSON file that exist
     #[arg(long)]
     force: bool,
-    /// Leave out what needs jumpers
+    /// Skip what needs jumpers
     #[arg(long)]
     without_jumpers: bool,
-    /// No rig is connected and the four wires are in place: the board may drive its outputs
+    /// Confirm that no rig is connected and the four wires are in place, so that the board may drive its outputs
     #[arg(long, conflicts_with = "without_jumpers")]
     rig_unplugged: bool,
-    /// Save the delay of the force that the jumpers show, with its uncertainty, as skew_s and skew_u95_s
+    /// Save the delay of the force that is measured through the jumpers, with its uncertainty, as skew_s and skew_u95_s
     #[arg(long, conflicts_with = "without_jumpers")]
     write: bool,
-    /// Leave update mode out
+    /// Skip update mode
     #[arg(long)]
     without_dfu: bool,
     #[command(flatten)]
@@ -126,7 +125,7 @@ fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use:
         say(format!("settings backed up to {}", path.display()));
         if others > 0 {
             note(
-                "other backups are beside it: after a self-test of this board that was cut off, that test's is the right one",
+                "other backups are beside it: if an earlier self-test of this board was cut off, use that test's backup",
             );
         }
         Ok::<_, Error>(path)
@@ -170,23 +169,23 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let outcome = bench.all(args);
     let restored = bench.restore();
     if !matches!(restored, Ok(true)) {
-        note(format!("the settings were not put back: do it by {commands}"));
+        note(format!("the settings were not restored: restore them with {commands}"));
     }
     match outcome {
         // A board that does not answer any more has failed, and what it showed before counts.
         Err(Error::Device(error)) if !matches!(error, DeviceError::Interrupted) => {
-            let check = Check::words("whole", "Test carried out", "to its end", "broken off", Some(error.to_string()));
+            let check = Check::words("whole", "Test carried out", "to its end", "aborted", Some(error.to_string()));
             bench.add([check])?;
         }
         outcome => outcome?,
     }
     let cause = match &restored {
         Ok(true) => None,
-        Ok(false) => Some("the board took them, and has others now".to_owned()),
+        Ok(false) => Some("the board accepted them, and has others now".to_owned()),
         Err(error) => Some(error.to_string()),
     };
     let found = if cause.is_none() { "as before" } else { "others" };
-    bench.add([Check::words("restored", "Settings put back", "as before", found, cause)])?;
+    bench.add([Check::words("restored", "Settings restored", "as before", found, cause)])?;
     let test = bench.test;
     if let Some(files) = &files {
         output::write(files.page, args.force, html(&test))?;
@@ -361,7 +360,7 @@ impl Bench {
         let overruns = heard.health.map(|health| f64::from(health.overruns));
         self.add([
             Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad as f64), |_| {
-                "the link or the host does not keep up: another port, cable or hub".into()
+                "the link or the host does not keep up: try another port, cable or hub".into()
             }),
             Check::range("samples_lost", "Samples lost at 4 kHz", "", 0.0..=0.0, Some(missing as f64), |_| {
                 "the sampler or the link does not keep up".into()
@@ -369,8 +368,8 @@ impl Bench {
             Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
                 "the sampler was overtaken by its hardware: please report it".into()
             }),
-            Check::range("throughput", "Stream at 4 kHz, a second of the device", "KB", 10.0..=1000.0, rate, |_| {
-                "fewer or more bytes come than 4000 samples a second make".into()
+            Check::range("throughput", "Stream at 4 kHz, per second of the device", "KB", 10.0..=1000.0, rate, |_| {
+                "the number of bytes does not match 4000 samples per second".into()
             }),
         ])
     }
@@ -385,7 +384,11 @@ impl Bench {
         // One to save, and one to put back.
         let saves_left = self.test.measured.iter().rev().find_map(|measured| measured.get(Quantity::SavesLeft));
         if saves_left.is_some_and(|left| left < 2) {
-            self.add([Check::skipped(NAME.0, NAME.1, "the flash was written often lately: again in some minutes")])?;
+            self.add([Check::skipped(
+                NAME.0,
+                NAME.1,
+                "the flash was written often recently: try again in a few minutes",
+            )])?;
             return Ok(None);
         }
         let publish_rate_hz = if self.before.publish_rate_hz == 4.0 { 5.0 } else { 4.0 };
@@ -396,7 +399,7 @@ impl Bench {
         match self.device()?.save_settings() {
             Err(DeviceError::Refused { refusal: Refusal::Worn { wait_s }, .. }) => {
                 self.has_saved = false;
-                let reason = format!("the flash was written often lately: again in {wait_s} s");
+                let reason = format!("the flash was written often recently: try again in {wait_s} s");
                 self.add([Check::skipped(NAME.0, NAME.1, reason)])?;
                 return Ok(None);
             }
@@ -404,7 +407,7 @@ impl Bench {
         }
         let found = self.device()?.saved_settings()?;
         let differ = backup::changes(&other, &found).len();
-        let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
+        let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
         self.add([Check::words(
             NAME.0,
             NAME.1,
@@ -465,7 +468,7 @@ impl Bench {
         self.add([judge::restart("restart", "Restart by command", ResetCause::Software, &start)])?;
         if let Some(kept) = kept {
             let differ = backup::changes(&kept, self.device()?.settings()).len();
-            let cause = (differ > 0).then(|| format!("{differ} settings are others than were saved"));
+            let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
             let found = if differ == 0 { "as saved" } else { "others" };
             self.add([Check::words("kept", "Settings after the restart", "as saved", found, cause)])?;
         }
@@ -473,9 +476,9 @@ impl Bench {
     }
 
     fn watchdog(&mut self) -> Result<(), Error> {
-        say("letting the board hang until its watchdog bites: 4 s");
+        say("hanging the board until its watchdog resets it: 4 s");
         let start = self.comes_back("to hang", Command::Measure(Measure::Hang))?;
-        self.add([judge::restart("watchdog", "Watchdog's bite", ResetCause::Watchdog, &start)])
+        self.add([judge::restart("watchdog", "Reset by the watchdog", ResetCause::Watchdog, &start)])
     }
 
     fn update_mode(&mut self, args: &Args) -> Result<(), Error> {
@@ -495,7 +498,7 @@ impl Bench {
         let visited = self.visit(true)?;
         self.add([there_and_back(DFU, visited)])?;
         if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
-            return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it at")]);
+            return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it")]);
         }
         say("press the board's reset button twice within half a second, in the next 15 s");
         let visited = self.visit(false)?;
@@ -506,7 +509,7 @@ impl Bench {
     fn jumpers(&mut self, args: &Args) -> Result<(), Error> {
         let (name, label) = jumpers::CHECK;
         let reason = if !self.test.hello.capabilities.contains(Capabilities::PLAYER) {
-            Some("the firmware cannot play: update it")
+            Some("the firmware cannot drive the outputs: update it")
         } else if !(args.rig_unplugged || jumpers::may_drive()?) {
             Some("a rig may be connected: unplug it, wire the jumpers, and give --rig-unplugged")
         } else {
@@ -529,7 +532,7 @@ impl Bench {
         self.saved = Some(with(self.saved.as_ref().unwrap_or(&self.before)));
         self.has_saved = self.device()?.keeps_settings();
         say(format!(
-            "skew_s = {skew_s:.3e}, skew_u95_s = {skew_u95_s:.1e}: the board's alone; an amplifier's or a filter's delay comes on top"
+            "skew_s = {skew_s:.3e}, skew_u95_s = {skew_u95_s:.1e}: of the board alone; the delay of an amplifier or a filter adds to it"
         ));
         Ok(())
     }
@@ -564,7 +567,7 @@ impl Bench {
         device.write_settings(&before)?;
         saving?;
         if has_saved && saved.is_none() {
-            note("nothing was saved before: the settings that were in use are now");
+            note("nothing was saved before: the settings that were in use are saved now");
         }
         drop(device);
         let mut device = self.reached(Duration::ZERO, || false)?;

@@ -20,9 +20,9 @@ use crate::Error;
 
 /// Send a recording or a CSV file through a device's own estimator.
 ///
-/// Faster than real time. The run's settings are in use on the device meanwhile; its own are put back afterwards.
-/// Prints the device's final estimate; with --json the same lines as `inerter replay --json` but for what is computed
-/// here from the samples: `uncertainty`, causes among the warnings, and `advice`.
+/// Faster than real time. The run's settings are used on the device meanwhile; its own are restored afterwards. Prints
+/// the device's final estimate; with --json the same lines as `inerter replay --json`, except what is computed here
+/// from the samples: `uncertainty`, causes among the warnings, and `advice`.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
@@ -32,7 +32,7 @@ pub struct Args {
     link: LinkArgs,
     #[command(flatten)]
     settings: FileSettingsArgs,
-    /// Print JSON, one object a line
+    /// Print JSON, one object per line
     #[arg(long)]
     json: bool,
 }

@@ -21,7 +21,7 @@ use common::{Common, finish, print_changes, print_json};
 
 /// Show, change and save the settings and the calibration of a device.
 ///
-/// What is changed is in use at once, and is lost at the next restart unless it is saved.
+/// Changes are in use at once, and are lost at the next restart unless they are saved.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -32,7 +32,7 @@ pub struct Args {
 enum Command {
     /// Show the settings in use
     ///
-    /// Each with its unit and meaning, as lines that --settings FILE.toml takes.
+    /// Each with its unit and meaning, as lines that --settings FILE.toml accepts.
     /// With --json one object: {"kind":"settings","serial":..,"settings":{..}}.
     Get(Common),
     Set(SetArgs),
@@ -45,7 +45,7 @@ enum Command {
     Diff(backup::DiffArgs),
 }
 
-/// Change settings, all of them or, when one is refused, none.
+/// Change settings: all of them, or none if one is refused.
 ///
 /// Prints what has changed; with --json one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
@@ -66,7 +66,7 @@ struct SetArgs {
 
 /// Take the present force as zero.
 ///
-/// The device should stand still, without load. Prints what has changed.
+/// The device should be still, without load. Prints what has changed.
 #[derive(clap::Args)]
 struct TareArgs {
     /// Keep it over a restart

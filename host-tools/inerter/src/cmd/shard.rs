@@ -18,16 +18,16 @@ use crate::Error;
 /// Runs of a store instead of a file.
 #[derive(clap::Args)]
 pub struct StoreArgs {
-    /// Replay the runs of this store, and keep what comes of each in its batch
+    /// Replay the runs of this store, and keep the results in its batch
     #[arg(long, value_name = "STORE", conflicts_with_all = ["limits", "every"], help_heading = "Store")]
     pub store: Option<String>,
-    /// Replay a part of its runs: 3/100 is the third of a hundred parts, the same for whoever asks
+    /// Replay a part of its runs: 3/100 is the third of a hundred parts, the same for every caller
     #[arg(long, value_name = "N/OF", requires = "store", help_heading = "Store")]
     shard: Option<Shard>,
     /// Name of the batch: letters, digits, - and _
     #[arg(long, value_name = "NAME", default_value = "replay", requires = "store", help_heading = "Store")]
     batch: String,
-    /// Replay also what the batch has already
+    /// Also replay what the batch already has
     #[arg(long, requires = "store", help_heading = "Store")]
     again: bool,
 }
@@ -68,7 +68,7 @@ pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) ->
     bar.done();
     let before = ours.len() - todo.len();
     say(format!(
-        "{} replayed, {failed} failed, {before} there already: batch `{}` of {url}",
+        "{} replayed, {failed} failed, {before} already done: batch `{}` of {url}",
         plural(todo.len() as u64, "run"),
         args.batch
     ));

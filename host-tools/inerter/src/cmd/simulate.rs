@@ -30,56 +30,56 @@ use crate::{Error, monitor::address::check_exposed};
 ///
 /// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs
 /// until Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it
-/// with monitor, record or send. With --bench lines of standard input hang loads on and turn the screw, to try
-/// calibrate without a rig: begin with --excite hold. The device's settings are those of a perfect calibration; --set
+/// with monitor, record or send. With --bench, lines of standard input hang on loads and turn the screw, to try
+/// calibrate without a rig: start with --excite hold. The device's settings are those of a perfect calibration; --set
 /// changes them.
 ///
 /// Motions for --excite: slow, mid, fast (the paper's tests), multi, random, two; sine:3.2Hz:4.16mm,
 /// tones:0.8Hz:8mm,6.4Hz:0.8mm, multi:0.5-15Hz:20mm/s, random:0.5-15Hz:20mm/s, chirp:0.1-20Hz:5mm/s:60s,
-/// moves:0.25m:0.3m/s:2m/s2:0.2s (there and back, with a rest before each), hold; and sequences such as
-/// mid@20s;hold@5s;random@20s. Of a rotary machine rad, deg, rad/s, rpm and rad/s2 will do.
+/// moves:0.25m:0.3m/s:2m/s2:0.2s (back and forth, with a rest before each), hold; and sequences such as
+/// mid@20s;hold@5s;random@20s. A rotary machine also takes rad, deg, rad/s, rpm and rad/s2.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("where").required(true).multiple(false))]
 pub struct Args {
     /// Write a recording (.mcap) or a CSV (.csv)
     #[arg(short, long, value_name = "FILE", group = "where")]
     output: Option<PathBuf>,
-    /// Replace the file when it exists
+    /// Replace the file if it exists
     #[arg(long, requires = "output")]
     force: bool,
-    /// Be a live device on this TCP address, e.g. 127.0.0.1:7878; port 0 takes any free one
+    /// Run a live device on this TCP address, e.g. 127.0.0.1:7878; port 0 takes any free one
     #[arg(long, value_name = "HOST:PORT", group = "where")]
     tcp: Option<String>,
-    /// Let other machines connect where the address of --tcp is not a loopback one
+    /// Allow an address of --tcp that other machines can reach
     #[arg(long, requires = "tcp")]
     allow_remote: bool,
-    /// Be a live device on a pseudo-terminal, like a board on a serial port
+    /// Run a live device on a pseudo-terminal, like a board on a serial port
     #[arg(long, group = "where")]
     pty: bool,
     /// Run the firmware image in QEMU instead of the firmware's code on this machine
     #[arg(long, conflicts_with = "output")]
     qemu: bool,
-    /// Firmware image for --qemu; without it INERTER_QEMU_IMAGE, or the source tree's
+    /// Firmware image for --qemu [default: INERTER_QEMU_IMAGE, or the source tree's]
     #[arg(long, value_name = "FILE", requires = "qemu")]
     image: Option<PathBuf>,
     /// Stop the motion after this many seconds [default for a file: the motion's own, else 20]
     #[arg(long, value_name = "SECONDS", value_parser = super::args::seconds, allow_negative_numbers = true)]
     duration: Option<Duration>,
-    /// How many times faster than real time a live device runs
+    /// Speed of a live device, as a multiple of real time
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed, conflicts_with = "output")]
     speed: f64,
-    /// Begin the motion only when a host connects with monitor or record
+    /// Start the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
-    /// Do by hand what standard input says, a line each: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS, shake
-    /// MOTION
+    /// Perform by hand what standard input says, one per line: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS,
+    /// shake MOTION
     #[arg(long, conflicts_with_all = ["output", "wait", "change_at"])]
     bench: bool,
-    /// Force on the load cell beside the motion, such as a weight's
+    /// Force on the load cell in addition to the motion, such as a weight's
     #[arg(long, value_name = "NEWTONS", default_value_t = 0.0, allow_negative_numbers = true)]
     load: f64,
-    /// Device to begin with: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding
-    /// (friction turns over 50 um) or stribeck (friction is 1.3 times as great at rest)
+    /// Device to start from: paper, worn (0.1 mm of backlash), preloaded (three times the friction), presliding
+    /// (friction reverses over 50 um) or stribeck (friction is 1.3 times as great at rest)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     preset: String,
     /// Motion of the terminal
@@ -94,7 +94,7 @@ pub struct Args {
     /// Change the device at this time, as --change says
     #[arg(long, value_name = "SECONDS", requires = "change")]
     change_at: Option<f64>,
-    /// One parameter of the device after the change, e.g. inertance_kg=150; may be given several times
+    /// One parameter of the device after the change, e.g. inertance_kg=150; may be repeated
     #[arg(long, value_name = "NAME=VALUE", requires = "change_at")]
     change: Vec<String>,
     /// Print JSON: the address of a live device, or what was written

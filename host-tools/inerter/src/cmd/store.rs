@@ -29,7 +29,7 @@ use crate::{
 /// Letters of a run's name that a table shows.
 const SHORT: usize = 12;
 
-/// Keep recordings in a store, and find them by what they say.
+/// Keep recordings in a store, and find them by their results.
 ///
 /// A store is a folder, or a place in S3-compatible storage: s3://BUCKET/FOLDER, with the credentials of the usual
 /// variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT. It holds the recordings as they
@@ -52,11 +52,11 @@ enum Command {
     Remove(RemoveArgs),
 }
 
-/// Add recordings; the first one that can be used makes the store.
+/// Add recordings; the first valid one creates the store.
 ///
-/// Each goes through the estimator, and what comes out becomes the tables beside it. The same recording twice is one
-/// run, whatever its file is called. Several processes may add at once. A recording that cannot be used is told, the
-/// others are added, and the exit code is 3.
+/// Each goes through the estimator, and the results become the tables beside it. The same recording twice is one run,
+/// whatever its file is called. Several processes may add at once. If a recording cannot be used, the command says so,
+/// adds the others, and the exit code is 3.
 #[derive(clap::Args)]
 struct AddArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -65,7 +65,7 @@ struct AddArgs {
     /// Recordings (.mcap)
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Print JSON: one object a recording
+    /// Print JSON: one object per recording
     #[arg(long)]
     json: bool,
 }
@@ -73,7 +73,7 @@ struct AddArgs {
 /// Which runs, and how they are printed.
 #[derive(clap::Args)]
 struct ListArgs {
-    /// Runs of this device alone, by its serial number
+    /// Only runs of this device, by its serial number
     #[arg(long, value_name = "SERIAL")]
     device: Option<String>,
     /// Runs recorded on this day (UTC) or later: 2026-01-31, or 2026-01
@@ -82,7 +82,7 @@ struct ListArgs {
     /// Runs recorded on this day (UTC) or earlier
     #[arg(long, value_name = "DATE")]
     to: Option<Day>,
-    /// Print JSON: one object a run
+    /// Print JSON: one object per run
     #[arg(long, conflicts_with = "csv")]
     json: bool,
     /// Print CSV with all columns
@@ -90,16 +90,16 @@ struct ListArgs {
     csv: bool,
     #[command(flatten)]
     limits: LimitsArgs,
-    /// Replace the files of --junit and --verdicts where they are there
+    /// Replace the files of --junit and --verdicts if they exist
     #[arg(long, help_heading = "Limits")]
     force: bool,
 }
 
 /// List the runs of a store.
 ///
-/// With --json one object a line with all columns of the table `runs`:
-/// {"run":..,"device":..,"date":..,"inertance_kg":..,..}. With --limits each run is held against limits, as by `inerter
-/// replay`, and the exit code is 10 unless all pass.
+/// With --json one object per line with all columns of the table `runs`:
+/// {"run":..,"device":..,"date":..,"inertance_kg":..,..}. With --limits each run is checked against limits, as by
+/// `inerter replay`, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 struct LsArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -109,18 +109,17 @@ struct LsArgs {
     list: ListArgs,
 }
 
-/// List the runs that meet conditions, all of them.
+/// List the runs that meet all conditions.
 ///
 /// A condition is a column of the table `runs`, one of < <= > >= = !=, and a number or a word: "inertance_kg < 300",
-/// "law = broken". What is not known meets no condition. For more than that, query the tables with DuckDB:
-/// docs/STORE.md has examples. With --limits those runs are held against limits, and the exit code is 10 unless all
-/// pass.
+/// "law = broken". An unknown value meets no condition. For more than that, query the tables with DuckDB: docs/STORE.md
+/// has examples. With --limits those runs are checked against limits, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
 struct QueryArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
     url: String,
-    /// What a column must be: "inertance_kg < 300"
+    /// Condition on a column: "inertance_kg < 300"
     #[arg(required = true, value_name = "CONDITION")]
     conditions: Vec<String>,
     #[command(flatten)]
@@ -142,7 +141,7 @@ struct ShowArgs {
 
 /// Write the recording of a run into a file.
 ///
-/// It is checked against its name on the way.
+/// It is checked against its name while it is copied.
 #[derive(clap::Args)]
 struct GetArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -158,27 +157,27 @@ struct GetArgs {
     force: bool,
 }
 
-/// Read every file of a store, and tell what is not as it was written.
+/// Read every file of a store, and report what is not as it was written.
 ///
-/// The exit code is 3 where a file is missing, changed, unfinished (of a run that was not added, or not removed, to its
-/// end) or foreign. `sha256sum` does the same without this program: docs/STORE.md.
+/// The exit code is 3 if a file is missing, changed, unfinished (of a run whose adding or removal was not completed) or
+/// foreign. `sha256sum` does the same without this program: docs/STORE.md.
 #[derive(clap::Args)]
 struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
     url: String,
-    /// First make anew what follows from recordings that are whole, and remove what is left of runs without one; nobody
-    /// may be adding or removing meanwhile
+    /// First rebuild what follows from intact recordings, and remove what is left of runs without one; nobody may add
+    /// or remove runs meanwhile
     #[arg(long)]
     repair: bool,
-    /// Print JSON: one object a file, and one at the end
+    /// Print JSON: one object per file, and one at the end
     #[arg(long)]
     json: bool,
 }
 
 /// Remove runs with their recordings and results.
 ///
-/// Nobody may be adding the same recording meanwhile.
+/// Nobody may add the same recording meanwhile.
 #[derive(clap::Args)]
 struct RemoveArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -227,7 +226,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                 if args.json {
                     output::line(json_line(&json!({"kind": "added", "file": name, "run": run, "new": is_new})))?;
                 } else {
-                    let how = if is_new { "added" } else { "is there already" };
+                    let how = if is_new { "added" } else { "already there" };
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
@@ -325,7 +324,7 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
         return csv(rows, within);
     }
     if rows.is_empty() {
-        say("no run is like this");
+        say("no run matches");
         return Ok(());
     }
     let mut head: Vec<String> =
@@ -448,7 +447,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
         let mut bar = Progress::new("repairing", 1000);
         let count = store.repair(&mut watched(&mut bar))?;
         bar.done();
-        say(format!("{} made whole", plural(count as u64, "run")));
+        say(format!("{} repaired", plural(count as u64, "run")));
     }
     let mut bar = Progress::new("reading", 1000);
     let verified = store.verify(&mut watched(&mut bar))?;

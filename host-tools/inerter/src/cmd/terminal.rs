@@ -192,7 +192,7 @@ impl Progress {
         Self { label, length: None, started: Instant::now(), bar: None }
     }
 
-    /// What is said beside the label of endless work.
+    /// Text beside the label of work of unknown length.
     pub fn say(&mut self, text: String) {
         self.set(0);
         if let Some(bar) = &self.bar {
@@ -209,7 +209,7 @@ impl Progress {
         }
     }
 
-    /// So much is done.
+    /// Sets how much is done.
     pub fn set(&mut self, position: u64) {
         if self.bar.is_none() {
             if self.started.elapsed() < PATIENCE || !io::stderr().is_terminal() {
@@ -269,12 +269,12 @@ impl Told {
         self.words.as_ref().map(|words| words.try_send(word));
     }
 
-    /// So much is done.
+    /// Sets how much is done.
     pub fn set(&self, position: u64) {
         self.tell(Word::Set(position));
     }
 
-    /// What is said beside the label of endless work.
+    /// Text beside the label of work of unknown length.
     pub fn say(&self, text: String) {
         self.tell(Word::Say(text));
     }
@@ -284,7 +284,7 @@ impl Told {
         self.tell(Word::Note(text.into()));
     }
 
-    /// Waits until all is told.
+    /// Waits until everything is shown.
     pub fn done(mut self) {
         self.words = None;
         self.thread.take().map(std::thread::JoinHandle::join);

@@ -16,20 +16,20 @@ use super::{
 };
 use crate::Error;
 
-/// Bring new firmware onto a device over its own USB connector.
+/// Load new firmware onto a device over its own USB connector.
 ///
 /// The file is the ELF that `cargo build --release` makes in firmware/stm32g474, or its plain bytes (.bin). The device
-/// is asked to enter its update mode (the chip's DFU), only the pages of the image are erased and written, all is read
-/// back, and the device is asked what it runs now. Settings and calibration are kept. Whatever breaks the update off:
-/// the same command again completes it; a device in update mode already is taken as it is.
-/// With --json one object: {"kind":"updated","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
+/// is asked to enter its update mode (the chip's DFU), only the pages of the image are erased and written, everything
+/// is read back, and the device is asked what it now runs. Settings and calibration are kept. If the update is
+/// interrupted for any reason, the same command completes it; a device already in update mode is used as it is. With
+/// --json one object: {"kind":"updated","file":..,"firmware":..,"git":..,"board":..,"serial":..,"port":..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Firmware image: ELF or .bin
     file: PathBuf,
     #[command(flatten)]
     link: LinkArgs,
-    /// Say what would be written and end; needs no device
+    /// Only show what would be written; needs no device
     #[arg(long)]
     dry_run: bool,
     /// Write an image of another board

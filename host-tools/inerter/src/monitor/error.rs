@@ -21,7 +21,7 @@ pub enum MonitorError {
     BuiltWithout { option: &'static str },
 
     /// The page is for this machine only.
-    #[error("--bind {address} would offer the page to other machines: {resolved} is no loopback address")]
+    #[error("--bind {address} would offer the page to other machines: {resolved} is not a loopback address")]
     #[diagnostic(
         code(inerter::monitor::bind),
         help(
@@ -31,15 +31,15 @@ pub enum MonitorError {
     NotLoopback { address: String, resolved: SocketAddr },
 
     /// Other machines could connect, which was not asked for.
-    #[error("{option} {address} would let in other machines: {resolved} is no loopback address")]
+    #[error("{option} {address} would let in other machines: {resolved} is not a loopback address")]
     #[diagnostic(
         code(inerter::monitor::remote),
-        help("use {option} 127.0.0.1:{port}, or add --allow-remote where everybody on that network may connect", port = resolved.port())
+        help("use {option} 127.0.0.1:{port}, or add --allow-remote if everybody on that network may connect", port = resolved.port())
     )]
     Exposed { option: &'static str, address: String, resolved: SocketAddr },
 
     /// An address that does not exist.
-    #[error("{option} {address} is no address: {source}")]
+    #[error("{option} {address} is not an address: {source}")]
     #[diagnostic(code(inerter::monitor::address), help("give HOST:PORT, for example {example}"))]
     Address { option: &'static str, address: String, example: &'static str, source: io::Error },
 
@@ -52,7 +52,7 @@ pub enum MonitorError {
     Listen { what: &'static str, option: &'static str, address: String, example: &'static str, reason: String },
 
     /// The operating system gives no randomness.
-    #[error("no random token for the page's address could be had: {reason}")]
+    #[error("no random token for the page's address could be generated: {reason}")]
     #[diagnostic(code(inerter::monitor::random), help("leave --web out"))]
     Random { reason: String },
 

@@ -1,4 +1,4 @@
-//! Takes what comes from the device to the recording and to all who look on.
+//! Passes what comes from the device to the recording and to all viewers.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 

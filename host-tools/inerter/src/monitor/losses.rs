@@ -5,7 +5,7 @@ use inerter_wire::Health;
 
 /// What is said when frames of unknown kind come.
 pub const UNKNOWN_FRAMES: &str =
-    "the device sends frames of a kind that this program does not know; a newer one may show more";
+    "the device sends frames of a kind unknown to this program; a newer version may show more";
 
 /// Counts since we came.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

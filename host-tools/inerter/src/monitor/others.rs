@@ -13,7 +13,7 @@ use crate::Error;
 /// What is to be opened.
 #[derive(clap::Args)]
 pub struct Wanted {
-    /// Show a page to browsers on this machine, at the address that is printed
+    /// Serve a page to browsers on this machine, at the printed address
     #[arg(long, help_heading = "Other views")]
     web: bool,
     /// Loopback address of the page; port 0 takes any free one
@@ -28,7 +28,7 @@ pub struct Wanted {
     /// Serve samples and estimates to Foxglove (WebSocket)
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = FOXGLOVE, help_heading = "Other views")]
     pub foxglove: Option<String>,
-    /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be given several times
+    /// Let pages of this origin connect too (--foxglove), e.g. `https://plots.example`; may be repeated
     #[arg(long, value_name = "ORIGIN", requires = "foxglove", help_heading = "Other views")]
     foxglove_origin: Vec<String>,
 }

@@ -75,10 +75,10 @@ fn footing(state: &State, theme: Theme) -> Line<'static> {
             Span::styled("marker: ", theme.title()),
             Span::raw(text.clone()),
             Span::styled("█", theme.curve()),
-            Span::styled("   Enter sets it, Esc does not", theme.quiet()),
+            Span::styled("   Enter sets it, Esc cancels", theme.quiet()),
         ]),
         Prompt::Reset => Line::styled(
-            "forget all motion seen so far and begin the estimates anew? y: yes, any other key: no",
+            "forget all motion seen so far and restart the estimates? y: yes, any other key: no",
             theme.doubtful().add_modifier(Modifier::BOLD),
         ),
         Prompt::None | Prompt::Help => {
@@ -91,7 +91,7 @@ fn help(frame: &mut Frame<'_>, body: Rect, theme: Theme) {
     let keys = [
         ("q, Esc", "quit"),
         ("1 to 5, Tab", "choose the pane"),
-        ("space", "let the view stand still; measuring and recording go on"),
+        ("space", "freeze the view; measuring and recording continue"),
         ("+ -", "more or less detail in time"),
         ("left, right", "back and forth in time"),
         ("m", "set a marker, with a text; kept in the recording"),

@@ -56,11 +56,7 @@ fn excitation(text: &str, seed: u64) -> Result<Excitation, PlantError> {
     for (k, piece) in pieces.iter().enumerate() {
         let part = timed(piece.trim(), seed.wrapping_add(k as u64))?;
         if k < last && part.duration_s() == f64::INFINITY {
-            return wrong(
-                piece.trim(),
-                "only the last part of a sequence may go on for ever: add a duration",
-                SEQUENCE,
-            );
+            return wrong(piece.trim(), "only the last part of a sequence may last for ever: add a duration", SEQUENCE);
         }
         parts.push(part);
     }

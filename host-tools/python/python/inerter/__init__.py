@@ -5,9 +5,9 @@
     run = inerter.open("run.mcap")
     print(inerter.replay(run))
 
-`run.samples` and `run.estimates` are Arrow tables, which pandas, Polars, pyarrow and DuckDB take as they are. Results show
-themselves as tables in a notebook. What a file, a setting or a motion does not allow raises `InerterError` with the code and the help of
-the command line; arguments that cannot be meant raise ValueError or TypeError. What was put right in a run is a warning.
+`run.samples` and `run.estimates` are Arrow tables, which pandas, Polars, pyarrow and DuckDB accept directly. A notebook shows
+results as tables. A file, a setting or a motion that cannot be used raises `InerterError` with the code and the help of the
+command line; invalid arguments raise ValueError or TypeError. Anything repaired in a run is a warning.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 ]
 
 Progress = Callable[[float], object]
-"""Hears of the part that is done, from 0 to 1."""
+"""Called with the part that is done, from 0 to 1."""
 
 Source = Union[Run, str, "os.PathLike[str]", Mapping[str, Any]]
 """A run, the file of one, or its columns by name."""
@@ -77,11 +77,11 @@ def open(
 ) -> Run:
     """Opens a recording (.mcap) or a CSV file.
 
-    `settings` go over those of the run, by their names on the command line (`inerter replay --help` lists them with their units). A CSV
-    needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; of a rotary
+    `settings` override those of the run, by their names on the command line (`inerter replay --help` lists them with their units). A CSV
+    needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; for a rotary
     machine [rad]. `progress` is called with the part of a recording that is read, from 0 to 1.
 
-    Raises InerterError where the file or a setting cannot be used.
+    Raises InerterError if the file or a setting cannot be used.
     """
     return _inerter.open(os.fspath(path), _given(settings, metres_per_count), progress)
 
@@ -96,13 +96,13 @@ def replay(
 ) -> Replay:
     """Takes a run through the estimator, as the device would have done it: `inerter replay`.
 
-    `run` is one from `open`, a file, or columns by name: `t_s` [s], `encoder_count`, `force_n` [N] and, where it was measured,
-    `terminal_m` [m], each a one-dimensional array of the same length; of a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
-    A data frame or an Arrow table will do. Settings of a run from `open` are those it was opened with.
+    `run` is one from `open`, a file, or columns by name: `t_s` [s], `encoder_count`, `force_n` [N] and, if it was measured,
+    `terminal_m` [m], each a one-dimensional array of the same length; for a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
+    A data frame or an Arrow table works too. Settings of a run from `open` are those it was opened with.
 
-    `limits` is a file as for `inerter replay --limits`; what is said of it is `["limits"]`.
+    `limits` is a file as for `inerter replay --limits`; its verdicts are in `["limits"]`.
 
-    Raises InerterError where the run cannot be used, and KeyboardInterrupt on Ctrl-C.
+    Raises InerterError if the run cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
     whole = _run(run, settings, metres_per_count)
     line, sums = _inerter.replay(whole, _path(limits), progress)
@@ -122,14 +122,14 @@ def compare(
 ) -> Comparison:
     """Compares runs with the first one: `inerter compare`. A mapping gives them names.
 
-    `rigs` is "one" where they share a rig and its calibration, so that the errors of force gain, lead and clock do not count, or
-    "several"; without it the runs decide. `path` is a page that is written, `limits` a file as for `inerter replay --limits`.
+    `rigs` is "one" if they share a rig and its calibration, so that the errors of force gain, lead and clock do not count, or
+    "several"; without it the runs decide. `path` is a page to write, `limits` a file as for `inerter replay --limits`.
 
-    Raises InerterError where there is one run only, they are of different kinds of machine, or the page cannot be written, and ValueError
-    for what `rigs` does not know.
+    Raises InerterError if there is only one run, they are of different kinds of machine, or the page cannot be written, and ValueError
+    for another value of `rigs`.
     """
     if rigs not in (None, "one", "several"):
-        raise ValueError(f"rigs knows 'one' and 'several', not {rigs!r}")
+        raise ValueError(f"rigs must be 'one' or 'several', not {rigs!r}")
     named: Iterable[tuple[str | None, Source]] = runs.items() if isinstance(runs, Mapping) else ((None, run) for run in runs)
     whole = [(name, _run(run, settings, metres_per_count)) for name, run in named]
     is_one_rig = None if rigs is None else rigs == "one"
@@ -146,12 +146,12 @@ def diagnose(
     metres_per_count: float | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Names what breaks the law of the estimator in a run: `inerter diagnose`.
+    """Identifies what breaks the law of the estimator in a run: `inerter diagnose`.
 
-    `counts_per_turn` are the encoder's counts in a turn of the screw, where they are known; `counts_per_line` those in a period of its
-    lines (4 where nothing is said). The rest as for `replay`.
+    `counts_per_turn` are the encoder's counts in a turn of the screw, if known; `counts_per_line` those in a period of its lines
+    (default 4). The rest as for `replay`.
 
-    Raises InerterError where the run is too short or its motion tells nothing.
+    Raises InerterError if the run is too short or its motion is not informative.
     """
     whole = _run(run, settings, metres_per_count)
     line, words = _inerter.diagnose(whole, counts_per_turn, counts_per_line, progress)
@@ -171,18 +171,18 @@ def identify(
 ) -> Identification:
     """Identifies the complete model of one device from one or more runs: `inerter identify`.
 
-    `staged` takes friction from the slowest run and the rest from the next; `segment_s` fits segments of this length [s] by themselves;
-    `free` leaves the structure mass ("mr") or the skew ("tau") to the data; `profiles=False` leaves out what takes longest.
+    `staged` takes friction from the slowest run and the rest from the next; `segment_s` fits segments of this length [s] separately;
+    `free` fits the structure mass ("mr") or the skew ("tau") to the data; `profiles=False` skips the slowest part.
 
-    What moved the terminal must have been measured (`terminal_m`) for the complete model: a stated motion (`--excite`) is for the command
-    line.
+    The complete model needs the measured motion of the terminal (`terminal_m`): a stated motion (`--excite`) works on the command line
+    only.
 
-    Raises InerterError where nothing can be identified, and ValueError for what `free` does not know.
+    Raises InerterError if nothing can be identified, and ValueError for another value of `free`.
     """
     free = {free} if isinstance(free, str) else set(free)
     unknown = free - {"mr", "tau"}
     if unknown:
-        raise ValueError(f"free knows 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
+        raise ValueError(f"free takes 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
     one = isinstance(runs, (Run, str, os.PathLike)) or _names(runs) is not None
     several: Iterable[Any] = [runs] if one else runs  # type: ignore[assignment]
     whole = [_run(run, settings, metres_per_count) for run in several]
@@ -194,10 +194,10 @@ def merge(runs: Iterable[Sums | Summed], *, offset_n: float | None = None) -> Me
     """Fits the law to several runs of one device together: `inerter fit`.
 
     `runs` are results of `replay` or `merge`, or their `sums`. The sums are exact: a thousand runs merged in any order and grouping, on any
-    number of workers, give the same to the bit, and a run that is given twice counts once. So workers replay, and hand on `.sums`, which
-    can be pickled and added up (`a + b`, without a fit). `offset_n` is the force offset where it is known [N].
+    number of workers, give the same to the bit, and a run that is given twice counts once. So workers replay, and pass on `.sums`, which
+    can be pickled and added up (`a + b`, without a fit). `offset_n` is the force offset, if known [N].
 
-    Raises InerterError where there is no run, their settings differ, or their motion tells nothing.
+    Raises InerterError if there is no run, their settings differ, or their motion is not informative.
     """
     sums = []
     for run in runs:
@@ -220,10 +220,10 @@ def plot(
 ) -> Figure:
     """Draws one figure of a run: `inerter plot`.
 
-    `figure` is "force", "residual", "loop", "parameters", "backlash" or "bode". Its `svg` is for print and pages, a notebook draws it;
-    `png` is a file that is written as well.
+    `figure` is "force", "residual", "loop", "parameters", "backlash" or "bode". Its `svg` is for print and pages, and a notebook draws it;
+    `png` is a file to write as well.
 
-    Raises InerterError where the run does not show it or the file cannot be written, and ValueError for a figure that there is not.
+    Raises InerterError if the run cannot give the figure or the file cannot be written, and ValueError for an unknown figure.
     """
     whole = _run(run, settings, metres_per_count)
     path = None if png is None else os.fspath(png)
@@ -240,11 +240,11 @@ def report(
     metres_per_count: float | None = None,
     progress: Progress | None = None,
 ) -> list[str]:
-    """Writes a page on a run, one HTML file that loads nothing else: `inerter report`. Gives the names of its figures.
+    """Writes a report page of a run, one HTML file that loads nothing else: `inerter report`. Returns the names of its figures.
 
-    With `limits`, a file as for `inerter replay --limits`, the page says what passes.
+    With `limits`, a file as for `inerter replay --limits`, the page gives the verdicts.
 
-    Raises InerterError where the file exists and `replace` is not given, or cannot be written; then nothing is.
+    Raises InerterError if the file exists and `replace` is not given, or if it cannot be written; then nothing is written.
     """
     return _inerter.report(_run(run, settings, metres_per_count), os.fspath(path), replace, _path(limits), progress)
 
@@ -269,14 +269,14 @@ def plan(
     progress: Progress | None = None,
     **parameters: float,
 ) -> Plan:
-    """Designs the motion that tells most of a device, and predicts what it will tell: `inerter plan`.
+    """Designs the most informative motion for a device, and predicts its intervals: `inerter plan`.
 
-    The device that is expected is that of an earlier `run`, or a `preset` ("paper", ..), or `inertance_kg`, `viscous_n_s_per_m` and
-    `coulomb_n`; `parameters` go over it, and without a run `force_noise_n` is needed, the noise of the force [N]. What the rig can do:
+    The expected device is that of an earlier `run`, or a `preset` ("paper", ..), or `inertance_kg`, `viscous_n_s_per_m` and
+    `coulomb_n`; `parameters` override it, and without a run `force_noise_n` is needed, the noise of the force [N]. What the rig can do:
     `stroke_m` to either side [m], `speed_m_per_s`, `force_n`, `duration_s`, `lowest_hz`, `highest_hz`, `fade_s` [s].
     `want="fc to 0.3 N, mt to 0.1 %"` makes it as short as that allows; `motion` predicts one of yours instead, as in `simulate`.
 
-    Raises InerterError where nothing can be planned. What is wanted and cannot be had is told by `missed`.
+    Raises InerterError if nothing can be planned. `missed` lists wanted intervals that are out of reach.
     """
     given_settings = _given(settings, metres_per_count)
     earlier = None if run is None else _run(run, settings, metres_per_count)
@@ -318,9 +318,9 @@ def connect(
             for estimate in device:
                 print(estimate)
 
-    A device that goes away is waited for `wait_s` [s]. `baud` is for real UARTs.
+    If the device goes away, the connection waits `wait_s` [s] for it. `baud` is for real UARTs.
 
-    Raises InerterError where it cannot be reached.
+    Raises InerterError if it cannot be reached.
     """
     if sum(given is not None for given in (port, address, serial)) > 1:
         raise ValueError("give one of port, address and serial")
@@ -344,17 +344,18 @@ def simulate(
     """Simulates an inerter in a rig: `inerter simulate`. Its truth is in `run.truth`.
 
     `motion` is a name as for `--excite` ("random", "mid@20s", "sine:3.2Hz:4.16mm", ..), the path of a CSV with the columns `t_s` and
-    `terminal_m` (a path object, or a text that ends in .csv), or these two columns, such as `plan(..).motion`: times [s] at one distance and displacements [m], which
-    end where they begin. The run lasts `duration_s` [s], else as long as its motion, else 20 s.
+    `terminal_m` (a path object, or a string that ends in .csv), or these two columns, such as `plan(..).motion`: equally spaced times [s]
+    and displacements [m], which end where they begin. The run lasts `duration_s` [s], else as long as its motion, else 20 s.
 
-    `preset` is the device to begin with; `parameters` go over it and over its instruments by their names, such as `inertance_kg=150`
+    `preset` is the device to start from; `parameters` override it and its instruments by their names, such as `inertance_kg=150`
     or `force_noise_n=5` (`inerter simulate --help` lists them with their units). `change=(10.0, {"inertance_kg": 150.0})` changes the
-    device after 10 s. `load_n` is a force on the load cell beside the motion [N]. `settings` go over those of a perfect calibration.
+    device after 10 s. `load_n` is a force on the load cell in addition to the motion [N]. `settings` override those of a perfect
+    calibration.
 
-    With `path` it is written as a recording (.mcap) or a CSV (.csv, its settings beside it) and opened from there; `replace` lets it take
-    the place of another file. Without it is in memory.
+    With `path` the run is written as a recording (.mcap) or a CSV (.csv, its settings beside it) and opened from there; `replace` lets it
+    replace another file. Without `path` it is in memory.
 
-    Raises InerterError where device, motion or settings cannot be, or the file cannot be written.
+    Raises InerterError if device, motion or settings are invalid, or the file cannot be written.
     """
     name, file, points = _motion(motion)
     later = None if change is None else (float(change[0]), _given(change[1]))
@@ -396,13 +397,13 @@ def _motion(motion: Any) -> tuple[str | None, str | None, tuple[float, bytes] | 
     times = array.array("d", _bytes("t_s", motion["t_s"], "d"))
     terminal = _bytes("terminal_m", motion["terminal_m"], "d")
     if len(times) * 8 != len(terminal):
-        raise ValueError(f"t_s has {len(times)} values and terminal_m {len(terminal) // 8}: they must be as many")
+        raise ValueError(f"t_s has {len(times)} values and terminal_m {len(terminal) // 8}: they must be equally many")
     if len(times) < 2:
-        raise ValueError("a motion needs two points at least")
+        raise ValueError("a motion needs at least two points")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     uneven = max(abs(later - earlier - period_s) for earlier, later in zip(times, times[1:]))
     if not uneven <= 1e-3 * period_s:
-        raise ValueError("t_s of the motion must rise by one distance")
+        raise ValueError("t_s of the motion must be equally spaced")
     return None, None, (period_s, terminal)
 
 

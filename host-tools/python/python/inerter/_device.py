@@ -14,8 +14,8 @@ from ._results import Estimate
 class Device:
     """A conversation with one device: its estimates as they come, and recordings.
 
-    It is made by `inerter.connect()`, and closed at the end of `with`. Iterating it waits for the next estimate, about ten a second, and
-    ends when a simulated device has no more samples. What it says meanwhile waits in the system; who does not read for long loses some.
+    `inerter.connect()` makes it, and the end of `with` closes it. Iterating it waits for the next estimate, about ten per second, and
+    ends when a simulated device has no more samples. The system buffers what comes meanwhile; if you do not read for long, some is lost.
     """
 
     def __init__(self, device: _inerter.Device) -> None:
@@ -41,10 +41,10 @@ class Device:
     ) -> _inerter.Run:
         """Records everything that the device sends, and opens it: `inerter record`.
 
-        Ends after `duration_s` [s], or when a simulated device has no more samples. At Ctrl-C, or when the device stays away, the file
-        holds what came until then.
+        Ends after `duration_s` [s], or when a simulated device has no more samples. At Ctrl-C, or if the device goes away for good, the
+        file holds what came until then.
 
-        Raises InerterError where the file exists and `replace` is not given, or the device goes away, and KeyboardInterrupt on Ctrl-C.
+        Raises InerterError if the file exists and `replace` is not given, or the device goes away, and KeyboardInterrupt on Ctrl-C.
         """
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s must be more than 0, not {duration_s}")

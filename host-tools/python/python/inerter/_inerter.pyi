@@ -27,7 +27,7 @@ __all__ = [
 __version__: str
 
 class InerterError(Exception):
-    """Something that cannot be done."""
+    """Raised when something cannot be done."""
 
     code: str | None
     """Its name, as the command line has it, such as `inerter::csv::column`."""
@@ -50,7 +50,7 @@ class Device:
 
 @final
 class Store:
-    """A store, which is opened when something is asked of it."""
+    """A store, which is opened on first use."""
 
     def __new__(cls, url: str) -> Store: ...
     @property
@@ -83,21 +83,21 @@ class Sums:
 
     @classmethod
     def from_bytes(cls, bytes: bytes) -> Sums:
-        """What `to_bytes` gave. Raises InerterError where it is not that."""
+        """What `to_bytes` gave. Raises InerterError if it is something else."""
     def to_bytes(self) -> bytes:
         """For a file or another worker: the same for any order and grouping."""
     @property
     def names(self) -> list[str]:
         """Names of the runs, in alphabetical order."""
     def __add__(self, value: Sums, /) -> Sums:
-        """Both together, without a fit. Raises InerterError where their settings differ."""
+        """Both together, without a fit. Raises InerterError if their settings differ."""
     def __radd__(self, value: Sums, /) -> Sums: ...
     def __len__(self) -> int: ...
     def __eq__(self, other: object, /) -> bool: ...
 
 @final
 class Table:
-    """A table of a run with the Arrow PyCapsule interface, read when it is asked for."""
+    """A table of a run with the Arrow PyCapsule interface, read on demand."""
 
     @property
     def column_names(self) -> list[str]: ...
@@ -105,7 +105,7 @@ class Table:
     def units(self) -> dict[str, str]: ...
     def __len__(self) -> int: ...
     def __getitem__(self, name: str, /) -> list[Any]:
-        """The values of a column, for those who use none of these libraries. Raises KeyError for what is none."""
+        """The values of a column, for use without these libraries. Raises KeyError for an unknown one."""
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> Any: ...
 
 @final

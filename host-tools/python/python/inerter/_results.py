@@ -1,4 +1,4 @@
-"""What runs come to: the JSON of the command line, with names and tables for people."""
+"""Results of runs: the JSON of the command line, with names and tables for people."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _UNITS = {
 class Parameter:
     """A parameter of the device with its 95 % interval.
 
-    `value` and `u95`, the half width of the interval, are in `unit`; both are None where the motion cannot identify it. `status` is `ok`,
-    `below_u95` (it may be none), `held` or `not_identifiable`. `same_rig_u95` is the half width for comparing runs on one rig,
-    `assumes` the causes that this motion does not tell from it: it is right only where there are none.
+    `value` and `u95`, the half width of the interval, are in `unit`; both are None if the motion cannot identify it. `status` is `ok`,
+    `below_u95` (it may be zero), `held` or `not_identifiable`. `same_rig_u95` is the half width for comparing runs on one rig,
+    `assumes` the causes that this motion cannot separate from it: it is right only in their absence.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Figure:
 
 
 class Result(Mapping[str, Any]):
-    """A result as the command line prints it: the object of its JSON, with what people look for beside it."""
+    """A result as the command line prints it: the object of its JSON, with attributes for people."""
 
     _title = "Result"
     _shows = ""
@@ -77,7 +77,7 @@ class Result(Mapping[str, Any]):
 
     @property
     def figure(self) -> Figure | None:
-        """The figure that belongs to it, drawn when it is first asked for; None where there is none."""
+        """The figure that belongs to it, drawn on first use; None if there is none."""
         if self._figure is None and self._run is not None and self._shows:
             try:
                 self._figure = Figure(self._shows, *_inerter.plot(self._run, self._shows, None, False))
@@ -96,7 +96,7 @@ class Result(Mapping[str, Any]):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """The parameters by name, each with its unit at the end of it."""
+        """The parameters by name; each name ends with the unit."""
         return {}
 
     @property
@@ -165,7 +165,7 @@ def _unit(name: str) -> str:
 
 
 class Summed(Result):
-    """What came of exact sums."""
+    """A result of exact sums."""
 
     def __init__(self, line: Mapping[str, Any], sums: _inerter.Sums, run: _inerter.Run | None = None) -> None:
         super().__init__(line, run)
@@ -178,17 +178,17 @@ class Summed(Result):
 
 
 class Replay(Summed):
-    """What a run came to, over the whole of it: the last line of `inerter replay --json`."""
+    """The result of a whole run: the last line of `inerter replay --json`."""
 
     _title = "Replay"
     _shows = "parameters"
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Inertance, friction and offset over the whole run, and what of the contact is told.
+        """Inertance, friction and offset over the whole run, and what is known of the contact.
 
-            `u95` is by the samples: it is wider than the device's own interval where these show more than the law explains. `replay["inertance_kg"]`
-        and its like, as in the JSON, are those of the recent motion, with the device's own intervals.
+        `u95` follows from the samples: it is wider than the device's own interval if these show more than the law explains.
+        `replay["inertance_kg"]` and the like, as in the JSON, are those of the recent motion, with the device's own intervals.
         """
         budgets = self.get("uncertainty")
         found = _named(self["whole_run"], budgets)
@@ -197,7 +197,7 @@ class Replay(Summed):
 
     @property
     def remarks(self) -> list[str]:
-        """Whether the law holds, what is wrong with samples or law, and which motion would have told more."""
+        """Whether the law holds, what is wrong with samples or law, and which motion would have been more informative."""
         advice = self.get("advice")
         return [_law(self), *(warning["text"] for warning in self["warnings"]), *([advice["text"]] if advice else [])]
 
@@ -209,7 +209,7 @@ class Estimate(Result):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Inertance, friction and offset over the whole run so far, and what of backlash and contact is told."""
+        """Inertance, friction and offset over the whole run so far, and what is known of backlash and contact."""
         found = _named(self["whole_run"])
         return {**found, **_named({name: value for name, value in self.items() if name not in found})}
 
@@ -220,7 +220,7 @@ class Estimate(Result):
 
 
 class Diagnosis(Result):
-    """What breaks the law, the cause of most weight first: the line of `inerter diagnose --json`."""
+    """What breaks the law, the strongest cause first: the line of `inerter diagnose --json`."""
 
     _title = "Diagnosis"
     _shows = "residual"
@@ -236,7 +236,7 @@ class Diagnosis(Result):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """The parameters with all causes included, where they are known."""
+        """The parameters with all causes included, if they are known."""
         return _named(self["corrected"])
 
     @property
@@ -253,17 +253,17 @@ class Identification(Result):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters of the model; `status` is `given` for what the settings say."""
+        """All parameters of the model; `status` is `given` for those from the settings."""
         return _named(self["parameters"])
 
     @property
     def remarks(self) -> list[str]:
-        """What a person should know of the fit."""
+        """Notes on the fit."""
         return [str(note) for note in self.get("notes", [])]
 
 
 class Merged(Summed):
-    """What runs say together: the line of `inerter fit --json`."""
+    """Several runs fitted together: the line of `inerter fit --json`."""
 
     _title = "Fit"
 
@@ -273,21 +273,21 @@ class Merged(Summed):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Inertance, friction and offset, with friction alike in both directions; by direction they are in `["by_direction"]`."""
+        """Inertance, friction and offset, with the same friction in both directions; `["by_direction"]` has them by direction."""
         return _named(self["symmetric"])
 
     @property
     def remarks(self) -> list[str]:
-        """How many runs there are, whether they differ, and which of them the law does not hold for."""
+        """How many runs there are, whether they differ, and for which of them the law does not hold."""
         return [f"{self._sums!r}, fitted together.".removeprefix("inerter."), *self._remarks]
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A parameter of a run less that of the first one.
+    """A parameter of a run minus that of the first one.
 
-    `value` and `u95`, the half width of the 95 % interval, are in `unit`, and `p` is the chance of a difference at least this large where
-    there is none; all three are None where one of the two motions does not tell the parameter. `verdict` is `differs`, `not_shown` or
+    `value` and `u95`, the half width of the 95 % interval, are in `unit`, and `p` is the chance of a difference at least this large if
+    there is none; all three are None if one of the two motions cannot identify the parameter. `verdict` is `differs`, `not_shown` or
     `undecided`, with the `reason` if the run proves nothing.
     """
 
@@ -307,7 +307,7 @@ class Difference:
 
 
 class Comparison(Result):
-    """Runs beside the first one: the line of `inerter compare --json`. `["parameters"]` has a list of all runs for each."""
+    """Runs compared with the first one: the line of `inerter compare --json`. `["parameters"]` has a list of all runs for each."""
 
     _title = "Comparison"
 
@@ -345,7 +345,7 @@ class Comparison(Result):
 
 
 class Plan(Result):
-    """A motion and what it will tell: the line of `inerter plan --json`, without its files."""
+    """A motion and its predicted intervals: the line of `inerter plan --json`, without its files."""
 
     _title = "Plan"
 
@@ -357,7 +357,7 @@ class Plan(Result):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """What will be told of each parameter: the expected value, with the interval that it will have."""
+        """The prediction for each parameter: the expected value with its interval."""
         return _named(self["predicted"], self["predicted"])
 
     @property
@@ -367,10 +367,10 @@ class Plan(Result):
 
     @property
     def missed(self) -> str | None:
-        """What is wanted and cannot be had; None where all can."""
+        """Wanted intervals that are out of reach; None if there are none."""
         return self._missed
 
     @property
     def remarks(self) -> list[str]:
-        """How long it is, what cannot be had, and what a person should know beside."""
+        """Its duration, what is out of reach, and notes."""
         return [f"It takes {self['duration_s']:.4g} s.", *([self._missed] if self._missed else []), *self._remarks]

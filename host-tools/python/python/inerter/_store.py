@@ -14,7 +14,7 @@ from ._inerter import Run
 
 
 def key(run: str | Mapping[str, Any]) -> str:
-    """What the store finds a run by: a name or its beginning; of a row of `Store.runs` its place, for which no other run is looked at."""
+    """What the store finds a run by: a name or its beginning, or for a row of `Store.runs` its place, which is found directly."""
     return run if isinstance(run, str) else f"device={run['device']}/date={run['date']}/{run['run']}"
 
 
@@ -26,9 +26,9 @@ class Store:
         pandas.DataFrame(store.runs())
 
     `url` is a folder, or `s3://BUCKET/FOLDER` with the credentials of the usual variables: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
-    AWS_REGION, AWS_ENDPOINT. The first `add` makes the store; before that all else raises InerterError. A run is named by the SHA-256 of
-    its recording, and everywhere the beginning of a name is enough; a row of `runs` finds it faster in a large store. pandas, Polars and DuckDB read the tables of a store without
-    this package: docs/STORE.md.
+    AWS_REGION, AWS_ENDPOINT. The first `add` creates the store; before that everything else raises InerterError. A run is named by the
+    SHA-256 of its recording, and the beginning of a name is always enough; a row of `runs` finds it faster in a large store. pandas,
+    Polars and DuckDB read the tables of a store without this package: docs/STORE.md.
     """
 
     def __init__(self, url: str | os.PathLike[str]) -> None:
@@ -49,12 +49,12 @@ class Store:
         return len(self.runs())
 
     def add(self, path: str | os.PathLike[str], *, progress: Callable[[float], object] | None = None) -> str:
-        """Adds a recording (.mcap), and gives the name of its run; the same recording twice is one run.
+        """Adds a recording (.mcap), and returns the name of its run; the same recording twice is one run.
 
-        It goes through the estimator, and what comes out becomes the tables of the store. `progress` is called with the part that is
+        It goes through the estimator, and the results become the tables of the store. `progress` is called with the part that is
         done, from 0 to 1.
 
-        Raises InerterError where it is no recording, cannot be used, or the store cannot be written, and KeyboardInterrupt on Ctrl-C.
+        Raises InerterError if it is not a recording, cannot be used, or the store cannot be written, and KeyboardInterrupt on Ctrl-C.
         """
         return self._store.add(os.fspath(path), progress)[0]
 
@@ -67,11 +67,11 @@ class Store:
     ) -> list[dict[str, Any]]:
         """The runs, each with the columns of the table `runs` by name: `pandas.DataFrame(store.runs())`.
 
-        Those of `device` alone, by its serial number; those recorded from the day `start` to the day `end` (UTC, `2026-01-31`, or a month
+        Only those of `device`, by its serial number; those recorded from the day `start` to the day `end` (UTC, `2026-01-31`, or a month
         `2026-01`); and those that meet every condition of `where`: a column, one of < <= > >= = !=, and a number or a word, such
         as "inertance_kg < 300". Names end in their unit; what is not known is None. A damaged run is a warning.
 
-        Raises InerterError where a condition or a day cannot be read or there is no store.
+        Raises InerterError if a condition or a day cannot be read or there is no store.
         """
         rows, damages = self._store.rows(device, start, end, list(where))
         for _, file, problem in damages:
@@ -79,13 +79,13 @@ class Store:
         return [json.loads(row) for row in rows]
 
     def run(self, run: str | Mapping[str, Any]) -> dict[str, Any]:
-        """The columns of one run. Raises InerterError where there is none, or several begin like this."""
+        """The columns of one run. Raises InerterError if there is none, or several begin with this name."""
         row: dict[str, Any] = json.loads(self._store.row(key(run)))
         return row
 
     def open(self, run: str | Mapping[str, Any], *, settings: Mapping[str, float] | None = None) -> Run:
-        """Opens the recording of a run, by its name or its row of `runs`, as `inerter.open` does. From S3 it is fetched first, checked against its name, and kept until
-        this process ends.
+        """Opens the recording of a run, by its name or its row of `runs`, as `inerter.open` does. From S3 it is fetched first,
+        checked against its name, and kept until this process ends.
         """
         path = self._store.path(key(run))
         if path is None:
@@ -99,27 +99,28 @@ class Store:
         return _inerter.open(path, dict(settings or {}))
 
     def results(self, batch: str) -> list[dict[str, Any]]:
-        """What became of each run in a batch (`inerter.batch`, `inerter replay --store`): `run`, `kind`, `software`, `given` (the settings
-        over those of the recording), `result` (what the command prints with --json; None where it failed), `code` and `error` (None
-        where it did not). Of a batch that is not there the list is empty.
+        """The result of each run in a batch (`inerter.batch`, `inerter replay --store`): `run`, `kind`, `software`, `given` (the settings
+        over those of the recording), `result` (what the command prints with --json; None if it failed), `code` and `error` (None
+        if it did not). For a batch that does not exist the list is empty.
         """
         return [json.loads(row) for row in self._store.results(batch)]
 
     def get(self, run: str | Mapping[str, Any], path: str | os.PathLike[str], *, replace: bool = False) -> None:
-        """Writes the recording of a run into a file. Raises InerterError where it is damaged, or the file is there and not to be replaced."""
+        """Writes the recording of a run into a file. Raises InerterError if it is damaged, or the file exists and may not be replaced."""
         self._store.get(key(run), os.fspath(path), replace)
 
     def verify(
         self, *, repair: bool = False, progress: Callable[[float], object] | None = None
     ) -> list[dict[str, str]]:
         """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
-        `unreadable`, `unfinished` or `foreign`. With `repair`, while nobody adds or removes, what follows from whole recordings is made anew first.
+        `unreadable`, `unfinished` or `foreign`. With `repair`, what follows from intact recordings is rebuilt first; nobody may
+        add or remove runs meanwhile.
         """
         damages = self._store.verify(repair, progress)
         return [dict(zip(("run", "file", "problem"), damage, strict=True)) for damage in damages]
 
     def remove(self, *names: str) -> None:
-        """Removes runs with their recordings and results. Raises InerterError, before anything is removed, where there is no such run."""
+        """Removes runs with their recordings and results. Raises InerterError, before anything is removed, if there is no such run."""
         for whole in sorted({self._store.find(name) for name in names}):
             self._store.remove(whole)
 

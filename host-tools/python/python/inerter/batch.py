@@ -6,9 +6,9 @@
     with Client() as client:
         inerter.batch.replay(store, client, batch="stiffer", settings={"stiffness_n_per_m": 5e6})
 
-What comes of each run goes back into the store, in the batch of that name: `store.results("stiffer")`. A run that a batch has already is
-not done again, so that a batch that broke off goes on where it was; a worker that dies loses the run that it was at, which another
-one takes. A run that cannot be used is a row with its error. `dask` and `distributed` are optional: `pip install "inerter[dask]"`.
+The result of each run goes back into the store, in the batch of that name: `store.results("stiffer")`. Runs that a batch already has
+are not repeated, so an interrupted batch continues where it was; if a worker dies, another one takes over its current run.
+A run that cannot be used is a row with its error. `dask` and `distributed` are optional: `pip install "inerter[dask]"`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["diagnose", "identify", "replay"]
 
 Progress = Callable[[float], object]
-"""Hears of the part of the runs that is done, from 0 to 1."""
+"""Called with the part of the runs that is done, from 0 to 1."""
 
 
 def replay(
@@ -48,11 +48,12 @@ def replay(
 ) -> list[dict[str, Any]]:
     """Takes the runs of a store through the estimator: `inerter replay` of each.
 
-    `client` is a Dask `Client`, whose workers must have this package and reach the store; without one the work is done here. `batch` names
-    what comes of it: letters, digits, `-` and `_`. `settings` go over those of each recording. `where`, `device`, `start` and
-    `end` choose runs as `store.runs` does. `again` does what the batch has once more. Gives the rows of the batch, as `store.results` does.
+    `client` is a Dask `Client`, whose workers must have this package and reach the store; without one the work is done here. `batch` is the
+    name of the results: letters, digits, `-` and `_`. `settings` override those of each recording. `where`, `device`, `start` and
+    `end` choose runs as `store.runs` does. `again` repeats what the batch already has. Returns the rows of the batch, as `store.results` does.
 
-    Raises InerterError where the store or a setting cannot be used or the batch was made in another way, and RuntimeError where a worker does not have this version of the package.
+    Raises InerterError if the store or a setting cannot be used or the batch was made in another way, and RuntimeError if a worker does
+    not have this version of the package.
     """
     return _batch(store, client, "replay", batch, settings, (where, device, start, end), again, progress)
 
@@ -70,7 +71,7 @@ def diagnose(
     again: bool = False,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Names what breaks the law in each run of a store: `inerter diagnose`. The rest as for `replay`."""
+    """Identifies what breaks the law in each run of a store: `inerter diagnose`. The rest as for `replay`."""
     return _batch(store, client, "diagnose", batch, settings, (where, device, start, end), again, progress)
 
 
@@ -87,7 +88,7 @@ def identify(
     again: bool = False,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Identifies the complete model of the device from each run of a store by itself: `inerter identify`. The rest as for `replay`."""
+    """Identifies the complete model of the device from each run of a store separately: `inerter identify`. The rest as for `replay`."""
     return _batch(store, client, "identify", batch, settings, (where, device, start, end), again, progress)
 
 

@@ -12,18 +12,18 @@ use crate::page::Content;
 /// Runs that are drawn: there are no more colours that all kinds of colour vision tell apart.
 pub const DRAWN: usize = 5;
 
-/// Runs beside each other.
+/// Runs side by side.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// The runs, the first being what the others are held against; of those that are not drawn only what tables show.
+    /// The runs, the first being what the others are compared with; of those that are not drawn only what tables show.
     pub runs: Vec<Content>,
     /// The same, as they were compared.
     pub sides: Vec<Side>,
     /// Whether each shares the first one's rig.
     pub rigs: Vec<Rig>,
-    /// Parameters that any of them tells.
+    /// Parameters that any of them identifies.
     pub rows: Vec<Row>,
-    /// What each run says of limits; empty where there are none.
+    /// The verdicts of each run on limits; empty if there are none.
     pub within: Vec<Vec<Judged>>,
 }
 
@@ -45,7 +45,7 @@ impl Comparison {
         Ok(Self { runs, sides, rigs, rows, within: Vec::new() })
     }
 
-    /// The same, held against limits.
+    /// The same, with verdicts on limits.
     #[must_use]
     pub fn within(self, limits: &Limits) -> Self {
         Self { within: self.sides.iter().map(|side| side.told.within(limits)).collect(), ..self }
@@ -75,11 +75,11 @@ impl Comparison {
         let of_each = named().filter_map(|(side, rig)| match rig {
             Rig::Same => None,
             Rig::Assumed => Some(format!(
-                "The files do not show whether {} was measured on the rig of {first}; this assumes that it was. Use `--rigs several` if not.",
+                "The files do not show whether {} was measured on the rig of {first}; this page assumes that it was. Use `--rigs several` if not.",
                 side.name
             )),
             Rig::Other(reason) => {
-                Some(format!("{} is of another rig than {first} ({reason}): its intervals are whole.", side.name))
+                Some(format!("{} is from another rig than {first} ({reason}): its full intervals are used.", side.name))
             }
         });
         let verdict = "Each interval is for one difference; the verdicts allow for how many are tested.".to_string();

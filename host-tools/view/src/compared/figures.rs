@@ -198,7 +198,7 @@ fn bode(comparison: &Comparison) -> Figure {
         name: "bode",
         title: "Frequency response".into(),
         caption: format!(
-            "Measured force over the displacement of {over}. In the middle the same over w², which is the mass that one would feel. Intervals are of 95 %.{}",
+            "Measured force over the displacement of {over}. In the middle, the same over w²: the apparent mass. Intervals are of 95 %.{}",
             left_out(comparison)
         ),
         panels,

@@ -1,4 +1,4 @@
-//! The page of runs beside each other.
+//! The page of runs side by side.
 
 use inerter_analysis::compare::{Row, Verdict};
 use inerter_core::{Machine, Settings};
@@ -85,7 +85,7 @@ fn parameters(comparison: &Comparison, machine: Machine) -> Markup {
                     th scope="col" { "Unit" }
                     th scope="col" { "Run" }
                     th.number scope="col" { "Value" }
-                    th.number scope="col" { "Less the first" }
+                    th.number scope="col" { "Minus the first" }
                     th scope="col" { "Verdict" }
                 } }
                 tbody { @for row in &comparison.rows { (of_parameter(comparison, machine, row)) } }

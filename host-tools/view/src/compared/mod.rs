@@ -1,4 +1,4 @@
-//! Runs beside each other on one page: parameters with their differences, and figures of all runs laid over each other.
+//! Runs side by side on one page: parameters with their differences, and overlaid figures of all runs.
 
 mod comparison;
 mod figures;

@@ -135,7 +135,7 @@ pub enum Colour {
     Blue,
     /// What a model says.
     Vermilion,
-    /// What a model leaves over.
+    /// The residual of a model.
     Green,
     /// A second model.
     Purple,

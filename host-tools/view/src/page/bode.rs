@@ -163,7 +163,7 @@ pub(super) fn bode(content: &Content) -> Made {
     };
     Ok((
         format!(
-            "Force over the displacement of {displacement}: {how}. Ideal is mt s², complete has friction, stiffness, damping and structure mass; in the middle the same magnitude over w², which is the mass that one would feel.{contact}{friction}"
+            "Force over the displacement of {displacement}: {how}. Ideal is mt s², complete has friction, stiffness, damping and structure mass; in the middle, the same magnitude over w²: the apparent mass.{contact}{friction}"
         ),
         panels,
     ))

@@ -25,7 +25,7 @@ pub enum Kind {
     Force,
     /// Force over displacement.
     Loop,
-    /// What the law leaves over.
+    /// The residual of the law.
     Residual,
     /// Parameters over time.
     Parameters,
@@ -56,7 +56,7 @@ impl Kind {
         match self {
             Self::Force => "Force against the law",
             Self::Loop => "Force over displacement",
-            Self::Residual => "What the law leaves over",
+            Self::Residual => "Residual of the law",
             Self::Parameters => "Parameters over time",
             Self::Backlash => "Backlash by reversal",
             Self::Bode => "Frequency response",
@@ -129,12 +129,12 @@ fn force(content: &Content) -> Made {
             height_px: LOW_PX,
             layers: vec![
                 Layer::unnamed(Colour::Ink, Shape::Level(0.0, Stroke::Thin)),
-                Layer::new("measured less law", Colour::Green, Shape::Line(left, Stroke::Solid)),
+                Layer::new("measured minus law", Colour::Green, Shape::Line(left, Stroke::Solid)),
             ],
         },
     ];
     let caption = format!(
-        "Measured force and the law with the values fitted to all motion, both through the estimator's kernels, in the middle of it. {}",
+        "Measured force and the law with the values fitted to all motion, both through the estimator's kernels, in the middle of the run. {}",
         left_over(content)
     );
     Ok((caption, panels))
@@ -144,8 +144,8 @@ fn force(content: &Content) -> Made {
 fn left_over(content: &Content) -> String {
     match content.residual() {
         Some((rms_n, explained)) => format!(
-            "Over {} {} rms are left over, {:.2} % of the force's. \
-             Where the screw stands there is no law: friction at rest takes any value.",
+            "Over {} the residual is {} rms, {:.2} % of the force's. \
+             Where the screw is at rest the law does not apply: static friction can take any value.",
             if content.changes.is_empty() {
                 "the whole run"
             } else {
@@ -173,7 +173,7 @@ fn residual(content: &Content) -> Made {
     let panels = vec![
         Panel {
             x: Axis::new("Time [s]"),
-            y: Axis::new("Measured less law [N]"),
+            y: Axis::new("Measured minus law [N]"),
             height_px: LOW_PX + 20,
             layers: vec![
                 Layer::unnamed(Colour::Green, Shape::Line(left, Stroke::Thin)),
@@ -182,7 +182,7 @@ fn residual(content: &Content) -> Made {
             ],
         },
         Panel {
-            x: Axis::new("Measured less law [N]").within(-reach, reach),
+            x: Axis::new("Measured minus law [N]").within(-reach, reach),
             y: Axis::new("Count"),
             height_px: LOW_PX + 20,
             layers: vec![
@@ -196,7 +196,7 @@ fn residual(content: &Content) -> Made {
         },
     ];
     let caption = format!(
-        "What the law leaves over while the screw moves, two values in each box of the kernel. Noise alone would follow the normal distribution; \
+        "Residual of the law while the screw moves, two values in each box of the kernel. Noise alone would follow the normal distribution; \
          long tails come from reversals, impacts and changes. {}",
         left_over(content)
     );
@@ -249,8 +249,8 @@ fn hysteresis(content: &Content) -> Made {
             ),
         ],
     };
-    let caption = "Force over displacement in the same stretch of time. An inertance leans the loop down to the right, by mt w²; \
-                   what is lost to friction in a cycle is the area inside; Coulomb friction makes the steps at both ends.";
+    let caption = "Force over displacement in the same stretch of time. An inertance tilts the loop down to the right, by mt w²; \
+                   the area inside is the friction loss per cycle; Coulomb friction makes the steps at both ends.";
     Ok((caption.into(), vec![panel]))
 }
 
@@ -316,7 +316,7 @@ fn parameters(content: &Content) -> Made {
         panels.push(over_time(content, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
     }
     if panels.is_empty() {
-        return Err("the motion shows no parameter for long enough".into());
+        return Err("the motion identifies no parameter for long enough".into());
     }
     let true_line =
         if panels.iter().any(|panel| panel.layers.iter().any(|layer| layer.label.as_deref() == Some("truth"))) {
@@ -327,10 +327,10 @@ fn parameters(content: &Content) -> Made {
     let changes = if content.changes.is_empty() {
         ""
     } else {
-        " Vertical lines mark where a change of the device was found and the estimator began anew."
+        " Vertical lines mark where a change of the device was found and the estimator restarted."
     };
     let caption = format!(
-        "Estimates with their 95 % interval, by the last {} s of motion. Where the line breaks off, the motion did not show the parameter.{true_line}{changes}",
+        "Estimates with their 95 % interval, from the last {} s of motion. Where the line is interrupted, the motion could not identify the parameter.{true_line}{changes}",
         content.run.settings.memory_s
     );
     Ok((caption, panels))
@@ -438,7 +438,7 @@ fn backlash(content: &Content) -> Made {
     };
     let thinned = if every > 1 { format!(" Over time one reversal in {every} is shown.") } else { String::new() };
     let caption = format!(
-        "Backlash by each of {}; reversals contradict each other by impacts and noise, and the estimate weighs them by their information.{left_out}{thinned}",
+        "Backlash from each of {}; impacts and noise make them differ, and the estimate weights them by their information.{left_out}{thinned}",
         plural(content.reversals.len() as u64, "accepted reversal")
     );
     Ok((caption, panels))

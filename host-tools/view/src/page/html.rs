@@ -69,7 +69,7 @@ fn status(shown: Shown, law: LawStatus) -> (&'static str, &'static str) {
         Shown::BelowU95 => ("smaller than its interval: there may be none", "held"),
         Shown::Held => ("held: at rest at the end", "held"),
         Shown::NotIdentifiable if law == LawStatus::Broken => ("the law is broken", "none"),
-        Shown::NotIdentifiable => ("this motion does not show it", "none"),
+        Shown::NotIdentifiable => ("this motion cannot identify it", "none"),
     }
 }
 
@@ -93,7 +93,7 @@ fn results(content: &Content) -> Markup {
         .zip(catalogue::fields(Machine::Linear, Group::Parameter));
     markup! {
         section #results {
-            h2 { "What the device is" }
+            h2 { "Parameters of the device" }
             table {
                 thead { tr {
                     th scope="col" { "Parameter" }
@@ -130,7 +130,7 @@ fn results(content: &Content) -> Markup {
                 }
             }
             p.small {
-                "Values with the half width of their 95 % interval. Where the motion cannot show a parameter there is no number."
+                "Values with the half width of their 95 % interval. Where the motion cannot identify a parameter there is no number."
             }
         }
     }
@@ -159,7 +159,7 @@ fn budgets(content: &Content) -> Markup {
     };
     markup! {
         section #budget {
-            h2 { "What the intervals are made of" }
+            h2 { "Sources of the intervals" }
             table {
                 thead { tr {
                     th scope="col" { "Parameter" }
@@ -226,7 +226,7 @@ pub(crate) fn notes_of(content: &Content) -> Vec<String> {
         Regime::Unknown | Regime::Coulomb => None,
     };
     let contact = (content.run.settings.stiffness_n_per_m == 0.0 && !content.run.settings.terminal_sensor).then(|| {
-        let why = "The contact stiffness is not set: without it the force alone shows no backlash";
+        let why = "The contact stiffness is not set: without it the force alone cannot identify backlash";
         format!("{} (setting stiffness_n_per_m).", description(machine, why))
     });
     let of_run = content.run.notes.iter().cloned();
@@ -247,7 +247,7 @@ fn notes(content: &Content) -> Markup {
         section #notes {
             h2 { "Notes" }
             @if all.is_empty() {
-                p { "Nothing unusual: nothing was lost, damaged or put right, and the device did not change." }
+                p { "Nothing unusual: nothing was lost, damaged or repaired, and the device did not change." }
             } @else {
                 ul { @for note in &all { li { (note) } } }
             }
@@ -297,7 +297,7 @@ fn conditions(content: &Content) -> Markup {
         ("Contact", text::contact_words(detail.contact).into()),
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
-        ("Left over by the law", residual),
+        ("Residual of the law", residual),
         ("Law", text::law_text(&content.replayed.outcome.law)),
         ("Calibration of the rig", calibration_text(&content.run)),
         ("Kernel bank", bank_word(content.replayed.outcome.estimate.bank).into()),
@@ -386,11 +386,11 @@ fn method(machine: Machine) -> Markup {
     let words = |linear| description(machine, linear);
     markup! {
         section #method {
-            h2 { "How it was found" }
+            h2 { "Method" }
             p {
                 (words("Force and displacement pass the same smoothing kernel; recursive least squares find "))
                 i { "mt" } ", " i { "cf" } ", " i { "fc" } " and " i { "F0" } " of "
-                i { "F = mt a + cf v + fc sgn(v) + F0" } ", in contact and out of it; what stands still is left out. "
+                i { "F = mt a + cf v + fc sgn(v) + F0" } ", in contact and out of it; samples at rest are left out. "
                 "The estimates are those of the device, to the bit. An interval is "
                 i { "U95" } " = " i { "k" } " √(" i { "u" } "a² + Σ " i { "u" } "i²) after JCGM 100, with Student's factor "
                 i { "k" } " by the degrees of freedom of all parts together (Welch and Satterthwaite)."

@@ -1,4 +1,4 @@
-//! What a run says of limits, on a page.
+//! The verdicts of a run on limits, on a page.
 
 use inerter_core::Machine;
 use inerter_data::{

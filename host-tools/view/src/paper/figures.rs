@@ -49,7 +49,7 @@ fn force(test: &Test, name: &'static str) -> Figure {
     ];
     let (rms_n, part) = test.residual();
     let caption = format!(
-        "The paper's figure {}, {}: {} Hz, {} mm. Fth is calculated with the values that were found. Over the whole test {rms_n:.2} N rms are left over, \
+        "The paper's figure {}, {}: {} Hz, {} mm. Fth is calculated with the values that were found. Over the whole test the residual is {rms_n:.2} N rms, \
          {:.2} % of the force; 1 N of it is the load cell's noise.",
         test.plan.figure,
         test.plan.purpose,

@@ -72,8 +72,8 @@ fn parameters(paper: &Reproduction) -> Markup {
                 }
             }
             p.small {
-                "The device is simulated with the published values, so they are the truth here. The Coulomb friction of the paper did not survive in the text "
-                "at hand: 50 N is our choice."
+                "The device is simulated with the published values, so they are the truth here. The Coulomb friction of the paper is missing from our copy "
+                "of its text: 50 N is our choice."
             }
         }
     }
@@ -90,7 +90,7 @@ fn band(paper: &Reproduction) -> Markup {
         section #band {
             h2 { "Where the paper's claim differs" }
             p {
-                "The paper calls what is not ideal insignificant in a middle band of 0.1 to 40 rad/s. Computed from the complete model with the values found, the ideal "
+                "The paper calls deviations from the ideal insignificant in a middle band of 0.1 to 40 rad/s. Computed from the complete model with the values found, the ideal "
                 "mass is within 1 dB and 5° only " strong { (words) } "."
             }
             ul {
@@ -116,11 +116,11 @@ fn inertial_n(paper: &Reproduction) -> String {
 fn rig() -> Markup {
     markup! {
         section #rig {
-            h2 { "How it was made" }
+            h2 { "Method" }
             p {
                 "Simulated device and rig: samples at 1 kHz, 2.44 µm per encoder count, 1 N rms of noise in the force, 1 µm rms in the terminal's displacement; fixed seeds, so that every run "
                 "gives the same. The complete model is fitted as " code { "inerter identify --staged" } " does: the slowest test for the Coulomb friction, the next for the "
-                "rest, the last validates. It is told the instruments' scales and the weighed structure mass, nothing else. "
+                "rest, the last validates. It is given the instruments' scales and the weighed structure mass, nothing else. "
                 "Made by " code { "inerter reproduce-paper" } ", version " (env!("CARGO_PKG_VERSION")) "."
             }
         }

@@ -1,4 +1,4 @@
-//! The paper's device and rig done again: its figures and a page.
+//! The reproduction of the paper's device and rig: its figures and a page.
 
 mod figures;
 mod html;

@@ -37,7 +37,7 @@ pub struct StepArgs {
 /// What a step takes that a recording can answer too.
 #[derive(clap::Args)]
 pub struct SourceArgs {
-    /// Recording (.mcap) or CSV file; without it a device
+    /// Recording (.mcap) or CSV file [default: a device]
     #[arg(conflicts_with_all = ["write", "port", "connect", "serial"])]
     pub file: Option<PathBuf>,
     #[command(flatten)]
@@ -50,7 +50,7 @@ impl SourceArgs {
         let overrides = self.settings.overrides()?;
         let Some(file) = &self.file else {
             if !overrides.is_empty() {
-                note("settings given here are for files: the device's own are used");
+                note("settings given here apply to files only: the device's own are used");
             }
             return Ok(None);
         };
@@ -79,7 +79,7 @@ pub fn connect(args: &StepArgs) -> Result<Device, Error> {
     terminal::catch_interrupts();
     let device = args.link.device()?;
     if args.write && !device.keeps_settings() {
-        let (name, what) = (device.name().to_string(), "to keep settings over a restart, as --write wants");
+        let (name, what) = (device.name().to_string(), "to keep settings over a restart, as --write requires");
         return Err(DeviceError::Refused { name, what, refusal: Refusal::Unsupported }.into());
     }
     Ok(device)
@@ -103,7 +103,7 @@ pub fn at_device(
     }
     report(&finding, device.name(), settings.machine, args.json, written)?;
     if !written && finding.is_good() && finding.has_settings() && !args.json {
-        terminal::say("nothing was changed; --write puts it in use and saves it");
+        terminal::say("nothing was changed; --write applies it and saves it");
     }
     Ok(())
 }

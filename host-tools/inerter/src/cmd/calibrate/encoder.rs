@@ -14,29 +14,30 @@ use crate::{
 
 /// Find counts per revolution, metres per count and the direction of the encoder.
 ///
-/// --revolutions 10: turn the screw by hand from a mark to the same mark, in the positive direction; the counts must be near
-/// those of an encoder that is sold, or of --lines. --displacement 0 --displacement 0.010 --displacement 0: move along
-/// a dial gauge or gauge blocks, positive in the positive direction; come back to the first one. Without a gauge --lead
-/// takes the data sheet's lead, and the turn its direction. For each the command asks and waits for Enter, a script
-/// answers with a line.
+/// --revolutions 10: turn the screw by hand from a mark back to that mark, in the positive direction; the counts must
+/// be near those of a commercial encoder, or of --lines. --displacement 0 --displacement 0.010 --displacement 0: move
+/// along a dial gauge or gauge blocks, with positive values in the positive direction; return to the first value.
+/// Without a gauge, --lead gives the lead of the data sheet, and the turn gives its direction. The command prompts for
+/// each and waits for Enter; a script answers with a line.
 ///
-/// --write saves metres_per_count, negative where the encoder counts down in the positive direction, and lead_u95. With --json
-/// at last one object: {"kind":"calibration","step":"encoder","values":{"metres_per_count":..},"measured":{..},..}.
+/// --write saves metres_per_count, negative if the encoder counts down in the positive direction, and lead_u95. With
+/// --json the last line is one object:
+/// {"kind":"calibration","step":"encoder","values":{"metres_per_count":..},"measured":{..},..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// Revolutions to turn by hand; negative turns in the negative direction
     #[arg(long, value_name = "NUMBER", value_parser = turns, allow_hyphen_values = true)]
     revolutions: Option<f64>,
-    /// Lines per revolution by the encoder's label; each line is four counts
+    /// Lines per revolution from the encoder's label; each line is four counts
     #[arg(long, value_name = "NUMBER", value_parser = lines)]
     lines: Option<f64>,
-    /// Lead of the screw by its data sheet
+    /// Lead of the screw from its data sheet
     #[arg(long, value_name = "METRES", value_parser = lead)]
     lead: Option<f64>,
     /// Relative 95 % uncertainty of that lead
     #[arg(long, value_name = "PART", value_parser = part, default_value = "0.001")]
     lead_u95: f64,
-    /// What the gauge is to show; several times, in this order
+    /// Reading of the gauge to move to; repeated, in this order
     #[arg(long, value_name = "METRES", value_parser = length, allow_hyphen_values = true)]
     displacement: Vec<f64>,
     /// 95 % uncertainty of the gauge

@@ -19,25 +19,26 @@ use crate::{
 
 /// Find the force scale by known masses or forces, in both directions.
 ///
-/// Give the loads in the order in which they will be put on, for example --mass 0 --mass 5 --mass 10 --mass 5 --mass 0
-/// --mass -5 --mass -10 --mass 0. Up and down shows hysteresis, both signs show whether pushing and pulling agree, the last
-/// 0 the return to zero. For each load the command asks, waits for Enter and until the force is at rest for --duration.
-/// A script answers each prompt with a line; with --json prompts are objects {"kind":"prompt",..} on standard output.
+/// Give the loads in the order in which they will be applied, for example --mass 0 --mass 5 --mass 10 --mass 5 --mass 0
+/// --mass -5 --mass -10 --mass 0. Loading and unloading shows the hysteresis, both signs show whether pushing and
+/// pulling agree, the last 0 shows the return to zero. For each load the command prompts, waits for Enter, and then
+/// until the force has been at rest for --duration. A script answers each prompt with a line; with --json prompts are
+/// objects {"kind":"prompt",..} on standard output.
 ///
-/// --write saves newtons_per_code, force_zero_code and force_gain_u95, which holds scatter, nonlinearity, hysteresis, return
-/// to zero and what is not known of the loads. Refused are loads that do not lie on a line (the one that fits worst is
-/// named), and a code that moves the same way for both directions. Loads that were recorded: --mass 5=five.mcap, all of
-/// them. With --json at last one object:
+/// --write saves newtons_per_code, force_zero_code and force_gain_u95, which covers scatter, nonlinearity, hysteresis,
+/// return to zero and the uncertainty of the loads. Loads that do not lie on a line are refused (the one that fits
+/// worst is named), and so is a code that moves the same way for both directions. Recorded loads: --mass 5=five.mcap,
+/// for all of them. With --json the last line is one object:
 /// {"kind":"calibration","step":"force","values":{"newtons_per_code":..},"u95":{..},..}.
 #[derive(clap::Args)]
 pub struct Args {
     /// A mass that hangs on the cell; negative in the other direction; FILE is a recording of it
     #[arg(long, value_name = "KG[=FILE]", value_parser = mass, allow_hyphen_values = true, required_unless_present = "force")]
     mass: Vec<Recorded>,
-    /// A force on the cell, in place of masses
+    /// A force on the cell, instead of masses
     #[arg(long, value_name = "NEWTONS[=FILE]", value_parser = newtons, allow_hyphen_values = true, conflicts_with = "mass")]
     force: Vec<Recorded>,
-    /// Local gravity [m/s^2]; without it 9.80665, which is off by up to 0.27 %
+    /// Local gravity [m/s^2] [default: 9.80665, which is off by up to 0.27 %]
     #[arg(long, value_name = "VALUE", value_parser = gravity, conflicts_with = "latitude")]
     gravity: Option<f64>,
     /// Latitude of the place, from which gravity follows
@@ -110,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         .collect();
     let loads_u95 = if masses { args.loads_u95.hypot(gravity.u95) } else { args.loads_u95 };
     if masses && gravity == Gravity::ANYWHERE {
-        note("gravity is taken as 9.80665 m/s^2, 0.27 % uncertain: --latitude or --gravity says better");
+        note("gravity is taken as 9.80665 m/s^2, 0.27 % uncertain: --latitude or --gravity improves on it");
     }
     let seconds = args.duration.as_secs_f64();
     let files: Vec<&PathBuf> = given.iter().filter_map(|each| each.file.as_ref()).collect();
@@ -119,8 +120,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     if files.len() < given.len() || args.step.write {
         let missing = CalibrateError::Missing(
-            "a recording of each load, and no --write",
-            "either all loads are recorded, as in --mass 0=zero.mcap --mass 5=five.mcap, or all are put on at a device",
+            "a recording of each load (without --write)",
+            "either all loads are recorded, as in --mass 0=zero.mcap --mass 5=five.mcap, or all are applied at a device",
         );
         return Err(missing.into());
     }

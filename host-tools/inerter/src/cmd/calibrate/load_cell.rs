@@ -9,15 +9,14 @@ use crate::Error;
 
 /// Look at the force channel of a device at rest: rate, noise, drift, saturation, mains.
 ///
-/// Let the device stand still without load, drives on as they will be. What is bad is said in plain words, with what to
-/// do, and ends with exit code 9: samples lost or at another rate, a code at its limit or that never changes, noise
-/// over 0.2 % of the range, noise under a step of the converter, mains over five times the noise, a zero that drifts or
-/// is far off the middle. Changes nothing. FILE is a recording (.mcap) or CSV of a device at rest. With --json one
-/// object:
+/// Keep the device still without load, with all drives on as in use. Faults are explained, with what to do, and end
+/// with exit code 9: samples lost or at another rate, a code at its limit or that never changes, noise over 0.2 % of
+/// the range, noise below one step of the converter, mains over five times the noise, a zero that drifts or is far from
+/// the middle. Changes nothing. FILE is a recording (.mcap) or CSV of a device at rest. With --json one object:
 /// {"kind":"calibration","step":"load_cell","measured":{"noise_n":..,"mains_n":..},"remarks":[..],"accepted":..}.
 #[derive(clap::Args)]
 pub struct Args {
-    /// How long the device is listened to, 4 s at least
+    /// How long to listen to the device, at least 4 s
     #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "10")]
     duration: Duration,
     #[command(flatten)]

@@ -20,7 +20,7 @@ use crate::{
 /// What they take.
 #[derive(clap::Args)]
 pub struct MotionArgs {
-    /// How long a device is listened to
+    /// How long to listen to a device
     #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "20")]
     duration: Duration,
     #[command(flatten)]
@@ -82,7 +82,7 @@ pub fn run<J: Serialize>(
     }
     report(&shown, &run.name, run.settings.machine, args.step.json, written)?;
     if device.is_some() && shown.better && !written && !args.step.json {
-        terminal::say("nothing was changed; --write puts it in use and saves it");
+        terminal::say("nothing was changed; --write applies it and saves it");
     }
     Ok(())
 }
@@ -108,7 +108,7 @@ fn report<J: Serialize>(
         each.collect::<Vec<_>>().join(between)
     };
     Ok(output::line(match (better, written) {
-        (false, _) => format!("nothing to change: the {what} in use is known as well as this motion shows it"),
+        (false, _) => format!("nothing to change: this motion cannot improve on the {what} in use"),
         (true, true) => format!("saved on the device: {}", listed("", " = ", ", ")),
         (true, false) => format!("use it with: {}", listed("--set ", "=", " ")),
     })?)

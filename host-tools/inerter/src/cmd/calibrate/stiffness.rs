@@ -15,15 +15,15 @@ use crate::Error;
 
 /// Find stiffness and damping of the contact, with a terminal displacement sensor.
 ///
-/// With them in the settings the backlash comes from the force alone, and the sensor may be taken off again. Shake the
-/// inerter from 3 Hz up for 20 s, hard enough that the force presses on either flank by turns. A scale of the sensor
-/// that is 0.1 % off the encoder's is 1.7 % of the stiffness at 3.2 Hz: calibrate it against the encoder first, and say
-/// in lead_u95 how well.
+/// With these two settings the backlash follows from the force alone, and the sensor may be removed again. Shake the
+/// inerter from 3 Hz up for 20 s, hard enough that the force presses on both flanks in turn. If the sensor's scale is
+/// 0.1 % off the encoder's, the stiffness is 1.7 % off at 3.2 Hz: calibrate it against the encoder first, and state in
+/// lead_u95 how well.
 ///
-/// FILE is a recording (.mcap) or a CSV with a column terminal_m; without it a device is listened to for --duration. --write
-/// puts stiffness_n_per_m, stiffness_u95_n_per_m and contact_damping_n_s_per_m in use on the device and saves them,
-/// when they are better than those in use: when there is no stiffness, when it lies outside of the interval, or when
-/// the interval is the smaller one. For a file they are printed as --set. With --json one object:
+/// FILE is a recording (.mcap) or a CSV with a column terminal_m; without it the command listens to a device for
+/// --duration. --write puts stiffness_n_per_m, stiffness_u95_n_per_m and contact_damping_n_s_per_m in use on the device
+/// and saves them if they are better than those in use: if no stiffness is set, if the one set lies outside the
+/// interval, or if the new interval is the smaller one. For a file they are printed as --set. With --json one object:
 /// {"kind":"stiffness","stiffness_n_per_m":..,"stiffness_u95_n_per_m":..,"contact_damping_n_s_per_m":..,..}.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]

@@ -10,18 +10,18 @@ use crate::{
 
 /// Compare the device's sample clock with this computer's clock.
 ///
-/// The longer, the better, and on a computer that does nothing else: how far arrivals scatter over that time is told,
-/// as a part of the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; where NTP or PTP
-/// has held it for hours --host-clock-ppm 1 may be true. The rate is not corrected: timebase_u95 becomes the deviation
-/// and its uncertainty, never less than this computer's. --write saves it where it says more than the one in use.
-/// Inertance is uncertain by twice as much. With --json one object:
+/// Longer is better, on an otherwise idle computer: the scatter of the arrivals over that time is reported as part of
+/// the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; if NTP or PTP has disciplined it
+/// for hours, --host-clock-ppm 1 may be right. The rate is not corrected: timebase_u95 becomes the deviation with its
+/// uncertainty, never less than that of this computer. --write saves it if it is better than the one in use. The
+/// relative uncertainty of inertance is twice as large. With --json one object:
 /// {"kind":"calibration","step":"timebase","measured":{"deviation_ppm":..},"values":{"timebase_u95":..},..}.
 #[derive(clap::Args)]
 pub struct Args {
-    /// How long arrivals are compared
+    /// How long to compare arrivals
     #[arg(long, value_name = "SECONDS", value_parser = up_to_a_day, allow_negative_numbers = true, default_value = "60")]
     duration: Duration,
-    /// How good this computer's clock is
+    /// Accuracy of this computer's clock
     #[arg(long, value_name = "PPM", value_parser = ppm, default_value = "50")]
     host_clock_ppm: f64,
     #[command(flatten)]

@@ -9,10 +9,10 @@ use crate::Error;
 
 /// Find the force code at no force, with its uncertainty.
 ///
-/// The device must stand still, without load: the command waits until it does, up to 20 s longer than --duration. The
-/// value is the mean over --duration; its interval comes from the scatter of fifteen parts of that time, so drift and
-/// mains widen it. `settings tare` does the same in one second and without an interval. --write saves force_zero_code.
-/// FILE is a recording (.mcap) or CSV. With --json one object:
+/// The device must be still, without load: the command waits for that, up to 20 s longer than --duration. The value is
+/// the mean over --duration; its interval comes from the scatter of fifteen parts of that time, so drift and mains
+/// widen it. `settings tare` does the same in one second, without an interval. --write saves force_zero_code. FILE is a
+/// recording (.mcap) or CSV. With --json one object:
 /// {"kind":"calibration","step":"zero","values":{"force_zero_code":..},"u95":{..},..}.
 #[derive(clap::Args)]
 pub struct Args {

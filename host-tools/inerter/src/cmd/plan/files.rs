@@ -23,10 +23,10 @@ pub struct FileArgs {
     /// Write the motion as a CSV: time, displacement, velocity and acceleration of the terminal
     #[arg(short, long, value_name = "FILE.csv", help_heading = "Files")]
     output: Option<PathBuf>,
-    /// Write the displacement as a WAV, 24 bits; its comment names the displacement of full scale
+    /// Write the displacement as a 24-bit WAV; its comment gives the displacement of full scale
     #[arg(long, value_name = "FILE.wav", help_heading = "Files")]
     wav: Option<PathBuf>,
-    /// Points a second of both [default: the setting sample_rate_hz]
+    /// Points per second of both [default: the setting sample_rate_hz]
     #[arg(long, value_name = "Hz", allow_negative_numbers = true, help_heading = "Files")]
     rate_hz: Option<f64>,
     /// Displacement of full scale of the WAV [default: the stroke]
@@ -62,10 +62,10 @@ impl FileArgs {
     fn check_rate(&self, rate_hz: f64) -> Result<(), PlanError> {
         match rate_hz {
             _ if !(RATES_HZ.0..=RATES_HZ.1).contains(&rate_hz) => {
-                Err(PlanError::Rate { rate_hz, problem: "is no rate of a file" })
+                Err(PlanError::Rate { rate_hz, problem: "is not a valid rate of a file" })
             }
             _ if self.wav.is_some() && rate_hz.fract() != 0.0 => {
-                Err(PlanError::Rate { rate_hz, problem: "is no rate of a WAV, which is a whole number" })
+                Err(PlanError::Rate { rate_hz, problem: "is not a valid rate of a WAV, which is a whole number" })
             }
             _ => Ok(()),
         }

@@ -25,26 +25,26 @@ const DEVICE: &str = "device";
 
 /// Write all settings in use, or those that are saved, to a file.
 ///
-/// The file is TOML with one setting a line, unit and meaning beside it, and the device it belongs to in comments. With --json
-/// one object: {"kind":"settings_backup","file":..,"serial":..,"settings":..,"saved":false}.
+/// The file is TOML with one setting per line, unit and meaning beside it, and the device it belongs to in comments.
+/// With --json one object: {"kind":"settings_backup","file":..,"serial":..,"settings":..,"saved":false}.
 #[derive(clap::Args)]
 pub struct BackupArgs {
     /// File to write
     #[arg(value_name = "FILE.toml")]
     file: PathBuf,
-    /// Replace the file when it exists
+    /// Replace the file if it exists
     #[arg(long)]
     force: bool,
-    /// Write what the device keeps over a restart, in use or not: also after failed starts, when it leaves them alone
+    /// Write the saved settings, in use or not: also after failed starts, when the device ignores them
     #[arg(long)]
     saved: bool,
     #[command(flatten)]
     common: Common,
 }
 
-/// Put the settings of a backup in use again.
+/// Restore the settings of a backup.
 ///
-/// Prints what changes; all of it, or nothing when the device refuses one. Settings that the file does not name stay. A
+/// Prints what changes; all of it, or nothing if the device refuses one. Settings that the file does not name stay. A
 /// file of another device is refused unless --force: a calibration belongs to its board, cell and screw. With --json
 /// one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
@@ -55,17 +55,17 @@ pub struct RestoreArgs {
     /// Keep them over a restart
     #[arg(long)]
     save: bool,
-    /// Take a file of another device
+    /// Accept a file of another device
     #[arg(long)]
     force: bool,
     #[command(flatten)]
     common: Common,
 }
 
-/// Show the settings that differ between two files, or a file and a device.
+/// Show the settings that differ between two files, or between a file and a device.
 ///
-/// Each is a TOML file, a recording (.mcap), or the word `device`. Settings that only one of them holds differ. Exit
-/// code 0, different or not. With --json one object:
+/// Each is a TOML file, a recording (.mcap), or the word `device`. Settings that only one of them has count as
+/// different. The exit code is 0, different or not. With --json one object:
 /// {"kind":"settings_diff","a":..,"b":..,"differences":{"skew_s":{"a":..,"b":..}}}.
 #[derive(clap::Args)]
 pub struct DiffArgs {

@@ -30,7 +30,7 @@ pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) ->
     }
     let changed = print_changes(before, device.settings())?;
     say(match (save, changed) {
-        (true, _) => "saved: these settings outlive a restart",
+        (true, _) => "saved: these settings survive a restart",
         (false, true) => "in use until the next restart; `inerter settings save` keeps them",
         (false, false) => "nothing has changed",
     });

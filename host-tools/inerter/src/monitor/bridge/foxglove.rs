@@ -206,11 +206,11 @@ fn may_ask(origin: &str, named: &[String]) -> bool {
 fn refusal(headers: &HeaderMap, shared: &Shared) -> Option<&'static str> {
     // A name that somebody makes point here would pass for this machine.
     if shared.is_local && local_host(headers).is_none() {
-        return Some("only this machine may ask, by its own name\n");
+        return Some("only this machine may connect, by its own name\n");
     }
     let is_allowed = comes_from(headers, |origin| may_ask(origin, &shared.origins));
     (!is_allowed)
-        .then_some("pages of this origin may not ask: allow it by `inerter monitor --foxglove-origin ORIGIN`\n")
+        .then_some("pages of this origin may not connect: allow it with `inerter monitor --foxglove-origin ORIGIN`\n")
 }
 
 async fn live(

@@ -144,7 +144,7 @@ fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
 pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let losses = &state.shown().losses;
     let Some(health) = losses.health else {
-        frame.render_widget(Paragraph::new("nothing said yet").block(theme.block(" Health ")), area);
+        frame.render_widget(Paragraph::new("no report yet").block(theme.block(" Health ")), area);
         return;
     };
     let plain = |field: &str, value: Option<f64>| match (field, value) {
