@@ -7,11 +7,22 @@ use std::path::PathBuf;
 /// sine, which moves a few counts of a run.
 pub const TOLERANCE: f64 = 0.02;
 
-/// Writes `text` as `docs/tables/NAME.md` when `update` is set; compares with it otherwise, and says what differs. True
-/// when all is as committed. `keys` is the number of columns that name a row.
-pub fn conclude(name: &str, text: &str, keys: usize, update: bool) -> Result<bool, Error> {
+/// What is to be done with a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    /// All of it is measured, and compared with the committed one.
+    Compare,
+    /// The first of its rigs is, as long as all would take too long.
+    CompareShort,
+    /// All of it is measured and written.
+    Update,
+}
+
+/// Writes `text` as `docs/tables/NAME.md`, or compares with it and says what differs. True when all that was measured is
+/// as committed. `keys` is the number of columns that name a row.
+pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/tables/{name}.md"));
-    if update {
+    if asked == Asked::Update {
         std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
         std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         println!("{name}: written {}", path.display());
@@ -20,7 +31,10 @@ pub fn conclude(name: &str, text: &str, keys: usize, update: bool) -> Result<boo
     let committed = std::fs::read_to_string(&path).map_err(|error| {
         format!("cannot read {}: {error}; make it by `cargo xtask {name} --update`", path.display())
     })?;
-    let differences = differences(&committed, text, keys);
+    let differences = match asked {
+        Asked::CompareShort => changed(&rows(&committed, keys), &rows(text, keys)),
+        Asked::Compare | Asked::Update => differences(&committed, text, keys),
+    };
     for line in &differences {
         eprintln!("{line}");
     }
@@ -37,12 +51,21 @@ pub fn conclude(name: &str, text: &str, keys: usize, update: bool) -> Result<boo
 }
 
 /// `--update`, or nothing.
-pub fn update_asked(name: &str) -> Result<bool, Error> {
+pub fn asked(name: &str) -> Result<Asked, Error> {
+    match asked_or_short(name)? {
+        Asked::CompareShort => Err(format!("usage: cargo xtask {name} [--update]").into()),
+        asked => Ok(asked),
+    }
+}
+
+/// `--update`, `--short`, or nothing.
+pub fn asked_or_short(name: &str) -> Result<Asked, Error> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.as_slice() {
-        [] => Ok(false),
-        [word] if word == "--update" => Ok(true),
-        _ => Err(format!("usage: cargo xtask {name} [--update]").into()),
+        [] => Ok(Asked::Compare),
+        [word] if word == "--short" => Ok(Asked::CompareShort),
+        [word] if word == "--update" => Ok(Asked::Update),
+        _ => Err(format!("usage: cargo xtask {name} [--short | --update]").into()),
     }
 }
 
@@ -73,11 +96,24 @@ pub fn line(cells: &[String]) -> String {
 /// which may be alike as well.
 type Row = ((String, usize), Vec<(String, String)>);
 
-/// Cells of the second document that are not those of the first within the tolerance.
+/// Cells of the second document that are not those of the first within the tolerance, and rows of one of them only.
 pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
     let (committed, now) = (rows(committed, keys), rows(now, keys));
+    let mut differences = changed(&committed, &now);
+    for ((name, place), cells) in &committed {
+        match now.iter().find(|((other, other_place), _)| other == name && other_place == place) {
+            Some((_, now)) if now.len() >= cells.len() => {}
+            Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
+            None => differences.push(format!("{name}: in the table, no longer measured")),
+        }
+    }
+    differences
+}
+
+/// Cells of the second rows that are not those of the first.
+fn changed(committed: &[Row], now: &[Row]) -> Vec<String> {
     let mut differences = Vec::new();
-    for (key, cells) in &now {
+    for (key, cells) in now {
         let (name, _) = key;
         let Some((_, before)) = committed.iter().find(|(other, _)| other == key) else {
             differences.push(format!("{name}: not in the table"));
@@ -94,14 +130,6 @@ pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
             if !same(before, cell, beside) {
                 differences.push(format!("{name}: {column} {cell}, the table says {before}"));
             }
-        }
-    }
-    for (key, cells) in &committed {
-        let (name, _) = key;
-        match now.iter().find(|(other, _)| other == key) {
-            Some((_, now)) if now.len() >= cells.len() => {}
-            Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
-            None => differences.push(format!("{name}: in the table, no longer measured")),
         }
     }
     differences
@@ -168,6 +196,14 @@ mod tests {
         assert_eq!(differences(TABLE, &TABLE.replace("1.50", "1.60"), 1), ["one, x: b 1.60, the table says 1.50"]);
         assert_eq!(differences(TABLE, &TABLE.replace("no", "yes"), 1), ["one, y: c yes, the table says no"]);
         assert_eq!(differences(TABLE, &TABLE.replace("| y |", "| z |"), 1).len(), 2);
+    }
+
+    #[test]
+    fn a_part_of_a_table_is_compared_alone() {
+        let part = |now: &str| changed(&rows(TABLE, 1), &rows(now, 1));
+        assert!(part("## one\n\n| a | b | c |\n|---|--:|---|\n| y | - | no |\n").is_empty());
+        assert_eq!(part("## one\n\n| a | b | c |\n|---|--:|---|\n| y | 1 | no |\n"), ["one, y: b 1, the table says -"]);
+        assert_eq!(part("## two\n\n| a | b | c |\n|---|--:|---|\n| y | - | no |\n"), ["two, y: not in the table"]);
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Figures and pages of runs of an instrumented inerter.
 //!
-//! [`selftest`] shows a board's self-test. [`figure`] draws as SVG and PNG, [`page`] makes a run into one page,
-//! [`compared`] several, [`paper`] shows the paper's experiment done again.
+//! [`figure`] draws as SVG and PNG, [`page`] makes a page of a run, [`compared`] of several, [`paper`] of the
+//! reproduction of the paper's experiment, and [`selftest`] of a board's self-test; [`index`] lists pages of runs.
 #![forbid(unsafe_code)]
 
 pub mod compared;
 pub mod figure;
 mod frame;
+pub mod index;
 pub mod page;
 pub mod paper;
 pub mod selftest;

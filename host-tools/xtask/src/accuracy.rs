@@ -15,6 +15,17 @@ pub struct Options {
     pub update: bool,
 }
 
+/// Compare with the committed table, or write it; the whole of it takes long.
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
+pub struct LongOptions {
+    /// Measure the first rig alone
+    #[arg(long, conflicts_with = "update")]
+    pub short: bool,
+    /// Write the table instead of comparing with it
+    #[arg(long)]
+    pub update: bool,
+}
+
 /// What is handed on to the program.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Arguments {
@@ -33,6 +44,12 @@ impl Arguments {
 /// A program that measures a table, and itself compares or writes it: the one of this name in docs/tables.
 pub fn table(name: &str, options: &Options) -> Result<()> {
     tested(name, if options.update { &["--update"] } else { &[] })
+}
+
+/// The same, of which the first rig alone can be measured.
+pub fn long_table(name: &str, options: &LongOptions) -> Result<()> {
+    let flags = [(options.short, "--short"), (options.update, "--update")];
+    tested(name, &flags.iter().filter(|(is_given, _)| *is_given).map(|(_, flag)| *flag).collect::<Vec<_>>())
 }
 
 /// A program that takes arguments of its own, for speed.

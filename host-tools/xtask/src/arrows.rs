@@ -101,6 +101,17 @@ const LAWS: &[Law] = &[
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
         .tests_may_use(&["inerter-plant", "inerter-simulate"])
         .never(&[COMMAND_LINE, USB]),
+    Law::of("inerter-demo")
+        .may_use(&[
+            "inerter-core",
+            "inerter-wire",
+            "inerter-plant",
+            "inerter-data",
+            "inerter-device",
+            "inerter-simulate",
+            "inerter-view",
+        ])
+        .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter")
         .may_use(&[
             "inerter-core",
@@ -521,9 +532,16 @@ mod tests {
     #[test]
     fn nobody_is_allowed_a_program() {
         for law in LAWS {
-            for program in
-                ["inerter-qemu", "inerter", "xtask", "inerter-tests", "inerter-bench", "inerter-fuzz", "inerter-twin"]
-            {
+            for program in [
+                "inerter-qemu",
+                "inerter",
+                "inerter-demo",
+                "xtask",
+                "inerter-tests",
+                "inerter-bench",
+                "inerter-fuzz",
+                "inerter-twin",
+            ] {
                 let uses = law.may_use.contains(&program) || law.tests_may_use.contains(&program);
                 assert!(!uses || (law.member, program) == ("inerter-fuzz", "inerter-tests"), "{}", law.member);
             }

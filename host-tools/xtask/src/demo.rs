@@ -2,7 +2,7 @@
 
 use crate::{
     firmware::{self, Image},
-    process, setup, workspace,
+    process, setup,
 };
 use anyhow::{Context, Result};
 
@@ -21,9 +21,9 @@ pub fn run(options: &Options) -> Result<()> {
     process::heading("building the firmware");
     let image = firmware::build(Image::Qemu)?;
     process::heading("building the programs");
-    process::run(workspace::host("build").args(["--package", "inerter-tests"]))?;
+    process::run(process::cargo().args(["build", "--package", "inerter-demo"]))?;
     let mut command = process::cargo();
-    command.args(["run", "--quiet", "--package", "inerter-tests", "--bin", "demo", "--"]);
+    command.args(["run", "--quiet", "--package", "inerter-demo", "--"]);
     command.args(&options.arguments).env(Image::Qemu.variable(), &image);
     process::run(&mut command).context("the demo did not reach its end")
 }

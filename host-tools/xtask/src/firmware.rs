@@ -58,7 +58,8 @@ impl Image {
         }
     }
 
-    const fn arguments(self) -> &'static [&'static str] {
+    /// What `cargo build` is asked for.
+    pub const fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
             Self::Weact => &["--release", "--no-default-features", "--features", "board-weact"],

@@ -12,6 +12,7 @@ mod bench;
 mod chaos;
 mod commit;
 mod copy;
+mod cost;
 mod data;
 mod demo;
 mod files;
@@ -80,14 +81,16 @@ enum Command {
     CheckSupply(supply::Options),
     /// Make the files of a release that this computer can make, in target/release-files
     Release(release::Options),
+    /// What compiling each product costs from nothing, its crates and its size; with --update into docs/tables/cost.md
+    Cost(cost::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
     Icount(table::Options),
     /// Bias, spread and coverage of the estimates over the grid of motions, against docs/tables/accuracy.md
-    Accuracy(accuracy::Options),
+    Accuracy(accuracy::LongOptions),
     /// How soon a change of the device is found, and how often one that is none, against docs/tables/changes.md
-    Changes(accuracy::Options),
+    Changes(accuracy::LongOptions),
     /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
     /// How sharp the intervals are where everything stated is true, and how often they hold, against
@@ -154,10 +157,11 @@ fn main() -> ExitCode {
         Command::CheckPlatforms => platforms::run(),
         Command::CheckSupply(options) => supply::run(&options),
         Command::Release(options) => release::run(&options),
+        Command::Cost(options) => cost::run(&options),
         Command::Size(options) => size::run(&options),
         Command::Icount(options) => icount::run(&options),
-        Command::Accuracy(options) => accuracy::table("accuracy", &options),
-        Command::Changes(options) => accuracy::table("changes", &options),
+        Command::Accuracy(options) => accuracy::long_table("accuracy", &options),
+        Command::Changes(options) => accuracy::long_table("changes", &options),
         Command::Robustness(options) => accuracy::table("robustness", &options),
         Command::Coverage(options) => accuracy::table("coverage", &options),
         Command::Diagnose(options) => accuracy::table("diagnose", &options),

@@ -2,13 +2,36 @@
 
 use anyhow::{Context, Result, bail};
 use std::{
+    cell::Cell,
     ffi::OsStr,
     fs::File,
-    io::Read,
+    io::{self, Read},
     path::{Path, PathBuf},
-    process::{Command, Stdio},
+    process::{Child, Command, ExitStatus, Stdio},
     time::{Duration, Instant},
 };
+use wait4::Wait4;
+
+thread_local! {
+    static SPENT: Cell<Duration> = const { Cell::new(Duration::ZERO) };
+}
+
+/// Processor time of the programs that this thread has run to their end, with all that they ran themselves.
+pub fn spent() -> Duration {
+    SPENT.get()
+}
+
+/// Counts what another thread has [`spent`] as this one's.
+pub fn count(time: Duration) {
+    SPENT.set(SPENT.get() + time);
+}
+
+/// Waits for the end.
+fn ended(mut child: Child) -> io::Result<ExitStatus> {
+    let ended = child.wait4()?;
+    count(ended.rusage.utime + ended.rusage.stime);
+    Ok(ended.status)
+}
 
 /// The cargo that started this program.
 pub fn cargo() -> Command {
@@ -35,7 +58,7 @@ pub fn shown(command: &Command) -> String {
 
 /// Runs to the end with this program's own output; fails when the other one fails.
 pub fn run(command: &mut Command) -> Result<()> {
-    let status = command.status().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let status = command.spawn().and_then(ended).with_context(|| format!("cannot start `{}`", shown(command)))?;
     if !status.success() {
         bail!("`{}` failed ({status})", shown(command));
     }
@@ -51,15 +74,19 @@ pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
 
 /// Runs to the end and returns what was printed; errors stay on the terminal.
 pub fn output(command: &mut Command) -> Result<String> {
-    let done = command
+    let mut child = command
         .stdin(Stdio::null())
+        .stdout(Stdio::piped())
         .stderr(Stdio::inherit())
-        .output()
+        .spawn()
         .with_context(|| format!("cannot start `{}`", shown(command)))?;
-    if !done.status.success() {
-        bail!("`{}` failed ({})", shown(command), done.status);
+    let mut printed = Vec::new();
+    child.stdout.take().context("no pipe to the program's output")?.read_to_end(&mut printed)?;
+    let status = ended(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
+    if !status.success() {
+        bail!("`{}` failed ({status})", shown(command));
     }
-    Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+    Ok(String::from_utf8_lossy(&printed).into_owned())
 }
 
 /// First line printed by a program that may not be there.
@@ -125,6 +152,23 @@ mod tests {
     fn a_program_that_is_not_there_is_named() {
         let error = run(&mut Command::new("no-such-program-4711")).unwrap_err();
         assert!(format!("{error:#}").contains("no-such-program-4711"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn processor_time_is_counted_by_thread() {
+        let before = spent();
+        let there = std::thread::spawn(|| {
+            let work = "i=0; while [ $i -lt 100000 ]; do i=$((i+1)); done";
+            run(Command::new("sh").args(["-c", work])).map(|()| spent())
+        });
+        let there = there.join().unwrap().unwrap();
+        assert!(there > Duration::from_millis(1), "{there:?}");
+        assert_eq!(spent(), before);
+        count(there);
+        assert_eq!(spent(), before + there);
+        assert_eq!(output(Command::new("sh").args(["-c", "echo one; exit 0"])).unwrap(), "one\n");
+        assert!(output(Command::new("sh").args(["-c", "exit 3"])).unwrap_err().to_string().contains("exit status: 3"));
     }
 
     #[cfg(unix)]

@@ -31,11 +31,20 @@ pub struct Options {
     pub fail_fast: bool,
 }
 
+/// What a step took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Taken {
+    /// By the clock on the wall.
+    time: Duration,
+    /// Of all processors together.
+    processor: Duration,
+}
+
 /// How a step ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Outcome {
-    Passed(Duration),
-    Failed(Duration, String),
+    Passed(Taken),
+    Failed(Taken, String),
     Skipped(&'static str),
 }
 
@@ -57,6 +66,9 @@ struct Step {
     /// Without it nothing after it makes sense.
     needed: bool,
     when: When,
+    /// Time that it may take on two processors in a clean clone \[s\]; none where nothing waits for it. All together are
+    /// 25 minutes.
+    budget_s: Option<u64>,
     run: Run,
 }
 
@@ -81,6 +93,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask setup",
         needed: true,
         when: When::Always,
+        budget_s: Some(5),
         run: Run::Here(|| setup::ensure(setup::ALL, false)),
     },
     Step {
@@ -88,6 +101,7 @@ const STEPS: &[Step] = &[
         alone: "cargo metadata --locked",
         needed: true,
         when: When::Always,
+        budget_s: Some(5),
         run: Run::Here(|| {
             Part::each(|part| {
                 process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
@@ -99,6 +113,7 @@ const STEPS: &[Step] = &[
         alone: "cargo fmt --all --check",
         needed: false,
         when: When::Always,
+        budget_s: Some(10),
         run: Run::Here(|| Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))),
     },
     Step {
@@ -106,6 +121,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask check-arrows",
         needed: false,
         when: When::Always,
+        budget_s: Some(15),
         run: Run::Here(arrows::run),
     },
     Step {
@@ -113,15 +129,24 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask check-supply",
         needed: false,
         when: When::Always,
+        budget_s: Some(10),
         run: Run::Here(|| supply::run(&supply::Options::default())),
     },
     // A barrier is not needed: whatever runs an image builds it, and waits for who builds it now.
-    Step { name: "firmware", alone: "cargo xtask build-firmware", needed: false, when: When::Always, run: Run::Beside },
     Step {
-        name: "lints, host",
-        alone: "cargo clippy-lean --all-targets -- -D warnings",
+        name: "firmware",
+        alone: "cargo xtask build-firmware",
         needed: false,
         when: When::Always,
+        budget_s: None,
+        run: Run::Beside,
+    },
+    Step {
+        name: "lints, host",
+        alone: "cargo clippy --workspace --all-targets -- -D warnings",
+        needed: false,
+        when: When::Always,
+        budget_s: Some(200),
         run: Run::Here(lint_host),
     },
     Step {
@@ -129,20 +154,15 @@ const STEPS: &[Step] = &[
         alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         needed: false,
         when: When::Always,
+        budget_s: Some(60),
         run: Run::Here(lint_firmware),
     },
     Step {
-        name: "lints, probe",
-        alone: "cargo clippy -p inerter --all-targets -- -D warnings, and the same with --no-default-features",
-        needed: false,
-        when: When::NotQuick,
-        run: Run::Here(lint_probe),
-    },
-    Step {
         name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc-lean --no-deps",
+        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
         needed: false,
         when: When::NotQuick,
+        budget_s: Some(60),
         run: Run::Here(document),
     },
     Step {
@@ -150,6 +170,7 @@ const STEPS: &[Step] = &[
         alone: "cargo test-lean --no-run",
         needed: true,
         when: When::Always,
+        budget_s: Some(420),
         run: Run::Here(|| Part::each(|part| process::run(part.all("test").arg("--no-run")))),
     },
     Step {
@@ -157,6 +178,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask guest",
         needed: false,
         when: When::Always,
+        budget_s: Some(15),
         run: Run::Here(|| guest::run(&guest::Options::default())),
     },
     Step {
@@ -164,6 +186,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask endurance 20000000",
         needed: false,
         when: When::Always,
+        budget_s: None,
         run: Run::Beside,
     },
     Step {
@@ -171,28 +194,39 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask check-panics",
         needed: false,
         when: When::Always,
+        budget_s: None,
         run: Run::Beside,
     },
-    Step { name: "table of sizes", alone: "cargo xtask size", needed: false, when: When::Always, run: Run::Beside },
+    Step {
+        name: "table of sizes",
+        alone: "cargo xtask size",
+        needed: false,
+        when: When::Always,
+        budget_s: None,
+        run: Run::Beside,
+    },
     Step {
         name: "table of instructions",
         alone: "cargo xtask icount",
         needed: false,
         when: When::Always,
+        budget_s: None,
         run: Run::Beside,
     },
     Step {
         name: "table of accuracy",
-        alone: "cargo xtask accuracy",
+        alone: "cargo xtask accuracy --short",
         needed: false,
         when: When::NotQuick,
+        budget_s: None,
         run: Run::Beside,
     },
     Step {
         name: "table of changes",
-        alone: "cargo xtask changes",
+        alone: "cargo xtask changes --short",
         needed: false,
         when: When::NotQuick,
+        budget_s: None,
         run: Run::Beside,
     },
     Step {
@@ -200,14 +234,23 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask robustness",
         needed: false,
         when: When::NotQuick,
+        budget_s: None,
         run: Run::Beside,
     },
-    Step { name: "tests", alone: "cargo test-lean", needed: false, when: When::Always, run: Run::Here(test) },
+    Step {
+        name: "tests",
+        alone: "cargo test-lean",
+        needed: false,
+        when: When::Always,
+        budget_s: Some(500),
+        run: Run::Here(test),
+    },
     Step {
         name: "Python",
         alone: "cargo xtask python",
         needed: false,
         when: When::Always,
+        budget_s: Some(20),
         run: Run::Here(python::run),
     },
     Step {
@@ -215,6 +258,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask wheel --debug",
         needed: false,
         when: When::NotQuick,
+        budget_s: Some(180),
         run: Run::Here(|| wheel::run(&wheel::Options { debug: true })),
     },
     Step {
@@ -222,13 +266,31 @@ const STEPS: &[Step] = &[
         alone: "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         needed: false,
         when: When::Full,
+        budget_s: None,
         run: Run::Here(test_probe),
+    },
+    Step {
+        name: "whole table of accuracy",
+        alone: "cargo xtask accuracy",
+        needed: false,
+        when: When::Full,
+        budget_s: None,
+        run: Run::Beside,
+    },
+    Step {
+        name: "whole table of changes",
+        alone: "cargo xtask changes",
+        needed: false,
+        when: When::Full,
+        budget_s: None,
+        run: Run::Beside,
     },
     Step {
         name: "fuzzing",
         alone: "cargo xtask fuzz",
         needed: false,
         when: When::Full,
+        budget_s: None,
         run: Run::Here(|| fuzz::run(&fuzz::Options::USUAL)),
     },
     Step {
@@ -236,6 +298,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask chaos",
         needed: false,
         when: When::Full,
+        budget_s: None,
         run: Run::Here(|| chaos::run(&chaos::Options::USUAL)),
     },
     Step {
@@ -243,6 +306,7 @@ const STEPS: &[Step] = &[
         alone: "cargo xtask soak",
         needed: false,
         when: When::Full,
+        budget_s: None,
         run: Run::Here(|| soak::run(&soak::Options::USUAL)),
     },
 ];
@@ -304,12 +368,14 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
 }
 
 fn outcome(step: &Step, run: impl FnOnce() -> Result<()>) -> Outcome {
-    let start = Instant::now();
-    match run() {
-        Ok(()) => Outcome::Passed(start.elapsed()),
+    let (start, spent) = (Instant::now(), process::spent());
+    let result = run();
+    let taken = Taken { time: start.elapsed(), processor: process::spent() - spent };
+    match result {
+        Ok(()) => Outcome::Passed(taken),
         Err(error) => {
             eprintln!("{}: {error:#}", step.name);
-            Outcome::Failed(start.elapsed(), format!("{error:#}"))
+            Outcome::Failed(taken, format!("{error:#}"))
         }
     }
 }
@@ -335,24 +401,43 @@ fn said_beside(step: &Step) -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join(format!("{name}.txt")))
 }
 
+/// A line for each step: its time, its processor time, and of those that the others wait for the time that they may take.
 fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
-    let mut lines = Vec::new();
+    let mut lines = vec![format!("{:36} {:>9} {:>9} {:>9}", "", "time", "budget", "processor")];
+    let mut processor = Duration::ZERO;
     for (step, outcome) in steps.iter().zip(outcomes) {
         let name = step.name;
+        let mut took = |taken: &Taken| {
+            processor += taken.processor;
+            let budget = step.budget_s.map_or(String::new(), |budget| format!("{budget} s"));
+            format!(
+                "{name:<26} {:>7.1} s {budget:>9} {:>7.1} s",
+                taken.time.as_secs_f64(),
+                taken.processor.as_secs_f64()
+            )
+        };
         lines.push(match outcome {
-            Outcome::Passed(time) => format!("  passed  {name:<24} {:>7.1} s", time.as_secs_f64()),
-            Outcome::Skipped(reason) => format!("  skipped {name:<24} {reason}"),
-            Outcome::Failed(time, reason) => {
-                let first = reason.lines().next().unwrap_or_default();
-                format!("  FAILED  {name:<24} {:>7.1} s  {first}", time.as_secs_f64())
+            Outcome::Passed(taken) => {
+                let over = step.budget_s.is_some_and(|budget| taken.time > Duration::from_secs(budget));
+                format!("  passed  {}{}", took(taken), if over { "  over its budget" } else { "" })
+            }
+            Outcome::Skipped(reason) => format!("  skipped {name:<26} {reason}"),
+            Outcome::Failed(taken, reason) => {
+                format!("  FAILED  {}  {}", took(taken), reason.lines().next().unwrap_or_default())
             }
         });
     }
+    lines.push(format!("{:.1} min of processor time", processor.as_secs_f64() / 60.0));
     lines.join("\n")
 }
 
+/// All of it as it is released, and the program without its views. The library for probes stays there, so that nothing
+/// else is compiled again.
 fn lint_host() -> Result<()> {
-    Part::each(|part| process::run(part.all("clippy").args(["--all-targets", "--", "--deny", "warnings"])))?;
+    let lint = |command: &mut Command| process::run(command.args(["--all-targets", "--", "--deny", "warnings"]));
+    Part::each(|part| lint(&mut part.whole("clippy")))?;
+    let smaller = ["--no-default-features", "--features", "inerter-device/probe,inerter-stm32g474/board-nucleo"];
+    lint(Part::Main.whole("clippy").args(smaller))?;
     // As others use them: core with its features, the data library without.
     for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"]] {
         let mut command = process::cargo();
@@ -388,16 +473,6 @@ fn lint_firmware() -> Result<()> {
     Ok(())
 }
 
-/// The program with the library that drives a probe, as it is installed and released, and the smallest one.
-fn lint_probe() -> Result<()> {
-    for features in [&[][..], &["--no-default-features"]] {
-        let mut command = process::cargo();
-        command.args(["clippy", "--package", "inerter", "--all-targets", "--locked"]).args(features);
-        process::run(command.args(["--", "--deny", "warnings"]))?;
-    }
-    Ok(())
-}
-
 /// The program as it is released, whose library for probes takes minutes to compile, and the smallest one's own
 /// transcript.
 fn test_probe() -> Result<()> {
@@ -411,7 +486,7 @@ fn test_probe() -> Result<()> {
 }
 
 fn document() -> Result<()> {
-    Part::each(|part| process::run(part.all("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
+    Part::each(|part| process::run(part.whole("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
 /// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is
@@ -429,9 +504,10 @@ fn test() -> Result<()> {
     let said = list.with_file_name("twin-tests.txt");
     println!("the twin's tests run beside these, and say so at the end; until then in {}", said.display());
     thread::scope(|scope| {
-        let twin = scope.spawn(|| process::run_into(&mut tests(Part::Twin), &said));
+        let twin = scope.spawn(|| (process::run_into(&mut tests(Part::Twin), &said), process::spent()));
         let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
-        let twin = twin.join().unwrap_or_else(|_| bail!("the twin's tests could not be started"));
+        let (twin, spent) = twin.join().map_err(|_| anyhow::anyhow!("the twin's tests could not be started"))?;
+        process::count(spent);
         println!("\n{}", fs::read_to_string(&said).with_context(|| format!("cannot read {}", said.display()))?);
         match (others, twin) {
             (Err(others), Err(twin)) => bail!("{others:#}; {twin:#}"),
@@ -473,7 +549,7 @@ mod tests {
     use super::*;
 
     fn step(name: &'static str, needed: bool, when: When, run: fn() -> Result<()>) -> Step {
-        Step { name, alone: "", needed, when, run: Run::Here(run) }
+        Step { name, alone: "", needed, when, budget_s: None, run: Run::Here(run) }
     }
 
     #[test]
@@ -491,13 +567,26 @@ mod tests {
     }
 
     #[test]
+    fn a_budget_is_shown_and_all_are_25_minutes() {
+        let long = Step { budget_s: Some(1), ..step("long", false, When::Always, || Ok(())) };
+        let taken =
+            |time| Outcome::Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
+        let text = summary(&[long], &[taken(2)]);
+        assert!(text.contains("2.0 s") && text.contains("90.0 s  over its budget"), "{text}");
+        assert!(text.ends_with("1.5 min of processor time"), "{text}");
+        assert_eq!(STEPS.iter().filter_map(|step| step.budget_s).sum::<u64>(), 25 * 60);
+        let waits = |step: &Step| matches!(step.run, Run::Here(_)) && step.when != When::Full;
+        assert!(STEPS.iter().all(|step| step.budget_s.is_some() == waits(step)));
+    }
+
+    #[test]
     fn what_is_left_out_is_named() {
         let long = [step("long one", false, When::NotQuick, || bail!("must not run"))];
         let outcomes = run_steps(&long, &Options { quick: true, ..Options::default() });
-        assert_eq!(summary(&long, &outcomes).trim(), "skipped long one                 left out by --quick");
+        assert!(summary(&long, &outcomes).contains("skipped long one                   left out by --quick"));
         let campaign = [step("campaign", false, When::Full, || bail!("lost a sample"))];
         let outcomes = run_steps(&campaign, &Options::default());
-        assert_eq!(summary(&campaign, &outcomes).trim(), "skipped campaign                 with --full only");
+        assert!(summary(&campaign, &outcomes).contains("skipped campaign                   with --full only"));
         let outcomes = run_steps(&campaign, &Options { full: true, ..Options::default() });
         assert!(matches!(outcomes[0], Outcome::Failed(..)), "{outcomes:?}");
     }
@@ -518,7 +607,14 @@ mod tests {
 
     #[test]
     fn a_step_beside_the_others_counts_as_they_do() {
-        let beside = |alone| Step { name: "a test beside", alone, needed: false, when: When::Always, run: Run::Beside };
+        let beside = |alone| Step {
+            name: "a test beside",
+            alone,
+            needed: false,
+            when: When::Always,
+            budget_s: None,
+            run: Run::Beside,
+        };
         for (alone, reason) in [("cargo fmt", "not ours"), ("cargo xtask --no-such-option", "failed")] {
             let steps = [beside(alone), step("two", false, When::Always, || Ok(()))];
             let outcomes = run_steps(&steps, &Options::default());

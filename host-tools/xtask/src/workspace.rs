@@ -43,10 +43,17 @@ impl Part {
         cargo
     }
 
-    /// `cargo COMMAND` for all its members, on this machine.
-    pub fn all(self, command: &str) -> Command {
+    /// `cargo COMMAND` for all its members, as they are released.
+    pub fn whole(self, command: &str) -> Command {
         let mut cargo = self.cargo();
-        cargo.args([command, "--workspace", "--locked"]).args(self.features());
+        cargo.args([command, "--workspace", "--locked"]);
+        cargo
+    }
+
+    /// The same without the library for probes.
+    pub fn all(self, command: &str) -> Command {
+        let mut cargo = self.whole(command);
+        cargo.args(self.features());
         cargo
     }
 
@@ -168,15 +175,10 @@ pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
 
 /// The host program as a user installs it, but for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
-    process::run(host("build").args(["--quiet", "--bin", "inerter", "--release"]))?;
+    let mut build = process::cargo();
+    build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/bridges"]);
+    process::run(build.args(["--quiet", "--bin", "inerter", "--release"]))?;
     program("inerter", "release")
-}
-
-/// `cargo COMMAND` for the host program; others may be added with `--package`.
-pub fn host(command: &str) -> Command {
-    let mut cargo = process::cargo();
-    cargo.args([command, "--package", "inerter", "--no-default-features", "--features", "inerter/bridges"]);
-    cargo
 }
 
 /// Where cargo leaves a program.
@@ -192,7 +194,7 @@ mod tests {
     #[test]
     fn a_person_has_the_same_features_by_an_alias() {
         let config = std::fs::read_to_string(tree::root().join(".cargo/config.toml")).unwrap();
-        for command in ["build", "clippy", "doc", "test"] {
+        for command in ["build", "test"] {
             let alias = format!("{command}-lean = \"{command} --workspace {}\"\n", LEAN.join(" "));
             assert!(config.contains(&alias), "{alias}");
         }

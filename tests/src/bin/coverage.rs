@@ -58,7 +58,8 @@ fn benches() -> Vec<Bench> {
 }
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("coverage")?;
+    let asked = sheet::asked("coverage")?;
+    let update = asked == sheet::Asked::Update;
     let (first, seeds) = SEEDS;
     let mut text = format!(
         "# Coverage
@@ -97,7 +98,7 @@ fn run() -> Result<bool, Error> {
     text += &frontier(update)?;
     text += &nearly(update)?;
     print!("{text}");
-    sheet::conclude("coverage", &text, 2, update)
+    sheet::conclude("coverage", &text, 2, asked)
 }
 
 /// Tones whose period is a whole number of samples, or nearly.

@@ -49,7 +49,7 @@ fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Seen>, Error> {
 }
 
 fn measure() -> Result<bool, Error> {
-    let update = sheet::update_asked("defects")?;
+    let asked = sheet::asked("defects")?;
     let clean = runs(None, CLEAN)?;
     eprintln!("clean");
     let twin = |seen: &Seen| clean.iter().find(|clean| (clean.motion, clean.seed) == (seen.motion, seen.seed));
@@ -102,13 +102,13 @@ fn measure() -> Result<bool, Error> {
         .map(|seen| &seen.said)
         .collect();
     let usual: Vec<&Said> = clean.iter().map(|seen| &seen.said).collect();
-    if update {
+    if asked == sheet::Asked::Update {
         let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/roc.svg");
         std::fs::write(&path, characteristic(&usual, &harmful))
             .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
         println!("defects: written {}", path.display());
     }
-    sheet::conclude("defects", &text, 1, update)
+    sheet::conclude("defects", &text, 1, asked)
 }
 
 fn head(kinds: usize) -> String {

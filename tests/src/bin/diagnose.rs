@@ -174,7 +174,7 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
 }
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("diagnose")?;
+    let asked = sheet::asked("diagnose")?;
     let mut text = format!(
         "# Causes
 
@@ -229,5 +229,5 @@ Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or no
         SETTING.end(),
     );
     print!("{text}");
-    Ok(sheet::conclude("diagnose", &text, 2, update)? && clean.other == 0)
+    Ok(sheet::conclude("diagnose", &text, 2, asked)? && clean.other == 0)
 }

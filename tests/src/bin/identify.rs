@@ -29,7 +29,7 @@ fn main() -> ExitCode {
 }
 
 fn table() -> Result<bool, Error> {
-    let update = sheet::update_asked("identify")?;
+    let asked = sheet::asked("identify")?;
     let mut text = format!(
         "# Identification of hidden devices\n\nThe complete model by `inerter identify` from {DURATION_S} s at 1 kHz, 1 N of \
          force noise, 2.44 um per count, terminal sensor of 1 um;\ndevices drawn by a seed (half to twice the paper's, up to 0.1 mm \
@@ -81,7 +81,7 @@ fn table() -> Result<bool, Error> {
             all[fresh],
         )?;
     }
-    let as_committed = sheet::conclude("identify", &text, 2, update)?;
+    let as_committed = sheet::conclude("identify", &text, 2, asked)?;
     Ok(as_committed)
 }
 

@@ -126,7 +126,7 @@ fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
 }
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("merge")?;
+    let asked = sheet::asked("merge")?;
     let mut text = format!(
         "# Runs merged
 
@@ -179,7 +179,7 @@ Held: {:.1} % of {} intervals of mt, {:.1} % of {} of cf, {:.1} % of {} of fc. O
     );
     print!("{text}");
     let are_held = (0..NAMES.len()).all(|i| held[i] as f64 >= LEAST_HELD * told[i] as f64);
-    Ok(sheet::conclude("merge", &text, 2, update)? && are_held)
+    Ok(sheet::conclude("merge", &text, 2, asked)? && are_held)
 }
 
 fn main() -> ExitCode {

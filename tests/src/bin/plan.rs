@@ -226,7 +226,7 @@ const HEAD: &str = "| motion | parameter | u_a by theory | with residual | state
 ";
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("plan")?;
+    let asked = sheet::asked("plan")?;
     let (first, seeds) = SEEDS;
     let (mut fixed, mut designed) = ([Tally::NONE; 4], [Tally::NONE; 4]);
     let mut body = String::new();
@@ -291,7 +291,7 @@ fixed motion over that of the design, which has to be good at all three at once;
         BESIDE.0,
     );
     print!("{text}");
-    sheet::conclude("plan", &text, 2, update)
+    sheet::conclude("plan", &text, 2, asked)
 }
 
 /// The parts of a design, and what of what was wanted it reaches.

@@ -63,7 +63,7 @@ fn measured(seeds: &RangeInclusive<u64>) -> Result<Vec<Told>, Error> {
 }
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("skew")?;
+    let asked = sheet::asked("skew")?;
     let judging = measured(&JUDGING)?;
     let mut text = format!(
         "# Skews
@@ -117,5 +117,5 @@ to {} for noise, to {} as of a single tone, and to {} as of one beyond 5 ms, whi
         refused("beyond 5 ms") + refused("wrong way"),
     );
     print!("{text}");
-    Ok(sheet::conclude("skew", &text, 1, update)? && held as f64 >= LEAST_HELD * told as f64)
+    Ok(sheet::conclude("skew", &text, 1, asked)? && held as f64 >= LEAST_HELD * told as f64)
 }

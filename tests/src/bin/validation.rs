@@ -16,7 +16,7 @@ use inerter_tests::{
     data::Recording,
     defects::draw::Draw,
     grid::{Error, calibrated, raw, three, truth},
-    sheet::{self, line, significant},
+    sheet::{self, Asked, line, significant},
     updates::{fit, left, rms, rows},
 };
 use serde_json::{Value, json};
@@ -41,8 +41,8 @@ fn run() -> Result<bool, Error> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
         ["--data", folder] => write_data(Path::new(folder)).map(|()| true),
-        ["--rivals", folder] => table(Path::new(folder), false),
-        ["--rivals", folder, "--update"] => table(Path::new(folder), true),
+        ["--rivals", folder] => table(Path::new(folder), Asked::Compare),
+        ["--rivals", folder, "--update"] => table(Path::new(folder), Asked::Update),
         _ => Err("usage: validation --data FOLDER | validation --rivals FOLDER [--update]".into()),
     }
 }
@@ -125,7 +125,7 @@ fn interval(parameter: &Parameter) -> String {
     }
 }
 
-fn table(folder: &Path, update: bool) -> Result<bool, Error> {
+fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     let mut text = String::from(
         "# Validation
 
@@ -141,7 +141,7 @@ fn table(folder: &Path, update: bool) -> Result<bool, Error> {
     }
     text += &scatter()?;
     print!("{text}");
-    sheet::conclude("validation", &text, 2, update)
+    sheet::conclude("validation", &text, 2, asked)
 }
 
 /// The same data through other methods.

@@ -188,9 +188,9 @@ and contact known; {seeds} runs of 20 s in each cell, 80 s for `slow`. The motio
 `inerter simulate --excite`: `slow` 0.053 Hz 15.1 mm, `mid` 3.2 Hz 4.16 mm, `fast` 15.9 Hz 0.806 mm, `multi` and `random`
 0.5 to 15 Hz at 20 mm/s rms, `two` 0.8 Hz 8 mm with 6.4 Hz 0.8 mm.
 
-Written by `cargo xtask accuracy --update`; `cargo xtask accuracy`, part of `cargo xtask test`, measures anew and fails
+Written by `cargo xtask accuracy --update`. `cargo xtask accuracy`, part of `cargo xtask test --full`, measures anew and fails
 where a figure left the table by more than {} %, either way, or where, beyond chance (1 in 10 000), fewer than 95 % of the
-published values lie within their interval of the truth.
+published values lie within their interval of the truth; `--short`, part of `cargo xtask test`, does so on the first rig.
 
 - *bias*, *sigma*: mean and standard deviation of the error at the end of the run, from the sums of the whole run;
   *goal*: greatest bias and sigma wanted, set for 1 kHz and 1 N.

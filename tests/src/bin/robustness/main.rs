@@ -20,7 +20,7 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<bool, Error> {
-    let update = sheet::update_asked("robustness")?;
+    let asked = sheet::asked("robustness")?;
     let mut rows: Vec<Row> = Vec::new();
     for case in cases() {
         eprintln!("{}", case.name);
@@ -32,5 +32,5 @@ fn run() -> Result<bool, Error> {
     }
     let text = table::markdown(&rows, SEEDS);
     print!("{text}");
-    sheet::conclude("robustness", &text, 3, update)
+    sheet::conclude("robustness", &text, 3, asked)
 }

@@ -1,8 +1,9 @@
 //! The demonstration: a simulated inerter on a shaker, measured by the firmware image in QEMU.
 //!
-//! The paper's device is moved as in the paper's three tests and by a random motion, then a worn one. Each run boots the image anew, shows what it
-//! estimates while it estimates, records every frame, and replays the recording on this machine: every estimate must be the
-//! same to the bit. `cargo xtask demo` builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` records there.
+//! The paper's device is moved as in the paper's three tests and by a random motion, then a worn one. Each run boots the
+//! image again, shows the estimates as they come, records every frame, and replays the recording on this machine: every
+//! estimate must be the same to the bit. It ends with a page for each run and an index of them. `cargo xtask demo`
+//! builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
 #![forbid(unsafe_code)]
 
 use std::{
@@ -23,8 +24,13 @@ use inerter_data::{
 use inerter_device::live::{LinkEvent, Live};
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
-use inerter_tests::grid::Error;
+use inerter_view::{
+    index::{self, Found, Listed},
+    page::{self, Content},
+};
 use inerter_wire::{EventKind, Frame, Health, Record, Streams, catalogue};
+
+type Error = Box<dyn std::error::Error + Send + Sync>;
 
 /// Lines of the live block: heading, four parameters, foot.
 const BLOCK_LINES: usize = 6;
@@ -67,8 +73,27 @@ struct Outcome {
     same: bool,
 }
 
+impl Outcome {
+    /// What the whole run shows of each parameter: its name, unit, true value, and value with interval.
+    fn parameters(&self, device: &Inerter) -> Vec<(&'static str, &'static str, f64, Parameter)> {
+        let law = catalogue::parameters(Machine::Linear, &self.estimate.whole_run).zip(truth(device));
+        let backlash = self
+            .backlash
+            .iter()
+            .map(|backlash| ("Backlash", "µm", MICRO * device.backlash_m, in_micrometres(backlash)));
+        law.map(|((field, parameter), truth)| (field.label, field.unit, truth, parameter)).chain(backlash).collect()
+    }
+}
+
 fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
+    match run() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
 fn run() -> Result<bool, Error> {
@@ -101,7 +126,8 @@ fn run() -> Result<bool, Error> {
         println!("\n[{}/{}] {}", number + 1, TESTS.len(), test.title);
         outcomes.push(shake(test, test.device, speed, &image, &folder)?);
     }
-    println!("{}", summary(&outcomes));
+    print!("{}", summary(&outcomes));
+    println!("look at them: {}", pages(&outcomes, &folder)?.display());
     Ok(outcomes.iter().all(|outcome| outcome.same && outcome.lost_frames == 0))
 }
 
@@ -156,7 +182,7 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
     }
     let lost_frames = live.lost_frames();
     let frames = recorder.frames();
-    recorder.close(&End { reason: "the motion ended".into(), lost_frames })?;
+    recorder.close(&End { reason: "finished".into(), lost_frames })?;
     let estimate = *estimates.last().ok_or("the image published no estimate")?;
     screen.end(&estimate, lost_frames)?;
 
@@ -168,6 +194,27 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
         if same { "the same to the bit when replayed here" } else { "NOT THE SAME when replayed here" }
     );
     Ok(Outcome { estimate, backlash, recording, frames, lost_frames, health, same })
+}
+
+/// Writes a page for each run, and the one that lists them, which is returned.
+fn pages(outcomes: &[Outcome], folder: &Path) -> Result<PathBuf, Error> {
+    let mut listed = Vec::new();
+    for (test, outcome) in TESTS.iter().zip(outcomes) {
+        let content = Content::of(inerter_data::open(&outcome.recording, &Overrides::default())?, |_| {})?;
+        let name = format!("{}.html", test.name);
+        inerter_data::output::write(&folder.join(&name), true, &page::html(&content, &[]).0)?;
+        let parameters = outcome.parameters(&test.device).into_iter().map(|(label, unit, truth, parameter)| Found {
+            label: format!("{label}, {unit}"),
+            value: value_text(&parameter),
+            truth: truth.to_string(),
+            holds: parameter.known().map(|found| holds(found, truth)),
+        });
+        listed.push(Listed { title: test.title.into(), page: name, parameters: parameters.collect() });
+    }
+    let meta = "A simulated inerter, measured by the firmware in QEMU. On average one interval in 20 misses the truth by chance.";
+    let path = folder.join("index.html");
+    inerter_data::output::write(&path, true, index::html("Five runs of the demo", meta, &listed))?;
+    Ok(std::path::absolute(path)?)
 }
 
 /// Everything that the estimator publishes when the recording goes through it on this machine, and its last word.
@@ -198,14 +245,17 @@ fn truth(device: &Inerter) -> [f64; 4] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, 0.0]
 }
 
-/// What the interval is worth, now that the truth is known: one in twenty lies just beside it.
+/// Whether the interval holds the truth.
+fn holds(found: Interval, truth: f64) -> bool {
+    (f64::from(found.value) - truth).abs() <= f64::from(found.u95)
+}
+
+/// What the interval is worth, as the truth is known: one in twenty lies just beside it.
 fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
     match parameter.known() {
-        None => "this motion cannot show it",
-        Some(Interval { value, u95 }) if (f64::from(value) - truth).abs() <= f64::from(u95) => "holds the truth",
-        Some(Interval { value, u95 }) if (f64::from(value) - truth).abs() <= 2.0 * f64::from(u95) => {
-            "just beside the truth"
-        }
+        None => "this motion cannot identify it",
+        Some(found) if holds(found, truth) => "holds the truth",
+        Some(Interval { value, u95 }) if holds(Interval { value, u95: 2.0 * u95 }, truth) => "just beside the truth",
         Some(_) => "MISSES THE TRUTH",
     }
 }
@@ -306,16 +356,9 @@ fn summary(outcomes: &[Outcome]) -> String {
     // Writing to a String cannot fail.
     for (test, outcome) in TESTS.iter().zip(outcomes) {
         let _ = writeln!(text, "{}", test.title);
-        let parameters = catalogue::parameters(Machine::Linear, &outcome.estimate.whole_run);
-        let mut line = |label: &str, unit: &str, truth: f64, parameter: &Parameter| {
-            let value = value_text(parameter);
-            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(parameter, truth));
-        };
-        for ((field, parameter), truth) in parameters.zip(truth(&test.device)) {
-            line(field.label, field.unit, truth, &parameter);
-        }
-        if let Some(backlash) = &outcome.backlash {
-            line("Backlash", "µm", MICRO * test.device.backlash_m, &in_micrometres(backlash));
+        for (label, unit, truth, parameter) in outcome.parameters(&test.device) {
+            let value = value_text(&parameter);
+            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(&parameter, truth));
         }
     }
     let frames: u32 = outcomes.iter().map(|outcome| outcome.frames).sum();
@@ -330,9 +373,6 @@ fn summary(outcomes: &[Outcome]) -> String {
     for outcome in outcomes {
         let _ = writeln!(text, "  {}", outcome.recording.display());
     }
-    if let Some(outcome) = outcomes.last() {
-        let _ = writeln!(text, "look at one: cargo run -p inerter -- replay {}", outcome.recording.display());
-    }
     text
 }
 
@@ -346,7 +386,7 @@ mod tests {
         assert_eq!(verdict(&parameter, 100.9), "holds the truth");
         assert_eq!(verdict(&parameter, 101.1), "just beside the truth");
         assert_eq!(verdict(&parameter, 102.1), "MISSES THE TRUTH");
-        assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot show it");
+        assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot identify it");
     }
 
     #[test]
