@@ -1,4 +1,4 @@
-//! How fast the package replays, beside the program and numpy (`docs/tables/rates.md`), and what many runs cost
+//! How fast the package replays, compared with the program and numpy (`docs/tables/rates.md`), and what many runs cost
 //! (`docs/tables/scale.md`).
 
 use crate::{
@@ -15,15 +15,15 @@ const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// Length of the runs.
 const DURATION_S: &str = "600";
 
-/// Runs of `scale`, where nobody says how many.
+/// Runs of `scale`, by default.
 const RUNS: u32 = 10_000;
 /// What its script imports beside the package.
 const CLUSTER: &str = "distributed";
 
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct ScaleOptions {
-    /// So many runs
-    #[arg(long, value_name = "N", default_value_t = RUNS, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Number of runs
+    #[arg(long, value_name = "N", default_value_t = RUNS, value_parser = clap::value_parser!(u32).range(2..))]
     runs: u32,
     /// Write the table instead of printing it
     #[arg(long)]
@@ -82,7 +82,7 @@ pub fn run(options: &Options) -> Result<()> {
         let path = folder.join(format!("{seed}.mcap"));
         let mut simulate = Command::new(&program);
         simulate.args(["simulate", "--duration", DURATION_S, "--excite", "random", "--seed", seed, "--force"]);
-        // numpy does not undo its motion.
+        // numpy does not correct for the motion of a structure mass.
         simulate.args(["--structure-mass-kg", "0", "-o"]);
         process::run(simulate.arg(&path))?;
         paths.push(path);
