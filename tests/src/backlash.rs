@@ -8,7 +8,8 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 /// Backlash of the grid \[m\].
 pub const BACKLASHES_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
 
-/// Greatest bias and sigma wanted of the backlash by the force alone at 1 kHz and 1 N \[m\], and up to which backlash.
+/// Goals for bias and sigma of the backlash by the force alone at 1 kHz and 1 N \[m\], and up to which backlash they
+/// apply.
 pub fn goal(motion: &str) -> (f64, f64, f64) {
     match motion {
         "slow" => (1e-6, 1e-6, 200e-6),
@@ -20,19 +21,19 @@ pub fn goal(motion: &str) -> (f64, f64, f64) {
     }
 }
 
-/// The same with the sensor, bias and sigma alike.
+/// The same with the sensor; one goal for bias and sigma.
 pub fn sensed_goal(motion: &str) -> f64 {
     if motion == "slow" { 2e-6 } else { 0.9e-6 }
 }
 
-/// What one run says by either route.
+/// Results of one run by either route.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// By the force alone.
     pub force: Detail,
     /// With the sensor.
     pub sensed: Detail,
-    /// Reversals as they came, by the force.
+    /// Reversals by the force, in order.
     pub reversals: Vec<Reversal>,
     /// The same with the sensor.
     pub sensed_reversals: Vec<Reversal>,
@@ -80,7 +81,7 @@ pub struct Column {
     pub sigma: f64,
     /// Mean half width of the interval.
     pub u95: f64,
-    /// Runs that gave a value, and of these the ones whose interval misses the truth.
+    /// Runs that gave a value, and those of them whose interval misses the truth.
     pub given: usize,
     /// See `given`.
     pub wrong: usize,

@@ -1,4 +1,4 @@
-//! How sharp the intervals are where everything that is stated is true, and how often they hold.
+//! Width and coverage of the intervals where everything that is stated is true.
 
 use crate::grid::{Error, Motion, calibrated, each_seed, raw, three, truth};
 use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source, State};
@@ -6,16 +6,16 @@ use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-/// Part of the runs that a 95 % interval should hold.
+/// Fraction of the runs that a 95 % interval should cover.
 const COVERED: f64 = 0.95;
-/// Chance under which a cell is called wrong, or that of another table's: of hundreds none should be.
+/// Chance below which a cell is called wrong, here or in another table: of hundreds none should be.
 const CHANCE: f64 = 1e-4;
-/// Values of a run of 20 s that know nothing of each other: it holds so many memories of 5 s.
+/// Independent values in a run of 20 s: it holds so many memories of 5 s.
 const VALUES_OF_A_RUN: f64 = 4.0;
-/// Root mean square of the error over the interval that is neither too sharp nor blunt; 0.51 is exact.
+/// Root mean square of error over interval that is neither too sharp nor blunt; 0.51 is exact.
 pub const RIGHT: std::ops::RangeInclusive<f64> = 0.25..=0.6;
 
-/// A device on a rig whose settings are true to the last digit, and say so.
+/// A device on a rig whose settings are exact, and stated to be.
 #[derive(Clone, Copy, Debug)]
 pub struct Bench {
     /// Name in the table.
@@ -24,20 +24,20 @@ pub struct Bench {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// What the settings state with an uncertainty, which is wrong by it in each run; the rest is true to the last digit.
+    /// What the settings state with an uncertainty, and are wrong by in each run; the rest is exact.
     pub wrong: &'static [Source],
 }
 
-/// What can be stated in the settings.
+/// Uncertainties that the settings can state.
 pub const STATED: [Source; 6] =
     [Source::Gain, Source::Lead, Source::Timebase, Source::Skew, Source::Structure, Source::Stiffness];
 
 /// One parameter in the runs of one motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cell {
-    /// Runs with a value, none of which the law was called broken in.
+    /// Runs with a value whose law was not called broken.
     pub given: u64,
-    /// Those whose interval holds the truth.
+    /// Those whose interval contains the truth.
     pub covered: u64,
     /// Root mean square of the error over the half width of the interval.
     pub rms: f64,
@@ -46,7 +46,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Of errors and half widths.
+    /// From errors and half widths.
     pub fn of(found: &[(f64, f64)]) -> Self {
         let count = found.len() as f64;
         Self {
@@ -57,35 +57,35 @@ impl Cell {
         }
     }
 
-    /// Whether more than 95 % are covered beyond chance.
+    /// Whether more than 95 % are covered, beyond chance.
     pub fn is_blunt(&self) -> bool {
-        // At least so many are covered where at most so few are not.
+        // At least so many are covered if at most so few are not.
         self.given > 0 && 1.0 - at_most(self.covered.saturating_sub(1), self.given) < CHANCE
     }
 
-    /// Whether less than 95 % are covered beyond chance.
+    /// Whether less than 95 % are covered, beyond chance.
     pub fn is_low(&self) -> bool {
         at_most(self.covered, self.given) < CHANCE
     }
 
-    /// Whether the coverage is less than 95 % beyond chance, or the rms not within [`RIGHT`] beyond chance.
+    /// Whether the coverage is less than 95 %, or the rms not within [`RIGHT`], beyond chance.
     pub fn is_wrong(&self) -> bool {
-        // What the square of a normal error scatters by, four standard deviations.
+        // Four standard deviations of the scatter of a squared normal error.
         let scatter = 1.0 + 4.0 / (2.0 * self.given as f64).sqrt();
         self.is_low() || self.rms * scatter < *RIGHT.start() || self.rms / scatter > *RIGHT.end()
     }
 }
 
-/// Whether this part of the values of so many runs is less than 95 % beyond chance.
+/// Whether this coverage in so many runs is less than 95 %, beyond chance.
 pub fn is_low(part: f64, runs: u64) -> bool {
     let all = VALUES_OF_A_RUN * runs as f64;
     at_most((part * all).round() as u64, all as u64) < CHANCE
 }
 
-/// Probability that of `all` runs at most `covered` hold, were each held with 95 %.
+/// Probability that at most `covered` of `all` runs are covered if each is with 95 %.
 fn at_most(covered: u64, all: u64) -> f64 {
     let odds: f64 = COVERED / (1.0 - COVERED);
-    // From none on: the binomial's own terms, in logarithms.
+    // From zero on: the terms of the binomial, in logarithms.
     let mut logarithm = all as f64 * (1.0 - COVERED).ln();
     let mut sum = logarithm.exp();
     for k in 1..=covered.min(all) {
@@ -95,10 +95,10 @@ fn at_most(covered: u64, all: u64) -> f64 {
     sum.min(1.0)
 }
 
-/// Errors and half widths of the three parameters in one run, where they are given, and whether the law is called broken.
+/// Errors and half widths of the three parameters in one run, if given, and whether the law is called broken.
 pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
-/// What the parameters of a whole run are wrong by, with their half widths.
+/// Errors of the parameters of a whole run, with their half widths.
 pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
     let mut pairs = three(parameters).into_iter().zip(truth(device));
     std::array::from_fn(|_| {
@@ -143,10 +143,10 @@ pub fn stated_true(settings: Settings) -> Settings {
     }
 }
 
-/// The same, but for these sources: stated with an uncertainty, and wrong by a normal error of that size (JCGM 101).
+/// The same, except for these sources: stated with an uncertainty, and wrong by a normal error of that size (JCGM 101).
 fn stated(settings: Settings, wrong: &[Source], seed: u64) -> Settings {
     let mut random = ChaCha8Rng::seed_from_u64(0x0101_0000 + seed);
-    // Each source has its own errors, whatever others there are.
+    // Each source has its own errors, whichever others there are.
     let errors: [f64; STATED.len()] = std::array::from_fn(|_| StandardNormal.sample(&mut random));
     let mut settings = stated_true(settings);
     for (source, error) in STATED.into_iter().zip(errors).filter(|(source, _)| wrong.contains(source)) {

@@ -1,4 +1,4 @@
-//! The recordings of real machines, which lie beside the project and not in it.
+//! The recordings of real machines, which are kept beside the project, not in it.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ pub enum Recording {
     LodzSymmetric,
     /// The same at ratio r16.
     LodzAsymmetric,
-    /// A friction damper without any mass behind its backlash, in a load frame.
+    /// A friction damper with no mass behind its backlash, in a load frame.
     Arts,
 }
 
@@ -35,10 +35,10 @@ impl Recording {
         }
     }
 
-    /// The file; where there is no folder of recordings, the test is skipped.
+    /// The file; if there is no folder of recordings, the test is skipped.
     ///
     /// # Panics
-    /// Where the folder is there and the file is not.
+    /// If the folder exists and the file does not.
     pub fn path(self) -> Option<PathBuf> {
         let path = folder()?.join(self.parts().0);
         assert!(
@@ -65,7 +65,7 @@ impl Recording {
     }
 }
 
-/// The folder that `INERTER_DATA` names, seen from the root, else `../shared/data`.
+/// The folder in `INERTER_DATA`, relative to the root, else `../shared/data`.
 fn folder() -> Option<PathBuf> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..");
     if let Some(named) = std::env::var_os("INERTER_DATA").filter(|named| !named.is_empty()) {
@@ -79,7 +79,7 @@ fn folder() -> Option<PathBuf> {
     None
 }
 
-/// What the run came to, through the library's replay.
+/// The result of the run by the library's replay.
 pub fn replayed(run: &Run) -> Result<Outcome, Error> {
     replay::replay(run, |_, _| Ok(()))
 }

@@ -1,4 +1,4 @@
-//! Runs that break the law in one known way, and what the diagnosis makes of them.
+//! Runs that break the law in one known way, and their diagnosis.
 
 use crate::{
     coverage::stated_true,
@@ -16,7 +16,8 @@ use inerter_data::{
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Plant, Sensors, Simulation, Truth};
 use std::f64::consts::TAU;
 
-/// Moments in a sample over which force is averaged, the same on either side of its middle: no load cell follows a jump at once.
+/// Moments in a sample over which the force is averaged, symmetric about its middle: no load cell follows a jump at
+/// once.
 pub const WITHIN: usize = 15;
 
 /// Mean of some values.
@@ -25,12 +26,12 @@ pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
-/// What is added to the measured force, which a terminal that is moved from outside feels beside the law's.
+/// What is added to the measured force, and acts on a terminal that is moved from outside, besides the law.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Added {
     /// Friction per force.
     pub load: f64,
-    /// Amplitude once a turn \[N\].
+    /// Amplitude once per turn \[N\].
     pub ripple_n: f64,
     /// Change of Coulomb friction over the run \[N\].
     pub warming_n: f64,
@@ -38,14 +39,15 @@ pub struct Added {
     pub drift_n: f64,
     /// A spring beside the screw \[N/m\].
     pub spring_n_per_m: f64,
-    /// Friction by the square of the velocity \[N s2/m2\].
+    /// Friction proportional to the square of the velocity \[N s2/m2\].
     pub quadratic: f64,
-    /// What is told too much of a force, by its cube \[1/N2\].
+    /// Error of the measured force, proportional to its cube \[1/N2\].
     pub cube: f64,
 }
 
 impl Added {
-    /// What comes to a force of the law, but for the offset's drift \[N\]; `time` is that of the run, -0.5 to 0.5.
+    /// What is added to a force of the law, except for the offset's drift \[N\]; `time` is that of the run, -0.5 to
+    /// 0.5.
     pub fn at_n(&self, force_n: f64, truth: &Truth, time: f64, lead_m: f64) -> f64 {
         let Self { load, ripple_n, warming_n, spring_n_per_m, quadratic, cube, .. } = *self;
         let sign = truth.v2_m_per_s.signum() * f64::from(u8::from(truth.motion != Screw::Stuck));
@@ -63,7 +65,7 @@ impl Added {
 pub struct Case {
     /// What is wrong.
     pub name: &'static str,
-    /// What should be named; nothing in a run without a fault.
+    /// The cause to be named; none in a run without a fault.
     pub kind: Option<Kind>,
     /// Its size in the cause's unit.
     pub size: f64,
@@ -71,9 +73,9 @@ pub struct Case {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// The rest.
+    /// What is added to the force.
     pub added: Added,
-    /// The settings are those of a rotary machine of 2e-4 kg m^2 that the instruments may as well be at.
+    /// The settings describe a rotary machine of 2e-4 kg m^2, which gives the same samples.
     pub is_rotary: bool,
 }
 
@@ -86,7 +88,7 @@ fn clean(name: &'static str) -> Case {
 /// Cases with one fault each.
 pub fn cases() -> Vec<Case> {
     let paper = Inerter::paper();
-    // What is added to the measured force does not bend the contact: without a structure mass it need not.
+    // What is added to the measured force does not deflect the contact; without a structure mass it need not.
     let rigid = Inerter { structure_mass_kg: 0.0, ..paper };
     let added = |name, kind, size, added| Case { kind: Some(kind), size, added, device: rigid, ..clean(name) };
     let device = |name, kind, size, device| Case { kind: Some(kind), size, device, ..clean(name) };
@@ -124,7 +126,7 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
-/// What else may be wrong, of the reference device without a structure mass.
+/// Other faults of the reference device, without a structure mass.
 pub fn others() -> [Case; 3] {
     let none = Added::default();
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
@@ -132,7 +134,7 @@ pub fn others() -> [Case; 3] {
     [
         added("a spring", Kind::Spring, 5e3, Added { spring_n_per_m: 5e3, ..none }),
         added("friction by the square", Kind::QuadraticFriction, 400.0, Added { quadratic: 400.0, ..none }),
-        // Its size is told in parts of the greatest force, which is the run's.
+        // Its size is reported relative to the greatest force of the run.
         added("a cell that saturates", Kind::ForceNonlinear, f64::NAN, Added { cube: -3e-10, ..none }),
     ]
 }
@@ -160,16 +162,16 @@ pub fn clean_cases() -> Vec<Case> {
     noises.into_iter().chain(counts).chain(devices).chain([rotary]).collect()
 }
 
-/// The clean case with so much backlash \[m\], whose flanks part.
+/// The clean case with this backlash \[m\], whose flanks separate.
 pub fn parting(backlash_m: f64) -> Case {
     Case { device: Inerter { backlash_m, ..Inerter::paper() }, ..clean("flanks that part") }
 }
 
-/// Radians of the rotary machine for a metre of a linear one, and its moment of inertia \[kg m^2\].
+/// Radians of the rotary machine per metre of a linear one, and its moment of inertia \[kg m^2\].
 const RADIANS_PER_M: f64 = 100.0;
 const INERTIA: f64 = 2e-4;
 
-/// The settings with which a linear machine of this inertance is a rotary one.
+/// The settings that describe a linear machine of this inertance as a rotary one.
 fn rotary(linear: Settings, inertance_kg: f64) -> Settings {
     let torque = INERTIA / inertance_kg * RADIANS_PER_M;
     let stiff = torque / RADIANS_PER_M;
@@ -184,18 +186,18 @@ fn rotary(linear: Settings, inertance_kg: f64) -> Settings {
     }
 }
 
-/// What `inerter replay` says of a run.
+/// What `inerter replay` reports of a run.
 pub struct Replayed {
-    /// What the estimator came to.
+    /// The estimator's result.
     pub outcome: Outcome,
-    /// What is told unasked.
+    /// Causes named unasked.
     pub causes: Vec<Cause>,
-    /// The parameters with what the samples tell beside.
+    /// The parameters as judged by the samples.
     pub judged: [Judged; 4],
 }
 
 impl Replayed {
-    /// The same of any run.
+    /// The same for any run.
     pub fn of(run: &Run) -> Result<Self, Error> {
         let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?;
         let gated = Gated::of(run, &[]);
@@ -206,24 +208,24 @@ impl Replayed {
 }
 
 impl Case {
-    /// One run through the estimator and the tests.
+    /// One run through the estimator and the tests for causes.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
         let (run, outcome) = self.run(motion, seed, true)?;
         Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default(), &|| {})?)
     }
 
-    /// What is told of one run unasked, with the contact's stiffness stated or not.
+    /// Causes named unasked in one run, with the contact's stiffness stated or not.
     pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
         let (run, outcome) = self.run(motion, seed, with_stiffness)?;
         Ok(suspected(&Gated::of(&run, &[]), &run.settings, &outcome.published()))
     }
 
-    /// What the estimator comes to in one run.
+    /// The estimator's result for one run.
     pub fn estimated(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
         Ok(self.run(motion, seed, true)?.1)
     }
 
-    /// One run, the causes that are told of it unasked, and its parameters by the samples.
+    /// One run, the causes named in it unasked, and its parameters as judged by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         Replayed::of(&self.recorded(motion, seed, true)?)
     }
@@ -234,7 +236,7 @@ impl Case {
         Ok((run, outcome))
     }
 
-    /// The plant's truth, [`WITHIN`] times in a sample.
+    /// The plant's truth, [`WITHIN`] times per sample.
     pub fn truths(&self, motion: &Motion, seed: u64) -> Result<Vec<Truth>, Error> {
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let sample_rate_hz = self.sensors.sample_rate_hz * WITHIN as f64;
@@ -242,7 +244,7 @@ impl Case {
         Ok(Simulation::of(plant, sensors)?.lasting(motion.duration_s).map(|sample| sample.truth).collect())
     }
 
-    /// What the instruments make of one run, with the contact's stiffness stated or not.
+    /// The recording of one run, with the contact's stiffness stated or not.
     pub fn recorded(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Run, Error> {
         let sensors = Sensors {
             encoder_phase_count: (seed as f64 * 0.618) % 1.0,

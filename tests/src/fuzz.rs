@@ -1,8 +1,8 @@
-//! Whatever a host may send: streams of bytes made to break the device, and what it must do with them.
+//! Whatever a host may send: streams of bytes made to break the device, and how it must respond.
 //!
 //! Terms:
-//! - *stream*: the bytes that a device gets on its link after a start.
-//! - *intact request*: a frame in the stream whose CRC agrees and that holds a request, known to the device or not.
+//! - *stream*: the bytes that a device receives on its link after a start.
+//! - *intact request*: a frame in the stream with a valid CRC that holds a request, known to the device or not.
 //! - *probe*: a delimiter and three harmless requests that end every stream.
 //!
 //! ```text
@@ -10,10 +10,10 @@
 //!   '--> corpus: small streams, each with the outcome that host and twin must share
 //! ```
 //!
-//! What must hold, whatever the stream: the device neither panics nor hangs; each intact request gets one reply with
-//! its id, in order; a refused one changes nothing; the settings are those of the requests that were done, and what is
-//! kept in flash those of the last save; each damaged frame is counted; every frame that comes out can be decoded; the
-//! probe is answered. What arrives on a link that is not in use does nothing.
+//! What must hold for any stream: the device neither panics nor hangs; each intact request gets one reply with its id,
+//! in order; a refused one changes nothing; the settings are those of the requests that were carried out, and flash
+//! keeps those of the last save; each damaged frame is counted; every frame that comes out can be decoded; the probe is
+//! answered. What arrives on a link that is not in use has no effect.
 
 mod corpus;
 mod device;
@@ -31,7 +31,7 @@ pub use outcome::outcome;
 pub use requests::Requests;
 pub use shrink::shrink;
 
-/// What is wrong with the device's answer to `stream`.
+/// What is wrong with the device's response to `stream`.
 pub fn findings(stream: &[u8], conditions: &Conditions) -> Vec<String> {
     judge(stream, conditions, &play(stream, conditions))
 }

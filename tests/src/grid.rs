@@ -1,4 +1,4 @@
-//! The accuracy grid: six motions, several seeds, three rigs; what the estimator says against what is true.
+//! The accuracy grid: six motions, several seeds, three rigs; estimates against the truth.
 
 use crate::linear::Cholesky;
 use inerter_core::{Estimate, Interval, Parameter, Parameters, Settings, State};
@@ -6,7 +6,7 @@ use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
 
-/// What goes wrong while a run is set up.
+/// Errors in setting up a run.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
 
 /// One motion of the grid.
@@ -16,19 +16,20 @@ pub struct Motion {
     pub name: &'static str,
     /// Length of a run \[s\].
     pub duration_s: f64,
-    /// Greatest bias and sigma wanted at 1 kHz and 1 N, in the order of [`NAMES`].
+    /// Goals for bias and sigma at 1 kHz and 1 N, in the order of [`NAMES`].
     pub goals: [(f64, f64); 3],
-    /// Time after the start of motion wanted until mt stays within 0.1 %, cf within 5 N s/m, fc within 1 N; none: never.
+    /// Goals for the time after the start of motion until mt stays within 0.1 %, cf within 5 N s/m, fc within 1 N;
+    /// none: never.
     pub settling_goals_s: [Option<f64>; 3],
 }
 
 /// Time in which the shaker brings a motion up from rest \[s\], with room for the ringing that this starts.
 const LEAD_IN_S: f64 = 1.0;
-/// Memory of the second estimator of a run \[s\], short enough that it forgets.
+/// Memory of the second estimator of a run \[s\], short enough to forget.
 const SHORT_MEMORY_S: f64 = 4.0;
 
 impl Motion {
-    /// Whether it is one for the slow bank, whose band ends below the device's resonance.
+    /// Whether it is for the slow bank, whose band ends below the device's resonance.
     pub fn is_slow(&self) -> bool {
         self.name == "slow"
     }
@@ -39,7 +40,7 @@ impl Motion {
     }
 }
 
-/// What the grid looks at.
+/// The parameters of the grid.
 pub const NAMES: [&str; 3] = ["mt kg", "cf N s/m", "fc N"];
 
 /// The motions with the goals of the design.
@@ -100,12 +101,12 @@ pub const RIGS: [Instruments; 3] = [
     Instruments { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
 ];
 
-/// The first rig with a clock that is 10 ppm faster than the shaker's, and known to be: no motion repeats itself sample
-/// by sample, and the encoder's error with it.
+/// The first rig with a clock that is 10 ppm faster than the shaker's, and known to be: no motion repeats sample by
+/// sample, nor does the encoder's error with it.
 pub const TWO_CLOCKS: Instruments =
     Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
 
-/// What the device truly is.
+/// The device's true parameters.
 pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
@@ -113,7 +114,7 @@ pub fn truth(device: &Inerter) -> [f64; 3] {
 /// Settings of a device that was calibrated without error against this plant and these instruments.
 ///
 /// # Panics
-/// Where the plant or an instrument is beyond what a setting may be.
+/// If the plant or an instrument is beyond the range of a setting.
 pub fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
     inerter_simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
 }
@@ -129,7 +130,7 @@ pub struct Run {
     pub last: Estimate,
 }
 
-/// This rig's instruments; each seed has its own noise and its own place within an encoder count.
+/// This rig's instruments; each seed has its own noise and its own phase within an encoder count.
 pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
     Sensors {
         sample_rate_hz: rig.sample_rate_hz,
@@ -157,7 +158,8 @@ pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sy
     })
 }
 
-/// Shakes a device and listens. The intervals hold no calibration error, as the simulated rig has none.
+/// Shakes a device and records its estimates. The intervals include no calibration error, as the simulated rig has
+/// none.
 pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
@@ -181,10 +183,10 @@ pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> R
     Ok(Run { published, forgetful, last: active.publish(&state).estimate })
 }
 
-/// The least sigma that any unbiased estimator can have with this rig's force noise, knowing the motion exactly
-/// (Cramer and Rao): over all samples in which the screw truly slips and, for `clearance_s` before and after, has slipped.
+/// The least sigma of any unbiased estimator with this rig's force noise that knows the motion exactly (Cramer and
+/// Rao): over all samples in which the screw truly slips, with no sticking within `clearance_s` before or after.
 ///
-/// None where such samples show nothing. A motion that the slow bank sees counts without its breakaways' ringing.
+/// None if such samples show nothing. A motion for the slow bank is taken without the ringing of its breakaways.
 pub fn least_sigma(
     device: &Inerter,
     motion: &Motion,
@@ -223,7 +225,7 @@ pub fn least_sigma(
     }))
 }
 
-/// The three parameters that the grid looks at.
+/// The three parameters of the grid.
 pub fn three(parameters: &Parameters) -> [Parameter; 3] {
     [parameters.inertance_kg, parameters.viscous_n_s_per_m, parameters.coulomb_n]
 }
@@ -239,11 +241,12 @@ pub struct Cell {
     pub u95: [f64; 3],
     /// Runs that ended with a value.
     pub given: [usize; 3],
-    /// Part of all published live values with a short memory that the interval covered; none when none was published.
+    /// Fraction of all published live values with a short memory whose interval covered the truth; none if none was
+    /// published.
     pub coverage: [Option<f64>; 3],
-    /// The same of the values over the whole run.
+    /// The same for the values over the whole run.
     pub whole_run_coverage: [Option<f64>; 3],
-    /// Median time from which the live value stays within the limit \[s\]; none when never.
+    /// Median time from which the live value stays within the limit \[s\]; none if never.
     pub settling_s: [Option<f64>; 3],
 }
 
@@ -271,7 +274,7 @@ pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     cell
 }
 
-/// Part of the published values that lie within their interval of the truth.
+/// Fraction of the published values that are within their interval of the truth.
 fn coverage<'a>(
     published: impl Iterator<Item = &'a (f64, Estimate)>,
     truth: f64,

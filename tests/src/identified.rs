@@ -1,8 +1,9 @@
-//! Whether a motion tells of a fault at all, by the plant's truth: nothing that seeks causes has a part in it.
+//! Whether a motion shows a fault at all, by the plant's truth, independent of any search for causes.
 //!
-//! What a fault adds to the force is known, and so are the regressors of the law. Least squares tell which part of its square they
-//! leave over, where the screw moves. Behind a filter that makes the force's noise and the encoder's steps white together, the
-//! same tells how many standard deviations its size would stand above zero for somebody who knew everything but that size.
+//! What a fault adds to the force is known, and so are the regressors of the law. Least squares give the fraction of
+//! its square that the law leaves over, where the screw moves. Behind a filter that makes the force's noise and the
+//! encoder's steps white together, the same gives how many standard deviations the fault's size is above zero for an
+//! estimator that knows everything except that size.
 
 use inerter_analysis::diagnose::Kind;
 use inerter_core::constants::REST_WINDOW_S;
@@ -15,31 +16,31 @@ use crate::{
     linear::Cholesky,
 };
 
-/// Time after rest in which the filter still knows of it \[s\].
+/// Time after rest for which the filter still remembers it \[s\].
 const MEMORY_S: f64 = 0.1;
-/// Part of what a fault adds that the law must leave over.
+/// Fraction of what a fault adds that the law must leave over.
 const LEAST_LEFT: f64 = 0.005;
-/// Standard deviations of a size that can be told to 10 % in 95 % of the runs.
+/// Standard deviations of a size that can be estimated to 10 % in 95 % of the runs.
 const LEAST_SIGMAS: f64 = 19.6;
 
-/// What a motion tells of a fault.
+/// What a motion shows of a fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Told {
-    /// Part of its square that the law leaves over.
+    /// Fraction of its square that the law leaves over.
     pub left: f64,
     /// Its size in standard deviations of the best estimate.
     pub sigmas: f64,
 }
 
 impl Told {
-    /// Whether its size can be told to 10 %.
+    /// Whether its size can be estimated to 10 %.
     pub fn is_enough(&self) -> bool {
         self.left >= LEAST_LEFT && self.sigmas >= LEAST_SIGMAS
     }
 }
 
 impl Case {
-    /// What a motion tells of this fault, whose encoder's steps come so often.
+    /// What a motion shows of this fault if the encoder's steps repeat this often.
     pub fn told_by(&self, motion: &Motion, seed: u64, repeats: f64) -> Result<Told, Error> {
         let rate_hz = self.sensors.sample_rate_hz;
         let truths = self.truths(motion, seed)?;
@@ -63,7 +64,7 @@ impl Case {
         Ok(Told { left: left / all, sigmas: told.sqrt() / self.sensors.force_noise_n })
     }
 
-    /// What the fault adds to the force that the law gives \[N\].
+    /// What the fault adds to the force of the law \[N\].
     fn adds(&self, truths: &[Truth], rate_hz: f64, duration_s: f64) -> Vec<f64> {
         let device = &self.device;
         let cell_n = |truth: &Truth| truth.force_n + device.structure_mass_kg * truth.a1_m_per_s2;
@@ -109,19 +110,19 @@ impl Case {
     }
 }
 
-/// Samples that lie farther from rest than this \[samples\].
+/// Samples farther from rest than this \[samples\].
 fn moving(stands: &[f64], clearance: f64) -> Vec<bool> {
     let clearance = clearance.ceil() as usize;
     let mut moving = vec![true; stands.len()];
     for (at, _) in stands.iter().enumerate().filter(|(_, stands)| **stands > 0.0) {
         moving.iter_mut().skip(at.saturating_sub(clearance)).take(2 * clearance + 1).for_each(|moves| *moves = false);
     }
-    // A filter begins with nothing.
+    // A filter starts without history.
     moving.iter_mut().take(clearance).for_each(|moves| *moves = false);
     moving
 }
 
-/// Sum of the squares of what the first four columns leave of the fifth, and of all of it.
+/// Sum of the squares of what the first four columns leave of the fifth, and of the fifth itself.
 fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
     let rows = || (0..counts.len()).filter(|row| counts[*row]).map(|row| columns.each_ref().map(|column| column[row]));
     let mut gram = [[0.0; 4]; 4];
@@ -144,7 +145,7 @@ fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
     (left.sum(), all)
 }
 
-/// Butterworth's low-pass of second order, whose gain is `1 / sqrt(1 + (f / f0)^4)`: its phase is the same for all columns.
+/// Second-order Butterworth low-pass with the gain `1 / sqrt(1 + (f / f0)^4)`: its phase is the same for all columns.
 fn whiten(column: &mut [f64], alike: f64) {
     let w = (std::f64::consts::PI * alike).tan();
     let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
@@ -161,8 +162,8 @@ fn whiten(column: &mut [f64], alike: f64) {
 mod tests {
     use crate::{diagnose::cases, grid::MOTIONS};
 
-    /// By hand: in a tone of which the law takes all but the harmonics, a force once a turn of twice the stroke, a late force, and
-    /// a load that is nothing but friction.
+    /// By hand: in a tone of which the law takes everything but the harmonics, a force once per turn of twice the
+    /// stroke, a late force, and a load that is only friction.
     #[test]
     fn a_motion_tells_what_it_tells() {
         let told = |fault: &str, motion: &str| {
@@ -173,11 +174,11 @@ mod tests {
         assert!(told("friction of 4 % of the load", "slow").left < 1e-4);
         assert!(told("force 3 ms late", "fast").left < 1e-3);
         let drift = told("offset drifts by 5 N", "random");
-        // A slope of 5 N over 20 s of 1 N of noise at 1 kHz.
+        // A slope of 5 N over 20 s in noise of 1 N at 1 kHz.
         let exact = 5.0 * (20_000.0_f64 / 12.0).sqrt();
         assert!(drift.left > 0.99 && (drift.sigmas / exact - 1.0).abs() < 0.05, "{drift:?} {exact}");
         assert!(told("ripple of 10 N", "two").is_enough() && !told("cf uneven by 40 %", "slow").is_enough());
-        // Steps that come again and again are not averaged.
+        // Repeated steps do not average out.
         let once = told("cf uneven by 40 %", "mid").sigmas;
         let case = cases().into_iter().find(|case| case.name == "cf uneven by 40 %").unwrap();
         assert!(case.told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);

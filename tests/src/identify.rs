@@ -17,7 +17,7 @@ pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
 /// Length of a run \[s\].
 pub const DURATION_S: f64 = 20.0;
 
-/// What is looked at, and the greatest error wanted, as a part of the value where it is marked so.
+/// What is identified, and the goal for its error, as a fraction of the value where marked.
 pub const GOALS: [(&str, f64, bool); 6] = [
     ("mt %", 1e-3, true),
     ("fc N", 0.5, false),
@@ -27,7 +27,7 @@ pub const GOALS: [(&str, f64, bool); 6] = [
     ("eps um", 1e-6, false),
 ];
 
-/// A device that nobody knows: half to twice the paper's, with up to 0.1 mm of backlash.
+/// An unknown device: half to twice the paper's, with up to 0.1 mm of backlash.
 pub fn hidden(seed: u64) -> Inerter {
     let mut random = ChaCha8Rng::seed_from_u64(0x1de7 + seed);
     let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
@@ -56,7 +56,7 @@ pub fn instruments(seed: u64) -> Sensors {
     }
 }
 
-/// The run that the instruments record, calibrated without error; stiffness and damping nobody knows. Their seed is the
+/// The run that the instruments record, calibrated without error, with stiffness and damping unknown. Their seed is the
 /// motion's too.
 pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
     let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
@@ -79,7 +79,7 @@ pub fn identified(run: Run) -> Result<Identified, IdentifyError> {
     identify(&[run], &Options { no_profiles: true, ..Options::default() }, &mut |_| ())
 }
 
-/// Error and interval of each of [`GOALS`], in the goal's unit; none where nothing was found.
+/// Error and interval of each of [`GOALS`], in the goal's unit; none if nothing was found.
 pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
     let p = &found.parameters;
     let all = [

@@ -1,4 +1,4 @@
-//! Closed loop, replay of real data, QEMU, command line: what the tests of the whole share.
+//! Closed loop, replay of real data, QEMU, command line: shared code of the system's tests.
 
 #![forbid(unsafe_code)]
 
@@ -28,7 +28,7 @@ pub mod skew;
 pub mod sums;
 pub mod updates;
 
-/// The end of a program that found what it looked at good or not, or could not look; the reason goes to standard error.
+/// Exit status of a program whose result is good or bad, or which could not get one; the reason goes to standard error.
 pub fn exit_code(outcome: Result<bool, grid::Error>) -> ExitCode {
     match outcome {
         Ok(true) => ExitCode::SUCCESS,

@@ -1,4 +1,5 @@
-//! A law that is nearly true: violations of the law in sizes of what they do to the parameters, and what intervals hold then.
+//! A law that is nearly true: violations of the law, sized by their effect on the parameters, and the coverage of
+//! intervals then.
 
 use crate::{
     coverage::{Outcome, cells, errors},
@@ -11,18 +12,18 @@ use inerter_core::{LawStatus, Parameters, Regime};
 use inerter_plant::Inerter;
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
 
-/// What a violation moves the parameter that it moves most by, in half widths of that parameter's interval without it.
+/// Shift of the parameter that a violation moves most, in half widths of that parameter's interval without it.
 pub const SIZES: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
-/// Runs from which a size is found, of the same noise with and without the violation.
+/// Pairs of runs that determine a size, with the same noise with and without the violation.
 const PAIRS: u64 = 2;
-/// Times that a size is sought, and how near is near enough.
+/// Most iterations for a size, and how near is near enough.
 const ROUNDS: usize = 4;
 const NEAR: f64 = 0.1;
-/// How near it is at least in the table: a motion may jump over a size, or none may do so much.
+/// How near it must be for the table: a motion may jump over a size, or no size may do so much.
 const REACHED: f64 = 0.35;
-/// What is wanted to be held \[%\].
+/// Goal for the coverage \[%\].
 pub const WANTED: f64 = 90.0;
-/// Part of a violation's regressor that the law must leave over where that much is wanted \[%\].
+/// Part of a violation's regressor that the law must leave over for that goal to apply \[%\].
 const LEAST_LEFT: f64 = 5.0;
 /// One for each motion.
 const COLOURS: [Colour; 6] =
@@ -32,7 +33,7 @@ const COLOURS: [Colour; 6] =
 struct Violation {
     name: &'static str,
     unit: &'static str,
-    /// Where sizes are sought.
+    /// Range in which sizes are sought.
     range: [f64; 2],
     kind: Kind,
     case: fn(Case, f64) -> Case,
@@ -72,11 +73,11 @@ const VIOLATIONS: [Violation; 4] = [
     },
 ];
 
-/// What a run says: by the device's intervals, and by those of the samples.
+/// Results of a run: by the device's intervals, and by those of the samples.
 struct Told {
     device: Outcome,
     samples: Outcome,
-    /// Which of the three name the violation as what they rest on.
+    /// Which of the three are said to rest on the absence of the violation.
     assumed: [bool; 3],
 }
 
@@ -85,11 +86,11 @@ struct Silent {
     violation: &'static str,
     motion: &'static str,
     parameter: &'static str,
-    /// Truths that the samples' intervals hold \[%\].
+    /// Coverage of the samples' intervals \[%\].
     held: f64,
     /// The parameter is said to rest on the absence of the violation.
     rests: bool,
-    /// What the law leaves over of the violation's regressor \[%\].
+    /// Part of the violation's regressor that the law leaves over \[%\].
     left: f64,
 }
 
@@ -146,7 +147,7 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     Ok((text, figure))
 }
 
-/// What all cells with silent runs come to, in words.
+/// Summary of all cells with silent runs, in words.
 fn summary(cells: &[Silent]) -> String {
     let count = |which: &dyn Fn(&Silent) -> bool| cells.iter().filter(|cell| which(cell)).count();
     let all = cells.len();
@@ -154,7 +155,7 @@ fn summary(cells: &[Silent]) -> String {
     let least = cells.iter().map(|cell| cell.held).fold(f64::INFINITY, f64::min);
     let worst = count(&|cell| cell.held <= least);
     let mut places: Vec<&Silent> = cells.iter().filter(|cell| cell.held <= least).collect();
-    // Of several sizes, one.
+    // Only one of several sizes.
     places.sort_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
     places.dedup_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
     let places: Vec<String> = places.iter().map(|cell| cell.place()).collect();
@@ -180,12 +181,12 @@ The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what
 }
 
 impl Violation {
-    /// Part of the square of what the violation adds to the force that the law leaves over, by the plant's truth.
+    /// Fraction of the square of what the violation adds to the force that the law leaves over, by the plant's truth.
     fn left(&self, case: &Case, motion: &Motion, seed: u64) -> Result<f64, Error> {
         Ok(Case { kind: Some(self.kind), ..*case }.told_by(motion, seed, 1.0)?.left)
     }
 
-    /// [`SIZES`], what was reached of each, and the size that does it, as far as there are such sizes.
+    /// [`SIZES`], the shift reached for each, and the size that causes it, as far as there are such sizes.
     fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
         let clean = clean_case(1.0, 1000.0);
         let without = each_seed(PAIRS, |seed| Ok(clean.estimated(motion, first + seed - 1)?.estimate.whole_run))?;
@@ -218,7 +219,7 @@ impl Violation {
     }
 }
 
-/// Most that one of the three is moved by, in half widths of its interval without.
+/// Greatest shift of the three, in half widths of its interval without the violation.
 fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
     let pairs = three(with).into_iter().zip(three(without));
     let told = pairs.filter(|(with, without)| with.u95().is_finite() && without.u95().is_finite());
@@ -226,7 +227,7 @@ fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
     f64::from(moved.fold(0.0, f32::max))
 }
 
-/// What a run says of the parameters, and whether a person is told that something is wrong.
+/// The parameters of a run, and whether the user is warned that something is wrong.
 fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Error> {
     let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
     let told = !causes.is_empty()
@@ -245,8 +246,8 @@ fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Err
 struct Row {
     told_percent: f64,
     left_percent: f64,
-    /// Of the three parameters, where any run is silent: held by the device and by the samples \[%\], and whether it rests on the
-    /// absence of the violation.
+    /// For the three parameters, if any run is silent: coverage by the device and by the samples \[%\], and whether it
+    /// rests on the absence of the violation.
     parts: [Option<([f64; 2], bool)>; 3],
     ratios: String,
 }
@@ -267,7 +268,7 @@ impl Row {
         Self { told_percent, left_percent, parts, ratios: ratios.join(", ") }
     }
 
-    /// Least that the samples' intervals hold of the three \[%\].
+    /// Least coverage of the samples' intervals among the three \[%\].
     fn least_held(&self) -> Option<f64> {
         self.parts.iter().flatten().map(|([_, held], _)| *held).reduce(f64::min)
     }

@@ -1,4 +1,4 @@
-//! What motions were predicted to tell, and what runs of them then told.
+//! Predictions for motions, and the results of runs of them.
 
 use crate::{
     coverage::stated_true,
@@ -9,30 +9,30 @@ use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{csv::motion, replay::Replay};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
-/// Part by which what is reached may differ from what was predicted.
+/// Fraction by which a result may differ from its prediction.
 pub const WITHIN: f64 = 0.3;
-/// Halvings of the size of a motion that is brought to the limits.
+/// Halvings of the size of a motion that is scaled to the limits.
 const HALVINGS: u32 = 12;
 
-/// A device on a rig that is perfect but for noise and encoder steps, and says so.
+/// A device on a rig that is perfect except for noise and encoder steps, and stated to be.
 #[derive(Clone, Copy, Debug)]
 pub struct Bench {
     /// Name in the table.
     pub name: &'static str,
     /// The device.
     pub device: Inerter,
-    /// The instruments; noise and place in a count are those of each run.
+    /// The instruments; each run has its own noise and phase within a count.
     pub sensors: Sensors,
-    /// Times the settings' full scales of velocity and acceleration.
+    /// Factor on the settings' full scales of velocity and acceleration.
     pub full_scale: f64,
     /// Kind of machine, for its units.
     pub machine: Machine,
 }
 
-/// What the runs of one motion told of one parameter.
+/// Results of the runs of one motion for one parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reached {
-    /// Mean standard uncertainty by scatter, as it was stated.
+    /// Mean stated standard uncertainty from scatter.
     pub u_a: f64,
     /// Mean half width of the 95 % interval.
     pub u95: f64,
@@ -40,12 +40,12 @@ pub struct Reached {
     pub scatter: f64,
     /// Runs with a value.
     pub given: usize,
-    /// Those whose interval holds the truth.
+    /// Those whose interval contains the truth.
     pub covered: usize,
 }
 
 impl Bench {
-    /// What is told of it beforehand: the truth.
+    /// What is known of it beforehand: the truth.
     pub fn expected(&self) -> Expected {
         let settings = stated_true(calibrated(&self.device, &self.sensors));
         let settings = Settings {
@@ -57,7 +57,7 @@ impl Bench {
         Expected { device: self.device, settings, force_noise_n: self.sensors.force_noise_n }
     }
 
-    /// What the runs with the seeds from `first` on tell of inertance, viscous and Coulomb friction.
+    /// Results for inertance, viscous and Coulomb friction of the runs with the seeds from `first` on.
     pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3], Error> {
         let settings = self.expected().settings;
         let runs = each_seed(seeds, |number| {
@@ -110,7 +110,7 @@ impl Bench {
         Ok(motion.clone().scaled(low))
     }
 
-    /// What a motion takes of the rig.
+    /// What a motion demands of the rig.
     pub fn peaks(&self, motion: &Excitation, duration_s: f64) -> Result<Peaks, Error> {
         let mut peaks = Peaks::default();
         for sample in Simulation::new(self.device, motion.clone(), self.sensors)?.lasting(duration_s) {
@@ -125,7 +125,7 @@ impl Bench {
     }
 }
 
-/// A motion as a shaker gets it: written as a CSV at this rate, and read again.
+/// A motion as a shaker receives it: written as a CSV at this rate, and read again.
 pub fn as_written(planned: &Excitation, rate_hz: f64) -> Result<Excitation, Error> {
     let count = (planned.duration_s() * rate_hz).ceil() as u64;
     let points = (0..=count).map(|k| {

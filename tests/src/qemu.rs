@@ -17,12 +17,12 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 use crate::grid::Error;
 
 const QEMU: &str = "qemu-system-arm";
-/// Time in which the image must answer after its start.
+/// Time within which the image must answer after its start.
 const START_TIME: Duration = Duration::from_secs(20);
 /// Time without any record after which a run has failed.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// The image that `cargo xtask build-firmware` leaves, where it can be run; otherwise the test is skipped
+/// The image that `cargo xtask build-firmware` makes, if it can be run; otherwise the test is skipped
 /// ([`inerter_needs::or_skip`]).
 pub fn image() -> Option<PathBuf> {
     inerter_needs::or_skip(find_image())
@@ -42,7 +42,7 @@ fn find_image() -> Result<PathBuf, String> {
     }
 }
 
-/// One machine at a time: the time limits are those of a machine that has a processor to itself.
+/// One machine at a time: the time limits assume a processor of its own.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// A machine with its file of samples, ended when dropped.
@@ -75,7 +75,7 @@ impl Machine {
         Ok(Self { child, address, samples: file, _turn: turn })
     }
 
-    /// Talks to it.
+    /// Connects to it.
     pub fn connect(&mut self) -> Result<Device, Error> {
         let started = Instant::now();
         loop {
@@ -141,8 +141,8 @@ const BAD_FRAME: &str = "a bad frame";
 /// Damaged runs in a row that count as a fault.
 const RUNS: usize = 3;
 
-/// A run in which every frame arrived whole. A few runs in a hundred have a damaged frame; the cause is not known, and a busy
-/// machine on which QEMU stands still is suspected. Such a run is reported and begun anew.
+/// A run in which every frame arrived whole. A few runs in a hundred have a damaged frame; the cause is unknown, but
+/// QEMU stalling on a busy machine is suspected. Such a run is reported and repeated.
 pub fn undisturbed<T>(mut run: impl FnMut() -> Result<T, Error>) -> Result<T, Error> {
     for _ in 1..RUNS {
         match run() {

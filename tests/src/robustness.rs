@@ -1,4 +1,4 @@
-//! The robustness sheet: one imperfection of rig or device at a time; what the estimator says, and what it notices.
+//! The robustness sheet: one imperfection of rig or device at a time; the estimates, and what the device notices.
 
 use crate::grid::{Error, calibrated, raw, three, truth};
 use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
@@ -6,9 +6,9 @@ use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
-/// Part of the force's peak at which the converter ends.
+/// Fraction of the force's peak at which the converter saturates.
 const CLIPPED: f64 = 0.8;
-/// Residual over that of the undisturbed row from which a person would look twice.
+/// Residual, relative to the undisturbed row's, from which a person would look twice.
 pub const LOUD: f64 = 2.0;
 
 /// One imperfection.
@@ -22,7 +22,7 @@ pub struct Case {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// Whether the converter ends below the force's peak.
+    /// Whether the converter saturates below the force's peak.
     pub clipped: bool,
     /// Relative uncertainty of the force's gain that the settings state.
     pub force_gain_u95: f64,
@@ -112,7 +112,7 @@ impl Case {
         Ok(Sensors { force_min_code: -limit, force_max_code: limit, ..sensors })
     }
 
-    /// Shakes the device and listens, with settings that know nothing of what is wrong.
+    /// Shakes the device and records its estimates, with settings that ignore the fault.
     pub fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
         let sensors = self.sensors(motion, seed)?;
         let settings = Settings {
@@ -158,7 +158,7 @@ impl Case {
 /// Statistics of one case with one motion over its seeds.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Mean error at the end of those that were given; not a number when fewer than two were.
+    /// Mean error at the end of the values given; not a number if fewer than two were.
     pub bias: [f64; 3],
     /// Standard deviation; likewise.
     pub sigma: [f64; 3],
@@ -166,11 +166,11 @@ pub struct Cell {
     pub u95: [f64; 3],
     /// Runs that ended with a value.
     pub given: [usize; 3],
-    /// Part of all published values whose interval covered the truth; none where none was published.
+    /// Fraction of all published values whose interval covered the truth; none if none was published.
     pub coverage: [Option<f64>; 3],
     /// Mean residual \[N\].
     pub residual_n: f64,
-    /// What the device itself says is wrong in at least half of the runs.
+    /// What the device itself reports as wrong in at least half of the runs.
     pub flags: Vec<&'static str>,
 }
 

@@ -1,6 +1,7 @@
-//! A receiver operating characteristic: how many faults a threshold finds, over how many runs without one it calls faulty.
+//! A receiver operating characteristic: the fraction of faults that a threshold finds, against the fraction of clean
+//! runs that it calls faulty.
 
-/// One curve: its name and its points from the strictest threshold on, each the part of false and of true alarms.
+/// One curve: its name and its points from the strictest threshold on, each the fraction of false and of true alarms.
 pub struct Curve {
     /// Name in the legend.
     pub name: String,
@@ -8,12 +9,12 @@ pub struct Curve {
     pub colour: &'static str,
     /// Points.
     pub points: Vec<(f64, f64)>,
-    /// The point at which the instrument stands.
+    /// The operating point of the instrument.
     pub stands: (f64, f64),
 }
 
 impl Curve {
-    /// From the scores of runs without a fault and with one; the instrument calls a run faulty whose score is above 1.
+    /// From the scores of runs without a fault and with one; the instrument calls a run with a score above 1 faulty.
     pub fn of(name: &str, colour: &'static str, clean: &[f64], faulty: &[f64]) -> Self {
         let part = |scores: &[f64], threshold: f64| {
             scores.iter().filter(|score| **score > threshold).count() as f64 / scores.len().max(1) as f64
@@ -28,10 +29,10 @@ impl Curve {
 
 /// Left, top, width and height of the plane \[px\].
 const PLANE: [f64; 4] = [64.0, 16.0, 420.0, 300.0];
-/// The least part of false alarms that is drawn.
+/// The least fraction of false alarms that is drawn.
 const LEAST: f64 = 1e-3;
 
-/// The curves as an SVG, with the part of false alarms on a logarithmic axis.
+/// The curves as an SVG, with the fraction of false alarms on a logarithmic axis.
 pub fn svg(curves: &[Curve]) -> String {
     let [left, top, width, height] = PLANE;
     let x = |part: f64| left + width * (part.max(LEAST) / LEAST).log10() / -LEAST.log10();
@@ -70,7 +71,7 @@ pub fn svg(curves: &[Curve]) -> String {
         let mut points = format!("{:.1},{:.1}", x(0.0), y(0.0));
         let mut last = 0.0;
         for (false_part, true_part) in &curve.points {
-            // A step: nothing is found between two thresholds.
+            // A step: between two thresholds nothing is found.
             points += &format!(" {:.1},{:.1} {:.1},{:.1}", x(*false_part), y(last), x(*false_part), y(*true_part));
             last = *true_part;
         }

@@ -1,25 +1,25 @@
-//! Measured tables: written as Markdown, committed, and compared cell by cell with what is measured anew.
+//! Measured tables: written as Markdown, committed, and compared cell by cell with new measurements.
 
 use crate::grid::Error;
 use std::path::PathBuf;
 
-/// Part by which a figure may differ from the committed one: mathematical libraries differ in the last digits of a
+/// Fraction by which a figure may differ from the committed one: mathematical libraries differ in the last digits of a
 /// sine, which moves a few counts of a run.
 pub const TOLERANCE: f64 = 0.02;
 
-/// What is to be done with a table.
+/// What to do with a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
-    /// All of it is measured, and compared with the committed one.
+    /// Measure all of it, and compare with the committed table.
     Compare,
-    /// The first of its rigs is, as long as all would take too long.
+    /// Measure only the first of its rigs, because all take too long; compare its sections.
     CompareShort,
-    /// All of it is measured and written.
+    /// Measure all of it and write it.
     Update,
 }
 
-/// Writes `text` as `docs/tables/NAME.md`, or compares with it and says what differs. True when all that was measured is
-/// as committed. `keys` is the number of columns that name a row.
+/// Writes `text` as `docs/tables/NAME.md`, or compares with it and reports differences. True if everything that was
+/// measured is as committed. `keys` is the number of columns that name a row.
 pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/tables/{name}.md"));
     if asked == Asked::Update {
@@ -32,14 +32,15 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
         format!("cannot read {}: {error}; make it by `cargo xtask {name} --update`", path.display())
     })?;
     let differences = match asked {
-        Asked::CompareShort => changed(&rows(&committed, keys), &rows(text, keys)),
+        Asked::CompareShort => differences_in_part(&committed, text, keys),
         Asked::Compare | Asked::Update => differences(&committed, text, keys),
     };
     for line in &differences {
         eprintln!("{line}");
     }
     if differences.is_empty() {
-        println!("{name}: as in docs/tables/{name}.md");
+        let part = if asked == Asked::CompareShort { "the first rig is " } else { "" };
+        println!("{name}: {part}as in docs/tables/{name}.md");
     } else {
         eprintln!(
             "{name}: {} figures left docs/tables/{name}.md; when the change is meant, run `cargo xtask {name} --update` \
@@ -69,12 +70,12 @@ pub fn asked_or_short(name: &str) -> Result<Asked, Error> {
     }
 }
 
-/// Three digits of a number; nothing of what is none.
+/// Three digits of a number; a dash if it is not finite.
 pub fn significant(value: f64) -> String {
     if value.is_finite() { format!("{value:.*}", decimals(value)) } else { "-".into() }
 }
 
-/// A mean to the digits of its scatter.
+/// A mean with as many digits as its scatter allows.
 pub fn mean(bias: f64, sigma: f64) -> String {
     if bias.is_finite() { format!("{bias:.*}", decimals(sigma)) } else { "-".into() }
 }
@@ -92,36 +93,46 @@ pub fn line(cells: &[String]) -> String {
     format!("| {} |\n", cells.join(" | "))
 }
 
-/// A row: its name, by section and leading cells, which of the rows of this name it is, and the other cells with the heads of their columns,
-/// which may be alike as well.
-type Row = ((String, usize), Vec<(String, String)>);
-
-/// Cells of the second document that are not those of the first within the tolerance, and rows of one of them only.
-pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
-    let (committed, now) = (rows(committed, keys), rows(now, keys));
-    let mut differences = changed(&committed, &now);
-    for ((name, place), cells) in &committed {
-        match now.iter().find(|((other, other_place), _)| other == name && other_place == place) {
-            Some((_, now)) if now.len() >= cells.len() => {}
-            Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
-            None => differences.push(format!("{name}: in the table, no longer measured")),
-        }
-    }
-    differences
+/// A row of a table.
+struct Row {
+    section: String,
+    /// Section and leading cells.
+    name: String,
+    /// Its number among the rows of this name.
+    place: usize,
+    /// The other cells with the heads of their columns, which may also be alike.
+    cells: Vec<(String, String)>,
 }
 
-/// Cells of the second rows that are not those of the first.
-fn changed(committed: &[Row], now: &[Row]) -> Vec<String> {
+/// Cells of the second document that differ from the first's beyond the tolerance, and rows that are in only one of
+/// them.
+pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
+    between(&rows(committed, keys), &rows(now, keys))
+}
+
+/// The same for those sections of the first document that the second has; it must have one.
+fn differences_in_part(committed: &str, now: &str, keys: usize) -> Vec<String> {
+    let now = rows(now, keys);
+    if now.is_empty() {
+        return vec!["nothing was measured".into()];
+    }
+    let mut committed = rows(committed, keys);
+    committed.retain(|row| now.iter().any(|other| other.section == row.section));
+    between(&committed, &now)
+}
+
+fn between(committed: &[Row], now: &[Row]) -> Vec<String> {
+    let is_same = |one: &Row, other: &Row| one.name == other.name && one.place == other.place;
     let mut differences = Vec::new();
-    for (key, cells) in now {
-        let (name, _) = key;
-        let Some((_, before)) = committed.iter().find(|(other, _)| other == key) else {
+    for row in now {
+        let Row { name, cells, .. } = row;
+        let Some(before) = committed.iter().find(|other| is_same(other, row)).map(|before| &before.cells) else {
             differences.push(format!("{name}: not in the table"));
             continue;
         };
         let find = |column: &str| before.iter().find(|(other, _)| other == column).map_or("", |(_, cell)| cell);
         for (place, (column, cell)) in cells.iter().enumerate() {
-            // A mean is as uncertain as its scatter says.
+            // A mean is as uncertain as its scatter.
             let beside = match column.strip_suffix("bias") {
                 Some(of) => find(&format!("{of}sigma")).parse().unwrap_or(0.0),
                 None => 0.0,
@@ -130,6 +141,14 @@ fn changed(committed: &[Row], now: &[Row]) -> Vec<String> {
             if !same(before, cell, beside) {
                 differences.push(format!("{name}: {column} {cell}, the table says {before}"));
             }
+        }
+    }
+    for row in committed {
+        let name = &row.name;
+        match now.iter().find(|other| is_same(other, row)) {
+            Some(now) if now.cells.len() >= row.cells.len() => {}
+            Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
+            None => differences.push(format!("{name}: in the table, no longer measured")),
         }
     }
     differences
@@ -154,15 +173,16 @@ fn rows(markdown: &str, keys: usize) -> Vec<Row> {
                 .filter(|name| !name.is_empty())
                 .chain(cells.iter().take(keys).map(String::as_str));
             let name = name.collect::<Vec<_>>().join(", ");
-            let before = rows.iter().filter(|((other, _), _)| *other == name).count();
-            rows.push(((name, before), head.iter().cloned().zip(cells).skip(keys).collect()));
+            let place = rows.iter().filter(|row| row.name == name).count();
+            let cells = head.iter().cloned().zip(cells).skip(keys).collect();
+            rows.push(Row { section: section.into(), name, place, cells });
         }
     }
     rows
 }
 
-/// Numbers agree within the tolerance, of `beside` where that is greater, and a unit of their last digit, as both may have
-/// been rounded the other way; words to the letter.
+/// Numbers agree within the tolerance, relative to `beside` if that is greater, and one unit of their last digit, as
+/// either may have been rounded the other way; words must be identical.
 fn same(before: &str, now: &str, beside: f64) -> bool {
     let number = |cell: &str| {
         let cell = cell.trim_matches('*');
@@ -200,10 +220,13 @@ mod tests {
 
     #[test]
     fn a_part_of_a_table_is_compared_alone() {
-        let part = |now: &str| changed(&rows(TABLE, 1), &rows(now, 1));
-        assert!(part("## one\n\n| a | b | c |\n|---|--:|---|\n| y | - | no |\n").is_empty());
-        assert_eq!(part("## one\n\n| a | b | c |\n|---|--:|---|\n| y | 1 | no |\n"), ["one, y: b 1, the table says -"]);
-        assert_eq!(part("## two\n\n| a | b | c |\n|---|--:|---|\n| y | - | no |\n"), ["two, y: not in the table"]);
+        let table = format!("{TABLE}\n## two\n\n| a | b |\n|---|--:|\n| z | 7 |\n");
+        assert_eq!(differences_in_part(&table, TABLE, 1), [""; 0]);
+        assert_eq!(differences_in_part(&table, &TABLE.replace("1.50", "1.60"), 1).len(), 1);
+        let gone = TABLE.replace("| y | - | no |\n", "");
+        assert_eq!(differences_in_part(&table, &gone, 1), ["one, y: in the table, no longer measured"]);
+        assert_eq!(differences_in_part(&table, &TABLE.replace("one", "three"), 1).len(), 2);
+        assert_eq!(differences_in_part(&table, "", 1).len(), 1);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Machines of any size whose force is late, and what is found of that.
+//! Machines of any size with a delayed force, and the delay found.
 
 use crate::grid::{Error, raw};
 use inerter_analysis::skew::{Skew, SkewError, skew};
@@ -17,10 +17,10 @@ use std::f64::consts::TAU;
 
 /// Length of a run \[s\].
 const DURATION_S: f64 = 20.0;
-/// Velocity and acceleration of the motions over their rms, with room.
+/// Velocity and acceleration of the motions relative to their rms, with room.
 const PEAKS: f64 = 12.0;
 
-/// Kinds of friction and contact, each as often as it stands here.
+/// Kinds of friction and contact; a kind is drawn as often as it is listed.
 const DEVICES: [&str; 7] = ["Coulomb", "Coulomb", "presliding", "Stribeck", "uneven", "servo", "backlash"];
 /// Kinds of motion.
 const MOTIONS: [&str; 5] = ["random", "multi", "two", "moves", "chirp"];
@@ -31,17 +31,17 @@ pub struct Case {
     pub device: &'static str,
     /// Kind of motion.
     pub motion: &'static str,
-    /// What happens.
+    /// Device, motion and instruments.
     pub setup: Setup,
 }
 
-/// What came of one.
+/// Result for one case.
 pub struct Found {
     /// Estimator's result without the skew.
     pub before: Outcome,
     /// The skew.
     pub skew: Result<Skew, SkewError>,
-    /// Estimator's result with the found skew and its interval in use.
+    /// Estimator's result with the found skew and its interval applied.
     pub after: Option<Outcome>,
 }
 
@@ -51,7 +51,7 @@ impl Case {
         self.setup.sensors.delay_s
     }
 
-    /// Moves the machine, and looks for the skew.
+    /// Moves the machine, and determines the skew.
     pub fn found(&self) -> Result<Found, Error> {
         let samples = self.setup.samples()?.map(|sample| raw(&sample)).collect();
         let mut run = Run { settings: self.setup.settings, samples, ..Run::default() };
@@ -72,7 +72,7 @@ fn outcome(run: &Run) -> Result<Outcome, Error> {
     Ok(replay(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
-/// A device and its instruments in a motion, by settings that are true but for the skew.
+/// A device and its instruments in a motion, with settings that are true except for the skew.
 pub fn case(
     (device, parameters): (&'static str, Inerter),
     sensors: Sensors,
@@ -84,8 +84,8 @@ pub fn case(
     Ok(Case { device, motion, setup })
 }
 
-/// The axis of a servo motor: 2e-4 kg m^2 and torques below 0.1 N m at 1 kHz with 20 bits a turn; friction is greater at low speed,
-/// turns over 0.2 mrad, and differs by direction.
+/// The axis of a servo motor: 2e-4 kg m^2 and torques below 0.1 N m at 1 kHz with 20 bits per turn; friction is greater
+/// at low speed, has a presliding distance of 0.2 mrad, and differs by direction.
 pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case, Error> {
     let parameters = Inerter {
         inertance_kg: 2e-4,
@@ -131,7 +131,7 @@ impl Draw {
         low + (high - low) * self.unit()
     }
 
-    /// Evenly over the magnitudes.
+    /// Log-uniform.
     fn magnitude(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
@@ -141,7 +141,7 @@ impl Draw {
     }
 }
 
-/// A motion with the size of its stroke \[m\], its velocity \[m/s\] and its acceleration \[m/s^2\].
+/// A motion with the scale of its stroke \[m\], velocity \[m/s\] and acceleration \[m/s^2\].
 struct Shaken {
     kind: &'static str,
     text: String,
@@ -180,8 +180,8 @@ fn motion(draw: &mut Draw) -> Shaken {
     Shaken { kind, text, stroke_m, velocity, acceleration, highest_hz }
 }
 
-/// A machine of 3 mg m^2 to 500 kg in a motion of its own, with noise of 0.02 to 5 % of its force and 300 to 300 000 counts in its
-/// stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early.
+/// A machine of 3 mg m^2 to 500 kg in its own motion, with noise of 0.02 to 5 % of its force and 300 to 300 000 counts
+/// in its stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early.
 pub fn drawn(seed: u64) -> Result<Case, Error> {
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed));
     let shaken = motion(&mut draw);

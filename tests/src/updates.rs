@@ -1,4 +1,4 @@
-//! What the estimator has taken in, update by update, read back from the exact sums that core publishes.
+//! The updates that the estimator has taken, read back one by one from the exact sums that core publishes.
 
 use crate::{grid::Error, linear::Cholesky};
 use inerter_core::{Bank, RawSample, Settings, State};
@@ -6,7 +6,7 @@ use inerter_core::{Bank, RawSample, Settings, State};
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
 pub type Row = [f64; 5];
 
-/// The rows of all updates of one bank since its memory last began anew.
+/// The rows of all updates of one bank since its memory was last reset.
 pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
     let active = settings.validate()?;
     let mut state = Box::new(State::new(&active));
@@ -18,7 +18,7 @@ pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Ve
             (rows, column) = (Vec::new(), [0; 5]);
         }
         if sums.updates as usize > rows.len() {
-            // What the products with the constant grew by.
+            // Increments of the products with the constant.
             let now = [6, 7, 8, 9, 13].map(|place: usize| sums.sums[place]);
             let constant = 2_f64.powi(30);
             rows.push(std::array::from_fn(|i| (now[i] - column[i]) as f64 / constant * sums.units[i]));
@@ -42,7 +42,7 @@ pub fn fit<'a>(rows: impl Iterator<Item = &'a Row>) -> Option<[f64; 4]> {
     Some(Cholesky::of(&gram, 1e-13)?.solve(&right))
 }
 
-/// What these parameters leave of a row's force \[N\].
+/// Residual of a row's force with these parameters \[N\].
 pub fn left(values: &[f64; 4], row: &Row) -> f64 {
     row[4] - values.iter().zip(row).map(|(value, regressor)| value * regressor).sum::<f64>()
 }
@@ -59,7 +59,7 @@ mod tests {
     use crate::grid::{MOTIONS, RIGS, calibrated, raw, simulation};
     use inerter_plant::Inerter;
 
-    /// The fit to the rows is the fit of core, but for what it gives back of the encoder's steps.
+    /// The fit to the rows is core's fit, except for core's correction for the encoder's steps.
     #[test]
     fn the_rows_are_those_of_the_estimate() {
         let (device, motion) = (Inerter::paper(), &MOTIONS[4]);

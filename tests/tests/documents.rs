@@ -54,7 +54,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "coverage",
         "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
-        "it stands in {named} of them all, and {held} of these hold",
+        "it is made in {named} of all cells, and {held} of those hold",
     ),
     validation(
         "merge",

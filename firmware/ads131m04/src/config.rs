@@ -1,10 +1,10 @@
-//! What the chip is set up to do, and which of it is possible.
+//! The chip's configuration, and what is possible.
 
 use crate::filter::Osr;
 use crate::frame::CHANNELS;
 use crate::registers::{Channel, Gain, Register, cfg, clock, mode};
 
-/// Power mode: more of it allows a faster clock and less noise.
+/// Power mode: a higher one allows a faster clock and less noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[repr(u8)]
 pub enum Power {
@@ -18,8 +18,8 @@ pub enum Power {
 }
 
 impl Power {
-    /// Fastest CLKIN \[Hz\]. SBAS890, "Recommended Operating Conditions"; 8.4 MHz there holds for the low gains alone
-    /// in the eight-channel sister (SBAS950), so 8.2 MHz for all.
+    /// Fastest CLKIN \[Hz\]. SBAS890, "Recommended Operating Conditions"; the 8.4 MHz there applies to the low gains
+    /// only in the eight-channel sister chip (SBAS950), so 8.2 MHz for all.
     const fn clkin_max_hz(self) -> u32 {
         match self {
             Self::VeryLow => 2_080_000,
@@ -40,7 +40,7 @@ pub struct Config {
     pub power: Power,
     /// Gain of each channel.
     pub gains: [Gain; CHANNELS],
-    /// Delay of each channel \[tMOD\], against the others; negative is earlier. Within half an OSR and -512 to 511.
+    /// Delay of each channel \[tMOD\], relative to the others; negative is earlier. Within half an OSR and -512 to 511.
     pub phases: [i16; CHANNELS],
     /// Subtracted from each conversion \[codes\], 24 bits.
     pub offsets: [i32; CHANNELS],
@@ -109,7 +109,7 @@ pub(crate) const SETUP_REGISTERS: usize = 5 + 5 * CHANNELS;
 pub(crate) const MODE: u16 = mode::REGCRC_EN | mode::RX_CRC_EN | mode::WLENGTH_24 | mode::TIMEOUT;
 
 impl Config {
-    /// Whether the chip can do it.
+    /// Whether the chip supports it.
     pub fn check(&self) -> Result<(), ConfigError> {
         let (min, max) = (300_000, self.power.clkin_max_hz());
         if !(min..=max).contains(&self.clkin_hz) {
@@ -135,7 +135,7 @@ impl Config {
         self.osr.data_rate_hz(self.clkin_hz)
     }
 
-    /// What set-up writes before MODE, in this order.
+    /// Registers that set-up writes before MODE, in this order.
     pub(crate) fn registers(&self) -> [(Register, u16); SETUP_REGISTERS] {
         let gains = (0..CHANNELS).map(|channel| (self.gains[channel] as u16) << (4 * channel)).sum();
         let mut list = [(Register::Gain, gains); SETUP_REGISTERS];

@@ -1,4 +1,4 @@
-//! The conversation with the chip.
+//! Communication with the chip.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal_async::delay::DelayNs;
@@ -10,7 +10,7 @@ use crate::filter::Osr;
 use crate::frame::{CHANNELS, Command, Damage, Frame, Reply, decode, word};
 use crate::registers::{ID, ID_MASK, Register, Status};
 
-/// SYNC/RESET held low for so many CLKIN periods is a reset; less is a resynchronisation.
+/// SYNC/RESET held low for this many CLKIN periods is a reset; less is a resynchronisation.
 pub(crate) const RESET_CLKIN: u32 = 2048;
 /// From power or the end of a reset to the first frame \[us\]: 250 for power-on, 5 for the registers
 /// (SBAS890, "Switching Characteristics", tPOR and tREGACQ), doubled.
@@ -44,9 +44,9 @@ enum State {
 /// The chip behind an SPI device (mode 1, up to 25 MHz, chip select held for each transfer) and its SYNC/RESET pin.
 ///
 /// Nothing blocks: all waiting is the SPI's and the delay's. **Cancel safety**: every future here may be dropped at any
-/// point; the object stays usable. A read that was dropped may have taken its conversion with it: treat it as lost and
-/// [`drain`](Self::drain). A set-up that was dropped leaves the chip not running: [`init`](Self::init) again.
-/// What the transport does with a transfer that was cut off is its own matter; the chip drops a frame that ends early.
+/// point; the object stays usable. A dropped read may have consumed its conversion: treat it as lost and call
+/// [`drain`](Self::drain). A dropped set-up leaves the chip not running: call [`init`](Self::init) again.
+/// How a transfer that was cut off is handled is up to the transport; the chip drops a frame that ends early.
 #[derive(Debug)]
 pub struct Ads131m04<SPI, RESET> {
     spi: SPI,
@@ -60,17 +60,17 @@ pub struct Ads131m04<SPI, RESET> {
 }
 
 impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
-    /// Takes the bus and the pin; says nothing to the chip yet.
+    /// Takes the bus and the pin; does not talk to the chip yet.
     pub const fn new(spi: SPI, reset: RESET, config: Config) -> Self {
         Self { spi, reset, config, state: State::Down, cut_off: false, unsettled: Osr::SETTLING }
     }
 
-    /// What the chip is, or will be, set up with.
+    /// The configuration that the chip has, or will get.
     pub const fn config(&self) -> &Config {
         &self.config
     }
 
-    /// Gives bus and pin back. The chip stays as it is.
+    /// Returns bus and pin. The chip stays as it is.
     pub fn release(self) -> (SPI, RESET) {
         (self.spi, self.reset)
     }
@@ -78,17 +78,17 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
     /// Resets the chip by its pin, makes sure that it is an ADS131M04, writes every register, reads each back, turns
     /// both CRCs on and locks the interface. Takes about 4 ms. The clock at CLKIN must run.
     ///
-    /// The encoder counts of before do not belong to the conversions of after: reset the matched position.
+    /// Encoder counts from before do not belong to conversions from after: reset the matched position.
     pub async fn init(&mut self, delay: &mut impl DelayNs) -> Result<(), Error<SPI::Error, RESET::Error>> {
         self.state = State::Down;
         self.config.check().map_err(Error::Config)?;
         self.reset.set_low().map_err(Error::Pin)?;
-        // Half as long again as the chip asks for.
+        // Half as long again as the chip requires.
         delay.delay_us((RESET_CLKIN * 3 / 2) * 1_000 / (self.config.clkin_hz / 1_000) + 1).await;
         self.reset.set_high().map_err(Error::Pin)?;
         delay.delay_us(START_US).await;
 
-        // The acknowledge comes once; a chip that somebody asked before still says RESET in its status.
+        // The acknowledge comes only once; a chip that has already sent it still shows RESET in its status.
         let response = self.exchange(NULL).await?.response;
         let status = Status(response);
         let acknowledged = response & 0xFFF0 == word::RESET_DONE;
@@ -107,9 +107,9 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         self.start().await
     }
 
-    /// Brings another configuration into the running chip, without a reset.
+    /// Writes another configuration into the running chip, without a reset.
     ///
-    /// Where this fails the chip is not running: [`init`](Self::init).
+    /// If this fails the chip is not running: call [`init`](Self::init).
     pub async fn configure(&mut self, config: Config) -> Result<(), Error<SPI::Error, RESET::Error>> {
         config.check().map_err(Error::Config)?;
         if self.state != State::Running {
@@ -124,7 +124,7 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
 
     /// Reads one conversion. Call it once for each DRDY edge, before the next.
     ///
-    /// Checks the frame's CRC, that the chip accepted the frame before, that it still is locked, was not reset, did not
+    /// Checks the frame's CRC, that the chip accepted the frame before, that it is still locked, was not reset, did not
     /// restart and has a new conversion on each channel.
     pub async fn read(&mut self) -> Result<Conversion, Error<SPI::Error, RESET::Error>> {
         let (status, channels) = self.status().await?;
@@ -136,11 +136,11 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         Ok(Conversion { channels, status, settled })
     }
 
-    /// Reads until the chip holds nothing, and gives the number of conversions thrown away.
+    /// Reads until the chip holds nothing, and returns the number of conversions discarded.
     ///
-    /// Right after a [`read`](Self::read) it must be 0; more means that the frames had fallen behind the edges, and the
-    /// conversions since the last check were late. Takes one frame then. Where a DRDY edge fell while this ran, its
-    /// conversion may still lie in the chip: call it again.
+    /// Right after a [`read`](Self::read) it must be 0, which takes one frame; more means that the frames had fallen
+    /// behind the edges, and the conversions since the last check were late. If a DRDY edge came while this ran, its
+    /// conversion may still be in the chip: call it again.
     pub async fn drain(&mut self) -> Result<u32, Error<SPI::Error, RESET::Error>> {
         for lost in 0..=FIFO_DEPTH + 1 {
             let (status, _) = self.status().await?;
@@ -151,20 +151,20 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         Err(Error::TooSlow)
     }
 
-    /// Gets frames and DRDY edges in step again after damage, loss or a pause, and gives the number of conversions
-    /// thrown away.
+    /// Brings frames and DRDY edges in step again after damage, loss or a pause, and returns the number of conversions
+    /// discarded.
     ///
-    /// Reads the two-deep output buffer empty, as SBAS890, "Collecting Data for the First Time or After a Pause in Data
-    /// Collection" has it. The other way there, a pulse on SYNC/RESET, is not taken: a pulse that an interrupt
-    /// stretches to 2048 clocks is a reset, and it would move the instants of all conversions to come. A chip that was
-    /// reset or changed is set up anew, as by [`init`](Self::init). The rule about DRDY edges of [`drain`](Self::drain)
-    /// holds.
+    /// Empties the two-deep output buffer, as in SBAS890, "Collecting Data for the First Time or After a Pause in Data
+    /// Collection". The other way given there, a pulse on SYNC/RESET, is not used: a pulse that an interrupt stretches
+    /// to 2048 clocks is a reset, and it would move the instants of all later conversions. A chip that was reset or
+    /// changed is set up again, as by [`init`](Self::init). The rule about DRDY edges of [`drain`](Self::drain)
+    /// applies.
     pub async fn resynchronise(&mut self, delay: &mut impl DelayNs) -> Result<u32, Error<SPI::Error, RESET::Error>> {
         if self.state == State::Standby {
             return Err(Error::NotRunning);
         }
         let mut lost = 0;
-        // Each cause is tolerated once for each frame that may carry it.
+        // Each cause is tolerated once per frame that may carry it.
         for _ in 0..4 {
             match self.drain().await {
                 Ok(more) => return Ok(lost + more),
@@ -216,7 +216,7 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         if read == wrote { Ok(()) } else { Err(Error::NotKept { register, wrote, read }) }
     }
 
-    /// Locks, looks at the status, and begins to count settling conversions.
+    /// Locks, checks the status, and begins to count settling conversions.
     async fn start(&mut self) -> Result<(), Error<SPI::Error, RESET::Error>> {
         self.ask(Command::Lock).await?;
         let status = Status(self.ask(Command::Null).await?);
@@ -231,13 +231,13 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         Ok(())
     }
 
-    /// Exchanges one frame of no command and judges the status that comes with it.
+    /// Exchanges one frame with no command and checks the status that comes with it.
     async fn status(&mut self) -> Result<(Status, [i32; CHANNELS]), Error<SPI::Error, RESET::Error>> {
         if self.state != State::Running {
             return Err(Error::NotRunning);
         }
         if self.cut_off {
-            // The chip's complaint about it.
+            // Takes the chip's error report about it.
             self.exchange(NULL).await?;
         }
         let reply = self.exchange(NULL).await?;
@@ -254,7 +254,7 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         if status.input_crc_error() {
             return Err(Error::CommandCrc);
         }
-        // Writing the registers sets both flags; when the chip gets round to it is not specified.
+        // Writing the registers sets both flags; when the chip does so is not specified.
         if self.unsettled == 0 {
             if status.registers_changed() {
                 self.state = State::Down;
@@ -268,7 +268,7 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         Ok((status, reply.channels))
     }
 
-    /// Sends a command and fetches its response, which is checked where it is known.
+    /// Sends a command and fetches its response, which is checked if it is known beforehand.
     async fn ask(&mut self, command: Command) -> Result<u16, Error<SPI::Error, RESET::Error>> {
         self.exchange(command.frame()).await?;
         let response = self.exchange(NULL).await?.response;

@@ -1,4 +1,4 @@
-//! What can go wrong on the way, and what to do next.
+//! What can go wrong, and what to do next.
 
 use crate::config::ConfigError;
 use crate::registers::{Register, Status};
@@ -12,29 +12,29 @@ pub enum Error<S, P> {
     Pin(P),
     /// The configuration is impossible.
     Config(ConfigError),
-    /// Every bit of the frame is the same: nobody drives the line.
+    /// Every bit of the frame is the same: nothing drives the line.
     NoChip {
         /// The level that DOUT stays at.
         high: bool,
     },
     /// Another chip answers: its reset acknowledge or ID.
     WrongChip {
-        /// What it said, 0xFF24 or 0x24xx expected.
+        /// Its answer; 0xFF24 or 0x24xx was expected.
         response: u16,
     },
     /// The pin did not reset the chip.
     NotReset {
-        /// What the chip said in place of 0xFF24 or a status with RESET.
+        /// The chip's answer in place of 0xFF24 or a status with RESET.
         response: u16,
     },
     /// The frame from the chip was damaged on the way; its conversion is lost.
     FrameCrc {
         /// Last word received.
         received: u32,
-        /// Last word that belongs to the others.
+        /// Last word computed from the others.
         computed: u32,
     },
-    /// The chip says that our frame was damaged on the way.
+    /// The chip reports that our frame was damaged on the way.
     CommandCrc,
     /// A command was not acknowledged.
     Refused {
@@ -43,7 +43,7 @@ pub enum Error<S, P> {
         /// What came back.
         response: u16,
     },
-    /// A register reads back other than written.
+    /// A register does not read back as written.
     NotKept {
         /// Which one.
         register: Register,
@@ -52,7 +52,7 @@ pub enum Error<S, P> {
         /// What it reads.
         read: u16,
     },
-    /// The chip was reset behind our back: it runs with its defaults.
+    /// The chip was reset unexpectedly: it runs with its defaults.
     WasReset {
         /// Its status.
         status: Status,
@@ -74,14 +74,14 @@ pub enum Error<S, P> {
     },
     /// Conversions come faster than they are read.
     TooSlow,
-    /// Asked for before `init` succeeded, or while in standby.
+    /// Requested before `init` succeeded, or while in standby.
     NotRunning,
 }
 
 /// What to do about an [`Error`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recovery {
-    /// Leave this conversion out and go on.
+    /// Leave this conversion out and continue.
     Continue,
     /// `resynchronise`, and treat what lies between as missing.
     Resynchronise,

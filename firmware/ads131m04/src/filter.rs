@@ -9,8 +9,8 @@
 //! | 2048 | 1953.125 | 1 | 512 |
 //! | 4096 | 976.5625 | 3/4 | 768 |
 //!
-//! What the chip adds on top (a modulator sample of 0.25 us is half of it, the time from the end of the filter to DRDY
-//! the rest) is constant and belongs to the setting `skew_s`.
+//! What the chip adds on top (half of it a modulator sample of 0.25 us, the rest the time from the end of the filter to
+//! DRDY) is constant and belongs to the setting `skew_s`.
 
 /// Oversampling ratio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -76,7 +76,7 @@ impl Osr {
         3 * (n - 1) + (m - 1) * n
     }
 
-    /// Conversions that still hold what was before a step: `3` with sinc3 alone, else `2`.
+    /// Conversions after a step that still contain data from before: `3` with sinc3 alone, else `2`.
     /// After a reset two come from the fast-settling filter, so [`SETTLING`](Self::SETTLING) are left out in every
     /// case.
     pub const fn settling(self) -> u32 {
@@ -91,7 +91,7 @@ impl Osr {
     /// Weights of the counts latched by this DRDY edge and the three before, in 256ths.
     ///
     /// They have the mean, the variance and the third moment of the chip's filter: `(M + 2) / 2 M` periods,
-    /// `(M^2 + 2) / 12 M^2` periods squared, and zero. What is left between position and force, up to an OSR
+    /// `(M^2 + 2) / 12 M^2` periods squared, and zero. The mismatch left between position and force, up to an OSR
     /// of 4096 at CLKIN 8 MHz, is under 2 ns and 2.2 ppm for motion up to 16 Hz (test
     /// `position_and_force_have_one_delay_and_one_droop`).
     pub const fn position_taps(self) -> [i16; 4] {
@@ -105,11 +105,11 @@ impl Osr {
     }
 }
 
-/// The encoder's position at the moment that a conversion is of.
+/// The encoder's position at the instant of a conversion.
 ///
-/// Takes the 32-bit count that each DRDY edge latched, wrapping; gives 64ths of a count, wrapping, rounded half up:
-/// within 1/128 count of the weighted mean. Every conversion must push, in order, whether it is used or not; after a
-/// loss, [`reset`](Self::reset).
+/// Takes the 32-bit count that each DRDY edge latched, wrapping; returns 64ths of a count, wrapping, rounded half up:
+/// within 1/128 count of the weighted mean. Push for every conversion, in order, whether it is used or not; after a
+/// loss, call [`reset`](Self::reset).
 #[derive(Clone, Debug)]
 pub struct MatchedPosition {
     taps: [i16; 4],
@@ -124,14 +124,14 @@ impl MatchedPosition {
         Self { taps: osr.position_taps(), before: [0; 3], known: 0 }
     }
 
-    /// Forgets what was: the next position comes with the fourth count.
+    /// Forgets earlier counts: the next position comes with the fourth count.
     pub const fn reset(&mut self) {
         self.known = 0;
     }
 
-    /// Takes the count latched with a conversion and gives that conversion's position \[1/64 count\].
+    /// Takes the count latched with a conversion and returns that conversion's position \[1/64 count\].
     ///
-    /// `None` for the first three, and where the counts lie tens of millions apart, which no encoder does in a period.
+    /// `None` for the first three, and if the counts are tens of millions apart, which no encoder moves in a period.
     pub fn push(&mut self, latched: u32) -> Option<i32> {
         let counts = [latched, self.before[0], self.before[1], self.before[2]];
         self.before = [counts[0], counts[1], counts[2]];
@@ -172,7 +172,7 @@ mod tests {
             }
             out
         };
-        // Boxes by running sums would round; these lengths are short enough to do plainly, on a thinned grid.
+        // Running sums would round; these lengths are short enough for plain convolution, on a thinned grid.
         let thin = 16;
         let mut response = vec![1.0];
         for _ in 0..3 {
@@ -203,8 +203,8 @@ mod tests {
             let total: f64 = response.iter().sum();
             assert!((total - 1.0).abs() < 1e-9);
             let mean: f64 = response.iter().enumerate().map(|(place, weight)| place as f64 * weight).sum();
-            // A cell of the thinned grid stands for 16 modulator samples, 7.5 of them before its middle, and for each
-            // box once.
+            // A cell of the thinned grid stands for 16 modulator samples, with its middle at 7.5, which counts once
+            // per box.
             let delay_tmod = mean * 16.0 + 3.0 * 7.5;
             assert!((delay_tmod * 2.0 - f64::from(osr.group_delay_clkin())).abs() < 1e-6, "{osr:?}");
         }
@@ -225,7 +225,7 @@ mod tests {
             for hz in [0.053, 0.5, 3.2, 8.0, 16.0] {
                 let radians_per_s = TAU * hz;
                 let response = impulse_response(osr);
-                // Places back in time [s], with the constant half modulator samples taken out: 1.5 tMOD in all.
+                // Places back in time [s], less the constant half modulator samples: 1.5 tMOD in all.
                 let length = response.len() as f64;
                 let (n, m) = osr.stages();
                 let nominal_s = period_s * f64::from(3 * n + (m - 1) * n) / (2.0 * ratio);

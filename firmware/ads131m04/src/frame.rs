@@ -18,7 +18,7 @@ pub(crate) const CRC_OFFSET: usize = FRAME_BYTES - WORD_BYTES;
 /// One frame as it is on the wire.
 pub(crate) type Frame = [u8; FRAME_BYTES];
 
-/// What the host asks. The chip answers in the frame after.
+/// A command from the host. The chip answers in the next frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Command {
     Null,
@@ -60,7 +60,7 @@ impl Command {
         }
     }
 
-    /// What the chip must answer, where that is known beforehand.
+    /// What the chip must answer, if that is known beforehand.
     pub(crate) const fn acknowledge(self) -> Option<u16> {
         match self {
             Self::Null | Self::Read(_) => None,
@@ -69,7 +69,7 @@ impl Command {
         }
     }
 
-    /// The frame that carries it. The CRC is always there: a chip that does not check ignores the word.
+    /// The frame that carries it. The CRC is always included: a chip that does not check ignores the word.
     pub(crate) const fn frame(self) -> Frame {
         let mut bytes = [0; FRAME_BYTES];
         let mut end = 0;
@@ -87,10 +87,10 @@ impl Command {
     }
 }
 
-/// What the chip said.
+/// The chip's reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Reply {
-    /// Response to the command of the frame before.
+    /// Response to the command of the previous frame.
     pub response: u16,
     /// Conversions, sign extended.
     pub channels: [i32; CHANNELS],
@@ -105,7 +105,7 @@ pub(crate) enum Damage {
     Crc { received: u32, computed: u32 },
 }
 
-/// Takes a frame from the chip apart.
+/// Decodes a frame from the chip.
 ///
 /// The last word is compared whole, so that each of the 144 bits is covered (test `each_flipped_bit_is_found`).
 pub(crate) fn decode(frame: &Frame) -> Result<Reply, Damage> {

@@ -1,11 +1,11 @@
 //! ADS131M04: four simultaneous 24-bit channels over SPI, every frame checked in both directions.
 //!
-//! Words of the field:
+//! Terms:
 //! - *frame*: six 24-bit words each way while chip select is low. Out: command, CRC, zeros. In: the response to the
 //!   command of the frame *before*, four conversions, CRC.
 //! - *data rate*: `CLKIN / 2 / OSR`, [`Osr`]; *tMOD*: a period of the modulator, `2 / CLKIN`.
-//! - *in step*: the conversion that a frame brings is the one whose DRDY edge was the last. The chip holds two
-//!   conversions, so after a pause a frame brings the older one, and a force that is one period late is a false damper:
+//! - *in step*: the conversion that a frame brings belongs to the latest DRDY edge. The chip holds two conversions, so
+//!   after a pause a frame brings the older one, and a force that is one period late acts as a false damper:
 //!   [`Ads131m04::drain`] and [`Ads131m04::resynchronise`] bring the two in step.
 //!
 //! ```no_run
@@ -32,10 +32,10 @@
 //! # }
 //! ```
 //!
-//! Each file is one room: `frame` the words and their CRC, `registers` the map, `filter` rates and delays, `ratio` the
-//! correction for the excitation, `driver` the conversation, and `mock` the chip's own side of it, for tests.
+//! Files: `frame`, the words and their CRC; `registers`, the map; `filter`, rates and delays; `ratio`, the correction
+//! for the excitation; `driver`, the exchange with the chip; and `mock`, the chip's side of it, for tests.
 //!
-//! Source: Texas Instruments SBAS890 (ADS131M04), by the titles of its sections, for their numbers differ between
+//! Source: Texas Instruments SBAS890 (ADS131M04), cited by section title, as the section numbers differ between
 //! revisions. The automotive ADS131M04-Q1 (SBASA13) has the same registers and filter.
 #![no_std]
 #![forbid(unsafe_code)]

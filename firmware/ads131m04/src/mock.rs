@@ -4,8 +4,8 @@
 //! [`Chip::convert`] whenever [`Chip::period_clkin`] CLKIN periods have passed. Used by this crate's tests and as the
 //! twin's ADS131M04. It proves agreement with our reading of the data sheet, not with silicon. What the data sheet
 //! leaves open and the model decides: a conversion without free room in the two-deep buffer pushes the oldest out; a
-//! frame without a new conversion repeats the last; REG_MAP is set at once; of the STATUS flags those clear
-//! that a STATUS word has told, when all of it has been shifted out.
+//! frame without a new conversion repeats the last; REG_MAP is set at once; STATUS flags that a STATUS word has
+//! reported are cleared once all of it has been shifted out.
 //!
 //! Source: SBAS890, "Programming" and "Register Map".
 
@@ -14,7 +14,7 @@ use crate::filter::Osr;
 use crate::frame::{CHANNELS, FRAME_BYTES, WORD_BYTES, crc, word};
 use crate::registers::{Register, Status, cfg, clock, mode};
 
-/// Registers up to and with the CRC of the map.
+/// Registers up to and including the CRC of the map.
 const REGISTERS: usize = 0x3F;
 /// Longest frame taken: a write of every register, with CRC.
 const LONGEST: usize = (REGISTERS + 2) * WORD_BYTES;
@@ -25,13 +25,13 @@ pub struct Chip {
     registers: [u16; REGISTERS],
     /// Flags of STATUS that are events.
     events: u16,
-    /// Those that the frame on the wire tells.
+    /// Those that the frame on the wire reports.
     told: u16,
     locked: bool,
     standby: bool,
     /// Response that the frame now on the wire, or the next one, begins with; `None` is STATUS.
     response: Option<u16>,
-    /// Registers that a read of several asks for: address and number.
+    /// Registers that a read of several requests: address and number.
     listing: Option<(usize, usize)>,
     selected: bool,
     input: [u8; LONGEST],
@@ -52,7 +52,7 @@ impl Default for Chip {
 }
 
 impl Chip {
-    /// Just powered.
+    /// A chip just powered up.
     pub const fn new() -> Self {
         let mut registers = [0; REGISTERS];
         registers[Register::Id.address() as usize] = 0x2401;
@@ -84,12 +84,12 @@ impl Chip {
         }
     }
 
-    /// Register by address; 0 for one that is not there.
+    /// Register by address; 0 for one that does not exist.
     pub fn register(&self, address: u8) -> u16 {
         if address == Register::Status.address() { self.status().0 } else { self.at(address as usize) }
     }
 
-    /// Overwrites a register behind everybody's back, as a disturbance would.
+    /// Overwrites a register without a command, as a disturbance would.
     pub fn disturb_register(&mut self, address: u8, value: u16) {
         if let Some(register) = self.registers.get_mut(address as usize) {
             *register = value;
@@ -127,10 +127,10 @@ impl Chip {
         1.2 / f64::from(1_u16 << gain)
     }
 
-    /// Code of a voltage between the inputs of a channel, rounded, held at the ends of the range.
+    /// Code of a voltage between the inputs of a channel, rounded, clamped to the range.
     pub fn code(&self, channel: usize, volts: f64) -> i32 {
         let code = volts / self.full_scale_v(channel) * 8_388_608.0;
-        // `as` saturates and takes NaN for 0.
+        // `as` saturates and converts NaN to 0.
         ((code + if code < 0.0 { -0.5 } else { 0.5 }) as i32).clamp(-0x80_0000, 0x7F_FFFF)
     }
 
@@ -139,8 +139,7 @@ impl Chip {
         (!self.standby && self.low_since.is_none()).then(|| self.osr().period_clkin())
     }
 
-    /// Moves SYNC/RESET, `now` being the CLKIN periods since power was applied. A clock that stands still resets
-    /// nothing.
+    /// Moves SYNC/RESET, `now` being the CLKIN periods since power was applied. A stopped clock resets nothing.
     pub fn sync_reset(&mut self, high: bool, now: u64) {
         if !high {
             self.low_since.get_or_insert(now);
@@ -191,7 +190,7 @@ impl Chip {
         if low { self.begin() } else { self.end() }
     }
 
-    /// One byte each way. Not selected, the chip does not drive the line: 0xFF, a pull-up's.
+    /// One byte each way. When not selected, the chip does not drive the line: 0xFF, from a pull-up.
     pub fn shift(&mut self, mosi: u8) -> u8 {
         if !self.selected {
             return 0xFF;
@@ -251,7 +250,7 @@ impl Chip {
         self.output = output;
     }
 
-    /// Carries out what was shifted in.
+    /// Executes what was shifted in.
     fn end(&mut self) {
         if self.shifted < WORD_BYTES {
             return;
@@ -329,7 +328,7 @@ impl Chip {
             let (true, Some(bytes)) = (whole, self.input.get(place..place + 2)) else { break };
             let value = u16::from_be_bytes([bytes[0], bytes[1]]);
             let target = address + offset;
-            // Read-only, reserved or not there: taken, counted, without effect.
+            // Read-only, reserved or nonexistent: accepted and counted, without effect.
             let mask = match target {
                 0x02 => 0x3F1F,
                 0x03 => 0x0F3F,

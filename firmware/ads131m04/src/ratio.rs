@@ -21,8 +21,8 @@ impl core::error::Error for ExcitationFault {}
 /// Multiplies by the ratio of the excitations, in integers.
 ///
 /// Rounds to the nearest code, halves up: within half a code of the exact quotient (test `within_half_a_code`). A
-/// bridge code at either end of the range stays there, so that whoever looks for saturation still sees it; a product
-/// beyond is held at the end.
+/// bridge code at either end of the range stays there, so that saturation remains visible; a product beyond the range
+/// is clamped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ratiometric {
     nominal: i32,
@@ -34,7 +34,7 @@ const MAX: i32 = 0x7F_FFFF;
 
 impl Ratiometric {
     /// For this code of the nominal excitation. `None` under 2^16, where its own noise would show in the quotient, and
-    /// above 6710886, where an excitation a quarter higher could not be told from a saturated one.
+    /// above 6710886, where an excitation a quarter higher would look like a saturated one.
     pub const fn new(nominal: i32) -> Option<Self> {
         if nominal < 1 << 16 || nominal > MAX / 5 * 4 {
             return None;
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn halves_round_up() {
-        // Seven eighths: of 4 it is 3.5, of -4 it is -3.5.
+        // Seven eighths of 4 is 3.5, of -4 it is -3.5.
         let ratio = Ratiometric::new(7 << 17).expect("in range");
         assert_eq!([4, -4, 3, -3].map(|bridge| ratio.correct(bridge, 8 << 17)), [Ok(4), Ok(-3), Ok(3), Ok(-3)]);
     }

@@ -84,7 +84,7 @@ pub mod mode {
     pub const REGCRC_EN: u16 = 1 << 13;
     /// Check the CRC of frames to the chip.
     pub const RX_CRC_EN: u16 = 1 << 12;
-    /// Reset happened; written zero to clear it.
+    /// Reset happened; write zero to clear it.
     pub const RESET: u16 = 1 << 10;
     /// Words of 24 bits.
     pub const WLENGTH_24: u16 = 1 << 8;
@@ -96,7 +96,7 @@ pub mod mode {
 pub mod clock {
     /// All four channels convert.
     pub const ALL_CHANNELS: u16 = 0x0F00;
-    /// Place of OSR\[2:0\].
+    /// Position of OSR\[2:0\].
     pub const OSR_SHIFT: u32 = 2;
 }
 
@@ -144,7 +144,7 @@ impl Gain {
     }
 }
 
-/// The STATUS register, which also is the response to a NULL command.
+/// The STATUS register, which is also the response to a NULL command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Status(pub u16);
 
@@ -155,7 +155,7 @@ impl Status {
     pub const F_RESYNC: u16 = 1 << 14;
     /// The register map changed.
     pub const REG_MAP: u16 = 1 << 13;
-    /// The chip refused the frame before: CRC.
+    /// The chip refused the previous frame: CRC.
     pub const CRC_ERR: u16 = 1 << 12;
     /// Which CRC: 0 CCITT.
     pub const CRC_TYPE: u16 = 1 << 11;
@@ -181,7 +181,7 @@ impl Status {
         self.0 & Self::REG_MAP != 0
     }
 
-    /// Whether the chip refused the frame before.
+    /// Whether the chip refused the previous frame.
     pub const fn input_crc_error(self) -> bool {
         self.0 & Self::CRC_ERR != 0
     }

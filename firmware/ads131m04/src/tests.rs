@@ -1,4 +1,4 @@
-//! Driver and chip against each other.
+//! The driver against the model of the chip.
 
 use core::cell::RefCell;
 use core::convert::Infallible;
@@ -19,7 +19,7 @@ use crate::{Ads131m04, Config, Conversion, Error, Gain, Osr, Recovery};
 
 type AnyError = Error<Infallible, Infallible>;
 
-/// The wires, and what is wrong with them.
+/// The wires, and their faults.
 struct Wires {
     chip: Chip,
     present: Option<bool>,
@@ -30,9 +30,9 @@ struct Wires {
     /// Bit to flip, counted from the beginning of the next frame.
     flip_mosi: Option<usize>,
     flip_miso: Option<usize>,
-    /// Next transfers that never complete: after so many bytes.
+    /// The next transfer never completes: it stops after this many bytes.
     stall_after: Option<usize>,
-    /// Conversions that are done while each of the coming frames is on the wire.
+    /// Conversions that are done while each of the next frames is on the wire.
     convert_in_frame: usize,
     sample: i32,
 }
@@ -260,7 +260,7 @@ fn another_chip_is_refused() {
     let bus = Bus::new();
     bus.with(|wires| wires.chip.disturb_register(0x00, 0x2801));
     let mut adc = bus.driver(config());
-    // The pin's reset would bring the model's own ID back: the clock stands still, the chip stays as it is.
+    // The pin's reset would restore the model's own ID: with the clock stopped, the chip stays as it is.
     bus.with(|wires| wires.clkin_hz = 0);
     assert_eq!(run(adc.init(&mut bus.clone())), Err(Error::WrongChip { response: 0x2801 }));
     assert_eq!(run(adc.read()), Err(Error::NotRunning));
@@ -290,7 +290,7 @@ fn each_bit_flipped_on_the_way_in_is_found() {
 #[test]
 fn each_bit_flipped_on_the_way_out_is_found() {
     let (bus, mut adc) = running();
-    // The command's word with its padding, and the CRC: the chip looks at no more.
+    // The command's word with its padding, and the CRC: the chip checks no more.
     for bit in 0..40 {
         bus.with(|wires| wires.flip_mosi = Some(bit));
         assert!(next(&bus, &mut adc).1.is_ok(), "the damaged frame itself brings a good conversion");
@@ -428,7 +428,7 @@ fn after_a_pause_frames_are_late_until_drained() {
     let (bus, mut adc) = running();
     bus.convert();
     bus.convert();
-    // The trap: this frame's conversion is one period old, and each after it would be.
+    // The trap: this frame's conversion is one period old, and so would be each after it.
     let (sample, conversion) = next(&bus, &mut adc);
     assert_eq!(conversion.expect("sound").channels[0], sample - 1);
     assert_eq!(run(adc.drain()).expect("sound"), 1);
@@ -601,7 +601,7 @@ fn the_chip_answers_a_list_of_registers() {
 fn an_acknowledge_that_somebody_else_took_is_not_missed() {
     let bus = Bus::new();
     bus.with(|wires| {
-        // The clock stands still, so that the pin does not make a new acknowledge.
+        // The clock is stopped, so that the pin does not cause a new acknowledge.
         wires.clkin_hz = 0;
         wires.chip.cs(true);
         let _ = crate::frame::Command::Null.frame().map(|byte| wires.chip.shift(byte));
@@ -610,7 +610,7 @@ fn an_acknowledge_that_somebody_else_took_is_not_missed() {
     run(bus.driver(config()).init(&mut bus.clone())).expect("starts");
 }
 
-/// Answers anything, from a seed; every fourth frame with a CRC that fits.
+/// Answers random bytes, from a seed; one frame in four with a matching CRC.
 struct Babble(u64);
 
 impl Babble {

@@ -1,27 +1,27 @@
-//! Signs of life for a watchdog.
+//! Heartbeats for a watchdog.
 
 use core::pin::Pin;
 use core::sync::atomic::{AtomicU8, Ordering};
 use embassy_futures::select::{Either, select};
 use embassy_time::{Duration, Timer};
 
-/// Longest time that a task waits without a sign of life.
+/// Longest time that a task waits without a heartbeat.
 pub(crate) const BEAT: Duration = Duration::from_millis(250);
 
-/// The tasks that give signs of life, as bits.
+/// The tasks that give heartbeats, as bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Task {
     Sampling = 1,
     Estimating = 2,
     Telemetry = 4,
-    /// Not asked for: without it nothing less is measured.
+    /// Not required: measurement does not depend on it.
     Health = 8,
 }
 
-/// Those without which nothing is measured.
+/// The tasks that measurement depends on.
 const ALL: u8 = Task::Sampling as u8 | Task::Estimating as u8 | Task::Telemetry as u8;
 
-/// Who has gone on lately.
+/// Which tasks have given a heartbeat lately.
 pub(crate) struct Heartbeats(AtomicU8);
 
 impl Heartbeats {
@@ -29,19 +29,19 @@ impl Heartbeats {
         Self(AtomicU8::new(0))
     }
 
-    /// Whether all went on since the last call.
+    /// Whether all required tasks have given a heartbeat since the last call.
     pub fn all_since_last(&self) -> bool {
         self.0.swap(0, Ordering::Relaxed) & ALL == ALL
     }
 
-    /// This task goes on.
+    /// Records a heartbeat of this task.
     pub fn beat(&self, task: Task) {
         self.0.fetch_or(task as u8, Ordering::Relaxed);
     }
 
-    /// Waits for something that ends by itself, with signs of life of this task.
+    /// Waits for a future that completes by itself, giving heartbeats of this task meanwhile.
     ///
-    /// By reference: a future that is handed over is kept twice.
+    /// By reference: a future passed by value would be stored twice.
     pub async fn with_heartbeat<F: Future>(&self, task: Task, mut future: Pin<&mut F>) -> F::Output {
         loop {
             match select(future.as_mut(), Timer::after(BEAT)).await {

@@ -1,4 +1,4 @@
-//! What the tasks share: queues, signals and flags.
+//! State that the tasks share: queues, signals and flags.
 
 use crate::alive::{Heartbeats, Task};
 use crate::board::SourceError;
@@ -18,27 +18,27 @@ use embassy_time::Instant;
 use inerter_core::Settings;
 use inerter_wire::{Event, EventKind, Health, Measure, Samples, Source, Streams};
 
-/// Replies, events, estimates and sums that can wait for the link.
+/// Number of replies, events, estimates and sums that can wait for the link.
 const URGENT: usize = 8;
-/// Batches of raw samples that can wait for the link.
+/// Number of batches of raw samples that can wait for the link.
 const BATCHES: usize = 4;
 
-/// What the tasks share. One per device, in a `static`.
+/// State that the tasks share. One per device, in a `static`.
 pub struct App {
     pub(crate) queue: SampleQueue<QUEUE>,
     pub(crate) control: Signal<CriticalSectionRawMutex, Control>,
     pub(crate) control_done: Signal<CriticalSectionRawMutex, ControlDone>,
-    /// Goes before `batches`.
+    /// Sent before `batches`.
     pub(crate) urgent: Channel<CriticalSectionRawMutex, Outgoing, URGENT>,
     pub(crate) batches: Channel<CriticalSectionRawMutex, Batched, BATCHES>,
     pub(crate) batches_sent: Signal<CriticalSectionRawMutex, ()>,
-    /// What the sampler is to take over; answered by `configured`.
+    /// Settings that the sampler is to apply; answered by `configured`.
     pub(crate) configure: Signal<CriticalSectionRawMutex, Settings>,
     pub(crate) configured: Signal<CriticalSectionRawMutex, Result<(), SourceError>>,
-    /// What the board is to measure of itself; answered by `measured`.
+    /// What the board is to measure about itself; answered by `measured`.
     pub(crate) measure: Signal<CriticalSectionRawMutex, Measure>,
     pub(crate) measured: Signal<CriticalSectionRawMutex, ()>,
-    /// The sampler has taken over the settings in use and has not failed since.
+    /// The sampler has applied the settings in use and has not failed since.
     source_ready: AtomicBool,
     /// A host knows how this run began.
     greeted: AtomicBool,
@@ -95,15 +95,15 @@ impl App {
         &self.link
     }
 
-    /// Whether sampling, estimating and telemetry have all gone on since this was last asked.
+    /// Whether sampling, estimating and telemetry have all given a heartbeat since the last call.
     ///
-    /// For a watchdog. Each goes on at least every 500 ms while all is well, also when the sampler is halted or the host
-    /// does not read; sampling does not while samples are due and none come.
+    /// For a watchdog. Each gives one at least every 500 ms while all is well, even when the sampler is halted or the
+    /// host does not read; sampling gives none while samples are due but do not come.
     pub fn alive(&self) -> bool {
         self.heartbeats.all_since_last()
     }
 
-    /// Saves that the flash may still take now, for [`Start::saves_left`](crate::Start::saves_left) of the run that follows.
+    /// Saves that the flash may take now, for [`Start::saves_left`](crate::Start::saves_left) of the next run.
     pub fn saves_left(&self) -> u8 {
         self.saves.lock(Cell::get).left(Instant::now())
     }
@@ -112,7 +112,7 @@ impl App {
         self.saves.lock(|cell| cell.set(Allowance::with_left(left, Instant::now())));
     }
 
-    /// Takes so many saves, or tells in how many seconds they may be made.
+    /// Takes `saves` from the allowance, or returns in how many seconds they may be made.
     pub(crate) fn take_saves(&self, saves: u8) -> Result<(), u16> {
         self.saves.lock(|cell| {
             let mut allowance = cell.get();
@@ -167,15 +167,15 @@ impl App {
         self.note(|health| health.dropped_frames = health.dropped_frames.saturating_add(1));
     }
 
-    /// Hands a record to the link that nobody asked for: waits for room where the source of samples can wait, else drops
-    /// it and counts.
+    /// Hands the link a record that no host requested: waits for room if the source of samples can wait, else drops and
+    /// counts it.
     ///
-    /// The wait ends because the link is limited in time.
+    /// The wait ends because every write to the link has a time limit.
     pub(crate) fn deliver(&self, by: Task, outgoing: Outgoing) -> impl Future<Output = ()> {
         self.hand_over(by, &self.urgent, outgoing)
     }
 
-    /// [`deliver`](Self::deliver) for raw samples, which go after everything else.
+    /// [`deliver`](Self::deliver) for raw samples, which are sent after everything else.
     pub(crate) fn deliver_samples(&self, by: Task, samples: Samples) -> impl Future<Output = ()> {
         self.hand_over(by, &self.batches, Some(samples))
     }

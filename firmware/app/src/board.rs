@@ -8,22 +8,22 @@ use inerter_wire::{Capabilities, ClockSource, Measure, Measured, Play, Refusal, 
 /// Whether a source of samples can wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pace {
-    /// Samples come by the clock: what is not taken in time is lost, and counted.
+    /// Samples arrive by the clock: those not taken in time are lost, and counted.
     Live,
-    /// Samples wait until they are asked for: none is lost.
+    /// Samples wait until they are requested: none is lost.
     OnDemand,
 }
 
 /// Why a source gave no samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SourceError {
-    /// There are no more; the source in use is then none.
+    /// There are no more samples; no source is then in use.
     Ended,
-    /// The hardware overtook the reader. Samples were lost, the sample counter shows how many, and the next ones come.
+    /// The hardware overtook the reader. Samples were lost; the sample counter shows how many. More samples follow.
     Overrun,
-    /// The channels ran apart and were set right. Samples were lost as by an overrun.
+    /// The channels lost alignment and were realigned. Samples were lost as in an overrun.
     Misaligned,
-    /// The sensor or file cannot be read; the source in use is then none.
+    /// The sensor or file cannot be read; no source is then in use.
     Unreadable,
 }
 
@@ -35,28 +35,28 @@ pub trait SampleSource {
 
     /// Waits for samples, puts them at the front of `into`, returns their number.
     ///
-    /// The future may be dropped while it waits; no sample may get lost by that. A live source whose hardware gives
-    /// nothing must end its wait with [`SourceError::Unreadable`]: after half a second without a sample the device does
-    /// not count as alive.
+    /// The future may be dropped while it waits; that must lose no sample. A live source whose hardware delivers
+    /// nothing must end its wait with [`SourceError::Unreadable`]: after half a second without a sample the device no
+    /// longer counts as alive.
     async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError>;
 
-    /// Takes over what concerns the source: rate, front end, oversampling.
+    /// Applies the settings that concern the source: rate, front end, oversampling.
     ///
     /// Called before the first read and after each change, while the source is halted and the queue is empty: the next
-    /// sample read is the first one under these settings. After an error the source still has the settings before, or
+    /// sample read is the first one under these settings. After an error the source keeps its previous settings or has
     /// none; it is configured again before it is read.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         let _ = settings;
         Ok(())
     }
 
-    /// The source will not be read until it is wanted again, which may be long.
+    /// The source will not be read until it is wanted again, perhaps much later.
     ///
-    /// A live source goes on with a jump of its sample counter then, not with an overrun.
+    /// A live source then resumes with a jump of its sample counter, not with an overrun.
     async fn halt(&mut self) {}
 }
 
-/// A source that lies elsewhere: a task keeps what it is given by value twice.
+/// A source owned elsewhere: a task stores an argument passed by value twice.
 impl<S: SampleSource> SampleSource for &mut S {
     fn pace(&self) -> Pace {
         (**self).pace()
@@ -75,32 +75,32 @@ impl<S: SampleSource> SampleSource for &mut S {
     }
 }
 
-/// Why settings could not be loaded or kept.
+/// Why settings could not be loaded or saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoreError {
     /// The memory cannot be read or written.
     Unreadable,
-    /// What is there was written by a newer firmware.
+    /// The memory holds settings written by a newer firmware.
     Newer,
-    /// What is there is damaged or another program's.
+    /// The memory holds data that is damaged or another program's.
     Foreign,
 }
 
-/// Where settings outlive a restart.
+/// Memory in which settings survive a restart.
 #[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
 pub trait Store {
-    /// The settings last saved; `None` when there never were any. Changes nothing, whatever it finds.
+    /// The settings last saved; `None` when there never were any. Never changes the memory, whatever it finds.
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError>;
 
-    /// Keeps `settings` in place of whatever is there. Whenever power fails, either these or the ones before are loaded
-    /// next.
+    /// Saves `settings` in place of whatever is there. Whenever power fails, the next load gives either these or the
+    /// previous ones.
     async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError>;
 
-    /// Forgets everything, whatever it is.
+    /// Erases everything, whatever it is.
     async fn erase(&mut self) -> Result<(), StoreError>;
 }
 
-/// A store that lies elsewhere: a task keeps what it is given by value twice.
+/// A store owned elsewhere: a task stores an argument passed by value twice.
 impl<S: Store> Store for &mut S {
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
         (**self).load().await
@@ -115,7 +115,7 @@ impl<S: Store> Store for &mut S {
     }
 }
 
-/// For a board that keeps nothing; its capabilities lack [`Capabilities::STORE`].
+/// For a board that saves nothing; its capabilities lack [`Capabilities::STORE`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoStore;
 
@@ -136,23 +136,23 @@ impl Store for NoStore {
 /// How this run of the device began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Start<'a> {
-    /// What ended the run before.
+    /// What ended the previous run.
     pub cause: ResetCause,
     /// The message of the panic that ended it, if one did.
     pub panic: Option<&'a str>,
-    /// Saves that it left for this one ([`App::saves_left`](crate::App::saves_left)), where a host wanted the restart;
+    /// Saves that it left for this run ([`App::saves_left`](crate::App::saves_left)) if a host requested the restart;
     /// otherwise [`SAVES`].
     pub saves_left: u8,
 }
 
 impl Start<'_> {
-    /// Power came.
+    /// Power was applied.
     pub const POWER_ON: Self = Self { cause: ResetCause::PowerOn, panic: None, saves_left: SAVES };
-    /// The firmware restarted itself, as asked.
+    /// The firmware restarted itself, as requested.
     pub const SOFTWARE: Self = Self { cause: ResetCause::Software, panic: None, saves_left: SAVES };
 }
 
-/// For a board that can do whatever [`Settings::validate`] lets pass.
+/// For a board that can do whatever [`Settings::validate`] accepts.
 pub fn accept_all(_settings: &Settings) -> Result<(), SettingsError> {
     Ok(())
 }
@@ -162,7 +162,7 @@ pub fn play_nothing(_play: &Play) -> Result<(u32, u16), Refusal> {
     Err(Refusal::Unsupported)
 }
 
-/// Who the device is; the sample rate of its Hello comes from the settings.
+/// Identity of the device; the sample rate of its Hello comes from the settings.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity<'a> {
     /// Firmware name and version.
@@ -175,21 +175,21 @@ pub struct Identity<'a> {
     pub serial: &'a str,
     /// What the sample clock runs from.
     pub clock: ClockSource,
-    /// What the board can do. Commands beyond it are refused as unsupported; what every board can do is added to it.
+    /// What the board can do; what every board can do is added. Commands beyond that are refused as unsupported.
     pub capabilities: Capabilities,
-    /// Whether the board can do what is asked of it, beyond [`Settings::validate`]; asked before anything changes.
+    /// Whether the board can apply the settings, beyond [`Settings::validate`]; called before anything changes.
     pub accepts: fn(&Settings) -> Result<(), SettingsError>,
-    /// Plays at the board's own inputs; asked for only where the capabilities have [`Capabilities::PLAYER`]. Gives the answer
-    /// of [`Done::Played`](inerter_wire::Done::Played) and the room for knots.
+    /// Plays signals into the board's own inputs; called only if the capabilities have [`Capabilities::PLAYER`].
+    /// Returns the answer of [`Done::Played`](inerter_wire::Done::Played) and the room for knots.
     pub play: fn(&Play) -> Result<(u32, u16), Refusal>,
-    /// What ended the run before this one, told to the first host.
+    /// What ended the previous run; reported to the first host.
     pub start: Start<'a>,
 }
 
-/// What only the board can measure of itself; `None` where it cannot.
+/// Figures that only the board can measure; `None` where it cannot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Share of time that the processor worked since the last call, in thousandths.
+    /// Share of time that the processor was busy since the last call, in thousandths.
     pub cpu_load_permille: Option<u16>,
     /// Stack never used so far, in bytes.
     pub stack_free_bytes: Option<u32>,
@@ -197,7 +197,7 @@ pub struct Figures {
     pub temperature_c: Option<f32>,
 }
 
-/// Share of time that the processor works, between one look and the next.
+/// Share of time that the processor is busy, from one call to the next.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Load {
     now_us: u64,
@@ -205,8 +205,8 @@ pub struct Load {
 }
 
 impl Load {
-    /// Since the last look, in thousandths, of the time and the idle time since the start, in microseconds; `None` when no time
-    /// has passed.
+    /// Share since the last call, in thousandths, from the time and the idle time since the start, in microseconds;
+    /// `None` when no time has passed.
     pub fn permille(&mut self, now_us: u64, idle_us: u64) -> Option<u16> {
         let (elapsed, idle) = (now_us.saturating_sub(self.now_us), idle_us.saturating_sub(self.idle_us));
         *self = Self { now_us, idle_us };
@@ -221,7 +221,7 @@ pub trait Platform {
     /// Measures them; called once a second.
     fn figures(&mut self) -> Figures;
 
-    /// Measures what a host asks for; called where the board has [`Capabilities::MEASURE`]. Must end within 2 s.
+    /// Measures what a host requests; called if the board has [`Capabilities::MEASURE`]. Must end within 2 s.
     async fn measure(&mut self, what: Measure) -> Measured {
         Measured::new(what)
     }
@@ -229,8 +229,8 @@ pub trait Platform {
 
 /// A board, in parts: each goes to the task that uses it.
 ///
-/// The link is two halves. Writing may wait for a reader: the app limits it in time. Reading returns 0 or an error
-/// while nobody is connected, and the app asks again later.
+/// The link has two halves. Writing may wait for a reader; the app limits that wait. Reading returns 0 or an error
+/// while nobody is connected; the app tries again later.
 pub struct Board<'a, S, R, W, K, P>
 where
     S: SampleSource,
@@ -245,15 +245,15 @@ where
     pub receiver: R,
     /// Bytes to the host.
     pub transmitter: W,
-    /// Settings over a restart.
+    /// Settings that survive a restart.
     pub store: K,
     /// Health figures.
     pub platform: P,
-    /// Who it is.
+    /// Identity of the device.
     pub identity: Identity<'a>,
     /// Settings of a device that was never set up.
     pub defaults: Settings,
-    /// Whether the sampler runs from the beginning; else it waits for `Start`.
+    /// Whether the sampler runs from the start; else it waits for `Start`.
     pub autostart: bool,
 }
 

@@ -1,17 +1,17 @@
-//! From conversions to samples: the sums of the analogue front end.
+//! Sums the conversions of the analogue front end into samples.
 //!
 //! Terms:
-//! - *entry*: what one trigger gives: an encoder count and two conversions, latched together.
+//! - *entry*: the result of one trigger: an encoder count and two conversions, latched together.
 //! - *window*: the entries that are summed into one sample.
 //! - *rail*: either end of the converter's range. A window that touches it has lost part of the signal.
 //!
-//! Positions are in 64ths of a count and codes are sums of 64 conversions at every rate, so settings do not depend on it.
+//! Positions are in 64ths of a count and codes are sums of 64 conversions at every rate, so settings suit all rates.
 
 use inerter_core::RawSample;
 
-/// Counts and conversions that a sample is worth, however many were summed: the setting `oversampling`.
+/// Counts and conversions that a sample represents, however many were summed: the setting `oversampling`.
 pub const WEIGHT: u32 = 64;
-/// Greatest conversion of 12 bits.
+/// Largest 12-bit conversion.
 const GREATEST: u16 = 4095;
 /// Force code of a window that touches the lower rail: the setting `force_min_code`.
 pub const LOWER_RAIL: i32 = 0;
@@ -26,11 +26,11 @@ pub const UPPER_RAIL: i32 = (WEIGHT * GREATEST as u32) as i32;
 #[derive(Clone, Debug)]
 pub struct Boxcar {
     window: u32,
-    /// log2 of what brings a sum of `window` entries to [`WEIGHT`].
+    /// log2 of the factor that scales a sum of `window` entries to [`WEIGHT`].
     shift: u32,
-    /// Index of the sample that the window under way will become.
+    /// Index of the sample that the current window will become.
     index: u32,
-    /// Entries of the window under way that have passed.
+    /// Entries of the current window that have passed.
     passed: u32,
     /// Some of them were lost.
     incomplete: bool,
@@ -43,7 +43,7 @@ pub struct Boxcar {
 }
 
 impl Boxcar {
-    /// At the beginning of the first window of 16, 32 or 64 entries: 4, 2 or 1 kHz from 64 kHz.
+    /// At the start of the first window of 16, 32 or 64 entries: 4, 2 or 1 kHz from 64 kHz.
     ///
     /// # Panics
     /// With any other number.
@@ -51,7 +51,7 @@ impl Boxcar {
         Self::starting_at(entries_per_sample, 0)
     }
 
-    /// [`new`](Self::new) whose first sample has this index, to go on where another one stood.
+    /// As [`new`](Self::new), but the first sample has this index, to continue where another boxcar stopped.
     ///
     /// # Panics
     /// As [`new`](Self::new).
@@ -76,9 +76,9 @@ impl Boxcar {
         self.index
     }
 
-    /// Takes the entries that came next and hands over each sample that they complete.
+    /// Takes the next entries and passes each sample that they complete to `into`.
     ///
-    /// The slices are one as long as the other; of longer ones the rest is left out.
+    /// The slices should have the same length; the excess of longer ones is left out.
     pub fn push_half(
         &mut self,
         positions: &[u32],
@@ -105,7 +105,7 @@ impl Boxcar {
         }
     }
 
-    /// So many entries were lost: the windows that they belong to are left out, and the sample counter shows it.
+    /// Skips entries that were lost: the windows that they belong to are left out, and the sample counter shows it.
     pub fn skip(&mut self, entries: u32) {
         if entries == 0 {
             return;
@@ -124,7 +124,7 @@ impl Boxcar {
         (self.least, self.greatest) = (u16::MAX, 0);
     }
 
-    /// Adds slices of one length; a loop for each, so that each is a few instructions per entry.
+    /// Adds slices of equal length; one loop for each, so that each takes a few instructions per entry.
     fn add(&mut self, positions: &[u32], forces: &[u16], terminals: &[u16]) {
         self.position = positions.iter().fold(self.position, |sum, count| sum.wrapping_add(*count));
         for &code in forces {
@@ -159,7 +159,7 @@ mod tests {
     use inerter_core::{RawSample, Settings};
     use std::vec::Vec;
 
-    /// Entries of a screw that turns evenly, and a force that follows the number of the entry.
+    /// Entries of a screw that turns evenly, and a force that follows the entry number.
     struct Entries {
         positions: Vec<u32>,
         forces: Vec<u16>,
@@ -187,7 +187,7 @@ mod tests {
             self.push(0..self.positions.len(), boxcar)
         }
 
-        /// Written down from the definition, a sum at a time.
+        /// Computed from the definition, one sum at a time.
         fn expected(&self, window: usize) -> Vec<RawSample> {
             let worth = (64 / window) as i64;
             let windows = self.positions.len() / window;
@@ -264,7 +264,7 @@ mod tests {
                 }
             }
         }
-        // With the rails for limits, core leaves out such a window and no other.
+        // With the rails as limits, core leaves out such a window and no other.
         let limits = Settings {
             force_min_code: f64::from(LOWER_RAIL),
             force_max_code: f64::from(UPPER_RAIL),
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(entries.all(&mut Boxcar::new(64))[0].terminal_code, UPPER_RAIL - 4_095);
     }
 
-    /// Whatever is lost, wherever: the windows that are whole come out, under their own numbers.
+    /// Whatever is lost, and wherever, the complete windows come out under their own numbers.
     #[test]
     fn windows_that_lost_entries_are_left_out_and_counted() {
         let entries = Entries::even(2_048);

@@ -1,4 +1,4 @@
-//! From requests to replies; owns the settings.
+//! Answers requests; owns the settings.
 
 use crate::app::App;
 use crate::board::{Identity, SourceError, Store};
@@ -23,9 +23,9 @@ const READ: usize = 64;
 const RETRY: Duration = Duration::from_millis(50);
 /// Time that a tare averages, in seconds.
 const TARE_S: f64 = 0.5;
-/// Time in which a tare must have got its samples.
+/// Time within which a tare must get its samples.
 const TARE_LIMIT: Duration = Duration::from_secs(2);
-/// Time that an injected batch waits for room. Longer than the link may hold up the estimator.
+/// Time that an injected batch waits for room. Longer than the link can hold up the estimator.
 const INJECT_LIMIT: Duration = Duration::from_secs(2);
 
 struct Commands<'a, K> {
@@ -33,13 +33,13 @@ struct Commands<'a, K> {
     store: K,
     identity: &'a Identity<'a>,
     in_use: &'a mut InUse,
-    /// Samples taken since the first of the injection.
+    /// Samples accepted since the injection began.
     accepted: u32,
     /// The estimator holds injected samples.
     injected: bool,
 }
 
-/// Answers requests. Nothing that arrives on the link can do more than be refused or counted as a bad frame.
+/// Answers requests. Invalid input on the link is at most refused or counted as a bad frame.
 pub async fn commands(
     app: &App,
     mut link: impl Read,
@@ -54,7 +54,7 @@ pub async fn commands(
     if !app.link.is_mute() {
         commands.greet().await;
     }
-    // A source that did not come up has been told of, or will be.
+    // A source that did not start has been reported, or will be.
     if autostart && app.source_is_ready() {
         let _ = commands.start().await;
     }
@@ -73,7 +73,7 @@ pub async fn commands(
             if is_request && app.link.note_request() && !app.is_greeted() {
                 commands.greet().await;
             }
-            // By reference from here on: a request moved into a future is kept there once more.
+            // By reference from here on: a request moved into a future is stored a second time.
             match &frame {
                 Frame::Message { message, .. } => commands.serve(message).await,
                 Frame::Unknown { request: Some(id), .. } => commands.reply(*id, Err(Refusal::Unsupported)).await,
@@ -89,7 +89,7 @@ pub async fn commands(
 }
 
 impl<K: Store> Commands<'_, K> {
-    /// Tells who this is and how the run began, to whoever is the first to hear it.
+    /// Tells the first host which device this is and how the run began.
     async fn greet(&self) {
         let start = self.identity.start;
         let hung = matches!(start.cause, ResetCause::Watchdog | ResetCause::WindowWatchdog);
@@ -129,7 +129,7 @@ impl<K: Store> Commands<'_, K> {
         if let (Some((restart, _)), Ok(_)) = (restart, result) {
             log!(info, "restart");
             self.app.urgent.send(Outgoing::Restart(restart)).await;
-            // No request after it is executed: its reply would be cut off.
+            // No later request is executed: its reply would be cut off.
             pending::<()>().await;
         }
     }
@@ -179,7 +179,6 @@ impl<K: Store> Commands<'_, K> {
                 self.require(Capabilities::INJECT)?;
                 return self.end_injection().await;
             }
-            // Served where they are known by their effect after the reply.
             Command::FactoryReset => {
                 self.require(Capabilities::STORE)?;
                 self.app.take_saves(FACTORY_RESET).map_err(|wait_s| Refusal::Worn { wait_s })?;
@@ -201,11 +200,12 @@ impl<K: Store> Commands<'_, K> {
             }
             Command::Measure(what) => {
                 self.require(Capabilities::MEASURE)?;
-                // The task that has what it takes sends the record, before it says that it is done.
+                // The task that measures sends the record before it signals that it is done.
                 self.app.measured.reset();
                 self.app.measure.signal(*what);
                 self.app.measured.wait().await;
             }
+            // Handled in `serve`, as they take effect after the reply.
             Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)
@@ -225,15 +225,15 @@ impl<K: Store> Commands<'_, K> {
         }
     }
 
-    /// Asks something of the estimator; [`control_done`](Self::control_done) waits until it is done.
+    /// Sends a control to the estimator; [`control_done`](Self::control_done) waits until it is done.
     ///
-    /// Not one future with it, which would keep the large ones twice.
+    /// Not combined into one future, which would store the large controls twice.
     fn control(&self, control: Control) {
         self.app.control_done.reset();
         self.app.control.signal(control);
     }
 
-    /// Waits for what the estimator does at once.
+    /// Waits until the estimator answers [`ControlDone::Plain`].
     async fn control_done(&self) {
         while self.app.control_done.wait().await != ControlDone::Plain {}
     }
@@ -244,7 +244,7 @@ impl<K: Store> Commands<'_, K> {
         self.event(EventKind::EstimatorReset).await;
     }
 
-    /// Lets the source take over settings; it must be halted.
+    /// Lets the source apply settings; it must be halted.
     async fn configure(&self, settings: &Settings) -> Result<(), SourceError> {
         self.app.configured.reset();
         self.app.configure.signal(*settings);
@@ -255,17 +255,17 @@ impl<K: Store> Commands<'_, K> {
 
     /// Checks settings and puts them in use between two samples, or leaves everything as it was.
     ///
-    /// What concerns the source is changed while the sampler is halted and the queue empty, so that no sample is taken
-    /// for one of other settings than it was made under.
+    /// What concerns the source is changed while the sampler is halted and the queue empty, so that no sample is
+    /// processed under settings other than those it was taken with.
     async fn adopt(&mut self, settings: &Settings) -> Result<(), Refusal> {
         let refusal = |error| Refusal::of_setting(&error, u8::MAX);
-        // Quantised again below: kept over the wait, it would take its room twice.
+        // Quantised again below: kept across the wait, it would be stored twice.
         settings.validate().map_err(refusal)?;
         (self.identity.accepts)(settings).map_err(refusal)?;
         let mut was_sampling = false;
         if concerns_source(&self.in_use.settings, settings) {
             was_sampling = self.app.queue.halt_sampler();
-            // No batch holds samples from before and after.
+            // No batch may hold samples from both before and after.
             self.control(Control::Flush);
             self.control_done().await;
             if self.configure(settings).await.is_err() {
@@ -289,7 +289,7 @@ impl<K: Store> Commands<'_, K> {
         Ok(())
     }
 
-    /// Puts the source back to the settings in use, as far as it can.
+    /// Restores the source to the settings in use, if it can.
     async fn resume(&self, was_sampling: bool) {
         if self.configure(&self.in_use.settings).await.is_err() {
             log!(error, "source unusable");
@@ -365,7 +365,7 @@ impl<K: Store> Commands<'_, K> {
         Ok(Done::Injected { accepted, free })
     }
 
-    /// Gives samples to the estimator; whether all found room.
+    /// Gives samples to the estimator; returns whether all found room.
     fn enqueue(&self, samples: &Samples) -> bool {
         let mut batch = [RawSample::default(); BATCH];
         for (place, sample) in batch.iter_mut().zip(samples.iter().flatten()) {

@@ -1,4 +1,4 @@
-//! From samples to estimates; the only task that touches the estimator.
+//! Turns samples into estimates; the only task that touches the estimator.
 
 use crate::alive::{BEAT, Task};
 use crate::app::App;
@@ -17,7 +17,7 @@ use inerter_wire::{Event, EventKind, SamplesBuilder, Streams};
 /// How long raw samples wait for a full batch.
 const FLUSH_AFTER: Duration = Duration::from_millis(50);
 
-/// What is left of a [`Control`] that takes time.
+/// The remaining work of a [`Control`] that takes time.
 enum Rest {
     Nothing,
     Flush,
@@ -25,7 +25,7 @@ enum Rest {
     Finish,
 }
 
-/// What is to be told, in this order.
+/// Records to be sent, in this order.
 #[derive(Default)]
 struct Due {
     reversal: Option<Reversal>,
@@ -35,7 +35,7 @@ struct Due {
     change: Option<Change>,
     estimate: Option<Estimate>,
     law: Option<Law>,
-    /// The last of what is published, as it completes the rest.
+    /// Published last, as it completes the rest.
     detail: Option<Detail>,
     ended: bool,
 }
@@ -54,19 +54,19 @@ struct Estimating<'a> {
     app: &'a App,
     state: &'a mut State,
     active: &'a mut Active,
-    /// Counted before the last reset of the estimator, whose own counters begin anew.
+    /// Counts from before the last reset of the estimator, which clears its own counters.
     before: Counters,
     tare: Option<Tare>,
     batch: SamplesBuilder,
     flush_at: Option<Instant>,
     /// Samples until sums are next due.
     until_sums: u32,
-    /// Whose they are: each bank's once a second, half a second apart, lest all of them meet in the queue.
+    /// Their bank: each bank's once a second, half a second apart, so that they do not all meet in the queue.
     next_sums: Bank,
     due: Due,
 }
 
-/// Takes samples through the estimator and hands on what it says. `state` is reset first.
+/// Runs samples through the estimator and passes on its output. `state` is reset first.
 pub async fn estimating(app: &App, state: &mut State, active: &mut Active) -> ! {
     let mut estimating = Estimating {
         app,
@@ -113,7 +113,7 @@ impl Estimating<'_> {
         self.count();
     }
 
-    /// Takes a sample through the estimator and notes what is due. No part of the output is copied before it is there.
+    /// Runs a sample through the estimator and notes what is due. No part of the output is copied unless it is there.
     fn step(&mut self, sample: &RawSample, stream: Streams) {
         let Output { published, reversal, warning, change, .. } = &self.active.step(self.state, sample);
         if stream.estimates {
@@ -136,7 +136,7 @@ impl Estimating<'_> {
             self.due.warning = *warning;
         }
         if change.is_some() {
-            // The last of the device before: they begin anew with the next update.
+            // The last sums before the device changed: they start afresh with the next update.
             (self.due.change, self.due.sums) = (*change, Due::BOTH_BANKS);
         }
         if !stream.sums {
@@ -148,7 +148,7 @@ impl Estimating<'_> {
         self.active.settings().sample_rate_hz as u32
     }
 
-    /// Hands on what is due.
+    /// Sends what is due.
     async fn tell(&mut self) {
         while let Some(outgoing) = self.next_due() {
             self.app.deliver(Task::Estimating, outgoing).await;
@@ -188,7 +188,7 @@ impl Estimating<'_> {
         core::mem::take(&mut due.ended).then(|| self.app.event(EventKind::SourceEnded))
     }
 
-    /// Tells the health records what the estimator has counted.
+    /// Copies the estimator's counters to the health record.
     fn count(&self) {
         let (before, now) = (self.before, self.state.counters());
         self.app.note(|health| {
@@ -210,7 +210,7 @@ impl Estimating<'_> {
         }
     }
 
-    /// When there is something to do, or a sign of life to give, without samples.
+    /// When there is something to do, or a heartbeat to give, even if no samples come.
     fn wake_at(&self) -> Instant {
         let beat_at = Instant::now() + BEAT;
         self.flush_at.map_or(beat_at, |flush_at| flush_at.min(beat_at))
@@ -249,7 +249,7 @@ impl Estimating<'_> {
         log!(info, "estimator reset");
     }
 
-    /// Everything of this source has been taken: the last words, after all of its raw samples.
+    /// Ends a source whose samples have all been taken: final records, after all of its raw samples.
     async fn end(&mut self, with_estimate: bool) {
         self.flush().await;
         let sent = pin!(self.app.samples_are_sent());
@@ -263,7 +263,7 @@ impl Estimating<'_> {
         self.tell().await;
     }
 
-    /// Does what takes no time, and says what is left. Kept over a wait a `Control` would take its room twice.
+    /// Does what takes no time, and returns the rest. Kept across a wait, a `Control` would be stored twice.
     fn control(&mut self, control: Control) -> Rest {
         match control {
             Control::Use { active, reset } => {
@@ -288,7 +288,7 @@ impl Estimating<'_> {
         match rest {
             Rest::Nothing => {}
             Rest::Flush => self.flush().await,
-            // Answered when it has run its course.
+            // Answered when the tare is complete.
             Rest::Tare => return,
             Rest::Finish => {
                 loop {

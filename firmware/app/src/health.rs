@@ -1,4 +1,4 @@
-//! How the device is doing, once a second, and what it measures of itself when asked.
+//! Reports the device's health once a second, and what it measures about itself on request.
 
 use crate::alive::Task;
 use crate::app::App;
@@ -11,7 +11,7 @@ use inerter_wire::{Measure, Quantity};
 /// Time between two reports.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// Measures and reports once a second, and measures what a host asks for.
+/// Measures and reports once a second, and measures what a host requests.
 pub async fn health_reports(app: &App, mut platform: impl Platform) -> ! {
     let started = Instant::now();
     let mut ticker = Ticker::every(PERIOD);

@@ -1,14 +1,14 @@
-//! Two links in one: the first while its port is open, else the second.
+//! Combines two links into one: the first while its port is open, else the second.
 //!
 //! Terms:
-//! - *first*, *second*: USB, whose port a host opens and closes, and a UART, which has no such thing.
+//! - *first*, *second*: USB, whose port a host opens and closes, and a UART, which has no such state.
 //! - *session*: the time from one opening or closing of the first link's port to the next.
-//! - *mute*: a link on which no host has said anything valid since it was opened. Nothing is sent there: a terminal that
-//!   was just opened echoes what it receives, and some other program may have it open.
+//! - *mute*: a link on which no host has sent a valid request since it was opened. Nothing is sent on it: a terminal
+//!   that was just opened echoes what it receives, and some other program may have it open.
 //!
 //! What arrives on the link that is not in use is dropped, so that no request waits there to be executed later.
-//! At the beginning of a session the reader finds one delimiter and the writer sends one: a fragment of the
-//! session before spoils nothing.
+//! At the beginning of a session the reader finds one delimiter and the writer sends one, so that a fragment of the
+//! previous session does no harm.
 
 use core::cell::RefCell;
 use core::convert::Infallible;
@@ -32,14 +32,14 @@ const RETRY: Duration = Duration::from_millis(50);
 pub enum Which {
     /// The one with a port that opens and closes.
     First,
-    /// The one that is always there.
+    /// The one that is always available.
     Second,
 }
 
-/// Which link is in use, and whether somebody is there.
+/// Which link is in use, and whether a host is there.
 ///
-/// An [`App`](crate::App) has one. As long as no links were [joined](Self::join) to it, it is for a single link that is
-/// never mute.
+/// An [`App`](crate::App) has one. Until links are [joined](Self::join) to it, it describes a single link that is never
+/// mute.
 pub struct LinkState {
     inner: Mutex<CriticalSectionRawMutex, RefCell<Inner>>,
 }
@@ -49,9 +49,9 @@ struct Inner {
     open: bool,
     /// Counts the sessions, wrapping.
     session: u32,
-    /// Session of the bytes that the reader handed out last.
+    /// Session of the bytes that the reader returned last.
     read_in: u32,
-    /// Whether a host has said something valid: on the first link in this session, on the second ever.
+    /// Whether a host has sent a valid request: on the first link in this session, on the second ever.
     heard: [bool; 2],
     receiver: WakerRegistration,
     transmitter: WakerRegistration,
@@ -68,7 +68,7 @@ impl Inner {
     }
 }
 
-/// Who waits for the next session.
+/// Which half waits for the next session.
 #[derive(Clone, Copy)]
 enum Half {
     Receiver,
@@ -95,10 +95,10 @@ impl LinkState {
         self.inner.lock(|inner| act(&mut inner.borrow_mut()))
     }
 
-    /// Joins two links, each a receiver and a transmitter, into one that is mute until spoken to.
+    /// Joins two links, each a receiver and a transmitter, into one that is mute until a host speaks.
     ///
-    /// Their futures are dropped while they wait when the other link comes into use: no received byte may get lost by
-    /// that. Reading one that cannot be read gives an error or 0 bytes; it is tried again later.
+    /// When the other link comes into use, their waiting futures are dropped; that must lose no received byte. A link
+    /// that cannot be read returns an error or 0 bytes; it is tried again later.
     pub fn join<A: Read, B: Write, C: Read, D: Write>(
         &self,
         first: (A, B),
@@ -114,9 +114,9 @@ impl LinkState {
         (receiver, transmitter)
     }
 
-    /// Tells whether a host has the first link's port open (and the cable is in, and the bus is awake).
+    /// Sets whether a host has the first link's port open (and the cable is in, and the bus is awake).
     ///
-    /// Each change begins a session. To be called from anywhere, also from an interrupt.
+    /// Each change begins a session. May be called from anywhere, including an interrupt.
     pub fn set_open(&self, open: bool) {
         self.with(|inner| {
             if inner.open != open {
@@ -145,7 +145,7 @@ impl LinkState {
         self.with(|inner| inner.session)
     }
 
-    /// A valid request has arrived with the bytes that were read last: the link is mute no longer. Whether it was.
+    /// Notes a valid request in the bytes that were read last: the link is no longer mute. Returns whether it was.
     pub(crate) fn note_request(&self) -> bool {
         self.with(|inner| {
             if !inner.is_mute() || inner.read_in != inner.session {
@@ -182,7 +182,7 @@ impl Default for LinkState {
     }
 }
 
-/// What both links receive, in one; see [`LinkState::join`].
+/// Receiver of the link in use; see [`LinkState::join`].
 pub struct LinkReceiver<'a, A, B> {
     state: &'a LinkState,
     first: A,
@@ -212,7 +212,7 @@ impl<A: Read, B: Read> Read for LinkReceiver<'_, A, B> {
                 Either3::Third(never) => match never {},
             }
         }
-        // Belongs to the session before: it may end a request that came in that.
+        // Belongs to the previous session: it may end a request received in that session.
         self.session = self.state.session();
         let Some(place) = into.first_mut() else { return Ok(0) };
         *place = DELIMITER;
@@ -224,7 +224,7 @@ async fn read(link: &mut impl Read, into: &mut [u8]) -> Result<usize, ErrorKind>
     link.read(into).await.map_err(|error| error.kind())
 }
 
-/// Drops what arrives, for ever.
+/// Drops what arrives, forever.
 async fn drop_all(link: &mut impl Read) -> Infallible {
     let mut dropped = [0; DROPPED];
     loop {
@@ -234,7 +234,7 @@ async fn drop_all(link: &mut impl Read) -> Infallible {
     }
 }
 
-/// What is sent on either link; see [`LinkState::join`].
+/// Transmitter of the link in use; see [`LinkState::join`].
 pub struct LinkTransmitter<'a, A, B> {
     state: &'a LinkState,
     first: A,
@@ -251,13 +251,13 @@ impl<A, B> ErrorType for LinkTransmitter<'_, A, B> {
 }
 
 impl<A: Write, B: Write> LinkTransmitter<'_, A, B> {
-    /// Turns to the session under way; an error when the frame that `bytes` go on with was begun in another.
+    /// Switches to the current session; an error if `bytes` continue a frame that was begun in another.
     fn turn(&mut self, bytes: &[u8]) -> Result<Which, ErrorKind> {
         let (in_use, session, mute) = self.state.with(|inner| (inner.in_use(), inner.session, inner.is_mute()));
         if session != self.session {
             self.session = session;
             self.begun = false;
-            // A delimiter ends the frame; with more behind it, the frame was given up and another one begins.
+            // A lone delimiter ends the frame; with more after it, the frame was abandoned and another one begins.
             if core::mem::take(&mut self.within) && !matches!(bytes, [DELIMITER, _, ..]) {
                 return Err(ErrorKind::NotConnected);
             }
@@ -293,7 +293,7 @@ impl<A: Write, B: Write> Write for LinkTransmitter<'_, A, B> {
             self.begun |= bytes.first() == Some(&DELIMITER);
             let part = if self.begun { bytes } else { &[DELIMITER] };
             match self.send(in_use, part).await {
-                // Another session: the frame begins there, or cannot be ended.
+                // A new session: the frame begins there, or cannot be completed.
                 None => {}
                 Some(Ok(count @ 1..)) if !self.begun => self.begun = count > 0,
                 Some(Ok(count)) => {

@@ -1,27 +1,27 @@
-//! What the tasks say to each other.
+//! Messages between the tasks.
 
 use crate::tare::Tare;
 use inerter_core::{Active, Detail, Estimate, Law, MoreSums, Reversal, Settings, Sums};
 use inerter_wire::{Event, Health, Hello, Measured, Reply, Samples};
 
-/// What the commands ask of the estimator. It is done between two batches, and answered by a [`ControlDone`].
+/// What the command task asks of the estimator: done between two batches, answered by a [`ControlDone`].
 #[allow(clippy::large_enum_variant, reason = "only one exists at a time")]
 pub(crate) enum Control {
     /// Put other settings in use.
     Use {
         active: Active,
-        /// Forget what was gathered under the ones before.
+        /// Forget what was gathered under the previous ones.
         reset: bool,
     },
-    /// Hand on the raw samples that wait for a full batch.
+    /// Send the raw samples that wait for a full batch.
     Flush,
     /// Forget everything.
     Reset,
-    /// Average the force code over so many samples that are not saturated.
+    /// Average the force code over a number of unsaturated samples.
     Tare(Tare),
-    /// Give the averaging up.
+    /// Abandon the averaging.
     CancelTare,
-    /// Take every sample that waits, then publish a final estimate.
+    /// Take every waiting sample, then publish a final estimate.
     Finish,
 }
 
@@ -30,11 +30,11 @@ pub(crate) enum Control {
 pub(crate) enum ControlDone {
     /// Done.
     Plain,
-    /// The averaged force code, for a tare that has run its course.
+    /// The averaged force code, once a tare is complete.
     Tared { force_code: i32 },
 }
 
-/// What a host asked for, to be done by whoever runs the app.
+/// What a host requested, to be done by the app's caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// Restart.
@@ -45,7 +45,7 @@ pub enum Restart {
     Hang,
 }
 
-/// What goes before raw samples: small forms of the records, as many of them wait in a queue.
+/// Sent before raw samples: compact forms of the records, as many of them wait in a queue.
 pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
@@ -60,11 +60,11 @@ pub(crate) enum Outgoing {
     Measured(Measured),
     Sums(Sums),
     MoreSums(MoreSums),
-    /// All that a host must know of the start has gone before this, from [`EventKind::Started`] on.
+    /// Everything that a host must know of the start precedes this, from [`EventKind::Started`] on.
     Greeted,
     /// Everything before this has been sent: end.
     Restart(Restart),
 }
 
-/// What goes after everything else: raw samples, or the wish to know that all before it have been sent.
+/// Sent after everything else: raw samples, or `None` to ask for a signal once all before it have been sent.
 pub(crate) type Batched = Option<Samples>;

@@ -1,8 +1,8 @@
-//! From knots to what the outputs do, step by step: the same on the board that plays and on the host that judges.
+//! Turns knots into outputs, step by step: the same code on the board that plays and on the host that evaluates.
 //!
 //! Input: [`Knot`]s, one for 64 steps. Output: [`Step`]s: two codes of 12 bits and a count. Integers only.
-//! Voltages go in a straight line from knot to knot; what a code leaves is carried to the next step, so that the mean of 64
-//! steps is right to a 64th of a code. Counts go in a straight line too, rounded down, at most one edge a step.
+//! Voltages are linear from knot to knot; the fraction below one code is carried to the next step, so the mean of 64
+//! steps is right to a 64th of a code. Counts are linear too, rounded down, with at most one edge per step.
 
 use inerter_wire::Knot;
 
@@ -10,10 +10,10 @@ use inerter_wire::Knot;
 const VOLTAGE_BITS: u32 = 4 + Knot::STEPS.ilog2();
 /// Fraction bits of a count between knots: 256ths, and 64 steps.
 const COUNT_BITS: u32 = 8 + Knot::STEPS.ilog2();
-/// Greatest code.
+/// Largest code.
 const GREATEST: u32 = 4095;
 
-/// What the outputs are for one step.
+/// The outputs during one step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Step {
     /// Code of the force, 0 to 4095.
@@ -24,14 +24,14 @@ pub struct Step {
     pub count: i32,
 }
 
-/// One voltage on its way.
+/// One voltage between knots.
 #[derive(Clone, Copy, Debug)]
 struct Voltage {
     /// In units of 2^-[`VOLTAGE_BITS`] codes.
     now: i32,
     /// Change in a step.
     slope: i32,
-    /// The knot under way, in sixteenths.
+    /// Code of the next knot, in sixteenths.
     to: u16,
     carry: u32,
 }
@@ -67,7 +67,7 @@ pub struct Player {
 }
 
 impl Player {
-    /// At half the range and the count 0, standing.
+    /// At mid-range and count 0, at rest.
     pub const fn new() -> Self {
         Self { force: Voltage::new(), terminal: Voltage::new(), count: 0, advance: 0, left: 0 }
     }
@@ -77,7 +77,7 @@ impl Player {
         self.left == 0
     }
 
-    /// Heads for the next knot, from the one before.
+    /// Heads for the next knot, from the previous one.
     pub fn head_for(&mut self, knot: &Knot) {
         self.force.head_for(knot.force);
         self.terminal.head_for(knot.terminal);
@@ -85,7 +85,7 @@ impl Player {
         self.left = Knot::STEPS;
     }
 
-    /// What the outputs are next; they stand where there is no knot to head for.
+    /// The next outputs; they hold when there is no knot to head for.
     pub fn step(&mut self) -> Step {
         if self.left == 0 {
             (self.force.slope, self.terminal.slope, self.advance) = (0, 0, 0);
@@ -133,7 +133,7 @@ mod tests {
         assert_eq!(steps[64 * 3 - 1].force, 1000);
         // The middle of a straight line from 0 to 1000, taken at the ends of 64 steps.
         assert!(sum(2).abs_diff(500 * 64 + 500) <= 1, "{}", sum(2));
-        // On from there by 5 sixteenths: 2.5 of them in the mean, 10 codes in 64 steps.
+        // From there by 5 sixteenths: 2.5 of them on average, 10 codes in 64 steps.
         assert!(sum(3).abs_diff(1000 * 64 + 10) <= 1, "{}", sum(3));
         assert!(steps.iter().all(|step| step.terminal <= 4095));
         assert_eq!(steps[255].terminal, 4095);

@@ -1,7 +1,7 @@
-//! Samples on their way to the estimator, from one source at a time.
+//! Queue of samples for the estimator, from one source at a time.
 //!
-//! The queue knows the source in use and takes samples from no other. Changing it is therefore one step, however far
-//! the former source has got with its next batch.
+//! The queue knows the source in use and takes samples from no other. A change of source is therefore a single step,
+//! however far the former source has got with its next batch.
 
 use core::cell::RefCell;
 use core::future::poll_fn;
@@ -13,7 +13,7 @@ use heapless::Deque;
 use inerter_core::RawSample;
 use inerter_wire::{Samples, Source};
 
-/// Samples that a source hands over at once at most, and the most that are processed without a pause for commands.
+/// Most samples that a source hands over at once, and that are processed without a pause for commands.
 pub const BATCH: usize = Samples::MAX_SAMPLES;
 
 /// Samples that can wait for the estimator: 64 ms at 4 kHz.
@@ -36,13 +36,13 @@ struct Inner<const N: usize> {
 /// What [`SampleQueue::take`] found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Taken {
-    /// So many samples, at least 1.
+    /// This many samples, at least 1.
     Samples(usize),
     /// The sampler has ended, and its last sample was taken before.
     Ended,
 }
 
-/// The source that gives samples is not in use any more.
+/// The source that gives samples is no longer in use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NotInUse;
 
@@ -76,7 +76,7 @@ impl<const N: usize> SampleQueue<N> {
 
     /// Puts a source in use; returns the one before.
     ///
-    /// What it had given stays when a sampler is halted or goes on, and is discarded when the link comes or goes.
+    /// Queued samples stay when the sampler halts or resumes, and are discarded when the link comes into or leaves use.
     pub fn change_source(&self, source: Source) -> Source {
         self.with(|inner| {
             let before = inner.source;
@@ -93,7 +93,7 @@ impl<const N: usize> SampleQueue<N> {
         })
     }
 
-    /// Halts the sampler and discards what it had given; whether it was in use. Leaves the link alone.
+    /// Halts the sampler and discards its queued samples; returns whether it was in use. Leaves the link alone.
     pub fn halt_sampler(&self) -> bool {
         self.with(|inner| {
             if inner.source == Source::Link {
@@ -106,7 +106,7 @@ impl<const N: usize> SampleQueue<N> {
         })
     }
 
-    /// The sampler has no more: halts it and tells the taker behind its last sample.
+    /// Halts a sampler that has no more samples, and tells the taker after the last one.
     pub fn end_sampler(&self) {
         self.with(|inner| {
             if inner.source == Source::Sampler {
@@ -117,7 +117,7 @@ impl<const N: usize> SampleQueue<N> {
         });
     }
 
-    /// Waits until the sampler is in use, or is not. For one task only.
+    /// Waits until the sampler is in use, or is not, as `wanted`. For one task only.
     pub async fn sampler_is(&self, wanted: bool) {
         poll_fn(|context| {
             self.with(|inner| {
@@ -167,7 +167,7 @@ impl<const N: usize> SampleQueue<N> {
         .await
     }
 
-    /// Gives what there is room for and returns how many did not fit.
+    /// Gives as many as there is room for and returns how many did not fit.
     pub fn give_now(&self, source: Source, samples: &[RawSample]) -> Result<usize, NotInUse> {
         self.with(|inner| {
             if inner.source != source {
@@ -305,7 +305,7 @@ mod tests {
         }
     }
 
-    /// Polling it again would find the room too: on the board nobody polls who was not woken.
+    /// Polling again would find the room too, but on the board a future that was not woken is not polled.
     #[test]
     fn taking_wakes_a_giver_that_waits_for_room_and_nothing_else_does() {
         let queue = SampleQueue::<4>::new();

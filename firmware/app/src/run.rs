@@ -16,7 +16,7 @@ use inerter_core::{SettingsError, State};
 
 /// Runs the instrument until a host asks for a restart, which is left to the caller.
 ///
-/// An error only when the board's default settings are not valid.
+/// Fails only if the board's default settings are not valid.
 pub async fn run<S, R, W, K, P>(
     app: &App,
     state: &mut State,

@@ -1,4 +1,4 @@
-//! From the board's own source to the queue.
+//! Moves samples from the board's own source to the queue.
 
 use crate::alive::{BEAT, Task};
 use crate::app::App;
@@ -11,16 +11,16 @@ use embassy_time::Timer;
 use inerter_core::RawSample;
 use inerter_wire::{EventKind, Fault, Source};
 
-/// What was reported as an event already; after that it is seen in the health records.
+/// Faults already reported as an event; later ones appear in the health records only.
 #[derive(Default)]
 struct Reported {
     overrun: bool,
     misaligned: bool,
 }
 
-/// Takes samples from the board's source while it is in use, and settings while it is not.
+/// Takes samples from the board's source while it is in use, and configures it while it is not.
 ///
-/// Deadline on a [`Pace::Live`] source: its own buffer, as this task may wait for others on the same executor.
+/// Deadline on a [`Pace::Live`] source: the length of its buffer, as this task may wait for others on its executor.
 pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
     let waits = source.pace() == Pace::OnDemand;
     app.set_sampler_waits(waits);
@@ -40,7 +40,7 @@ pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
             app.heartbeats.beat(Task::Sampling);
             let samples = batch.get(..count).unwrap_or(&batch);
             if waits {
-                // Not in use any more: what was read ahead belongs to nobody.
+                // If it is no longer in use, what was read ahead is dropped.
                 let _ = app.queue.give(Source::Sampler, samples).await;
             } else if let Ok(lost @ 1..) = give_live(app, samples).await {
                 // The sample counter will show the discontinuity.
@@ -52,7 +52,7 @@ pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
     }
 }
 
-/// Lets the halted source take over settings, until samples are wanted of it.
+/// Lets the halted source apply settings, until samples are wanted from it.
 async fn configure_until_wanted(app: &App, source: &mut impl SampleSource) {
     loop {
         app.heartbeats.beat(Task::Sampling);
@@ -93,7 +93,7 @@ async fn source_failed(app: &App, error: SourceError, reported: &mut Reported) {
     }
 }
 
-/// Counts an overrun. The first one of its kind is an event, the others are seen in the health records.
+/// Counts an overrun. The first of its kind is sent as an event; the others appear in the health records only.
 async fn overrun(app: &App, reported: &mut bool, fault: Fault) {
     app.note(|health| health.overruns = health.overruns.saturating_add(1));
     if !core::mem::replace(reported, true) {

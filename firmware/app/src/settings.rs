@@ -1,4 +1,4 @@
-//! Settings in use: what was saved, or the board's defaults.
+//! Settings in use: the saved ones, or the board's defaults.
 
 use crate::board::{Identity, Store, StoreError};
 use crate::logging::log;
@@ -12,15 +12,15 @@ pub struct InUse {
     pub settings: Settings,
     /// Those of a device that was never set up.
     pub defaults: Settings,
-    /// What was wrong with the saved ones, if these are the defaults because of it.
+    /// What was wrong with the saved settings, if the defaults are in use because of it.
     pub fault: Option<Fault>,
 }
 
-/// The saved settings when there are any, they are valid and the board accepts them, else `defaults`, which must be so;
-/// and their quantised form.
+/// The saved settings if there are any, they are valid and the board accepts them, else `defaults`, which must be valid
+/// and accepted; and their quantised form.
 ///
-/// Saved settings that this firmware does not know are left out; those that are missing come from `defaults`. What the
-/// store holds stays as it is.
+/// Saved settings that this firmware does not know are left out; those that are missing come from `defaults`. The
+/// store is not changed.
 pub async fn load_settings(
     store: &mut impl Store,
     identity: &Identity<'_>,
@@ -33,7 +33,7 @@ pub async fn load_settings(
         Ok(None) => None,
         Ok(Some(values)) => {
             let Reading { settings, impossible, .. } = values.read(defaults);
-            // All or nothing: a calibration with one value of another is none.
+            // All or nothing: a calibration with one value from another is not a calibration.
             if impossible == 0
                 && let Ok(active) = check(&settings)
             {
@@ -51,14 +51,14 @@ pub async fn load_settings(
     Ok((InUse { settings: *defaults, defaults: *defaults, fault }, active))
 }
 
-/// `defaults`, whatever is saved: a device that ends at its start again and again may do so because of it.
+/// `defaults`, whatever is saved: the saved settings may be why a device keeps failing at startup.
 pub fn leave_settings_alone(defaults: &Settings) -> Result<(InUse, Active), SettingsError> {
     log!(warn, "the device did not start with the saved settings, defaults in use");
     let in_use = InUse { settings: *defaults, defaults: *defaults, fault: Some(Fault::SettingsLeft) };
     Ok((in_use, defaults.validate()?))
 }
 
-/// Whether a change from `before` to `after` concerns the source of samples, which takes it over while it is halted.
+/// Whether a change from `before` to `after` concerns the source of samples, which applies it while halted.
 pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
     let concerned = |settings: &Settings| (settings.sample_rate_hz, settings.front_end, settings.oversampling);
     concerned(before) != concerned(after)
@@ -66,8 +66,8 @@ pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
 
 /// Whether a change from `before` to `after` makes what the estimator has gathered meaningless.
 ///
-/// All of it does but intervals, averaging time and publish rate: what was gathered is in quantised units, and the
-/// tare and the scales are in them.
+/// Every change does, except of intervals, averaging time and publish rate: what was gathered is in quantised units,
+/// which include the tare and the scales.
 pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
     let unaffected = Settings {
         structure_mass_u95_kg: after.structure_mass_u95_kg,

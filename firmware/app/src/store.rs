@@ -1,35 +1,35 @@
-//! Settings that outlive a restart, in flash.
+//! Settings that survive a restart, in flash.
 //!
 //! Terms:
-//! - *entry*: one set of settings as it lies in flash.
-//! - *generation*: number of an entry. The newest intact one counts; a power failure falls back on the one before.
-//! - *ring*: one half of the pages, filled round and round by `sequential-storage`.
+//! - *entry*: one set of settings as stored in flash.
+//! - *generation*: number of an entry. The newest intact one counts; a power failure falls back to the one before.
+//! - *ring*: one half of the pages, filled cyclically by `sequential-storage`.
 //!
 //! ```text
 //! entry = "inrt" ++ version (u8) ++ generation (u32) ++ length (u16) ++ settings (postcard, length bytes) ++ CRC-32
 //! ```
-//! Little-endian; the CRC is ISO-HDLC's, over all before it. Head and CRC stay so in every version. An entry of length
-//! 0 means in every version that nothing is kept.
+//! Little-endian; the CRC is ISO-HDLC's, over everything before it. Head and CRC are the same in every version. An
+//! entry of length 0 means in every version that nothing is saved.
 //!
 //! **Power failure** at any moment leaves the set before or the set that was being saved; a double word that was being
 //! written, or a page that was being erased, may then hold anything, be unreadable, or look blank and refuse to be
-//! written. One ring is in use. No page is erased that holds the newest entry, and every entry is read back. Where
-//! anything fails in the ring in use, the other ring is erased and takes the entry. A factory reset goes the same way:
-//! an empty entry into the other ring first, so that no older one comes back.
+//! written. One ring is in use. The page that holds the newest entry is never erased, and every entry is read back. If
+//! anything fails in the ring in use, the other ring is erased and takes the entry. A factory reset works the same way:
+//! an empty entry goes into the other ring first, so that no older one comes back.
 //!
 //! **Reading** goes over the pages word by word and depends on nothing but the entries themselves: `sequential-storage`
-//! repairs while it reads, and what is not understood here must stay as it is until the user saves. It takes one read
+//! repairs while it reads, but data not understood here must stay unchanged until the user saves. It takes one read
 //! per word and at most two per entry; whatever the flash holds, each word that begins like an entry costs no more than
 //! one pass over its page.
 //!
 //! **Wear** with 25 settings, pages of 2 KB and rings of 4 pages, as on the STM32G474: 7 entries fit a page, so
 //! every page of the ring is erased once in 28 saves (test `wear_is_as_stated`). The flash endures 10 000 erases of a
-//! page (DS12288, flash memory endurance), hence 280 000 saves. A save of what was last saved writes nothing. The other
-//! ring is erased once per power failure in a save at most, and once per factory reset.
+//! page (DS12288, flash memory endurance), hence 280 000 saves. Saving what was last saved writes nothing. The other
+//! ring is erased at most once per power failure during a save, and once per factory reset.
 //!
-//! **The driver**: `read` gives an error for a word that the error correction gives up (STM32G4: `FLASH_ECCR.ECCD` and
-//! an NMI, RM0440, error code correction of the flash), `write` for one that was not blank; either must work again
-//! elsewhere. The store stays within its pages.
+//! **The driver**: `read` returns an error for a word that the error correction cannot correct (STM32G4:
+//! `FLASH_ECCR.ECCD` and an NMI, RM0440, error code correction of the flash), `write` for one that was not blank; both
+//! must still work elsewhere. The store stays within its pages.
 
 use crate::board::{Store, StoreError};
 use core::ops::Range;
@@ -38,15 +38,15 @@ use inerter_wire::{Crc32, MAX_SETTINGS, SettingsValues};
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage, SerializationError, Value};
 
-/// Form of the settings in an entry. It changes only when an older firmware must not read them; further settings at
-/// the end of the table leave it alone.
+/// Format version of the settings in an entry. It changes only when an older firmware must not read them; settings
+/// appended to the table do not change it.
 const VERSION: u8 = 1;
 const MAGIC: [u8; 4] = *b"inrt";
 /// Magic, version, generation, length.
 const HEAD: usize = 4 + 1 + 4 + 2;
 const CHECKSUM: usize = 4;
 
-/// Greatest word that `sequential-storage` knows (bytes).
+/// Largest word that `sequential-storage` supports (bytes).
 const GREATEST_WORD: usize = 32;
 /// Longest entry of this version, in whole words. The number of settings is one byte, each a number and an f64.
 const BUFFER: usize = (HEAD + 1 + MAX_SETTINGS * (1 + 8) + CHECKSUM).next_multiple_of(GREATEST_WORD);
@@ -83,7 +83,7 @@ impl Ring {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Content {
     Settings,
-    /// Forgotten.
+    /// Erased.
     Nothing,
     /// Settings in a form that this firmware does not know.
     Newer,
@@ -103,7 +103,7 @@ struct Survey {
     /// Nothing was ever written to the ring since it was erased.
     first_blank: bool,
     second_blank: bool,
-    /// A word could be read.
+    /// At least one word could be read.
     readable: bool,
 }
 
@@ -264,7 +264,7 @@ impl<F: NorFlash> FlashStore<F> {
         self.buffer.get(..total).and_then(parse_settings)
     }
 
-    /// Makes `settings`, or nothing, the newest entry: in the first of `rings`, and where that fails in the second.
+    /// Makes `settings`, or nothing, the newest entry: in the first of `rings` or, if that fails, in the second.
     async fn put(
         &mut self,
         survey: &Survey,
@@ -289,7 +289,7 @@ impl<F: NorFlash> FlashStore<F> {
         Err(StoreError::Unreadable)
     }
 
-    /// Tries to write an entry. Whether it succeeded is to be read from the flash.
+    /// Tries to write an entry. The caller must read the flash to learn whether it succeeded.
     async fn append(&mut self, ring: Ring, entry: &Entry<'_>, newest: Option<u32>) {
         let pages = self.pages(ring);
         let flash = Guarded { flash: &mut self.flash, keep: newest };
@@ -305,7 +305,7 @@ impl<F: NorFlash> FlashStore<F> {
 }
 
 impl<F: NorFlash> Store for FlashStore<F> {
-    /// [`StoreError::Foreign`] also for a first save that power failure cut short: nothing older is there.
+    /// [`StoreError::Foreign`] also after a first save that a power failure cut short: nothing older is there.
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
         let survey = self.survey().await;
         match survey.newest {
@@ -320,7 +320,7 @@ impl<F: NorFlash> Store for FlashStore<F> {
         }
     }
 
-    /// Refused while not a word can be read: what is there may be good, and only [`erase`](Store::erase) may end it.
+    /// Refused while no word can be read: the data may be good, and only [`erase`](Store::erase) may destroy it.
     async fn save(&mut self, settings: &SettingsValues) -> Result<(), StoreError> {
         let survey = self.survey().await;
         if !survey.readable {
@@ -358,7 +358,7 @@ impl<F: NorFlash> Store for FlashStore<F> {
     }
 }
 
-/// The flash as `sequential-storage` sees it: the page of the newest entry is not erased, whatever it thinks to repair.
+/// The flash as `sequential-storage` sees it: the page of the newest entry is never erased, not even for a repair.
 struct Guarded<'a, F> {
     flash: &'a mut F,
     keep: Option<u32>,

@@ -2,10 +2,10 @@
 
 use inerter_core::Settings;
 
-/// Force codes on the way to their mean.
+/// Force codes being averaged.
 pub(crate) struct Tare {
     wanted: u32,
-    /// Codes from here on, both ways, are saturated and do not count.
+    /// Codes at or beyond these limits are saturated and do not count.
     least_code: i32,
     greatest_code: i32,
     taken: u32,
@@ -13,13 +13,13 @@ pub(crate) struct Tare {
 }
 
 impl Tare {
-    /// To average so many samples under these settings.
+    /// To average `samples` samples under these settings.
     pub fn new(samples: u32, settings: &Settings) -> Self {
         let (least_code, greatest_code) = (settings.force_min_code as i32, settings.force_max_code as i32);
         Self { wanted: samples.max(1), least_code, greatest_code, taken: 0, sum: 0 }
     }
 
-    /// Adds a code; the mean once there are enough.
+    /// Adds a code; returns the mean once there are enough.
     pub fn add(&mut self, force_code: i32) -> Option<i32> {
         if force_code <= self.least_code || force_code >= self.greatest_code {
             return None;

@@ -1,10 +1,10 @@
-//! From records to frames on the link.
+//! Sends records as frames on the link.
 //!
-//! Replies, events and estimates go before raw samples. Every write is limited in time, so that whoever waits for room
-//! here waits for a bounded time; what cannot be written is dropped, counted, and leaves a hole in the sequence.
+//! Replies, events and estimates go before raw samples. Every write has a time limit, so that a task waiting for room
+//! here waits for a bounded time; what cannot be written is dropped, counted, and leaves a gap in the sequence.
 //!
-//! On a link that is mute records vanish without being counted: nobody is there to miss them. The stream begins, with
-//! [`EventKind::Started`] and sequence 0, when somebody is.
+//! On a mute link records are discarded without being counted, as no host is there to miss them. The stream begins,
+//! with [`EventKind::Started`] and sequence 0, when one is.
 
 use crate::alive::{BEAT, Task};
 use crate::app::App;
@@ -16,11 +16,11 @@ use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::Write;
 use inerter_wire::{DELIMITER, Event, EventKind, MAX_FRAME, Record, SequenceCounter, SettingsValues, encode_record};
 
-/// Time for a frame on a link whose reader reads.
+/// Time limit for a frame on a link whose host reads.
 const WRITE_LIMIT: Duration = Duration::from_millis(1_000);
-/// Time for a frame after one that was not taken in time, until one is.
+/// Time limit for a frame after one that timed out, until one gets through.
 const STALLED_WRITE_LIMIT: Duration = Duration::from_millis(10);
-/// Greatest jump of the sequence: half of its range would look like a restart.
+/// Largest jump of the sequence: half of its range would look like a restart.
 const GREATEST_JUMP: u32 = 0x7000;
 
 struct Sender<'a, W> {
@@ -33,12 +33,12 @@ struct Sender<'a, W> {
     intact: bool,
     /// Session of the link that the state below belongs to.
     session: u32,
-    /// Dropped frames that the other end has seen in the sequence.
+    /// Dropped frames that the host has seen as gaps in the sequence.
     accounted: u32,
     stalled: bool,
     /// The link may hold the beginning of a frame.
     unfinished: bool,
-    /// A place for the delimiter, then a frame.
+    /// Room for the delimiter, then a frame.
     buffer: [u8; MAX_FRAME + 1],
 }
 

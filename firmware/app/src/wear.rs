@@ -1,24 +1,24 @@
-//! How often a host may have the flash written: a flood of saves must not end its life.
+//! Limits how often a host may write the flash: a flood of saves must not wear it out.
 //!
-//! A device that was left alone takes [`SAVES`] at once, afterwards one every two minutes. A factory reset costs as much as
-//! [`FACTORY_RESET`] saves, since it erases a whole ring of pages where a save erases one page in seven times
+//! After a long pause a device accepts [`SAVES`] at once, then one every two minutes. A factory reset costs as much as
+//! [`FACTORY_RESET`] saves, since it erases a whole ring of pages, whereas only one save in seven erases a page
 //! ([`store`](crate::store)). So a flood of requests takes longer than a year to use up the flash's 280 000 saves. A
-//! restart by command or by a watchdog that was asked for refills nothing, nor does a visit to update mode by command, as far
-//! as the ROM leaves the place alone where the number stands. Other starts do.
+//! restart by command, or by a watchdog reset that a host requested, does not refill the allowance; nor does a visit to
+//! update mode by command, provided that the ROM leaves alone the word that holds it. Other starts refill it.
 
 use embassy_time::{Duration, Instant};
 
-/// Saves that a device takes at once.
+/// Saves that a device accepts at once.
 pub const SAVES: u8 = 40;
-/// Time after which it takes one more.
+/// Time after which it accepts one more.
 const EACH: Duration = Duration::from_secs(120);
 /// What a factory reset costs, in saves: 280 000 of these fill both rings as often as 20 000 factory resets erase them.
 pub const FACTORY_RESET: u8 = 14;
 
-/// What is left of the saves.
+/// The remaining saves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Allowance {
-    /// When all of them will be there again.
+    /// When all of them will be available again.
     full_at: Instant,
 }
 
@@ -26,7 +26,7 @@ impl Allowance {
     /// All of them.
     pub(crate) const FULL: Self = Self { full_at: Instant::MIN };
 
-    /// With so many left now.
+    /// With this many left now.
     pub(crate) fn with_left(left: u8, now: Instant) -> Self {
         Self { full_at: now + EACH * u32::from(SAVES.saturating_sub(left)) }
     }
@@ -37,7 +37,7 @@ impl Allowance {
         SAVES.saturating_sub(u8::try_from(spent).unwrap_or(u8::MAX))
     }
 
-    /// Takes so many, or tells in how many seconds they are there. Never more than [`SAVES`].
+    /// Takes `saves`, or returns in how many seconds they will be available. Never more than [`SAVES`].
     pub(crate) fn take(&mut self, saves: u8, now: Instant) -> Result<(), u16> {
         let spent = self.spent(now) + EACH * u32::from(saves);
         match spent.checked_sub(EACH * u32::from(SAVES)) {
@@ -73,7 +73,7 @@ mod tests {
             now += Duration::from_millis(700);
         }
         assert_eq!(taken, u32::from(SAVES) + 86_400 / EACH.as_secs() as u32 - 1);
-        // 280 000 saves are a life.
+        // 280 000 saves are the flash's life.
         assert!(EACH * 280_000 > Duration::from_secs(365 * 86_400));
     }
 

@@ -1,7 +1,7 @@
 //! SysTick as the time driver of embassy-time: an interrupt a millisecond, read to the microsecond.
 //!
-//! Where QEMU itself did not run for milliseconds, several ticks come as one interrupt. The clock has then fallen behind what it has
-//! said before; it stands until it has caught up, since embassy's executor and timers rely on a time that never goes back.
+//! If QEMU itself did not run for milliseconds, several ticks come as one interrupt. The clock has then fallen behind
+//! what it reported before; it holds until it has caught up, as embassy's executor and timers need monotonic time.
 
 use core::cell::{Cell, RefCell};
 use core::task::Waker;
@@ -19,7 +19,7 @@ const CORE_CYCLES_PER_MICROSECOND: u32 = CORE_HZ / 1_000_000;
 
 struct SysTick {
     milliseconds: Mutex<Cell<u64>>,
-    /// The latest time that was told, in microseconds.
+    /// The latest time that was reported, in microseconds.
     told: Mutex<Cell<u64>>,
     next_wake: Mutex<Cell<u64>>,
     queue: Mutex<RefCell<Queue>>,

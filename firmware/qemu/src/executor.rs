@@ -17,13 +17,13 @@ fn pend(_context: *mut ()) {
     PENDING.store(true, Ordering::Release);
 }
 
-/// Runs the tasks that `spawn` starts, for ever.
+/// Runs the tasks that `spawn` starts, forever.
 pub fn run(spawn: impl FnOnce(Spawner)) -> ! {
     let executor: &'static raw::Executor = EXECUTOR.init(raw::Executor::new(core::ptr::null_mut()));
     spawn(executor.spawner());
     loop {
         PENDING.store(false, Ordering::Release);
-        // SAFETY: called here only, never from itself.
+        // SAFETY: called here only, never recursively.
         unsafe { executor.poll() };
         critical_section::with(|cs| {
             if !PENDING.load(Ordering::Acquire) {

@@ -1,16 +1,16 @@
 //! Counting instructions.
 //!
 //! With `-icount shift=S` QEMU's time advances by 2^S ns per instruction, so SysTick, at 168 MHz, counts instructions:
-//! `0.168 * 2^S` ticks each, and exactly the same from run to run. The ratio is not taken on trust but measured on a row
+//! `0.168 * 2^S` ticks each, and exactly the same from run to run. The ratio is not assumed but measured on a series
 //! of `nop`. `shift=6` gives 10.75 ticks an instruction and 1.5 million instructions between two wraps of the counter.
 //!
 //! A tone of 3.2 Hz and one of 15.9 Hz with friction and noise go through core at two sample rates. The result is one
 //! line of JSON on standard output; all counts are instructions:
 //!
-//! - `step`: one ordinary sample. `publish`: a sample that publishes, with all that an ordinary one does.
-//! - `contact`: one ordinary sample with both routes of the backlash at work. `reversal`: what the force's route spends on
-//!   an accepted reversal, all looks at its flanks together: the same samples with a stiffness less those without, over
-//!   the accepted ones.
+//! - `step`: one ordinary sample. `publish`: a sample that publishes, including all that an ordinary one does.
+//! - `contact`: one ordinary sample with both routes of the backlash at work. `reversal`: cost of an accepted reversal
+//!   in the force's route, all passes over its flanks together: the same samples with a stiffness, less those without,
+//!   divided by the accepted reversals.
 //! - `solve`: what publishing adds, `publish` less `step` on average. `estimate`: `Active::publish` by itself: three
 //!   solutions (recent, its part away from rest, whole run) with their intervals, and what goes with them.
 //! - `state_bytes`, `active_bytes`, `app_bytes`: memory. `stack_used_bytes`: stack of this mode alone.
@@ -47,7 +47,7 @@ impl Meter {
             thousand_nops();
             thousand_nops();
         });
-        // The difference holds a thousand and nothing else.
+        // The difference is a thousand and nothing else.
         Self { empty_ticks, ticks_per_1000: with_twice.wrapping_sub(with_nops).max(1) }
     }
 
@@ -105,7 +105,7 @@ impl fmt::Display for Tally {
     }
 }
 
-/// A tone in whole numbers: a point on a circle, turned a little at every sample.
+/// A tone in integers: a point on a circle, turned a little at every sample.
 struct Tone {
     /// Turn per sample [2^-24 rad].
     turn: i64,
@@ -175,7 +175,7 @@ struct Result {
 }
 
 impl Result {
-    /// Of all samples.
+    /// Instructions of all samples.
     fn total(&self) -> u64 {
         self.step.sum + self.publish.sum
     }

@@ -1,4 +1,4 @@
-//! The board: parts, tasks, and what happens at the end.
+//! The board: parts, tasks and exit.
 
 use crate::source::{self, FileSource};
 use crate::{clock, executor, icount, semihosting, stack, usart};
@@ -93,7 +93,7 @@ fn main() -> ! {
     let source = FileSource::new(argument.unwrap_or(SAMPLES), FILE_BUFFER.take());
     let state = STATE.take();
     let settings = Settings::default();
-    // The error's text would bring the printing of floats into the image.
+    // The error's text would pull float formatting into the image.
     let Ok(active) = settings.validate() else { panic!("the default settings are not valid") };
     let in_use = InUse { settings, defaults: settings, fault: None };
     executor::run(|spawner| {

@@ -8,13 +8,13 @@
 //! ```
 //!
 //! - *Link*: USART1, which `-serial` joins to a TCP port, `unix:PATH,server,nowait` or a `pty`. QEMU drops what arrives
-//!   before the image has switched the USART on, so a host repeats its `Hello` until it is answered; and it always reads,
-//!   as the machine stands still while what it has written is not taken.
-//! - *Samples*: `FILE` (`samples.bin` when none is given), read by semihosting from the first `Start` on; see `source.rs`.
+//!   before the image has switched the USART on, so a host repeats its `Hello` until it is answered; and it always
+//!   reads, as the machine stops while its output is not taken.
+//! - *Samples*: `FILE` (default `samples.bin`), read by semihosting from the first `Start` on; see `source.rs`.
 //!   Or injected over the link.
-//! - *Exit*: `Reboot` prints the stack's use as one JSON line and ends QEMU with status 0. A panic or a fault prints its
-//!   message on standard error and ends it with status 101.
-//! - *Measuring*: `arg=inerter,arg=icount` together with `-icount shift=6` counts instructions instead; see `icount.rs`.
+//! - *Exit*: `Reboot` prints the stack usage as one JSON line and ends QEMU with status 0. A panic or a fault prints
+//!   its message on standard error and ends it with status 101.
+//! - *Measuring*: `arg=inerter,arg=icount` with `-icount shift=6` counts instructions instead; see `icount.rs`.
 //!
 //! The clock is SysTick and so follows QEMU's virtual time, which with `-icount` is the instruction count.
 #![cfg_attr(target_os = "none", no_std, no_main)]

@@ -27,7 +27,7 @@ const LINE: usize = 1024;
 
 /// Prints a line on QEMU's standard output, in one piece, so that nothing else comes between.
 ///
-/// Beyond 1023 bytes it is cut.
+/// A line over 1023 bytes is cut.
 pub fn print(line: core::fmt::Arguments) {
     let mut text = heapless::String::<LINE>::new();
     let _ = write!(text, "{line}");

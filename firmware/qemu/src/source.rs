@@ -1,8 +1,8 @@
 //! Samples from a file of the host.
 //!
-//! The file is a row of records of 16 bytes, little-endian: index u32, position i32, force i32, terminal i32, as in
-//! [`RawSample`]. An index of `0xFFFF_FFFF`, alone or with the rest of a record, ends it. Until then it may grow: at its
-//! present end the source waits and tries again.
+//! The file is a sequence of 16-byte records, little-endian: index u32, position i32, force i32, terminal i32, as in
+//! [`RawSample`]. An index of `0xFFFF_FFFF`, alone or with the rest of a record, ends it. Until then it may grow: at
+//! its present end the source waits and tries again.
 
 use crate::semihosting::File;
 use embassy_time::Timer;
@@ -29,12 +29,12 @@ pub struct FileSource {
 }
 
 impl FileSource {
-    /// A source that will read this file. The buffer is lent, as a future keeps what is moved into it several times.
+    /// A source that will read this file. The buffer is borrowed, as a future stores what is moved into it repeatedly.
     pub fn new(path: &'static str, buffer: &'static mut [u8; BUFFER]) -> Self {
         Self { path, file: None, buffer, start: 0, end: 0 }
     }
 
-    /// The next sample, when all of it is there.
+    /// The next sample, if it is complete.
     fn next(&mut self) -> Result<Option<RawSample>, SourceError> {
         let waiting = self.buffer.get(self.start..self.end).unwrap_or_default();
         let (words, _) = waiting.as_chunks::<4>();
@@ -51,7 +51,7 @@ impl FileSource {
         Ok(Some(RawSample { index: index as u32, position_count, force_code, terminal_code }))
     }
 
-    /// Reads more of the file behind what is waiting; whether there was more.
+    /// Reads more of the file after what is waiting; returns whether there was more.
     fn refill(&mut self) -> Result<bool, SourceError> {
         if self.file.is_none() {
             self.file = File::open(self.path);

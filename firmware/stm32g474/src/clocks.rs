@@ -11,11 +11,11 @@ use embassy_stm32::{Config, Peripherals, rcc};
 use embassy_time::TICK_HZ;
 use inerter_wire::ClockSource;
 
-/// Looks at the crystal, for 100 ms: at least 5 cycles of the 16 MHz that the core runs from then. It needs 2 ms
+/// Polls of the crystal, for 100 ms: at least 5 cycles each of the 16 MHz that the core then runs from. It needs 2 ms
 /// (DS12288, table 41).
 const POLLS: u32 = 320_000;
 
-/// Back to what a reset leaves, after the ROM: the chip's own oscillator alone.
+/// After the ROM, restores the clocks that a reset leaves: the chip's own oscillator alone.
 pub fn stop() {
     RCC.cr().modify(|w| w.set_hsion(true));
     let _ = (0..POLLS).any(|_| RCC.cr().read().hsirdy());
@@ -26,36 +26,36 @@ pub fn stop() {
     RCC.crrcr().modify(|w| w.set_hsi48on(false));
 }
 
-/// Starts all clocks and says what they run from.
+/// Starts all clocks and returns what they run from.
 ///
-/// embassy-stm32 waits for oscillators and PLL without a bound of its own; the watchdog runs by then, and ends that.
+/// embassy-stm32 waits for oscillators and PLL without a limit of its own; the watchdog, already running, ends that.
 pub fn start() -> (ClockSource, Peripherals) {
     RCC.cr().modify(|w| w.set_hseon(true));
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
     let oscillator = if crystal_runs { boards::crystal() } else { Oscillator::INTERNAL };
     if crystal_runs {
-        // A crystal that stops raises NMI, from here on: it does not pass unnoticed, and is not waited for.
+        // From here on a crystal that stops raises NMI: the failure is noticed, and nothing waits for the crystal.
         RCC.cr().modify(|w| w.set_csson(true));
     }
-    // At the 16 MHz of the chip's own oscillator first. From here to `reinit` the clock of embassy-time must not come
-    // to half a turn of its timer, 33 ms, as `reinit` sets the timer back and not what was counted of its turns.
+    // First at the 16 MHz of the chip's own oscillator. From here to `reinit` the clock of embassy-time must not reach
+    // half a turn of its timer, 33 ms, as `reinit` resets the timer but not the count of its turns.
     let mut config = Config::default();
     config.rcc.ls = NO_RTC;
-    // Left on.
+    // Keeps it on.
     config.rcc.hse = oscillator.crystal;
     let mut peripherals = embassy_stm32::init(config);
-    // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other).
-    // stm32-metapac 21 has the bit in another place, so what embassy-stm32 does about it has no effect.
+    // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other bit).
+    // stm32-metapac 21 has the bit in another place, so embassy-stm32's own setting has no effect.
     PWR.cr5().write_value(Cr5(0));
     rcc::reinit(oscillator.clocks(), &mut peripherals.RCC);
     full_speed();
     (if crystal_runs { ClockSource::Crystal } else { ClockSource::Internal }, peripherals)
 }
 
-/// From half the core's clock to all of it.
+/// Switches from half the core's clock to the full clock.
 ///
-/// From under 80 MHz to more it goes by half for 1 us (RM0440 7.2.7), and embassy-stm32 goes at once. Of all that asks
-/// embassy-stm32 for a frequency only the clock of embassy-time is in use, which is told here.
+/// A step from under 80 MHz to more must stay at half for 1 us (RM0440 7.2.7); embassy-stm32 goes at once. Of all that
+/// asks embassy-stm32 for a frequency, only the clock of embassy-time is in use; it is adjusted here.
 fn full_speed() {
     cortex_m::asm::delay(CORE_PER_US);
     FLASH.acr().modify(|w| w.set_latency(Latency::WS4));

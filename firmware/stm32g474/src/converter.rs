@@ -1,9 +1,9 @@
 //! The digital front end: an ADS131M04 for bridge, excitation and terminal displacement, at its own pace.
 //!
 //! Each "ready" edge is one sample: it latches the encoder's count, and the conversion that goes with it is read before
-//! the next. The count is brought to the filter's delay ([`MatchedPosition`]), the force is corrected for the bridge's
-//! excitation. A damaged frame, a lost edge or a chip that was reset is put right and becomes a discontinuity; how many samples
-//! it cost the clock says, which is also the converter's.
+//! the next. The count is matched to the filter's delay ([`MatchedPosition`]), the force is corrected for the bridge's
+//! excitation. After a damaged frame, a lost edge or a reset of the chip, operation is restored and a discontinuity
+//! reported; the clock, which is also the converter's, gives the number of samples lost.
 
 use crate::clkin::{self, Clkin};
 use crate::led;
@@ -15,10 +15,10 @@ use embassy_time::{Delay, Duration, Instant, with_timeout};
 use inerter_app::SourceError;
 use inerter_core::{RawSample, Settings};
 
-/// Samples a second that can be had: periods of 1024, 512 and 256 us.
+/// Sample rates available, in Hz: periods of 1024, 512 and 256 us.
 pub const RATES_HZ: &[f64] = &[976.5625, 1_953.125, 3_906.25];
 
-/// Bridge of 2 mV/V at 2.5 V: 5 mV of 18.75; the others of 1.2 V (docs/HARDWARE.md).
+/// Bridge of 2 mV/V at 2.5 V: 5 mV in a range of 18.75 mV; the others have a range of 1.2 V (docs/HARDWARE.md).
 const GAINS: [Gain; 4] = [Gain::X64, Gain::X1, Gain::X1, Gain::X1];
 /// Code of the excitation, 2.5 V through 1.8 and 1.0 kilohm: 0.8929 V of 1.2.
 const EXCITATION: i32 = 6_241_524;
@@ -28,11 +28,11 @@ const RATIO: Ratiometric = match Ratiometric::new(EXCITATION) {
 };
 /// Force code of a bridge without its excitation: the rail, which the estimator leaves out.
 const NO_FORCE: i32 = -0x80_0000;
-/// No edge in this time: the converter stands still.
+/// If no edge comes in this time, the converter has stopped.
 const EDGE_LIMIT: Duration = Duration::from_millis(20);
-/// Frames and edges are compared once in so many conversions.
+/// Frames and edges are compared once in this many conversions.
 const CONVERSIONS_PER_CHECK: u16 = 1_000;
-/// Edges that may come while the two are brought together.
+/// Attempts to bring the two in step; an edge that comes meanwhile spoils one.
 const RESYNCHRONISATIONS: usize = 3;
 
 /// The front end.
@@ -44,20 +44,20 @@ pub struct Converter {
     period: Duration,
     /// Index of the next sample.
     index: u32,
-    /// A sample's index and the time of its edge, from which those after a discontinuity are told. `None` when the instants of
-    /// the conversions have moved.
+    /// A sample's index and the time of its edge, from which indices after a discontinuity are computed. `None` when
+    /// the instants of the conversions have moved.
     anchor: Option<(u32, Instant)>,
-    /// The edge before.
+    /// Time of the previous edge.
     latest: Option<Instant>,
-    /// Edges may have passed unseen: the next one's index is told by the clock.
+    /// Edges may have passed unseen: the next one's index is computed from the clock.
     unseen: bool,
-    /// Not read for a while: no wonder that edges were missed.
+    /// Not read for a while: missed edges are expected.
     paused: bool,
     until_check: u16,
 }
 
 impl Converter {
-    /// Says nothing to the chip yet.
+    /// Does not talk to the chip yet.
     pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clkin: Clkin) -> Self {
         let config = Config { clkin_hz: clkin::HZ, gains: GAINS, ..Config::default() };
         Self {
@@ -80,7 +80,7 @@ impl Converter {
         self.index
     }
 
-    /// Sets the chip up for the rate; its first sample has this index, whether that works or not.
+    /// Sets the chip up for the rate; the next sample has this index, whether that succeeds or not.
     pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
         self.index = index;
         let osr = Osr::from_data_rate(clkin::HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
@@ -95,7 +95,7 @@ impl Converter {
         Ok(())
     }
 
-    /// Edges are missed from here on.
+    /// From here on edges are missed.
     pub fn halt(&mut self) {
         self.paused = true;
     }
@@ -111,7 +111,7 @@ impl Converter {
             let index = self.count(&edge);
             let paused = core::mem::take(&mut self.paused);
             if edge.missed || paused {
-                // The chip holds conversions of edges before.
+                // The chip holds conversions of earlier edges.
                 self.resynchronise_chip().await?;
                 if paused {
                     continue;
@@ -152,7 +152,7 @@ impl Converter {
         let index = match (self.anchor, self.latest) {
             (Some(_), _) if !unseen => self.index,
             (Some((index, time)), _) => index.wrapping_add(self.periods_in(now - time)),
-            // The one before has index - 1.
+            // The previous one has index - 1.
             (None, Some(latest)) => self.index.wrapping_add(self.periods_in(now - latest).saturating_sub(1)),
             (None, None) => self.index,
         };
@@ -162,7 +162,7 @@ impl Converter {
         index
     }
 
-    /// Periods of so much time, to the nearest.
+    /// Number of periods in `time`, to the nearest.
     fn periods_in(&self, time: Duration) -> u32 {
         ((time.as_micros() + self.period.as_micros() / 2) / self.period.as_micros()) as u32
     }
@@ -191,7 +191,7 @@ impl Converter {
         Err(SourceError::Unreadable)
     }
 
-    /// Now and then, makes sure that the chip holds nothing after a read: else frames would be a period late.
+    /// From time to time, makes sure that the chip holds nothing after a read: else frames would be a period late.
     async fn check_backlog(&mut self) -> Result<(), SourceError> {
         self.until_check -= 1;
         if self.until_check > 0 {
@@ -206,7 +206,7 @@ impl Converter {
     }
 }
 
-/// Whole microseconds, as the clock is 8 MHz.
+/// A whole number of microseconds, as the clock is 8 MHz.
 fn period(osr: Osr) -> Duration {
     Duration::from_micros(u64::from(osr.period_clkin() / (clkin::HZ / 1_000_000)))
 }

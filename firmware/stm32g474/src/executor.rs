@@ -1,7 +1,7 @@
 //! The two executors.
 //!
-//! That of thread mode sleeps when there is nothing to do, and counts for how long. That of sampling runs in an interrupt,
-//! above thread mode and below every peripheral.
+//! The thread-mode executor sleeps when there is nothing to do, and counts for how long. The sampling executor runs in
+//! an interrupt, above thread mode and below every peripheral.
 
 use crate::work;
 use core::cell::Cell;
@@ -24,26 +24,26 @@ static EXECUTOR: StaticCell<raw::Executor> = StaticCell::new();
 static IDLE_US: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
-/// The executor. There is one.
+/// The thread-mode executor. There is one.
 pub struct Executor(&'static raw::Executor);
 
 impl Executor {
     /// To be called once.
     pub fn new(scb: &SCB) -> Self {
-        // SAFETY: sets one bit, which concerns WFE alone.
+        // SAFETY: sets one bit, which affects WFE only.
         unsafe { scb.scr.modify(|scr| scr | SEVONPEND) };
         Self(EXECUTOR.init(raw::Executor::new(THREAD)))
     }
 
-    /// Takes tasks, before and while it runs.
+    /// Accepts tasks, before and while it runs.
     pub fn spawner(&self) -> Spawner {
         self.0.spawner()
     }
 
-    /// Runs the tasks for ever.
+    /// Runs the tasks forever.
     pub fn run(self) -> ! {
         loop {
-            // SAFETY: called here only, never from itself.
+            // SAFETY: called here only, never recursively.
             unsafe { self.0.poll() };
             // Interrupts are served after the measurement, so their time counts as work.
             critical_section::with(|cs| {
@@ -61,7 +61,7 @@ pub fn idle_us() -> u64 {
     critical_section::with(|cs| IDLE_US.borrow(cs).get())
 }
 
-/// The executor of sampling, as an interrupt: that of a peripheral that is not used.
+/// Interrupt of the sampling executor: that of an unused peripheral.
 pub struct SamplingHandler;
 
 impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
@@ -71,7 +71,7 @@ impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
     }
 }
 
-/// Starts the executor of sampling. To be called once.
+/// Starts the sampling executor. To be called once.
 pub fn start_sampling() -> SendSpawner {
     interrupt::UART4.set_priority(SAMPLING_PRIORITY);
     SAMPLING.start(interrupt::UART4)

@@ -1,12 +1,12 @@
 //! The settings' pages: the last 16 KB of the second flash bank.
 //!
-//! The program runs from the first bank meanwhile, so sampling, estimating and sending go on; only the one who writes
+//! The program runs from the first bank meanwhile, so sampling, estimating and sending continue; only the writing task
 //! waits. Offsets count from the first of these pages, so nothing else can be reached.
 //!
-//! A double word has a checksum of its own. One that power loss left half written may be read as a double error, which
-//! raises NMI: the handler notes it, and the read becomes an error. That it is the settings' is known by their being read
-//! (`READING`), as ECCR may hold anything where a write or erase was cut short (ES0430 2.2.3). They are read without the data
-//! cache, which would give the damage again without an NMI.
+//! Each double word has its own ECC. One that a power loss left half written may read as a double error, which raises
+//! NMI: the handler notes it, and the read becomes an error. The handler attributes it to the settings if they are
+//! being read (`READING`), as ECCR may hold anything after a write or erase was cut short (ES0430 2.2.3). They are read
+//! without the data cache, which would return the damage again without an NMI.
 //!
 //! Source: RM0440 3 (dual bank: pages of 2 KB). The data cache stays off while a bank is written and the other is read:
 //! ES0430, "data cache might be corrupted during flash memory read-while-write operation".
@@ -28,7 +28,7 @@ const PAGE: usize = 2048;
 const PAGES: usize = 8;
 /// Bytes of all pages.
 pub const SIZE: u32 = (PAGE * PAGES) as u32;
-/// Written at once, with one checksum.
+/// Bytes written at once, with one ECC.
 const DOUBLE_WORD: usize = 8;
 
 /// Flash of the chip in KB (RM0440, device electronic signature). The smaller members of the family lack these pages.
@@ -44,17 +44,17 @@ const LIMIT: Duration = Duration::from_millis(100);
 
 /// The settings' pages are being read.
 static READING: AtomicBool = AtomicBool::new(false);
-/// A double error was met since this was last cleared.
+/// A double error has occurred since this was last cleared.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
-/// Its flag was found before its NMI had come.
+/// Its flag was found before its NMI came.
 static LATE: AtomicBool = AtomicBool::new(false);
 
-/// The pages cannot be read or written there.
+/// Why the pages cannot be read or written there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failed {
-    /// The chip has no such pages, or one bank.
+    /// The chip has no such pages, or a single bank.
     Missing,
-    /// Not within the pages, or not on the edge of a double word or page.
+    /// Not within the pages, or not aligned to a double word or page.
     Place,
     /// The content is damaged.
     Content,
@@ -71,18 +71,18 @@ impl NorFlashError for Failed {
     }
 }
 
-/// The pages. There is one of this.
+/// The pages. There is one instance.
 pub struct Pages {
     _private: (),
 }
 
 impl Pages {
-    /// To be made once.
+    /// To be created once.
     pub const fn new() -> Self {
         Self { _private: () }
     }
 
-    /// Waits for what another future may have left, and prepares the next operation.
+    /// Waits for an operation that another future may have left behind, and prepares the next one.
     async fn begin(&mut self) -> Result<(), Failed> {
         wait(WRITE_POLL).await?;
         FLASH.cr().modify(|w| {
@@ -99,7 +99,7 @@ impl Pages {
         Ok(())
     }
 
-    /// Ends an operation, however it went.
+    /// Ends an operation, whatever its result.
     async fn end(&mut self, poll: Duration) -> Result<(), Failed> {
         let waited = wait(poll).await;
         let errors = clear_errors();
@@ -108,7 +108,7 @@ impl Pages {
             w.set_per(false);
             w.set_lock(true);
         });
-        // What the cache holds is from before.
+        // The cache still holds the old content.
         FLASH.acr().modify(|w| w.set_dcrst(true));
         FLASH.acr().modify(|w| w.set_dcrst(false));
         FLASH.acr().modify(|w| w.set_dcen(true));
@@ -156,7 +156,7 @@ pub fn is_there() -> bool {
     size_kb() >= NEEDED_KB && FLASH.optr().read().dbank()
 }
 
-/// The address of `offset`, if the chip has the pages and so many bytes lie within them and on edges of `unit`.
+/// The address of `offset`, if the chip has the pages and `length` bytes lie within them, aligned to `unit`.
 fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
     if !is_there() {
         return Err(Failed::Missing);
@@ -179,16 +179,16 @@ impl ReadNorFlash for Pages {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
         let start = check(offset, bytes.len(), Self::READ_SIZE)? as *const u8;
-        // Off already, and to stay so, where another future has left an operation behind.
+        // Already off, and must stay off, if another future has left an operation behind.
         let cached = FLASH.acr().read().dcen();
         FLASH.acr().modify(|w| w.set_dcen(false));
         DAMAGED.store(false, Ordering::SeqCst);
         READING.store(true, Ordering::SeqCst);
         for (place, byte) in bytes.iter_mut().enumerate() {
-            // SAFETY: within the settings' pages, as checked, which are nothing else's.
+            // SAFETY: within the settings' pages, as checked, which nothing else uses.
             *byte = unsafe { ptr::read_volatile(start.wrapping_add(place)) };
         }
-        // NMI has come by now, or the flag says why it will come.
+        // By now the NMI has come, or its flag shows that it will.
         dsb();
         if clear_double_error() {
             LATE.store(true, Ordering::SeqCst);
@@ -246,7 +246,7 @@ impl NorFlash for Pages {
     }
 }
 
-/// Whether a double error was found; forgets it. Written as 1 the flag is cleared, set or not.
+/// Returns whether a double error was found, and clears it. Writing 1 clears the flag, set or not.
 fn clear_double_error() -> bool {
     let ecc = FLASH.eccr().read();
     let mut clear = ecc;
@@ -256,7 +256,7 @@ fn clear_double_error() -> bool {
     ecc.eccd()
 }
 
-/// The crystal's end, or a double error in flash.
+/// The crystal has stopped, or there is a double error in flash.
 #[exception]
 unsafe fn NonMaskableInt() {
     if RCC.cifr().read().cssf() {
@@ -266,7 +266,7 @@ unsafe fn NonMaskableInt() {
     let address = FLASH.eccr().read().addr_ecc();
     let found = clear_double_error();
     if !found {
-        // Whoever read the settings has seen to the flag.
+        // The reader of the settings has already cleared the flag.
         assert!(LATE.swap(false, Ordering::SeqCst), "NMI without a cause");
     } else if READING.load(Ordering::SeqCst) {
         DAMAGED.store(true, Ordering::SeqCst);

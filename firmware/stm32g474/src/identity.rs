@@ -1,5 +1,5 @@
-//! Who the device is, written once: the program that updates the firmware finds it in the image by its first word, the
-//! host of a running device gets it in Hello.
+//! Identity of the device, defined once: the program that updates the firmware finds it in the image by its first word,
+//! the host of a running device gets it in Hello.
 
 use crate::boards;
 use core::fmt::Write as _;
@@ -19,7 +19,7 @@ const LENGTH: usize = {
     length
 };
 
-/// The first word, firmware, commit and board, each with a zero behind it.
+/// The first word, firmware, commit and board, each followed by a zero.
 #[used]
 static IDENTITY: [u8; LENGTH] = {
     let mut joined = [0; LENGTH];
@@ -58,7 +58,7 @@ const DIGITS: usize = 12;
 
 /// Serial number from the chip's unique ID, as the ROM's update mode forms it.
 ///
-/// To be called once: it takes the place of the text.
+/// To be called once: it claims the memory of the text.
 pub fn serial() -> &'static str {
     static SERIAL: StaticCell<String<DIGITS>> = StaticCell::new();
     let word = |n| UID.uid(n).read();

@@ -1,4 +1,4 @@
-//! The device: start, tasks, and what happens at the end.
+//! The device: start, tasks and restart.
 
 use crate::boards::{self, Parts};
 use crate::executor::{self, Executor};
@@ -32,10 +32,10 @@ fn uptime_us() -> u64 {
     if RCC.apb2enr().read().tim15en() { Instant::now().as_micros() } else { 0 }
 }
 
-/// Made at the start, as its start values would take their place in flash too.
+/// Built at the start, as initial values would take space in flash too.
 static APP: StaticCell<App> = StaticCell::new();
 static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
-// What is given to a task by value is kept twice.
+// An argument passed to a task by value is stored twice.
 static IDENTITY: StaticCell<Identity> = StaticCell::new();
 static IN_USE: StaticCell<InUse> = StaticCell::new();
 static ACTIVE: StaticCell<Active> = StaticCell::new();
@@ -71,7 +71,7 @@ async fn commands(
 #[embassy_executor::task]
 async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
     let restart = work::counted(Task::Telemetry, pin!(inerter_app::telemetry(app, link))).await;
-    // The reply shall arrive.
+    // The reply must get out first.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
         Restart::Reboot => reset::restart(app.saves_left()),
@@ -97,7 +97,7 @@ async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, 
     work::counted(Task::Supervising, pin!(all)).await;
 }
 
-/// Takes thread mode for itself after a while, so that the watchdog has something to do.
+/// Blocks thread mode after a while, to trigger the watchdog.
 #[cfg(feature = "hang")]
 #[embassy_executor::task]
 async fn hang() {
@@ -107,7 +107,7 @@ async fn hang() {
     }
 }
 
-/// Sets everything up. Apart from [`run`], whose stack stays.
+/// Sets everything up. Separate from [`run`], whose stack frame is never freed.
 #[inline(never)]
 fn set_up(spawner: Spawner, started: Started) {
     let mut start = Start { cause: started.cause, panic: panic::take(), saves_left: started.saves_left };
@@ -148,7 +148,7 @@ fn set_up(spawner: Spawner, started: Started) {
     let settings = if started.suspects_settings {
         leave_settings_alone(&defaults)
     } else {
-        // Loading reads only, and reading the flash does not wait.
+        // Loading only reads, and reading the flash does not wait.
         block_on(load_settings(store, identity, &defaults))
     };
     let Ok((in_use, active)) = settings else { panic!("the default settings are not valid") };

@@ -4,7 +4,7 @@ use crate::{executor, lpuart, player, ready, rings, spi, usb};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
 use embassy_stm32::{bind_interrupts, exti, interrupt, peripherals};
 
-/// The end of each handler: no store may be on its way while the exception returns, or the core may vector to the wrong
+/// The end of each handler: no store may be pending while the exception returns, or the core may vector to the wrong
 /// interrupt (Cortex-M4 r0p1, erratum 838869).
 pub struct Barrier;
 

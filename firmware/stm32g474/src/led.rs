@@ -1,4 +1,4 @@
-//! What the LED says.
+//! What the LED shows.
 //!
 //! | LED | state |
 //! |---|---|
@@ -24,10 +24,10 @@ const NO_CRYSTAL: u16 = 0b00_0000_0101;
 const NO_HOST: u16 = 0b00_0000_0001;
 const HOST_PRESENT: u16 = 0b00_0001_1111;
 
-/// Samples have come since the LED looked.
+/// Samples have come since the LED last checked.
 static SAMPLES: AtomicBool = AtomicBool::new(false);
 
-/// Samples have come.
+/// Notes that samples have come.
 pub fn note_samples() {
     SAMPLES.store(true, Ordering::Relaxed);
 }

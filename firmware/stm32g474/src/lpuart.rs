@@ -1,7 +1,7 @@
 //! The second link: LPUART1 at 921 600 baud, on the NUCLEO the ST-Link's serial port.
 //!
-//! Bytes go through the interrupt and a pipe each way. There is no flow control: what nobody takes in time is lost,
-//! which the frames' checks notice. Source: RM0440 38.
+//! Bytes go through the interrupt and a pipe each way. There is no flow control: bytes not taken in time are lost,
+//! which the frames' checks detect. Source: RM0440 38.
 
 use crate::boards::clock::CORE_HZ;
 use core::convert::Infallible;
@@ -19,7 +19,7 @@ use embedded_io_async::{ErrorType, Read, Write};
 const BAUD: u32 = 921_600;
 /// The divider counts 256ths (RM0440 38.4.7).
 const DIVIDER: u32 = ((256 * CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as u32;
-// Below, the transmitter may fail (ES0430 2.17.1).
+// With less, the transmitter may fail (ES0430 2.17.1).
 const _: () = assert!(DIVIDER > 0x3FF);
 /// 11 ms of bytes.
 const RECEIVED_LENGTH: usize = 1024;
@@ -37,7 +37,7 @@ pub struct UartHandler;
 
 impl Handler<LpuartInterrupt> for UartHandler {
     unsafe fn on_interrupt() {
-        // What comes while the FIFO is emptied raises the interrupt anew.
+        // Bytes that come while the FIFO is emptied raise the interrupt again.
         for _ in 0..FIFO {
             if !LPUART1.isr().read().rxne() {
                 break;
@@ -45,7 +45,7 @@ impl Handler<LpuartInterrupt> for UartHandler {
             let byte = LPUART1.rdr().read().0 as u8;
             let _ = RECEIVED.try_write(&[byte]);
         }
-        // Bytes were lost already; as long as the flag stands, so are all others.
+        // Bytes were already lost; while the flag is set, so are all others.
         LPUART1.icr().write(|w| w.set_ore(true));
         if LPUART1.isr().read().txfe() {
             let mut bytes = [0; FIFO];
@@ -76,7 +76,7 @@ pub fn start(
     ] {
         let mut pin = pin;
         pin.set_as_af_unchecked(function, kind);
-        // Connected for ever.
+        // Stays connected.
         core::mem::forget(pin);
     }
     critical_section::with(|_| RCC.apb1enr2().modify(|w| w.set_lpuart1en(true)));
@@ -93,7 +93,7 @@ pub fn start(
     (Receiver, Transmitter)
 }
 
-/// Waits until everything has gone out, within limits.
+/// Waits until everything has been sent, for a limited time.
 pub async fn drain() {
     for _ in 0..DRAIN_MS {
         if SENT.is_empty() && LPUART1.isr().read().tc() {
@@ -130,7 +130,7 @@ impl Write for Transmitter {
         Ok(count)
     }
 
-    /// What was written goes out by itself.
+    /// Written bytes are sent without it.
     async fn flush(&mut self) -> Result<(), Infallible> {
         Ok(())
     }

@@ -1,10 +1,10 @@
-//! What the board measures of itself when a host asks: raw numbers, which the host judges.
+//! What the board measures about itself on request: raw numbers, which the host evaluates.
 //!
-//! All of it in thread mode. Where it waits for hardware it looks a bounded number of times, and holds up the other tasks of
-//! thread mode for tens of ms where nothing comes; sampling goes on above it. What does not come is left out.
+//! All of it runs in thread mode. Waits for hardware poll a bounded number of times; if nothing comes, they hold up the
+//! other thread-mode tasks for tens of ms, while sampling continues above them. Values that do not come are left out.
 //!
-//! TIM5 counts the core's clock meanwhile: the cycle counter may stand while the core sleeps. Its first input latches the
-//! edges of the 32 kHz oscillator (RM0440 29.4.25, TI1SEL), one in eight.
+//! TIM5 counts the core's clock meanwhile: the cycle counter may stop while the core sleeps. Its first input latches
+//! the edges of the 32 kHz oscillator (RM0440 29.4.25, TI1SEL), one in eight.
 
 use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use crate::temperature::{self, Sensor};
@@ -19,17 +19,17 @@ use inerter_wire::{Measure, Measured, Quantity};
 const PACKAGE: *const u32 = 0x1FFF_7500 as *const u32;
 /// TIM5_TISEL.TI1SEL: the 32 kHz oscillator (RM0440 table 294).
 const FROM_LSI: u8 = 1;
-/// Edges of the 32 kHz oscillator to one that is latched, and CCMR1.IC1PSC for it.
+/// Edges of the 32 kHz oscillator per latched one, and CCMR1.IC1PSC for it.
 const LATCHED_ONE_IN: u32 = 8;
 const ONE_IN_8: u8 = 3;
 /// Latched edges to look at: 4 ms of them.
 const LATCHED_EDGES: u32 = 16;
-/// Looks at the hardware, of at least 10 cycles each: 2 ms, in which a frame of the USB and an edge must come.
+/// Polls of the hardware, of at least 10 cycles each: 2 ms, in which a USB frame and an edge must come.
 const LOOKS: u32 = 200 * CORE_PER_US;
-/// Two looks that are so close have nothing between them that took time.
+/// Two polls this close together were not interrupted.
 const CLOSE: u32 = 2 * CORE_PER_US;
 
-/// Measures it, and takes a second for what needs time.
+/// Measures `what`; takes a second for what needs time.
 pub async fn measure(what: Measure, sensor: &mut Sensor) -> Measured {
     let mut measured = Measured::new(what);
     match what {
@@ -37,7 +37,7 @@ pub async fn measure(what: Measure, sensor: &mut Sensor) -> Measured {
         Measure::Clocks => clocks(&mut measured).await,
         Measure::Supply => supply(&mut measured, sensor),
         Measure::Work => work(&mut measured).await,
-        // Done where restarts are done.
+        // Handled where restarts are.
         Measure::Hang => {}
     }
     measured
@@ -97,10 +97,10 @@ async fn clocks(measured: &mut Measured) {
     critical_section::with(|_| RCC.apb1enr1().modify(|w| w.set_tim5en(false)));
 }
 
-/// USB_FNR.FN: the number of a frame has 11 bits.
+/// USB_FNR.FN: the frame number has 11 bits.
 const FRAMES: u16 = 0x7FF;
 
-/// The number of the next frame of the USB that begins while nothing interrupts, and when that was by TIM5.
+/// The number of the next USB frame that begins while nothing interrupts, and its time by TIM5.
 fn frame() -> Option<(u16, u32)> {
     let look = || (USB.fnr().read().fn_(), TIM5.cnt().read());
     let (mut number, mut at) = look();

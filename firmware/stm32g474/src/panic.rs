@@ -1,8 +1,8 @@
-//! Panics and faults: what was wrong goes to the log and outlives the reset that follows.
+//! Panics and faults: the message goes to the log and survives the reset that follows.
 //!
-//! panic-probe would be another panic handler, and a program can have but one; that one forgets all at the reset. This
-//! one does under a probe what panic-probe does (the message by defmt, then UDF, on which the probe stops and
-//! shows the stack) and without one restarts, to tell the next host.
+//! panic-probe would be a second panic handler, and a program can have only one; it also keeps nothing over the reset.
+//! Under a probe this handler does what panic-probe does (the message by defmt, then UDF, on which the probe stops and
+//! shows the stack); without one it restarts, and the next host gets the message.
 
 use crate::reset;
 use core::fmt::{self, Write};
@@ -18,12 +18,12 @@ use static_cell::StaticCell;
 
 /// Bytes kept: what an event can carry.
 const LENGTH: usize = 96;
-/// Bytes of a source file's path: its end tells most.
+/// Bytes kept of a source file's path: its end says most.
 const PATH: usize = 32;
-/// Says that a message is there; the check says that it is whole.
+/// Marks that a message is there; the check shows that it is intact.
 const MAGIC: u32 = 0x5041_4E21;
 
-/// A message on its way through the reset: in words, as RAM keeps them.
+/// A message kept over the reset: in words, as RAM keeps them.
 #[repr(C)]
 struct Kept {
     magic: u32,
@@ -36,7 +36,7 @@ struct Kept {
 static mut KEPT: MaybeUninit<Kept> = MaybeUninit::uninit();
 static PANICKED: AtomicBool = AtomicBool::new(false);
 
-/// Text of at most [`LENGTH`] bytes; what does not fit is left out, what is not ASCII is a question mark.
+/// Text of at most [`LENGTH`] bytes; what does not fit is left out, what is not ASCII becomes a question mark.
 struct Message {
     text: String<LENGTH>,
 }
@@ -44,7 +44,7 @@ struct Message {
 impl Message {
     const EMPTY: Self = Self { text: String::new() };
 
-    /// Keeps it, with zeros behind.
+    /// Keeps it, padded with zeros.
     fn keep(&self) {
         let mut bytes = [0; LENGTH];
         for (place, byte) in bytes.iter_mut().zip(self.text.bytes()) {
@@ -63,7 +63,7 @@ impl Message {
         }
     }
 
-    /// What was kept, if it is whole; forgets it.
+    /// Returns what was kept, if it is intact, and clears it.
     fn fetch() -> Option<Self> {
         let kept = ptr::addr_of_mut!(KEPT).cast::<Kept>();
         let mut bytes = [0; LENGTH];
@@ -99,7 +99,7 @@ impl Write for Message {
     }
 }
 
-/// The message that the run before left, if it ended by a panic or fault. Forgets it. To be called once.
+/// The message that the previous run left, if it ended by a panic or fault. Clears it. To be called once.
 pub fn take() -> Option<&'static str> {
     static TAKEN: StaticCell<Message> = StaticCell::new();
     let message: &'static Message = TAKEN.init(Message::fetch()?);
@@ -109,7 +109,7 @@ pub fn take() -> Option<&'static str> {
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    // A panic in here says nothing new.
+    // A panic in here adds nothing new.
     if !PANICKED.swap(true, Ordering::Relaxed) {
         let mut message = Message::EMPTY;
         if let Some(location) = info.location() {

@@ -1,4 +1,4 @@
-//! What the board measures of itself, once a second and when asked.
+//! What the board measures about itself, once a second and on request.
 
 use crate::temperature::Sensor;
 use crate::{executor, measure, stack};

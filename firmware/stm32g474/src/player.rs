@@ -1,4 +1,4 @@
-//! The player of the self-test with jumpers: two converters to volts, and an encoder of two pins.
+//! The player of the self-test with jumpers: two D/A converters, and two pins as an encoder.
 //!
 //! ```text
 //! TIM7, 64 kHz --TRGO--> DAC1 (force)    ---request--> DMA2_CH2 <-- forces[256]
@@ -6,13 +6,13 @@
 //!       '-update request------------------------------> DMA2_CH1 <-- pins[256], interrupts at half and at the end
 //! ```
 //!
-//! TIM7 has the clock and the period of TIM6, which samples, and stays behind it by as many ticks as the host wants: so the
-//! host can look at a change of the outputs before, at and after the converters' aperture. Nothing of this runs, and no
-//! pin is driven, but from `Begin` to `End`. A converter puts out with an event what the DMA brought after the one before;
-//! the pins, which need no trigger, wait for a step, so that all three change together. A transfer that fails ends it all
-//! as `End` does, and `End` then says so.
+//! TIM7 has the clock and the period of TIM6, which samples, and lags it by as many ticks as the host wants, so that
+//! the host can observe a change of the outputs before, at and after the ADCs' aperture. All of this runs, and pins are
+//! driven, only from `Begin` to `End`. At each event a converter outputs what the DMA brought after the previous event;
+//! the pins, which need no trigger, are delayed by a step, so that all three change together. A transfer that fails
+//! ends everything as `End` does, and `End` then reports it.
 //!
-//! Sources: RM0440 12.4.7 (errors of the DMA), 22 (DAC; trigger 2 is TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
+//! Sources: RM0440 12.4.7 (DMA errors), 22 (DAC; trigger 2: TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
 
 use crate::boards::clock::{CORE_HZ, CORE_PER_US};
 use crate::rings::ENTRIES_PER_S;
@@ -29,16 +29,16 @@ use inerter_app::player::{Player, Step, quadrature};
 use inerter_wire::{Knot, Play, Refusal};
 use static_cell::ConstStaticCell;
 
-/// Steps of half a ring: two knots, so knots run out between halves only.
+/// Steps in half a ring: two knots, so knots run out between halves only.
 const HALF: usize = 2 * Knot::STEPS as usize;
 const RING: usize = 2 * HALF;
-/// Knots that wait.
+/// Knots that can wait.
 const WAITING: usize = 256;
 /// Ticks of the core's clock in a step.
 const TICKS: u16 = (CORE_HZ / ENTRIES_PER_S) as u16;
-/// Edges closer than this are noise to the encoder's inputs (71 ns), with the bus's jitter.
+/// Edges closer than this, with the bus's jitter, are noise to the encoder's inputs (71 ns).
 const LEAST_EDGE_TICKS: u16 = 24;
-/// Without a word from the host for so long the outputs are let go.
+/// The outputs are released after this long without a request from the host.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Time for a converter's output to wake up (DS12288: at most 7.5 us), in us.
 const WAKE_UP_US: u32 = 10;
@@ -73,7 +73,7 @@ static MEMORY: Memory = Memory {
     terminals: UnsafeCell::new([0; RING]),
 };
 static OUTPUTS: Mutex<RefCell<Option<Outputs>>> = Mutex::new(RefCell::new(None));
-/// Apart from the outputs, as their start values would take their place in flash.
+/// Separate from the outputs, as initial values would take space in flash.
 static KNOTS: ConstStaticCell<[Knot; WAITING]> =
     ConstStaticCell::new([Knot { force: 0, terminal: 0, advance: 0 }; WAITING]);
 
@@ -102,7 +102,7 @@ pub struct Wires {
 /// Takes the outputs. None is driven before the host begins.
 ///
 /// # Panics
-/// If A and B are of different ports: one write drives both.
+/// If A and B are on different ports: one write drives both.
 pub fn wires(
     _timer: Peri<'static, peripherals::TIM7>,
     _force: (Peri<'static, peripherals::DAC1>, Peri<'static, peripherals::PA4>),
@@ -122,7 +122,7 @@ pub fn start(wires: Wires) {
     critical_section::with(|cs| OUTPUTS.borrow_ref_mut(cs).replace(Outputs::new(wires)));
 }
 
-/// Does what a host asks; gives the answer and the room for knots.
+/// Executes a host's request; returns the answer and the room for knots.
 pub fn play(play: &Play) -> Result<(u32, u16), Refusal> {
     with(|outputs| outputs.play(play)).unwrap_or(Err(Refusal::Unsupported))
 }
@@ -132,9 +132,9 @@ enum State {
     /// No pin is driven.
     Off,
     Knots,
-    /// Rings of edges still to be put out.
+    /// Rings of edges still to be output.
     Burst(u16),
-    /// The burst is over, the outputs stand.
+    /// The burst is over, the outputs hold.
     Stands,
 }
 
@@ -142,15 +142,15 @@ struct Outputs {
     wires: Wires,
     state: State,
     player: Player,
-    /// A ring: so many wait from the first on.
+    /// A ring: `waiting` knots, from `first` on.
     knots: &'static mut [Knot; WAITING],
     first: usize,
     waiting: usize,
-    /// Of the step before: see the module's head.
+    /// Levels of the previous step: see the module's head.
     pins: u32,
     /// Knots taken since the beginning.
     taken: u32,
-    /// Times that the outputs stood as no knots had come.
+    /// Times that the outputs stood still because no knots had come.
     stood: u32,
     /// Edges of the burst.
     edges: u32,
@@ -252,7 +252,7 @@ impl Outputs {
             prepare(channel, request, dac.dhr12r(0).as_ptr() as u32, ring, Size::BITS16, true);
         }
         start_timer(TICKS);
-        // How long starting takes is the same each time: the second time sets right what the first one was off.
+        // Starting takes the same time each time: the second pass corrects the error of the first.
         let (mut set, mut found) = (phase_ticks, 0);
         for _ in 0..2 {
             let now = TIM6.cnt().read().cnt();
@@ -260,7 +260,7 @@ impl Outputs {
             found = phase();
             set = minus(plus(set, phase_ticks), found);
         }
-        // All of them begin with the same event, so not at one.
+        // All must begin with the same event, so start them away from one.
         let _ = (0..TICKS).any(|_| (TICKS / 4..TICKS / 2).contains(&TIM7.cnt().read().cnt()));
         for dac in [DAC1, DAC2] {
             dac.cr().write(|w| {
@@ -277,7 +277,7 @@ impl Outputs {
         Ok(u32::from(found))
     }
 
-    /// Lets the outputs go.
+    /// Releases the outputs.
     fn end(&mut self) {
         if self.state == State::Off {
             return;
@@ -302,12 +302,12 @@ impl Outputs {
         }
         halt();
         for dac in [DAC1, DAC2] {
-            // The voltages stand.
+            // The voltages hold.
             dac.cr().write(|w| w.set_en(0, true));
         }
-        // From the count at which it stands: a whole number of quadratures, so the ring may be played again and again.
+        // From the current count: a whole number of quadrature cycles, so the ring can be repeated.
         let count = self.player.step().count;
-        // SAFETY: the DMA stands still, and this is the one player.
+        // SAFETY: the DMA is stopped, and this is the one player.
         let pins = unsafe { &mut *MEMORY.pins.get() };
         for (place, at) in pins.iter_mut().zip(count + 1..) {
             *place = self.levels(at);
@@ -319,14 +319,14 @@ impl Outputs {
         Ok(0)
     }
 
-    /// Puts the ring out once. It stops by itself, so that no edge is put out that is not counted.
+    /// Outputs the ring once. It stops by itself, so that no edge is output uncounted.
     fn lap(&mut self) {
         TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
-        // Forgets a request that came after the last one.
+        // Drops a request that came after the last one.
         TIM7.dier().write(|_| ());
         let State::Burst(left @ 1..) = self.state else {
-            // The burst was a whole number of quadratures, so the pins are as they were. The timer goes on, for its
-            // interrupts: they see to it that the outputs are let go.
+            // The burst was a whole number of quadrature cycles, so the pins are as they were. The timer continues for
+            // its interrupts, which make sure that the outputs are released.
             self.state = State::Stands;
             self.fill(0);
             self.fill(HALF);
@@ -345,11 +345,11 @@ impl Outputs {
         });
     }
 
-    /// A half has been put out.
+    /// A half has been output.
     fn refill(&mut self) {
         let flags = DMA2.isr().read();
         if [PINS, FORCES, TERMINALS].into_iter().any(|channel| flags.teif(channel)) {
-            // The channel stands for ever, and with the pins' no interrupt comes that would let go later.
+            // The channel has stopped for good; if it is the pins', no later interrupt could release the outputs.
             self.end();
             self.stood = Play::TRANSFER_FAILED;
             return;
@@ -365,7 +365,7 @@ impl Outputs {
                 self.lap();
             }
             State::Knots => {
-                // Both: a half was put out twice. Or the DMA was too slow for a converter, which then stands for ever.
+                // Both: a half was output twice. Or the DMA was too slow for a converter, which then stops for good.
                 let late = [DAC1, DAC2].iter().any(|dac| dac.sr().read().dmaudr(0));
                 if first && second || late {
                     self.stood = self.stood.saturating_add(1);
@@ -394,7 +394,7 @@ impl Outputs {
             let Step { force, terminal, count } = self.player.step();
             let levels = self.levels(count);
             let pins = core::mem::replace(&mut self.pins, levels);
-            // SAFETY: the place is in the rings, the DMA is in the other half or stands still, and this is the one player.
+            // SAFETY: the place is in the rings, the DMA is in the other half or stopped, and this is the one player.
             unsafe {
                 (*MEMORY.forces.get())[place] = force;
                 (*MEMORY.terminals.get())[place] = terminal;
@@ -411,12 +411,12 @@ impl Outputs {
     }
 }
 
-/// The timer with this period, standing at 0, its updates known to nobody yet.
+/// Starts the timer from 0 with this period; nothing uses its updates yet.
 #[inline(never)]
 fn start_timer(ticks: u16) {
     TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
     TIM7.cr2().write(|w| w.set_mms(Mms::UPDATE));
-    // Before the period, which may be shorter than where it stands.
+    // Before the period, which may be shorter than the current count.
     TIM7.cnt().write(|w| w.set_cnt(0));
     TIM7.arr().write(|w| w.set_arr(ticks - 1));
     TIM7.cr1().write(|w| {
@@ -444,7 +444,7 @@ fn minus(a: u16, b: u16) -> u16 {
     if a >= b { a - b } else { a + TICKS - b }
 }
 
-/// By how much TIM7 is behind TIM6 now: the middle of two readings, one either way round, cancels the time between them.
+/// By how much TIM7 lags TIM6 now: the mean of two readings, one before and one after, cancels the time between them.
 #[inline(never)]
 fn phase() -> u16 {
     let (before, sampling, after) = (TIM7.cnt().read().cnt(), TIM6.cnt().read().cnt(), TIM7.cnt().read().cnt());

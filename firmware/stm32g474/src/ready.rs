@@ -1,6 +1,6 @@
 //! The converter's "ready" line: its edge latches the encoder's count, and the interrupt comes from the latch.
 //!
-//! So the count belongs to the edge, whenever it is fetched; and of an edge that was not fetched in time there is a
+//! So the count belongs to the edge, whenever it is fetched; and an edge that was not fetched in time leaves a
 //! trace.
 
 use core::future::poll_fn;
@@ -25,7 +25,7 @@ pub struct LatchHandler;
 
 impl Handler<Tim2Interrupt> for LatchHandler {
     unsafe fn on_interrupt() {
-        // The flag stays for the one who waits.
+        // The flag stays set for the waiting task.
         Tim2Interrupt::disable();
         LATCHED.wake();
     }
@@ -46,9 +46,9 @@ pub struct Ready {
 }
 
 impl Ready {
-    /// Takes the pin. The encoder must count already.
+    /// Takes the pin. The encoder must already be counting.
     pub fn new(pin: Peri<'static, impl TimerPin<peripherals::TIM2, Ch3>>) -> Self {
-        // The pin stays connected for ever.
+        // The pin stays connected.
         core::mem::forget(CapturePin::<peripherals::TIM2, Ch3>::new(pin, Pull::Up));
         let (register, input) = INPUT;
         TIM2.ccmr_input(register).modify(|w| w.set_ccs(input, CcmrInputCcs::TI4));
@@ -61,7 +61,7 @@ impl Ready {
         Self { _private: () }
     }
 
-    /// Forgets what was latched.
+    /// Discards what was latched.
     pub fn clear(&mut self) {
         let _ = self.fetch();
     }
@@ -95,7 +95,7 @@ impl Ready {
         let count = TIM2.ccr(CHANNEL).read();
         let missed = flags.ccof(CHANNEL);
         if missed {
-            // Written as 0 a flag is cleared, as 1 it stays.
+            // Writing 0 clears a flag, writing 1 leaves it.
             TIM2.sr().write(|w| {
                 w.0 = u32::MAX;
                 w.set_ccof(CHANNEL, false);

@@ -1,14 +1,14 @@
-//! Why the device started, and what is decided by that before anything else runs.
+//! Why the device started, and what follows from that before anything else runs.
 //!
-//! - Two presses of the reset button within half a second, or a command, lead into the ROM's update mode (DFU).
-//! - The ROM's update mode starts the new firmware by a jump; a reset then gives it the chip as it expects it, unless the
-//!   option bytes lead every reset into the ROM: then they are changed first (`options.rs`), and where that was tried or
-//!   the watchdog bit, what the ROM left is set back by hand until the next start. So it is where a reset was tried and the
-//!   start still looks like a jump: no state of the chip makes a row of resets. AN2606 says
-//!   that the ROM restores no register before, AN3155 that it does, so nothing is taken for granted: a jump leaves the
-//!   vectors, address 0, the protection unit or the clocks other than a reset does, or exactly as a reset does.
-//! - A firmware that ends at its start again and again leaves the saved settings alone, and at last goes into update mode.
-//!   Panics and faults count themselves, the watchdog is known by its flag; a reset by a probe is neither.
+//! - Two presses of the reset button within half a second, or a command, start the ROM's update mode (DFU).
+//! - The ROM's update mode starts the new firmware by a jump; a reset then puts the chip in the state that the firmware
+//!   expects, unless the option bytes lead every reset into the ROM: then they are changed first (`options.rs`), and if
+//!   that was tried or the watchdog bit, what the ROM left is undone by hand until the next start. So it is if a reset
+//!   was tried and the start still looks like a jump: no state of the chip may cause endless resets. AN2606 says that
+//!   the ROM restores no register before the jump, AN3155 that it does, so nothing is assumed: a jump leaves the
+//!   vectors, address 0, the protection unit or the clocks unlike a reset, or exactly as a reset does.
+//! - A firmware that keeps failing at its start ignores the saved settings, and finally enters update mode. Panics and
+//!   faults count themselves, the watchdog is recognised by its flag; a reset by a probe is neither.
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
@@ -28,15 +28,15 @@ use inerter_wire::ResetCause;
 const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 /// Time within which a second press of the button counts.
 const DOUBLE_PRESS: Instant = Instant::from_millis(500);
-/// A run that comes to this moment has not failed at its start.
+/// A run that reaches this time has not failed at its start.
 const GOOD_RUN: Instant = Instant::from_secs(10);
-/// Failed starts in a row after which the saved settings are left alone, as they may be why.
+/// Failed starts in a row after which the saved settings are ignored, as they may be the cause.
 const SUSPECTS_SETTINGS: u32 = 3;
-/// Failed starts in a row after which another firmware is wanted.
+/// Failed starts in a row after which the device waits for another firmware.
 const GIVES_UP: u32 = 6;
 
-// Runs before memory is set up, as the jump's state must not meet it: a protection unit that is still on would make the
-// first write a fault, with the ROM's handlers. Without a stack, as nothing is known of it.
+// Runs before memory is set up, which the jump's state must not affect: a protection unit that is still on would make
+// the first write a fault, with the ROM's handlers. Uses no stack, as nothing is known about it.
 global_asm!(
     ".section .text.__pre_init,\"ax\",%progbits",
     ".global __pre_init",
@@ -48,7 +48,7 @@ global_asm!(
     "ldr r1, [r0]",
     "cmp r1, #0",
     "bne 2f",
-    // VTOR: 0 after a reset, flash if somebody was so kind.
+    // VTOR: 0 after a reset, or flash if already set.
     "ldr r0, =0xE000ED08",
     "ldr r1, [r0]",
     "bics r1, r1, #0x08000000",
@@ -64,7 +64,7 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
-    // What the ROM may have left of the core: interrupts enabled and pending, SysTick, masks, its stack. As after a reset.
+    // Undoes what the ROM may have left in the core: interrupts enabled and pending, SysTick, masks, its stack.
     "4:",
     "movs r1, #0",
     "ldr r0, =0xE000E010",
@@ -90,9 +90,9 @@ global_asm!(
     "isb",
     "cpsie f",
     "cpsie i",
-    // The first write to each cut of SRAM1 and SRAM2 may be lost (ES0430 2.2.7). The first has parity, where the option bytes
-    // say so, and may not be read before it was written: twice, as start-up fills this place later. The others keep what
-    // they hold.
+    // The first write to each cut of SRAM1 and SRAM2 may be lost (ES0430 2.2.7). The first cut has parity, if the
+    // option bytes say so, and must not be read before it is written: it is written twice, as start-up fills this place
+    // later. The others keep their content.
     "ldr r0, =0x20000000",
     "str r1, [r0]",
     "dsb",
@@ -108,7 +108,7 @@ global_asm!(
     "str r1, [r0]",
     "dsb",
     "bx lr",
-    // A jump. RCC_CSR.SFTRSTF: has a reset been tried already, and this is what it left?
+    // A jump. RCC_CSR.SFTRSTF: has a reset already been tried, with this result?
     "2:",
     "ldr r0, =0x40021094",
     "ldr r1, [r0]",
@@ -169,7 +169,7 @@ enum Note {
     Update = 0x4446_5521,
 }
 
-/// Not touched by start-up, so it outlives a reset; after power came it is anything.
+/// Not touched by start-up, so it survives a reset; arbitrary after power-on.
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
@@ -188,12 +188,12 @@ fn set_saves_left(number: u8) {
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(SAVES_LEFT).cast(), SAVES_MAGIC | u32::from(number)) };
 }
 
-/// What the run before left, where it ended by a request; told once.
+/// What the previous run left, if it ended by a request; returned once.
 fn take_saves_left(cause: ResetCause) -> u8 {
     let place = ptr::addr_of_mut!(SAVES_LEFT).cast::<u32>();
-    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it. From thread mode only.
+    // SAFETY: one word of RAM, any content of which is valid; volatile, as the run before wrote it. Thread mode only.
     let word = unsafe { ptr::read_volatile(place) };
-    // SAFETY: as above. What is left is not of a later start that nobody asked for.
+    // SAFETY: as above. Cleared, so that a later start that nobody requested does not find it.
     unsafe { ptr::write_volatile(place, 0) };
     let asked = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
     if asked && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
@@ -210,17 +210,17 @@ fn failed_starts() -> u32 {
     if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
 }
 
-/// This run ends by a panic or a fault.
+/// Notes that this run ends by a panic or a fault.
 pub fn note_failure() {
     set_failed_starts(failed_starts() + 1);
 }
 
-/// What is known of a start.
+/// What is known about a start.
 #[derive(Clone, Copy)]
 pub struct Started {
     /// Why the device started.
     pub cause: ResetCause,
-    /// The runs before ended so early, and so often, that the saved settings may be why.
+    /// The previous runs ended so early, and so often, that the saved settings may be the cause.
     pub suspects_settings: bool,
     /// Saves that the flash may take now.
     pub saves_left: u8,
@@ -236,7 +236,7 @@ fn note_is(note: Note) -> bool {
     note as u32 == unsafe { ptr::read_volatile(ptr::addr_of!(NOTE).cast()) }
 }
 
-/// Finds out why the device started. To be called first of all; may not return.
+/// Finds out why the device started. To be called first of all; might not return.
 pub fn begin() -> Started {
     if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
         // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
@@ -248,7 +248,7 @@ pub fn begin() -> Started {
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
     FLAGS.store(flags.0, Ordering::Relaxed);
-    // The pin's flag is set with each of the others, as the chip pulls it down itself.
+    // The pin's flag is set along with each of the others, as the chip pulls the pin low itself.
     let cause = if flags.borrstf() {
         ResetCause::PowerOn
     } else if flags.iwdgrstf() {
@@ -268,7 +268,7 @@ pub fn begin() -> Started {
     };
     let failed = match cause {
         ResetCause::Watchdog => failed_starts() + 1,
-        // A panic has counted itself; a wanted restart has set the number back; a probe's reset changes nothing.
+        // A panic has counted itself; a requested restart has cleared the number; a probe's reset changes nothing.
         ResetCause::Software => failed_starts(),
         _ => 0,
     };
@@ -277,7 +277,7 @@ pub fn begin() -> Started {
     let pressed = note_is(Note::Pressed);
     let again = pressed && cause == ResetCause::Pin;
     let wanted = note_is(Note::Update) && cause == ResetCause::Software;
-    // A press outlives restarts that nobody wanted, or two presses would not lead out of an endless row of them.
+    // A press survives restarts that nobody requested, or two presses could not break an endless series of them.
     set_note(if cause == ResetCause::Pin || pressed && by_itself { Note::Pressed } else { Note::Nothing });
     if again || wanted || failed >= GIVES_UP {
         set_note(Note::Nothing);
@@ -297,7 +297,7 @@ pub async fn forget() {
     set_failed_starts(0);
 }
 
-/// Restarts, with so many saves left.
+/// Restarts, with this many saves left.
 pub fn restart(saves_left: u8) -> ! {
     set_saves_left(saves_left);
     set_note(Note::Nothing);
@@ -305,7 +305,7 @@ pub fn restart(saves_left: u8) -> ! {
     SCB::sys_reset()
 }
 
-/// Does nothing more, with so many saves left: the watchdog bites. For the test of the watchdog, so it is no failed start.
+/// Does nothing more, with this many saves left: the watchdog bites. For the watchdog's test, so not a failed start.
 pub fn hang(saves_left: u8) -> ! {
     set_saves_left(saves_left);
     set_note(Note::Nothing);
@@ -323,7 +323,7 @@ pub fn update(saves_left: u8) -> ! {
     SCB::sys_reset()
 }
 
-/// Everything is as after a reset, the protection unit off and VTOR 0: the ROM can start as if it had been chosen by the boot pin.
+/// Everything is as after a reset, the protection unit off and VTOR 0: the ROM starts as if selected by the boot pin.
 fn enter_rom() -> ! {
     RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // The ROM at address 0 (RM0440, 10.2.1: 001).

@@ -7,8 +7,8 @@
 //! ```
 //!
 //! The three rings have the same length and start together, so entry `n` of each belongs to the same event. A *half*
-//! (256 entries, 4 ms) is read while the hardware fills the other one. What the hardware says at each half is checked:
-//! the rings must be at the same entry, in the half expected, with no conversion overrun.
+//! (256 entries, 4 ms) is read while the hardware fills the other one. The state of the hardware is checked at each
+//! half: the rings must be at the same entry, in the half expected, with no conversion overrun.
 //!
 //! Sources: RM0440 12 (DMA), 13 table 91 (DMAMUX), 21 (ADC; trigger 13 of table 163 is TIM6_TRGO), 29 and 31 (timers).
 
@@ -41,15 +41,15 @@ const RING: usize = 2 * HALF;
 const TICKS: u32 = CORE_HZ / ENTRIES_PER_S;
 const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 
-/// Timer ticks from an event until its codes are in the rings for certain: 0.95 us for the conversion, as much again
+/// Timer ticks from an event until its codes are certain to be in the rings: 0.95 us for the conversion, as much again
 /// for the transfers.
 const SETTLED: u16 = 2 * CORE_PER_US as u16;
-/// The same where it is judged whether the rings are at one entry: a converter that looks some microseconds late still
-/// belongs to its event, and restarts would hide how late it is, which the test with jumpers tells.
+/// The same for the check that the rings are at one entry: a converter that samples some microseconds late still
+/// belongs to its event, and restarts would hide how late it is, which the test with jumpers measures.
 const ALIGNED: u16 = 5 * CORE_PER_US as u16;
-/// Looks at the rings, some 20 ticks each, until one falls between two events: more than [`ALIGNED`].
+/// Polls of the rings, some 20 ticks each, until one falls between two events: more than [`ALIGNED`].
 const POLLS: usize = 64;
-/// Looks at a converter until it has converted for nothing or stopped, of at least 10 cycles each: it takes 150.
+/// Polls of a converter until its discarded conversion ends or it stops, of at least 10 cycles each: it takes 150.
 const DISCARD_POLLS: usize = 100;
 
 // DMA channels, counted from 0 as the registers are.
@@ -85,7 +85,7 @@ pub struct HalfHandler;
 
 impl Handler<DMA1_CHANNEL3> for HalfHandler {
     unsafe fn on_interrupt() {
-        // The flags stay for the one who waits, so nothing is decided twice.
+        // The flags stay set for the waiting task, so nothing is decided twice.
         DMA1_CHANNEL3::disable();
         HALF_IS_FULL.wake();
     }
@@ -101,7 +101,7 @@ pub enum Half {
 }
 
 impl Half {
-    /// The one after.
+    /// The next half.
     pub fn next(self) -> Self {
         match self {
             Self::First => Self::Second,
@@ -120,7 +120,7 @@ impl Half {
 /// Why a half cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RingError {
-    /// The reader came late: halves were written over.
+    /// The reader was late: halves were overwritten.
     Late,
     /// A conversion was not fetched in time. The converters have stopped.
     Overrun,
@@ -149,14 +149,14 @@ pub fn encoder(
     a: Peri<'static, impl TimerPin<peripherals::TIM2, Ch1>>,
     b: Peri<'static, impl TimerPin<peripherals::TIM2, Ch2>>,
 ) -> Encoder {
-    // The pins stay connected for ever.
+    // The pins stay connected.
     core::mem::forget(CapturePin::<peripherals::TIM2, Ch1>::new(a, Pull::Up));
     core::mem::forget(CapturePin::<peripherals::TIM2, Ch2>::new(b, Pull::Up));
     critical_section::with(|_| RCC.apb1enr1().modify(|w| w.set_tim2en(true)));
     TIM2.ccmr_input(0).write(|w| {
         for input in 0..2 {
             w.set_ccs(input, CcmrInputCcs::TI4);
-            // 6 equal samples at 84 MHz: pulses under 71 ns are noise, and lines come up to 3 MHz.
+            // 6 equal samples at 84 MHz: pulses under 71 ns are rejected as noise, and lines pass up to 3 MHz.
             w.set_icf(input, FilterValue::FDTS_DIV2_N6);
         }
     });
@@ -169,7 +169,7 @@ pub fn encoder(
 /// The rings and what fills them.
 pub struct Rings {
     _encoder: Encoder,
-    /// Both converters are.
+    /// Both converters are ready.
     ready: bool,
 }
 
@@ -180,8 +180,8 @@ impl Rings {
             RCC.ahb2enr().modify(|w| w.set_adc12en(true));
             RCC.apb1enr1().modify(|w| w.set_tim6en(true));
         });
-        // The clock is not the timer's, though of the same PLL. A trigger waits for it: 1.5 to 2.5 of its periods, which go
-        // round four phases, as 2625 ticks are no multiple of 4; the same for both converters.
+        // The clock is not the timer's, though from the same PLL. A trigger waits for it: 1.5 to 2.5 of its periods,
+        // cycling through four phases, as 2625 ticks are not a multiple of 4; the same for both converters.
         adc::choose_clock(ADC12_COMMON);
         let ready = convert(ADC1, force.channel) & convert(ADC2, terminal.channel);
         TIM6.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
@@ -199,7 +199,7 @@ impl Rings {
     pub fn start(&mut self) {
         for adc in [ADC1, ADC2] {
             discard(adc);
-            // A conversion left over would be an entry ahead of the others.
+            // A leftover conversion would be one entry ahead of the others.
             adc.isr().write(|w| {
                 w.set_eoc(true);
                 w.set_eos(true);
@@ -228,7 +228,7 @@ impl Rings {
         for adc in [ADC1, ADC2] {
             if adc.cr().read().adstart() {
                 adc.cr().modify(|w| w.set_adstp(Adstp::STOP));
-                // Where it does not stop, no half will be full after the next start, which is noticed.
+                // If it does not stop, no half will be full after the next start, which is noticed.
                 let _ = (0..DISCARD_POLLS).any(|_| !adc.cr().read().adstart());
             }
         }
@@ -259,11 +259,11 @@ impl Rings {
 
     /// What a full half holds: counts, force codes, terminal codes.
     ///
-    /// Valid as long as [`holds`](Self::holds) says so afterwards.
+    /// Valid only if [`holds`](Self::holds) is true afterwards.
     pub fn half(&self, half: Half) -> (&[u32; HALF], &[u16; HALF], &[u16; HALF]) {
         let start = half.start();
         // SAFETY: the pointers stay inside the rings. The DMA writes the other half; if it has come back meanwhile, the
-        // numbers are any numbers, and the caller learns by `holds` that they are void.
+        // numbers are arbitrary, and `holds` tells the caller that they are invalid.
         unsafe {
             (
                 &*ptr::from_ref(&(*MEMORY.counts.get())[start]).cast(),
@@ -317,13 +317,13 @@ fn position(channel: usize) -> usize {
     RING.saturating_sub(usize::from(DMA1.ch(channel).ndtr().read().ndt())) % RING
 }
 
-/// Whether all rings are at the same entry. One more or less is a false damper: 47 N s/m for 300 kg at 16 Hz.
+/// Whether all rings are at the same entry. One entry off is a false damper: 47 N s/m for 300 kg at 16 Hz.
 fn are_aligned() -> bool {
     let tick = || TIM6.cnt().read().cnt();
     for _ in 0..POLLS {
         let before = tick();
         let positions = [COUNTS, FORCES, TERMINALS].map(position);
-        // No event between the two: the timer begins anew at each.
+        // No event between the two: the timer restarts at each.
         if before >= ALIGNED && tick() >= before {
             return positions == [positions[COUNTS]; 3];
         }
@@ -358,8 +358,8 @@ fn prepare(channel: usize, request: u8, from: u32, to: u32, size: Size) {
     });
 }
 
-/// Converts once for nothing: the first conversion after a stop may be of another channel (ES0430 2.7.10), and the first
-/// one more than 1 ms after the one before may be wrong (ES0430 2.7.9).
+/// Converts once and discards it: the first conversion after a stop may be of another channel (ES0430 2.7.10), and the
+/// first one more than 1 ms after the one before may be wrong (ES0430 2.7.9).
 fn discard(adc: Adc) {
     let by_event = adc.cfgr().read();
     adc.cfgr().modify(|w| {
@@ -367,19 +367,19 @@ fn discard(adc: Adc) {
         w.set_exten(Exten::DISABLED);
     });
     adc.cr().modify(|w| w.set_adstart(true));
-    // Where it does not end, no half will ever be full, which is noticed.
+    // If it does not end, no half will ever be full, which is noticed.
     let _ = (0..DISCARD_POLLS).any(|_| !adc.cr().read().adstart());
     let _ = adc.dr().read();
     adc.cfgr().write_value(by_event);
 }
 
-/// Whether nothing is converted now nor starts to be within so many of the timer's ticks.
+/// Whether no conversion is running nor will start within this many of the timer's ticks.
 pub fn rest_for(ticks: u16) -> bool {
     let rest = SETTLED..TICKS as u16 - ticks;
     !TIM6.cr1().read().cen() || rest.contains(&TIM6.cnt().read().cnt())
 }
 
-/// One conversion of the channel for each event, fetched by DMA for ever. Says whether the converter is ready.
+/// Sets up one conversion of the channel per event, always fetched by DMA. Returns whether the converter is ready.
 fn convert(adc: Adc, channel: u8) -> bool {
     let ready = adc::switch_on(adc);
     adc.sqr1().write(|w| w.set_sq(0, channel));
@@ -389,7 +389,7 @@ fn convert(adc: Adc, channel: u8) -> bool {
         w.set_dmacfg(Dmacfg::CIRCULAR);
         w.set_extsel(TRIGGER_TIM6);
         w.set_exten(Exten::RISING_EDGE);
-        // What was not fetched is kept, and requests cease: an overrun cannot go unnoticed.
+        // Unfetched data is kept, and requests cease: an overrun cannot go unnoticed.
         w.set_ovrmod(Ovrmod::PRESERVE);
         w.set_jqdis(true);
     });

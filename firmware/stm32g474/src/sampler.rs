@@ -1,8 +1,8 @@
-//! The analogue front end: from full halves of the rings to samples.
+//! The analogue front end: turns full halves of the rings into samples.
 //!
-//! Deadline: a half, 4 ms, from the interrupt to the last read. Later than that is noticed, and becomes a discontinuity.
-//! Each trouble costs only time: what is lost is counted by the clock, the same that starts the conversions, so the
-//! sample counter stays right over it.
+//! Deadline: a half, 4 ms, from the interrupt to the last read. A miss is detected, and becomes a discontinuity.
+//! Every fault costs only time: what is lost is counted by the clock, the same that starts the conversions, so the
+//! sample counter stays right.
 
 use crate::led;
 use crate::rings::{ENTRIES_PER_S, HALF, Half, RingError, Rings};
@@ -12,17 +12,17 @@ use inerter_app::SourceError;
 use inerter_app::boxcar::Boxcar;
 use inerter_core::{RawSample, Settings};
 
-/// Samples a second that can be had.
+/// Sample rates available, in Hz.
 pub const RATES_HZ: &[f64] = &[1_000.0, 2_000.0, 4_000.0];
 
-/// Samples of a half at the highest rate.
+/// Samples in a half at the highest rate.
 const SAMPLES_PER_HALF: usize = HALF / 16;
 /// Time that a half takes to fill.
 const HALF_TIME: Duration = Duration::from_micros(HALF as u64 * 1_000_000 / ENTRIES_PER_S as u64);
 const _: () = assert!(HALF_TIME.as_micros() * ENTRIES_PER_S as u64 == HALF as u64 * 1_000_000);
-/// No half in this time: the hardware stands still.
+/// If no half is full in this time, the hardware has stopped.
 const HALF_LIMIT: Duration = Duration::from_millis(20);
-/// Time for which it is started again and again before it counts as broken.
+/// Time for which it is restarted repeatedly before it counts as broken.
 const RESTART_LIMIT: Duration = Duration::from_millis(250);
 
 /// The sampler.
@@ -32,9 +32,9 @@ pub struct Sampler {
     running: bool,
     /// Half that will be full next.
     next: Half,
-    /// When that half began; `None` where no time counts: before the first start, and between two rates.
+    /// When that half began; `None` while no time counts: before the first start, and between two rates.
     begun: Option<Instant>,
-    /// Samples not handed out yet, from `given` on.
+    /// Samples not returned yet, from `given` on.
     ready: Vec<RawSample, SAMPLES_PER_HALF>,
     given: usize,
     /// When the last good half was taken, or reading began.
@@ -61,7 +61,7 @@ impl Sampler {
         self.boxcar.index()
     }
 
-    /// Takes over the rate; the first sample has this index.
+    /// Sets the rate; the first sample has this index.
     pub fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
         let rate_hz = settings.sample_rate_hz;
         let window = RATES_HZ.iter().find(|&&rate| rate == rate_hz).map(|rate| ENTRIES_PER_S / *rate as u32);
@@ -118,7 +118,7 @@ impl Sampler {
         self.running = true;
     }
 
-    /// Starts anew after trouble, unless there has been nothing else for long.
+    /// Restarts after a fault, unless there have been only faults for too long.
     fn restart(&mut self, why: SourceError) -> Result<(), SourceError> {
         self.halt();
         if self.good.elapsed() > RESTART_LIMIT {
@@ -144,35 +144,35 @@ impl Sampler {
             self.good = Instant::now();
             return Ok(());
         }
-        // The samples were counted, and are not given out: a discontinuity.
+        // The samples were counted but are not returned: a discontinuity.
         self.ready.clear();
         Err(SourceError::Overrun)
     }
 
-    /// Halves were written over: leaves them out and takes the latest full one.
+    /// Halves were overwritten: leaves them out and takes the latest full one.
     fn catch_up(&mut self) -> Result<(), SourceError> {
         let latest = self.rings.latest();
         let elapsed = self.begun.map_or(Duration::MIN, |begun| begun.elapsed());
         let missed = missed_halves(elapsed.as_micros(), latest == self.next);
         self.boxcar.skip(missed * HALF as u32);
         self.begun = self.begun.map(|begun| begun + HALF_TIME * missed);
-        // Its trouble, if any, is the same that is reported here.
+        // Its error, if any, is the one reported here.
         let _ = self.take(latest);
         Err(SourceError::Overrun)
     }
 }
 
-/// Entries of so much time, to the nearest.
+/// Number of entries in `time`, to the nearest.
 fn entries_in(time: Duration) -> u32 {
     ((time.as_micros() * u64::from(ENTRIES_PER_S) + 500_000) / 1_000_000) as u32
 }
 
-/// Halves written over, when so much time has passed since the first of them began and the latest is full.
+/// Halves overwritten, from the time since the first of them began, when the latest is full.
 ///
-/// Time says how many, and which half is the latest says whether the number is even.
+/// The time tells how many, and which half is the latest tells whether the number is even.
 fn missed_halves(elapsed_us: u64, even: bool) -> u32 {
     let half_us = HALF_TIME.as_micros();
-    // All that are full but the latest.
+    // All full halves but the latest.
     let missed = (elapsed_us / half_us).saturating_sub(1) as u32;
     if missed.is_multiple_of(2) == even {
         return missed;

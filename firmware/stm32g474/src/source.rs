@@ -1,4 +1,4 @@
-//! The front end in use, by the setting `front_end`.
+//! The front end in use, selected by the setting `front_end`.
 
 use crate::converter::{self, Converter};
 use crate::sampler::{self, Sampler};
@@ -12,7 +12,7 @@ fn rates_hz(front_end: FrontEnd) -> &'static [f64] {
     }
 }
 
-/// Whether the front end that they choose can do it.
+/// Whether the front end that the settings select supports them.
 pub fn accepts(settings: &Settings) -> Result<(), SettingsError> {
     let (value, offered) = (settings.sample_rate_hz, rates_hz(settings.front_end));
     if !offered.contains(&value) {
@@ -53,8 +53,8 @@ impl SampleSource for Source {
         }
     }
 
-    /// The sample counter goes on, whichever front end comes; a sample is left out, as nothing after is the neighbour
-    /// of anything before.
+    /// The sample counter continues, whichever front end follows; one index is left out, as the samples before and
+    /// after are not consecutive.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         self.halt().await;
         let index = match self.in_use {

@@ -1,6 +1,6 @@
 //! The converter's bus: SPI2 by DMA, with its chip select.
 //!
-//! Bytes go through a buffer that outlives every future, so a future that is dropped leaves nothing to the DMA.
+//! Bytes go through a buffer that outlives every future, so the DMA never accesses memory of a dropped future.
 //! Source: RM0440 39.5.9 (communication using DMA), 13 table 91 (requests).
 
 use core::cell::UnsafeCell;
@@ -25,11 +25,11 @@ const REQUEST_SENT: u8 = 13;
 const REQUEST_RECEIVED: u8 = 12;
 /// Bytes at once; a frame has 18.
 const LENGTH: usize = 32;
-/// Bytes of the bus's own receive buffer.
+/// Bytes of the SPI's own receive buffer.
 const FIFO: usize = 4;
 /// Longest wait for a transfer; 32 bytes take 25 us.
 const LIMIT: Duration = Duration::from_millis(5);
-/// Looks at the bus, of at least 10 cycles each: four bytes take 512.
+/// Polls of the bus, of at least 10 cycles each: four bytes take 512.
 const BUSY_POLLS: usize = 100;
 
 struct Buffer(UnsafeCell<[u8; LENGTH]>);
@@ -45,7 +45,7 @@ pub struct DoneHandler;
 
 impl Handler<DMA1_CHANNEL5> for DoneHandler {
     unsafe fn on_interrupt() {
-        // The flag stays for the one who waits.
+        // The flag stays set for the waiting task.
         DMA1_CHANNEL5::disable();
         DONE.wake();
     }
@@ -63,7 +63,7 @@ impl embedded_hal_async::spi::Error for Failed {
 
 /// One device on the bus: mode 1, 10.5 MHz, so a frame of 18 bytes takes 14 us.
 ///
-/// It can exchange bytes in place, which is all that the converter's driver does.
+/// It can only transfer in place, which is all that the converter's driver needs.
 pub struct Device {
     select: Output<'static>,
 }
@@ -86,7 +86,7 @@ impl Device {
         ] {
             let mut pin = pin;
             pin.set_as_af_unchecked(function, kind);
-            // Connected for ever.
+            // Stays connected.
             core::mem::forget(pin);
         }
         critical_section::with(|_| RCC.apb1enr1().modify(|w| w.set_spi2en(true)));
@@ -107,7 +107,7 @@ impl Device {
     }
 }
 
-/// Deselects and stops the bus, also when the future is dropped.
+/// Deselects and stops the bus, even when the future is dropped.
 struct Selected<'a>(&'a mut Output<'static>);
 
 impl<'a> Selected<'a> {
@@ -116,7 +116,7 @@ impl<'a> Selected<'a> {
         Self(select)
     }
 
-    /// Sends what is in the buffer and puts there what comes back.
+    /// Sends the buffer's bytes and replaces them by those that come back.
     async fn exchange(&mut self, count: usize) -> Result<(), Failed> {
         SPI2.cr2().modify(|w| w.set_rxdmaen(true));
         prepare(RECEIVED, Dir::FROM_PERIPHERAL, count);
@@ -167,11 +167,11 @@ fn prepare(channel: usize, dir: Dir, count: usize) {
     });
 }
 
-/// Stops wherever it is; nothing happens where it has ended.
+/// Stops a transfer at any point; does nothing if it has ended.
 fn stop() {
     DMA1.ch(SENT).cr().write(|_| ());
-    // Where all has come back, nothing is on its way. Else that ends within a byte or four. What is switched off before may say
-    // for ever that it is busy (ES0430 2.18.1), so nobody asks it afterwards.
+    // If all bytes have come back, nothing is on its way. Else that ends within one to four bytes. An SPI switched off
+    // before may show busy forever (ES0430 2.18.1), so the flag is not read afterwards.
     if DMA1.ch(RECEIVED).ndtr().read().ndt() != 0 {
         let is_idle = || {
             let status = SPI2.sr().read();
@@ -181,7 +181,7 @@ fn stop() {
     }
     DMA1.ch(RECEIVED).cr().write(|_| ());
     SPI2.cr1().modify(|w| w.set_spe(false));
-    // Of a transfer that was cut off, bytes may be left.
+    // A transfer that was cut off may have left bytes.
     for _ in 0..FIFO {
         if SPI2.sr().read().frlvl() == Frlvl::EMPTY {
             break;

@@ -10,17 +10,17 @@ unsafe extern "C" {
     static mut _stack_end: u32;
 }
 
-/// Bytes of the guard: more than the fault's handler needs of stack, as the guard does not stop that one.
+/// Bytes of the guard: more stack than the fault handler needs, as the guard does not stop that handler.
 const GUARD: u32 = 1024;
 /// RASR: no execution, no access, size 2^(9+1), enabled (ARMv7-M, B3.5.9).
 const NO_ACCESS: u32 = 1 << 28 | 9 << 1 | 1;
-/// CTRL: enabled, with the usual map elsewhere; not in the handlers of faults.
+/// CTRL: enabled, with the default map elsewhere; not in fault handlers.
 const ENABLE: u32 = 1 << 2 | 1;
 
-/// Makes a stack that grows too far a fault at its very end, instead of a change in somebody else's memory.
+/// Turns a stack overflow into a fault at the stack's end, instead of a change in other memory.
 ///
-/// Not before it is certain that this run does not go to the ROM: the ROM's program works in the same memory, and only a
-/// reset removes the guard.
+/// Only once it is certain that this run does not enter the ROM: the ROM's program works in the same memory, and only
+/// a reset removes the guard.
 pub fn guard(mpu: &mut MPU) {
     // SAFETY: the region lies above all static memory and below what the stack has used so far.
     unsafe {
@@ -33,7 +33,7 @@ pub fn guard(mpu: &mut MPU) {
     cortex_m::asm::isb();
 }
 
-/// The first edge of the guard's size above the static memory.
+/// The first multiple of the guard's size above the static memory.
 fn guard_start() -> u32 {
     (ptr::addr_of!(_stack_end) as u32).next_multiple_of(GUARD)
 }

@@ -1,9 +1,9 @@
 //! The chip's own temperature and voltage reference, by ADC5.
 //!
-//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9), and between two
-//! samples, as the start of a converter may disturb another one's conversion (ES0430 2.7.11).
+//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9), and between
+//! two samples, as starting a converter may disturb another one's conversion (ES0430 2.7.11).
 //!
-//! Source: RM0440 21.4.32 and 21.4.34; DS12288 tables 5 and 6 (calibration at 30 and 130 degrees, with a supply of 3.0 V).
+//! Source: RM0440 21.4.32 and 21.4.34; DS12288 tables 5 and 6 (calibration at 30 and 130 degrees, supply of 3.0 V).
 
 use crate::boards::clock::CORE_PER_US;
 use crate::{adc, rings};
@@ -14,22 +14,22 @@ use embassy_stm32::pac::{ADC5, ADC345_COMMON, RCC};
 /// Channels of the sensor and of the reference.
 const SENSOR: u8 = 4;
 const REFERENCE: u8 = 18;
-/// Looks at the converter, of at least 10 cycles each: a conversion takes 1000.
+/// Polls of the converter, of at least 10 cycles each: a conversion takes 1000.
 const POLLS: u32 = 1_000;
-/// Core clocks of a conversion: (247.5 + 12.5) of the converter's, a quarter of the core's, and two until it starts.
+/// Core clocks of a conversion: (247.5 + 12.5) converter clocks, each four of the core's, and two until it starts.
 const CONVERSION: u16 = 7 * CORE_PER_US as u16;
 const CALIBRATION_30: *const u16 = 0x1FFF_75A8 as *const u16;
 const CALIBRATION_130: *const u16 = 0x1FFF_75CA as *const u16;
 const CALIBRATION_REFERENCE: *const u16 = 0x1FFF_75AA as *const u16;
-/// Supply here over supply at the calibration.
+/// Supply here divided by supply at the calibration.
 const SUPPLY: f32 = 3.3 / 3.0;
 
-/// Looks for a moment between two samples, of at least 10 cycles each: two periods of sampling.
+/// Polls for a moment between two samples, of at least 10 cycles each: two periods of sampling.
 const MOMENTS: u32 = 500;
 
 /// The sensor, switched on.
 pub struct Sensor {
-    /// Its converter is.
+    /// Its converter is ready.
     ready: bool,
 }
 
@@ -43,14 +43,14 @@ impl Sensor {
             w.set_vrefen(true);
         });
         let ready = adc::switch_on(ADC5);
-        // 5.9 us at 42 MHz; the sensor wants 5, the reference 4.
+        // 5.9 us at 42 MHz; the sensor needs 5, the reference 4.
         ADC5.smpr().write(|w| w.set_smp(usize::from(SENSOR), SampleTime::CYCLES247_5));
         ADC5.smpr2().write(|w| w.set_smp(usize::from(REFERENCE - 10), SampleTime::CYCLES247_5));
         Self { ready }
     }
 
-    /// Temperature in degrees Celsius, to about 5; takes 45 us at most. `None` when the converter does not answer or the chip
-    /// has no calibration.
+    /// Temperature in degrees Celsius, to about 5; takes 45 us at most. `None` when the converter does not answer or
+    /// the chip has no calibration.
     pub fn read_c(&mut self) -> Option<f32> {
         let code = f32::from(self.read(SENSOR)?) * SUPPLY;
         let [at_30, at_130, _] = factory();

@@ -1,7 +1,7 @@
 //! Cycles that each task takes, by the core's cycle counter (DWT_CYCCNT; ARMv7-M, C1.8).
 //!
-//! Always counted: a poll costs two looks at the counter and an addition. All numbers wrap; a difference over less than 25 s
-//! is right. The counter may stand while the core sleeps, which no task does.
+//! Always counted: a poll costs two reads of the counter and an addition. All numbers wrap; a difference over less than
+//! 25 s is right. The counter may stop while the core sleeps, when no task runs.
 
 use core::future::poll_fn;
 use core::pin::Pin;
@@ -18,32 +18,32 @@ pub enum Task {
     Supervising,
 }
 
-/// How many there are.
+/// Number of tasks.
 const TASKS: usize = 5;
 
 static TAKEN: [AtomicU32; TASKS] = [const { AtomicU32::new(0) }; TASKS];
 static SAMPLING: AtomicU32 = AtomicU32::new(0);
 
-/// Lets the counter run.
+/// Starts the counter.
 pub fn start(dcb: &mut DCB, dwt: &mut DWT) {
     dcb.enable_trace();
     dwt.enable_cycle_counter();
 }
 
-/// There is one writer of each, so that no read and write in one is needed.
+/// Each has one writer, so that no atomic read-modify-write is needed.
 fn add(to: &AtomicU32, cycles: u32) {
     to.store(to.load(Ordering::Relaxed).wrapping_add(cycles), Ordering::Relaxed);
 }
 
-/// Counts what the interrupt of sampling does, with what interrupts it.
+/// Counts the cycles of the sampling interrupt, with those of what interrupts it.
 pub fn counted_sampling(work: impl FnOnce()) {
     let begin = DWT::cycle_count();
     work();
     add(&SAMPLING, DWT::cycle_count().wrapping_sub(begin));
 }
 
-/// A clock that stands while samples are taken, and never goes back: where sampling came between the two looks, a task that
-/// takes next to nothing would be given a number less than 0, which is one near 2^32.
+/// A clock that stops while samples are taken, and never goes back: if sampling came between the two reads, a task that
+/// takes next to no time would get a negative number, that is, one near 2^32.
 fn thread_cycles() -> u32 {
     loop {
         let sampling = SAMPLING.load(Ordering::Relaxed);
@@ -56,7 +56,7 @@ fn thread_cycles() -> u32 {
     }
 }
 
-/// Counts what a task does.
+/// Counts the cycles of a task.
 pub async fn counted<F: Future>(task: Task, mut future: Pin<&mut F>) -> F::Output {
     poll_fn(|context| {
         let begin = thread_cycles();

@@ -311,7 +311,7 @@ fn reason_words(reason: Reason) -> &'static str {
     match reason {
         Reason::ForceNeverReverses => "load never reverses",
         Reason::TooFewReversals => "too few reversals",
-        Reason::FlankTooShort => "contact too short",
+        Reason::FlankTooShort => "flanks too short",
         Reason::StiffnessUnknown => "stiffness unknown",
         Reason::Scattered => "reversals disagree",
     }
@@ -321,7 +321,7 @@ fn reason_words(reason: Reason) -> &'static str {
 pub fn contact_words(contact: Contact) -> &'static str {
     match contact {
         Contact::Unknown => "not seen yet",
-        Contact::OneSided => "one flank carries all of it",
+        Contact::OneSided => "one flank carries all the force",
         Contact::Closed => "no backlash seen",
         Contact::Backlash => "backlash at each reversal",
         Contact::Bouncing => "the flanks bounce",

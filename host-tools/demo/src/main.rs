@@ -127,7 +127,7 @@ fn run() -> Result<bool, Error> {
         outcomes.push(shake(test, test.device, speed, &image, &folder)?);
     }
     print!("{}", summary(&outcomes));
-    println!("look at them: {}", pages(&outcomes, &folder)?.display());
+    println!("pages of the runs: {}", pages(&outcomes, &folder)?.display());
     Ok(outcomes.iter().all(|outcome| outcome.same && outcome.lost_frames == 0))
 }
 

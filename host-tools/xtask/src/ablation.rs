@@ -1,8 +1,8 @@
-//! What each part of the estimator buys: a copy of core without it beside core itself, on the same runs.
+//! What each part of the estimator buys: core without that part against core itself, on the same runs.
 //!
-//! The copies lie in target/ablation and are built with a small program of the tests that uses nothing else, so that
-//! the firmware's source has no switch in it and the image not an instruction more. [`host`] does the same with what
-//! the host makes of a run.
+//! The copies of core are in target/ablation. A small test program that uses nothing else is built with them, so the
+//! firmware's source needs no switch and the image no extra instruction. [`host`] does the same for what the host
+//! computes from a run.
 
 mod heuristics;
 mod host;
@@ -16,12 +16,12 @@ use anyhow::{Context, Result, bail};
 use heuristics::{HEURISTICS, Heuristic, buys};
 use std::{fs, path::Path, process::Command};
 
-/// Part of the interval under which an error is not told from another: three seeds.
+/// Fraction of the interval that is added to both errors before their ratio is taken: three seeds resolve no less.
 const FLOOR: f64 = 0.1;
-/// A cell whose error grows by this factor shows what the part is for, and so do all together by the second.
+/// A part matters if the error of one cell grows by the first factor, or that of all cells together by the second.
 const WORSE: (f64, f64) = (1.25, 1.02);
 
-/// Values more outside of their intervals that say nothing.
+/// So many more values outside their intervals may be chance.
 const BY_CHANCE: u32 = 1;
 
 /// One cell and parameter of the program's output.
@@ -43,7 +43,7 @@ struct Cell {
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
     name: &'static str,
-    /// Errors over those of the whole, all cells together, and the cell that is worst with its factor.
+    /// Errors relative to those of the whole estimator, over all cells; the worst cell and its factor.
     error: f64,
     worst: (String, f64),
     u95: f64,
@@ -61,12 +61,12 @@ pub struct Options {
     /// Write the table instead of comparing with it
     #[arg(long)]
     update: bool,
-    /// Take parts out of what the host makes of a run, against docs/tables/ablation-host.md
+    /// Take parts out of what the host computes from a run instead, against docs/tables/ablation-host.md
     #[arg(long)]
     host: bool,
 }
 
-/// Builds and runs all, then writes or compares the table.
+/// Builds and runs everything, then writes or compares the table.
 pub fn run(options: &Options) -> Result<()> {
     if options.host {
         return host::run(options.update);
@@ -83,7 +83,7 @@ pub fn run(options: &Options) -> Result<()> {
     table::settle_text("ablation", "cargo xtask ablation", &markdown(&rows), options.update)
 }
 
-/// What the program says with this core.
+/// The program's output with this core.
 fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
     let root = tree::root();
     copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant"])?;
@@ -126,7 +126,7 @@ fn cells(output: &str) -> Result<Vec<Cell>> {
     let each = output.lines().map(|line| {
         let fields: Vec<&str> = line.split('\t').collect();
         let [group, cell, parameter, rms, u95, given, silent, outside, broken, named, _runs] = fields.as_slice() else {
-            bail!("`{line}` is no line of the program");
+            bail!("`{line}` is not a line of output");
         };
         Ok(Cell {
             group: (*group).to_owned(),
@@ -173,7 +173,7 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
         silent: both(&|cell| cell.silent),
         outside: both(&|cell| cell.outside),
         given: both(&|cell| cell.given),
-        // Each run is told once a parameter.
+        // Each run is reported once per parameter.
         broken: both(&|cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 }),
         named: both(&|cell| {
             if ["friction", "samples"].contains(&&*cell.group) && cell.is_inertance { cell.named } else { 0 }

@@ -1,4 +1,4 @@
-//! Programs of the tests that take longer than a test may.
+//! Test programs that take longer than a test may.
 
 use crate::{
     process, tree,
@@ -15,10 +15,10 @@ pub struct Options {
     pub update: bool,
 }
 
-/// Compare with the committed table, or write it; the whole of it takes long.
+/// Compare with the committed table, or write it; measuring all of it takes long.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct LongOptions {
-    /// Measure the first rig alone
+    /// Measure only the first rig, with the device that is not worn
     #[arg(long, conflicts_with = "update")]
     pub short: bool,
     /// Write the table instead of comparing with it
@@ -26,7 +26,7 @@ pub struct LongOptions {
     pub update: bool,
 }
 
-/// What is handed on to the program.
+/// Arguments passed on to the program.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Arguments {
     /// Arguments of the program itself
@@ -35,34 +35,34 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// As the program gets them.
+    /// As the program receives them.
     pub fn as_given(&self) -> Vec<&str> {
         self.arguments.iter().map(String::as_str).collect()
     }
 }
 
-/// A program that measures a table, and itself compares or writes it: the one of this name in docs/tables.
+/// Runs the program that measures the table of this name in docs/tables and compares or writes it.
 pub fn table(name: &str, options: &Options) -> Result<()> {
     tested(name, if options.update { &["--update"] } else { &[] })
 }
 
-/// The same, of which the first rig alone can be measured.
+/// The same for a table whose first rig can be measured alone.
 pub fn long_table(name: &str, options: &LongOptions) -> Result<()> {
     let flags = [(options.short, "--short"), (options.update, "--update")];
     tested(name, &flags.iter().filter(|(is_given, _)| *is_given).map(|(_, flag)| *flag).collect::<Vec<_>>())
 }
 
-/// A program that takes arguments of its own, for speed.
+/// Runs a program with arguments of its own, built for speed.
 pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
     program(Part::Main, name, &arguments.as_given())
 }
 
-/// Runs one of them as the tests have it: optimised as well, with checks of overflow.
+/// Runs one of them as built for the tests: optimised too, but with overflow checks.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
     process::run(Command::new(workspace::tested(Part::Main, name)?).args(arguments).current_dir(tree::root()))
 }
 
-/// Runs one of them built for speed, without checks of overflow.
+/// Runs one of them built for speed, without overflow checks.
 pub fn program(part: Part, name: &str, arguments: &[&str]) -> Result<()> {
     let mut command = part.cargo();
     command.args(["run", "--release", "--quiet"]).args(part.features()).args(["--bin", name, "--"]);

@@ -1,8 +1,8 @@
-//! Who may use whom, and what the house forbids in source.
+//! Which crate may use which, and what the project forbids in source.
 //!
-//! Arrow: a dependency of one workspace member on another. The table below is the whole law; a member that is not in it
-//! is refused, so a new crate states its place first. Within a crate no module may import itself, over whatever others
-//! ([`imports`]).
+//! Arrow: a dependency of one workspace member on another. The table below lists all that are allowed. A member that is
+//! not in it is refused, so a new crate must be added there first. Within a crate no module may import itself, directly
+//! or through others ([`imports`]).
 
 use crate::{
     foreign, imports, process, source, tree,
@@ -20,10 +20,10 @@ struct Law {
     member: &'static str,
     /// Other members it may use.
     may_use: &'static [&'static str],
-    /// Members that only its tests may use besides.
+    /// Further members that only its tests may use.
     tests_may_use: &'static [&'static str],
-    /// Packages that must not be among its dependencies and theirs, with its default features; `dfu-*` is all that
-    /// begin so.
+    /// Packages that must not be among its direct or indirect dependencies, with its default features; `dfu-*` means
+    /// all names that begin so.
     never: &'static [&'static [&'static str]],
     /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
     forbid_unsafe: bool,
@@ -61,9 +61,9 @@ const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
 /// What writes Parquet and MATLAB files.
 const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
-/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the
-/// programs of others stand on no right-hand side; the twin above all, as its emulator is GPL. `inerter-tests` is for
-/// `inerter-fuzz` alone.
+/// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the foreign
+/// programs are on no right-hand side. This matters most for the twin, as its emulator is GPL. Only `inerter-fuzz` may
+/// use `inerter-tests`.
 const LAWS: &[Law] = &[
     Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]),
@@ -190,7 +190,7 @@ const LAWS: &[Law] = &[
     Law::of("inerter-published").with_unsafe(),
 ];
 
-/// Files and folders of `inerter-core/src` between the codes and the sums: integers only, tests left aside.
+/// Files and folders of `inerter-core/src` between the codes and the sums: integers only, except in tests.
 const SIGNAL_PATH: &[&str] = &[
     "sample.rs",
     "estimator.rs",
@@ -237,7 +237,7 @@ pub fn run() -> Result<()> {
         for fault in &faults {
             eprintln!("  {fault}");
         }
-        bail!("{} of the house's rules broken (see above; the rules: host-tools/xtask/src/arrows.rs)", faults.len());
+        bail!("{} of the project's rules broken (see above; the rules: host-tools/xtask/src/arrows.rs)", faults.len());
     }
     println!("arrows: {} members keep to the rules", workspace.members.len());
     Ok(())
@@ -248,7 +248,7 @@ fn arrow_faults(workspace: &Workspace) -> Vec<String> {
     let mut faults = Vec::new();
     for member in &workspace.members {
         let Some(law) = law(member) else {
-            faults.push(format!("{}: a member without a place; add it to the table of laws", member.name));
+            faults.push(format!("{}: this member has no law; add it to the table", member.name));
             continue;
         };
         for used in &member.uses {
@@ -273,10 +273,10 @@ fn law(member: &Member) -> Option<&'static Law> {
 /// Laws whose member is gone.
 fn missing_faults(workspace: &Workspace) -> Vec<String> {
     let gone = LAWS.iter().filter(|law| workspace.member(law.member).is_none());
-    gone.map(|law| format!("{}: a law without a member; take it out of the table", law.member)).collect()
+    gone.map(|law| format!("{}: this law has no member; remove it from the table", law.member)).collect()
 }
 
-/// Packages that a member must not bring along, on any system.
+/// Packages that a member must not pull in, on any system.
 fn never_faults(member: &Member) -> Result<Vec<String>> {
     let Some(law) = law(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
     let mut command = process::cargo();
@@ -286,11 +286,11 @@ fn never_faults(member: &Member) -> Result<Vec<String>> {
     let found = forbidden(&law.never.concat(), &printed);
     Ok(found
         .into_iter()
-        .map(|name| format!("{0} brings {name} along; `cargo tree -p {0} -e normal -i {name}` shows how", law.member))
+        .map(|name| format!("{0} pulls in {name}; `cargo tree -p {0} -e normal -i {name}` shows how", law.member))
         .collect())
 }
 
-/// The packages of a list, one a line, name first, that are among those of the law.
+/// The packages of a list, one per line, name first, that the law forbids.
 fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
     let names = printed.lines().filter_map(|line| line.split_whitespace().next());
     names
@@ -341,7 +341,7 @@ fn unsafe_faults(workspace: &Workspace) -> Result<Vec<String>> {
     Ok(faults)
 }
 
-/// The linker takes the root `memory.x` for every member, so a second one would lie about what is linked.
+/// The linker takes the root `memory.x` for every member, so a second one would misstate what is linked.
 fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let mut folders = vec![root.to_path_buf()];
@@ -367,14 +367,14 @@ fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
     Ok(vec![format!("memory.x: exactly one is allowed, at the root; found: {}", list.join(", "))])
 }
 
-/// Float types and literals in the files of `list`, or in all files below where the list names a folder.
+/// Float types and literals in the files of `list`, or in all files below a folder in it.
 fn float_faults(folder: &Path, list: &[&str]) -> Result<Vec<String>> {
     let mut faults = Vec::new();
     for name in list {
         let path = folder.join(name);
         let files = if path.is_dir() { rust_files(&path)? } else { vec![path.clone()] };
         if files.is_empty() || !files.iter().all(|file| file.is_file()) {
-            faults.push(format!("{}: on the signal path by the table, but not there", below(&path, folder)));
+            faults.push(format!("{}: in the table of the signal path, but missing", below(&path, folder)));
             continue;
         }
         for file in files {
@@ -463,7 +463,7 @@ mod tests {
         let faults = arrow_faults(&workspace);
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert!(faults.iter().any(|fault| fault == "inerter-core uses inerter-plant; it may use: none of ours"));
-        assert!(faults.iter().any(|fault| fault.starts_with("stray: a member without a place")));
+        assert!(faults.iter().any(|fault| fault.starts_with("stray: this member has no law")));
 
         let faults = unsafe_faults(&workspace).unwrap();
         assert_eq!(faults.len(), 1, "{faults:?}");
@@ -488,7 +488,7 @@ mod tests {
         assert!(faults[0].starts_with("inerter-tests uses in its tests inerter-qemu"));
         let missing = missing_faults(&workspace);
         assert_eq!(missing.len(), LAWS.len() - 3);
-        assert!(missing[0].starts_with("inerter-wire: a law without a member"));
+        assert!(missing[0].starts_with("inerter-wire: this law has no member"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Our update beside other recursive least squares, in one run on the same regressors.
+//! Our update compared with other recursive least squares, in one run on the same regressors.
 
 use crate::{
     accuracy, process, python, tree,
@@ -26,12 +26,12 @@ pub struct Options {
     pub update: bool,
 }
 
-/// Runs the comparison and writes `docs/tables/bench.md` where that is asked for.
+/// Runs the comparison and writes `docs/tables/bench.md` if asked.
 pub fn run(options: &Options) -> Result<()> {
     let folder = folder()?;
     let regressors = folder.join("regressors.bin");
     let rivals = folder.join("python.json");
-    // What an earlier run left must not pass for this one's.
+    // An earlier run's file must not pass for this one's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
     accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
@@ -57,12 +57,12 @@ pub fn run(options: &Options) -> Result<()> {
     accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// Least times that `inerter identify` must be faster.
+/// `inerter identify` must be at least so many times faster.
 const FASTER: f64 = 20.0;
 /// How long scipy may take \[s\].
 const MOST_S: f64 = 600.0;
 
-/// The complete model by the program and by scipy, one after the other on the same samples.
+/// The complete model by our program and by scipy, one after the other on the same samples.
 pub fn identify() -> Result<()> {
     let folder = folder()?;
     let problem = folder.join("identify.json");

@@ -1,9 +1,9 @@
-//! Campaigns for what must never happen: kills, full disks, hostile devices, slow readers, a clock that is set.
+//! Campaigns of disturbances: kills, full disks, hostile devices, slow readers, a clock that is changed.
 //!
-//! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only when it is asked for. It leaves one line
-//! with its figures; a table stands at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what
-//! stands there is not run again: so a long campaign, which is many seeds, can be ended at any time and goes on where
-//! it was.
+//! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only on request. It leaves one line with its
+//! figures; a table is printed at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what is
+//! already there is not run again. So a long campaign of many seeds can be stopped at any time and continues where it
+//! was.
 
 use crate::{
     commit::{UNKNOWN, commit},
@@ -15,21 +15,21 @@ use std::{collections::BTreeMap, fs, io::ErrorKind, path::Path, process::Command
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Options {
-    /// One campaign; without it all of them, one after another
+    /// One campaign; by default all of them, one after another
     pub campaign: Option<String>,
-    /// How often each program is killed; other disturbances are as many, or a part of it
+    /// How often each program is killed; other disturbances happen as often, or a fraction of that
     #[arg(long, default_value_t = Self::USUAL.kills)]
     pub kills: u64,
-    /// How many hosts come and go
+    /// How many hosts connect and disconnect
     #[arg(long, default_value_t = Self::USUAL.cycles)]
     pub cycles: u64,
-    /// What all draws come from
+    /// Seed of all random draws
     #[arg(long, default_value_t = Self::USUAL.seed)]
     pub seed: u64,
-    /// So many seeds, one after another
+    /// Number of seeds, run one after another
     #[arg(long, value_name = "N", default_value_t = Self::USUAL.seeds)]
     pub seeds: u64,
-    /// Write what passed into docs/tables/chaos.md, and leave out what stands there
+    /// Write what passed into docs/tables/chaos.md, and skip what is already there
     #[arg(long)]
     pub keep: bool,
 }
@@ -71,7 +71,7 @@ pub fn run(options: &Options) -> Result<()> {
         for test in &chosen {
             let key = Key { name: short(test).to_owned(), seed, kills: options.kills, cycles: options.cycles };
             if options.keep && kept.rows.contains_key(&key) {
-                println!("{} with seed {seed} stands in {TABLE}", key.name);
+                println!("{} with seed {seed} is already in {TABLE}", key.name);
                 continue;
             }
             process::heading(&format!("{}, seed {seed}", key.name));
@@ -92,7 +92,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Runs one, and gives its line.
+/// Runs one, and returns its line.
 fn campaign(test: &str, key: &Key, report: &Path) -> Result<Line> {
     let before = lines(&read(report)?).len();
     let mut command = tests();
@@ -102,11 +102,11 @@ fn campaign(test: &str, key: &Key, report: &Path) -> Result<Line> {
     }
     let ended = process::run(command.env("INERTER_CHAOS_REPORT", report));
     let told: Vec<Line> = lines(&read(report)?).into_iter().skip(before).filter(|line| line.name == key.name).collect();
-    // Neither silence nor a failure after the line passes.
+    // A missing line does not pass, nor does a failure after the line.
     match &told[..] {
         [line] if ended.is_ok() || line.outcome == "FAILED" => Ok(line.clone()),
         _ => {
-            let line = format!("{}\tFAILED\t?\tended before it could say how\n", key.name);
+            let line = format!("{}\tFAILED\t?\tended before it reported\n", key.name);
             fs::write(report, read(report)? + &line).with_context(|| format!("cannot write {}", report.display()))?;
             lines(&line).pop().context("a line")
         }
@@ -116,7 +116,7 @@ fn campaign(test: &str, key: &Key, report: &Path) -> Result<Line> {
 /// The committed table, from the root.
 const TABLE: &str = "docs/tables/chaos.md";
 
-/// What makes a run the same again.
+/// What identifies a run.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Key {
     name: String,
@@ -125,16 +125,16 @@ struct Key {
     cycles: u64,
 }
 
-/// What a run that passed came to.
+/// Result of a run that passed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Row {
-    /// Of the tree that it tried.
+    /// Of the tree that was tested.
     commit: String,
     seconds: String,
     figures: String,
 }
 
-/// Runs that passed, as they stand in the table.
+/// Runs that passed, as in the table.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Kept {
     rows: BTreeMap<Key, Row>,

@@ -1,9 +1,9 @@
-//! Which tree a figure is of.
+//! Which commit a figure belongs to.
 
 use crate::{process, tree};
 use std::process::Command;
 
-/// What stands in the place of a commit that is not known.
+/// In place of a commit that is not known.
 pub const UNKNOWN: &str = "unknown";
 
 /// The commit that is checked out, and whether the tree differs from it.

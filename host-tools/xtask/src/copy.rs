@@ -4,11 +4,11 @@ use crate::{process, tree};
 use anyhow::{Context, Result, ensure};
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
-/// One change of a source: file, text that stands in it once, and what stands there instead.
+/// One change of a source: file, passage that is in it exactly once, replacement.
 pub type Edit = (&'static str, &'static str, &'static str);
 
-/// Makes `copy` what the tree has below these folders, or all of it where none is named; ignored files are left out.
-/// Only what differs is written: to cargo, a file with a new time is new.
+/// Makes `copy` equal to the tree below these folders, or to all of it if none is given; ignored files are left out.
+/// Only what differs is written, as cargo takes a file with a new time for a new file.
 pub fn tree(copy: &Path, below: &[&str]) -> Result<()> {
     let mut command = Command::new("git");
     command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(below);
@@ -39,7 +39,7 @@ pub fn edit(folder: &Path, edits: &[Edit]) -> Result<()> {
         let path = folder.join(file);
         let source = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
         let found = source.matches(text).count();
-        ensure!(found == 1, "`{text}` stands {found} times in {file}; host-tools/xtask/src/ablation must follow");
+        ensure!(found == 1, "`{text}` is in {file} {found} times, not once; update host-tools/xtask/src/ablation");
         written(&path, source.replace(text, instead).as_bytes())?;
     }
     Ok(())

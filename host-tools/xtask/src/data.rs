@@ -1,4 +1,4 @@
-//! Published recordings of real machines, converted for the tests; docs/DATA.md says where they are found.
+//! Published recordings of real machines, converted for the tests; docs/DATA.md says where to find them.
 
 use crate::{
     process, tree,
@@ -7,7 +7,7 @@ use crate::{
 use anyhow::{Context, Result};
 use std::path::{PathBuf, absolute};
 
-/// Variable that names the folder of recordings, seen from the root.
+/// Environment variable with the folder of recordings, relative to the root.
 const FOLDER: &str = "INERTER_DATA";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -15,30 +15,31 @@ pub struct Options {
     /// The originals, as they were downloaded
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Folder for the recordings; without it the one that INERTER_DATA names, else target/data
+    /// Folder for the recordings; by default the one in INERTER_DATA, else target/data
     #[arg(short, long)]
     output: Option<PathBuf>,
 }
 
-/// The folder that the variable names.
+/// The folder that the variable gives.
 fn named() -> Option<PathBuf> {
     let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
     named.map(|named| tree::root().join(named))
 }
 
-/// The folder that the tests take recordings from: the one that is named, else the one beside the project if it exists.
+/// The folder from which the tests take recordings: the one in the variable, else the one beside the project if it
+/// exists.
 pub fn folder() -> Option<PathBuf> {
     named().or_else(|| Some(tree::root().join("../shared/data")).filter(|folder| folder.is_dir()))
 }
 
-/// Hands over to the converter and says how the tests find what it wrote.
+/// Runs the converter and says how the tests find what it wrote.
 pub fn run(options: &Options) -> Result<()> {
     let folder = match (&options.output, named()) {
         (Some(folder), _) => absolute(folder)?,
         (None, Some(named)) => named,
         (None, None) => Workspace::read(&tree::root())?.target.join("data"),
     };
-    // The converter is started from the root.
+    // The converter runs from the root.
     let files = options.files.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
     let mut command = Part::Main.cargo();
     command.args(["run", "--quiet", "--locked", "--package", "inerter-originals", "--"]).arg(&folder).args(files);

@@ -6,7 +6,7 @@ use crate::{
 };
 use anyhow::{Context, Result};
 
-/// What is handed on to the demo.
+/// Arguments passed on to the demo.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Options {
     /// Arguments of the demo itself (`--help` lists them)
@@ -14,7 +14,7 @@ pub struct Options {
     pub arguments: Vec<String>,
 }
 
-/// Sets up what is missing, builds the image and the programs, and hands over to the demo.
+/// Sets up what is missing, builds the image and the programs, and runs the demo.
 pub fn run(options: &Options) -> Result<()> {
     process::heading("set-up");
     setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
@@ -25,5 +25,5 @@ pub fn run(options: &Options) -> Result<()> {
     let mut command = process::cargo();
     command.args(["run", "--quiet", "--package", "inerter-demo", "--"]);
     command.args(&options.arguments).env(Image::Qemu.variable(), &image);
-    process::run(&mut command).context("the demo did not reach its end")
+    process::run(&mut command).context("the demo failed")
 }

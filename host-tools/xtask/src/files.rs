@@ -1,4 +1,4 @@
-//! Speed and memory of exporting a long recording, beside a plain Python reader of the same one.
+//! Speed and memory of exporting a long recording, compared with a plain Python reader.
 
 use crate::{
     process, python, tree,
@@ -19,11 +19,11 @@ const TABLE: &str = "docs/tables/files.md";
 /// Length of the recording \[s\], and its samples per second.
 const DURATION_S: u64 = 3600;
 const RATE_HZ: u64 = 4000;
-/// What the Python reader is given of it \[s\]: all of it would take minutes.
+/// Length that the Python reader reads of it \[s\]: all of it would take minutes.
 const PYTHON_S: u64 = 300;
 /// Passes of each export; the best one counts.
 const PASSES: usize = 2;
-/// The goals: megabytes at most, and times faster at least.
+/// The goals: so many megabytes at most, and so many times faster at least.
 const MEMORY_MB: f64 = 100.0;
 const FASTER: f64 = 10.0;
 
@@ -37,13 +37,13 @@ pub struct Options {
 /// One export.
 struct Measured {
     what: &'static str,
-    /// Of the processor, all threads together: other work on the machine does not count.
+    /// Processor time of all threads together: other work on the machine does not count.
     seconds: f64,
     peak_mb: Option<f64>,
     output_mb: f64,
 }
 
-/// Measures, fails where a goal is missed, and writes the table where that is asked for.
+/// Measures, fails if a goal is missed, and writes the table if asked.
 pub fn run(options: &Options) -> Result<()> {
     let python = python::files_environment()?;
     let inerter = workspace::installed()?;
@@ -71,7 +71,7 @@ pub fn run(options: &Options) -> Result<()> {
         }
         Ok(took / samples * (DURATION_S * RATE_HZ) as f64)
     };
-    // The fastest of as many passes, between those of the exports: the machine may have other work.
+    // The fastest of as many passes, taken in turn with those of the exports: the machine may have other work.
     let (mut python_s, mut all): (f64, Vec<Measured>) = (f64::INFINITY, Vec::new());
     for _ in 0..PASSES {
         python_s = python_s.min(reader()?);
@@ -104,7 +104,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// One run of the program: how long, and how much memory at the most.
+/// One run of the program: its time and its peak memory.
 fn measure(inerter: &Path, folder: &Path, what: &'static str) -> Result<Measured> {
     let output = folder.join(format!("hour.{what}"));
     let mut command = Command::new(inerter);
@@ -123,24 +123,24 @@ fn measure(inerter: &Path, folder: &Path, what: &'static str) -> Result<Measured
         }
         std::thread::sleep(Duration::from_millis(5));
     };
-    let seconds = seconds.context("this system does not say how long a process has worked: measure on Linux")?;
+    let seconds = seconds.context("this system does not report the processor time of a process: measure on Linux")?;
     if !status.success() {
         bail!("`{}` failed ({status})", process::shown(&command));
     }
     let output_mb = fs::metadata(&output).map_or(0.0, |metadata| metadata.len() as f64 / 1e6);
-    // Nobody wants a gigabyte to stay.
+    // Do not leave a gigabyte behind.
     fs::remove_file(&output).ok();
     Ok(Measured { what, seconds, peak_mb, output_mb })
 }
 
-/// Most memory that a process has had so far, where the system says so \[MB\].
+/// Peak memory of a process so far, where the system reports it \[MB\].
 fn peak(id: u32) -> Option<f64> {
     let status = fs::read_to_string(format!("/proc/{id}/status")).ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
     line.split_whitespace().nth(1)?.parse::<f64>().ok().map(|kilobytes| kilobytes * 1024.0 / 1e6)
 }
 
-/// Time that a process has worked so far, where the system says so \[s\].
+/// Processor time of a process so far, where the system reports it \[s\].
 fn processor_s(id: u32) -> Option<f64> {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
     // The name, in brackets, may hold blanks: user and system time are the 12th and 13th field after it, in ticks of 10
@@ -159,7 +159,7 @@ fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
         let command = if *what == "info" { "`info`".to_string() } else { format!("`export --{what}`") };
         let memory = peak_mb.map_or("not known".into(), |peak| format!("{peak:.0} MB"));
         let output = if *output_mb > 0.0 { format!("{output_mb:.0} MB") } else { String::new() };
-        // Writing to a text cannot fail.
+        // Writing to a String cannot fail.
         writeln!(text, "| {command} | {:.0} times | {memory} | {output} |", python_s / seconds).ok();
     }
     text

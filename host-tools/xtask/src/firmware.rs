@@ -10,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-/// Folder of the board's package: its cargo settings (target, profile) count only from within.
+/// Folder of the board's package: its cargo settings (target, profile) apply only from within it.
 const BOARD_FOLDER: &str = "firmware/stm32g474";
 
 /// One program for the target.
@@ -18,20 +18,20 @@ const BOARD_FOLDER: &str = "firmware/stm32g474";
 pub enum Image {
     /// For QEMU's netduinoplus2.
     Qemu,
-    /// The one that ships, for the WeAct board.
+    /// The shipping image, for the WeAct board.
     Weact,
-    /// The one that ships with a task that hangs, to see the watchdog at work.
+    /// The shipping image with a task that hangs, to test the watchdog.
     Hang,
-    /// The one that ships, for the NUCLEO: what `cargo build --release` makes in its folder.
+    /// The shipping image, for the NUCLEO: what `cargo build --release` makes in its folder.
     Board,
 }
 
 impl Image {
-    /// Everything that the tests run. The one that ships comes last: cargo gives its name to the others of the board
-    /// too.
+    /// Everything that the tests run. The shipping image comes last: cargo gives its file name to the board's other
+    /// images too.
     pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Hang, Self::Board];
 
-    /// The variable through which tests learn where the image lies.
+    /// The variable that tells tests where the image is.
     pub const fn variable(self) -> &'static str {
         match self {
             Self::Qemu => "INERTER_QEMU_IMAGE",
@@ -49,7 +49,7 @@ impl Image {
         }
     }
 
-    /// File name of its own, for an image that is made under the name of the one that ships.
+    /// Own file name of an image that cargo builds under the shipping image's name.
     const fn file(self) -> Option<&'static str> {
         match self {
             Self::Qemu | Self::Board => None,
@@ -58,7 +58,7 @@ impl Image {
         }
     }
 
-    /// What `cargo build` is asked for.
+    /// Arguments of `cargo build`.
     pub const fn arguments(self) -> &'static [&'static str] {
         match self {
             Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
@@ -69,7 +69,7 @@ impl Image {
     }
 }
 
-/// The compiler of the images, installed where there is none.
+/// The compiler of the images, installed if there is none.
 fn compiler() -> Result<Toolchain> {
     if let Some(toolchain) = Toolchain::find() {
         return Ok(toolchain);
@@ -78,10 +78,10 @@ fn compiler() -> Result<Toolchain> {
     Toolchain::find().context("no compiler for the firmware")
 }
 
-/// Builds the image and returns where it lies.
+/// Builds the image and returns its path.
 pub fn build(image: Image) -> Result<PathBuf> {
     let mut command = compiler()?.cargo("build");
-    // Cargo's own lock ends before the image is moved to its own name.
+    // Cargo releases its own lock before the image is renamed.
     let lock = Workspace::read(&tree::root())?.target.join("images.lock");
     let lock = fs::File::create(&lock).with_context(|| format!("cannot write {}", lock.display()))?;
     lock.lock().context("the lock of the images")?;
@@ -94,20 +94,20 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let built = executable(&messages, program)
         .with_context(|| format!("cargo built no image; is {program} still a program?"))?;
     let Some(file) = image.file() else { return Ok(built) };
-    // Moved, so that it never lies where the one that ships is looked for.
+    // Renamed, so that it is never found where the shipping image belongs.
     let own = built.with_file_name(file);
     fs::rename(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
     Ok(own)
 }
 
-/// Builds all images, and the programs of others: the variables that name them, and where they lie.
+/// Builds all images and the foreign programs; returns the variables for them, and their paths.
 pub fn build_all() -> Result<Vec<(&'static str, PathBuf)>> {
     let foreign = (foreign::VARIABLE, foreign::build(&compiler()?)?);
     let images = Image::ALL.into_iter().map(|image| Ok((image.variable(), build(image)?)));
     images.chain([Ok(foreign)]).collect()
 }
 
-/// Builds all images and prints where they lie.
+/// Builds all images and prints their paths.
 pub fn run_build() -> Result<()> {
     for (_, path) in build_all()? {
         println!("{}", path.display());
@@ -136,8 +136,8 @@ pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> 
         semihosting.push_str(argument);
     }
     let mut command = Command::new(setup::QEMU);
-    // 64 ns an instruction, so that SysTick, at 168 MHz, tells instructions apart; no real time passes while the image
-    // sleeps.
+    // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes while the
+    // image sleeps.
     command.args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"]);
     command.args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"]).arg(image);
     process::output_within(&mut command, limit)

@@ -1,18 +1,18 @@
-//! The programs of others that the twin runs (`tests/twin/foreign`), examples of a published crate among them.
+//! Foreign programs that the twin runs (`tests/twin/foreign`), among them examples of a published crate.
 
 use crate::{process, toolchain::Toolchain, tree::FIRMWARE_TARGET, workspace::Part};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{fs, path::Path, path::PathBuf, process::Command};
 
-/// The variable through which tests learn where the programs lie.
+/// The variable that tells tests where the programs are.
 pub const VARIABLE: &str = "INERTER_FOREIGN";
 /// The crate whose examples are run as they were published.
 const PUBLISHED: &str = "stm32g4xx-hal";
-/// The programs that are ours.
+/// The programs that we wrote.
 const OWN: &str = "inerter-foreign";
 
-/// Where their workspace lies.
+/// Folder of their workspace.
 pub fn folder() -> PathBuf {
     Part::Twin.folder().join("foreign")
 }
@@ -23,7 +23,7 @@ fn at(mut command: Command) -> Command {
     command
 }
 
-/// Builds them all and returns the folder in which they lie.
+/// Builds them all and returns their folder.
 pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
     let mut command = at(process::cargo());
     let metadata = process::output(command.args(["metadata", "--format-version", "1", "--locked"]))?;
@@ -32,11 +32,11 @@ pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
     let examples = package(&metadata, PUBLISHED).context("the published examples are not among the dependencies")?;
     copy(&examples.join("examples"), &target.join("foreign").join(PUBLISHED))?;
     let mut command = at(toolchain.cargo("build"));
-    process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("programs of others")?;
+    process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("foreign programs")?;
     Ok(target.join(FIRMWARE_TARGET).join("release"))
 }
 
-/// Checks format and lints of those that are ours.
+/// Checks format and lints of the programs that we wrote.
 pub fn lint(toolchain: &Toolchain) -> Result<()> {
     process::run(at(process::cargo()).args(["fmt", "--package", OWN, "--check"]))?;
     let mut command = at(toolchain.cargo("clippy"));
@@ -50,7 +50,7 @@ fn package(metadata: &Value, name: &str) -> Option<PathBuf> {
     Some(Path::new(package["manifest_path"].as_str()?).parent()?.to_owned())
 }
 
-/// Copies a folder as it is; what is the same already stays, so that cargo does not build it anew.
+/// Copies a folder; files that are already the same stay untouched, so that cargo does not rebuild them.
 fn copy(from: &Path, to: &Path) -> Result<()> {
     let cannot = |path: &Path| format!("cannot copy {}", path.display());
     fs::create_dir_all(to).with_context(|| cannot(to))?;

@@ -1,12 +1,12 @@
-//! Fuzzing guided by coverage: libFuzzer on the targets of `tests/fuzz`.
+//! Coverage-guided fuzzing: libFuzzer on the targets of `tests/fuzz`.
 //!
 //! Terms:
-//! - *corpus*: inputs of a target that together reach all that was ever reached, packed into `tests/fuzz/corpus/TARGET`.
+//! - *corpus*: inputs of a target that together reach all edges ever reached, packed into `tests/fuzz/corpus/TARGET`.
 //! - *edges*: jumps of the compiled code that inputs have taken.
 //! - *finding*: an input at which a target panics, hangs or takes too much memory.
 //!
-//! A packed corpus is, for each input, its length (u32, little-endian) and its bytes. What a run finds stays in
-//! `target/fuzz/TARGET`, where the next one goes on.
+//! A packed corpus holds, for each input, its length (u32, little-endian) and its bytes. What a run finds stays in
+//! `target/fuzz/TARGET`, where the next one continues.
 
 use crate::{
     process, tree,
@@ -28,13 +28,13 @@ pub struct Options {
     /// Time for each target, in seconds
     #[arg(long, default_value_t = Self::USUAL.seconds)]
     seconds: u32,
-    /// Seed of libFuzzer's random numbers; a new one each time where it is not given, which the printed command names
+    /// Seed of libFuzzer's random numbers; by default a new one each time, which the printed command shows
     #[arg(long, value_name = "N")]
     seed: Option<u32>,
     /// Merge what was found, and the seeds, into the committed corpus
     #[arg(long)]
     keep: bool,
-    /// Run the target on this input alone, as after a finding
+    /// Run the target on this input alone, to reproduce a finding
     #[arg(long, value_name = "FILE", requires = "target")]
     input: Option<PathBuf>,
 }
@@ -64,7 +64,7 @@ const TARGETS: &[Target] = &[
     Target { name: "flags", longest: 1_024 },
 ];
 
-/// What counts coverage for libFuzzer and lets it see what is compared; `cargo fuzz` passes the same.
+/// Flags that count coverage for libFuzzer and show it comparisons; `cargo fuzz` passes the same.
 const FLAGS: &[&str] = &[
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
@@ -80,13 +80,13 @@ const LIMITS: [&str; 2] = ["-timeout=20", "-rss_limit_mb=2048"];
 /// Tells a target to write its seeds, as `tests/fuzz/src/lib.rs` has it.
 const SEEDS: &str = "INERTER_FUZZ_SEEDS";
 
-/// Runs the targets; fails where one has found something.
+/// Runs the targets; fails if one has found something.
 pub fn run(options: &Options) -> Result<()> {
     let chosen: Vec<&Target> = match &options.target {
         None => TARGETS.iter().collect(),
         Some(name) => vec![TARGETS.iter().find(|target| target.name == name).with_context(|| {
             let names: Vec<_> = TARGETS.iter().map(|target| target.name).collect();
-            format!("there is no target `{name}`, but {}", names.join(", "))
+            format!("there is no target `{name}`; the targets are {}", names.join(", "))
         })?],
     };
     let programs = build(&chosen)?;
@@ -116,8 +116,8 @@ fn folder_of_targets() -> PathBuf {
     tree::root().join("tests/fuzz")
 }
 
-/// Compiles the targets with counters; gives the folder of the programs. With a target named, build scripts stay
-/// without.
+/// Compiles the targets with counters and returns their folder. Build scripts get no counters, as a target triple is
+/// given.
 fn build(targets: &[&Target]) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
@@ -128,20 +128,20 @@ fn build(targets: &[&Target]) -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join(host).join("fuzz"))
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Session {
     inputs: u64,
     seconds: f64,
     /// Edges after half of the time and at the end.
     edges: [u64; 2],
-    /// Samples that the target says it has taken.
+    /// Samples that the target says it has processed.
     samples: Option<u64>,
     finding: Option<PathBuf>,
 }
 
 impl Session {
-    /// Takes a line of libFuzzer's output, `half` after half of the time.
+    /// Takes a line of libFuzzer's output; `half`: half of the time has passed.
     fn take(&mut self, line: &str, half: bool) {
         let number = |after: &str| -> Option<u64> {
             let (_, rest) = line.split_once(after)?;
@@ -192,8 +192,8 @@ impl Place {
         command
     }
 
-    /// Fuzzes from the committed corpus, what earlier runs found, and the seeds where these are wanted or there is no
-    /// corpus.
+    /// Fuzzes from the committed corpus and what earlier runs found, and from the seeds if these are wanted or there is
+    /// no corpus.
     fn fuzz(&self, options: &Options) -> Result<Session> {
         let Options { seconds, seed, keep: with_seeds, .. } = *options;
         for folder in [&self.corpus, &self.seeds, &self.merged] {
@@ -213,7 +213,7 @@ impl Place {
         }
         let mut command = self.command();
         command.args([&self.found, &self.corpus, &self.seeds]);
-        // A limit of 0 is none: then the corpus alone is run.
+        // To libFuzzer a limit of 0 is none: then run the corpus alone.
         command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
         command
             .arg(format!("-seed={}", seed.unwrap_or_else(new_seed)))
@@ -223,7 +223,7 @@ impl Place {
         self.watch(&mut command, Duration::from_secs(seconds.into()))
     }
 
-    /// Runs it to the end, reading what it says.
+    /// Runs it to the end, reading its output.
     fn watch(&self, command: &mut Command, time: Duration) -> Result<Session> {
         let start = Instant::now();
         let mut child = command.stdin(Stdio::null()).stderr(Stdio::piped()).spawn()?;
@@ -246,7 +246,7 @@ impl Place {
         Ok(session)
     }
 
-    /// Makes the committed corpus anew: few inputs that reach as much as all of them.
+    /// Rebuilds the committed corpus: few inputs that reach as much as all of them.
     fn keep(&self) -> Result<()> {
         let mut command = self.command();
         command.args(["-merge=1", "-use_counters=0"]);
@@ -261,12 +261,12 @@ impl Place {
         fs::create_dir_all(self.packed.parent().context("a folder")?)?;
         fs::write(&self.packed, &packed).with_context(|| format!("cannot write {}", self.packed.display()))?;
         println!("{}: {} inputs, {} bytes", self.packed.display(), inputs.len(), packed.len());
-        // They are in it now, as far as they reach anything.
+        // Those that reach anything new are in the corpus now.
         empty(&self.found)
     }
 }
 
-/// From the clock; not 0, which has libFuzzer choose one without a word.
+/// From the clock; not 0, for which libFuzzer silently chooses one.
 fn new_seed() -> u32 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |time| time.subsec_nanos().max(1))
 }
@@ -278,7 +278,7 @@ fn empty(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))
 }
 
-/// Lines of any bytes: a panic may show what is no text.
+/// Lines of any bytes: a panic may print what is not text.
 fn lines(source: impl Read) -> impl Iterator<Item = String> {
     let bytes = BufReader::new(source).split(b'\n').map_while(|line| line.ok());
     bytes.map(|line| String::from_utf8_lossy(&line).into_owned())
@@ -297,12 +297,12 @@ fn unpack(packed: &[u8]) -> Result<Vec<&[u8]>> {
     let (mut inputs, mut rest) = (Vec::new(), packed);
     while let Some((length, behind)) = rest.split_first_chunk() {
         let Some((input, next)) = behind.split_at_checked(u32::from_le_bytes(*length) as usize) else {
-            bail!("the packed corpus breaks off after {} inputs", inputs.len());
+            bail!("the packed corpus is truncated after {} inputs", inputs.len());
         };
         inputs.push(input);
         rest = next;
     }
-    ensure!(rest.is_empty(), "the packed corpus breaks off after {} inputs", inputs.len());
+    ensure!(rest.is_empty(), "the packed corpus is truncated after {} inputs", inputs.len());
     Ok(inputs)
 }
 

@@ -1,6 +1,6 @@
-//! The boot image of the Linux guest in which a real kernel meets the board's USB.
+//! The boot image of the Linux guest, in which a real kernel uses the board's USB.
 //!
-//! Debian's kernel and busybox, unpacked and not installed, and our own programs as the tests have them, with this
+//! Debian's kernel and busybox, unpacked and not installed, and our own programs as built for the tests, with this
 //! machine's C library:
 //!
 //! ```text
@@ -13,7 +13,7 @@
 //! ```
 //!
 //! The packages are fetched once, with the machine's own `apt-get download`, which needs no root. Debian's kernel
-//! packages carry their version in their name and old ones vanish, so the name is asked for, not known.
+//! packages carry their version in their name and old ones vanish, so the name is looked up.
 
 use crate::{
     process, setup, tree,
@@ -31,7 +31,7 @@ use std::{
 const KERNEL: &str = "linux-image-amd64";
 /// A shell and its tools in one file.
 const BUSYBOX: &str = "busybox-static";
-/// What others update a device in the ROM's update mode with, and its library, of which this machine may have none.
+/// A third-party updater for the ROM's update mode, and its library; this machine may have neither.
 const UPDATER: [&str; 2] = ["dfu-util", "libusb-1.0-0"];
 const UPDATER_FILES: [&str; 2] = ["dfu-util", "libusb-1.0.so.0"];
 /// Modules without which nothing works; what they depend on comes with them.
@@ -67,19 +67,19 @@ pub struct Options {
     pub refresh: bool,
 }
 
-/// Where all of it lies.
+/// Folder of all of it.
 fn folder() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join("guest"))
 }
 
-/// What is made of the packages.
+/// What is made from the packages.
 const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages", UPDATER_FILES[0], UPDATER_FILES[1]];
 
 fn has(folder: &Path, names: &[&str]) -> bool {
     names.iter().all(|name| folder.join(name).is_file())
 }
 
-/// Makes what is missing and says where it lies.
+/// Makes what is missing and prints where it is.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
@@ -106,13 +106,13 @@ pub fn run(options: &Options) -> Result<()> {
 
 // ---- the packages
 
-/// Downloads kernel and busybox and keeps of them what the guest needs.
+/// Downloads kernel and busybox and keeps what the guest needs.
 fn fetch(folder: &Path) -> Result<()> {
     for tool in TOOLS {
         ensure!(
             process::first_line(Command::new(tool).arg("--version")).is_some(),
-            "no {tool} here: the guest is made of Debian's packages. Run `cargo xtask guest` on Debian or in a container of it \
-             and copy vmlinux, base.cpio and packages into {}",
+            "no {tool} here: the guest is made from Debian's packages. Run `cargo xtask guest` on Debian or in a \
+             Debian container and copy vmlinux, base.cpio and packages into {}",
             folder.display()
         );
     }
@@ -124,7 +124,7 @@ fn fetch(folder: &Path) -> Result<()> {
     fs::create_dir_all(&packages)?;
     println!("guest: downloading {kernel}, {BUSYBOX} and {}, about 72 MB", UPDATER[0]);
     if download(&kernel, &packages).is_err() {
-        println!("guest: the list of packages may be older than the mirror");
+        println!("guest: the package list may be out of date");
         update_list()?;
         download(&kernel_package()?, &packages).context("Debian's kernel and busybox could not be fetched")?;
     }
@@ -153,31 +153,31 @@ fn fetch(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The package behind the name that always means the newest kernel. Where the machine has no list of packages yet, it
-/// is fetched.
+/// The package behind the name that always means the newest kernel. Fetches the package list if the machine has none
+/// yet.
 fn kernel_package() -> Result<String> {
     let ask = || process::output(Command::new("apt-cache").args(["depends", KERNEL]));
     if let Some(name) = depends(&ask().unwrap_or_default()) {
         return Ok(name);
     }
-    println!("guest: no list of packages yet");
+    println!("guest: no package list yet");
     update_list()?;
-    depends(&ask()?).with_context(|| format!("this system has no package {KERNEL}: it is Debian's, on amd64"))
+    depends(&ask()?).with_context(|| format!("this system has no package {KERNEL}, which is Debian's on amd64"))
 }
 
-/// Fetches the list of what the mirror has.
+/// Fetches the mirror's package list.
 fn update_list() -> Result<()> {
     println!("guest: $ apt-get update");
     process::run(Command::new("apt-get").args(["-qq", "update"])).context("try `sudo apt-get update`")
 }
 
-/// Puts kernel, busybox and updater, as packages, into the folder.
+/// Puts the packages of kernel, busybox and updater into the folder.
 fn download(kernel: &str, folder: &Path) -> Result<()> {
     let mut command = Command::new("apt-get");
     process::run(command.args(["download", kernel, BUSYBOX]).args(UPDATER).current_dir(folder))
 }
 
-/// The first dependency that `apt-cache depends` names.
+/// The first dependency that `apt-cache depends` lists.
 fn depends(printed: &str) -> Option<String> {
     let mut names = printed.lines().filter_map(|line| line.trim().strip_prefix("Depends: "));
     names.find(|name| name.starts_with("linux-image-")).map(str::to_owned)
@@ -189,7 +189,7 @@ fn depends(printed: &str) -> Option<String> {
 /// payload_length).
 fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
     let kernel = decompressed(payload(image).context("not an x86 kernel image")?)?;
-    ensure!(kernel.starts_with(b"\x7fELF"), "what is in the kernel image is no ELF file");
+    ensure!(kernel.starts_with(b"\x7fELF"), "the kernel image does not contain an ELF file");
     Ok(kernel)
 }
 
@@ -206,7 +206,7 @@ fn payload(image: &[u8]) -> Option<&[u8]> {
     image.get(start..start + number(0x24C)?)
 }
 
-/// Unpacks what Linux's build packs kernels and modules with. In a kernel the unpacked length stands behind the packed
+/// Unpacks the formats in which Linux packs kernels and modules. In a kernel the unpacked length follows the packed
 /// bytes.
 fn decompressed(packed: &[u8]) -> Result<Vec<u8>> {
     let without_length = &packed[..packed.len().saturating_sub(4)];
@@ -215,7 +215,7 @@ fn decompressed(packed: &[u8]) -> Result<Vec<u8>> {
         [0x28, 0xB5, 0x2F, 0xFD, ..] => filter("zstd", "zstd", without_length),
         [0x02, 0x21, 0x4C, 0x18, ..] => filter("lz4", "lz4", without_length),
         [0x1F, 0x8B, ..] => filter("gzip", "gzip", packed),
-        _ => bail!("the kernel is packed in a way that is not known here"),
+        _ => bail!("the kernel is packed in an unknown format"),
     }
 }
 
@@ -307,7 +307,7 @@ impl Modules {
         }
     }
 
-    /// These modules with all that they depend on, each behind what it needs.
+    /// These modules with all that they depend on, each after what it needs.
     fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
         let mut order = Vec::new();
         let mut left: Vec<(String, bool)> = wanted.iter().rev().map(|name| (name.to_string(), false)).collect();
@@ -351,7 +351,7 @@ fn programs(folder: &Path) -> Result<Archive> {
         files.insert(format!("bin/{name}"), stripped);
     }
     let [updater, library] = UPDATER_FILES.map(|name| folder.join(name));
-    // Of the updater's libraries one is fetched; the others are this machine's, found as they are found there.
+    // One of the updater's libraries is fetched; the others are this machine's, at the same paths.
     for needed in libraries(&process::output(Command::new("ldd").env("LD_LIBRARY_PATH", folder).arg(&updater))?)? {
         let place = match Path::new(needed).starts_with(folder) {
             true => format!("lib/x86_64-linux-gnu/{}", UPDATER_FILES[1]),
@@ -359,7 +359,7 @@ fn programs(folder: &Path) -> Result<Archive> {
         };
         files.insert(place, PathBuf::from(needed));
     }
-    ensure!(files.values().any(|path| *path == library), "dfu-util wants another libusb than {}", UPDATER_FILES[1]);
+    ensure!(files.values().any(|path| *path == library), "dfu-util needs another libusb than {}", UPDATER_FILES[1]);
     files.insert(format!("bin/{}", UPDATER_FILES[0]), updater);
     let mut archive = Archive::default();
     let folders: BTreeSet<&Path> = files

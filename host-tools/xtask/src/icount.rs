@@ -2,15 +2,15 @@
 //!
 //! QEMU's `-icount` ties virtual time to executed instructions, so SysTick counts instructions and repeats exactly;
 //! cycles of the real core are not modelled (flash wait states, dual issue), so the figures guard against growth and
-//! are no timing.
+//! are not timings.
 
 use crate::{firmware, table};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{path::Path, time::Duration};
 
-/// A run that hangs is ended. It takes under a second, and a hundred times as long beside the suite's tests, which go
-/// first.
+/// Ends a run that hangs. A run takes under a second, and a hundred times as long beside the suite's tests, which have
+/// priority.
 const LIMIT: Duration = Duration::from_secs(1800);
 
 /// Goal per sample at 4 kHz, both banks and both routes of the backlash, in instructions.
@@ -102,8 +102,8 @@ pub fn measure(image: &Path) -> Result<Report> {
 /// Reads the one JSON line that the image prints.
 fn parse(printed: &str) -> Result<Report> {
     let line = printed.lines().rev().find(|line| line.starts_with('{'));
-    let line = line.with_context(|| format!("the image printed no JSON line but: {}", printed.trim()))?;
-    let value: Value = serde_json::from_str(line).with_context(|| format!("the image's line is no JSON: {line}"))?;
+    let line = line.with_context(|| format!("the image printed no JSON line; it printed: {}", printed.trim()))?;
+    let value: Value = serde_json::from_str(line).with_context(|| format!("the image's line is not JSON: {line}"))?;
     let number = |value: &Value, path: &[&str]| {
         let found = path.iter().try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
         found.with_context(|| format!("no number `{}` in the image's line: {line}", path.join(".")))

@@ -1,7 +1,7 @@
-//! Forms of a firmware image for the tools of others: Intel HEX and DfuSe.
+//! Formats of a firmware image for third-party tools: Intel HEX and DfuSe.
 //!
-//! *Part*: bytes that stand one after another in flash, with their address. Sources: Intel, Hexadecimal Object File Format
-//! Specification, revision A (1988); ST UM0391, DfuSe file format; USB DFU 1.1, appendix B, for its suffix.
+//! *Part*: contiguous bytes in flash, with their address. Sources: Intel, Hexadecimal Object File Format Specification,
+//! revision A (1988); ST UM0391, DfuSe file format; USB DFU 1.1, appendix B, for its suffix.
 
 use anyhow::{Context, Result, bail};
 use object::{
@@ -12,11 +12,11 @@ use object::{
 
 /// Bytes of a page of flash, which is erased as a whole.
 const PAGE: u64 = 2048;
-/// What an erased byte reads.
+/// Value of an erased byte.
 const ERASED: u8 = 0xFF;
 /// Bytes in a line of Intel HEX.
 const LINE: usize = 16;
-/// The chip's update mode: vendor, product, and the release that stands for any.
+/// The chip's update mode: vendor, product, and the release that matches any.
 const DFU_DEVICE: [u16; 3] = [0xFFFF, 0xDF11, 0x0483];
 /// The version of DfuSe in the suffix.
 const DFUSE: u16 = 0x011A;
@@ -32,10 +32,10 @@ pub struct Part {
     pub bytes: Vec<u8>,
 }
 
-/// What an ELF file brings to flash.
+/// What an ELF file puts into flash.
 pub fn parts(elf: &[u8]) -> Result<Vec<Part>> {
-    let header = FileHeader32::<Endianness>::parse(elf).context("the image is no ELF file of 32 bits")?;
-    let endian = header.endian().context("the image has no byte order")?;
+    let header = FileHeader32::<Endianness>::parse(elf).context("the image is not a 32-bit ELF file")?;
+    let endian = header.endian().context("the image has no valid byte order")?;
     let mut found = Vec::new();
     for segment in header.program_headers(endian, elf).context("the image has no segments")? {
         let bytes = segment.data(endian, elf).map_err(|()| anyhow::anyhow!("a segment lies outside the image"))?;
@@ -46,7 +46,7 @@ pub fn parts(elf: &[u8]) -> Result<Vec<Part>> {
     joined(found)
 }
 
-/// By address; what lies in the same page is one part, as a tool may erase the pages of each part before it writes it.
+/// By address; what is in the same page is one part, as a tool may erase the pages of each part before it writes it.
 fn joined(mut found: Vec<Part>) -> Result<Vec<Part>> {
     found.sort_by_key(|part| part.address);
     let mut joined: Vec<Part> = Vec::new();
@@ -62,7 +62,7 @@ fn joined(mut found: Vec<Part>) -> Result<Vec<Part>> {
         }
     }
     if joined.is_empty() {
-        bail!("the image brings nothing to flash");
+        bail!("the image has nothing for flash");
     }
     Ok(joined)
 }
@@ -82,7 +82,7 @@ pub fn hex(parts: &[Part]) -> String {
                 upper = Some(address >> 16);
                 line(&mut text, 0, 4, &((address >> 16) as u16).to_be_bytes());
             }
-            // No line goes over the end of what its upper half reaches.
+            // No line crosses the end of what its upper half addresses.
             let room = 0x1_0000 - (address & 0xFFFF) as usize;
             let (now, later) = rest.split_at(rest.len().min(LINE).min(room));
             line(&mut text, address as u16, 0, now);
@@ -94,7 +94,7 @@ pub fn hex(parts: &[Part]) -> String {
     text
 }
 
-/// Length, address, kind and bytes, which sum up to 0 with the last one.
+/// Length, address, kind and bytes, then a checksum that makes their sum 0.
 fn line(text: &mut String, address: u16, kind: u8, bytes: &[u8]) {
     let [high, low] = address.to_be_bytes();
     let mut all = vec![bytes.len() as u8, high, low, kind];
@@ -105,7 +105,7 @@ fn line(text: &mut String, address: u16, kind: u8, bytes: &[u8]) {
     text.push('\n');
 }
 
-/// DfuSe: one target, the chip's flash, with an element for each part; the suffix of DFU ends it.
+/// DfuSe: one target, the chip's flash, with an element for each part; the DFU suffix ends the file.
 pub fn dfuse(parts: &[Part], name: &str) -> Result<Vec<u8>> {
     let mut elements = Vec::new();
     for part in parts {
@@ -130,7 +130,7 @@ pub fn dfuse(parts: &[Part], name: &str) -> Result<Vec<u8>> {
     Ok(file)
 }
 
-/// CRC-32 of Ethernet, without its last inversion.
+/// CRC-32 of Ethernet, without its final inversion.
 fn crc(bytes: &[u8]) -> u32 {
     bytes.iter().fold(u32::MAX, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!((word(285), word(289), file[293]), (0x0800_0000, 5, 1));
         let suffix = &file[file.len() - 16..];
         assert_eq!(suffix[..12], *b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
-        // Over all bytes, its own too, the CRC is the one remainder of every good file.
+        // Over all bytes of the file, its own included, the CRC is a constant for every valid file.
         assert_eq!(crc(&file), 0);
     }
 

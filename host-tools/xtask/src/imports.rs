@@ -1,11 +1,11 @@
 //! Which module of a crate imports which, and the circles among them.
 //!
-//! *Module*: here a file; modules inside of a file count as that file. *Import*: any path to something that another file
-//! defines, be it in `use`, in code, in the arguments of a macro or of an attribute. A path is followed through
-//! re-exports to the file with the definition; where none is found, as a macro made it, the module that the path names
-//! counts. What a type calls of itself, as `self.f()` or `Self::f()`, is an import of the file whose `impl` of that
-//! type has `f`; a call on any other value is none, as its type is not known here. `mod x;` alone imports nothing, nor
-//! does `use a::b;` where `b` is a module: the paths through it do.
+//! *Module*: here a file; modules inside a file count as that file. *Import*: any path to something that another file
+//! defines, in `use`, in code, or in the arguments of a macro or of an attribute. A path is followed through re-exports
+//! to the file with the definition; if none is found, as when a macro made it, the module that the path names counts. A
+//! call of a type's own function, as `self.f()` or `Self::f()`, is an import of the file whose `impl` of that type has
+//! `f`; a call on any other value is not, as its type is not known here. `mod x;` alone imports nothing, nor does `use
+//! a::b;` where `b` is a module: the paths through it do.
 
 use crate::source;
 use anyhow::{Context, Result, bail};
@@ -16,7 +16,7 @@ use std::{
 };
 use syn::{Attribute, ImplItem, Item, ItemImpl, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
 
-/// Modules each of which imports the next one, in the end itself.
+/// Modules each of which imports the next one, and the last one the first.
 #[derive(Debug)]
 pub struct Circle {
     /// Its files.
@@ -28,9 +28,9 @@ pub struct Circle {
 /// A file's imports from another one.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Import {
-    /// Who imports.
+    /// The importing file.
     pub from: PathBuf,
-    /// Who is imported.
+    /// The imported file.
     pub to: PathBuf,
     /// The paths as they are written, each with its first line.
     pub paths: BTreeMap<String, usize>,
@@ -91,14 +91,14 @@ struct Module {
     names: HashMap<String, Vec<Definition>>,
     /// What `*` stands for.
     globs: Vec<Vec<String>>,
-    /// Textual macros, which modules below and behind see without a path.
+    /// Textual macros, which child modules and later ones see without a path.
     macros: HashSet<String>,
     /// `#[macro_use]`: its textual macros are its parent's too.
     macro_use: bool,
     items: Vec<Item>,
 }
 
-/// What a name stands for.
+/// What a name means.
 enum Definition {
     Item,
     Module(usize),
@@ -236,7 +236,7 @@ impl Tree {
         })
     }
 
-    /// Where a path that is written in a module leads; nowhere, where it leaves the crate.
+    /// Where a path that is written in a module leads; nowhere if it leaves the crate.
     fn resolve(&self, module: usize, path: &[String], seen: &mut HashSet<(usize, String)>) -> HashSet<Target> {
         let mut at = module;
         let mut rest = path;
@@ -256,7 +256,7 @@ impl Tree {
         self.walk(at, rest, anchored, seen)
     }
 
-    /// Where the rest of a path leads from a module. `anchored`: it can be nowhere else.
+    /// Where the rest of a path leads from a module. `anchored`: it cannot lead anywhere else.
     fn walk(
         &self,
         module: usize,
@@ -272,7 +272,7 @@ impl Tree {
             let is_module = definitions.iter().any(|definition| matches!(definition, Definition::Module(_)));
             for definition in definitions {
                 match definition {
-                    // A function may have a module's name; a path goes on through the module.
+                    // A function may have a module's name; a longer path leads through the module.
                     Definition::Item if is_module && !rest.is_empty() => {}
                     Definition::Item => targets.extend([Target::Item(here.file)]),
                     Definition::Module(child) => targets.extend(self.walk(*child, rest, true, seen)),
@@ -352,7 +352,7 @@ impl Module {
             }
             Item::Macro(item) if item.mac.path.is_ident("include") => {
                 let line = item.mac.path.segments[0].ident.span().start().line;
-                bail!("line {line}: modules that come by `include!` are not followed; declare them by `mod`");
+                bail!("line {line}: modules from `include!` are not followed; declare them with `mod`");
             }
             Item::Macro(item) => {
                 self.define_tokens(item.mac.tokens.clone());
@@ -367,7 +367,7 @@ impl Module {
         Ok(())
     }
 
-    /// Items among a macro's arguments, which the macro as a rule makes.
+    /// Items among a macro's arguments, which the macro usually defines.
     fn define_tokens(&mut self, tokens: TokenStream) {
         let mut keyword = false;
         for token in tokens {
@@ -395,7 +395,7 @@ struct Leaf {
     span: Span,
 }
 
-/// The names of a `use`; none, where it names another crate by `::`.
+/// The names of a `use`; none if it names another crate with a leading `::`.
 fn leaves(item: &ItemUse) -> Vec<Leaf> {
     let mut found = Vec::new();
     if item.leading_colon.is_none() {
@@ -436,7 +436,7 @@ impl<'ast> Visit<'ast> for Uses<'_> {
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
         for leaf in leaves(item) {
             match leaf.name {
-                // A name for itself, as macros are given a path.
+                // A name that means itself, as is needed to give a macro a path.
                 Some(name) if leaf.path == [name.as_str()] => {}
                 Some(name) => self.0.names.entry(name).or_default().push(Definition::Path(leaf.path)),
                 None => self.0.globs.push(leaf.path),
@@ -450,7 +450,7 @@ struct Paths<'a> {
     tree: &'a Tree,
     own: &'a HashMap<(Type, String), usize>,
     module: usize,
-    /// Whose `impl` this is.
+    /// The type of this `impl`.
     of: Option<Type>,
     /// File that is imported, path as it is written, line.
     found: Vec<(usize, String, usize)>,
@@ -465,7 +465,7 @@ impl Paths<'_> {
         self.found.push((file, path.join("::"), span.start().line));
     }
 
-    /// What the type of this `impl` calls of itself.
+    /// A call of the own function of this `impl`'s type.
     fn call(&mut self, name: &Ident) {
         let Some(of) = self.of.clone() else { return };
         let called = name.unraw().to_string();
@@ -477,7 +477,7 @@ impl Paths<'_> {
     /// A path in code.
     fn path(&mut self, path: &[String], span: Span) {
         let names = &self.tree.modules[self.module].names;
-        // What a `use` brought is imported there, unless it is a module, which the path goes through.
+        // What came in by a `use` is imported there, unless it is a module that the path leads through.
         let through = |name: &String| {
             self.targets(std::slice::from_ref(name)).iter().any(|target| matches!(target, Target::Module(_)))
         };
@@ -501,7 +501,7 @@ impl Paths<'_> {
                 TokenTree::Group(group) => self.tokens(group.stream(), texts),
                 TokenTree::Literal(literal) => {
                     if let (true, syn::Lit::Str(text)) = (texts, syn::Lit::new(literal.clone())) {
-                        // Words are no paths.
+                        // Prose is not a path.
                         let text = Some(text.value()).filter(|text| text.contains("::"));
                         let tokens = text.and_then(|text| text.parse::<TokenStream>().ok());
                         self.tokens(tokens.unwrap_or_default(), false);
@@ -532,7 +532,7 @@ fn is_double_colon(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
 }
 
-/// Whether what comes behind these tokens is no path of this crate: behind one dot a field or method, behind `::` a
+/// Whether what follows these tokens is not a path of this crate: after one dot it is a field or method, after `::` a
 /// name of another crate or of a type.
 fn is_member(before: &[TokenTree]) -> bool {
     let dot = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == '.');
@@ -739,7 +739,7 @@ mod tests {
         let found = imports(&files);
         assert!(found.contains(&"a.rs:1 crate::B b.rs".into()), "{found:?}");
         assert!(found.contains(&"a.rs:2 crate::c::C b.rs".into()), "{found:?}");
-        // Nobody defines it: the module that the path names.
+        // No file defines it: the module that the path names.
         assert!(found.contains(&"a.rs:2 crate::c::D c.rs".into()), "{found:?}");
         assert!(!found.iter().any(|import| import.starts_with("a.rs") && import.ends_with("lib.rs")), "{found:?}");
     }

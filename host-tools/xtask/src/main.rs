@@ -1,7 +1,7 @@
-//! One door for everything done to the project: set-up, demo, tests, tables and checks.
+//! One entry point for all work on the project: set-up, demo, tests, tables and checks.
 //!
-//! Each command is one module, and each can be run by itself; `test` runs them in the order in which continuous
-//! integration does. Nothing here reaches into the estimator: other programs are started, and what they print is read.
+//! Each command is one module, and each can be run by itself; `test` runs them in the order of continuous integration.
+//! Nothing here calls the estimator: other programs are started, and their output is read.
 
 #![forbid(unsafe_code)]
 
@@ -60,7 +60,7 @@ struct Arguments {
 enum Command {
     /// Find the target, the Rust components and QEMU, and install what is missing
     Setup(setup::Options),
-    /// Shake a simulated inerter, measured by the firmware in QEMU, and print what came out
+    /// Shake a simulated inerter, measured by the firmware in QEMU, and print the results
     Demo(demo::Options),
     /// Run every check and test in the order of continuous integration
     Test(suite::Options),
@@ -68,56 +68,56 @@ enum Command {
     Data(data::Options),
     /// Build the images for thumbv7em-none-eabihf, QEMU's and the board's, and print their paths
     BuildFirmware,
-    /// Make the boot image of the Linux guest in which a real kernel meets the board's USB
+    /// Make the boot image of the Linux guest, in which a real kernel uses the board's USB
     Guest(guest::Options),
-    /// Fail when a crate uses one it must not, when modules import each other in a circle, and on what the house
-    /// forbids in source
+    /// Fail if a crate uses one it must not, if modules import each other in a circle, or if source breaks the
+    /// project's rules
     CheckArrows,
-    /// Fail when the shipping image could panic inside the estimator or allocate
+    /// Fail if the shipping image could panic inside the estimator or allocate
     CheckPanics,
     /// Compile the host program for Windows and macOS, without running it
     CheckPlatforms,
-    /// Fail where a licence, a package or its source is not one of those that deny.toml allows
+    /// Fail if a licence, a package or its source is not one that deny.toml allows
     CheckSupply(supply::Options),
     /// Make the files of a release that this computer can make, in target/release-files
     Release(release::Options),
-    /// What compiling each product costs from nothing, its crates and its size; with --update into docs/tables/cost.md
-    Cost(cost::Options),
+    /// Cost of compiling each product from an empty folder, its crates and its size, against docs/tables/cost.md
+    Cost(table::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md
     Icount(table::Options),
     /// Bias, spread and coverage of the estimates over the grid of motions, against docs/tables/accuracy.md
     Accuracy(accuracy::LongOptions),
-    /// How soon a change of the device is found, and how often one that is none, against docs/tables/changes.md
+    /// How soon a change of the device is detected, and how often falsely, against docs/tables/changes.md
     Changes(accuracy::LongOptions),
-    /// Errors and coverage under what goes wrong in real rigs, against docs/tables/robustness.md
+    /// Errors and coverage under faults of real rigs, against docs/tables/robustness.md
     Robustness(accuracy::Options),
-    /// How sharp the intervals are where everything stated is true, and how often they hold, against
-    /// docs/tables/coverage.md
+    /// Width and coverage of the intervals when everything stated is true, against docs/tables/coverage.md
     Coverage(accuracy::Options),
-    /// How often the cause that breaks the law is named and sized right, against docs/tables/diagnose.md
+    /// How often the cause that breaks the law is identified and sized right, against docs/tables/diagnose.md
     Diagnose(accuracy::Options),
-    /// Whether motions tell what was predicted of them, and what designing them is worth, against docs/tables/plan.md
+    /// Whether motions reach the intervals predicted for them, and what designing them is worth, against
+    /// docs/tables/plan.md
     Plan(accuracy::Options),
-    /// How often the interval of a skew holds it, for machines of any size, against docs/tables/skew.md
+    /// How often the interval of a skew contains it, for machines of any size, against docs/tables/skew.md
     Skew(accuracy::Options),
-    /// How fast the Python package replays, beside the program and numpy
+    /// How fast the Python package replays, compared with the program and numpy
     Rates(accuracy::Options),
-    /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; with --update into
+    /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; --update writes
     /// docs/tables/scale.md
     Scale(rates::ScaleOptions),
-    /// How often the interval of merged runs holds the device, against docs/tables/merge.md
+    /// How often the interval of merged runs contains the device's value, against docs/tables/merge.md
     Merge(accuracy::Options),
-    /// How often a realistic defect makes a value wrong without a word, against docs/tables/defects.md
+    /// How often a realistic defect makes a value wrong without a warning, against docs/tables/defects.md
     Defects(accuracy::Options),
-    /// What each part of the estimator buys, against docs/tables/ablation.md; or of the host's judgement
+    /// What each part of the estimator, or of the host's judgement, buys, against docs/tables/ablation.md
     Ablation(ablation::Options),
-    /// Recordings of real machines and other methods beside ours, against docs/tables/validation.md
+    /// Recordings of real machines, and other methods compared with ours, against docs/tables/validation.md
     Validation(accuracy::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
     Identify(accuracy::Options),
-    /// Time of `inerter identify` beside scipy's least_squares around solve_ivp, on the same data from the same start
+    /// Time of `inerter identify` against scipy's least_squares around solve_ivp, on the same data from the same start
     BenchIdentify,
     /// Compare fixed point with the same algorithm in f64 over at least 1e7 updates
     Longrun(accuracy::Arguments),
@@ -125,18 +125,18 @@ enum Command {
     Endurance(accuracy::Arguments),
     /// Processor, memory and losses of the monitor at 4 kHz, into docs/tables/monitor-load.md
     MonitorLoad(monitor_load::Options),
-    /// What must never happen: kills, full disks, hostile devices, slow readers, a clock that is set
+    /// Campaigns of disturbances: kills, full disks, hostile devices, slow readers, a clock that is changed
     Chaos(chaos::Options),
     /// The virtual device at 4 kHz with recordings, page and bridges, and the image in QEMU, for hours: nothing lost,
     /// nothing grows
     Soak(soak::Options),
-    /// Time and errors beside other recursive least squares, into docs/tables/bench.md
+    /// Time and errors compared with other recursive least squares, into docs/tables/bench.md
     Bench(bench::Options),
-    /// Speed and memory of exporting an hour at 4 kHz, beside a plain Python reader, into docs/tables/files.md
+    /// Speed and memory of exporting an hour at 4 kHz, compared with a plain Python reader, into docs/tables/files.md
     BenchFiles(files::Options),
-    /// Search for inputs that break what must hold, guided by coverage, from the corpora in tests/fuzz/corpus
+    /// Search for inputs that break an invariant, guided by coverage, from the corpora in tests/fuzz/corpus
     Fuzz(fuzz::Options),
-    /// Change core, wire and app in one place at a time, and list what no test notices in tests/mutants
+    /// Change core, wire and app in one place at a time, and list in tests/mutants what no test notices
     Mutants(mutants::Options),
     /// Run the snippets of docs/PYTHON.md against a fresh recording
     Python,

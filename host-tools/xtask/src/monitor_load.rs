@@ -1,7 +1,7 @@
 //! What the monitor costs while it shows and records 4 kHz: processor, memory, and whether anything was lost.
 //!
 //! A virtual device runs in real time, `inerter monitor --record` draws on a pseudo-terminal of `script` (util-linux),
-//! and `/proc` tells what it used. The figures are this machine's, with whatever else it is doing.
+//! and `/proc` reports what it used. The figures are this machine's, with whatever else it is doing.
 
 use crate::{
     process, table, tree,
@@ -20,7 +20,7 @@ use std::{
 
 /// Samples per second of the device.
 pub const RATE_HZ: f64 = 4000.0;
-/// Time after which memory is taken as grown up: buffers have been filled once \[s\].
+/// Time after which memory counts as settled: buffers have been filled once \[s\].
 pub const SETTLED_S: f64 = 60.0;
 /// Clock ticks per second in `/proc`, on every Linux that runs here.
 const TICKS_HZ: f64 = 100.0;
@@ -29,7 +29,7 @@ const PAGE_BYTES: f64 = 4096.0;
 
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct Options {
-    /// How long
+    /// How long, in minutes
     #[arg(long, default_value_t = 10.0)]
     pub minutes: f64,
     /// Write docs/tables/monitor-load.md
@@ -42,7 +42,7 @@ pub struct Running(pub Child);
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // Both fail only when it has ended by itself.
+        // Both fail only if it has already ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -99,13 +99,13 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// A virtual device in motion, and where it is.
+/// A virtual device in motion, and its address.
 fn device(program: &Path) -> Result<(Running, String)> {
     let rate = RATE_HZ.to_string();
     simulated(program, &["--sample-rate-hz", &rate, "--backlash-m", "5e-5"])
 }
 
-/// A simulated device with these options, and where it is.
+/// A simulated device with these options, and its address.
 pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> {
     let mut command = Command::new(program);
     command.args(["simulate", "--tcp", "127.0.0.1:0", "--json"]).args(options);
@@ -114,13 +114,13 @@ pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> 
     let output = child.stdout.take().context("no pipe to the simulated device")?;
     let running = Running(child);
     let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).context("the simulated device says nothing")?;
-    let ready: Value = serde_json::from_str(&line).with_context(|| format!("the simulated device said: {line}"))?;
+    BufReader::new(output).read_line(&mut line).context("the simulated device printed nothing")?;
+    let ready: Value = serde_json::from_str(&line).with_context(|| format!("the simulated device printed: {line}"))?;
     let address = ready["address"].as_str().with_context(|| format!("no address in: {line}"))?.to_owned();
     Ok((running, address))
 }
 
-/// Runs the monitor; gives what it used over time, and the bytes it drew.
+/// Runs the monitor; returns what it used over time, and the bytes it drew.
 fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds: f64) -> Result<(Vec<Look>, f64)> {
     let (pid_file, drawn) = (folder.join("pid"), folder.join("drawn"));
     let _ = fs::remove_file(&pid_file);
@@ -160,7 +160,7 @@ fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds
         thread::sleep(every);
     };
     if !status.success() {
-        bail!("the monitor failed ({status}); what it said is in {}", drawn.display());
+        bail!("the monitor failed ({status}); its output is in {}", drawn.display());
     }
     let drawn = fs::metadata(&drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
     Ok((looks, drawn.len() as f64))
@@ -185,18 +185,18 @@ fn ticks(stat: &str) -> Option<f64> {
 }
 
 fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<table::Row>> {
-    let (first, last) = looks.first().zip(looks.last()).context("the monitor ended before it could be looked at")?;
+    let (first, last) = looks.first().zip(looks.last()).context("the monitor ended before it could be measured")?;
     let processor = (last.processor_s - first.processor_s) / (last.at_s - first.at_s).max(1e-3) * 100.0;
     let settled: Vec<&Look> = looks.iter().filter(|look| look.at_s >= SETTLED_S.min(last.at_s / 2.0)).collect();
     let grown = settled.first().zip(settled.last()).map_or(f64::NAN, |(first, last)| last.memory_mb - first.memory_mb);
     let most = looks.iter().map(|look| look.memory_mb).fold(0.0, f64::max);
     let number =
-        |name: &str| info[name].as_f64().with_context(|| format!("no number `{name}` in what `inerter info` says"));
+        |name: &str| info[name].as_f64().with_context(|| format!("no number `{name}` in the output of `inerter info`"));
     let (samples, seconds) = (number("samples")?, number("duration_s")?);
     let row = |name: &str, value: f64, unit| table::Row::new(name, value, unit);
     Ok(vec![
         row("samples recorded", samples, ""),
-        // A device that cannot keep up would be easy to follow.
+        // A device that falls behind would be easy to follow.
         row("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
             .at_most((RATE_HZ * 0.01 * seconds).round()),
         row("samples lost", number("lost_samples")?, "").at_most(0.0),

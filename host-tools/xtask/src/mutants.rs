@@ -1,18 +1,17 @@
 //! Mutation testing: which faults in core, wire and app their own tests would miss.
 //!
 //! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test
-//! notices is a
-//! *survivor*. One that only a golden notices is listed apart: a golden says that something has changed, not that it is wrong.
-//! Nothing is left out, so what `#[mutants::skip]` would hide counts.
+//! notices is a *survivor*. One that only a golden notices is listed separately: a golden says that something has
+//! changed, not that it is wrong. Nothing is left out: what `#[mutants::skip]` would hide counts too.
 //!
-//! The changes are made in a copy of the tree that stays in its place below `target/mutants`, so that core and the
-//! packages by others are compiled once, and only the package and its tests for each change.
+//! The changes are made in a copy of the tree that stays below `target/mutants`, so that core and third-party packages
+//! are compiled once, and only the package and its tests for each change.
 //!
-//! The work goes on file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with the
-//! sum of its contents. A run takes the files that have no row, or have changed since, and writes the table after each,
-//! so it can be ended at any time. Reasons that a person wrote beside a survivor are kept. Of a package of which all
-//! would take days, `--sample` tests every Nth mutant, evenly over all files; `--from` takes another one to begin with,
-//! which is another sample.
+//! The work continues file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with a
+//! checksum of its contents. A run takes the files that have no row, or have changed since, and writes the table after
+//! each, so it can be stopped at any time. Reasons that a person wrote beside a survivor are kept. For a package that
+//! would take days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which
+//! gives another sample.
 
 use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail, ensure};
@@ -32,7 +31,7 @@ use std::{
 pub struct Options {
     /// Test this package alone: core, wire or app
     package: Option<String>,
-    /// Begin no further file after so many minutes
+    /// Start no further file after so many minutes
     #[arg(long, value_name = "N")]
     minutes: Option<u64>,
     /// Test this file alone, changed or not
@@ -41,7 +40,7 @@ pub struct Options {
     /// Test every Nth mutant of the package, whatever file it is in
     #[arg(long, value_name = "N", requires = "package", conflicts_with = "file")]
     sample: Option<NonZeroUsize>,
-    /// Begin the sample with this mutant, counted from 0: another sample than the one that tests were written by
+    /// Start the sample with this mutant, counted from 0: another sample than the one that guided the tests
     #[arg(long, value_name = "K", requires = "sample", default_value_t = 0)]
     from: usize,
     /// Print what is left to do, and test nothing
@@ -54,11 +53,11 @@ struct Package {
     name: &'static str,
     /// Folder of its sources, from the root.
     sources: &'static str,
-    /// Parts of the names of its goldens: tests that compare with what is committed.
+    /// Parts of the names of its goldens: tests that compare with committed files.
     goldens: &'static [&'static str],
-    /// Parts of the names of its slow tests: only what the others miss is tested by them.
+    /// Parts of the names of its slow tests: they test only what the others miss.
     slow: &'static [&'static str],
-    /// Which passes have succeeded without a change.
+    /// Which passes have succeeded on the unchanged source.
     sound: Cell<[bool; Pass::COUNT]>,
 }
 
@@ -91,7 +90,7 @@ fn packages() -> [Package; 3] {
     ]
 }
 
-/// What a pass over the mutants of a file tests them by; each takes those that the one before has missed.
+/// Which tests a pass runs on a file's mutants; each pass takes those that the one before missed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pass {
     /// All tests but goldens and slow ones.
@@ -106,26 +105,25 @@ impl Pass {
     const COUNT: usize = 3;
 }
 
-/// Longest time that one compiler or one program of tests may use the processor \[s\]. Tests that take more run without
-/// end and count as caught; what the compiler computes without end does not compile, and is left out. Not by the clock
-/// on the wall: on a busy machine everything would be too slow, and so caught.
+/// Longest processor time of one compiler or test program \[s\]. Tests that take more would never end, and count as
+/// caught; a mutant that the compiler does not finish does not compile, and is left out. Not wall-clock time: on a busy
+/// machine everything would be too slow, and so caught.
 const CPU_S: &str = "60";
-/// Most address space of one compiler or one program of tests \[KB\]: some tests that run without end ask for all
-/// memory.
+/// Most address space of one compiler or test program \[KB\]: some tests that never end ask for all memory.
 const SPACE_KB: &str = "8000000";
-/// Longest time to compile or to test one mutant \[s\], for those that wait for ever.
+/// Longest time to compile or to test one mutant \[s\], for those that wait forever.
 const WAIT_S: &str = "1200";
 
-/// Share of the mutants that tests are to catch \[%\].
+/// Share of the mutants that tests should catch \[%\].
 const GOAL: f64 = 95.0;
-/// Stands where nobody has written why a survivor may live.
+/// Placeholder until somebody writes why a survivor may live.
 const NO_REASON: &str = "no reason yet";
 
 /// Which mutants of a package are tested at once.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Scope {
     File(String),
-    /// Every so many of all, from one on.
+    /// Every Nth of all, from a first one on.
     Sample {
         every: NonZeroUsize,
         from: usize,
@@ -133,7 +131,7 @@ enum Scope {
 }
 
 impl Scope {
-    /// As it stands in the table.
+    /// Its name in the table.
     fn name(&self) -> String {
         match self {
             Self::File(file) => file.clone(),
@@ -151,7 +149,7 @@ impl Scope {
         }
     }
 
-    /// What was changed, without the place in the file, which moves, nor the file where there is but one.
+    /// What was changed, without the place in the file, which moves, and without the file if there is only one.
     fn without_place(&self, line: &str) -> String {
         let (place, change) = line.split_once(": ").unwrap_or_default();
         match self {
@@ -164,10 +162,10 @@ impl Scope {
 /// Begins the name of a sample in the table.
 const SAMPLE: &str = "one mutant of ";
 
-/// What became of the mutants of one file, or of a sample.
+/// Results for the mutants of one file, or of a sample.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Tested {
-    /// Sum of the source when it was tested.
+    /// Checksum of the source when it was tested.
     sum: String,
     caught: usize,
     /// Caught by a golden and by nothing else.
@@ -175,7 +173,7 @@ struct Tested {
     survived: usize,
 }
 
-/// What is committed of a package.
+/// What is committed for a package.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Record {
     files: BTreeMap<String, Tested>,
@@ -184,7 +182,7 @@ struct Record {
     golden: BTreeMap<String, Vec<String>>,
 }
 
-/// Tests what is left, and fails where a package that is done misses the goal.
+/// Tests what is left, and fails if a finished package misses the goal.
 pub fn run(options: &Options) -> Result<()> {
     let is_chosen = |package: &Package| options.package.as_ref().is_none_or(|name| name == package.name);
     let chosen: Vec<Package> = packages().into_iter().filter(is_chosen).collect();
@@ -237,7 +235,7 @@ impl Package {
         tree::root().join("tests/mutants").join(format!("{}.md", self.name))
     }
 
-    /// Its source files with the sums of their contents, tests in files of their own left out.
+    /// Its source files with the checksums of their contents, tests in files of their own left out.
     fn files(&self) -> Result<BTreeMap<String, String>> {
         let mut files = BTreeMap::new();
         let mut folders = vec![tree::root().join(self.sources)];
@@ -255,7 +253,8 @@ impl Package {
         Ok(files)
     }
 
-    /// Files that were not tested as they are, short ones first: a run that is ended early has done more of them.
+    /// Files not tested in their present form, short ones first, so that a run that is stopped early has done more of
+    /// them.
     fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<Scope>> {
         if let Some(only) = only {
             let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
@@ -273,7 +272,7 @@ impl Package {
     fn test(&self, scope: &Scope, record: &mut Record) -> Result<()> {
         let folder = Workspace::read(&tree::root())?.target.join("mutants");
         let started = Instant::now();
-        // Before the tests: an edit meanwhile is another source.
+        // Before the tests: a source edited meanwhile is another one.
         let sum = match scope {
             Scope::File(file) => sum(&fs::read(tree::root().join(file))?),
             Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
@@ -330,12 +329,12 @@ impl Package {
         }
         let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
-            // Fields that are left out are selected by no expression, and so all of them were tried.
+            // No expression can select fields that are left out, so all of those were tried.
             for lines in [&mut outcomes.caught, &mut outcomes.missed] {
                 lines.retain(|line| only.contains(line));
             }
         }
-        // Where there is no mutant, no test has run.
+        // If there is no mutant, no test has run.
         sound[pass as usize] |= !(outcomes.caught.is_empty() && outcomes.missed.is_empty());
         self.sound.set(sound);
         Ok(outcomes)
@@ -352,8 +351,8 @@ impl Package {
     }
 }
 
-/// The same command, each process of which may use the processor for a limited time and so much memory, where the
-/// system can do that.
+/// The same command, with limits on the processor time and memory of each of its processes, where the system can set
+/// them.
 fn with_limits(command: Command) -> Command {
     if !cfg!(unix) {
         return command;
@@ -378,19 +377,19 @@ impl Outcomes {
             let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
             Ok(text.lines().map(str::to_owned).collect())
         };
-        // What does not compile is left out. What does not link shows that a compiler was killed within its incremental
+        // What does not compile is left out. What does not link shows that a compiler was killed during incremental
         // work.
         for entry in fs::read_dir(folder.join("log"))? {
             let path = entry?.path();
             let is_broken = fs::read_to_string(&path)?.contains("error: linking with");
-            ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and begin anew", path.display());
+            ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
         }
         let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
         Ok(Self { caught, missed: lines("missed.txt")? })
     }
 }
 
-/// A regular expression for this text and no other.
+/// A regular expression for exactly this text.
 fn exactly(text: &str) -> String {
     let escaped = |letter: char| (r"\.+*?()|[]{}^$".contains(letter)).then_some('\\').into_iter().chain([letter]);
     format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
@@ -476,7 +475,7 @@ impl Record {
         text
     }
 
-    /// Takes what became of a file's mutants. Reasons stay with what has the same change.
+    /// Takes the results for a file's mutants. Reasons stay with the same change.
     fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
         let mut known = self.survivors.remove(file).unwrap_or_default();
         let mut reason = |change: &String| {
@@ -500,7 +499,7 @@ impl Record {
         self.files.insert(file.to_owned(), tested);
     }
 
-    /// Files that are gone take their rows with them.
+    /// Removes the rows of files that are gone.
     fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
         let is_gone = |name: &&String| !files.contains_key(*name) && !name.starts_with(SAMPLE);
         let gone: BTreeSet<String> = self.files.keys().filter(is_gone).cloned().collect();
@@ -511,7 +510,7 @@ impl Record {
         }
     }
 
-    /// What tests catch in all files, or in samples.
+    /// Mutants that tests catch in all files, or in samples.
     fn caught(&self, in_samples: bool) -> Caught {
         let rows = self.files.iter().filter(|(name, _)| name.starts_with(SAMPLE) == in_samples);
         rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survived, .. })| Caught {

@@ -1,12 +1,12 @@
 //! The shipping image cannot panic inside the estimator, and cannot allocate.
 //!
-//! Three proofs on the image itself, as optimised code is what counts:
-//! - From no function of `inerter-core` does a chain of branches lead to the panic handler. Every direct branch of Thumb-2
-//!   is followed. A compiler that saves space keeps the address of a function that is called often in a register: so every
-//!   function whose address lies among the constants of another is followed too, and calls through a register where there is
-//!   no such constant are refused. The serialisers that are derived for the estimator's records are left aside: what they
-//!   call is the frame writer.
-//! - No place in a source file of the estimator is named in the image: each panic that could still happen, also in code
+//! Three proofs on the image itself, as the optimised code is what counts:
+//! - No chain of branches leads from a function of `inerter-core` to the panic handler. Every direct Thumb-2 branch is
+//!   followed. To save space, a compiler may keep the address of an often-called function in a register: so every
+//!   function whose address is among the constants of another is followed too, and calls through a register without
+//!   such a constant are refused. The serialisers derived for the estimator's records are excluded: they call the frame
+//!   writer.
+//! - The image contains no place in a source file of the estimator: each panic that could still happen, also in code
 //!   that was inlined elsewhere, carries the path of its file.
 //! - No symbol of an allocator is in the image.
 //!
@@ -23,7 +23,7 @@ use std::{
     fs,
 };
 
-/// Path of the estimator's sources as a panic names it.
+/// Path of the estimator's sources as it is in a panic.
 const SOURCES: &[u8] = b"firmware/core/src/";
 /// Where every panic ends.
 const HANDLER: &str = "rust_begin_unwind";
@@ -40,7 +40,7 @@ struct Function {
     constants: BTreeMap<u64, bool>,
 }
 
-/// Where a function may go.
+/// Where a function may branch to.
 #[derive(Debug, Default, PartialEq, Eq)]
 struct Branches {
     targets: Vec<u64>,
@@ -54,7 +54,7 @@ struct Branches {
 pub fn run() -> Result<()> {
     let path = firmware::build(Image::Board)?;
     let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let image = Program::read(&bytes).with_context(|| format!("{} is no image", path.display()))?;
+    let image = Program::read(&bytes).with_context(|| format!("{} is not an image", path.display()))?;
     let faults = image.faults();
     if !faults.is_empty() {
         for fault in &faults {
@@ -69,7 +69,7 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// What is looked at in an image.
+/// What is checked in an image.
 struct Program {
     functions: Vec<Function>,
     /// Function by its address.
@@ -138,7 +138,7 @@ impl Program {
             let branches = function.branches();
             if branches.indirect > 0 && !branches.addresses.iter().any(|address| self.at.contains_key(address)) {
                 faults.push(format!(
-                    "{}: {} calls through a register, to nowhere known",
+                    "{}: {} calls through a register, to unknown targets",
                     function.name, branches.indirect
                 ));
             }
@@ -187,7 +187,7 @@ impl Function {
             if self.constants.range(..=address).next_back().is_some_and(|(_, constant)| *constant) {
                 if let (0, Some(&high)) = (address % 4, self.code.get(place + 1)) {
                     let word = u64::from(first) | u64::from(high) << 16;
-                    // The lowest bit says that there is Thumb code.
+                    // The lowest bit marks Thumb code.
                     if word & 1 == 1 {
                         found.addresses.push(word - 1);
                     }
@@ -204,7 +204,7 @@ impl Function {
                     found.targets.push(target);
                 }
             }
-            // BLX Rm, and BX Rm but for the return, BX LR.
+            // BLX Rm, and BX Rm except for the return, BX LR.
             if first & 0xFF87 == 0x4780 || (first & 0xFF87 == 0x4700 && first != 0x4770) {
                 found.indirect += 1;
             }
@@ -214,7 +214,7 @@ impl Function {
     }
 }
 
-/// Whether this is a function of the estimator, and no derived serialiser.
+/// Whether this is a function of the estimator, and not a derived serialiser.
 fn of_estimator(name: &str) -> bool {
     size::of_core(name) && !name.contains("serde_core::")
 }
@@ -238,7 +238,7 @@ fn wide_target(first: u16, second: u16) -> Option<i64> {
     let sign = bit(first, 10);
     let (low, j1, j2) = (i64::from(second & 0x7FF), bit(second, 13), bit(second, 11));
     match (second >> 14 & 1, second >> 12 & 1) {
-        // BL and B.W: 24 bits, J1 and J2 stored as their agreement with the sign.
+        // BL and B.W: 24 bits; J1 and J2 say whether the bits agree with the sign.
         (_, 1) => {
             let (i1, i2) = (1 - (j1 ^ sign), 1 - (j2 ^ sign));
             Some((-sign << 24) | i1 << 23 | i2 << 22 | i64::from(first & 0x3FF) << 12 | low << 1)
@@ -333,7 +333,7 @@ mod tests {
         };
         assert!(image(0x111).faults().is_empty());
         assert_eq!(image(0x121).faults(), ["inerter_core::step -> __rustc::rust_begin_unwind"]);
-        assert_eq!(image(0x131).faults(), ["inerter_core::step: 1 calls through a register, to nowhere known"]);
+        assert_eq!(image(0x131).faults(), ["inerter_core::step: 1 calls through a register, to unknown targets"]);
     }
 
     #[test]

@@ -1,10 +1,10 @@
-//! Whether the program compiles for the other systems that its users have. Compiled, not run: there is no such machine
+//! Whether the host program compiles for its users' other systems. Compiled, not run: no such machine is available
 //! here.
 
 use crate::{process, setup};
 use anyhow::{Result, bail};
 
-/// One for each system; neither needs a linker or a C compiler to be checked, with all features either.
+/// One for each system; neither needs a linker or a C compiler for the check, even with all features.
 const TARGETS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
 
 /// Checks the host program for each of them.
@@ -19,7 +19,7 @@ pub fn run() -> Result<()> {
         process::run(process::cargo().args(["check", "--locked", "-p", "inerter", "--target", target]))?;
     }
     if !left.is_empty() {
-        bail!("not checked, for want of a target that rustup could add: {}", left.join(", "));
+        bail!("not checked, as rustup could not add the target: {}", left.join(", "));
     }
     println!("the program compiles for {}", TARGETS.join(" and "));
     Ok(())

@@ -16,12 +16,12 @@ thread_local! {
     static SPENT: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// Processor time of the programs that this thread has run to their end, with all that they ran themselves.
+/// Processor time of the programs that this thread has run to their end; on Unix with that of their own children.
 pub fn spent() -> Duration {
     SPENT.get()
 }
 
-/// Counts what another thread has [`spent`] as this one's.
+/// Adds what another thread has [`spent`] to this one's.
 pub fn count(time: Duration) {
     SPENT.set(SPENT.get() + time);
 }
@@ -56,7 +56,7 @@ pub fn shown(command: &Command) -> String {
     std::iter::once(quote(name)).chain(command.get_args().map(quote)).collect::<Vec<_>>().join(" ")
 }
 
-/// Runs to the end with this program's own output; fails when the other one fails.
+/// Runs a program to its end with this program's own output; fails if that program fails.
 pub fn run(command: &mut Command) -> Result<()> {
     let status = command.spawn().and_then(ended).with_context(|| format!("cannot start `{}`", shown(command)))?;
     if !status.success() {
@@ -65,7 +65,7 @@ pub fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// The same, with all that is said into a file.
+/// The same, with all output in a file.
 pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
     let out = File::create(file).with_context(|| format!("cannot write {}", file.display()))?;
     let errors = out.try_clone().with_context(|| format!("cannot write {}", file.display()))?;
@@ -89,7 +89,7 @@ pub fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8_lossy(&printed).into_owned())
 }
 
-/// First line printed by a program that may not be there.
+/// First line printed by a program that may be missing.
 pub fn first_line(command: &mut Command) -> Option<String> {
     let done = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
     if !done.status.success() {
@@ -98,7 +98,7 @@ pub fn first_line(command: &mut Command) -> Option<String> {
     String::from_utf8_lossy(&done.stdout).lines().next().map(str::to_owned)
 }
 
-/// Runs with an upper limit on time and returns what was printed; the program is ended when the limit is over.
+/// Runs with a time limit and returns what was printed; the program is killed at the limit.
 pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
     let text = shown(command);
     let mut child = command
@@ -118,7 +118,7 @@ pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
             break status;
         }
         if start.elapsed() > limit {
-            // Both calls fail only when the program has just ended by itself.
+            // Both calls fail only if the program has just ended by itself.
             let _ = child.kill();
             let _ = child.wait();
             bail!("`{text}` was still running after {} s and was ended", limit.as_secs());

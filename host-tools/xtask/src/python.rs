@@ -1,4 +1,4 @@
-//! The snippets of docs/PYTHON.md, run as they stand against a fresh recording; and Pythons with packages.
+//! The snippets of docs/PYTHON.md, run as written against a fresh recording; and Python environments with packages.
 
 use crate::{
     process, tree,
@@ -11,7 +11,7 @@ use std::{
     process::Command,
 };
 
-/// What the snippets import, and the check of the MATLAB file.
+/// What the snippets and the check of the MATLAB file import.
 const IMPORTS: &str = "h5py, mcap, pandas, pyarrow";
 
 /// Their versions.
@@ -31,7 +31,7 @@ pub fn run() -> Result<()> {
     for line in commands(&page) {
         let mut words = line.split_whitespace();
         if words.next() != Some("inerter") {
-            bail!("{PAGE}: `{line}` is no command of inerter");
+            bail!("{PAGE}: `{line}` is not an inerter command");
         }
         process::run(Command::new(&inerter).args(words).arg("--force").current_dir(&folder))?;
     }
@@ -47,7 +47,7 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// Snippets with what they print: each block of Python is followed by one of text.
+/// Snippets with what they print: each block of Python is followed by a block of text.
 fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
     let mut snippets = Vec::new();
     let mut rest = page;
@@ -91,12 +91,12 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
         .into_iter()
         .find(|name| process::first_line(Command::new(name).arg("--version")).is_some());
     let Some(system) = system else { bail!("no python3 on this machine") };
-    println!("installing {imports} by {requirements} from PyPI, into {}", folder.display());
+    println!("installing {imports} ({requirements}) from PyPI into {}", folder.display());
     process::run(Command::new(system).args(["-m", "venv"]).arg(folder))
         .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
-    // What a package only names and never uses stays away.
+    // Leave out what a package only names and never uses.
     pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
     Ok(python)

@@ -2,7 +2,7 @@
 //!
 //! | file | what it is |
 //! |---|---|
-//! | `inerter-VERSION-TRIPLE` | the program with all features, without line tables |
+//! | `inerter-VERSION-TRIPLE` | the program with all features |
 //! | `inerter-VERSION-TRIPLE.cdx.json` | what is linked into it, in the form of CycloneDX |
 //! | `inerter-VERSION-cp310-abi3-PLATFORM.whl` | the Python package |
 //! | `inerter-python-VERSION-TRIPLE.cdx.json` | what is linked into it |
@@ -34,14 +34,14 @@ pub struct Options {
     /// Fail unless this is the tag of the version, such as v0.1.0
     #[arg(long)]
     pub tag: Option<String>,
-    /// Leave the boards' images out: of several computers that release together only one makes them
+    /// Leave out the boards' images: of several computers that make a release together, only one makes them
     #[arg(long)]
     pub program_only: bool,
 }
 
 /// Each board's image, by the name that the image has for its board.
 const BOARDS: [(Image, &str); 2] = [(Image::Weact, "weact-g474"), (Image::Board, "nucleo-g474re")];
-/// Name under which the tool leaves its files in the folders of all packages.
+/// Name of the files that the tool leaves in the folders of all packages.
 const LEFT: &str = "inerter-release.cdx";
 
 /// Makes them all anew and prints their names and sizes.
@@ -86,20 +86,17 @@ pub fn run(options: &Options) -> Result<()> {
     keep("SHA256SUMS".into(), sums.as_bytes())
 }
 
-/// The system that this compiler compiles for.
+/// The system for which this compiler compiles.
 fn host() -> Result<String> {
     let told = process::output(process::rustc().arg("-vV"))?;
     let host = told.lines().find_map(|line| line.strip_prefix("host: "));
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// Builds the program with all features and without its line tables, which are four fifths of the file; returns where
-/// it lies.
+/// Builds the program with all features; returns its path.
 fn program(workspace: &Workspace) -> Result<PathBuf> {
     let mut command = process::cargo();
-    command.args(["rustc", "--release", "--locked", "--package", "inerter", "--bin", "inerter", "--all-features"]);
-    // Told to the last compiler alone, so that nothing below is compiled once more.
-    process::run(command.args(["--", "-C", "strip=debuginfo"]))?;
+    process::run(command.args(["build", "--release", "--locked", "--package", "inerter", "--all-features"]))?;
     Ok(workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX)))
 }
 
@@ -113,7 +110,7 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
     let left = |folder: &Path| folder.join(format!("{LEFT}.json"));
     let text = fs::read_to_string(left(&member.folder));
     for member in &workspace.members {
-        // It is there for each member that the tool came to.
+        // The tool leaves one in each member that it visits.
         fs::remove_file(left(&member.folder)).ok();
     }
     done?;
@@ -146,10 +143,10 @@ fn linked(printed: &str) -> BTreeSet<(String, String)> {
     words.filter_map(|mut words| Some((words.next()?.into(), words.next()?.strip_prefix('v')?.into()))).collect()
 }
 
-/// The tool takes the lock file's word, which knows more packages than are linked: those are taken out. One that is
-/// missing is a fault.
+/// The tool lists the lock file, which has more packages than are linked: the others are removed. A missing one is an
+/// error.
 fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> Result<Value> {
-    let mut bill: Value = serde_json::from_str(text).context("the bill of materials is no JSON")?;
+    let mut bill: Value = serde_json::from_str(text).context("the bill of materials is not JSON")?;
     let is_linked = |value: &Value| {
         let pair = value["name"].as_str().zip(value["version"].as_str());
         pair.is_some_and(|(name, version)| linked.contains(&(name.into(), version.into())))
@@ -177,7 +174,7 @@ fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> R
     Ok(bill)
 }
 
-/// A line for each file, as `sha256sum --check` reads it.
+/// A line for each file, in the form that `sha256sum --check` reads.
 fn sums(folder: &Path) -> Result<String> {
     let mut text = String::new();
     let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;

@@ -1,11 +1,10 @@
 //! What a fresh machine needs, found or installed.
 //!
 //! Everything is printed before it is installed, and installed only by the machine's own means: rustup, cargo, pip,
-//! apt-get. Where that is not possible the exact command to type is printed and the set-up fails.
+//! apt-get. If that is not possible, the exact command to type is printed and the set-up fails.
 //!
 //! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`,
-//! which compiles the core library itself; Debian's `rustc-web` with `rust-web-src` and `lld`, where there is no
-//! rustup.
+//! which compiles the core library itself; without rustup, Debian's `rustc-web` with `rust-web-src` and `lld`.
 
 use crate::{process, tool::Tool, toolchain::Toolchain, tree::FIRMWARE_TARGET};
 use anyhow::{Context, Result, bail};
@@ -48,7 +47,7 @@ pub enum Need {
     Cxx,
     /// `cargo deny`, which checks licences and sources.
     Deny,
-    /// `qemu-system-x86_64`, in which a real Linux meets the device.
+    /// `qemu-system-x86_64`, in which a real Linux uses the device.
     Guest,
 }
 
@@ -65,7 +64,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Finds or, unless `check`, installs what is named; fails with the list of what is still missing.
+/// Finds or, unless `check`, installs these; fails with the list of what is still missing.
 pub fn ensure(needs: &[Need], check: bool) -> Result<()> {
     let mut missing = Vec::new();
     for need in needs {
@@ -88,7 +87,7 @@ pub fn ensure(needs: &[Need], check: bool) -> Result<()> {
         }
     }
     if !missing.is_empty() {
-        bail!("not everything is there; to go on:\n  {}", missing.join("\n  "));
+        bail!("something is missing; to continue:\n  {}", missing.join("\n  "));
     }
     Ok(())
 }
@@ -107,12 +106,12 @@ impl Need {
         }
     }
 
-    /// Whether it is there and will do.
+    /// Whether it is there and suitable.
     pub fn is_there(self) -> bool {
         self.found().is_ok()
     }
 
-    /// What was found, or why it does not do.
+    /// What was found, or why it is not suitable.
     fn found(self) -> Result<String, String> {
         match self {
             Self::Firmware => Toolchain::find()
@@ -143,7 +142,7 @@ impl Need {
         }
     }
 
-    /// What a person types where nothing can be installed from here.
+    /// What to type if nothing can be installed from here.
     fn advice(self) -> String {
         match self {
             Self::Firmware => format!(
@@ -161,7 +160,7 @@ impl Need {
     }
 }
 
-/// Debian's compiler, recent also in its stable release, with the source of the core library and a linker for ARM.
+/// Debian's compiler, recent even in its stable release, with the source of the core library and a linker for ARM.
 const DISTRIBUTION_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src", "lld"];
 
 fn install_target() -> Result<()> {
@@ -169,7 +168,7 @@ fn install_target() -> Result<()> {
         &|| rustup(&["target", "add", FIRMWARE_TARGET]),
         // The core library's source, to compile it here.
         &|| rustup(&["component", "add", "rust-src"]),
-        // Debian keeps these packages and its own rustup apart, and says so.
+        // Debian's packages and its own rustup exclude each other, and apt says so.
         &|| apt(DISTRIBUTION_RUST),
     ];
     for attempt in attempts {
@@ -212,7 +211,7 @@ fn apt(packages: &[&str]) -> Result<()> {
         process::run(&mut command)
     };
     if let Err(error) = apt_get(&["update"]) {
-        println!("  {error:#}; trying with the list of packages that is there");
+        println!("  {error:#}; trying with the present package list");
     }
     let mut install = vec!["install", "-y", "--no-install-recommends"];
     install.extend(packages);
@@ -251,7 +250,7 @@ fn twin_tools() -> Result<String, String> {
     Ok(format!("{cmake}, libclang in {}", folder.ok_or("no libclang")?.display()))
 }
 
-/// Whether this is libclang and not one of its sisters (`libclang-cpp`, static libraries).
+/// Whether this is libclang and not a related library (`libclang-cpp`, static libraries).
 fn is_libclang(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let rest = name.strip_prefix("libclang").unwrap_or("x");
@@ -260,7 +259,7 @@ fn is_libclang(path: &Path) -> bool {
         || (rest.starts_with("-") && !rest.starts_with("-cpp") && rest.contains(".so"))
 }
 
-/// What the system says it is.
+/// The contents of /etc/os-release.
 pub fn os_release() -> String {
     fs::read_to_string("/etc/os-release").unwrap_or_default()
 }

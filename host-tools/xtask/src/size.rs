@@ -10,10 +10,10 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, Sym
 use serde_json::Value;
 use std::{fs, path::Path, process::Command};
 
-/// An interrupt on top of the deepest call is a matter of luck.
+/// Whether an interrupt comes on top of the deepest call is a matter of chance.
 const STACK_TOLERANCE: f64 = 0.15;
 
-/// Start of RAM; what lies below is flash, but for CCM SRAM (RM0440, 2.2.2).
+/// Start of RAM; below it is flash, except for CCM SRAM (RM0440, 2.2.2).
 const RAM: u64 = 0x2000_0000;
 const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
@@ -28,7 +28,7 @@ pub struct Sizes {
     pub data: u64,
     /// Variables without one.
     pub bss: u64,
-    /// Part of `text` in functions of `inerter-core`; what was inlined elsewhere counts there.
+    /// Part of `text` in functions of `inerter-core`; what was inlined counts where it went.
     pub core_text: u64,
 }
 
@@ -98,7 +98,7 @@ fn loads(figures: &Value) -> Result<Vec<table::Row>> {
     for load in loads {
         let figure = |name: &str| load[name].as_f64().with_context(|| format!("no number `{name}` in {load}"));
         let with = load["with"].as_str().with_context(|| format!("no text `with` in {load}"))?;
-        // The digital front end brings each sample by itself: its load has no goal, and is told.
+        // The digital front end delivers each sample by itself: its load is reported, without a goal.
         let digital = with.starts_with("ADS131M04");
         let with = if with.is_empty() { String::new() } else { format!(" ({with})") };
         let name = format!("board, load at {} kHz{with}", figure("rate_hz")?.round() / 1e3);
@@ -125,7 +125,7 @@ fn twin(image: &Path) -> Result<Value> {
 /// Reads the sizes out of an image.
 pub fn measure(image: &Path) -> Result<Sizes> {
     let bytes = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
-    sizes(&bytes).with_context(|| format!("{} is no image", image.display()))
+    sizes(&bytes).with_context(|| format!("{} is not an image", image.display()))
 }
 
 fn sizes(bytes: &[u8]) -> Result<Sizes> {

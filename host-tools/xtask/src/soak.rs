@@ -1,10 +1,9 @@
-//! The live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the image
-//! in QEMU with a recording of its own.
+//! Runs the live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the
+//! image in QEMU with a recording of its own.
 //!
-//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and what was recorded must give
-//! the same digits in a replay as in a device. `target/soak/progress.tsv` has a line for each look, so that a run that
-//! was ended early shows what it had reached. The twin is left out: it takes many times as long as the time that it
-//! simulates.
+//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and each recording must give the
+//! same digits in a replay as on a device. `target/soak/progress.tsv` has a line for each look at the processes, so a
+//! run that was stopped early shows how far it got. The twin is left out: it runs many times slower than real time.
 
 mod kept;
 
@@ -39,26 +38,26 @@ use std::{
 const QEMU_RATE_HZ: f64 = 1000.0;
 /// How much a process may grow after the first minute \[%\].
 const GROWTH: f64 = 5.0;
-/// How far samples and the host's clock may be apart at the end \[s\]: batches and a busy machine make a recording
-/// begin and end late.
+/// How far samples and the host's clock may be apart at the end \[s\]: because of batches and a busy machine, a
+/// recording starts and ends late.
 const APART_S: f64 = 0.25;
-/// The same for each second: both count the same oscillator \[s/s\].
+/// The same per second: both count the same oscillator \[s/s\].
 const DRIFT: f64 = 20e-6;
-/// The last part of a recording, which goes through a device once more \[s\].
+/// The last part of a recording, which is also sent through a device \[s\].
 const REPLAYED_S: f64 = 300.0;
 
-/// What the programs say on standard error.
+/// The programs' standard error.
 const WORDS: &str = "words.txt";
 
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct Options {
-    /// How long; 3 minutes by default
+    /// How long, in hours; 3 minutes by default
     #[arg(long, default_value_t = Self::USUAL.hours)]
     pub hours: f64,
     /// Leave out the image in QEMU
     #[arg(long)]
     pub no_qemu: bool,
-    /// Soak in portions, write each into docs/tables/soak.md, and go on until so many hours stand there
+    /// Soak in portions, write each into docs/tables/soak.md, and continue until the table has so many hours
     #[arg(long, conflicts_with = "no_qemu")]
     pub keep: bool,
 }
@@ -68,7 +67,7 @@ impl Options {
     pub const USUAL: Self = Self { hours: 0.05, no_qemu: false, keep: false };
 }
 
-/// A process that is watched.
+/// A watched process.
 struct Watched {
     name: &'static str,
     process: PathBuf,
@@ -81,12 +80,12 @@ impl Watched {
     }
 }
 
-/// The simulator of the image, which ends its QEMU itself when it is asked to end.
+/// The simulator of the image, which ends its QEMU when it is asked to end.
 struct Simulator(Running);
 
 impl Drop for Simulator {
     fn drop(&mut self) {
-        // It may have ended by itself; one that does not heed is killed a moment later.
+        // It may have ended already; one that ignores this is killed a moment later.
         let _ = Command::new("kill").arg(self.0.0.id().to_string()).status();
         let asked = Instant::now();
         while matches!(self.0.0.try_wait(), Ok(None)) && asked.elapsed() < Duration::from_secs(5) {
@@ -95,13 +94,13 @@ impl Drop for Simulator {
     }
 }
 
-/// What views were given.
+/// What the views received.
 #[derive(Clone, Default)]
 struct Seen {
     page: Arc<AtomicU64>,
     datagrams: Arc<AtomicU64>,
     lines: Arc<AtomicU64>,
-    /// Lines that tell of a loss.
+    /// Lines that report a loss.
     losses: Arc<AtomicU64>,
 }
 
@@ -124,7 +123,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// One run of everything; gives its figures where all goals are held.
+/// One run of everything; returns its figures if all goals are met.
 fn portion(options: &Options) -> Result<Vec<Row>> {
     let image = if options.no_qemu { None } else { Some(image()?) };
     let program = workspace::installed()?;
@@ -135,7 +134,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
     let missed: Vec<&str> = rows
         .iter()
-        // What is no number is no figure that holds.
+        // NaN misses its goal too.
         .filter(|row| row.goal.is_some_and(|goal| row.value.is_nan() || row.value > goal))
         .map(|row| row.name.as_str())
         .collect();
@@ -148,7 +147,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     }
     println!("  left out: the twin, which does not run in real time");
     if !missed.is_empty() {
-        bail!("goals missed: {}; the looks are in {}", missed.join(", "), folder.join("progress.tsv").display());
+        bail!("goals missed: {}; the measurements are in {}", missed.join(", "), folder.join("progress.tsv").display());
     }
     Ok(rows)
 }
@@ -180,7 +179,7 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     let (mut page, mut shared) = (None, None);
     while page.is_none() || shared.is_none() {
         let (view, place) =
-            views.recv_timeout(Duration::from_secs(20)).context("the monitor does not say where its views are")?;
+            views.recv_timeout(Duration::from_secs(20)).context("the monitor does not print where its views are")?;
         match view.as_str() {
             "page" => page = Some(place),
             "shared device" => shared = Some(place),
@@ -189,7 +188,7 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     }
     look_on(&page.unwrap_or_default(), &seen)?;
 
-    // What looks on begins later and ends earlier.
+    // The other programs start later and end earlier.
     let beside = (seconds - 10.0).to_string();
     let mut command = Command::new(program);
     command.args([
@@ -213,7 +212,7 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
         let pid = simulator.0.id();
         let simulator = Simulator(simulator);
         watched.push(Watched::new("simulator of the image", pid));
-        watched.push(Watched::new("QEMU", child_of(pid).context("QEMU is not to be found beside its simulator")?));
+        watched.push(Watched::new("QEMU", child_of(pid).context("no QEMU process below its simulator")?));
         let mut command = Command::new(program);
         let duration = (seconds - started.elapsed().as_secs_f64()).max(5.0).to_string();
         command.args(["record", "-o", "qemu.mcap", "--force", "--connect", &address, "--duration", &duration]);
@@ -228,12 +227,12 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     let mut rows: Vec<Row> = watched.iter().flat_map(memory).collect();
     let count = |name: &str, count: &AtomicU64| Row::new(name, count.load(Ordering::Relaxed) as f64, "");
     rows.push(count("lines of the monitor", &seen.lines));
-    rows.push(count("lines of the monitor that tell of a loss", &seen.losses).at_most(0.0));
+    rows.push(count("lines of the monitor that report a loss", &seen.losses).at_most(0.0));
     rows.push(count("bytes that the page was sent", &seen.page));
     rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
         if views.load(Ordering::Relaxed) == 0 {
-            bail!("one of the views was given nothing");
+            bail!("one of the views received nothing");
         }
     }
     let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)]
@@ -264,14 +263,14 @@ fn child_of(pid: u32) -> Option<u32> {
     fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).ok()?.split_whitespace().next()?.parse().ok()
 }
 
-/// Counts lines until the end; hands on where the views are.
+/// Counts lines until the end; passes on the addresses of the views.
 fn listen(output: ChildStdout, views: &Sender<(String, String)>, seen: &Seen) {
     for line in BufReader::new(output).lines().map_while(Result::ok) {
         seen.lines.fetch_add(1, Ordering::Relaxed);
         let Ok(line) = serde_json::from_str::<Value>(&line) else { continue };
         match (line["kind"].as_str(), line["view"].as_str(), line["address"].as_str()) {
             (Some("view"), Some(view), Some(address)) => {
-                // Nobody asks for it any more.
+                // Fails when nobody waits for it any more.
                 let _ = views.send((view.to_owned(), address.to_owned()));
             }
             (Some("link"), ..) => {
@@ -323,7 +322,7 @@ fn look_on(page: &str, seen: &Seen) -> Result<()> {
     Ok(())
 }
 
-/// Looks at all processes until the recorders are done, and writes each look down.
+/// Looks at all processes until the recorders are done, and logs each look.
 fn watch(
     watched: &mut [Watched],
     recorders: &mut [(&str, Running)],
@@ -360,7 +359,7 @@ fn watch(
         }
         open = still;
         if started.elapsed().as_secs_f64() > seconds + 120.0 {
-            bail!("some of the programs were still running two minutes after their end");
+            bail!("some of the programs were still running two minutes after they should have ended");
         }
     }
     Ok(())
@@ -370,12 +369,12 @@ fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
     match child.try_wait().with_context(|| format!("waiting for the {name}"))? {
         None => Ok(false),
         Some(status) if status.success() => Ok(true),
-        Some(status) => bail!("the {name} failed ({status}); what it said is in target/soak/{WORDS}"),
+        Some(status) => bail!("the {name} failed ({status}); its output is in target/soak/{WORDS}"),
     }
 }
 
-/// What a process held, and how much it has grown since the first minute: the most in the second half of that time
-/// against the most in the first one, as a search for causes takes much every few seconds and gives it back.
+/// Memory of a process, and its growth since the first minute: the peak of the second half of that time against that of
+/// the first half, because a search for causes takes much memory every few seconds and frees it again.
 fn memory(watched: &Watched) -> Vec<Row> {
     let looks = &watched.looks;
     let last_s = looks.last().map_or(0.0, |look| look.at_s);
@@ -392,16 +391,16 @@ fn memory(watched: &Watched) -> Vec<Row> {
     ]
 }
 
-/// What the program says of a recording.
+/// What `inerter info` prints of a recording.
 fn info(program: &Path, folder: &Path, name: &str) -> Result<Value> {
     let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
     serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")
 }
 
-/// What a recording lacks, and how far its samples and the host's clock are apart.
+/// What is missing from a recording, and how far its samples and the host's clock are apart.
 fn recorded(info: &Value, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
     let number = |key: &str| {
-        info[key].as_f64().with_context(|| format!("no number `{key}` in what `inerter info` says of {name}"))
+        info[key].as_f64().with_context(|| format!("no number `{key}` in the output of `inerter info` for {name}"))
     };
     let (samples, duration_s) = (number("samples")?, number("duration_s")?);
     let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);
@@ -415,7 +414,7 @@ fn recorded(info: &Value, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
     ])
 }
 
-/// How many lines differ between a replay of the recording's last part and a device that is sent it.
+/// How many lines differ between a replay of the recording's last part and a device that receives it.
 fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &str) -> Result<Row> {
     let from_s = (info["duration_s"].as_f64().unwrap_or(0.0) - REPLAYED_S).max(0.0).to_string();
     let said = |arguments: &[&str]| {
@@ -426,7 +425,7 @@ fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &st
     let replayed = said(&["replay", "part.mcap", "--json"])?;
     let sent = said(&["send", "part.mcap", "--json", "--connect", device])?;
     if replayed.len() < 10 {
-        bail!("{name}: the replay says no more than {} lines", replayed.len());
+        bail!("{name}: the replay printed only {} lines", replayed.len());
     }
     let same = replayed.iter().zip(&sent).filter(|(one, other)| one == other).count();
     let differ = replayed.len().max(sent.len()) - same;
@@ -457,7 +456,7 @@ mod tests {
         watched.looks = (0..40).map(|place| look(f64::from(place) * 5.0)).collect();
         let rows = memory(&watched);
         assert!((rows[0].value - 11.95).abs() < 1e-9 && (rows[1].value - 6.222).abs() < 0.01, "{rows:?}");
-        // Without a look nothing is shown to hold.
+        // Without a look nothing is verified.
         watched.looks.clear();
         assert!(memory(&watched)[1].value.is_nan());
     }

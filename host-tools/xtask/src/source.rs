@@ -1,4 +1,4 @@
-//! Rust source as the rules look at it: parsed, its tests left aside.
+//! Rust source as the rules see it: parsed, without its tests.
 
 use anyhow::{Context, Result};
 use proc_macro2::{Ident, LineColumn, TokenStream, TokenTree};
@@ -31,7 +31,7 @@ pub fn forbids_unsafe(file: &syn::File) -> bool {
     })
 }
 
-/// Whether what carries these attributes is compiled for tests only.
+/// Whether the item with these attributes is compiled for tests only.
 pub fn only_for_tests(attributes: &[Attribute]) -> bool {
     attributes.iter().any(|attribute| {
         attribute.path().is_ident("test")

@@ -1,4 +1,4 @@
-//! Everything that continuous integration asks for, in order, with a summary at the end.
+//! Everything that continuous integration runs, in order, with a summary at the end.
 
 use crate::{
     arrows, chaos, firmware, foreign, fuzz, guest, process, python, setup, soak, supply,
@@ -20,10 +20,10 @@ use std::{
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Leave out the steps that take longest; the summary names them
+    /// Only formatting, imports, lints, unit tests and the estimator's closed loop, for use between edits
     #[arg(long)]
     pub quick: bool,
-    /// Run the campaigns as well, which take most of an hour
+    /// Also run the campaigns and measure whole tables, which takes most of an hour
     #[arg(long, conflicts_with = "quick")]
     pub full: bool,
     /// Stop at the first step that fails
@@ -34,7 +34,7 @@ pub struct Options {
 /// What a step took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Taken {
-    /// By the clock on the wall.
+    /// By the wall clock.
     time: Duration,
     /// Of all processors together.
     processor: Duration,
@@ -54,6 +54,8 @@ enum When {
     Always,
     /// Left out by `--quick`.
     NotQuick,
+    /// With `--quick` only.
+    Quick,
     /// With `--full` only.
     Full,
 }
@@ -63,10 +65,10 @@ struct Step {
     name: &'static str,
     /// How a person runs this step alone.
     alone: &'static str,
-    /// Without it nothing after it makes sense.
+    /// If it fails, nothing after it makes sense.
     needed: bool,
     when: When,
-    /// Time that it may take on two processors in a clean clone \[s\]; none where nothing waits for it. All together are
+    /// Time that it may take on two processors in a clean clone \[s\]; none if it runs beside others. All together are
     /// 25 minutes.
     budget_s: Option<u64>,
     run: Run,
@@ -75,10 +77,10 @@ struct Step {
 /// How a step runs.
 #[derive(Clone, Copy)]
 enum Run {
-    /// Here, while no other of these does.
+    /// In this process, one at a time.
     Here(fn() -> Result<()>),
-    /// By its own command, with the least priority, beside what comes after it: tests wait for the clock on the wall
-    /// and leave processors free. What it said is shown at the end.
+    /// By its own command, at the lowest priority, beside what comes after it: tests that wait for the wall clock leave
+    /// processors free. Its output is shown at the end.
     Beside,
 }
 
@@ -128,16 +130,16 @@ const STEPS: &[Step] = &[
         name: "supply",
         alone: "cargo xtask check-supply",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(10),
         run: Run::Here(|| supply::run(&supply::Options::default())),
     },
-    // A barrier is not needed: whatever runs an image builds it, and waits for who builds it now.
+    // No barrier is needed: whatever runs an image builds it, and waits for a build under way.
     Step {
         name: "firmware",
         alone: "cargo xtask build-firmware",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: None,
         run: Run::Beside,
     },
@@ -150,10 +152,23 @@ const STEPS: &[Step] = &[
         run: Run::Here(lint_host),
     },
     Step {
+        name: "unit tests, closed loop",
+        alone: "cargo test-lean --lib --bins, and `cargo test-lean --test closed_loop`",
+        needed: false,
+        when: When::Quick,
+        budget_s: None,
+        run: Run::Here(|| {
+            for chosen in [&["--lib", "--bins"][..], &["--test", "closed_loop"]] {
+                process::run(Part::Main.all("test").args(chosen))?;
+            }
+            Ok(())
+        }),
+    },
+    Step {
         name: "lints, firmware",
         alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(60),
         run: Run::Here(lint_firmware),
     },
@@ -169,7 +184,7 @@ const STEPS: &[Step] = &[
         name: "tests, compiled",
         alone: "cargo test-lean --no-run",
         needed: true,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(420),
         run: Run::Here(|| Part::each(|part| process::run(part.all("test").arg("--no-run")))),
     },
@@ -177,7 +192,7 @@ const STEPS: &[Step] = &[
         name: "Linux guest",
         alone: "cargo xtask guest",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(15),
         run: Run::Here(|| guest::run(&guest::Options::default())),
     },
@@ -185,7 +200,7 @@ const STEPS: &[Step] = &[
         name: "endurance",
         alone: "cargo xtask endurance 20000000",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: None,
         run: Run::Beside,
     },
@@ -193,7 +208,7 @@ const STEPS: &[Step] = &[
         name: "no panic in the estimator",
         alone: "cargo xtask check-panics",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: None,
         run: Run::Beside,
     },
@@ -201,7 +216,7 @@ const STEPS: &[Step] = &[
         name: "table of sizes",
         alone: "cargo xtask size",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: None,
         run: Run::Beside,
     },
@@ -209,7 +224,7 @@ const STEPS: &[Step] = &[
         name: "table of instructions",
         alone: "cargo xtask icount",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: None,
         run: Run::Beside,
     },
@@ -241,7 +256,7 @@ const STEPS: &[Step] = &[
         name: "tests",
         alone: "cargo test-lean",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(500),
         run: Run::Here(test),
     },
@@ -249,7 +264,7 @@ const STEPS: &[Step] = &[
         name: "Python",
         alone: "cargo xtask python",
         needed: false,
-        when: When::Always,
+        when: When::NotQuick,
         budget_s: Some(20),
         run: Run::Here(python::run),
     },
@@ -315,8 +330,9 @@ const STEPS: &[Step] = &[
 pub fn run(options: &Options) -> Result<()> {
     let list = skipped_list()?;
     clear(&list)?;
+    let start = Instant::now();
     let outcomes = run_steps(STEPS, options);
-    println!("\n{}\n{}", summary(STEPS, &outcomes), skips(&skipped(&list)?));
+    println!("\n{}\n{}", summary(STEPS, &outcomes, start.elapsed()), skips(&skipped(&list)?));
     let failed: Vec<_> = STEPS
         .iter()
         .zip(&outcomes)
@@ -340,10 +356,13 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         for (place, step) in steps.iter().enumerate() {
             outcomes.push(match step.run {
                 _ if stopped => Outcome::Skipped("an earlier step failed"),
-                _ if options.quick && step.when != When::Always => Outcome::Skipped("left out by --quick"),
+                _ if options.quick && !matches!(step.when, When::Always | When::Quick) => {
+                    Outcome::Skipped("left out by --quick")
+                }
+                _ if !options.quick && step.when == When::Quick => Outcome::Skipped("with --quick only"),
                 _ if !options.full && step.when == When::Full => Outcome::Skipped("with --full only"),
                 Run::Beside => {
-                    // Nobody listens after a panic only, which is passed on below.
+                    // Fails only after a panic, which is passed on below.
                     let _ = sender.send((place, step));
                     Outcome::Skipped("did not end")
                 }
@@ -380,7 +399,7 @@ fn outcome(step: &Step, run: impl FnOnce() -> Result<()>) -> Outcome {
     }
 }
 
-/// Runs a step by its own command, which is one of this program's.
+/// Runs a step by its own command, a command of this program.
 fn run_beside(step: &Step) -> Result<()> {
     let program = std::env::current_exe().context("where this program lies")?;
     let mut command = if cfg!(unix) {
@@ -392,7 +411,7 @@ fn run_beside(step: &Step) -> Result<()> {
     };
     let arguments = step.alone.strip_prefix("cargo xtask ").with_context(|| format!("`{}` is not ours", step.alone))?;
     let file = said_beside(step)?;
-    println!("{} runs beside what comes next; until the end in {}", step.name, file.display());
+    println!("{} runs beside what comes next; its output is in {}", step.name, file.display());
     process::run_into(command.args(arguments.split(' ')), &file)
 }
 
@@ -401,8 +420,9 @@ fn said_beside(step: &Step) -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join(format!("{name}.txt")))
 }
 
-/// A line for each step: its time, its processor time, and of those that the others wait for the time that they may take.
-fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
+/// A line for each step: its time, its processor time and, for steps that hold up the others, its budget; finally the
+/// total `time`.
+fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
     let mut lines = vec![format!("{:36} {:>9} {:>9} {:>9}", "", "time", "budget", "processor")];
     let mut processor = Duration::ZERO;
     for (step, outcome) in steps.iter().zip(outcomes) {
@@ -427,17 +447,24 @@ fn summary(steps: &[Step], outcomes: &[Outcome]) -> String {
             }
         });
     }
-    lines.push(format!("{:.1} min of processor time", processor.as_secs_f64() / 60.0));
+    let minutes = |time: Duration| time.as_secs_f64() / 60.0;
+    lines.push(format!("{:.1} min, {:.1} min of processor time", minutes(time), minutes(processor)));
     lines.join("\n")
 }
 
-/// All of it as it is released, and the program without its views. The library for probes stays there, so that nothing
-/// else is compiled again.
+/// Everything with default features, the program without its views, and the program alone with none, as a user may
+/// install it. The second pass keeps the library for probes, so that nothing else is compiled again; the third has the
+/// dependencies' features as the program alone enables them.
 fn lint_host() -> Result<()> {
     let lint = |command: &mut Command| process::run(command.args(["--all-targets", "--", "--deny", "warnings"]));
     Part::each(|part| lint(&mut part.whole("clippy")))?;
     let smaller = ["--no-default-features", "--features", "inerter-device/probe,inerter-stm32g474/board-nucleo"];
     lint(Part::Main.whole("clippy").args(smaller))?;
+    process::run(
+        process::cargo()
+            .args(["clippy", "--locked", "--package", "inerter", "--no-default-features"])
+            .args(["--", "--deny", "warnings"]),
+    )?;
     // As others use them: core with its features, the data library without.
     for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"]] {
         let mut command = process::cargo();
@@ -450,7 +477,7 @@ fn lint_host() -> Result<()> {
 fn lint_firmware() -> Result<()> {
     let Some(toolchain) = Toolchain::find() else { bail!("no compiler for the firmware") };
     if !toolchain.is_own() {
-        let reason = "the distribution's compiler builds the firmware here, and this clippy is another's";
+        let reason = "the distribution's compiler builds the firmware here, and this clippy belongs to another";
         return inerter_needs::list(&skipped_list()?, "lints, firmware", reason).context("the list of skipped tests");
     }
     let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
@@ -461,7 +488,7 @@ fn lint_firmware() -> Result<()> {
     }
     process::run(command.args(denied))?;
     foreign::lint(&toolchain)?;
-    // What a stranger's firmware would write.
+    // As firmware by others would use core.
     let mut command = toolchain.cargo("clippy");
     command.args(["--locked", "--package", "inerter-core", "--example", "firmware"]);
     process::run(command.args(denied))?;
@@ -473,8 +500,8 @@ fn lint_firmware() -> Result<()> {
     Ok(())
 }
 
-/// The program as it is released, whose library for probes takes minutes to compile, and the smallest one's own
-/// transcript.
+/// Tests the program as released, whose library for probes takes minutes to compile, and the transcript of the smallest
+/// one.
 fn test_probe() -> Result<()> {
     for arguments in [
         &["--package", "inerter", "--package", "inerter-device"][..],
@@ -489,10 +516,10 @@ fn document() -> Result<()> {
     Part::each(|part| process::run(part.whole("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
 }
 
-/// All tests. What this command makes or installs is required; recordings of real machines are, where their folder is
-/// there.
+/// All tests. What this command makes or installs is required; recordings of real machines are required if their folder
+/// exists.
 ///
-/// Most of the twin's wait for the clock on the wall: they run beside all others.
+/// Most of the twin's tests wait for the wall clock: they run beside all others.
 fn test() -> Result<()> {
     let (images, list) = (firmware::build_all()?, skipped_list()?);
     let tests = |part: Part| {
@@ -502,7 +529,7 @@ fn test() -> Result<()> {
         command
     };
     let said = list.with_file_name("twin-tests.txt");
-    println!("the twin's tests run beside these, and say so at the end; until then in {}", said.display());
+    println!("the twin's tests run beside these; their output comes at the end, until then in {}", said.display());
     thread::scope(|scope| {
         let twin = scope.spawn(|| (process::run_into(&mut tests(Part::Twin), &said), process::spent()));
         let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
@@ -516,7 +543,7 @@ fn test() -> Result<()> {
     })
 }
 
-/// Forgets what an earlier run skipped.
+/// Deletes what an earlier run skipped.
 fn clear(list: &Path) -> Result<()> {
     match fs::remove_file(list) {
         Err(error) if error.kind() != ErrorKind::NotFound => {
@@ -562,7 +589,7 @@ mod tests {
         let outcomes = run_steps(&steps, &Options::default());
         assert!(matches!(outcomes[0], Outcome::Failed(..)) && matches!(outcomes[1], Outcome::Failed(..)));
         assert_eq!(outcomes[2], Outcome::Skipped("an earlier step failed"));
-        let text = summary(&steps, &outcomes);
+        let text = summary(&steps, &outcomes, Duration::ZERO);
         assert!(text.contains("FAILED  one") && text.contains("broken") && !text.contains("in detail"), "{text}");
     }
 
@@ -571,11 +598,12 @@ mod tests {
         let long = Step { budget_s: Some(1), ..step("long", false, When::Always, || Ok(())) };
         let taken =
             |time| Outcome::Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
-        let text = summary(&[long], &[taken(2)]);
+        let text = summary(&[long], &[taken(2)], Duration::from_secs(60));
         assert!(text.contains("2.0 s") && text.contains("90.0 s  over its budget"), "{text}");
-        assert!(text.ends_with("1.5 min of processor time"), "{text}");
+        assert!(text.ends_with("1.0 min, 1.5 min of processor time"), "{text}");
         assert_eq!(STEPS.iter().filter_map(|step| step.budget_s).sum::<u64>(), 25 * 60);
-        let waits = |step: &Step| matches!(step.run, Run::Here(_)) && step.when != When::Full;
+        let waits =
+            |step: &Step| matches!(step.run, Run::Here(_)) && matches!(step.when, When::Always | When::NotQuick);
         assert!(STEPS.iter().all(|step| step.budget_s.is_some() == waits(step)));
     }
 
@@ -583,10 +611,16 @@ mod tests {
     fn what_is_left_out_is_named() {
         let long = [step("long one", false, When::NotQuick, || bail!("must not run"))];
         let outcomes = run_steps(&long, &Options { quick: true, ..Options::default() });
-        assert!(summary(&long, &outcomes).contains("skipped long one                   left out by --quick"));
+        assert!(
+            summary(&long, &outcomes, Duration::ZERO)
+                .contains("skipped long one                   left out by --quick")
+        );
         let campaign = [step("campaign", false, When::Full, || bail!("lost a sample"))];
         let outcomes = run_steps(&campaign, &Options::default());
-        assert!(summary(&campaign, &outcomes).contains("skipped campaign                   with --full only"));
+        assert!(
+            summary(&campaign, &outcomes, Duration::ZERO)
+                .contains("skipped campaign                   with --full only")
+        );
         let outcomes = run_steps(&campaign, &Options { full: true, ..Options::default() });
         assert!(matches!(outcomes[0], Outcome::Failed(..)), "{outcomes:?}");
     }

@@ -1,7 +1,7 @@
-//! What is linked, against deny.toml: licences, packages that must not come in, where packages come from, duplicates.
+//! What is linked, against deny.toml: licences, banned packages, sources of packages, duplicates.
 //!
-//! Nothing is asked over the network but what the lock files name and this machine lacks. Advisories need a list that
-//! changes every day, so they are an option, which `.github/workflows/advisories.yml` uses.
+//! Only packages that the lock files name and this machine lacks are fetched. Advisories need a list that changes every
+//! day, so they are an option, which `.github/workflows/advisories.yml` uses.
 
 use crate::{foreign, process, tool::Tool, tree, workspace::Part};
 use anyhow::{Result, bail};
@@ -14,20 +14,20 @@ pub struct Options {
     pub advisories: bool,
 }
 
-/// What is asked.
+/// What is checked.
 const CHECKS: [&str; 3] = ["bans", "licenses", "sources"];
 
-/// A line of deny.toml that no longer applies, in the workspace that ships.
+/// Lints for the workspace that ships: a line of deny.toml that no longer applies is an error.
 const SHIPS: &[&str] = &[
     "--deny=unmatched-skip",
     "--deny=unnecessary-skip",
     "--deny=license-not-encountered",
-    // Of the twin.
+    // These are for the twin.
     "--allow=unused-wrapper",
     "--allow=license-exception-not-encountered",
 ];
 
-/// Tests of their own link each only a part of what deny.toml knows, and duplicates cost nobody anything there.
+/// Each workspace for tests links only a part of what deny.toml lists, and duplicates cost nothing there.
 const TESTS: &[&str] = &[
     "--allow=duplicate",
     "--allow=unmatched-skip",
@@ -39,7 +39,7 @@ const TESTS: &[&str] = &[
     "--allow=parse-error",
 ];
 
-/// Checks all workspaces, and goes on after a failure.
+/// Checks all workspaces, and continues after a failure.
 pub fn run(options: &Options) -> Result<()> {
     let mut failed = Vec::new();
     let parts = Part::ALL.map(|part| (part.folder(), if part == Part::Main { SHIPS } else { TESTS }));
@@ -57,7 +57,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Checks one of them. Licences are read from the packages, so these must be here.
+/// Checks one of them. Licences are read from the packages, which must therefore be here.
 fn check(folder: &Path, lints: &[&str], options: &Options) -> Result<()> {
     process::run(process::cargo().current_dir(folder).args(["fetch", "--locked", "--quiet"]))?;
     let mut command = Tool::Deny.command()?;

@@ -1,4 +1,4 @@
-//! Committed tables of figures, and whether today's figures are still theirs.
+//! Committed tables of figures, and whether today's figures still match them.
 //!
 //! A table is a Markdown file under `docs/tables` whose rows read `| name | value | unit | goal |`. The limits are
 //! two-sided: a figure that becomes much better is suspect too, since it may have stopped being measured.
@@ -7,8 +7,8 @@ use crate::tree;
 use anyhow::{Context, Result, bail};
 use std::{fmt::Write, fs, path::PathBuf};
 
-/// How much a figure may move before the table must be updated, as a fraction. Compilers differ by about a percent;
-/// what a change to the code costs is usually more.
+/// How much a figure may move before the table must be updated, as a fraction. Compilers differ by about a percent; a
+/// change to the code usually costs more.
 pub const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
@@ -22,13 +22,13 @@ pub struct Options {
 /// One figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// What it is; names the row.
+    /// What it is; the name of the row.
     pub name: String,
     /// The figure.
     pub value: f64,
     /// Its unit.
     pub unit: &'static str,
-    /// Greatest value wished for.
+    /// Goal: at most this.
     pub goal: Option<f64>,
     /// How much it may move before the table must be updated, as a fraction.
     pub tolerance: f64,
@@ -45,7 +45,7 @@ impl Row {
         Self { tolerance, ..self }
     }
 
-    /// With the greatest value wished for.
+    /// With a goal: at most this.
     pub fn at_most(self, goal: f64) -> Self {
         Self { goal: Some(goal), ..self }
     }
@@ -115,14 +115,14 @@ impl Table {
         let path = self.path();
         let command = format!("cargo xtask {} --update", self.name);
         let committed = fs::read_to_string(&path)
-            .with_context(|| format!("cannot read {}; make it by `{command}`", path.display()))?;
+            .with_context(|| format!("cannot read {}; make it with `{command}`", path.display()))?;
         let faults = differences(&parse(&committed), &self.rows);
         if !faults.is_empty() {
             for fault in &faults {
                 eprintln!("  {fault}");
             }
             bail!(
-                "{} of the figures left docs/tables/{}.md; when the change is meant, run `{command}` and commit the table",
+                "{} figures differ from docs/tables/{}.md; if that is intended, run `{command}` and commit the table",
                 faults.len(),
                 self.name
             );
@@ -136,7 +136,7 @@ fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
 }
 
-/// Names and values of a table's rows; lines that are none are passed over.
+/// Names and values of a table's rows; other lines are skipped.
 fn parse(markdown: &str) -> Vec<(String, f64)> {
     markdown
         .lines()
@@ -147,7 +147,7 @@ fn parse(markdown: &str) -> Vec<(String, f64)> {
         .collect()
 }
 
-/// What differs by more than the tolerance, or is in one of the two only.
+/// What differs by more than the tolerance, or is in only one of the two.
 fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     let mut faults = Vec::new();
     for row in now {
@@ -175,7 +175,7 @@ fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     faults
 }
 
-/// Writes a table that is nothing but text, or compares it; `command` makes it.
+/// Writes a table that is only text, or compares it; `command` makes it.
 pub fn settle_text(name: &str, command: &str, text: &str, update: bool) -> Result<()> {
     let path = tree::root().join(format!("docs/tables/{name}.md"));
     if update {
@@ -184,7 +184,7 @@ pub fn settle_text(name: &str, command: &str, text: &str, update: bool) -> Resul
         return Ok(());
     }
     let committed = fs::read_to_string(&path)
-        .with_context(|| format!("cannot read {}; make it by `{command} --update`", path.display()))?;
+        .with_context(|| format!("cannot read {}; make it with `{command} --update`", path.display()))?;
     if committed == text {
         println!("{name}: as in {}", path.display());
         return Ok(());
@@ -193,7 +193,7 @@ pub fn settle_text(name: &str, command: &str, text: &str, update: bool) -> Resul
         one.lines().filter(|line| !other.lines().any(|same| same == *line)).map(|line| format!("\n{line}")).collect()
     };
     bail!(
-        "{} differs.\nToday's lines that are not in it:{}\nIts lines that are not today's:{}\nWhen the change is meant, run `{command} --update`",
+        "{} differs.\nNew lines:{}\nMissing lines:{}\nIf the change is intended, run `{command} --update`",
         path.display(),
         only_in(text, &committed),
         only_in(&committed, text)

@@ -1,4 +1,4 @@
-//! Cargo's subcommands by others: found on this machine, or installed below `target/tools`.
+//! Third-party subcommands of cargo: found on this machine, or installed below `target/tools`.
 
 use crate::{process, toolchain::at_least, tree, workspace::Workspace};
 use anyhow::{Context, Result, bail};
@@ -28,7 +28,7 @@ impl Tool {
         }
     }
 
-    /// The subcommand of cargo that it is.
+    /// Its name as a subcommand of cargo.
     const fn subcommand(self) -> &'static str {
         match self {
             Self::Deny => "deny",
@@ -55,7 +55,7 @@ impl Tool {
         }
     }
 
-    /// What a person types where it cannot be installed from here.
+    /// What to type if it cannot be installed from here.
     pub fn advice(self) -> String {
         format!("`cargo install {} --locked --version {}`", self.name(), self.version())
     }
@@ -66,7 +66,7 @@ impl Tool {
             Ok((program, _)) => program,
             Err(reason) => {
                 println!("{}: {reason}", self.name());
-                self.install().with_context(|| format!("it can be installed by {}", self.advice()))?;
+                self.install().with_context(|| format!("install it with {}", self.advice()))?;
                 self.found().map_err(anyhow::Error::msg)?.0
             }
         };
@@ -75,7 +75,7 @@ impl Tool {
         Ok(command)
     }
 
-    /// Its program and what it says of its version; or why there is none that will do.
+    /// Its program and its version line; or why there is none that will do.
     pub fn found(self) -> Result<(PathBuf, String), String> {
         let file = format!("{}{}", self.name(), std::env::consts::EXE_SUFFIX);
         let folder = folder().map_err(|error| format!("{error:#}"))?;
@@ -93,8 +93,8 @@ impl Tool {
         Err(reason)
     }
 
-    /// Installs the pinned version below `target/tools`: a compiled one by the sum of its file, where there is one for
-    /// this machine, else from its sources.
+    /// Installs the pinned version below `target/tools`: a compiled one, checked by the sum of its file, if there is
+    /// one for this machine; else from its sources.
     pub fn install(self) -> Result<()> {
         let folder = folder()?;
         if self == Self::Deny && cfg!(all(target_os = "linux", target_arch = "x86_64")) {
@@ -115,7 +115,7 @@ fn folder() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join("tools"))
 }
 
-/// From the Python Package Index, which also holds programs; pip compares the sum of the file with ours.
+/// From the Python Package Index, which also holds programs; pip checks the sum of the file against ours.
 fn install_compiled(folder: &Path) -> Result<()> {
     if process::first_line(Command::new("python3").args(["-m", "pip", "--version"])).is_none() {
         bail!("no pip on this machine");

@@ -18,7 +18,7 @@ const DISTRIBUTION_LINKER: &str = "/usr/bin/ld.lld";
 pub struct Toolchain {
     /// The distribution's own compiler, or the one that started this program.
     distribution: bool,
-    /// The core library is compiled from its source, for want of a compiled one.
+    /// The core library is compiled from its source, as there is no compiled one.
     build_core: bool,
     /// The compiler's own linker is missing.
     foreign_linker: bool,
@@ -67,7 +67,7 @@ impl Toolchain {
         }
         cargo.args([command, "--target", FIRMWARE_TARGET]);
         if self.build_core {
-            // The stable compiler builds its own core library only with its unstable options open.
+            // The stable compiler builds its own core library only with unstable options enabled.
             cargo.arg("-Zbuild-std=core").env("RUSTC_BOOTSTRAP", "1");
         }
         cargo
@@ -88,7 +88,7 @@ fn has_source(sysroot: &Path) -> bool {
     sysroot.join("lib/rustlib/src/rust/library/core/src/lib.rs").is_file()
 }
 
-/// Whether the distribution's linker must stand in for the compiler's own; nothing when there is neither.
+/// Whether the distribution's linker must replace the compiler's own; nothing if there is neither.
 fn foreign_linker(sysroot: &Path) -> Option<bool> {
     let hosts = fs::read_dir(sysroot.join("lib/rustlib")).ok()?.flatten();
     let names = ["bin/rust-lld", "bin/rust-lld.exe"];

@@ -1,4 +1,4 @@
-//! The source tree: where it lies, and what in it is built for the board's chip.
+//! The source tree: where it is, and what in it is built for the board's chip.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ pub const FIRMWARE_PACKAGES: &[&str] = &["inerter-qemu", "inerter-stm32g474"];
 
 /// The workspace's root folder.
 pub fn root() -> PathBuf {
-    // This file's crate lies two folders below the root. The run-time variable comes first, so that a moved tree works.
+    // This file's crate is two folders below the root. The run-time variable comes first, so that a moved tree works.
     let here = std::env::var_os("CARGO_MANIFEST_DIR")
         .map(PathBuf::from)
         .filter(|path| path.ends_with("host-tools/xtask"))

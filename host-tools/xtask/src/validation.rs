@@ -1,5 +1,5 @@
-//! What a reviewer asks of the intervals: recordings of real machines, the same data through other methods, and a plant
-//! of its own, both written in Python.
+//! Evidence for the intervals: recordings of real machines, the same data through other methods, and another plant;
+//! methods and plant are written in Python.
 
 use crate::{
     accuracy::{self, Options},
@@ -20,7 +20,7 @@ pub fn run(options: &Options) -> Result<()> {
     let folder = Workspace::read(&tree::root())?.target.join("validation");
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let path = folder.to_string_lossy().into_owned();
-    // What an earlier run left must not pass for this one's.
+    // An earlier run's files must not pass for this one's.
     for left in ["rivals.json", "plant.json"] {
         let _ = std::fs::remove_file(folder.join(left));
     }

@@ -19,7 +19,7 @@ const IMPORTS: &str =
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Build it quickly, as the tests do, and not for speed
+    /// Build it quickly, as the tests do, not for speed
     #[arg(long)]
     pub debug: bool,
 }
@@ -28,7 +28,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<()> {
     let target = Workspace::read(&tree::root())?.target;
     let python = python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)?;
-    // The one for the tests stands in nobody's way.
+    // The wheel for the tests has a folder of its own.
     let folder = target.join(if options.debug { "wheel/debug" } else { "wheels" });
     let wheel = built(&python, &folder, options)?;
     let mut pip = Command::new(&python);
@@ -43,7 +43,7 @@ pub fn run(options: &Options) -> Result<()> {
         command
     };
     process::run(&mut module("mypy", &["--strict", "python/inerter"])).context("types of the package")?;
-    // What the stubs say is what the module has.
+    // The stubs must match the module.
     process::run(&mut module("mypy.stubtest", &["inerter"])).context("stubs of the package")?;
     let mut tests = module("pytest", &["-q", "-p", "no:cacheprovider", "tests"]);
     tests.env("INERTER", workspace::tested(Part::Main, "inerter")?).env("INERTER_CONFIG", "");

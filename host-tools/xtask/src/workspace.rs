@@ -1,4 +1,4 @@
-//! The three workspaces, what `cargo metadata` says of them, and the programs made from them.
+//! The three workspaces, what `cargo metadata` reports of them, and the programs made from them.
 
 use crate::{process, tree};
 use anyhow::{Context, Result, bail};
@@ -17,7 +17,7 @@ const LEAN: &[&str] = &["--no-default-features", "--features", "inerter/bridges,
 pub enum Part {
     /// Everything that ships, and most tests; builds on any machine.
     Main,
-    /// The bench against others' recursive least squares.
+    /// The comparison with other recursive least squares.
     Bench,
     /// The twin, whose emulator needs CMake and libclang, and what runs in its Linux guest.
     Twin,
@@ -43,7 +43,7 @@ impl Part {
         cargo
     }
 
-    /// `cargo COMMAND` for all its members, as they are released.
+    /// `cargo COMMAND` for all its members, with their default features.
     pub fn whole(self, command: &str) -> Command {
         let mut cargo = self.cargo();
         cargo.args([command, "--workspace", "--locked"]);
@@ -65,7 +65,7 @@ impl Part {
         }
     }
 
-    /// Does the same in each, and goes on after a failure.
+    /// Does the same in each, and continues after a failure.
     pub fn each(mut action: impl FnMut(Self) -> Result<()>) -> Result<()> {
         let failed: Vec<_> = Self::ALL.into_iter().filter_map(|part| action(part).err()).collect();
         match failed.is_empty() {
@@ -75,7 +75,7 @@ impl Part {
     }
 }
 
-/// Where each test that could not run leaves its name and the reason.
+/// File in which each test that could not run leaves its name and the reason.
 pub fn skipped_list() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
 }
@@ -87,7 +87,7 @@ pub struct Member {
     pub name: String,
     /// Folder of its manifest.
     pub folder: PathBuf,
-    /// Root files of its libraries and programs, those below its folder: others are not ours.
+    /// Root files of its libraries and programs, if below its folder: others are not ours.
     pub roots: Vec<PathBuf>,
     /// What it depends on.
     pub uses: Vec<Use>,
@@ -166,14 +166,14 @@ fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
     value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
 }
 
-/// A program of a workspace, as its integration tests have it. All tests are built at once: for each other choice of
-/// packages cargo would turn other features of the libraries on, and compile them once more.
+/// A program of a workspace, as built for its integration tests. All tests are built at once: for another choice of
+/// packages cargo would enable other features of the libraries, and compile them again.
 pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
     process::run(part.all("test").args(["--quiet", "--no-run"]))?;
     program(name, "debug")
 }
 
-/// The host program as a user installs it, but for the feature `probe`.
+/// The host program as a user installs it, except for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
     let mut build = process::cargo();
     build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/bridges"]);
@@ -207,7 +207,7 @@ mod tests {
         assert!(Workspace::parse("not json").is_err());
     }
 
-    /// A published example lies elsewhere, and not at all before it is fetched.
+    /// A published example lies elsewhere, and does not exist before it is fetched.
     #[test]
     fn a_root_outside_of_the_folder_is_not_ours() {
         let json = r#"{

@@ -1,4 +1,4 @@
-//! What each method answers: the rivals through the cases, the instrument on the raw samples.
+//! Results of each method: the rivals through the cases, the instrument on the raw samples.
 
 use crate::{
     cases::{self, CHANGE, CHANGE_S, CLEAN_TRUTH, Case, DURATION_S, MEMORIES_S, Outcome, Question, SEEDS, SLOW_S},
@@ -8,7 +8,7 @@ use inerter_core::{Change, Detail, Estimate, Published, RawSample, Settings, Set
 use inerter_plant::{Inerter, Sample, Sensors};
 use std::error::Error;
 
-/// What one method says in every case; none where it has nothing of its own to say.
+/// Results of one method in every case; none if it has no result of its own.
 #[derive(Clone, Debug)]
 pub struct Answers {
     /// Method.
@@ -17,7 +17,7 @@ pub struct Answers {
     pub outcomes: Vec<Option<Outcome>>,
 }
 
-/// Every method of Rust through every case.
+/// Every Rust method through every case.
 pub fn rust(cases: &[Case]) -> Vec<Answers> {
     METHODS
         .iter()
@@ -30,7 +30,7 @@ pub fn rust(cases: &[Case]) -> Vec<Answers> {
         .collect()
 }
 
-/// Refuses methods that do not know the clean contact law: the fault would be in how they are driven.
+/// Rejects methods that do not find the clean contact law: the fault would be in how they are driven.
 pub fn check_driving(cases: &[Case], answers: &[Answers]) -> Result<(), String> {
     for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
         for (case, outcome) in cases.iter().zip(&answer.outcomes) {
@@ -47,12 +47,12 @@ pub fn check_driving(cases: &[Case], answers: &[Answers]) -> Result<(), String> 
     Ok(())
 }
 
-/// Whether it is the one that its own guard keeps from learning.
+/// Whether it is the method whose own guard keeps it from learning.
 pub fn limits_itself(name: &str) -> bool {
     name != UNLIMITED && name.contains("RlsParallel")
 }
 
-/// What the instrument says of one run.
+/// The instrument's results for one run.
 pub struct Heard {
     /// Estimates with their times \[s\].
     pub published: Vec<(f64, Estimate)>,
@@ -64,7 +64,7 @@ pub struct Heard {
     pub detail: Detail,
 }
 
-/// What the instrument says where the rivals are asked.
+/// The instrument's results for the questions put to the rivals.
 pub struct Instrument {
     /// Motion, backlash \[m\], with the sensor, by the force alone.
     pub contact: Vec<(&'static str, f64, Heard, Heard)>,
@@ -77,7 +77,7 @@ pub struct Instrument {
 }
 
 impl Instrument {
-    /// Puts it through everything.
+    /// Runs it through everything.
     pub fn new() -> Result<Self, Box<dyn Error>> {
         let (mut contact, mut interval, mut change, mut slow) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for motion in ["mid", "random"] {
@@ -132,7 +132,7 @@ fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
 }
 
 /// The samples through `Active::step`, with the settings of a calibration without error, a memory of the whole run and
-/// what else is set.
+/// these further settings.
 fn listen(samples: &[Sample], device: &Inerter, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
     let mut settings = calibrated(device, &cases::sensors(0));
     for (name, value) in set {
@@ -160,13 +160,13 @@ fn listen(samples: &[Sample], device: &Inerter, set: &[(&str, f64)]) -> Result<H
     Ok(Heard { published, change, last, detail })
 }
 
-/// Time after the change from which the inertance stays within 1 % of the new one \[s\]; none when it does not.
+/// Time after the change from which the inertance stays within 1 % of the new one \[s\]; none if it does not.
 pub fn settling_s(values: impl DoubleEndedIterator<Item = (f64, f64)>) -> Option<f64> {
     let inertance_kg = CHANGE * cases::device().inertance_kg;
     let mut settled = None;
     for (t_s, value) in values.rev() {
         let error = (value / inertance_kg - 1.0).abs();
-        // What is not a number is not near.
+        // NaN is not near.
         if error.is_nan() || error > 0.01 || t_s < CHANGE_S {
             break;
         }
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
     use crate::cases::{WHITE_TRUTH, all};
 
-    /// Each knows the backlash on clean data, and where noise is what its covariance takes it for, its interval holds.
+    /// Each finds the backlash on clean data, and if the noise is as its covariance assumes, its interval holds.
     #[test]
     fn every_rival_is_driven_as_it_should_be() {
         let cases: Vec<Case> = all()

@@ -1,7 +1,7 @@
-//! What the methods are asked beside speed: the regressors of each question, made of simulated samples by one kernel.
+//! Questions put to the methods besides speed: the regressors of each, made from simulated samples by one kernel.
 //!
-//! The simulated device carries no structure mass here, so that no method has to correct for it; the sign of the
-//! velocity is the true one, and sticking is known: what is compared is what a method makes of good regressors.
+//! The simulated device has no structure mass here, so that no method has to correct for it; the sign of the velocity
+//! is the true one, and sticking is known. So methods are compared on good regressors.
 
 use crate::{
     kernels::Kernels,
@@ -21,27 +21,27 @@ pub const FORCE_RATE_UNIT_N_PER_S: f64 = 1e4;
 const CONTACT_BOX: usize = 2;
 const MOTION_BOX: usize = 16;
 const SLOW_BOX: usize = 64;
-/// Of slow motion every so many samples give an update.
+/// In slow motion one sample in this many gives an update.
 pub const SLOW_STEP: usize = 4;
 /// What is left out on either side of a flight \[samples\].
 const CLEARANCE: usize = 4;
-/// Correlation length of what passed the kernel of motion \[samples\]: 2.09 boxes.
+/// Correlation length after the motion kernel \[samples\]: 2.09 boxes.
 pub const THIN: usize = 33;
-/// Runs whose intervals are looked at, and of each other question.
+/// Runs for the intervals, and for each other question.
 pub const INTERVAL_SEEDS: u64 = 32;
 /// See [`INTERVAL_SEEDS`].
 pub const SEEDS: u64 = 4;
 /// Length of a run \[s\].
 pub const DURATION_S: f64 = 20.0;
-/// When one asks in a slow run \[s\].
+/// Times at which a slow run is read \[s\].
 pub const SLOW_S: [f64; 2] = [5.0, 80.0];
 /// When the device changes \[s\], and by how much its inertance.
 pub const CHANGE_S: f64 = 10.0;
 /// See [`CHANGE_S`].
 pub const CHANGE: f64 = 1.05;
-/// Memories with which a change is awaited \[s\].
+/// Memories tried for the change \[s\].
 pub const MEMORIES_S: [f64; 2] = [1.0, 30.0];
-/// Every so many updates the inertance is written down \[samples\].
+/// The inertance is recorded after every so many updates \[samples\].
 pub const TRACK: usize = 10;
 /// Backlash of the worn device \[m\].
 pub const BACKLASH_M: f64 = 1e-4;
@@ -55,7 +55,7 @@ pub const CLEAN_TRUTH: [f64; 4] = [476.0, -2.7, 50.0, 8.0];
 /// What is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Question {
-    /// The contact law without noise or flight: who cannot answer is driven wrongly.
+    /// The contact law without noise or flight: a method that cannot answer is driven wrongly.
     Clean,
     /// The contact law of the worn device with a terminal sensor.
     Contact {
@@ -91,22 +91,22 @@ pub enum Question {
 pub struct Case {
     /// What is asked.
     pub question: Question,
-    /// What a method gets.
+    /// Input of a method.
     pub updates: Vec<Update>,
     /// Forgetting per update.
     pub forgetting: f64,
-    /// Time at which the first update is there \[s\].
+    /// Time of the first update \[s\].
     pub start_s: f64,
 }
 
-/// What a method says.
+/// Result of a method.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// At the end.
     pub parameters: [f64; 4],
     /// Variances for a residual of unit variance.
     pub variances: Option<[f64; 4]>,
-    /// The first parameter after every [`TRACK`]th update, where the question is a change.
+    /// The first parameter after every [`TRACK`]th update, if the question is a change.
     pub track: Vec<f64>,
 }
 
@@ -115,17 +115,17 @@ impl Case {
         Self { question, updates, forgetting: 1.0, start_s: 0.0 }
     }
 
-    /// Whether the way to the end matters.
+    /// Whether the course of the run matters, not only its end.
     pub fn is_tracked(&self) -> bool {
         matches!(self.question, Question::Change { .. })
     }
 
-    /// What a method is told.
+    /// What a method is told beforehand.
     pub fn tuning(&self) -> Tuning {
         Tuning::of(&self.updates, self.forgetting)
     }
 
-    /// Puts a method through it.
+    /// Runs a method through it.
     pub fn drive(&self, mut method: Box<dyn Method>) -> Outcome {
         let mut track = Vec::new();
         for (n, update) in self.updates.iter().enumerate() {
@@ -137,8 +137,8 @@ impl Case {
         Outcome { parameters: method.parameters(), variances: method.variances(), track }
     }
 
-    /// Half widths of the 95 % intervals that a covariance offers: `1.96 sqrt(s^2 P_ii)`, `s^2` the variance of the
-    /// residual.
+    /// Half widths of the 95 % intervals that follow from a covariance: `1.96 sqrt(s^2 P_ii)`, `s^2` the variance of
+    /// the residual.
     pub fn half_widths(&self, outcome: &Outcome) -> Option<[f64; 4]> {
         let variances = outcome.variances?;
         let residual = |update: &Update| {
@@ -173,7 +173,7 @@ pub fn sensors(seed: u64) -> Sensors {
     }
 }
 
-/// Samples of a device in motion, which becomes another one where `later` says so.
+/// Samples of a device in motion, which becomes another device as `later` says.
 pub fn record(
     device: Inerter,
     later: Vec<(f64, Inerter)>,
@@ -250,7 +250,7 @@ fn clean() -> Vec<Update> {
 /// The law of inertance and friction with noise of 1 N in each update, independent of all others.
 fn white(seed: u64) -> Vec<Update> {
     let mut noise = Noise(0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(2 * seed + 1));
-    // A generator that begins with a seed of few ones needs a while.
+    // A generator whose seed has few ones needs some steps first.
     (0..20).for_each(|_| _ = noise.next());
     (0..2000)
         .map(|n| {
@@ -280,7 +280,7 @@ fn contact_law(samples: &[Sample], gated: bool) -> Vec<Update> {
         .zip(samples)
         .map(|(x2_m, sample)| 1e6 * (f64::from(sample.terminal_code) * sensors.metres_per_terminal_code - x2_m))
         .collect();
-    // A flank is known by the force that presses on it.
+    // The sign of the force identifies the flank that it presses on.
     let signs: Vec<f64> = forces.iter().map(|force| force.signum()).collect();
     let flanks: Vec<Flank> = samples.iter().map(|sample| sample.truth.contact).collect();
     let reach = kernels.span / 2 + CLEARANCE;
@@ -330,8 +330,8 @@ fn motion_law(samples: &[Sample], length: usize, gated: bool) -> Vec<Update> {
 /// The true sign of the velocity, averaged over each sample.
 fn signs(samples: &[Sample]) -> Vec<f64> {
     let sign = |v: f64| if v == 0.0 { 0.0 } else { v.signum() };
-    // Averages over the halves of the time between two samples. The acceleration jumps where the velocity turns: when
-    // that is, is told from before.
+    // Averages over the halves of the time between two samples. The acceleration jumps where the velocity turns; the
+    // moment of that follows from the first sample.
     let halves: Vec<[f64; 2]> = samples
         .windows(2)
         .map(|pair| {

@@ -35,14 +35,14 @@ pub struct Raw {
     pub force_code: i64,
 }
 
-/// What a method gets at one update.
+/// Input of a method at one update.
 #[derive(Clone, Copy, Debug)]
 pub struct Update {
     /// Regressors, e.g. `[a, v, sgn v, 1]` in SI.
     pub phi: [f64; 4],
     /// What they sum up to, e.g. the force \[N\].
     pub target: f64,
-    /// Whether the gate lets it pass; only methods that say so look at it.
+    /// Whether the gate passes it; only methods that say so use this.
     pub moving: bool,
 }
 
@@ -75,12 +75,12 @@ impl Run {
 
 /// Velocity levels \[m/s\] and their durations \[s\], each half of a stroke; the other half has them negative.
 pub const STAGES: [(f64, f64); 4] = [(0.0423, 0.4), (0.0826, 0.8), (0.1247, 1.2), (0.0423, 0.6)];
-/// Between levels \[m/s^2\].
+/// Acceleration between levels \[m/s^2\].
 const RAMP: f64 = 2.5;
 /// Strokes there and back.
 pub const STROKES: usize = 4;
 
-/// Plays the motion by the law, and the rest, through the sensors; also how many samples the motion has.
+/// Plays the motion by the law, then the rest, through the sensors; also returns the number of samples in the motion.
 fn record() -> (Vec<Raw>, usize) {
     let mut noise = Noise(0x1234_5678_9abc_def1);
     let mut raw = Vec::new();
@@ -94,7 +94,7 @@ fn record() -> (Vec<Raw>, usize) {
             .flat_map(move |(level, seconds)| std::iter::repeat_n(direction * level, (seconds * RATE_HZ) as usize))
     });
     let motion: Vec<f64> = strokes.collect();
-    // The brake belongs to the rest: what a method has learnt is read before the stop.
+    // The braking belongs to the rest: what a method has learnt is read before the stop.
     let moving = motion.len();
     let brake = std::iter::repeat_n(0.0, (STAGES[3].0 / RAMP * RATE_HZ).ceil() as usize);
     for goal in motion.into_iter().chain(brake) {

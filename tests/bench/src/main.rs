@@ -1,4 +1,4 @@
-//! Our update beside other recursive least squares, on the same regressors in the same run.
+//! Our update compared with other recursive least squares, on the same regressors in the same run.
 //!
 //! The motion is that of the EMPS axis (95 kg, stages of constant velocity, one count of 50 nm, 1 kHz), made here from
 //! the law itself; 8 minutes of standstill follow, in which the encoder flickers by one count and the force is noise.

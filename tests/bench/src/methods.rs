@@ -1,4 +1,4 @@
-//! The methods that are compared, each driven update by update.
+//! The compared methods, each driven update by update.
 
 use crate::machine::{Update, VARIANCE};
 use flight_solver::rls::{CovarianceGuards, ExitCode, InverseQrRls, RlsParallel};
@@ -10,13 +10,13 @@ use nalgebra::{SVector, Vector1};
 pub trait Method {
     /// Takes one update.
     fn update(&mut self, update: &Update);
-    /// Parameters as they stand, in the order of the regressors.
+    /// Current parameters, in the order of the regressors.
     fn parameters(&self) -> [f64; 4];
-    /// Their variances for a residual of unit variance, where the method offers them.
+    /// Their variances for a residual of unit variance, if the method offers them.
     fn variances(&self) -> Option<[f64; 4]> {
         None
     }
-    /// What the method itself says of its state.
+    /// What the method reports of its own state.
     fn remark(&self) -> String {
         String::new()
     }
@@ -57,7 +57,7 @@ macro_rules! textbook {
                 let error = update.target as $float - dot(&phi, &self.theta);
                 for i in 0..4 {
                     self.theta[i] += gain[i] * error;
-                    // One triangle and its mirror: kept apart, the halves drift off each other and diverge.
+                    // One triangle and its mirror: computed separately, the halves drift apart and diverge.
                     for j in i..4 {
                         let value = (self.covariance[i][j] - gain[i] * cross[j]) / self.forgetting;
                         self.covariance[i][j] = value;
@@ -88,7 +88,7 @@ pub struct FlightCovariance {
 
 impl FlightCovariance {
     /// With the guards as the crate has them; or without the one that limits how fast the covariance falls, and with
-    /// that of the initial variances 1e2 to 1e5 with which it errs least.
+    /// that of the initial variances 1e2 to 1e5 for which its error is least.
     pub fn new(forgetting: f64, limited: bool) -> Self {
         let (mut guards, mut variance) = (CovarianceGuards::default(), VARIANCE as f32);
         if !limited {
@@ -146,7 +146,7 @@ impl Method for FlightInverse {
         std::array::from_fn(|i| f64::from(self.0.params()[(i, 0)]))
     }
 
-    /// The covariance is not kept, but follows from the factor that is.
+    /// The factor is kept, and the covariance follows from it.
     fn variances(&self) -> Option<[f64; 4]> {
         let factor = self.0.info_factor().map(f64::from);
         let information = factor * factor.transpose();
@@ -154,7 +154,7 @@ impl Method for FlightInverse {
     }
 }
 
-/// `idsp::kalman` with the parameters as a state that stands still; f32 as its users have it.
+/// `idsp::kalman` with the parameters as a constant state; f32, as its users have it.
 pub struct IdspKalman {
     estimate: Estimate<f32, 4>,
     /// A random walk of the parameters, or the covariance divided by the forgetting as RLS does.
@@ -221,7 +221,7 @@ impl Scale {
             .map(row)
             .fold([f64::MIN_POSITIVE; 5], |greatest, row| std::array::from_fn(|i| greatest[i].max(row[i].abs())));
         let places = greatest.map(|value| 29 - value.log2().floor() as i32);
-        // A float beyond the integers, as without forgetting, becomes the greatest of them.
+        // A float beyond the integers, as without forgetting, becomes the greatest integer.
         Self { places, memory: (1.0 - forgetting).recip().round() as u32 }
     }
 
@@ -245,7 +245,7 @@ pub struct Ours {
 }
 
 impl Ours {
-    /// Has seen nothing.
+    /// Before any update.
     pub fn new(scale: Scale) -> Self {
         Self { scale, recent: rls::Moments::default(), whole: rls::Totals::default() }
     }
@@ -280,7 +280,7 @@ impl Method for Ours {
     }
 }
 
-/// A method that is new to the data, by what it needs to know.
+/// Makes a method that has seen no data, from its tuning.
 pub type Fresh = fn(&Tuning) -> Box<dyn Method>;
 
 /// What a method is told beforehand.
@@ -306,8 +306,7 @@ impl Tuning {
     }
 }
 
-/// The methods of Rust for what is reported, ours first. The random walk is one of its own only where something is
-/// forgotten.
+/// The Rust methods for the reports, ours first. The random walk is a method of its own only if something is forgotten.
 pub const METHODS: [(&str, Fresh); 8] = [
     ("ours: update (`inerter_core::rls`)", |tuning| Box::new(Ours::new(tuning.scale))),
     ("textbook covariance RLS, f32", |tuning| Box::new(Textbook32::new(tuning.forgetting, false))),

@@ -18,9 +18,9 @@ fn line(cells: &[String]) -> String {
 pub struct Report<'a> {
     /// Cases.
     pub cases: &'a [Case],
-    /// Answers, ours first.
+    /// Results, ours first.
     pub answers: &'a [Answers],
-    /// What the instrument says.
+    /// The instrument's results.
     pub instrument: &'a Instrument,
 }
 
@@ -302,7 +302,7 @@ unknowns cannot be told apart.
     }
 }
 
-/// A line, unless the method has nothing of its own to say.
+/// A line, unless the method has no result of its own.
 fn row(cells: &[String]) -> String {
     if cells[1].is_empty() { String::new() } else { line(cells) }
 }
@@ -332,7 +332,7 @@ fn errors(values: impl Iterator<Item = (f64, Option<f64>, f64)>) -> String {
     format!("{backlash_um:+.2} ({width}) um, {stiffness:+.3} %")
 }
 
-/// How many hold the truth, and how wide they are; by runs, then parameters: value and half width.
+/// How many intervals contain the truth, and how wide they are; by runs, then parameters: value and half width.
 fn coverage(runs: &[[(f64, f64); 3]], truth: [f64; 3]) -> [String; 2] {
     let count = runs.len() as f64;
     let (mut held, mut widths) = (Vec::new(), Vec::new());

@@ -21,7 +21,7 @@ pub struct Line {
     pub motion: [f64; 4],
     /// Parameters after the rest.
     pub rest: [f64; 4],
-    /// What else there is to say.
+    /// Remarks.
     pub remark: String,
 }
 
@@ -71,7 +71,7 @@ fn text(one: &Value, field: &str) -> Result<String, String> {
     one[field].as_str().map(str::to_owned).ok_or(format!("no text `{field}`"))
 }
 
-/// A number that is none is written as null.
+/// NaN is written as null.
 fn numbers(one: &Value, field: &str) -> Result<Vec<f64>, String> {
     let values = one[field].as_array().ok_or(format!("no list `{field}`"))?;
     Ok(values.iter().map(|value| value.as_f64().unwrap_or(f64::NAN)).collect())
@@ -81,7 +81,7 @@ fn four(one: &Value, field: &str) -> Result<[f64; 4], String> {
     numbers(one, field)?.try_into().map_err(|_| format!("`{field}` has not four values"))
 }
 
-/// The table; the first line is ours, to which all times are related.
+/// The table; the first line is ours, and all times are relative to it.
 pub fn markdown(lines: &[Line], without_python: Option<&str>) -> String {
     let [mass, viscous, coulomb, _] = TRUTH;
     let mut text = format!(

@@ -1,16 +1,16 @@
-//! What the estimator that this program was built with makes of a set of runs, for `cargo xtask ablation`.
+//! Results of the estimator that this program was built with on a set of runs, for `cargo xtask ablation`.
 //!
-//! It uses nothing but core and plant, so that it builds quickly beside a core of which one part was taken out. One line a cell and
-//! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is off by more than twice its
-//! interval without a word, runs whose interval does not hold the truth, runs whose law is called broken, runs in which what is wrong is
-//! named, runs.
+//! It uses only core and plant, so it builds quickly with a core of which one part was taken out. One line per cell and
+//! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is
+//! silently off by more than twice its interval, runs whose interval does not contain the truth, runs whose law is
+//! called broken, runs in which the fault is named, runs.
 #![forbid(unsafe_code)]
 
 use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, PlantError, Sensors, Simulation};
 use std::process::ExitCode;
 
-/// Seeds from here on: no table has them.
+/// First seed: no table has these.
 const FIRST: u64 = 9001;
 const SEEDS: u64 = 3;
 
@@ -20,20 +20,20 @@ enum Done {
     Nothing,
     /// Counts jump by a hundred every 3.1 s.
     Slips,
-    /// From half of the run on the force stands still.
+    /// From half of the run on the force does not change.
     Dead,
-    /// The force is held within this part of its greatest after the first 2 s.
+    /// The force is clipped at this part of its peak after the first 2 s.
     Clipped(f64),
     Inverted,
-    /// So much is lost every 2.3 s \[s\].
+    /// This much is lost every 2.3 s \[s\].
     Gaps(f64),
-    /// The run ends after so long \[s\].
+    /// The run ends after this time \[s\].
     Ends(f64),
-    /// The settings say nothing of the contact.
+    /// The settings state no contact.
     Unstated,
 }
 
-/// Runs that share a device, a rig and what goes wrong.
+/// Runs that share a device, a rig and a fault.
 struct Case {
     group: &'static str,
     name: &'static str,
@@ -54,7 +54,7 @@ fn cases() -> Vec<Case> {
     const ALL: &[&str] = &["slow", "mid", "fast", "multi", "random", "two"];
     const TWO: &[&str] = &["mid", "random"];
     const MORE: &[&str] = &["mid", "fast", "multi", "random"];
-    // Friction holds all of it or nearly.
+    // Friction holds all of it or nearly all.
     const CREEPS: &[&str] = &["sine:2Hz:0.05mm", "sine:4Hz:0.05mm", "sine:2Hz:0.2mm"];
     let paper = Inerter::paper();
     let case = |group, name, motions| Case {
@@ -132,7 +132,8 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// One parameter at the end of a run: error, half width, whether it is given, whether it is wrong and whether without a word.
+/// One parameter at the end of a run: error, half width, whether it is given, whether it is wrong, and whether
+/// silently.
 #[derive(Clone, Copy, Default)]
 struct Found {
     error: f64,
@@ -142,11 +143,11 @@ struct Found {
     silent: bool,
 }
 
-/// What one run says: mt, cf, fc, backlash.
+/// Results of one run: mt, cf, fc, backlash.
 struct Said {
     found: [Found; 4],
     broken: bool,
-    /// A warning says what is wrong with the samples, or the friction is called what it is not by the law.
+    /// A warning names the fault of the samples, or the friction is called something else than the law's.
     named: bool,
 }
 
@@ -233,7 +234,7 @@ fn samples(case: &Case, motion: &str, seed: u64) -> Result<Vec<RawSample>, Plant
         }));
     }
     let rate = sensors.sample_rate_hz;
-    // The rise from rest rings.
+    // The start from rest rings.
     let steady = samples.iter().skip((2.0 * rate) as usize);
     let greatest = steady.map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
     match case.done {

@@ -1,6 +1,6 @@
-//! What the host that this program was built with makes of a set of runs, for `cargo xtask ablation --host`.
+//! Results of the host that this program was built with on a set of runs, for `cargo xtask ablation --host`.
 //!
-//! One line a count: its name, a tab, and how many.
+//! One line per count: its name, a tab, and the count.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{Cause, Kind};
@@ -13,15 +13,15 @@ use std::process::ExitCode;
 
 /// No table has this seed.
 const SEED: u64 = 9101;
-/// Motions that tell different things: a tone slow and fast, many tones and noise.
+/// Motions that show different things: a slow and a fast tone, many tones, and noise.
 const NAMES: [&str; 4] = ["mid", "fast", "multi", "random"];
-/// Fastest rate \[Hz\]: what is sampled faster shows no more here.
+/// Fastest rate \[Hz\]: faster sampling shows nothing more here.
 const FASTEST_HZ: f64 = 1000.0;
-/// Part by which a size may be wrong.
+/// Fraction by which a size may be wrong.
 const RIGHT: f64 = 0.1;
 /// Backlash whose impacts may look like a cause \[m\].
 const BACKLASHES_M: [f64; 2] = [50e-6, 300e-6];
-/// Friction per force and force once a turn \[N\] that are too small to break the law.
+/// Friction per force, and force once per turn \[N\], too small to break the law.
 const LOADS: [f64; 2] = [0.0006, 0.0025];
 const RIPPLES_N: [f64; 2] = [0.2, 0.7];
 
@@ -29,24 +29,24 @@ fn main() -> ExitCode {
     inerter_tests::exit_code(run().map(|()| true))
 }
 
-/// What the runs come to.
+/// Totals over the runs.
 #[derive(Clone, Copy, Default)]
 struct Counts {
-    /// Faults that are named first, and with the right size.
+    /// Faults that are named first, and those with the right size too.
     first: u32,
     sized: u32,
     /// Parameters of those runs that are given with the causes included, and those within their intervals.
     corrected: u32,
     right: u32,
-    /// Runs with a cause first that is none.
+    /// Runs whose first cause is a false one.
     wrong: u32,
-    /// Parameters that are given in runs without a word, of a law that is true or nearly so; those outside the interval of the
-    /// samples; those of which it is not said either that they rest on what is wrong; and those that rest on anything.
+    /// Parameters given in runs without a warning, of a law that is true or nearly so; those outside the interval of
+    /// the samples; those of them that are not said to rest on the fault either; and those that rest on anything.
     given: u32,
     outside: u32,
     unsaid: u32,
     assumed: u32,
-    /// Sum of the logarithms of these intervals over the device's.
+    /// Sum of the logarithms of these intervals relative to the device's.
     widths: f64,
 }
 
@@ -84,7 +84,7 @@ impl Counts {
         Ok(counts)
     }
 
-    /// A run in which nothing should be named, with what the samples say of its parameters.
+    /// A run in which nothing should be named, with the samples' judgement of its parameters.
     fn of_law(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
         let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
         let is_wrong = causes.first().is_some_and(|cause| Some(cause.kind) != case.kind);
@@ -105,7 +105,8 @@ impl Counts {
         Ok(counts)
     }
 
-    /// A run in which flanks part, with the contact's stiffness stated or not; unstated, the device has a mass on the terminal.
+    /// A run in which flanks separate, with the contact's stiffness stated or not; unstated, the device has a mass on
+    /// the terminal.
     fn of_flanks(backlash_m: f64, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Self, Error> {
         let causes = parting(backlash_m).told(motion, seed, with_stiffness)?;
         let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
@@ -129,7 +130,7 @@ impl Counts {
     }
 }
 
-/// Distance from the truth and half width of inertance, viscous and Coulomb friction that are given.
+/// Distance from the truth and half width of inertance, viscous and Coulomb friction, where given.
 fn given(case: &Case, parameters: &Parameters) -> [Option<(f64, f64)>; 3] {
     let device = &case.device;
     let mut truths = [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n].into_iter();

@@ -1,4 +1,5 @@
-//! `cargo xtask coverage`: how sharp the intervals are where the law is true, how often they hold, and how often where it is nearly true.
+//! `cargo xtask coverage`: width and coverage of the intervals where the law is true, and coverage where it is nearly
+//! true.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{TOLD, reach};
@@ -17,7 +18,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
 
-/// First seed and number of the runs that judge; those from 1 to 100 on the first bench have set the part of the encoder's steps.
+/// First seed and number of the runs that judge; runs 1 to 100 on the first bench have set the share of the encoder's
+/// steps.
 const SEEDS: (u64, u64) = (1001, 400);
 /// The same for a law that is nearly true.
 const NEARLY: (u64, u64) = (2001, 40);
@@ -25,9 +27,9 @@ const NEARLY: (u64, u64) = (2001, 40);
 const TONES: (u64, u64) = (4001, 200);
 /// The same for the contact.
 const CONTACT: (u64, u64) = (3001, 60);
-/// What settings that are wrong by what they state are to leave covered \[%\].
+/// Coverage that must remain if settings are wrong by what they state \[%\].
 const HELD: RangeInclusive<f64> = 93.0..=97.0;
-/// Draws of the frontier.
+/// Draws for the frontier.
 const DRAWN: usize = 20_000;
 /// Standard errors in the half width of a normal interval.
 const K: f64 = NORMAL_COVERAGE as f64;
@@ -36,7 +38,7 @@ fn main() -> ExitCode {
     inerter_tests::exit_code(run())
 }
 
-/// The benches: that of the grid, and others.
+/// The benches: the grid's, and others.
 fn benches() -> Vec<Bench> {
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
     let paper = Inerter::paper();
@@ -203,7 +205,7 @@ digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not
     Ok(text)
 }
 
-/// What the settings state is wrong by its uncertainty.
+/// Settings that are wrong by their stated uncertainty.
 fn stated() -> Result<String, Error> {
     let (first, seeds) = SEEDS;
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
@@ -276,7 +278,8 @@ fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
     ])
 }
 
-/// Normal errors of two kinds, of standard deviation 1: the law's own, and that of what the run shows of a cause.
+/// Normal errors of two kinds, with standard deviation 1: the law's own, and that of a cause's size as the run shows
+/// it.
 struct Draws(Vec<[f64; 2]>);
 
 impl Draws {
@@ -285,8 +288,8 @@ impl Draws {
         Self((0..DRAWN).map(|_| [(); 2].map(|()| StandardNormal.sample(&mut random))).collect())
     }
 
-    /// Least part of the truths that an interval holds over all sizes of a cause that shows within `chance`; of errors and a size
-    /// the interval is a deviation and a half width \[%\].
+    /// Least coverage of an interval over all sizes of a cause whose size scatters by `chance` \[%\]; `by` gives
+    /// deviation and half width of the interval from the errors and a size.
     fn least_held(&self, chance: f64, by: &dyn Fn([f64; 2], f64) -> (f64, f64)) -> f64 {
         let held = |size: f64| {
             let within = self.0.iter().filter(|draw| {
@@ -298,8 +301,8 @@ impl Draws {
         (0..=60).map(|step| held(f64::from(step) * chance.max(1.0) * 0.25)).fold(100.0, f64::min)
     }
 
-    /// What `replay` holds and the mean width of its interval over that of the law's own, with its part for a cause taken so
-    /// many times.
+    /// Coverage of `replay`, and the mean width of its interval relative to the law's own, with its part for a cause
+    /// multiplied by `times`.
     fn replay(&self, chance: f64, times: f64) -> (f64, f64) {
         let half_width = |other: f64, size: f64| K.hypot(times * reach(size + chance * other, chance));
         let held = self.least_held(chance, &|[own, other], size| (own + size, half_width(other, size)));
@@ -308,13 +311,13 @@ impl Draws {
     }
 }
 
-/// By how much a cause scatters beside a law whose standard error grows so much with it.
+/// Scatter of a cause fitted beside a law whose standard error grows by this factor with it.
 fn chance(grows: f64) -> f64 {
     (grows * grows - 1.0).sqrt()
 }
 
-/// What it costs to hold a cause of any size that is left out, by how much the standard error grows with it beside the law. A
-/// standard error is 1, and so is the step of the sizes.
+/// What it costs to cover a left-out cause of any size, by how much the standard error grows with the cause beside the
+/// law. A standard error is 1, and so is the unit of the sizes.
 fn frontier(update: bool) -> Result<String, Error> {
     let draws = Draws::new();
     let mut text = format!(
@@ -348,7 +351,8 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
     Ok(text)
 }
 
-/// Safety over sharpness: what `replay` holds at the worst size over the width of its interval, as its part for a cause grows.
+/// Safety over sharpness: coverage of `replay` at the worst size over the width of its interval, as its part for a
+/// cause grows.
 fn frontier_figure(draws: &Draws) -> Figure {
     let at = |grows: f64, times: f64| {
         let (held, width) = draws.replay(chance(grows), times);
@@ -385,7 +389,7 @@ fn draw(path: &str, figure: &Figure) -> Result<(), Error> {
     std::fs::write(&path, svg(figure)).map_err(|error| format!("cannot write {}: {error}", path.display()).into())
 }
 
-/// What is told of a law that is nearly true, and what the figure shows of it.
+/// Table and figure of a law that is nearly true.
 fn nearly(update: bool) -> Result<String, Error> {
     let (first, seeds) = NEARLY;
     let (sections, figure) = sections(first, seeds)?;
@@ -410,13 +414,14 @@ called presliding or Stribeck's. The others are silent. Of these, each cell give
 mod tests {
     use super::*;
 
-    /// The factors are the least with which 90 % are held at any size, and the growth is as far as they do it.
+    /// The factors are the least with which 90 % are covered at any size, and the growth is the greatest at which they
+    /// are.
     #[test]
     fn the_point_on_the_frontier_is_where_90_percent_are_held() {
         let draws = Draws::new();
         let (held, width) = draws.replay(chance(TOLD), 1.0);
         assert!((WANTED - 0.5..WANTED + 1.0).contains(&held) && width < TOLD, "{held} {width}");
-        // Less of either is not safe, and no cause is held for nothing.
+        // Less of either is not safe, and covering a cause always costs width.
         let (held, _) = draws.replay(chance(TOLD), 0.8);
         assert!(held < WANTED - 3.0, "{held}");
         let (held, width) = draws.replay(chance(4.0), 1.0);

@@ -1,4 +1,5 @@
-//! `cargo xtask defects`: how often a realistic defect makes a value wrong without a word, and how often a clean run is called broken.
+//! `cargo xtask defects`: how often a realistic defect makes a value wrong silently, and how often a clean run is
+//! called broken.
 #![forbid(unsafe_code)]
 
 use inerter_tests::{
@@ -17,14 +18,14 @@ use std::{path::PathBuf, process::ExitCode};
 
 /// Runs of each kind and motion.
 const SEEDS: u64 = 2;
-/// Clean runs of each motion: those of the first seeds are the twins of the defects.
+/// Clean runs of each motion: those of the first seeds are the defects' runs without the defect.
 const CLEAN: u64 = 200;
 
 fn main() -> ExitCode {
     inerter_tests::exit_code(measure())
 }
 
-/// Results by number, whatever thread they come from.
+/// Results in order of their number, whatever thread they come from.
 fn each<R: Send>(count: usize, one: impl Fn(usize) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
     let mut all = each_seed(count as u64, |number| {
         let place = number as usize - 1;
@@ -34,7 +35,7 @@ fn each<R: Send>(count: usize, one: impl Fn(usize) -> Result<R, Error> + Sync) -
     Ok(all.into_iter().map(|(_, result)| result).collect())
 }
 
-/// One run with its place.
+/// One run, with its motion and seed.
 struct Seen {
     motion: usize,
     seed: u64,
@@ -133,7 +134,7 @@ Its clean runs of other seeds have set three rules about reversals and stops; el
     )
 }
 
-/// What clean runs are called.
+/// How clean runs are judged.
 fn clean_figures(clean: &[Seen]) -> String {
     let count = |is: &dyn Fn(&Said) -> bool| clean.iter().filter(|seen| is(&seen.said)).count();
     let broken = count(&|said| said.broken);
@@ -161,10 +162,10 @@ Called broken, by motion: {}.
     )
 }
 
-/// The characteristic of the law's test, and of all that is said.
+/// The characteristic of the law's test, and of all warnings together.
 fn characteristic(clean: &[&Said], harmful: &[&Said]) -> String {
     let scores = |all: &[&Said], score: &dyn Fn(&Said) -> f64| all.iter().map(|said| score(said)).collect::<Vec<_>>();
-    // A wrong sign breaks the law whatever the residual.
+    // A wrong sign breaks the law, whatever the residual.
     let law = |said: &Said| match (said.broken && said.misfit <= 1.0, said.closed) {
         (true, _) => f64::INFINITY,
         (false, true) => said.misfit,

@@ -1,4 +1,5 @@
-//! `cargo xtask diagnose`: how often the cause that breaks the law is named first and sized right, and how often one that is none.
+//! `cargo xtask diagnose`: how often the cause that breaks the law is named first and sized right, and how often a
+//! false one is.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
@@ -13,11 +14,11 @@ use inerter_tests::{
 };
 use std::{ops::RangeInclusive, process::ExitCode};
 
-/// Runs that have set the thresholds: no others were looked at before they were.
+/// Runs that set the thresholds: no others were looked at before that.
 const SETTING: RangeInclusive<u64> = 1..=4;
 /// Runs of each fault and motion that judge.
 const SEEDS: RangeInclusive<u64> = 61..=64;
-/// Part by which a size may be wrong.
+/// Fraction by which a size may be wrong.
 const RIGHT: f64 = 0.1;
 /// Backlash whose impacts may look like a cause \[m\].
 const BACKLASHES_M: [f64; 4] = [50e-6, 100e-6, 300e-6, 1e-3];
@@ -26,18 +27,18 @@ fn main() -> ExitCode {
     inerter_tests::exit_code(run())
 }
 
-/// What came of the runs of one fault and motion.
+/// Results of the runs of one fault and motion.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     runs: u32,
     first: u32,
     sized: u32,
     within: u32,
-    /// Inertance, viscous and Coulomb friction with the causes included, within their intervals.
+    /// Inertance, viscous and Coulomb friction, with the causes included, within their intervals.
     corrected: [u32; 3],
     other: u32,
     nothing: u32,
-    /// Greatest F statistic, in parts of its threshold.
+    /// Greatest F statistic, relative to its threshold.
     strongest: f64,
 }
 
@@ -72,7 +73,7 @@ impl Tally {
         }
     }
 
-    /// Parts of its runs: named first, sized as well, another first.
+    /// Percentages of its runs: named first, sized too, another first.
     fn percent(&self) -> [f64; 3] {
         [self.first, self.sized, self.other].map(|part| percent(part, self.runs))
     }
@@ -108,7 +109,7 @@ fn tally(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Ta
     Ok(runs.into_iter().fold(Tally::default(), Tally::add))
 }
 
-/// What the motion tells of a fault, on average over the seeds.
+/// What the motion shows of a fault, averaged over the seeds.
 fn told(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Told, Error> {
     let all = each_of(seeds, |seed| {
         let run = case.recorded(motion, seed, true)?;
@@ -119,7 +120,7 @@ fn told(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Tol
     Ok(Told { left: mean(|told| told.left), sigmas: mean(|told| told.sigmas) })
 }
 
-/// Runs of all faults, and of those of which the motion tells enough; writes a row for each fault and motion.
+/// Runs of all faults, and of those that the motion shows well enough; writes a row for each fault and motion.
 fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
     let (mut all, mut told_enough) = (Tally::default(), Tally::default());
     for case in cases() {
@@ -156,7 +157,7 @@ fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
     Ok(clean)
 }
 
-/// Runs whose flanks part, and those of them that are told a cause unasked.
+/// Runs whose flanks separate, and those of them for which a cause is named unasked.
 fn with_flanks_that_part() -> Result<[usize; 2], Error> {
     let [mut runs, mut told] = [0; 2];
     for backlash_m in BACKLASHES_M {

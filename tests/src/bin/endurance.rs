@@ -1,7 +1,8 @@
-//! `cargo xtask endurance [SAMPLES]`: a thousand million samples through the estimator, the same two minutes again and again.
+//! `cargo xtask endurance [SAMPLES]`: a thousand million samples through the estimator, the same two minutes over and
+//! over.
 //!
-//! The sample counter, the encoder and every running sum wrap on the way. The sums of the whole run must grow by exactly
-//! the same with each repetition, and what is published at its end must stay what it was.
+//! The sample counter, the encoder and every running sum wrap on the way. The sums of the whole run must grow by
+//! exactly the same amount with each repetition, and what is published at its end must not change.
 #![forbid(unsafe_code)]
 
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
@@ -9,17 +10,18 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::grid::{self, Error};
 use std::process::ExitCode;
 
-/// Samples when nothing is said.
+/// Samples by default.
 const SAMPLES: u64 = 1_000_000_000;
-/// What is repeated: it begins and ends at rest.
+/// The repeated motion: it begins and ends at rest.
 const MOTION: &str = "random@40s;hold@3s;mid@20s;hold@2s;fast@10s;two@20s;multi@20s;hold@5s";
 const DURATION_S: f64 = 120.0;
 /// Repetitions until the memory has forgotten the start.
 const SETTLING: u64 = 8;
 /// Greatest difference of the backlash, which is an average over the whole run \[m\].
 const GREATEST_BACKLASH_M: f64 = 0.1e-6;
-/// Part by which a published value may differ from that after the first repetitions: the last bits of an `f32`; and its
-/// interval, which knows of how many strokes came again in all, and settles as that does, by one over the repetitions.
+/// Fraction by which a published value may differ from that after the first repetitions: the last bits of an `f32`; and
+/// the same for its interval, which counts how many strokes were repeated in all, and settles with that, as one over
+/// the repetitions.
 const GREATEST_DIFFERENCE: [f64; 2] = [1e-6, 1e-3];
 
 fn main() -> ExitCode {
@@ -29,7 +31,7 @@ fn main() -> ExitCode {
 /// What one repetition adds to the sums of both banks.
 type Growth = [Vec<i128>; 2];
 
-/// What is looked at after each repetition.
+/// What is compared after each repetition.
 struct Look {
     estimate: Estimate,
     sums: [inerter_core::Sums; 2],
@@ -135,7 +137,7 @@ fn run() -> Result<bool, Error> {
         last.backlash_m * 1e6,
         last.reversals
     );
-    // An average over more of the same may settle, not drift.
+    // An average over more of the same may settle, but not drift.
     let counted = u64::from(last.reversals) * (SETTLING + 1) >= u64::from(look.reversals) * (repetitions - SETTLING);
     let settled = greatest.iter().zip(GREATEST_DIFFERENCE).all(|(found, most)| *found <= most);
     Ok(settled && changes == 0 && moved_m <= GREATEST_BACKLASH_M && counted)

@@ -1,4 +1,4 @@
-//! Random streams at the whole device, for as long as wanted.
+//! Random streams into the whole device, for as long as wanted.
 //!
 //! `fuzz [--minutes N] [--seed S]` tries streams from seed S on (default 0) for N minutes (default 1). A stream with a
 //! finding is shrunk and written to `target/fuzz/SEED.bin`; the finding is printed, and the program fails at the end.
@@ -14,7 +14,7 @@ use std::{
 };
 
 const USAGE: &str = "usage: fuzz [--minutes N] [--seed S] | fuzz --play FILE... | fuzz --write-corpus";
-/// Between two lines of progress.
+/// Time between two progress lines.
 const PROGRESS: Duration = Duration::from_secs(10);
 
 fn main() -> ExitCode {

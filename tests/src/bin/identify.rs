@@ -85,7 +85,7 @@ fn table() -> Result<bool, Error> {
     Ok(as_committed)
 }
 
-/// Units in one of SI, by the unit in a column's name.
+/// Units per SI unit, by the unit in a column's name.
 fn unit(name: &str) -> f64 {
     match name.rsplit(' ').next() {
         Some("%") => 100.0,
@@ -126,7 +126,7 @@ fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
     Ok(true)
 }
 
-/// Whether scipy took so many times longer.
+/// Whether scipy took this many times longer.
 fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
     let read = |path: &Path| -> Result<Value, Error> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
     let (problem, scipy) = (read(path)?, read(&path.with_extension("scipy.json"))?);

@@ -1,7 +1,8 @@
-//! `cargo xtask longrun [UPDATES]`: the fixed-point estimator beside the same algorithm in f64, over ten million updates.
+//! `cargo xtask longrun [UPDATES]`: the fixed-point estimator against the same algorithm in f64, over ten million
+//! updates.
 //!
-//! Two runs: all motions and rest in turn, and the slow motion alone, whose inertance is the hardest to keep. Prints the
-//! greatest differences, and fails where one is over its bound.
+//! Two runs: all motions and rest in turn, and the slow motion alone, whose inertance is the hardest to keep. Prints
+//! the greatest differences, and fails if one exceeds its bound.
 #![forbid(unsafe_code)]
 
 use inerter_core::Settings;
@@ -64,7 +65,7 @@ fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
                 return Ok(pair);
             }
         }
-        // The next stretch begins elsewhere: a sample is missing.
+        // The next stretch starts elsewhere: a sample is missing.
         index = index.wrapping_add(1);
     }
     Err("the seeds ran out".into())

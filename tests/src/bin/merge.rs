@@ -1,4 +1,4 @@
-//! `cargo xtask merge`: how often the interval of runs that are merged holds the device, and what more of them tell.
+//! `cargo xtask merge`: how often the interval of merged runs contains the device's value, and what more runs gain.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::merge::Runs;
@@ -16,31 +16,31 @@ use std::{array, process::ExitCode};
 
 /// Groups of runs, each of one device.
 const GROUPS: u64 = 60;
-/// Seeds of the runs; none has set anything.
+/// First seed of the runs; no constant was set on them.
 const FIRST_SEED: u64 = 0x5EED_0000;
 /// How many runs of a group are merged.
 const SIZES: [usize; 4] = [1, 2, 4, 16];
 /// Length of a run \[s\].
 const DURATION_S: f64 = 10.0;
-/// Groups that must be held at least, of all cases and sizes and each parameter.
+/// Least coverage over all cases and sizes, for each parameter.
 const LEAST_HELD: f64 = 0.93;
-/// Uncertainties of the rig that are stated to be none, as they are.
+/// Uncertainties of the rig that are stated as zero, and are.
 const PERFECT: [&str; 4] = ["force_gain_u95", "lead_u95", "timebase_u95", "structure_mass_u95_kg"];
 
-/// What the runs of a group are.
+/// The runs of a group.
 struct Case {
     name: &'static str,
     motions: &'static [&'static str],
     metres_per_count: f64,
-    /// Standard deviations of inertance and Coulomb friction from run to run, as parts of themselves.
+    /// Standard deviations of inertance and Coulomb friction from run to run, as fractions of themselves.
     varies: [f64; 2],
-    /// What is stated of the skew, and by which each rig is wrong \[s\].
+    /// Stated uncertainty of the skew, by which each rig is wrong \[s\].
     skew_u95_s: f64,
 }
 
 const FINE: f64 = 2.441_406_25e-6;
 
-/// A device that stays the same in a perfect rig.
+/// A device that stays the same, on a perfect rig.
 const SAME: Case = Case { name: "", motions: &[], metres_per_count: FINE, varies: [0.0; 2], skew_u95_s: 0.0 };
 const SEVERAL: &[&str] = &["random", "mid", "two", "multi"];
 
@@ -59,13 +59,13 @@ const CASES: [Case; 12] = [
     Case { name: "several, mt varies by 0.1 %", motions: SEVERAL, varies: [0.001, 0.0], ..SAME },
 ];
 
-/// Error and half width of each parameter, where it is told; and whether the runs are said to differ in any.
+/// Error and half width of each parameter, where given; and whether the runs are said to differ in any.
 struct Told {
     found: [Option<(f64, f64)>; 3],
     differ: bool,
 }
 
-/// The runs of one group, of so many of which each is told.
+/// Results of one group for each number of merged runs.
 fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
     let seed = FIRST_SEED + 1000 * seed;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -112,7 +112,7 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
     told.try_into().map_err(|_| "a size is left out".into())
 }
 
-/// Cells of one parameter in groups of one size, and how many are held of how many.
+/// Cells of one parameter in groups of one size, and how many of how many are covered.
 fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
     let mut found: Vec<(f64, f64)> = groups.iter().filter_map(|told| told.found[parameter]).collect();
     if found.is_empty() {

@@ -1,4 +1,4 @@
-//! `cargo xtask plan`: whether motions tell what was predicted of them, and whether designing them is worth it.
+//! `cargo xtask plan`: whether motions reach the intervals predicted for them, and whether designing them is worth it.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::plan::{Limits, Part, Plan, Prediction, design, part_text, predict};
@@ -12,18 +12,18 @@ use inerter_tests::{
 };
 use std::process::ExitCode;
 
-/// First seed and number of the runs that judge: none of them is a rehearsal's.
+/// First seed and number of the runs that judge: no rehearsal uses them.
 const SEEDS: (u64, u64) = (1001, 200);
-/// The same of fixed motions beside a design.
+/// The same for fixed motions compared with a design.
 const BESIDE: (u64, u64) = (3001, 40);
-/// Points a second of a designed motion's file \[Hz\].
+/// Points per second in a designed motion's file \[Hz\].
 const FILE_HZ: f64 = 1000.0;
 
 fn main() -> ExitCode {
     inerter_tests::exit_code(run())
 }
 
-/// The benches; the last two were not looked at while the method was built.
+/// The benches; the last two were not looked at while the method was developed.
 fn benches() -> Vec<Bench> {
     let sensors = Sensors { force_noise_n: 1.0, ..Sensors::default() };
     let paper = Inerter::paper();
@@ -105,7 +105,7 @@ fn axis() -> Bench {
     }
 }
 
-/// A rig's limits and what is wanted.
+/// A rig's limits and the goals.
 struct Case {
     name: &'static str,
     bench: Bench,
@@ -144,19 +144,19 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// How often what is reached is within the limit of what was predicted.
+/// How often a result is within the limit of its prediction.
 #[derive(Clone, Copy)]
 struct Tally {
     within: u32,
     all: u32,
-    /// Farthest ratio, reached over predicted.
+    /// Farthest ratio of result to prediction.
     farthest: f64,
 }
 
 impl Tally {
     const NONE: Self = Self { within: 0, all: 0, farthest: 1.0 };
 
-    /// With one more pair; gives the ratio, bold where it is beyond the limit.
+    /// Adds one more pair; returns the ratio, bold if it is beyond the limit.
     fn add(&mut self, predicted: f64, reached: f64) -> String {
         let ratio = reached / predicted;
         let is_within = (ratio - 1.0).abs() <= WITHIN;
@@ -173,7 +173,7 @@ impl Tally {
     }
 }
 
-/// Of `u_a` by the theory alone and with the rehearsed residual, of the scatter, and of `U95`.
+/// For `u_a` by the theory alone and with the rehearsed residual, for the scatter, and for `U95`.
 type Tallies = [Tally; 4];
 
 /// A figure of any size.
@@ -294,7 +294,7 @@ fixed motion over that of the design, which has to be good at all three at once;
     sheet::conclude("plan", &text, 2, asked)
 }
 
-/// The parts of a design, and what of what was wanted it reaches.
+/// The parts of a design, and which of its goals it reaches.
 fn description(plan: &Plan, machine: Machine) -> String {
     let part = |part: &Part| format!("{:.1} s of {}", part.duration_s, part_text(machine, part));
     let parts: Vec<String> = plan.parts.iter().map(part).collect();
@@ -306,7 +306,7 @@ fn description(plan: &Plan, machine: Machine) -> String {
     parts.join(", ") + &reached.collect::<String>()
 }
 
-/// The design beside the fixed motions under the same limits.
+/// The design against the fixed motions under the same limits.
 fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, Error> {
     let (first, seeds) = BESIDE;
     let limits = Limits { duration_s: plan.duration_s(), ..case.limits };

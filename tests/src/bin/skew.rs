@@ -1,4 +1,4 @@
-//! `cargo xtask skew`: how often the interval of a skew holds it, for machines of any size.
+//! `cargo xtask skew`: how often the interval of a skew contains it, for machines of any size.
 #![forbid(unsafe_code)]
 
 use inerter_analysis::skew::{Skew, SkewError};
@@ -9,24 +9,24 @@ use inerter_tests::{
 };
 use std::{ops::RangeInclusive, process::ExitCode};
 
-/// Machines that have set the thresholds.
+/// Machines that set the thresholds.
 const SETTING: RangeInclusive<u64> = 1..=300;
 /// Machines that judge.
 const JUDGING: RangeInclusive<u64> = 20_001..=20_400;
-/// Part of the skews that are told which must be held.
+/// Fraction of the reported skews whose interval must contain the truth.
 const LEAST_HELD: f64 = 0.9;
 
 fn main() -> ExitCode {
     inerter_tests::exit_code(run())
 }
 
-/// What came of one machine.
+/// Result for one machine.
 struct Told {
     device: &'static str,
     motion: &'static str,
     /// Error and half width \[s\], or why there is none.
     skew: Result<(f64, f64), &'static str>,
-    /// Residual as it was and as it is, in parts of the force.
+    /// Residual before and after, relative to the force.
     residual: Option<[f64; 2]>,
 }
 
@@ -48,7 +48,7 @@ fn told(seed: u64) -> Result<Told, Error> {
     Ok(Told { device, motion, skew, residual })
 }
 
-/// Told, held, root mean square of the error over the half width, and the median half width \[s\].
+/// Number reported, number covered, root mean square of error over half width, and median half width \[s\].
 fn counted(all: &[&Told]) -> (usize, usize, f64, f64) {
     let mut found: Vec<(f64, f64)> = all.iter().filter_map(|one| one.skew.ok()).collect();
     found.sort_by(|(_, a), (_, b)| a.total_cmp(b));

@@ -1,4 +1,4 @@
-//! `cargo xtask validation`: what a reviewer asks of the intervals, on recordings of real machines and beside other methods.
+//! `cargo xtask validation`: evidence for the intervals, on recordings of real machines and against other methods.
 //!
 //! Usage: validation --data FOLDER | validation --rivals FOLDER [--update]
 //! The first writes the data of the comparison, the second the table.
@@ -30,7 +30,7 @@ const RESAMPLED: usize = 2000;
 const BLOCKS_S: [f64; 3] = [0.5, 1.0, 2.0];
 /// Parts of a recording of the Lodz inerters.
 const PARTS: usize = 3;
-/// What is published of the EMPS record by its own authors' zero-phase least squares: mt, cf, fc.
+/// Published values for the EMPS record by its own authors' zero-phase least squares: mt, cf, fc.
 const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
 
 fn main() -> ExitCode {
@@ -47,7 +47,7 @@ fn run() -> Result<bool, Error> {
     }
 }
 
-/// One run that all methods are given.
+/// One run for all methods.
 struct Data {
     name: &'static str,
     run: Run,
@@ -55,9 +55,9 @@ struct Data {
     noise_n: f64,
 }
 
-/// The simulated runs, and the EMPS record where it is there.
+/// The simulated runs, and the EMPS record if it is available.
 fn data() -> Result<Vec<Data>, Error> {
-    // A structure is no matter of the other methods.
+    // A structure is not part of the other methods.
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
     let mut all = Vec::new();
     for name in ["mid", "random", "two"] {
@@ -75,7 +75,7 @@ fn data() -> Result<Vec<Data>, Error> {
         all.push(Data { name, run, truth: truth(&device), noise_n: sensors.force_noise_n });
     }
     if let Some(run) = Recording::Emps.run(1) {
-        // Its force's noise, as the fourth differences tell it.
+        // Its force's noise, estimated from fourth differences.
         all.push(Data { name: "EMPS", run: run?, truth: EMPS, noise_n: 1.0 });
     }
     Ok(all)
@@ -103,7 +103,7 @@ fn replayed(run: &Run) -> Result<Outcome, Error> {
     Ok(replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
-/// A part of a run by its samples.
+/// A part of a run, by its samples.
 fn part(run: &Run, from: usize, to: usize) -> Run {
     Run { samples: run.samples.get(from..to).unwrap_or_default().to_vec(), ..run.clone() }
 }
@@ -186,7 +186,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
     Ok(text)
 }
 
-/// What is said of the runs of the plant that is written in Python.
+/// Judgement of the runs of the plant that is written in Python.
 fn another_plant(folder: &Path) -> Result<String, Error> {
     let path = folder.join("plant.json");
     let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
@@ -214,7 +214,7 @@ word that names the defect, with `assumes` alone, or with none; *device*: silent
     Ok(text)
 }
 
-/// The force of one half of the EMPS record by what the other half says.
+/// The force of one half of the EMPS record, predicted from the other half.
 fn prediction(run: &Run) -> Result<String, Error> {
     let mut text = String::from(
         "
@@ -269,7 +269,7 @@ of its budget), and with the law's misfit, and altogether.
     );
     let mut random = Draw::new(SEED, 1);
     for block_s in BLOCKS_S {
-        // Two updates in a box of 16 ms.
+        // Two updates per box of 16 ms.
         let block = (block_s / 0.008) as usize;
         let mut fits: Vec<[f64; 4]> = Vec::new();
         for _ in 0..RESAMPLED {
@@ -307,7 +307,7 @@ of its budget), and with the law's misfit, and altogether.
     Ok(text)
 }
 
-/// Parts of the Lodz recordings beside their intervals.
+/// Parts of the Lodz recordings against their intervals.
 fn scatter() -> Result<String, Error> {
     let mut text = format!(
         "

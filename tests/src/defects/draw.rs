@@ -1,14 +1,14 @@
-//! Random numbers of the defects: devices, sizes and noise, none of which any threshold was set on.
+//! Random numbers of the defects: devices, sizes and noise. No threshold was set on any of them.
 
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{RngCore, SeedableRng},
 };
 
-/// Seeds of the defects begin here; those of all other tests lie far below.
+/// Seeds of the defects begin here; those of all other tests are far below.
 const FIRST: u64 = 0x00de_fec7_0000_0000;
 
-/// One run's random numbers.
+/// Random numbers of one run.
 #[derive(Clone, Debug)]
 pub struct Draw(ChaCha8Rng);
 
@@ -20,17 +20,17 @@ impl Draw {
         Self(random)
     }
 
-    /// Evenly spread over 0 to 1, both left out.
+    /// Uniform over 0 to 1, both excluded.
     pub fn unit(&mut self) -> f64 {
         ((self.0.next_u64() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
     }
 
-    /// Evenly spread between two numbers.
+    /// Uniform between two numbers.
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// Between two positive numbers, each factor as likely as another.
+    /// Between two positive numbers, log-uniform.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
@@ -50,8 +50,8 @@ impl Draw {
         all[((self.unit() * all.len() as f64) as usize).min(all.len() - 1)]
     }
 
-    /// Noise of unit variance: of the sum of two even ones, so that its tails end at 2.4 standard deviations, unlike those
-    /// of the simulator's.
+    /// Noise of unit variance: the sum of two uniform numbers, so that its tails end at 2.4 standard deviations, unlike
+    /// those of the simulator's.
     pub fn noise(&mut self) -> f64 {
         (self.unit() + self.unit() - 1.0) * 6_f64.sqrt()
     }

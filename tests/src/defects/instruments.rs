@@ -1,35 +1,36 @@
-//! The instruments of the defects: what load cell, encoder and sampler make of a trace, written apart from the simulator's.
+//! The instruments of the defects: what load cell, encoder and sampler make of a trace, written independently of the
+//! simulator.
 //!
-//! A defect acts at one of four places: on the force as it is felt, on the position as it is felt, on the time at which a sample
-//! is taken, or on the samples as they are sent.
+//! A defect acts at one of four places: on the force at the cell, on the position at the encoder, on the time at which
+//! a sample is taken, or on the samples as sent.
 
 use super::{draw::Draw, plant::Trace};
 use inerter_core::RawSample;
 use inerter_plant::Sensors;
 
-/// What acts on a signal at the places of its trace.
+/// Acts on a signal of the trace.
 pub type OnTrace = Box<dyn Fn(&mut Trace)>;
-/// What acts on the samples as they are sent.
+/// Acts on the samples as sent.
 pub type OnSamples = Box<dyn Fn(&mut Vec<RawSample>, &mut Draw)>;
-/// The time of a moment by the sampler's clock \[s\].
+/// The true time to the time by the sampler's clock \[s\].
 pub type Clock = Box<dyn Fn(f64, &mut Draw) -> f64>;
-/// A force as it is converted: from the force and the time \[s\], before the noise of the converter.
+/// The converted force: from the force and the time \[s\], before the converter's noise.
 pub type OnForce = Box<dyn Fn(f64, f64, &mut Draw) -> f64>;
 
-/// Instruments, with what is wrong with them.
+/// Instruments, with their defects.
 #[derive(Default)]
 pub struct Instruments {
     /// Scales, noise and offset.
     pub sensors: Sensors,
-    /// Defects that the signals carry before they are sampled.
+    /// Defects of the signals before they are sampled.
     pub on_trace: Vec<OnTrace>,
-    /// When a sample is taken in truth.
+    /// When a sample is truly taken.
     pub clock: Option<Clock>,
     /// Defects of the force's electronics.
     pub on_force: Vec<OnForce>,
     /// Noise that the converter adds after those \[N\].
     pub late_noise_n: f64,
-    /// Defects of what is sent.
+    /// Defects of the samples sent.
     pub on_samples: Vec<OnSamples>,
 }
 
@@ -61,7 +62,7 @@ impl Instruments {
     }
 }
 
-/// A filter of first order on a signal \[s\].
+/// A first-order filter on a signal \[s\].
 pub fn lag(signal: &mut [f64], step_s: f64, time_s: f64) {
     let part = 1.0 - (-step_s / time_s).exp();
     let mut state = signal.first().copied().unwrap_or(0.0);
@@ -71,18 +72,18 @@ pub fn lag(signal: &mut [f64], step_s: f64, time_s: f64) {
     });
 }
 
-/// A resonance of second order that follows the signal: its own rate \[rad/s\] and damping.
+/// A second-order resonance that follows the signal: its natural frequency \[rad/s\] and damping.
 pub fn resonance(signal: &mut [f64], step_s: f64, rate: f64, damping: f64) {
     let (mut x, mut v) = (signal.first().copied().unwrap_or(0.0), 0.0);
     for value in signal {
-        // Half a step of either after the other: stable up to a rate of 2 per step.
+        // Half a step of each in turn: stable up to a natural frequency of 2 per step.
         v += step_s * (rate * rate * (*value - x) - 2.0 * damping * rate * v);
         x += step_s * v;
         *value = x;
     }
 }
 
-/// The play that a signal is passed on with: what follows it stays behind by half of it.
+/// The play through which a signal passes: what follows stays behind by half of it.
 pub fn play(signal: &mut [f64], width: f64) {
     let mut at = signal.first().copied().unwrap_or(0.0);
     signal.iter_mut().for_each(|value| {
@@ -91,7 +92,7 @@ pub fn play(signal: &mut [f64], width: f64) {
     });
 }
 
-/// What comes back late of a signal, as a part of it: creep with one time constant \[s\].
+/// The fraction of a signal that comes late: creep with one time constant \[s\].
 pub fn creep(signal: &mut [f64], step_s: f64, part: f64, time_s: f64) {
     let mut slow = signal.to_vec();
     lag(&mut slow, step_s, time_s);
@@ -113,7 +114,7 @@ mod tests {
         play(&mut loose, 0.4);
         let most = loose.iter().fold(0.0, |most, x| f64::max(most, *x));
         assert!((most - 0.8).abs() < 0.01, "{most}");
-        // At half its own rate a resonance gives 4/3 of the signal.
+        // At half its natural frequency a resonance gives 4/3 of the signal.
         let mut rung: Vec<f64> = (0..40_000).map(|n| (f64::from(n) * step_s * 100.0).sin()).collect();
         resonance(&mut rung, step_s, 200.0, 0.05);
         let most = rung[30_000..].iter().fold(0.0, |most, x| f64::max(most, *x));

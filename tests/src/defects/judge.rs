@@ -1,19 +1,23 @@
-//! What a run says of itself, and whether a value that is wrong is said to be doubtful.
+//! What a run reports, and whether a wrong value is said to be doubtful.
 //!
-//! *Wrong*: a parameter of the whole run that is given (`ok`, `below_u95` or `held`) and whose interval does not hold the truth.
+//! *Wrong*: a parameter of the whole run that is given (`ok`, `below_u95` or `held`) and whose interval does not
+//! contain the truth.
 //!
-//! *A word* about it is one that concerns this parameter. What concerns a parameter, by what `inerter replay` prints at the end:
-//! - `law: broken`: all four, as it is this that widens or withholds each of them;
-//! - a warning about the samples (`wrong_sign`, `clipped_force`, `count_slip`, `dead_force`): all four, where the defect is of the
-//!   kind that the warning names; a warning of another name is none;
-//! - a cause that is named unasked: the parameters that it moves (`reaches`), whatever the defect: a reader doubts these then;
+//! *A word* about it: a statement that concerns this parameter. Of what `inerter replay` prints at the end, these
+//! concern a parameter:
+//! - `law: broken`: all four, as this widens or withholds each of them;
+//! - a warning about the samples (`wrong_sign`, `clipped_force`, `count_slip`, `dead_force`): all four, if the defect
+//!   is of the kind that the warning names; another warning does not count;
+//! - a cause that is named unasked: the parameters that it moves (`reaches`), whatever the defect, as a reader then
+//!   doubts these;
 //! - friction called `presliding` or `stribeck`: those that this moves;
-//! - `moved_by`, with an interval by the samples that holds the truth, makes the value right in `replay`; where it does not hold it,
-//!   the word counts where it names the defect;
-//! - `assumes`: where it names the defect ([`Word::Assumed`], counted apart, as it is said of every run of such a motion).
+//! - `moved_by`: if its interval by the samples contains the truth, the value is right in `replay`; if not, the word
+//!   counts if it names the defect;
+//! - `assumes`: if it names the defect ([`Word::Assumed`], counted separately, as it is said of every run of such a
+//!   motion).
 //!
-//! An error that the interval does not hold is expected in 5 % of clean values, too. So the clean runs are judged alike, and twice the
-//! interval beside it, which chance does not reach.
+//! Of clean values, too, 5 % are expected to lie outside their interval. So clean runs are judged in the same way, and
+//! beside the interval also twice the interval, which chance does not reach.
 
 use super::{
     kinds::Kind,
@@ -30,12 +34,12 @@ use inerter_data::{
 };
 use inerter_wire::EstimatorEvent;
 
-/// What is said of a parameter that is wrong, from nothing to most.
+/// What is said of a wrong parameter, from nothing to most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Word {
     /// Nothing that concerns it.
     Silent,
-    /// It rests on the absence of what is wrong, as in every run of this motion.
+    /// It rests on the absence of the fault, as in every run of this motion.
     Assumed,
     /// It is said to be doubtful.
     Told,
@@ -44,13 +48,13 @@ pub enum Word {
 /// One parameter at the end of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Value {
-    /// Distance of the value from the truth, in parts of the interval; none where no value is given.
+    /// Distance of the value from the truth, relative to the interval; none if no value is given.
     pub off: Option<f64>,
-    /// What is said of it, were it wrong.
+    /// What is said of it, if it were wrong.
     pub word: Word,
 }
 
-/// The same as it is fitted, given or not.
+/// The same as fitted, whether given or not.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitted {
     /// Distance from the truth, in the parameter's unit.
@@ -59,7 +63,7 @@ pub struct Fitted {
     pub u95: f64,
 }
 
-/// What is said of one run.
+/// Results of one run.
 #[derive(Clone, Debug)]
 pub struct Said {
     /// By the device: its own intervals, law, warnings and friction.
@@ -70,30 +74,30 @@ pub struct Said {
     pub fitted: [Fitted; 3],
     /// The law is called broken.
     pub broken: bool,
-    /// Anything of the rest: warnings, causes, friction that is not Coulomb's.
+    /// All other words: warnings, causes, friction that is not Coulomb's.
     pub words: Vec<&'static str>,
     /// The plant that made it.
     pub from: From,
-    /// Residual over what noise and steps explain, in parts of its limit; 0 where nothing is known of it.
+    /// Residual over what noise and steps explain, relative to its limit; 0 if it is not known.
     pub misfit: f64,
-    /// The flanks are known to be closed, so that a misfit breaks the law.
+    /// The flanks are known to be closed, so a misfit breaks the law.
     pub closed: bool,
 }
 
 /// A run is right, or wrong with or without a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// No value lies beyond its interval.
+    /// No value is outside its interval.
     Right,
-    /// Some do, and there is a word about each.
+    /// Some are, and there is a word about each.
     Told,
-    /// Of some it is said only that they rest on what is not there.
+    /// Some are only said to rest on the absence of the fault.
     Assumed,
-    /// Of at least one nothing is said.
+    /// Nothing is said of at least one.
     Silent,
 }
 
-/// Of three values, where one is wrong that lies so many intervals off.
+/// The verdict on three values; one that is off by more than so many intervals is wrong.
 pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
     let wrong = values.iter().filter(|value| value.off.is_some_and(|off| off > intervals));
     match wrong.map(|value| value.word).min() {
@@ -104,20 +108,20 @@ pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
     }
 }
 
-/// Whether a cause moves mt, cf and fc: the theory's list (14) read by which regressor it is alike to.
+/// Whether a cause moves mt, cf and fc: from the theory's list (14), by the regressor that it resembles.
 fn reaches(cause: &str) -> [bool; 3] {
     match cause {
-        // Friction in the end, and by its size a part of every force.
+        // Friction in the end, and because of its size a part of every force.
         "load_dependent" | "stribeck" => [false, true, true],
         "direction" | "drift" => [false, true, true],
-        // A creeping screw is a spring, which is inertance.
+        // A creeping screw is a spring, and so looks like inertance.
         "presliding" => [true; 3],
         "skew" | "encoder_error" => [true, true, true],
         _ => [true; 3],
     }
 }
 
-/// Distance of a value from the truth; what is not a number is infinitely wrong.
+/// Distance of a value from the truth; NaN is infinitely wrong.
 fn distance(parameter: &Parameter, (low, high): Range) -> f64 {
     let value = f64::from(parameter.fitted().value);
     if value.is_nan() { f64::INFINITY } else { (low - value).max(value - high).max(0.0) }
@@ -131,12 +135,12 @@ fn off(parameter: &Parameter, u95: f64, truth: Range) -> Option<f64> {
     Some(if distance == 0.0 { 0.0 } else { distance / u95 })
 }
 
-/// Whether a defect does harm: it moves a parameter by more than twice the interval that the same run has without it.
+/// Whether a defect does harm: it moves a parameter by more than twice the interval of the same run without it.
 pub fn is_harmful(said: &Said, clean: &Said) -> bool {
     said.fitted.iter().zip(&clean.fitted).any(|(said, clean)| said.error > 2.0 * clean.u95)
 }
 
-/// Runs a kind's defect, or nothing, through what `inerter replay` does.
+/// Runs a kind's defect, or none, through what `inerter replay` does.
 pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error> {
     let Made { run, truth, from } = make(kind, motion, seed)?;
     let mut latest = Latest::new(&run.settings);

@@ -1,4 +1,4 @@
-//! A run of the defects: a device, a motion and a rig that are drawn, and what is wrong with one of them.
+//! A run of the defects: a device, a motion and a rig, all drawn, and a defect of one of them.
 
 use super::{
     draw::Draw,
@@ -28,17 +28,17 @@ pub enum From {
     Second,
 }
 
-/// One run and what is true of it.
+/// One run and its true values.
 pub struct Made {
     /// Settings and samples.
     pub run: Run,
-    /// What is true of mt, cf and fc.
+    /// True values of mt, cf and fc.
     pub truth: [Range; 3],
     /// The plant that made it.
     pub from: From,
 }
 
-/// A device of the size that is built: its own frequency lies above the motions' most of the time.
+/// A device of a size that is built: its natural frequency is above the motions' in most cases.
 fn device(draw: &mut Draw) -> Inerter {
     let inertance_kg = draw.between(40.0, 600.0);
     let own = TAU * draw.between(12.0, 50.0);
@@ -54,7 +54,7 @@ fn device(draw: &mut Draw) -> Inerter {
     }
 }
 
-/// A rig for it.
+/// A rig for this device.
 fn sensors(device: &Inerter, draw: &mut Draw) -> Sensors {
     let scale = device.inertance_kg / 300.0;
     Sensors {
@@ -68,7 +68,7 @@ fn sensors(device: &Inerter, draw: &mut Draw) -> Sensors {
     }
 }
 
-/// A motion like those of the grid, and how long it lasts \[s\].
+/// A motion like those of the grid, and its length \[s\].
 fn excitation(motion: &str, seed: u64, draw: &mut Draw) -> Result<(Excitation, f64), Error> {
     let tone = |draw: &mut Draw, low, high, slow: f64, quick: f64| {
         let frequency: f64 = draw.between(low, high);
@@ -88,9 +88,9 @@ fn excitation(motion: &str, seed: u64, draw: &mut Draw) -> Result<(Excitation, f
     Ok((Excitation::parse(&text, seed)?, duration_s))
 }
 
-/// Makes the run of a kind, a motion and a seed; clean where there is no kind.
+/// Makes the run of a kind, a motion and a seed; clean if there is no kind.
 pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error> {
-    // Device, rig and motion are those of the seed, whatever is wrong with them.
+    // Device, rig and motion are those of the seed, whatever the defect.
     let mut draw = Draw::new(seed, motion as u64);
     let name = MOTIONS.get(motion).copied().unwrap_or_default();
     let device = device(&mut draw);
@@ -110,7 +110,7 @@ pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error
     let instruments = Instruments { sensors, ..Instruments::default() };
     let seen = Seen::of(&seen_trace, duration_s);
     let mut scene = Scene { device, body: Body::default(), instruments, settings, truth, seen, needs_second: false };
-    // What is wrong has its own numbers, by its name.
+    // The defect has its own random numbers, by its name.
     let stream =
         kind.map_or(0, |kind| kind.name.bytes().fold(7, |sum: u64, byte| sum.wrapping_mul(31) + u64::from(byte)));
     let mut own = Draw::new(seed, 1000 + 8 * (stream & 0xffff_ffff) + motion as u64);

@@ -1,10 +1,11 @@
-//! A second plant, which shares nothing with the first but the law: it set no constant of the estimator.
+//! A second plant, which shares only the law with the first: no constant of the estimator was set on it.
 //!
-//! Runge and Kutta's fourth order in steps of 1/16 ms. Coulomb's friction changes its sign where the velocity does, found within the step;
-//! friction that turns over a distance is that of Iwan and Masing (four elastoplastic elements in parallel, which slip one after
-//! the other). The flanks meet softly (their damping grows over the first micrometre) and never pull where there is backlash.
-//! What breaks the law acts on the screw itself ([`Body`]).
-//! Source: Iwan, "A distributed-element model for hysteresis", J. Appl. Mech. 33 (1966); Al-Bender, Lampaert and Swevers,
+//! Fourth-order Runge-Kutta in steps of 1/16 ms. Coulomb friction changes its sign where the velocity does, located
+//! within the step; presliding friction is that of Iwan and Masing (four elastoplastic elements in parallel, which slip
+//! one after the other). The flanks meet softly (their damping grows over the first micrometre) and never pull where
+//! there is backlash. What breaks the law acts on the screw itself ([`Body`]).
+//! Source: Iwan, "A distributed-element model for hysteresis", J. Appl. Mech. 33 (1966); Al-Bender, Lampaert and
+//! Swevers,
 //! "The generalized Maxwell-slip model", IEEE Trans. Automatic Control 50 (2005).
 
 use inerter_plant::{Excitation, Inerter, Point};
@@ -12,21 +13,21 @@ use std::f64::consts::TAU;
 
 /// Step \[s\].
 const STEP_S: f64 = 1.0 / 16_000.0;
-/// Steps from one kept value to the next.
+/// Steps between two kept values.
 const KEPT: usize = 2;
 /// Steps between the times at which the terminal's motion is computed; a quintic lies between.
 const NODE_STEPS: usize = 8;
-/// Distances over which the elements of dry friction give way, in parts of all, and their shares.
+/// Distances over which the elements of dry friction give way, relative to the total, and their shares.
 const ELEMENTS: [(f64, f64); 4] = [(0.25, 0.4), (0.5, 0.3), (0.75, 0.2), (1.0, 0.1)];
-/// Tries at the moment at which the velocity is zero: each is closer by a digit or two.
+/// Iterations for the moment of zero velocity: each gains a digit or two.
 const TRIES: u32 = 6;
-/// Depth over which the damping of flanks that meet sets in \[m\].
+/// Depth over which the damping of meeting flanks sets in \[m\].
 const SOFT_M: f64 = 1e-6;
 
-/// Position and force at even times: what instruments look at.
+/// Position and force at even times, for the instruments.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
-    /// From value to value \[s\].
+    /// Time between two values \[s\].
     pub step_s: f64,
     /// Displacement of the screw \[m\].
     pub position_m: Vec<f64>,
@@ -40,7 +41,7 @@ impl Trace {
         self.force_n.iter().skip((1.0 / self.step_s) as usize).fold(0.0, |peak, force| f64::max(peak, force.abs()))
     }
 
-    /// A signal at any time, by the cubic through four neighbours; the ends stay.
+    /// A signal at any time, by the cubic through four neighbours; constant beyond the ends.
     pub fn at(&self, signal: &[f64], t_s: f64) -> f64 {
         let place = (t_s / self.step_s).max(0.0);
         let (whole, part) = (place.floor() as usize, place.fract());
@@ -53,38 +54,41 @@ impl Trace {
     }
 }
 
-/// What acts on the screw beside the law; nothing by default.
+/// What acts on the screw besides the law; nothing by default.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Friction per force.
     pub load: f64,
-    /// Travel of a turn \[m\], and the amplitudes once in it: of a force \[N\], and of friction as a part of it.
+    /// Travel per turn \[m\], and amplitudes of the once-per-turn components: of a force \[N\], and of friction as a
+    /// fraction of it.
     pub turn_m: f64,
     /// See `turn_m`.
     pub ripple_n: f64,
     /// See `turn_m`.
     pub ripple_friction: f64,
-    /// Surplus of friction at rest as a part of it, the velocity over which it falls \[m/s\], and the power of that.
+    /// Surplus of friction at rest as a fraction of it, the velocity over which it decays \[m/s\], and the exponent of
+    /// the decay.
     pub stribeck: (f64, f64, f64),
-    /// Distance over which friction turns, 0 where it is Coulomb's \[m\].
+    /// Presliding distance \[m\]; 0 for Coulomb friction.
     pub presliding_m: f64,
-    /// Part by which dry and viscous friction change over the run, and the part of the run in which most of it happens.
+    /// Fraction by which dry and viscous friction change over the run, and the part of the run in which most of it
+    /// happens.
     pub warming: (f64, f64, f64),
-    /// Friction by the square of the velocity \[N s^2/m^2\].
+    /// Friction proportional to the square of the velocity \[N s^2/m^2\].
     pub quadratic: f64,
-    /// Part by which the inertance grows per metre, and per square of the velocity \[s^2/m^2\].
+    /// Fraction by which the inertance grows per metre, and per square of the velocity \[s^2/m^2\].
     pub inertance_by_place: f64,
     /// See `inertance_by_place`.
     pub inertance_by_speed: f64,
     /// Spring in parallel \[N/m\].
     pub spring_n_per_m: f64,
-    /// A force that changes its sign with the position \[N\], and over which distance \[m\].
+    /// A force that changes its sign with the position \[N\], and the distance over which it does \[m\].
     pub hose: (f64, f64),
-    /// Places of two bumpers \[m\], and their stiffness \[N/m\].
+    /// Positions of two bumpers \[m\], and their stiffness \[N/m\].
     pub stop: (f64, f64),
-    /// Force at which the flywheel slips on its shaft, as felt at the terminal \[N\]; infinite where it never does.
+    /// Force at which the flywheel slips on its shaft, as felt at the terminal \[N\]; infinite if it never does.
     pub slip_n: f64,
-    /// Stiffness of the shaft to the flywheel, as felt at the terminal \[N/m\]; infinite where it is rigid.
+    /// Stiffness of the shaft to the flywheel, as felt at the terminal \[N/m\]; infinite if it is rigid.
     pub shaft_n_per_m: f64,
     /// A damper behind a spring: damping \[N s/m\] and time constant \[s\].
     pub relaxing: (f64, f64),
@@ -113,7 +117,7 @@ impl Default for Body {
     }
 }
 
-/// Part of the inertance that turns with the screw where the flywheel is not rigidly on it.
+/// Fraction of the inertance that turns with the screw if the flywheel is not rigidly on it.
 const SCREW_PART: f64 = 0.05;
 
 /// What moves: screw, flywheel, and the spring of the relaxing damper.
@@ -138,15 +142,15 @@ impl State {
     }
 }
 
-/// The plant under way.
+/// The running plant.
 struct Plant {
     device: Inerter,
     body: Body,
     duration_s: f64,
-    /// Where each element of dry friction stands \[m\], and the screw's position at that moment \[m\].
+    /// Deflection of each element of dry friction \[m\], and the screw's position at that moment \[m\].
     elements: [f64; 4],
     since_m: f64,
-    /// Which way Coulomb's friction acts: 1 against forward motion, 0 where the screw is stuck.
+    /// Direction in which Coulomb friction acts: 1 against forward motion, 0 if the screw is stuck.
     way: f64,
 }
 
@@ -162,7 +166,8 @@ impl Plant {
         self.body.presliding_m == 0.0
     }
 
-    /// Dry friction in parts of its level, -1 to 1: by the way of the motion, or by how far its elements have given way.
+    /// Dry friction relative to its level, -1 to 1: by the direction of motion, or by how far its elements have given
+    /// way.
     fn turned(&self, x: f64) -> f64 {
         if self.is_coulomb() {
             return self.way;
@@ -206,7 +211,7 @@ impl Plant {
         (level, viscous)
     }
 
-    /// All that acts on the screw but dry friction, and the level of that \[N\].
+    /// Everything that acts on the screw except dry friction, and the level of that \[N\].
     fn acting(&self, state: &State, t_s: f64, terminal: &Point) -> (f64, f64) {
         let (device, body) = (&self.device, &self.body);
         let contact_n = self.contact_n(state, terminal);
@@ -223,7 +228,7 @@ impl Plant {
         (contact_n + device.constant_force_n - moving - beside - self.wheel_n(state), level)
     }
 
-    /// What the shaft hands on to a flywheel that is not rigidly on it \[N\].
+    /// What the shaft passes on to a flywheel that is not rigidly on it \[N\].
     fn wheel_n(&self, state: &State) -> f64 {
         let (body, screw) = (&self.body, SCREW_PART * self.device.inertance_kg);
         if body.shaft_n_per_m.is_finite() {
@@ -250,7 +255,7 @@ impl Plant {
         };
         let is_rigid = body.slip_n.is_infinite() && body.shaft_n_per_m.is_infinite();
         if is_rigid {
-            // Energy m(x) v^2 / 2, and the speed's share of the momentum.
+            // Energy m(x) v^2 / 2, and the momentum's dependence on speed.
             let by_speed = body.inertance_by_speed * state.v * state.v;
             let mass = whole * (1.0 + body.inertance_by_place * state.x + 3.0 * by_speed);
             rate.v = (force - 0.5 * whole * body.inertance_by_place * state.v * state.v) / mass;
@@ -262,7 +267,7 @@ impl Plant {
         rate
     }
 
-    /// From the part `from` of a step to the part `to` of it, by the terminal's motion in it.
+    /// Advances from the fraction `from` of a step to the fraction `to`, by the terminal's motion within it.
     fn advanced(&self, state: State, t_s: f64, [from, to]: [f64; 2], terminal: &impl Fn(f64) -> Point) -> State {
         let (h, middle) = ((to - from) * STEP_S, 0.5 * (from + to));
         let at = |state: State, part: f64| self.rate(&state, t_s + part * STEP_S, &terminal(part));
@@ -273,7 +278,7 @@ impl Plant {
         state.plus(a, h / 6.0).plus(b, h / 3.0).plus(c, h / 3.0).plus(d, h / 6.0)
     }
 
-    /// Whether what acts sets a standing screw free, and which way.
+    /// Whether the acting force sets a stuck screw free, and in which direction.
     fn freed(&self, state: &State, t_s: f64, terminal: &Point) -> f64 {
         let (acting, level) = self.acting(state, t_s, terminal);
         if acting.abs() > level { acting.signum() } else { 0.0 }
@@ -296,7 +301,7 @@ impl Plant {
         if next.v * self.way >= 0.0 {
             return next;
         }
-        // The velocity is zero at some part of the step: false position, with the older end weakened.
+        // The velocity is zero somewhere in the step: regula falsi, with the weight of the older end reduced.
         let (mut low, mut high) = ((0.0, state.v), (1.0, next.v));
         let (mut part, mut at) = (0.0, state);
         for _ in 0..TRIES {
@@ -355,7 +360,7 @@ pub fn trace(device: &Inerter, body: &Body, excitation: &Excitation, duration_s:
     trace
 }
 
-/// The same of the first plant, which has its own ways to break the law.
+/// The same for the first plant, which breaks the law in its own ways.
 pub fn first_trace(
     device: &Inerter,
     excitation: &Excitation,
@@ -380,7 +385,7 @@ mod tests {
         (sum / count).sqrt()
     }
 
-    /// Both plants, written apart, agree where the device is the same.
+    /// Both plants, written independently, agree if the device is the same.
     #[test]
     fn both_plants_move_alike() {
         for (name, device, limit) in [
@@ -398,7 +403,7 @@ mod tests {
         }
     }
 
-    /// Each way to break the law changes the force, or it would be none.
+    /// Each way to break the law changes the force; otherwise it would not break it.
     #[test]
     fn every_part_of_the_body_is_felt() {
         let whole = Body::default();

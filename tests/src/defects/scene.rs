@@ -1,4 +1,4 @@
-//! A run of the defects before it is made: a device and a rig, and what a defect can be put into.
+//! A run of the defects before it is made: a device and a rig, into which a defect can be put.
 
 use super::{
     instruments::Instruments,
@@ -7,10 +7,10 @@ use super::{
 use inerter_core::Settings;
 use inerter_plant::Inerter;
 
-/// What is true of one parameter: one value, or all that the device has in the run.
+/// True values of one parameter: a single one, or all that the device has in the run.
 pub type Range = (f64, f64);
 
-/// What a clean run of the same device shows: sizes of defects are parts of it.
+/// What a clean run of the same device shows; sizes of defects are relative to it.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
     /// Greatest displacement either way \[m\].
@@ -28,7 +28,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Of a clean run.
+    /// From a clean run.
     pub fn of(trace: &Trace, duration_s: f64) -> Self {
         let from = (1.0 / trace.step_s) as usize;
         let velocities = trace.position_m.windows(2).skip(from).map(|pair| (pair[1] - pair[0]) / trace.step_s);
@@ -50,13 +50,13 @@ impl Seen {
 pub struct Scene {
     /// The device.
     pub device: Inerter,
-    /// What acts on its screw beside the law.
+    /// What acts on its screw besides the law.
     pub body: Body,
     /// The rig.
     pub instruments: Instruments,
-    /// What the settings say of it: the truth to the last digit, without what is wrong.
+    /// What the settings state of it: exact, without the defect.
     pub settings: Settings,
-    /// What is true of mt, cf and fc.
+    /// True values of mt, cf and fc.
     pub truth: [Range; 3],
     /// What a clean run of it shows.
     pub seen: Seen,

@@ -9,22 +9,22 @@ pub struct Tally {
     pub runs: u32,
     /// Those whose defect moves a parameter by more than twice the interval of the same run without it.
     pub harmful: u32,
-    /// Wrong without a word by the device alone.
+    /// Silently wrong, by the device alone.
     pub device: u32,
-    /// Wrong, and told so by `replay`.
+    /// Wrong, and `replay` says so.
     pub told: u32,
-    /// Wrong, and said to rest on what is not there.
+    /// Wrong, and said to rest on the absence of the fault.
     pub assumed: u32,
-    /// Wrong without a word.
+    /// Silently wrong.
     pub silent: u32,
-    /// The same beyond twice the interval, by the device alone.
+    /// The same, off by more than twice the interval, by the device alone.
     pub device_twice: u32,
-    /// The same by `replay`.
+    /// The same, by `replay`.
     pub silent_twice: u32,
 }
 
 impl Tally {
-    /// One run, with the same run without a defect.
+    /// From one run, and the same run without a defect.
     pub fn of(said: &Said, clean: &Said) -> Self {
         let [device, replay] = [&said.device, &said.replay];
         let is = |values, intervals, wanted| u32::from(verdict(values, intervals) == wanted);
@@ -40,7 +40,7 @@ impl Tally {
         }
     }
 
-    /// Part of the runs in percent.
+    /// Percentage of the runs.
     pub fn percent(&self, part: u32) -> f64 {
         100.0 * f64::from(part) / f64::from(self.runs.max(1))
     }

@@ -1,12 +1,12 @@
-//! Small streams with a name each, and what a device says to them.
+//! Small named streams, and a device's response to them.
 //!
-//! `tests/corpus/NAME.bin` holds the bytes, `NAME.txt` what is due: a line `bad_frames N`, then a line for each reply
-//! in its order: `ID done`, `ID injected` or `ID refused WHY`. Both are made by
-//! `cargo run -p inerter-tests --bin fuzz -- --write-corpus`, from this file and [`stream`] alone.
+//! `tests/corpus/NAME.bin` holds the bytes, `NAME.txt` the expected outcome: a line `bad_frames N`, then a line for
+//! each reply in order: `ID done`, `ID injected` or `ID refused WHY`. Both are made by `cargo run -p inerter-tests
+//! --bin fuzz -- --write-corpus`, from this file and [`stream`] alone.
 //!
-//! A delimiter follows each stream, so that a frame which did not end is counted too. The outcomes hold for a device
-//! that was never set up, whose sampler runs and which takes the bytes as they come; they are the same on the host and
-//! on the twin.
+//! A delimiter follows each stream, so that an unfinished frame is counted too. The outcomes hold for a device that was
+//! never set up, whose sampler runs and which takes the bytes as they come; they are the same on the host and on the
+//! twin.
 
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{
@@ -22,7 +22,7 @@ use super::{
     requests::Requests,
 };
 
-/// What a stream must lead to.
+/// The expected outcome of a stream.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Expected {
     /// Frames that the device counts as bad.
@@ -36,9 +36,9 @@ pub struct Expected {
 pub struct Item {
     /// What it is.
     pub name: String,
-    /// What goes to the device.
+    /// Bytes sent to the device.
     pub bytes: Vec<u8>,
-    /// What must come of it.
+    /// Its expected outcome.
     pub expected: Expected,
 }
 
@@ -84,7 +84,7 @@ pub fn corpus() -> io::Result<Vec<Item>> {
     Ok(items)
 }
 
-/// The corpus as this file makes it, by name, with what the device here does; an error names what it does wrong.
+/// The corpus as this file makes it, by name, with the response of the device here; an error says what that does wrong.
 pub fn made() -> Result<Vec<Item>, String> {
     let mut items = Vec::new();
     for (name, stream) in streams() {
@@ -101,7 +101,7 @@ pub fn made() -> Result<Vec<Item>, String> {
             bad_frames: Requests::read(&[&stream.bytes[..], &[DELIMITER]].concat()).bad_frames,
             replies: replies.collect(),
         };
-        // The probe is no part of the item.
+        // The probe is not part of the item.
         let probe = Requests::read(&with_probe(&[])).intact.len();
         expected.replies.truncate(expected.replies.len().saturating_sub(probe));
         items.push(Item { name, bytes: stream.bytes, expected });
@@ -165,7 +165,7 @@ fn streams() -> Vec<(String, Stream)> {
     injections(&mut add);
     frames(&mut add);
     let mut all: Vec<(String, Stream)> = all.into_iter().map(|(name, stream)| (name.to_string(), stream)).collect();
-    // Of the random ones those in which nothing depends on time or on a second front end, and no restart comes.
+    // Those random streams in which nothing depends on time or on a second front end, and no restart happens.
     let front_end = Settings::find("front_end").map(|number| number as u8);
     let steady = |command: &Command| match command {
         Command::Tare | Command::Inject(_) | Command::Reboot | Command::EnterDfu => false,
@@ -223,7 +223,7 @@ fn requests(add: Add) {
         for id in [0, 1, 127, 128, 255, 256, 16_383, 16_384, 32_768, u16::MAX, 5, 5, 5] {
             stream.request(id, Command::Hello);
         }
-        // In more bytes than needed, and in more than a u16 has.
+        // In more bytes than needed, and with a value too large for a u16.
         for id in [&[0x85, 0x00][..], &[0x85, 0x80, 0x00], &[0xFF, 0xFF, 0x7F], &[0x80, 0x80, 0x80, 0x80, 0x01]] {
             stream.payload(&[id, &[0]].concat());
         }
@@ -302,7 +302,7 @@ fn settings(add: Add) {
     add("settings-too-many", &|stream| {
         let all = || (0..MAX_SETTINGS as u8).map(|number| (number, 1.0));
         stream.request(1, write_numbers(all())).request(2, write_numbers(all().map(|(_, value)| (17, value))));
-        // One more than fits, and a count without the values.
+        // One more than fits, and a count without its values.
         let mut bytes = payload(3, write_numbers(all()));
         bytes[2] += 1;
         bytes.extend([17; 9]);
@@ -444,7 +444,7 @@ fn frames(add: Add) {
         stream.request(1, Command::Hello);
     });
     add("requests-without-their-salt", &|stream| {
-        // As a record's CRC would be: a request must not be mistaken for one.
+        // Like a record's CRC: a request must not be mistaken for one.
         let mut body = [payload(7, Command::FactoryReset), vec![0, 0]].concat();
         body.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body).to_le_bytes());
         stream.raw(&stuffed(&body));

@@ -35,7 +35,7 @@ use super::{
     requests::Requests,
 };
 
-/// The mock clock is one for the whole process.
+/// The mock clock is shared by the whole process.
 static CLOCK: Mutex<()> = Mutex::new(());
 
 /// The probe.
@@ -45,11 +45,11 @@ pub(super) const PROBE: [(u16, Command); 3] = [
     (0xFFFF, Command::ReadSettings),
 ];
 
-/// Time after which a reply is missing: longer than any wait in the device, for each request that may wait.
+/// Time after which a reply counts as missing: longer than any wait in the device, for each request that may wait.
 const LIMIT_MS: u64 = 3_000;
-/// Longer than from one health record to the next.
+/// Longer than the time between two health records.
 const HEALTH_MS: u64 = 1_100;
-/// Turns in which a device must come to a wait.
+/// Turns within which a device must reach a wait.
 const TURNS: u32 = 100_000;
 
 /// How a stream reaches the device.
@@ -65,22 +65,23 @@ pub struct Conditions {
     pub deaf: bool,
 }
 
-/// Where a stream arrives. On a device's other link others ask for a factory reset all the time, which must not matter.
+/// Where a stream arrives. Meanwhile, requests for a factory reset keep arriving on a device's other link, and must not
+/// matter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Link {
     /// The only link.
     Single,
-    /// The link whose port is open.
+    /// The link with the open port.
     First,
     /// The other one, while that port is closed.
     Second,
 }
 
 impl Conditions {
-    /// Packets of full-speed USB into a device that measures: those of the corpus.
+    /// Packets of full-speed USB into a device that measures: the conditions of the corpus.
     pub const PLAIN: Self = Self { portion: 64, sampling: true, link: Link::First, deaf: false };
 
-    /// Those for the stream of a seed.
+    /// The conditions for the stream of a seed.
     pub fn of(seed: u64) -> Self {
         let mut noise = Noise::new(!seed);
         Self {
@@ -101,7 +102,7 @@ pub enum End {
     Restarted(Restart),
     /// It panicked with this message.
     Panicked(String),
-    /// It never came to a wait.
+    /// It never reached a wait.
     Hung,
     /// Its default settings were refused.
     Refused(SettingsError),
@@ -112,9 +113,9 @@ pub enum End {
 pub struct Played {
     /// What it sent, in order.
     pub records: Vec<Record>,
-    /// What it sent that is no record.
+    /// What it sent that is not a record.
     pub faults: Vec<String>,
-    /// What a host's reader counted.
+    /// Counts of a host's reader.
     pub counts: Counts,
     /// How it ended.
     pub end: End,
@@ -209,12 +210,12 @@ pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
     Played { records: bench.records, faults: bench.faults, counts, end: end.unwrap_or(End::Running), kept }
 }
 
-/// The device and all that hangs on it.
+/// The device and everything connected to it.
 struct FuzzedDevice {
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
     to_device: Rc<RefCell<VecDeque<u8>>>,
-    /// Into the link that is not in use.
+    /// Into the unused link.
     to_idle: Rc<RefCell<VecDeque<u8>>>,
     from_device: Rc<Line>,
     source: Script,
@@ -249,9 +250,9 @@ impl FuzzedDevice {
         }
     }
 
-    /// Lets the device run until it waits, and reads what it says.
+    /// Lets the device run until it waits, and reads its output.
     fn settle(&mut self) -> Option<End> {
-        // Whoever polls once more finds what arrived on the link: its waker is not kept.
+        // Polling once more finds what has arrived on the link, whose waker is not kept.
         self.woken.0.store(true, Ordering::SeqCst);
         let waker = Waker::from(Arc::clone(&self.woken));
         for _ in 0..TURNS {
@@ -295,7 +296,7 @@ impl FuzzedDevice {
                     }
                     self.records.push(message);
                 }
-                // The device's own count is held against the reader's.
+                // The device's own count is checked against the reader's.
                 Frame::Lost { .. } => {}
                 other => self.faults.push(format!("{other:?}")),
             }
@@ -307,7 +308,7 @@ impl FuzzedDevice {
         self.replies.len() >= requests.replies() || self.replies.ends_with(&PROBE.map(|(id, _)| id))
     }
 
-    /// What a device that starts now finds.
+    /// What a device that starts now finds in flash.
     fn kept(&self) -> Result<Option<SettingsValues>, StoreError> {
         embassy_futures::block_on(FlashStore::new(self.flash.clone(), FLASH).load())
     }
@@ -394,7 +395,7 @@ struct Transmitter(Rc<Line>);
 #[derive(Default)]
 struct Line {
     bytes: RefCell<Vec<u8>>,
-    /// Somebody reads.
+    /// A host reads.
     taken: Cell<bool>,
 }
 
@@ -414,16 +415,16 @@ impl Write for Transmitter {
     }
 }
 
-/// A sampler that goes by the clock: a shaken terminal, its force, now and then a saturated code.
+/// A sampler driven by the clock: a shaken terminal, its force, now and then a saturated code.
 #[derive(Clone, Default)]
 struct Script(Rc<RefCell<Sampler>>);
 
 #[derive(Default)]
 struct Sampler {
     index: u32,
-    /// Samples a second, once configured.
+    /// Samples per second, once configured.
     rate_hz: f64,
-    /// Part of a sample that is due.
+    /// Fraction of a sample that is due.
     due: f64,
     running: bool,
     waiting: VecDeque<RawSample>,
@@ -431,7 +432,7 @@ struct Sampler {
 }
 
 impl Script {
-    /// A millisecond.
+    /// Lets a millisecond pass.
     fn tick(&self) {
         let mut sampler = self.0.borrow_mut();
         sampler.due += sampler.rate_hz / 1_000.0;

@@ -1,4 +1,4 @@
-//! Streams that a device should not meet.
+//! Streams that a device should never meet.
 
 use inerter_core::{Detail, Estimate, Kind, RawSample, Reversal, Settings};
 use inerter_wire::{
@@ -6,7 +6,7 @@ use inerter_wire::{
     Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
 };
 
-/// Random numbers that repeat: splitmix64.
+/// Reproducible random numbers: splitmix64.
 #[derive(Clone, Debug)]
 pub struct Noise(u64);
 
@@ -25,12 +25,12 @@ impl Noise {
         mixed ^ (mixed >> 31)
     }
 
-    /// A number under `limit`, which is not 0.
+    /// A number below `limit`, which is not 0.
     pub fn below(&mut self, limit: usize) -> usize {
         (self.draw() % limit as u64) as usize
     }
 
-    /// True so often in a hundred.
+    /// True in this percentage of calls.
     pub fn percent(&mut self, share: usize) -> bool {
         self.below(100) < share
     }
@@ -51,12 +51,12 @@ impl Noise {
     }
 }
 
-/// A stream under way.
+/// A stream under construction.
 #[derive(Clone, Debug, Default)]
 pub struct Stream {
-    /// What goes to the device.
+    /// Bytes sent to the device.
     pub bytes: Vec<u8>,
-    /// Ids of the requests that are whole and stand alone in their frame, whatever surrounds them.
+    /// Ids of the requests that are whole and alone in their frame, whatever surrounds them.
     pub whole: Vec<u16>,
     sequence: u16,
 }
@@ -72,13 +72,13 @@ impl Stream {
         self.raw(&frame)
     }
 
-    /// Bytes as they are.
+    /// Bytes, unchanged.
     pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
         self.bytes.extend(bytes);
         self
     }
 
-    /// Anything as a payload, in a frame that is intact.
+    /// Anything as a payload, in an intact frame.
     pub fn payload(&mut self, payload: &[u8]) -> &mut Self {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
@@ -124,7 +124,7 @@ pub fn payload(id: u16, command: Command) -> Vec<u8> {
     postcard::to_slice(&Request { id, command }, &mut bytes).map(|bytes| bytes.to_vec()).unwrap_or_default()
 }
 
-/// A number in postcard's form.
+/// A number as postcard encodes it.
 pub fn varint(number: u32) -> Vec<u8> {
     postcard::to_slice(&number, &mut [0; 5]).map(|bytes| bytes.to_vec()).unwrap_or_default()
 }
@@ -135,7 +135,7 @@ pub fn samples(count: u8, data: &[u8]) -> Samples {
     postcard::from_bytes(&bytes).unwrap_or_default()
 }
 
-/// What a device might say, for a link that echoes.
+/// What a device might send, for a link that echoes.
 pub fn records() -> Vec<Vec<u8>> {
     let hello = Hello {
         wire_version: 7,
@@ -216,7 +216,7 @@ fn settings(noise: &mut Noise) -> SettingsValues {
         } else {
             noise.below(Settings::COUNT) as u8
         };
-        // There is room for so many.
+        // There is room for this many.
         let _ = values.0.push(SettingValue { number, value: value(noise, number) });
     }
     values

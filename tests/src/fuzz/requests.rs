@@ -1,8 +1,8 @@
-//! What a stream asks of a device.
+//! What a stream requests of a device.
 
 use inerter_wire::{Command, Frame, FrameReader, Request};
 
-/// What a stream holds, by a reader of its own.
+/// The contents of a stream, by an independent reader.
 #[derive(Clone, Debug, Default)]
 pub struct Requests {
     /// Intact requests in order: id, and the command where it is known.
@@ -12,7 +12,7 @@ pub struct Requests {
 }
 
 impl Requests {
-    /// Those in a stream, which includes its probe.
+    /// The requests in a stream, which includes its probe.
     pub fn read(stream: &[u8]) -> Self {
         let mut requests = Self::default();
         let mut reader = FrameReader::<Request>::new();
@@ -28,20 +28,20 @@ impl Requests {
         requests
     }
 
-    /// Replies that are due: after a restart none is.
+    /// Replies that are due: none after a restart.
     pub(super) fn replies(&self) -> usize {
         let restart = self.intact.iter().position(|(_, command)| command.as_ref().is_some_and(restarts));
         restart.map_or(self.intact.len(), |place| place + 1)
     }
 
-    /// Requests that the device may take its time for.
+    /// Requests that the device may take time for.
     pub(super) fn that_wait(&self) -> usize {
         let waits = |command: &Command| matches!(command, Command::Tare | Command::Inject(_) | Command::InjectEnd);
         self.intact.iter().filter(|(_, command)| command.as_ref().is_some_and(waits)).count()
     }
 }
 
-/// Whether the device restarts on it.
+/// Whether the command restarts the device.
 pub(super) fn restarts(command: &Command) -> bool {
     matches!(command, Command::EnterDfu | Command::Reboot)
 }

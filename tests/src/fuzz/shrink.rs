@@ -1,8 +1,8 @@
-//! A stream that still shows what is wrong, and less else.
+//! Shrinks a stream while it still shows the fault.
 
 use inerter_wire::DELIMITER;
 
-/// Trials at most.
+/// Most trials.
 const TRIALS: u32 = 2_000;
 
 /// Leaves out frames, then bytes, as long as the rest is still `wrong`.
@@ -17,7 +17,7 @@ pub fn shrink(stream: &[u8], mut wrong: impl FnMut(&[u8]) -> bool) -> Vec<u8> {
     without(frames.concat(), &mut wrong)
 }
 
-/// Leaves out ever shorter parts of a list while the rest is `wrong`.
+/// Leaves out ever shorter parts of a list while the rest is still `wrong`.
 fn without<T: Clone>(mut list: Vec<T>, wrong: &mut impl FnMut(&[T]) -> bool) -> Vec<T> {
     let mut part = list.len().div_ceil(2).max(1);
     loop {

@@ -1,11 +1,10 @@
 //! The rig around the board: the simulated inerter, its sensors, and the amplifiers up to the pins.
 //!
-//! [`Rig`] says what stands there, [`Bench`] is it, as the chip sees it through [`World`]. Encoder counts are the
-//! plant's screw in steps; the force at the load cell passes an amplifier with an anti-alias filter of first order and
-//! is held to the converter's supply; the terminal's displacement is a voltage. The settings of a device that was
-//! calibrated against this rig without error come from the same numbers ([`Rig::settings`]), and so do the instruments
-//! with which the plant's own simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] is core
-//! fed with samples.
+//! [`Rig`] describes the rig, [`Bench`] runs it, as the chip sees it through [`World`]. Encoder counts are the plant's
+//! screw in steps; the force at the load cell passes an amplifier with a first-order anti-alias filter and is limited
+//! to the converter's supply; the terminal's displacement is a voltage. The same numbers give the settings of a device
+//! that was calibrated without error against this rig ([`Rig::settings`]), and the instruments with which the plant's
+//! own simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] feeds samples to core.
 
 use std::collections::VecDeque;
 
@@ -17,8 +16,8 @@ use inerter_plant::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Tr
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
 
-/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger's latency of 1.5 to 2.5 and 24.5
-/// clocks of sampling at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
+/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger latency of 1.5 to 2.5 clocks
+/// and a sampling time of 24.5 clocks at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
 pub const APERTURE_S: f64 = (2.0 + 24.5) / 42e6;
 /// Conversions per second that the samples are summed from \[Hz\].
 pub const TRIGGER_HZ: f64 = 64e3;
@@ -31,7 +30,7 @@ const DIGITAL_CODES: f64 = 8_388_608.0;
 /// How far back a signal may be asked for \[s\]: three conversions of the digital front end at its slowest rate.
 const LOOK_BACK_S: f64 = 0.02;
 
-/// What is fitted, and what is wrong with it.
+/// The rig and its faults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// The inerter.
@@ -40,11 +39,11 @@ pub struct Rig {
     pub motion: Excitation,
     /// When the motion begins \[s since power was applied\].
     pub start_s: f64,
-    /// Displacement per encoder count; negative turns the direction \[m\].
+    /// Displacement per encoder count; negative reverses the direction \[m\].
     pub metres_per_count: f64,
-    /// Where in a count the encoder stands at the start.
+    /// The encoder's phase within a count at the start.
     pub encoder_phase_count: f64,
-    /// Load cell and amplifier: force per volt; negative turns the direction \[N/V\].
+    /// Load cell and amplifier: force per volt; negative reverses the direction \[N/V\].
     pub newtons_per_volt: f64,
     /// Offset of the load cell, which the estimator must find \[N\].
     pub force_offset_n: f64,
@@ -56,32 +55,32 @@ pub struct Rig {
     pub newtons_per_bridge_volt: f64,
     /// What the digital front end sees of the bridge's excitation \[V\].
     pub excitation_v: f64,
-    /// Of the chip \[degree Celsius\].
+    /// Temperature of the chip \[degree Celsius\].
     pub temperature_c: f64,
-    /// What goes wrong, and when.
+    /// Faults, and when they occur.
     pub faults: Vec<Fault>,
 }
 
-/// Something that goes wrong. Times in seconds since power was applied.
+/// A fault. Times in seconds since power was applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The encoder's count jumps: a hand turns the screw while nobody looks, or the counter is near its end.
+    /// The encoder's count jumps: a hand turns the screw unobserved, or the counter is near its end.
     Jump {
         /// When \[s\].
         at_s: f64,
         /// By how much, wrapping.
         counts: u32,
     },
-    /// A sensor's cable is out: the force's and the terminal's pins fall to 0 V, the encoder's count stands.
+    /// A sensor's cable is unplugged: the force's and the terminal's pins fall to 0 V, the encoder's count stops.
     Unplugged {
-        /// Whose.
+        /// Which one.
         sensor: Sensor,
         /// From \[s\].
         from_s: f64,
         /// Until \[s\].
         until_s: f64,
     },
-    /// Another force on the load cell, as of somebody leaning on it \[N\].
+    /// An additional force on the load cell, as when somebody leans on it \[N\].
     Push {
         /// From \[s\].
         from_s: f64,
@@ -104,12 +103,12 @@ pub enum Sensor {
 }
 
 impl Rig {
-    /// Amplifier and terminal sensor rest at the middle of the converter's range \[V\].
+    /// Amplifier and terminal sensor are at the middle of the converter's range at zero \[V\].
     pub const ZERO_V: f64 = REFERENCE_V / 2.0;
 
-    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us
-    /// of filter; for the digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the
-    /// excitation at 2.5 V (docs/HARDWARE.md).
+    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us of
+    /// filter; for the digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the excitation
+    /// at 2.5 V (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {
             device: Inerter::paper(),
@@ -176,7 +175,7 @@ impl Rig {
         }
     }
 
-    /// Instruments with which [`inerter_plant::Simulation`] takes what the analogue front end takes, without a chip.
+    /// Instruments with which [`inerter_plant::Simulation`] takes the analogue front end's samples without a chip.
     pub fn sensors(&self, sample_rate_hz: f64, quality: &Quality) -> Sensors {
         let oversampling = TRIGGER_HZ / sample_rate_hz;
         Sensors {
@@ -207,9 +206,9 @@ pub struct Bench {
     segments: VecDeque<Segment>,
     /// The last state looked up, as several signals are taken at one moment.
     last: Truth,
-    /// Output of the filter, what went in, and when \[N, N, s\].
+    /// Output of the filter, its last input, and the time of that \[N, N, s\].
     filter: Option<(f64, f64, f64)>,
-    /// Where an encoder without a cable stands.
+    /// Count of an encoder whose cable is unplugged.
     standing: Option<u32>,
 }
 
@@ -222,7 +221,7 @@ impl Bench {
         Ok(Self { rig, plant, segments: VecDeque::from([first]), last, filter: None, standing: None })
     }
 
-    /// What stands there.
+    /// The rig's description.
     pub fn rig(&self) -> &Rig {
         &self.rig
     }
@@ -239,7 +238,8 @@ impl Bench {
                 self.segments.pop_front();
             }
         }
-        // Mostly the last one, otherwise one not far before; before the start it is the first one's beginning, at rest.
+        // Usually the last one, otherwise one shortly before; before the start it is the beginning of the first one, at
+        // rest.
         let mut candidates = self.segments.iter().rev();
         if let Some(segment) = candidates.find(|segment| segment.start_s() <= t_s).or(self.segments.front()) {
             self.last = segment.at(t_s);
@@ -265,7 +265,7 @@ impl Bench {
         truth.force_n + self.rig.device.structure_mass_kg * truth.a1_m_per_s2 + self.rig.force_offset_n + pushed
     }
 
-    /// The anti-alias filter, exact for a straight line from one look to the next.
+    /// The anti-alias filter, exact for a straight line between two times.
     fn filtered_n(&mut self, time_s: f64) -> f64 {
         let (now_n, tau_s) = (self.cell_n(time_s), self.rig.filter_s);
         let Some((output_n, before_n, before_s)) = self.filter.filter(|_| tau_s > 0.0) else {
@@ -337,14 +337,14 @@ impl World for Bench {
     }
 }
 
-/// What core makes of samples.
+/// Core's results for samples.
 #[derive(Clone, Debug)]
 pub struct Replay {
     /// Every estimate it published.
     pub published: Vec<Estimate>,
-    /// Its last word.
+    /// The last one.
     pub last: Estimate,
-    /// What it counted.
+    /// Its counters.
     pub counters: Counters,
 }
 
@@ -393,7 +393,7 @@ mod tests {
             let count = (truth.x2_m / 2.44140625e-6 + 0.37).floor() as i64 as u32;
             assert_eq!(bench.encoder(time_s), count);
             let newtons = truth.force_n + 1.515 * truth.a1_m_per_s2 + 3.0;
-            // One solution ends 1e-11 m from where the next begins, which the contact's stiffness makes 20 uN.
+            // One solution ends 1e-11 m from where the next begins; the contact's stiffness turns that into 20 uN.
             assert!((bench.force_volts(time_s) - (1.65 + newtons * 3.3 / 20_000.0)).abs() < 1e-7);
             assert!((bench.terminal_volts(time_s) - (1.65 + truth.x1_m * 100.0)).abs() < 1e-9);
             assert!((bench.bridge_volts(time_s) - newtons * 5e-3 / 10_000.0).abs() < 1e-12);
@@ -422,7 +422,7 @@ mod tests {
             let late = plain.force_volts(time_s - tau_s);
             worst = worst.max((filtered.force_volts(time_s) - late).abs());
         }
-        // The kinks at reversals and breakaways pass it rounded: 0.2 mV are 0.6 N.
+        // It rounds the kinks at reversals and breakaways: 0.2 mV are 0.6 N.
         assert!(worst < 1e-4, "{worst}");
     }
 
@@ -452,7 +452,7 @@ mod tests {
             let sensors = rig.sensors(rate_hz, &quality);
             let settings = rig.settings(rate_hz);
             settings.validate().unwrap();
-            // A sum of fewer conversions stands for 64 of them.
+            // A sum of fewer conversions is scaled to 64 of them.
             let scale = f64::from(WEIGHT) / sensors.oversampling;
             let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
             near(settings.newtons_per_code * scale, sensors.newtons_per_sample_code());
@@ -485,7 +485,7 @@ mod tests {
         );
         let mass = outcome.last.whole_run.inertance_kg;
         assert!((f64::from(mass.fitted().value) - rig.device.inertance_kg).abs() < 0.05, "{mass:?}");
-        // And with a wrong scale something else.
+        // With a wrong scale the result differs.
         let wrong = Settings { newtons_per_code: settings.newtons_per_code * 1.01, ..settings };
         let mass = replay(&wrong, &samples).unwrap().last.whole_run.inertance_kg;
         assert!((f64::from(mass.fitted().value) - 1.01 * rig.device.inertance_kg).abs() < 0.05, "{mass:?}");

@@ -2,7 +2,7 @@
 
 use crate::chip::Pin;
 
-/// The facts of a board that the chip cannot know.
+/// The properties of a board that the chip cannot know.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Board {
     /// Name, for messages.
@@ -21,9 +21,9 @@ pub struct Board {
     pub serial_tx: Pin,
     /// The chip's receiver of the serial link.
     pub serial_rx: Pin,
-    /// Divider from the VBUS of USB.
+    /// Divider from USB's VBUS.
     pub vbus: Pin,
-    /// The light.
+    /// The LED.
     pub led: Pin,
 }
 

@@ -1,8 +1,8 @@
-//! The chip's boot loader in ROM as a USB device, which takes firmware by DfuSe.
+//! The chip's ROM boot loader as a USB device, which takes firmware by DfuSe.
 //!
-//! It is no machine code: this stands in for the program and works on the same registers of the chip, so that whoever is at
-//! the other end of the cable sees no difference. Its control endpoint only has what the boot loader needs; the descriptors
-//! are those of ST's, with one of the four alternate settings, that of flash.
+//! It is not machine code: this code replaces the program and works on the same registers of the chip, so that the host
+//! sees no difference. Its control endpoint has only what the boot loader needs; the descriptors are ST's, with one of
+//! the four alternate settings, that of flash.
 //!
 //! Sources: AN2606 and AN3156 (identity, layout), USB 2.0 chapter 9, USB DFU 1.1, RM0440 45 (registers).
 
@@ -20,12 +20,12 @@ const ADDRESS: u32 = REGISTERS + 0x4c;
 const TABLE: u32 = REGISTERS + 0x50;
 const PULL_UP: u32 = REGISTERS + 0x58;
 const MEMORY: u32 = 0x4000_6000;
-/// Packets of endpoint 0 in the packet memory, behind the table.
+/// Packets of endpoint 0 in the packet memory, after the table.
 const SEND_AT: u32 = 0x40;
 const RECEIVE_AT: u32 = 0x80;
 const PACKET: usize = 64;
 
-/// Bits of the endpoint's register: written 0 to clear, 1 to keep; as they are; flipped.
+/// Bits of the endpoint's register: written 0 to clear, 1 to keep; written as they are; flipped.
 const RECEIVED: u32 = 1 << 15;
 const SETUP: u32 = 1 << 11;
 const CONTROL_TYPE: u32 = 1 << 9;
@@ -34,7 +34,7 @@ const STALL: u32 = 1;
 const NAK: u32 = 2;
 const VALID: u32 = 3;
 
-/// How often the boot loader looks \[s\].
+/// How often the boot loader polls \[s\].
 pub const LOOK_S: f64 = 10e-6;
 
 const DEVICE: [u8; 18] = [18, 1, 0, 1, 0, 0, 0, 64, 0x83, 0x04, 0x11, 0xdf, 0, 0x22, 1, 2, 3, 1];
@@ -45,20 +45,20 @@ const CONFIGURATION: [u8; 27] = [
     9, 0x21, 0x0b, 0xff, 0, 0, 8, 0x1a, 1,
 ];
 
-/// A request whose data are on their way.
+/// A request whose data are in transit.
 #[derive(Clone, Debug, Default)]
 enum Stage {
     #[default]
     None,
     /// To the host: what is left, and whether an empty packet ends it.
     ToHost { data: Vec<u8>, ends_empty: bool },
-    /// From the host: the request, and what has come.
+    /// From the host: the request, and what has arrived.
     FromHost { setup: [u8; 8], data: Vec<u8> },
     /// The empty packet that ends a request to the device, which may be SET_ADDRESS.
     Status { address: Option<u8> },
 }
 
-/// The boot loader while it runs.
+/// The running boot loader.
 #[derive(Debug, Default)]
 pub struct BootRom {
     stage: Stage,
@@ -68,12 +68,12 @@ pub struct BootRom {
 }
 
 impl BootRom {
-    /// The program is to be started; the device has gone from the bus.
+    /// The program is to be started; the device has left the bus.
     pub fn has_left(&self) -> bool {
         self.left
     }
 
-    /// What it does at a moment.
+    /// One poll.
     pub fn look(&mut self, chip: &mut Chip, now: Cycles) {
         if !self.begun {
             self.begun = true;
@@ -86,7 +86,7 @@ impl BootRom {
             after_reset(chip, now);
             return;
         }
-        // Frames and suspends are of no interest.
+        // Frames and suspends are ignored.
         write(chip, INTERRUPTS, 0, now);
         if interrupts & 1 << 15 == 0 {
             return;
@@ -115,7 +115,7 @@ impl BootRom {
         self.answer(chip, setup, &[], now);
     }
 
-    /// Data of a request to the device, or the empty packet that ends one to the host.
+    /// Takes the data of a request to the device, or the empty packet that ends a request to the host.
     fn take(&mut self, chip: &mut Chip, packet: &[u8], now: Cycles) {
         let Stage::FromHost { setup, data } = &mut self.stage else {
             return set_status(chip, Some(VALID), Some(NAK), now);
@@ -129,7 +129,7 @@ impl BootRom {
         self.answer(chip, setup, &data, now);
     }
 
-    /// Carries a request out whose data are complete.
+    /// Carries out a request whose data are complete.
     fn answer(&mut self, chip: &mut Chip, setup: [u8; 8], data: &[u8], now: Cycles) {
         let [kind, request, value_low, value_high, ..] = setup;
         let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
@@ -165,7 +165,7 @@ impl BootRom {
         }
     }
 
-    /// The packet before has gone: the next one, or the end.
+    /// The previous packet has gone: sends the next one, or ends.
     fn sent(&mut self, chip: &mut Chip, now: Cycles) {
         match &mut self.stage {
             Stage::ToHost { data, ends_empty } if !data.is_empty() || *ends_empty => {
@@ -174,7 +174,7 @@ impl BootRom {
                 send(chip, &packet, now);
             }
             Stage::ToHost { .. } if self.dfu.leaves() => {
-                // The status was told: off the bus, and to the program.
+                // The status was sent: off the bus, and on to the program.
                 write(chip, PULL_UP, 0, now);
                 self.left = true;
             }
@@ -229,7 +229,7 @@ fn after_reset(chip: &mut Chip, now: Cycles) {
     write(chip, ADDRESS, 0x80, now);
 }
 
-/// Changes what the endpoint does with the next packet of either direction.
+/// Changes how the endpoint treats the next packet in either direction.
 fn set_status(chip: &mut Chip, receive: Option<u32>, send: Option<u32>, now: Cycles) {
     let register = read(chip, ENDPOINT, now);
     let flip = |wanted: Option<u32>, shift: u32| wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift);

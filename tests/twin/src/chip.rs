@@ -2,8 +2,8 @@
 //!
 //! The bus ([`Chip::read`], [`Chip::write`]) finds the peripheral by its address (RM0440 table 3), checks that its
 //! clock is on, and ends the run at an access that no model knows. Interrupt lines are levels ([`Chip::irq_lines`];
-//! numbers from RM0440 table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] says when that must be called
-//! at the latest.
+//! numbers from RM0440 table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] gives the latest time at which
+//! that must be called.
 
 pub mod adc;
 pub mod ads131m04;
@@ -47,9 +47,9 @@ use tim::{Kind, Tim};
 
 /// First address of SRAM1.
 pub const RAM_START: u32 = 0x2000_0000;
-/// SRAM1, SRAM2 and, behind them, the alias of the CCM RAM.
+/// SRAM1, SRAM2 and, after them, the alias of the CCM RAM.
 pub const RAM_LEN: usize = 128 << 10;
-/// First address of the CCM RAM: the last 32 KB of the above once more.
+/// First address of the CCM RAM: the last 32 KB of the above again.
 pub const CCM_START: u32 = 0x1000_0000;
 /// Length of the CCM RAM.
 pub const CCM_LEN: usize = 32 << 10;
@@ -60,15 +60,15 @@ pub const CCM_LEN: usize = 32 << 10;
 pub struct BadAccess {
     /// Address of the access.
     pub address: u32,
-    /// Name of the peripheral, where there is one at that address.
+    /// Name of the peripheral, if there is one at that address.
     pub peripheral: &'static str,
     /// Offset from its base.
     pub offset: u32,
     /// Bytes moved.
     pub width: Width,
-    /// What was written; nothing for a read.
+    /// The value written; none for a read.
     pub value: Option<u32>,
-    /// What the model says.
+    /// The model's message.
     pub what: &'static str,
 }
 
@@ -76,7 +76,7 @@ fn access(value: Option<u32>) -> String {
     value.map_or_else(|| "read of".into(), |value| format!("write of {value:#x} to"))
 }
 
-/// What stands at an address of the bus.
+/// What is at an address of the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Peripheral {
     Tim2,
@@ -111,7 +111,7 @@ enum Peripheral {
     Dbgmcu,
 }
 
-/// A stretch of addresses that belongs to one peripheral.
+/// A range of addresses that belongs to one peripheral.
 struct Block {
     start: u32,
     end: u32,
@@ -124,7 +124,7 @@ const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral,
     Block { start, end: start + len, name, peripheral, gate }
 }
 
-/// By rising address. Where there is no gate the clock is always on.
+/// By rising address. Without a gate the clock is always on.
 const BLOCKS: [Block; 36] = [
     block(0x4000_0000, 0x400, "TIM2", Peripheral::Tim2, Some(Gate::apb1(0))),
     block(0x4000_0400, 0x400, "TIM3", Peripheral::Tim3, Some(Gate::apb1(1))),
@@ -159,7 +159,7 @@ const BLOCKS: [Block; 36] = [
     block(0x4800_1000, 0x400, "GPIOE", Peripheral::Gpio(4), Some(Gate::ahb2(4))),
     block(0x4800_1400, 0x400, "GPIOF", Peripheral::Gpio(5), Some(Gate::ahb2(5))),
     block(0x4800_1800, 0x400, "GPIOG", Peripheral::Gpio(6), Some(Gate::ahb2(6))),
-    // ADC1, ADC2 and their common registers; ADC3 to ADC5 behind them have a gate of their own.
+    // ADC1, ADC2 and their common registers; ADC3 to ADC5 after them have their own gate.
     block(0x5000_0000, 0x800, "ADC", Peripheral::Adc, Some(Gate::ahb2(13))),
     block(0x5000_0800, 0x400, "DAC1", Peripheral::Dac1, Some(Gate::ahb2(16))),
     block(0x5000_0c00, 0x400, "DAC2", Peripheral::Dac2, Some(Gate::ahb2(17))),
@@ -169,18 +169,18 @@ const BLOCKS: [Block; 36] = [
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
 const ADC345_GATE: Gate = Gate::ahb2(14);
 
-/// Each word stands for one bit of the first megabyte of peripherals.
+/// Each word is an alias of one bit of the first megabyte of peripherals.
 const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 
-/// RCC_BDCR, which lies in the backup domain.
+/// RCC_BDCR, which is in the backup domain.
 const RCC_BDCR: u32 = 0x4002_1090;
 /// RCC_CFGR, which chooses the system clock.
 const RCC_CFGR: u32 = 0x4002_1008;
 
-/// A peripheral whose gate in RCC is shut.
+/// A peripheral whose gate in RCC is closed.
 pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
 const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
-/// No block of registers is there.
+/// No block of registers at this address.
 pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
 
 /// Numbers of the interrupts (RM0440 table 97).
@@ -237,7 +237,7 @@ pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
 /// LPUART1 on PA2 and PA3 (DS12288 table 13).
 const LPUART1_FUNCTION: Mode = Mode::Alternate(12);
 
-/// The chip with what is connected to it.
+/// The chip with everything connected to it.
 pub struct Chip {
     /// SRAM1, SRAM2, CCM RAM.
     pub ram: Ram,
@@ -303,26 +303,26 @@ pub struct Chip {
     pub tim7: tim6::Tim6,
     /// DAC1 and DAC2.
     pub dac: [dac::Dac; 2],
-    /// Wires from outputs to inputs, in place of the world.
+    /// Wires from outputs to inputs, instead of the world.
     pub jumpers: Option<jumpers::Jumpers>,
-    /// What is wrong on purpose.
+    /// Faults planted on purpose.
     pub planted: jumpers::Planted,
     wired: jumpers::Wired,
     /// Converters that a late trigger starts, and when.
     late: std::collections::VecDeque<(Cycles, adc::Unit)>,
     /// Bus of the digital front end.
     pub spi2: spi::Spi,
-    /// The digital front end, where one is connected.
+    /// The digital front end, if one is connected.
     pub ads131m04: Option<ads131m04::Ads131m04>,
     /// USB full speed device and its packet memory.
     pub usb: usb::Usb,
-    /// Changes of the light: when, and whether it is on then.
+    /// Changes of the LED: when, and whether it is on from then.
     pub light: Vec<(Cycles, bool)>,
     /// Where the chip differs from its manual.
     errata: Errata,
-    /// What becomes of a program that does what it should not.
+    /// How violations by the program are treated.
     rules: Rules,
-    /// What went wrong in the signal path; it stands still from then on.
+    /// A fault of the signal path, which stops it.
     path_fault: Option<BadAccess>,
     /// Nothing happens by itself before this moment.
     due: Cycles,
@@ -419,7 +419,7 @@ impl Chip {
         self.clocks.seconds(at)
     }
 
-    /// Bytes of RAM or flash, as DMA reads them; nothing where they lie in neither.
+    /// Bytes of RAM or flash, as DMA reads them; none if they are in neither.
     pub fn bytes(&self, address: u32, len: usize) -> Option<&[u8]> {
         let (memory, start) = match ram_offset(address) {
             Some(start) => (self.ram.bytes(), start),
@@ -428,13 +428,13 @@ impl Chip {
         memory.get(start..start.checked_add(len)?)
     }
 
-    /// Bytes of RAM, as DMA writes them; nothing where they lie elsewhere.
+    /// Bytes of RAM, as DMA writes them; none if they are elsewhere.
     pub fn ram_mut(&mut self, address: u32, len: usize) -> Option<&mut [u8]> {
         let start = ram_offset(address)?;
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A read by whoever has the bus.
+    /// A read by any bus master.
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
         let bad =
             |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
@@ -454,7 +454,7 @@ impl Chip {
         }
     }
 
-    /// A write by whoever has the bus.
+    /// A write by any bus master.
     pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
         let bad = |peripheral, offset, Unknown { what }| BadAccess {
             address,
@@ -493,7 +493,7 @@ impl Chip {
         if !self.is_clocked(block, offset) {
             match (self.rules, block.peripheral) {
                 (Rules::Enforced, _) => return Err(CLOCK_OFF),
-                // Its registers lie in a domain that always runs.
+                // Its registers are in a domain that always runs.
                 (Rules::AsOnTheChip, Peripheral::Pwr) => {}
                 (Rules::AsOnTheChip, _) => return Ok(0),
             }
@@ -546,7 +546,7 @@ impl Chip {
         }
     }
 
-    /// Puts the peripherals that RCC holds in reset to their first state.
+    /// Puts the peripherals that RCC holds in reset into their reset state.
     fn reset_held(&mut self, now: Cycles) {
         for block in &BLOCKS {
             if block.gate.is_some_and(|gate| self.rcc.is_reset(gate)) {
@@ -574,7 +574,7 @@ impl Chip {
         }
     }
 
-    /// Which errata there are from now on; a new chip has none.
+    /// Sets the errata that apply from now on; a new chip has none.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
         self.flash.set_errata(errata);
@@ -585,7 +585,7 @@ impl Chip {
         self.dma2.set_errata(errata);
     }
 
-    /// How strictly the program is taken from now on; a new chip enforces the rules.
+    /// Sets how strictly violations are treated from now on; a new chip enforces the rules.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
         self.rcc.set_rules(rules);
@@ -598,7 +598,7 @@ impl Chip {
         self.errata
     }
 
-    /// Supply and battery are gone: RAM holds anything (in fact a pattern from the seed) when they come back.
+    /// Supply and battery are removed: RAM holds anything (in fact a pattern from the seed) when they return.
     pub fn lose_power(&mut self, seed: u64) {
         self.flash.lose_power();
         self.tamp.lose_power();
@@ -618,7 +618,7 @@ impl Chip {
         if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
     }
 
-    /// Whether something holds the line of the non-maskable interrupt.
+    /// Whether something drives the line of the non-maskable interrupt.
     pub fn nmi(&self) -> bool {
         self.flash.nmi() || self.rcc.nmi()
     }
@@ -630,7 +630,7 @@ impl Chip {
         self.pins_changed(pin.port, before, now);
     }
 
-    /// What something outside sees at a pin: one that nobody drives is pulled up there.
+    /// The level that something outside sees at a pin; there an undriven pin is pulled up.
     pub fn pin_output(&self, pin: Pin) -> bool {
         self.gpio[pin.port].output(pin.number)
     }
@@ -663,7 +663,7 @@ impl Chip {
         }
     }
 
-    /// Whether the encoder's pins lead to TIM2.
+    /// Whether the encoder's pins are connected to TIM2.
     pub(crate) fn encoder_is_wired(&self) -> bool {
         let leads_to = |pin: Pin, channel: usize| {
             let mode = self.pin_mode(pin);
@@ -672,7 +672,7 @@ impl Chip {
         leads_to(self.board.encoder_a, 1) && leads_to(self.board.encoder_b, 2)
     }
 
-    /// The wires lead what the outputs do now to the encoder's inputs.
+    /// Passes the outputs' levels through the wires to the encoder's inputs.
     fn follow_jumpers(&mut self) {
         let Some(jumpers) = self.jumpers else { return };
         // The inputs are pulled up.
@@ -681,13 +681,13 @@ impl Chip {
         self.wired.follow(levels);
     }
 
-    /// Where the encoder is, whether it is the world's or made of wires.
+    /// The encoder's position, whether it is the world's or made of wires.
     fn encoder_count(&mut self, time_s: f64) -> u32 {
         let count = if self.jumpers.is_some() { self.wired.count } else { self.world.encoder(time_s) };
         if self.planted.half_counts { (count as i32 >> 1) as u32 } else { count }
     }
 
-    /// Brings TIM2's count to where the encoder is, if its pins lead there.
+    /// Sets TIM2's count to the encoder's position, if its pins are connected.
     fn latch_encoder(&mut self, now: Cycles) {
         if self.encoder_is_wired() {
             let time_s = self.seconds(now);
@@ -696,7 +696,7 @@ impl Chip {
         }
     }
 
-    /// The computer at the serial link sends; nothing arrives where the pin is not the port's.
+    /// The computer at the serial link sends; nothing arrives if the pin is not assigned to the port.
     pub fn serial_send(&mut self, bytes: &[u8], now: Cycles) {
         self.lpuart1.advance(now);
         if self.pin_mode(self.board.serial_rx) == LPUART1_FUNCTION {
@@ -772,7 +772,7 @@ fn find(address: u32) -> Option<&'static Block> {
     BLOCKS[..behind].last().filter(|block| address < block.end)
 }
 
-/// The word and the bit in it that an address of the peripherals' bit-band alias stands for (RM0440 2.3).
+/// The word and its bit for which an address of the peripherals' bit-band alias stands (RM0440 2.3).
 fn bit_band(address: u32) -> Option<(u32, u32)> {
     let offset = address.checked_sub(BIT_BAND.start).filter(|_| address < BIT_BAND.end)?;
     Some((0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32))
@@ -858,10 +858,10 @@ mod tests {
         assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
         write(&mut chip, ENABLES[1], 1);
         assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
-        // PWR_CR1 with its gate shut.
+        // PWR_CR1 with its gate closed.
         write(&mut chip, 0x4000_7000, 0x300);
         assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
-        // RCC_BDCR while the backup domain is shut.
+        // RCC_BDCR while the backup domain is closed.
         write(&mut chip, RCC_BDCR, 1 << 15);
         assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
     }

@@ -1,20 +1,19 @@
-//! The core: unicorn executes instructions, this keeps time, takes exceptions and sleeps.
+//! The core: unicorn executes instructions; this module keeps time, takes exceptions and sleeps.
 //!
-//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops in front of the block
-//!   when a peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each
-//!   access.
-//! - *Exceptions*: frames are stacked and unstacked here, outside of unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the
-//!   frame of the floating point unit is stored at once whenever it is in use, which is what lazy stacking looks like
-//!   to a program.
+//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops before the block if a
+//!   peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each access.
+//! - *Exceptions*: frames are stacked and unstacked here, outside unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the frame
+//!   of the floating point unit is stored at once whenever the unit is in use, which is how lazy stacking looks to a
+//!   program.
 //! - *Sleep*: time jumps to the next event.
-//! - *Faults*: an access that nobody answers or an instruction that does not exist ends the run, unless
-//!   [`Faults::Taken`].
+//! - *Faults*: an access with no answer or an undefined instruction ends the run, unless [`Faults::Taken`].
 //!
-//! - *Protection*: the regions of the protection unit become those of unicorn; a change counts from the next block on.
+//! - *Protection*: the regions of the protection unit become those of unicorn; a change takes effect from the next
+//!   block on.
 //!
-//! Interrupts are taken between blocks only, so up to some ten instructions later than on the chip. Not modelled: lazy
-//! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of
-//! flash. [`Cpu::count_cycles`] counts what these cost beside the clock.
+//! Interrupts are taken between blocks only, so up to about ten instructions later than on the chip. Not modelled: lazy
+//! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of flash.
+//! [`Cpu::count_cycles`] counts what these cost, separately from the clock.
 
 use crate::{
     Cycles, Width,
@@ -29,19 +28,20 @@ const EXCEPTION_CYCLES: Cycles = 12;
 /// CONTROL: the process stack is in use; the floating point unit is in use.
 const SPSEL: u32 = 1 << 1;
 const FPCA: u32 = 1 << 2;
-/// XPSR: how the next instructions depend on conditions.
+/// XPSR: the conditions on the next instructions.
 const IT: u64 = 0x0600_fc00;
 /// Unicorn's numbers of exceptions (QEMU, target/arm/cpu.h).
 const EXCP_SWI: u32 = 2;
 const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
-/// Addresses from here on are no code but the end of an exception.
+/// Addresses from here on are not code but the return from an exception.
 const EXC_RETURN: u32 = 0xffff_ff00;
-/// Where the parts of SRAM1 and SRAM2 begin: SRAM1 is three of them (ES0430 2.2.7, as public firmware has it; RM0440 2.4).
+/// Start addresses of the parts of SRAM1 and SRAM2: SRAM1 has three (ES0430 2.2.7, as public firmware has it; RM0440
+/// 2.4).
 pub const SRAM_CUTS: [u32; 4] = [0x2000_0000, 0x2000_8000, 0x2001_0000, 0x2001_4000];
-/// Behind the last one.
+/// End of the last one.
 const SRAM_END: u32 = 0x2001_8000;
-/// What an access is called that fetches an instruction.
+/// Name of an access that fetches an instruction.
 const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
 const SEV: u16 = 0xbf40;
@@ -61,11 +61,11 @@ pub enum Faults {
 pub struct Place {
     /// Address of the instruction.
     pub pc: u32,
-    /// Where its function returns to, if that is not on the stack.
+    /// Where its function returns to, unless that is on the stack.
     pub lr: u32,
 }
 
-/// Why a run ended before its time.
+/// Why a run ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
     /// The program went to the boot loader in ROM.
@@ -74,7 +74,7 @@ pub enum Stop {
     /// The chip was started, and its option bytes lead into SRAM1.
     #[error("the chip starts whatever is in SRAM1, by its option bytes")]
     Ram,
-    /// The supply failed in the middle of a flash operation, as ordered.
+    /// The supply failed during a flash operation, as ordered.
     #[error("the supply failed during a flash operation")]
     PowerFailed,
     /// No model knows this access.
@@ -96,7 +96,7 @@ pub enum Stop {
         /// Where.
         address: u32,
     },
-    /// An instruction that does not exist, as panics use to end.
+    /// An undefined instruction, with which panics usually end.
     #[error("undefined instruction")]
     Undefined,
     /// A breakpoint without a debugger.
@@ -105,16 +105,16 @@ pub enum Stop {
     /// A fault while handling one.
     #[error("lock-up: a fault inside the handler of a fault")]
     LockUp,
-    /// The floating point unit was used before CPACR let it.
+    /// The floating point unit was used before CPACR enabled it.
     #[error("a floating point instruction while the unit is off (CPACR)")]
     FloatingPointOff,
-    /// An exception frame has no room.
+    /// There is no room for an exception frame.
     #[error("an exception frame at {0:#010x} lies outside of RAM, or where the protection unit forbids it")]
     Stack(u32),
     /// An exception return without an exception.
     #[error("exception return {0:#010x} while no exception is active")]
     Return(u32),
-    /// The emulator itself.
+    /// An error of the emulator itself.
     #[error("unicorn: {0}")]
     Emulator(String),
 }
@@ -128,7 +128,7 @@ struct Block {
 }
 
 impl Block {
-    /// Decodes as far as lengths go: halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
+    /// Decodes only as far as lengths go: halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
     fn decode(code: &[u8]) -> Self {
         let mut block = Self { bytes: code.len() as u32, ..Self::default() };
         let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
@@ -143,7 +143,7 @@ impl Block {
     }
 }
 
-/// Why unicorn came back.
+/// Why unicorn returned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Pause {
     /// By itself: WFI.
@@ -153,7 +153,7 @@ enum Pause {
     Attention,
     /// WFE.
     Event,
-    /// An exception number of unicorn's.
+    /// One of unicorn's exception numbers.
     Exception(u32),
 }
 
@@ -164,28 +164,28 @@ pub struct Core {
     /// The core's own registers.
     pub nvic: Nvic,
     now: Cycles,
-    /// Something happens then.
+    /// Time of the next event.
     deadline: Cycles,
     /// End of the run.
     limit: Cycles,
     pause: Pause,
     asleep: Option<Sleep>,
-    /// An exception waits that only masks may hold back.
+    /// An exception is pending that only masks may hold back.
     check: bool,
     stop: Option<Stop>,
-    /// Address of the block that runs, and of the one whose access nobody knew.
+    /// Address of the running block, and of the one with an unknown access.
     block: u32,
     failed: Option<u32>,
-    /// Access that nobody answered, until the fault is dealt with.
+    /// An unanswered access, until the fault is handled.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
     /// Which parts of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
     untouched: [bool; SRAM_CUTS.len()],
-    /// Writes that are about to be lost: where, and what stays.
+    /// Writes that are about to be lost: where, and what remains.
     losing: Vec<(u32, Vec<u8>)>,
     /// Writes lost since power-on that would have changed something: where.
     pub lost_writes: Vec<u32>,
-    /// Addresses of all of them.
+    /// Addresses of all first writes.
     pub first_writes: Vec<u32>,
     /// Instructions executed since power-on.
     pub instructions: u64,
@@ -193,9 +193,9 @@ pub struct Core {
     pub slept: Cycles,
     /// Exceptions taken since power-on, by number.
     pub taken: [u64; 128],
-    /// Most exceptions that were active at once.
+    /// Most exceptions active at once.
     pub deepest: usize,
-    /// The count of cycles, where asked for.
+    /// The count of cycles, if enabled.
     model: Option<Box<Model>>,
 }
 
@@ -208,7 +208,7 @@ enum Sleep {
 }
 
 impl Core {
-    /// Looks at lines, events and the next moment at which something happens.
+    /// Updates lines, events and the time of the next event.
     fn refresh(&mut self) {
         self.nvic.set_lines(self.chip.irq_lines(), self.chip.nmi());
         self.nvic.advance(self.now);
@@ -217,7 +217,7 @@ impl Core {
         self.deadline = events.into_iter().flatten().min().map_or(self.limit, |event| event.min(self.limit));
     }
 
-    /// Brings the peripherals to now.
+    /// Brings the peripherals to the current time.
     fn advance(&mut self) {
         self.chip.advance(self.now);
         if let Some(bad) = self.chip.take_fault() {
@@ -285,7 +285,7 @@ impl Core {
         self.failed.get_or_insert(self.block);
     }
 
-    /// A vector. Address 0 is where MEM_MODE says: flash, or the ROM, whose handlers are not modelled.
+    /// A vector. MEM_MODE selects what is at address 0: flash, or the ROM, whose handlers are not modelled.
     fn vector(&self, address: u32) -> Option<u32> {
         let from_flash = address < flash::LEN as u32 && self.chip.syscfg.mem_mode() == 0;
         let word = self.code(if from_flash { flash::START + address } else { address }, 4)?;
@@ -296,7 +296,7 @@ impl Core {
         self.chip.bytes(address, len as usize)
     }
 
-    /// What the model of cycles makes of something, where there is one.
+    /// Passes something to the model of cycles, if there is one.
     fn model(&mut self, tell: impl FnOnce(&mut Model, &Self)) {
         if let Some(mut model) = self.model.take() {
             tell(&mut model, self);
@@ -309,7 +309,7 @@ impl Core {
         self.model.as_ref().map(|model| model.total(self.chip.transfers))
     }
 
-    /// What a block of code is, looked up by its address.
+    /// Looks up a block of code by its address.
     fn look_up(&mut self, address: u32, bytes: u32) -> Block {
         let slot = (address.wrapping_sub(flash::START) / 2) as usize;
         if let Some(block) = self.blocks.get(slot).filter(|block| block.bytes == bytes) {
@@ -323,7 +323,7 @@ impl Core {
     }
 }
 
-/// The private peripheral bus, and in it what belongs to the chip.
+/// The private peripheral bus, and within it what belongs to the chip.
 const PRIVATE: u32 = 0xe000_0000;
 const DEBUG: u32 = 0xe004_2000;
 /// The protection unit.
@@ -337,7 +337,7 @@ fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
     faults: Faults,
-    /// What unicorn enforces.
+    /// The regions that unicorn enforces.
     regions: Vec<Region>,
     /// The hook that sees writes, while one is to be lost.
     writes: Option<UcHookId>,
@@ -402,24 +402,24 @@ impl Cpu {
         Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None })
     }
 
-    /// What happens at a fault of the program from now on.
+    /// Sets what happens at a fault of the program from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.faults = faults;
     }
 
-    /// From now on counts cycles too, which takes about twice the computer's time ([`Core::cycles`]).
+    /// From now on also counts cycles, which takes about twice the computer's time ([`Core::cycles`]).
     pub fn count_cycles(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
         core.model = Some(Box::new(Model::new(core.chip.transfers)));
         let seen = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
             uc.get_data_mut().model(|model, core| model.data(address as u32, len, &core.chip.flash.access()));
-            // Before a hook unicorn puts back the state of IT, which its code then leaves for the next block to see.
+            // Before a hook unicorn restores the IT state, which its code then leaves for the next block.
             let status = uc.reg_read(R::XPSR).unwrap_or(0);
             status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
         };
         let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
         self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
-        // What is translated already calls no hook.
+        // Code already translated calls no hook.
         self.forget_code()
     }
 
@@ -448,12 +448,12 @@ impl Cpu {
         self.uc.reg_write(register, u64::from(value)).map_err(emulator)
     }
 
-    /// What the chip says of its flash \[KB\].
+    /// Sets the flash size that the chip reports \[KB\].
     pub fn set_flash_kb(&mut self, kb: u16) -> Result<(), Stop> {
         self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes()).map_err(emulator)
     }
 
-    /// Where the program is; after an access that nobody knew, the start of the block of instructions that made it.
+    /// Where the program is; after an unknown access, the start of the block of instructions that made it.
     pub fn place(&self) -> Place {
         let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);
         Place { pc, lr: self.register(R::LR) }
@@ -468,7 +468,7 @@ impl Cpu {
         }
     }
 
-    /// Sees to it that the first write to each SRAM is lost.
+    /// Makes the first write to each SRAM get lost.
     fn lose_first_writes(&mut self) -> Result<(), Stop> {
         if !self.core().chip.errata().first_write_lost {
             return Ok(());
@@ -530,14 +530,14 @@ impl Cpu {
         self.set(R::PC, start | 1)
     }
 
-    /// Goes to the boot loader in ROM, as a start does that leads there.
+    /// Enters the boot loader in ROM, as after a start that leads there.
     pub fn enter_rom(&mut self) -> Result<(), Stop> {
         let [stack, start] = rom::VECTORS;
         self.set(R::SP, stack)?;
         self.set(R::PC, start)
     }
 
-    /// Lets time pass in which no instruction is executed.
+    /// Lets time pass without executing instructions.
     pub fn pass(&mut self, cycles: Cycles) -> Result<(), Stop> {
         let core = self.core_mut();
         core.now += cycles;
@@ -554,7 +554,7 @@ impl Cpu {
         self.uc.ctl_flush_tb().map_err(emulator)
     }
 
-    /// Goes to a program as a boot loader does: stack and start from its vectors, everything else as it is.
+    /// Enters a program as a boot loader does: stack and start from its vectors, everything else unchanged.
     pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
@@ -564,8 +564,8 @@ impl Cpu {
         self.set(R::PC, start | 1)
     }
 
-    /// Runs up to a moment, at which time stands exactly unless the core was busy; a reset that the chip asks for ends
-    /// it too.
+    /// Runs up to a moment, which is met exactly unless the core was busy; a reset that the chip requests ends the run
+    /// too.
     pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
         self.core_mut().limit = until;
         loop {
@@ -638,7 +638,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Lets unicorn run until something is to be done.
+    /// Lets unicorn run until there is something to do.
     fn execute(&mut self) -> Result<(), Stop> {
         self.protect()?;
         self.core_mut().pause = Pause::Itself;
@@ -705,14 +705,14 @@ impl Cpu {
         }
     }
 
-    /// Stacks the frame of an exception and goes to its handler (B1.5.6).
+    /// Stacks the frame of an exception and enters its handler (B1.5.6).
     fn enter(&mut self, exception: usize) -> Result<(), Stop> {
         let control = self.register(R::CONTROL);
         let thread = self.core().nvic.depth() == 0;
         let floats = control & FPCA != 0;
         let before = self.register(R::SP);
         let stack = before.wrapping_sub(if floats { 0x68 } else { 0x20 }) & !7;
-        // Bit 9 tells that the stack was moved to a multiple of eight.
+        // Bit 9 says that the stack was aligned to a multiple of eight.
         let status = self.register(R::XPSR) & !(1 << 9) | (before & 4) << 7;
         let mut frame: Vec<u32> = FRAME.iter().map(|&register| self.register(register)).collect();
         frame.extend([self.register(R::PC) & !1, status]);
@@ -723,7 +723,8 @@ impl Cpu {
         let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
         let masks = Self::masks(&self.uc);
         let core = self.core_mut();
-        // A fault's handler is entered with the stack that caused it, whatever becomes of the frame; here it is kept.
+        // A fault's handler is entered with the stack that caused the fault, whether the frame can be stored or not;
+        // here it is stored.
         let into_fault = matches!(exception, NMI | HARD_FAULT);
         if !into_fault && core.nvic.regions(masks).iter().any(|region| !region.write && region.contains(stack)) {
             return Err(Stop::Stack(stack));
@@ -738,7 +739,7 @@ impl Cpu {
             (true, false) => 0x9,
             (false, _) => 0x1,
         };
-        // The main stack first: in handler mode the choice cannot be changed any more.
+        // The main stack first: in handler mode the choice can no longer be changed.
         self.set(R::CONTROL, control & !(SPSEL | FPCA))?;
         self.set(R::XPSR, 1 << 24 | exception as u32)?;
         self.set(R::LR, 0xffff_ffe0 | if floats { 0 } else { 0x10 } | mode)?;
@@ -756,7 +757,7 @@ impl Cpu {
         }
     }
 
-    /// Goes back to what an exception interrupted (B1.5.8).
+    /// Returns to what an exception interrupted (B1.5.8).
     fn leave(&mut self, exc_return: u32) -> Result<(), Stop> {
         let core = self.core_mut();
         let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
@@ -787,7 +788,7 @@ impl Cpu {
         if !process {
             self.set(R::SP, after)?;
         }
-        // Unicorn's XPSR leaves out the greater-or-equal flags.
+        // Unicorn's XPSR lacks the greater-or-equal flags.
         self.set(R::XPSR, status & !(1 << 9))?;
         self.set(R::XPSR_NZCVQG, status)?;
         let control = self.register(R::CONTROL) & !(SPSEL | FPCA);
@@ -796,7 +797,7 @@ impl Cpu {
         if process {
             self.set(R::SP, after)?;
         }
-        // A return from anything but NMI opens FAULTMASK again.
+        // A return from anything but NMI clears FAULTMASK.
         if ended != NMI {
             self.set(R::FAULTMASK, 0)?;
         }
@@ -880,8 +881,8 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
 
 fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     uc.add_block_hook(1, 0, before_block)?;
-    // Unicorn brings WFE here, with the program counter behind it; on an instruction that does not exist it stands on
-    // it.
+    // Unicorn calls this for WFE, with the program counter after it; for an undefined instruction the program counter
+    // is on it.
     uc.add_insn_invalid_hook(|uc: &mut Unicorn<Core>| {
         let pc = uc.reg_read(R::PC).unwrap_or(0) as u32;
         let half = |core: &Core, at: u32| core.code(at, 2).map(|code| u16::from_le_bytes([code[0], code[1]]));
@@ -903,7 +904,7 @@ fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
             MemType::WRITE_UNMAPPED | MemType::WRITE_PROT => "write to",
             _ => EXECUTION,
         };
-        // Fetching the end of an exception is no fault.
+        // Fetching the return address of an exception is not a fault.
         if (address as u32) < EXC_RETURN {
             uc.get_data_mut().unmapped = Some((what, address as u32));
         }

@@ -1,8 +1,8 @@
-//! How many cycles a program takes: two bounds, kept beside the twin's own time.
+//! How many cycles a program takes: two bounds, kept separately from the twin's own time.
 //!
-//! The twin's clock counts one cycle an instruction. Where asked for ([`crate::cpu::Cpu::count_cycles`]), this model adds up
-//! what the same blocks of instructions cost on the chip while the core is awake. What no document tells is taken both
-//! ways, so the answer is a range.
+//! The twin's clock counts one cycle per instruction. If enabled ([`crate::cpu::Cpu::count_cycles`]), this model adds
+//! up what the same blocks of instructions cost on the chip while the core is awake. What no document specifies is
+//! taken both ways, so the answer is a range.
 //!
 //! | what | optimistic | pessimistic | source |
 //! |---|---|---|---|
@@ -20,7 +20,7 @@
 //! | exception: return | 10 | 29 | as above, with the floating point frame |
 //!
 //! SRAM and CCM SRAM have no wait states (RM0440, 2.4). Not modelled: the prefetch of the flash interface
-//! (FLASH_ACR.PRFTEN), which our image leaves off; flash of bank 2 while it is busy, which the twin counts by itself.
+//! (FLASH_ACR.PRFTEN), which our image leaves off; flash of bank 2 while it is busy, which the twin counts itself.
 //! Order and time of interrupts are the twin's.
 
 pub mod timing;
@@ -29,9 +29,9 @@ use crate::chip::flash::{self, Access};
 use std::collections::HashMap;
 pub use timing::Range;
 
-/// Peripherals of the chip, which lie behind buses of their own.
+/// Peripherals of the chip, which are behind buses of their own.
 const REGISTERS: std::ops::Range<u32> = 0x4000_0000..0x6000_0000;
-/// Bytes of a cache line, in flash's two organisations alike.
+/// Bytes of a cache line, in both organisations of flash.
 const LINE: u32 = 32;
 const INSTRUCTION_LINES: usize = 32;
 const DATA_LINES: usize = 8;
@@ -41,12 +41,12 @@ const PERIPHERAL: Range = Range { least: 0, most: 8 };
 const TRANSFER: Range = Range { least: 0, most: 2 };
 const ENTRY: Range = Range { least: 12, most: 29 };
 const RETURN: Range = Range { least: 10, most: 29 };
-/// Return and entry of exceptions that follow each other at once.
+/// Return and entry of exceptions that follow each other immediately.
 const TAIL_CHAIN: u64 = 6;
 /// What the core fetches ahead, in bytes.
 const FETCHED_AHEAD: u32 = 12;
 
-/// The core waits for a whole line; without a cache for one read.
+/// The core waits for a whole line; without a cache, for one read.
 fn line_stall(access: &Access, cached: bool) -> u64 {
     let reads = if cached { u64::from(LINE / access.width) } else { 1 };
     reads * (access.wait_states + 1) - 1
@@ -64,10 +64,10 @@ impl Cache {
         Self { lines: Vec::with_capacity(capacity), capacity }
     }
 
-    /// Uses the line of this address; says whether it was there.
+    /// Uses the line of this address; returns whether it was there.
     fn hit(&mut self, address: u32) -> bool {
         let line = address / LINE;
-        // Mostly the one used last.
+        // Usually the one used last.
         let found = self.lines.iter().rposition(|&held| held == line);
         match found {
             Some(at) => self.lines[at..].rotate_left(1),
@@ -82,7 +82,7 @@ impl Cache {
     }
 }
 
-/// Caches as one of the bounds sees them.
+/// Caches as assumed by one of the bounds.
 #[derive(Clone, Debug)]
 struct Caches {
     instructions: Cache,
@@ -95,7 +95,7 @@ impl Caches {
     }
 }
 
-/// What was before the block that comes.
+/// What precedes the next block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
     /// A block that ends here.
@@ -106,7 +106,7 @@ enum Before {
     Entry,
 }
 
-/// The count.
+/// The running count.
 #[derive(Clone, Debug)]
 pub struct Model {
     total: Range,
@@ -123,7 +123,7 @@ fn in_flash(address: u32) -> bool {
 }
 
 impl Model {
-    /// Nothing yet, with empty caches, after so many transfers by DMA.
+    /// A count of zero, with empty caches, after this many transfers by DMA.
     pub fn new(transfers: u64) -> Self {
         Self {
             total: Range::default(),
@@ -135,7 +135,7 @@ impl Model {
         }
     }
 
-    /// Cycles so far, after so many transfers by DMA in all.
+    /// Cycles so far, after this many transfers by DMA in total.
     pub fn total(&self, transfers: u64) -> Range {
         let new = transfers - self.transfers;
         let mut total = self.total;
@@ -166,13 +166,13 @@ impl Model {
     }
 
     /// Cycles of a block whose missing double words are read while it executes; only the first one after a branch
-    /// cannot be read before.
+    /// cannot be read in advance.
     fn fetch(&mut self, code: std::ops::Range<u32>, execution: u64, follows: bool, access: &Access) -> u64 {
         let (mut missing, mut held) = (0, None);
         for read in code.start / access.width..=(code.end - 1) / access.width {
             let address = read * access.width;
             let line = address / LINE;
-            // A line is looked up once a block: its parts come one after the other.
+            // A line is looked up once per block, as its parts follow each other.
             let is_held = match held {
                 Some((known, is_held)) if known == line => is_held,
                 _ => self.least.instructions.hit(address) && access.instruction_cache,
@@ -209,7 +209,7 @@ impl Model {
         self.total.most += 1 + if hit { 0 } else { line_stall(access, access.data_cache) };
     }
 
-    /// The program reads or writes a register. The core's own answer at once.
+    /// The program reads or writes a register. The core's own respond at once.
     pub fn register(&mut self, address: u32) {
         if REGISTERS.contains(&address) {
             self.total += PERIPHERAL;
@@ -278,7 +278,7 @@ mod tests {
         };
         // 31 blocks of 10 and the refills between them.
         assert_eq!(laps(1024), Range::new(31 * 11, 31 * 13));
-        // Each line is gone before it is used again.
+        // Each line is evicted before it is used again.
         let long = laps(1056);
         assert_eq!((long.least, long.most), (32 * (1 + 15), 32 * (10 + 3 + 19)));
     }

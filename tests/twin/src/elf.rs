@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 #[error("the image is no ELF file for ARM: {0}")]
 pub struct ElfError(String);
 
-/// What is needed of an ELF file.
+/// The needed parts of an ELF file.
 #[derive(Clone, Debug, Default)]
 pub struct Elf {
     segments: Vec<(u32, Vec<u8>)>,
@@ -26,7 +26,7 @@ impl Elf {
         let mut elf = Self::default();
         let endian = file.endian();
         for header in file.elf_program_headers() {
-            // Only what is loaded; it lies in flash at its physical address.
+            // Only what is loaded; it goes to flash, at its physical address.
             if header.p_type.get(endian) == object::elf::PT_LOAD && header.p_filesz.get(endian) > 0 {
                 let start = header.p_offset.get(endian) as usize;
                 let data = bytes.get(start..start.saturating_add(header.p_filesz.get(endian) as usize));
@@ -88,7 +88,7 @@ impl Elf {
         bytes.get((start - segment) as usize..(end - segment) as usize)
     }
 
-    /// The name of the function at an address, as it is in the source.
+    /// The name of the function at an address, as in the source.
     pub fn function_at(&self, address: u32) -> Option<String> {
         let behind = self.functions.partition_point(|&(start, ..)| start <= address);
         let (_, end, name) = self.functions[..behind].last()?;
@@ -104,7 +104,7 @@ mod tests {
     fn what_is_no_image_is_refused() {
         assert!(Elf::parse(b"").is_err());
         assert!(Elf::parse(&[0x7f; 100]).is_err());
-        // Of this test's own program, for another machine.
+        // This test's own program, which is for another machine.
         let own = std::fs::read(std::env::current_exe().expect("running")).expect("readable");
         assert!(Elf::parse(&own).is_err());
     }

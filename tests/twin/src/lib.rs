@@ -3,7 +3,7 @@
 //! The release ELF for the STM32G474RE runs unmodified: [unicorn](https://www.unicorn-engine.org) executes the
 //! instructions, and everything around them is ours: interrupt controller and virtual time ([`nvic`], [`cpu`]), one
 //! small model per peripheral ([`chip`]), the world outside the pins ([`world`], [`mod@bench`]) and the other end of
-//! the USB cable ([`usb_host`]). [`machine::Machine`] is what a test holds in its hands.
+//! the USB cable ([`usb_host`]). Tests use a [`machine::Machine`].
 //!
 //! Glossary:
 //! - *cycle*: one period of the core's clock HCLK. One instruction counts as one cycle, an exception entry or return
@@ -13,8 +13,8 @@
 //! - *line*: the level of an interrupt request between a peripheral and the interrupt controller.
 //! - *storage*: a register that only keeps what was written to it. Reading one that was never written is listed.
 //!
-//! What agreement means: the binary agrees with these models, and these models are our reading of RM0440 (reference
-//! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). Silicon was not asked.
+//! Meaning of agreement: the binary agrees with these models, and these models are our reading of RM0440 (reference
+//! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). They were not checked against silicon.
 //!
 //! Licence: unicorn is GPL-2.0. This crate is for tests and is linked into nothing that ships.
 

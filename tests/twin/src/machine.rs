@@ -1,4 +1,4 @@
-//! The board with its firmware, as a test holds it in its hands.
+//! The board with its firmware, for tests.
 //!
 //! ```no_run
 //! use inerter_twin::{machine::Machine, world::Still};
@@ -10,8 +10,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The same image, world and calls give the same run to the bit. Resets that the chip asks for happen and are noted
-//! ([`Machine::resets`]); everything else that is not in order ends the run with [`Ended`].
+//! The same image, world and calls give the same run to the bit. Resets that the chip requests are carried out and
+//! noted ([`Machine::resets`]); any other irregularity ends the run with [`Ended`].
 
 use crate::{
     Board, Cycles, Width, World,
@@ -31,7 +31,7 @@ use crate::{
 use std::path::PathBuf;
 use unicorn_engine::RegisterARM;
 
-/// What cortex-m-rt paints the stack with before it is used.
+/// What cortex-m-rt paints the stack with beforehand.
 const PAINT: u32 = 0xcccc_cccc;
 
 /// Why a machine cannot be built.
@@ -53,7 +53,7 @@ pub enum StartError {
     Cpu(#[from] Stop),
 }
 
-/// The end of a run before its time.
+/// A run ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{stop}, at {time_s:.6} s, pc {} (called from {})",
@@ -93,7 +93,7 @@ pub struct Usage {
 }
 
 impl Usage {
-    /// Part of the time that the core was awake.
+    /// Fraction of the time that the core was awake.
     pub fn load(&self) -> f64 {
         1.0 - self.slept as f64 / self.cycles.max(1) as f64
     }
@@ -103,13 +103,13 @@ impl Usage {
         self.instructions as f64 / self.time_s
     }
 
-    /// Part of the time that the core is awake on the chip.
+    /// Fraction of the time that the core is awake on the chip.
     pub fn load_on_the_chip(&self) -> Option<[f64; 2]> {
         let awake = self.awake?;
         Some([awake.least, awake.most].map(|cycles| cycles as f64 / self.cycles.max(1) as f64))
     }
 
-    /// What came after an earlier moment.
+    /// The difference to an earlier moment.
     pub fn since(&self, earlier: &Self) -> Self {
         Self {
             time_s: self.time_s - earlier.time_s,
@@ -126,7 +126,7 @@ impl Usage {
 pub struct StackUse {
     /// Bytes from the start of the stack down to the lowest that was changed.
     pub used: usize,
-    /// Bytes that there are.
+    /// Bytes available.
     pub available: usize,
 }
 
@@ -137,13 +137,13 @@ pub struct Options {
     pub board: Board,
     /// Decides what RAM holds when power comes.
     pub seed: u64,
-    /// Kilobytes of flash that the chip says it has.
+    /// Kilobytes of flash that the chip reports.
     pub flash_kb: u16,
     /// What happens at a fault of the program.
     pub faults: Faults,
     /// Where the chip differs from its manual.
     pub errata: Errata,
-    /// What becomes of a program that does what it should not.
+    /// How violations by the program are treated.
     pub rules: Rules,
 }
 
@@ -167,7 +167,7 @@ pub struct Machine {
     seed: u64,
     resets: Vec<(f64, Reset)>,
     boot0: bool,
-    /// How the boot loader leaves, where it does what it does on the chip; else the run ends there.
+    /// How the boot loader leaves, if it acts as on the chip; otherwise the run ends there.
     serves: Option<Left>,
     /// The boot loader while it runs.
     rom: Option<BootRom>,
@@ -247,7 +247,7 @@ impl Machine {
             if until <= self.now() {
                 return Ok(());
             }
-            // While the clock tree is still to be set up a second is not yet the number of cycles that it will be.
+            // Until the clock tree is set up, a second is not yet its final number of cycles.
             let slice = until.min(self.now() + SLICE);
             if self.rom.is_some() {
                 self.look_into_rom(until).map_err(|stop| self.ended(stop))?;
@@ -267,7 +267,7 @@ impl Machine {
         self.run_until(self.time_s() + length_s)
     }
 
-    /// Runs, `step_s` at a time, until something holds or so much time has passed; says whether it holds.
+    /// Runs, `step_s` at a time, until a condition holds or this time has passed; returns whether it holds.
     pub fn run_until_that(
         &mut self,
         limit_s: f64,
@@ -291,7 +291,7 @@ impl Machine {
         Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
     }
 
-    /// From now on the boot loader waits for firmware on USB, and leaves like this.
+    /// From now on the boot loader waits for firmware on USB, and leaves in this way.
     pub fn serve_rom(&mut self, left: Left) {
         self.serves = Some(left);
     }
@@ -336,12 +336,12 @@ impl Machine {
         }
     }
 
-    /// Sets the level of the boot pin; it counts at the next start, where the option bytes let it.
+    /// Sets the level of the boot pin; it counts at the next start, if the option bytes allow it.
     pub fn set_boot0(&mut self, level: bool) {
         self.boot0 = level;
     }
 
-    /// Somebody presses the reset button.
+    /// The reset button is pressed.
     pub fn reset(&mut self) -> Result<(), StartError> {
         Ok(self.restart(Reset::Pin)?)
     }
@@ -360,7 +360,7 @@ impl Machine {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
         for &(address, value) in left.writes() {
-            // Longer than any oscillator takes.
+            // Longer than any oscillator needs.
             self.cpu.pass(1_000)?;
             let now = self.now();
             let core = self.cpu.core_mut();
@@ -377,7 +377,7 @@ impl Machine {
         self.cpu.jump(flash::START)
     }
 
-    /// Power goes and comes back: flash keeps what it has, RAM holds anything.
+    /// Power is lost and returns: flash keeps its contents, RAM holds anything.
     pub fn power_cut(&mut self) -> Result<(), StartError> {
         self.seed = self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
         let seed = self.seed;
@@ -407,7 +407,7 @@ impl Machine {
         self.cpu.core().instructions
     }
 
-    /// Core frequency that the registers ask for \[Hz\].
+    /// Core frequency set in the registers \[Hz\].
     pub fn clock_hz(&self) -> f64 {
         self.chip().clocks.hclk_hz
     }
@@ -424,15 +424,15 @@ impl Machine {
         self.chip_mut().serial_take(now)
     }
 
-    /// A word of RAM, flash or neither.
+    /// A word of RAM or flash; none elsewhere.
     pub fn word(&self, address: u32) -> Option<u32> {
         let bytes = self.chip().bytes(address, 4)?;
         Some(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
-    /// How much of the stack was used since the last start, as far as the paint of cortex-m-rt tells.
+    /// How much of the stack was used since the last start, as far as the paint of cortex-m-rt shows.
     ///
-    /// Nothing for an image without that paint's symbols.
+    /// None for an image without that paint's symbols.
     pub fn stack_high_water(&self) -> Option<StackUse> {
         let end = self.elf.symbol("_stack_end")?;
         let start = self.elf.symbol("_stack_start")?;
@@ -447,12 +447,12 @@ impl Machine {
         self.chip_mut().unwritten_reads()
     }
 
-    /// A copy of all that flash keeps.
+    /// A copy of everything that flash keeps.
     pub fn flash(&self) -> flash::Contents {
         self.chip().flash.contents()
     }
 
-    /// Puts such a copy into flash; to be followed by a restart.
+    /// Puts such a copy into flash; a restart must follow.
     pub fn set_flash(&mut self, contents: &flash::Contents) {
         self.chip_mut().flash.set_contents(contents);
     }
@@ -463,16 +463,16 @@ impl Machine {
     }
 }
 
-/// Longest stretch in which frequencies are taken as they are: 1 ms at 16 MHz.
+/// Longest stretch in which frequencies are assumed constant: 1 ms at 16 MHz.
 const SLICE: Cycles = 16_000;
 
-/// An image that the environment names or `cargo build --release` left; where there is none, the test is skipped
+/// An image given in the environment, or left by `cargo build --release`; if there is none, the test is skipped
 /// ([`inerter_needs::or_skip`]).
 pub fn image(variable: &str, built: &str) -> Option<Vec<u8>> {
     read(std::env::var_os(variable).map_or_else(|| built_here(built), PathBuf::from))
 }
 
-/// The same, of the folder that the environment names.
+/// The same, from the folder given in the environment.
 pub fn image_in(variable: &str, built: &str) -> Option<Vec<u8>> {
     let own = built_here(built);
     let named = std::env::var_os(variable).map(PathBuf::from).zip(own.file_name().map(PathBuf::from));

@@ -1,4 +1,4 @@
-//! What `stm32-metapac` says of the chip's registers, for tests: those of the models, and `tests/registers.rs`.
+//! Register descriptions of the chip from `stm32-metapac`, for tests: those of the models, and `tests/registers.rs`.
 
 #![allow(dead_code, reason = "each test program uses its part")]
 
@@ -31,7 +31,7 @@ pub fn registers() -> BTreeMap<u32, Register> {
     found
 }
 
-/// Where a register of a peripheral lies, and the bits of one of its fields; of several alike, those of the first.
+/// Where a register of a peripheral is, and the bits of one of its fields; of several alike, those of the first.
 pub fn field(of: &str, register: &str, name: &str) -> (u32, u32) {
     let peripheral = peripheral(of);
     let registers = peripheral.registers.as_ref().expect("described");
@@ -43,17 +43,17 @@ pub fn field(of: &str, register: &str, name: &str) -> (u32, u32) {
     (peripheral.address as u32 + item.byte_offset, field_mask(&field.bit_offset, field.bit_size) << first)
 }
 
-/// That constants of a model are metapac's fields.
+/// Asserts that constants of a model match metapac's fields.
 ///
 /// # Panics
-/// If one is not.
+/// If one does not.
 pub fn fields_agree<B: Into<u32> + Copy>(of: &str, register: &str, constants: &[(&str, B)]) {
     for (name, bits) in constants {
         assert_eq!((*bits).into(), field(of, register, name).1, "{of}.{register}.{name}");
     }
 }
 
-/// The peripherals' list and the registers' write the same names in other cases.
+/// The lists of peripherals and of registers write the same names in different case.
 pub fn is_named(one: &str, other: &str) -> bool {
     let letters = |name: &str| name.replace('_', "").to_ascii_lowercase();
     letters(one) == letters(other)
@@ -116,7 +116,7 @@ fn walk(ir: &IR, name: &str, base: u32, prefix: &str, found: &mut BTreeMap<u32, 
                         let mask = field_mask(&field.bit_offset, field.bit_size);
                         offsets(&field.array).into_iter().fold(0, |all, shift| all | mask << shift)
                     };
-                    // Without fields all bits are one.
+                    // Without fields all bits count as one.
                     let fields = register
                         .fieldset
                         .map_or(u32::MAX, |set| all_fields(ir, set).into_iter().fold(0, |all, field| all | of(field)));

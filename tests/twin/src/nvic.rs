@@ -1,8 +1,8 @@
 //! The core's own registers: interrupt controller, system control block, SysTick, cycle counter (ARM DDI 0403, B3).
 //!
-//! Plain bookkeeping: which exception is pending, active, and may be taken; [`crate::cpu`] moves the stack and enforces
-//! the regions of the protection unit ([`Nvic::regions`]). The coprocessor access and the fault registers are storage,
-//! except that the floating point unit counts as off until CPACR says otherwise.
+//! Plain bookkeeping: which exceptions are pending or active, and which may be taken; [`crate::cpu`] moves the stack
+//! and enforces the regions of the protection unit ([`Nvic::regions`]). The coprocessor access and the fault registers
+//! are only stored, except that the floating point unit counts as off until CPACR enables it.
 //!
 //! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*:
 //! lower is more urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`]
@@ -28,7 +28,7 @@ const FIRST_INTERRUPT: usize = 16;
 const PRIORITY_BITS: u8 = 0xf0;
 
 const SEVONPEND: u32 = 1 << 4;
-/// AIRCR: key that a write must carry, and the bit that asks for a reset.
+/// AIRCR: the key that a write must carry, and the bit that requests a reset.
 const VECTKEY: u32 = 0x05fa;
 const SYSRESETREQ: u32 = 1 << 2;
 /// CPACR: full access to the floating point unit.
@@ -44,16 +44,16 @@ const MMFAR: u32 = 0xd34;
 const MPU_CTRL: u32 = 0xd94;
 const MPU_RNR: u32 = 0xd98;
 const MPU_RBAR: u32 = 0xd9c;
-/// Behind RASR and the three aliases of both.
+/// End of RASR and the three aliases of both.
 const MPU_END: u32 = 0xdbc;
 /// Regions of the protection unit (PM0214 4.5).
 const REGIONS: usize = 8;
-/// CTRL: enabled; also in the handlers of NMI and HardFault; the usual map where there is no region.
+/// CTRL: enabled; also in the handlers of NMI and HardFault; the default map where there is no region.
 const MPU_ENABLE: u32 = 1 << 0;
 const MPU_IN_FAULTS: u32 = 1 << 1;
 const MPU_BACKGROUND: u32 = 1 << 2;
 
-/// What the protection unit allows in a stretch of addresses (B3.5.9), to privileged code.
+/// What the protection unit allows in a range of addresses (B3.5.9), to privileged code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
     /// First address.
@@ -69,12 +69,12 @@ pub struct Region {
 }
 
 impl Region {
-    /// Whether an address lies in it.
+    /// Whether it contains an address.
     pub fn contains(&self, address: u32) -> bool {
         address.wrapping_sub(self.start) < self.len
     }
 
-    /// From RBAR and RASR; nothing where it is off.
+    /// From RBAR and RASR; none if it is off.
     fn decode(base: u32, attributes: u32) -> Result<Option<Self>, Unknown> {
         if attributes & 1 == 0 {
             return Ok(None);
@@ -116,7 +116,7 @@ struct Active {
 struct SysTick {
     control: u32,
     reload: u32,
-    /// When the counter last was, or will be, loaded.
+    /// When the counter was last, or will next be, loaded.
     since: Cycles,
     counted: bool,
 }
@@ -175,10 +175,10 @@ pub struct Nvic {
     regions: [(u32, u32); REGIONS],
     systick: SysTick,
     cycle_counter_on: bool,
-    /// Cycles that the counter lags behind the machine's.
+    /// Cycles by which the counter lags behind the machine's.
     cycle_counter_lag: u32,
     event: bool,
-    /// What was pending when that was last looked at: the rest is new.
+    /// What was pending at the last check: the rest is new.
     seen: (u128, u32),
     reset: bool,
 }
@@ -234,7 +234,7 @@ impl Default for Nvic {
 }
 
 impl Nvic {
-    /// How urgent an exception is, without the bits that only order what is pending.
+    /// Urgency of an exception, without the bits that only order pending ones.
     fn priority(&self, exception: usize) -> i32 {
         match exception {
             NMI => -2,
@@ -248,7 +248,7 @@ impl Nvic {
         i32::from(priority) & !((2 << self.group) - 1)
     }
 
-    /// What orders exceptions of one group: all bits, then the number.
+    /// Order of exceptions within one group: all bits, then the number.
     fn order(&self, exception: usize) -> (i32, i32, usize) {
         let whole = match exception {
             NMI | HARD_FAULT => 0,
@@ -258,7 +258,7 @@ impl Nvic {
         (self.priority(exception), i32::from(whole), exception)
     }
 
-    /// Pending interrupts: those whose line is high come back as soon as their handler has ended.
+    /// Pending interrupts: those whose line is high pend again as soon as their handler has ended.
     fn pending_interrupts(&self) -> u128 {
         let active = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
         let active = active.fold(0u128, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT));
@@ -301,7 +301,7 @@ impl Nvic {
         self.candidate().filter(|&exception| self.priority(exception) < self.execution_priority(masks))
     }
 
-    /// Whether there is one that only the core's masks may hold back.
+    /// Whether there is an exception that only the core's masks may hold back.
     pub fn wants_attention(&self) -> bool {
         self.takeable(Masks::default()).is_some()
     }
@@ -321,12 +321,12 @@ impl Nvic {
         self.nmi_line = nmi;
     }
 
-    /// An exception that the running instruction causes.
+    /// An exception caused by the running instruction.
     pub fn pend_system(&mut self, exception: usize) {
         self.pending_system |= 1 << exception;
     }
 
-    /// A fault of the bus at this address, which escalates to HardFault: nobody enables BusFault here.
+    /// A bus fault at this address, which escalates to HardFault: nothing enables BusFault here.
     pub fn bus_fault(&mut self, address: u32) {
         self.storage.set(BFAR, address);
         // PRECISERR, BFARVALID.
@@ -334,7 +334,7 @@ impl Nvic {
         self.hard_fault();
     }
 
-    /// An access that the protection unit forbids, which escalates to HardFault: nobody enables MemManage here.
+    /// An access that the protection unit forbids, which escalates to HardFault: nothing enables MemManage here.
     pub fn protection_fault(&mut self, address: u32, executing: bool) {
         // IACCVIOL, or DACCVIOL with MMARVALID.
         let status = if executing { 1 << 0 } else { 1 << 1 | 1 << 7 };
@@ -345,8 +345,8 @@ impl Nvic {
         self.hard_fault();
     }
 
-    /// What the protection unit enforces now, the stronger region last; empty while it is off, and in the handlers of
-    /// faults where it does not hold there.
+    /// What the protection unit currently enforces, the region with precedence last; empty while it is off, and in the
+    /// handlers of faults if it does not apply there.
     pub fn regions(&self, masks: Masks) -> Vec<Region> {
         let control = self.storage.get(MPU_CTRL);
         let in_fault = masks.faultmask || self.active.iter().any(|active| active.priority < 0);
@@ -357,7 +357,7 @@ impl Nvic {
         self.regions.iter().filter_map(|&(base, attributes)| Region::decode(base, attributes).ok().flatten()).collect()
     }
 
-    /// An instruction that does not exist.
+    /// An undefined instruction.
     pub fn undefined_instruction(&mut self) {
         self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 16);
         self.hard_fault();
@@ -369,14 +369,14 @@ impl Nvic {
         self.pend_system(HARD_FAULT);
     }
 
-    /// The core takes an exception; returns where its vector lies.
+    /// The core takes an exception; returns the address of its vector.
     pub fn enter(&mut self, exception: usize) -> u32 {
         self.active.push(Active { exception, priority: self.priority(exception) });
         match exception {
             0..FIRST_INTERRUPT => self.pending_system &= !(1 << exception),
             _ => self.pending &= !(1 << (exception - FIRST_INTERRUPT)),
         }
-        // What was pending is pending no more: coming again is new.
+        // What was pending no longer is: pending again is new.
         self.seen = (self.seen.0 & self.pending_interrupts(), self.seen.1 & self.pending_system);
         self.event = true;
         self.vector_table + 4 * exception as u32
@@ -388,7 +388,7 @@ impl Nvic {
         self.active.pop().map(|active| active.exception)
     }
 
-    /// The exception that runs, as IPSR names it; 0 in thread mode.
+    /// The running exception, as in IPSR; 0 in thread mode.
     pub fn running(&self) -> usize {
         self.active.last().map_or(0, |active| active.exception)
     }
@@ -398,7 +398,7 @@ impl Nvic {
         self.active.len()
     }
 
-    /// SEV, or what counts as such.
+    /// SEV, or an equivalent.
     pub fn set_event(&mut self) {
         self.event = true;
     }
@@ -408,12 +408,12 @@ impl Nvic {
         std::mem::take(&mut self.event)
     }
 
-    /// A reset is asked for.
+    /// Whether a reset is requested.
     pub fn reset_wanted(&self) -> bool {
         self.reset
     }
 
-    /// Where the vectors lie.
+    /// Where the vectors are.
     pub fn vector_table(&self) -> u32 {
         self.vector_table
     }
@@ -517,7 +517,7 @@ impl Nvic {
                 let count = self.cycle_count(now);
                 self.cycle_counter_on = value & 1 != 0;
                 self.set_cycle_count(count, now);
-                // Everything else of it is profiling.
+                // All other bits are for profiling.
                 if value & !1 & 0x0fff_ffff != 0 {
                     return Err(Unknown { what: "of the watchpoint unit only the cycle counter is modelled" });
                 }
@@ -542,7 +542,7 @@ impl Nvic {
     /// RBAR and RASR, and their three aliases.
     fn write_region(&mut self, register: u32, value: u32) -> Result<(), Unknown> {
         let is_base = register & 4 == MPU_RBAR & 4;
-        // VALID: the number comes along.
+        // VALID: the write includes the number.
         if is_base && value & 1 << 4 != 0 {
             self.storage.set(MPU_RNR, value & 0xf);
         }
@@ -685,7 +685,7 @@ mod tests {
     #[test]
     fn groups_order_without_interrupting() {
         let mut nvic = two();
-        // Two bits for the group: 0x60 and 0x40 are in one.
+        // Two bits for the group: 0x60 and 0x40 are in the same one.
         write(&mut nvic, 0xd0c, VECTKEY << 16 | 5 << 8);
         nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("known");
         write(&mut nvic, 0x200, 3 << 5);

@@ -1,4 +1,4 @@
-//! What a peripheral is to the bus: registers, and a time at which something happens by itself.
+//! A peripheral as seen by the bus: registers, and a time at which something happens by itself.
 
 use crate::chip::clocks::{Clocks, Cycles};
 
@@ -14,7 +14,7 @@ pub enum Width {
 }
 
 impl Width {
-    /// For this many bytes; nothing where the bus has no such access.
+    /// From this number of bytes; none if the bus has no such access.
     pub const fn of(bytes: usize) -> Option<Self> {
         match bytes {
             1 => Some(Self::Byte),
@@ -55,10 +55,10 @@ impl Width {
     }
 }
 
-/// An access that the model does not know: the run ends with it.
+/// An access that the model does not know: it ends the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// What is not known, for the person who reads the end of the run.
+    /// What is not known, for the reader of the run's end.
     pub what: &'static str,
 }
 
@@ -72,7 +72,7 @@ impl Unknown {
 /// One peripheral's registers.
 ///
 /// `offset` is counted from the peripheral's base address and keeps its two low bits; an access never crosses a word.
-/// `now` never goes back.
+/// `now` never decreases.
 pub trait Registers {
     /// A read by the core or by DMA, side effects included.
     fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown>;
@@ -93,7 +93,7 @@ pub trait Registers {
     /// The state after a system reset (RM0440 7.1.2), at `now`.
     fn reset(&mut self, now: Cycles);
 
-    /// The frequencies from `clocks` hold from now on. The model has been brought to this moment by `advance`.
+    /// The frequencies in `clocks` apply from now on. The model has been brought to this moment by `advance`.
     fn set_clocks(&mut self, clocks: &Clocks) {
         let _ = clocks;
     }
@@ -181,7 +181,7 @@ impl Storage {
         }
     }
 
-    /// All registers to their values after reset; what was written or read before stays known.
+    /// Sets all registers to their values after reset; what was written or read before stays known.
     pub fn reset(&mut self) {
         for cell in &mut self.cells {
             cell.value = cell.reset;

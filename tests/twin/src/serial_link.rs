@@ -1,15 +1,15 @@
 //! A board on the serial link (LPUART1 behind the ST-Link's virtual port), with the host's program at the other end.
 //!
-//! For tests that are not about USB: no enumeration, no host's schedule, the same bytes.
+//! For tests that are not about USB: no enumeration, no host schedule, the same bytes.
 
 use crate::machine::{Ended, Machine};
 use crate::talk::Talk;
 use inerter_wire::{Command, Record, Refusal, Reply};
 
-/// How often the host looks at its port \[s\].
+/// How often the host polls its port \[s\].
 const STEP_S: f64 = 5e-3;
 
-/// Why a request came to nothing.
+/// Why a request failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SerialError {
     /// The run has ended.
@@ -18,15 +18,15 @@ pub enum SerialError {
     /// No reply within the time.
     #[error("no reply to {command} within {limit_s} s")]
     NoReply {
-        /// What was asked.
+        /// The command.
         command: String,
-        /// How long it was waited for \[s\].
+        /// How long the wait was \[s\].
         limit_s: f64,
     },
-    /// The device said no.
+    /// The device refused.
     #[error("{command} was refused: {refusal:?}")]
     Refused {
-        /// What was asked.
+        /// The command.
         command: String,
         /// Why not.
         refusal: Refusal,
@@ -42,14 +42,14 @@ pub struct SerialLink {
 }
 
 impl SerialLink {
-    /// Both ends are connected, nothing has been said.
+    /// Both ends are connected, nothing has been sent.
     pub fn new(machine: Machine) -> Self {
         Self { machine, talk: Talk::new() }
     }
 
     /// Listens until a moment in seconds since power-on; the records are in [`talk`](Self::talk).
     pub fn listen_until(&mut self, time_s: f64) -> Result<(), Ended> {
-        // A run ends on a whole cycle, which rounding may put either side of the moment.
+        // A run ends on a whole cycle, which rounding may put on either side of the moment.
         while self.machine.time_s() + 1e-9 < time_s {
             self.machine.run_until(time_s.min(self.machine.time_s() + STEP_S))?;
             let bytes = self.machine.serial_take();
@@ -74,14 +74,14 @@ impl SerialLink {
         }
     }
 
-    /// The same for a command that must be obeyed.
+    /// The same for a command that must be carried out.
     pub fn order(&mut self, command: Command, limit_s: f64) -> Result<(), SerialError> {
         let name = format!("{command:?}");
         let reply = self.request(command, limit_s)?;
         reply.result.map(|_| ()).map_err(|refusal| SerialError::Refused { command: name, refusal })
     }
 
-    /// Takes the records that have come.
+    /// Takes the records that have arrived.
     pub fn records(&mut self) -> Vec<Record> {
         self.talk.records()
     }

@@ -1,7 +1,7 @@
-//! A host's half of the conversation with the instrument, apart from any wire.
+//! A host's half of the conversation with the instrument, independent of any wire.
 //!
-//! Bytes go in and out; who moves them, and in whose time, is the caller's business. The bytes are those of
-//! `docs/PROTOCOL.md`, written and read by `inerter-wire`.
+//! Bytes go in and out; the caller moves them, in its own time. The bytes are those of `docs/PROTOCOL.md`, written and
+//! read by `inerter-wire`.
 
 use inerter_wire::{
     Command, Counts, DELIMITER, Frame, FrameReader, MAX_FRAME, Record, Reply, Request, SequenceCounter, encode_request,
@@ -14,7 +14,7 @@ pub struct Talk {
     sequence: SequenceCounter,
     next_id: u16,
     records: VecDeque<Record>,
-    /// Frames that the device counted and that did not come.
+    /// Frames that the device counted and that did not arrive.
     lost: u64,
 }
 
@@ -36,7 +36,8 @@ impl Talk {
         }
     }
 
-    /// A request as bytes, and the id that its reply will carry. A `Hello` begins the stream anew, with a delimiter before it.
+    /// A request as bytes, and the id that its reply will carry. A `Hello` restarts the stream, with a delimiter before
+    /// it.
     pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1).max(1);
@@ -46,7 +47,7 @@ impl Talk {
             bytes.push(DELIMITER);
         }
         let mut frame = [0; MAX_FRAME];
-        // A frame of the longest length holds every command that can be built.
+        // A frame of the greatest length holds every command that can be built.
         let length = encode_request(&Request { id, command }, self.sequence.take(), &mut frame).unwrap_or(0);
         bytes.extend_from_slice(&frame[..length]);
         (id, bytes)
@@ -63,7 +64,7 @@ impl Talk {
         }
     }
 
-    /// Takes the reply to a request out of what has come; other records stay.
+    /// Takes the reply to a request out of what has arrived; other records stay.
     pub fn reply(&mut self, id: u16) -> Option<Reply> {
         let of_id = |record: &Record| matches!(record, Record::Reply(reply) if reply.id == id);
         match self.records.remove(self.records.iter().position(of_id)?) {
@@ -72,17 +73,17 @@ impl Talk {
         }
     }
 
-    /// Everything that has come and was not taken yet.
+    /// Everything that has arrived and was not taken yet.
     pub fn records(&mut self) -> Vec<Record> {
         self.records.drain(..).collect()
     }
 
-    /// Frames that the device counted and that did not come.
+    /// Frames that the device counted and that did not arrive.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// What the reader has seen: damaged frames among it.
+    /// The reader's counts, damaged frames among them.
     pub fn counts(&self) -> &Counts {
         self.reader.counts()
     }

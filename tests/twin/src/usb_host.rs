@@ -1,12 +1,13 @@
 //! The computer at the other end of the USB cable.
 //!
-//! [`UsbHost`] does what a host controller and its drivers do: it shows the device a supply and frames, enumerates it, and moves
-//! transfers packet by packet while the time of the wire passes. [`Socket`] is the device with its cable; every method that
-//! lets time pass takes it, so a test can look at the device in between.
+//! [`UsbHost`] does the work of a host controller and its drivers: it gives the device a supply and frames, enumerates
+//! it, and moves transfers packet by packet while the time on the wire passes. [`Socket`] is the device with its cable;
+//! every method that lets time pass takes it, so a test can inspect the device in between.
 //!
-//! - *transfer*: what a driver asks for: a control request, or bytes to or from an endpoint. Packets are the host's business.
-//! - *short packet*: one with fewer bytes than the endpoint can carry, zero included. It ends a transfer to the host; 64 bytes
-//!   that are not followed by one stay in the host's hands, unseen by whoever reads.
+//! - *transfer*: what a driver asks for: a control request, or bytes to or from an endpoint. The host divides it into
+//!   packets.
+//! - *short packet*: one with fewer bytes than the endpoint can carry, zero included. It ends a transfer to the host;
+//!   64 bytes that are not followed by one stay in the host, unseen by the reader.
 //!
 //! All times are the device's, in seconds. Source: USB 2.0, chapters 5, 8 and 9; CDC PSTN 1.2, 6.3.
 
@@ -20,7 +21,7 @@ pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text
 
 /// A device and its end of the cable.
 pub trait Socket {
-    /// The peripheral, brought to now.
+    /// The peripheral, brought to the current time.
     fn usb(&mut self) -> &mut Usb;
     /// Seconds since power-on.
     fn time_s(&mut self) -> f64;
@@ -30,27 +31,27 @@ pub trait Socket {
     fn set_supply(&mut self, on: bool);
 }
 
-/// Bytes of a full packet of bulk endpoints at full speed, and the most of control endpoints.
+/// Bytes of a full packet of bulk endpoints at full speed, and the maximum for control endpoints.
 const FULL_PACKET: usize = 64;
 /// Bus address given to the device.
 const ADDRESS: u8 = 9;
 /// From the plug's contact to the reset (USB 2.0 7.1.7.3).
 const DEBOUNCE_S: f64 = 0.1;
-/// Length of a reset with the time to recover from it (USB 2.0 7.1.7.5).
+/// Length of a reset plus the recovery time (USB 2.0 7.1.7.5).
 const RESET_S: f64 = 0.02;
 /// Time to change the address (USB 2.0 9.2.6.3).
 const SET_ADDRESS_S: f64 = 0.002;
-/// Length of the resume signal and the time to recover from it (USB 2.0 7.1.7.7).
+/// Length of the resume signal plus the recovery time (USB 2.0 7.1.7.7).
 const RESUME_S: f64 = 0.03;
-/// No traffic for this long is a suspend (USB 2.0 7.1.7.6: after 3 ms, before 10 ms).
+/// No traffic for this long means suspend (USB 2.0 7.1.7.6: after 3 ms, before 10 ms).
 const SUSPEND_S: f64 = 0.01;
-/// A device whose pull-up is not seen by then is dead.
+/// A device whose pull-up is not seen by then counts as dead.
 const ATTACH_S: f64 = 1.0;
 /// Time for a control request (Linux: USB_CTRL_GET_TIMEOUT).
 pub const CONTROL_S: f64 = 5.0;
-/// After a round in which nothing moved; twice as long after each further one, up to [`LONGEST_PAUSE_S`].
+/// Pause after a round in which nothing moved; doubled after each further one, up to [`LONGEST_PAUSE_S`].
 const PAUSE_S: f64 = 20e-6;
-/// A host with more to do than asking comes back within this.
+/// A host that also does other things returns within this time.
 const LONGEST_PAUSE_S: f64 = 160e-6;
 /// Unanswered packets until the device counts as broken (USB 2.0 8.7: three).
 const STRIKES: u32 = 3;
@@ -64,7 +65,7 @@ pub enum UsbError {
     /// Three packets without an answer.
     #[error("the device does not answer")]
     Silent,
-    /// More than asked for.
+    /// More data than asked for.
     #[error("the device sent more than was asked for")]
     TooMuch,
     /// Not done in time.
@@ -119,26 +120,26 @@ impl Setup {
 /// What a driver asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Transfer {
-    /// A control request with the data that go to the device.
+    /// A control request with the data for the device.
     Control(Setup, Vec<u8>),
-    /// At most so many bytes from an endpoint; a short packet ends it.
+    /// At most this many bytes from an endpoint; a short packet ends it.
     In(u8, usize),
     /// Bytes to an endpoint; with `true` a packet of zero bytes follows full ones.
     Out(u8, Vec<u8>, bool),
 }
 
-/// A transfer at its end.
+/// A finished transfer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Done {
     /// The number that [`UsbHost::submit`] gave.
     pub number: u64,
-    /// Bytes from the device, none for a transfer to it; or why not.
+    /// Bytes from the device, none for a transfer to it; or the error.
     pub result: Result<Vec<u8>, UsbError>,
     /// Bytes moved either way.
     pub moved: usize,
 }
 
-/// Where a control request stands.
+/// State of a control request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Setup,
@@ -161,7 +162,7 @@ struct Running {
 
 /// What one packet did.
 enum Step {
-    /// Something moved; the transfer goes on.
+    /// Something moved; the transfer continues.
     Moved,
     /// Nothing moved.
     Waits,
@@ -192,7 +193,7 @@ pub struct UsbHost {
     frame_s: f64,
     description: Option<Description>,
     pause_s: f64,
-    /// Bytes of a full packet of endpoint 0, as the device says.
+    /// Bytes of a full packet of endpoint 0, as the device reports.
     control_packet: usize,
 }
 
@@ -203,7 +204,7 @@ impl Default for UsbHost {
 }
 
 impl UsbHost {
-    /// A host with a free socket and an exact clock.
+    /// A host with nothing plugged in and an exact clock.
     pub fn new() -> Self {
         Self {
             pipes: std::array::from_fn(|_| Pipe::default()),
@@ -224,7 +225,7 @@ impl UsbHost {
         Self { frame_s: 1e-3 * (1.0 + ppm * 1e-6), ..Self::new() }
     }
 
-    /// What the device told of itself when it was enumerated.
+    /// What the device reported of itself when it was enumerated.
     pub fn description(&self) -> Option<&Description> {
         self.description.as_ref()
     }
@@ -237,7 +238,7 @@ impl UsbHost {
         socket.set_supply(true);
         socket.usb().set_cable(true);
         let end_s = socket.time_s() + ATTACH_S;
-        // From contact on, and anew when it is lost, as after a short pull at the plug.
+        // From contact on; starts over when that is lost, as after a short pull at the plug.
         let mut seen_s: Option<f64> = None;
         loop {
             let now_s = socket.time_s();
@@ -253,7 +254,7 @@ impl UsbHost {
         self.reset(socket)
     }
 
-    /// Pulls the cable out. What was under way ends with [`UsbError::Detached`].
+    /// Pulls the cable out. Transfers under way end with [`UsbError::Detached`].
     pub fn unplug(&mut self, socket: &mut impl Socket) {
         socket.set_supply(false);
         socket.usb().set_cable(false);
@@ -273,14 +274,14 @@ impl UsbHost {
         run(socket, RESET_S)
     }
 
-    /// Stops all traffic for long enough that the device must take it for a suspend.
+    /// Stops all traffic for long enough that the device must take it as a suspend.
     pub fn suspend(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         socket.usb().stop_frames();
         self.frames = false;
         run(socket, SUSPEND_S)
     }
 
-    /// Wakes the device up.
+    /// Wakes the device.
     pub fn resume(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         self.check_attached(socket)?;
         socket.usb().resume();
@@ -291,14 +292,14 @@ impl UsbHost {
 
     /// Gives the device an address, reads its descriptors and configures it, in the order of Linux.
     pub fn enumerate(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
-        // Its eighth byte says how long packets are here; it comes with the first, however short that is.
+        // Its eighth byte gives the packet length; it comes with the first packet, however short that is.
         self.control_packet = FULL_PACKET;
         let head = self.get_descriptor(socket, 1, 0, 0, 64)?;
         self.control_packet = descriptors::control_packet(&head)?;
         self.reset(socket)?;
         self.set_address(socket)?;
         let device = self.get_descriptor(socket, 1, 0, 0, 18)?;
-        // A device of USB 2.0 or later is asked what it would be at high speed; one of full speed only refuses.
+        // A device of USB 2.0 or later is asked what it would be at high speed; one that has only full speed refuses.
         match self.get_descriptor(socket, 6, 0, 0, 10) {
             Ok(_) | Err(UsbError::Stalled) => {}
             Err(error) => return Err(error),
@@ -338,7 +339,7 @@ impl UsbHost {
         self.control(socket, setup, &[]).map(|_| ())
     }
 
-    /// CLEAR_FEATURE(ENDPOINT_HALT). `endpoint` has its top bit set where it is one to the host.
+    /// CLEAR_FEATURE(ENDPOINT_HALT). `endpoint` has its top bit set if it is to the host.
     pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Result<(), UsbError> {
         let setup = Setup { kind: 2, request: 1, value: 0, index: endpoint.into(), length: 0 };
         self.control(socket, setup, &[]).map(|_| ())
@@ -359,14 +360,14 @@ impl UsbHost {
 
     // ---- transfers, waited for
 
-    /// A control request with its data; gives the device's data.
+    /// A control request with its data; returns the device's data.
     pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Result<Vec<u8>, UsbError> {
         self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S).result
     }
 
-    /// What comes on an endpoint within a time: up to a short packet, at most `most` bytes.
+    /// What arrives on an endpoint within a time: up to a short packet, at most `most` bytes.
     ///
-    /// Bytes that came without a short packet are lost to the caller, as to the reader of a real host.
+    /// Bytes that arrived without a short packet are lost to the caller, as to the reader of a real host.
     pub fn read(
         &mut self,
         socket: &mut impl Socket,
@@ -377,7 +378,7 @@ impl UsbHost {
         self.wait_for(socket, Transfer::In(endpoint, most), within_s).result
     }
 
-    /// Sends bytes to an endpoint within a time; gives how many the device took.
+    /// Sends bytes to an endpoint within a time; returns how many the device took.
     pub fn write(
         &mut self,
         socket: &mut impl Socket,
@@ -409,7 +410,7 @@ impl UsbHost {
 
     // ---- transfers, side by side
 
-    /// Puts a transfer in line; its number comes back in [`Done`].
+    /// Queues a transfer; its number is returned in [`Done`].
     pub fn submit(&mut self, transfer: Transfer) -> u64 {
         let number = self.next_number;
         self.next_number += 1;
@@ -432,7 +433,7 @@ impl UsbHost {
         number
     }
 
-    /// Takes a transfer back, unless it is over; gives the bytes that it moved.
+    /// Cancels a transfer, unless it is over; returns the number of bytes that it moved.
     pub fn cancel(&mut self, number: u64) -> Option<usize> {
         self.pipes.iter_mut().find_map(|pipe| {
             let place = pipe.queue.iter().position(|running| running.number == number)?;
@@ -440,28 +441,28 @@ impl UsbHost {
         })
     }
 
-    /// The next transfer that came to its end.
+    /// The next finished transfer.
     pub fn next_done(&mut self) -> Option<Done> {
         self.done.pop_front()
     }
 
-    /// A certain transfer, if it came to its end.
+    /// A certain transfer, if it is finished.
     pub fn take_done(&mut self, number: u64) -> Option<Done> {
         self.done.remove(self.done.iter().position(|done| done.number == number)?)
     }
 
-    /// Whether no transfer is in line.
+    /// Whether no transfer is queued.
     pub fn is_idle(&self) -> bool {
         self.pipes.iter().all(|pipe| pipe.queue.is_empty())
     }
 
-    /// Gives each pipe with a transfer in line one packet; the time of the wire passes.
+    /// Gives each pipe with a queued transfer one packet; the time on the wire passes.
     pub fn service(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         if self.supplied && !socket.usb().attached() {
             self.lose(socket);
         }
         let mut moved = false;
-        // Time of packets that moved nothing: the device need not know of them one by one.
+        // Time of packets that moved nothing: the device need not see them one by one.
         let mut idle_s = 0.0;
         for index in 0..PIPES {
             if !self.frames || self.pipes[index].queue.is_empty() {
@@ -493,7 +494,7 @@ impl UsbHost {
         }
     }
 
-    /// After a new configuration, or a halt that was cleared, endpoints begin with DATA0 (USB 2.0 9.1.1.5, 9.4.5).
+    /// After a new configuration, or a cleared halt, endpoints begin with DATA0 (USB 2.0 9.1.1.5, 9.4.5).
     fn restart_toggles(&mut self, setup: Setup) {
         match (setup.kind, setup.request, setup.value) {
             (0, 9, _) => self.pipes.iter_mut().for_each(|pipe| pipe.toggle = Toggle::Data0),
@@ -578,7 +579,7 @@ fn control_packet(
     usb: &mut Usb,
     address: u8,
 ) -> (Answer, usize, PacketKind) {
-    // Without data the status comes from the device whatever the direction in the request says (USB 2.0 8.5.3).
+    // Without data the status comes from the device, whatever direction the request states (USB 2.0 8.5.3).
     let reads = setup.to_host() && setup.length > 0;
     match stage {
         Stage::Setup => (usb.setup(address, &setup.bytes()), 8, PacketKind::Setup),
@@ -607,7 +608,7 @@ impl Running {
                 usb.acknowledge(address, number);
                 self.strikes = 0;
                 if toggle != expected {
-                    // A repetition: acknowledged and thrown away (USB 2.0 8.6.4).
+                    // A repetition: acknowledged and discarded (USB 2.0 8.6.4).
                     return Step::Moved;
                 }
                 data
@@ -666,7 +667,7 @@ impl Running {
     }
 }
 
-/// Time of a packet with token and handshake at 12 Mbit/s, a sixth of the data added for stuffed bits (USB 2.0 5.11.3).
+/// Time of a packet with token and handshake at 12 Mbit/s, plus a sixth of the data for stuffed bits (USB 2.0 5.11.3).
 fn packet_time_s(bytes: usize, with_data: bool) -> f64 {
     if with_data { 9.1e-6 + bytes as f64 * 8.0 * (7.0 / 6.0) / 12e6 } else { 5e-6 }
 }

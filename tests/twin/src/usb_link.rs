@@ -1,7 +1,7 @@
 //! A board on a USB cable with the host's program at the other end.
 //!
-//! What most tests want: [`UsbLink::connect`], [`UsbLink::open`], [`UsbLink::request`], and in between the machine
-//! itself in [`UsbLink::socket`].
+//! Most tests use [`UsbLink::connect`], [`UsbLink::open`], [`UsbLink::request`], and in between the machine itself in
+//! [`UsbLink::socket`].
 
 use crate::Registers;
 use crate::chip::usb::Usb;
@@ -27,7 +27,7 @@ pub enum LinkError {
     /// No reply within the time.
     #[error("no reply within {0} s")]
     NoReply(f64),
-    /// The device said no.
+    /// The device refused.
     #[error("the device refused: {0:?}")]
     Refused(Refusal),
 }
@@ -77,7 +77,7 @@ impl<S: Socket> UsbLink<S> {
         self.host.connect(&mut self.socket)
     }
 
-    /// Opens the port; a program that opens it knows nothing of what was before.
+    /// Opens the port; a program that opens it knows nothing of earlier traffic.
     pub fn open(&mut self) -> Result<(), UsbError> {
         self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
         self.talk = Talk::new();
@@ -92,7 +92,7 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// The host's program reads no more; only closing and opening again change that.
+    /// The host's program stops reading; only closing and reopening the port changes that.
     pub fn stop_reading(&mut self) {
         if let Some(port) = &mut self.port {
             port.stop_reading(&mut self.host);
@@ -105,7 +105,7 @@ impl<S: Socket> UsbLink<S> {
         self.host.unplug(&mut self.socket);
     }
 
-    /// Bytes to the device; gives how many it took within the time.
+    /// Bytes to the device; returns how many it took within the time.
     pub fn send(&mut self, bytes: &[u8], within_s: f64) -> Result<usize, LinkError> {
         let port = self.port.as_mut().ok_or(LinkError::Closed)?;
         match port.send(&mut self.host, &mut self.socket, bytes, within_s) {
@@ -114,7 +114,7 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// The bytes that come within a time, as they are.
+    /// The bytes that arrive within a time, unchanged.
     pub fn receive(&mut self, for_s: f64) -> Result<Vec<u8>, LinkError> {
         let port = self.port.as_mut().ok_or(LinkError::Closed)?;
         Ok(port.receive(&mut self.host, &mut self.socket, for_s)?)
@@ -143,7 +143,7 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// Plugs in, puts settings in use, keeps them, and pulls the cable out: what a person does once with a new board.
+    /// Plugs in, applies settings, saves them, and pulls the cable out, as one does once with a new board.
     pub fn set_up(&mut self, settings: &Settings) -> Result<(), LinkError> {
         self.connect()?;
         self.open()?;
@@ -155,7 +155,7 @@ impl<S: Socket> UsbLink<S> {
         Ok(())
     }
 
-    /// Takes the records that have come.
+    /// Takes the records that have arrived.
     pub fn records(&mut self) -> Vec<Record> {
         self.talk.records()
     }

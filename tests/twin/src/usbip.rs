@@ -1,11 +1,11 @@
 //! The device on the network: a USB/IP server for Linux's `vhci_hcd`.
 //!
-//! [`Server::turn`] moves everything a little: connections, packets, the device's time. [`Server::run`] keeps that time in step with
-//! the clock on the wall, because a kernel at the other end goes by it.
+//! [`Server::turn`] moves everything one step: connections, packets, the device's time. [`Server::run`] keeps that time
+//! in step with the wall clock, because a kernel at the other end uses it.
 //!
-//! The client's kernel takes the place of a host's drivers, and [`UsbHost`] that of its host controller. An import plugs the
-//! cable in, the end of the connection pulls it out. Linux gives the address and resets by itself without a word to the server,
-//! which therefore does both before the first command; suspend and resume stay with the client.
+//! The client's kernel acts as a host's drivers, and [`UsbHost`] as its host controller. An import plugs the cable in,
+//! the end of the connection pulls it out. Linux sets the address and resets by itself without telling the server,
+//! which therefore does both before the first command; suspend and resume remain with the client.
 
 mod protocol;
 
@@ -16,11 +16,11 @@ use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-/// The device's time may be this much ahead of the wall's.
+/// How far the device's time may be ahead of the wall clock.
 const AHEAD: Duration = Duration::from_millis(1);
-/// Being further behind than this is not made up for.
+/// Being further behind than this is not caught up.
 const BEHIND: Duration = Duration::from_millis(50);
-/// A nap while ahead.
+/// Pause while ahead.
 const NAP: Duration = Duration::from_micros(300);
 /// A client that takes no bytes for this long is gone.
 const WRITE_TIME: Duration = Duration::from_secs(5);
@@ -38,7 +38,7 @@ mod errno {
 struct Client {
     stream: TcpStream,
     bytes: Vec<u8>,
-    /// Whether the device is its.
+    /// Whether it has the device.
     owner: bool,
 }
 
@@ -46,9 +46,9 @@ struct Client {
 enum Over {
     /// Closed, or broken.
     Gone,
-    /// Not our protocol.
+    /// Not this protocol.
     Foreign,
-    /// The device cannot go on.
+    /// The device cannot continue.
     Device(UsbError),
 }
 
@@ -71,11 +71,11 @@ pub struct Counts {
     pub imports: u32,
     /// Imports refused because another client has the device.
     pub busy: u32,
-    /// Transfers brought to their end.
+    /// Finished transfers.
     pub transfers: u64,
-    /// Transfers taken back.
+    /// Cancelled transfers.
     pub unlinked: u64,
-    /// Connections closed because of what came over them.
+    /// Connections closed because of bytes not of this protocol.
     pub foreign: u32,
 }
 
@@ -109,7 +109,7 @@ impl<S: Socket> Server<S> {
         })
     }
 
-    /// Where it listens.
+    /// The address at which it listens.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
@@ -125,7 +125,7 @@ impl<S: Socket> Server<S> {
         self.release();
     }
 
-    /// Serves in step with the clock on the wall until `over` says so.
+    /// Serves in step with the wall clock until `over` returns true.
     pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Result<(), UsbError> {
         let mut start = (Instant::now(), self.socket.time_s());
         while !over(self) {
@@ -141,7 +141,7 @@ impl<S: Socket> Server<S> {
         Ok(())
     }
 
-    /// One round: new connections, what came over them, one packet of each transfer, what came to its end.
+    /// One round: new connections, their data, one packet of each transfer, finished transfers.
     pub fn turn(&mut self) -> Result<(), UsbError> {
         self.accept();
         let mut index = 0;
@@ -162,7 +162,7 @@ impl<S: Socket> Server<S> {
         }
         self.host.service(&mut self.socket)?;
         self.return_done();
-        // A device that goes off the bus by itself has been pulled out, to a hub.
+        // To a hub, a device that leaves the bus by itself has been pulled out.
         if self.is_imported() && !self.socket.usb().attached() {
             self.unplug();
         }
@@ -232,7 +232,7 @@ impl<S: Socket> Server<S> {
         Err(Over::Gone)
     }
 
-    /// Plugs in and leaves the device with an address and nothing else. A device that does not answer has no description.
+    /// Plugs in and gives the device an address, nothing more. A device that does not answer has no description.
     fn plug(&mut self) -> Result<(), UsbError> {
         let host = &mut self.host;
         let ready = host.connect(&mut self.socket).and_then(|description| {
@@ -273,14 +273,14 @@ impl<S: Socket> Server<S> {
                     self.host.cancel(number)
                 });
                 self.counts.unlinked += u64::from(cancelled.is_some());
-                // One that had come to its end already was returned as such.
+                // A transfer that had already finished was returned as such.
                 let status = if cancelled.is_some() { errno::RESET } else { 0 };
                 self.clients[index].write(&protocol::unlinked(sequence, status))
             }
         }
     }
 
-    /// Returns what came to its end; a client that does not take it is found out when it is read next.
+    /// Returns finished transfers; a client that does not take them is detected when it is read next.
     fn return_done(&mut self) {
         while let Some(done) = self.host.next_done() {
             let Some((sequence, to_host)) = self.transfers.remove(&done.number) else { continue };
@@ -321,7 +321,7 @@ impl Client {
     }
 }
 
-/// What Linux calls it.
+/// Linux's number for it.
 fn status(error: &UsbError) -> i32 {
     match error {
         UsbError::Stalled => errno::BROKEN_PIPE,

@@ -2,8 +2,8 @@
 
 /// The world outside the pins. Time in seconds since power-on.
 ///
-/// Each signal by itself is asked for at times that never go back; between them, times may differ by some milliseconds,
-/// as the digital front end looks back over a conversion.
+/// Each signal is read at times that never decrease; between signals, times may differ by some milliseconds, as the
+/// digital front end looks back over a conversion.
 pub trait World {
     /// Encoder edges (x4) since the start, wrapping at 2^32.
     fn encoder(&mut self, time_s: f64) -> u32;

@@ -1,4 +1,4 @@
-//! Both links scripted, every change at every byte.
+//! Scripted tests of both links: every change at every byte.
 
 use super::{LinkReceiver, LinkState, LinkTransmitter, Which};
 use embassy_futures::{block_on, poll_once};
@@ -99,7 +99,7 @@ impl LinkPair {
         Self { state, usb, uart, receiver, transmitter }
     }
 
-    /// With hosts that have said something on both.
+    /// With hosts that have spoken on both.
     fn heard() -> Self {
         let mut bench = Self::new();
         for open in [false, true] {
@@ -128,7 +128,7 @@ impl LinkPair {
         all
     }
 
-    /// Sends a whole frame as telemetry does; whether that was possible.
+    /// Sends a whole frame as telemetry does; an error if that was impossible.
     fn send(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
         let mut left = frame;
         while !left.is_empty() {
@@ -139,7 +139,7 @@ impl LinkPair {
     }
 }
 
-/// What a host reads out of `bytes`: the frames that are whole.
+/// What a host gets from `bytes`: the complete frames.
 fn whole(bytes: &[u8]) -> Vec<&[u8]> {
     let mut frames: Vec<&[u8]> = bytes.split_inclusive(|byte| *byte == DELIMITER).collect();
     frames.retain(|frame| frame.len() > 1 && frame.ends_with(&[DELIMITER]));
@@ -201,7 +201,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
     let mut out = [0; MAX_FRAME];
     let request = Request { id: 7, command: Command::Stop };
     let length = encode_request(&request, 0, &mut out).unwrap();
-    // Without its delimiter a request is whole; it is obeyed, but does not speak for the next session.
+    // A request that lacks only its delimiter is executed, but does not count as heard in the next session.
     for cut in 0..length {
         for open in [true, false] {
             let mut bench = LinkPair::new();
@@ -211,7 +211,7 @@ fn a_request_that_was_cut_by_the_change_spoils_no_other() {
             before.put(&out[..cut]);
             let mut bytes = bench.read();
             bench.state.set_open(open);
-            // The rest comes where nobody listens any more.
+            // The rest arrives where nobody listens any more.
             before.put(&out[cut..length]);
             bytes.extend(bench.read());
             assert!(!bench.state.note_request());
@@ -260,7 +260,7 @@ fn nothing_is_sent_before_the_host_has_spoken() {
     assert!(!bench.state.note_request(), "once");
     bench.send(b"frame\0").unwrap();
     assert_eq!((bench.usb[1].all(), bench.uart[1].all()), (b"\0frame\0".to_vec(), vec![]));
-    // On the UART nobody has said anything yet; on USB somebody must again.
+    // On the UART no host has spoken yet; on USB one must speak again.
     bench.state.set_open(false);
     bench.read();
     assert!(bench.state.is_mute());
@@ -292,7 +292,7 @@ fn a_port_that_opens_and_closes_without_end_leaves_no_torn_frame() {
     let mut sent = 0;
     for round in 0..400usize {
         if round % 3 == 0 {
-            // Faster than anybody looks.
+            // Faster than anything polls.
             for flap in 0..round % 4 {
                 bench.state.set_open(flap % 2 == 0);
             }
@@ -327,7 +327,7 @@ fn a_change_in_the_middle_of_a_frame_tears_that_one_only() {
                 assert!(poll_once(sending.as_mut()).is_pending());
                 state.set_open(open);
                 if open {
-                    // As on a host that has spoken; here no byte of it is read meanwhile.
+                    // A new session, in which no byte from a host has been read yet.
                     assert!(state.is_mute());
                 }
                 block_on(sending)
@@ -353,7 +353,7 @@ fn a_change_in_the_middle_of_a_frame_tears_that_one_only() {
 }
 
 impl LinkPair {
-    /// As [`send`](Self::send), to be polled.
+    /// As [`send`](Self::send), but to be polled.
     async fn send_from(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
         let mut left = frame;
         while !left.is_empty() {
@@ -364,7 +364,7 @@ impl LinkPair {
     }
 }
 
-/// Telemetry gives up on a frame, and begins the next one with a delimiter; the port was closed and opened meanwhile.
+/// Telemetry abandons a frame and begins the next one with a delimiter; the port was closed and opened meanwhile.
 #[test]
 fn a_frame_after_one_that_was_given_up_is_not_taken_for_its_rest() {
     let mut bench = LinkPair::heard();

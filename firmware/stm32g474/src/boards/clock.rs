@@ -1,4 +1,4 @@
-//! The core's clock, the same on every board, and the oscillator that it is made from.
+//! The core's clock, the same on every board, and the oscillator that it is derived from.
 
 use embassy_stm32::rcc;
 
@@ -6,20 +6,20 @@ use embassy_stm32::rcc;
 ///
 /// Not the 170 MHz that the chip can do: 168 MHz is 2625 times 64 kHz, exactly.
 pub const CORE_HZ: u32 = 168_000_000;
-/// The same, in a microsecond.
+/// The same, per microsecond.
 pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
-/// Clock of all converters, in Hz: the PLL's own output for them, which nothing divides further. ES0430 2.7.11: converters
-/// that work at the same time disturb each other, unless their clock is of one source and divided by 1, or the triggers'
-/// period is a multiple of what it is divided by, and 2625 is a multiple of nothing that would do.
+/// Clock of all converters, in Hz: the PLL's own output for them, not divided further. ES0430 2.7.11: converters that
+/// run at the same time disturb each other, unless their clocks have one source and are divided by 1, or the triggers'
+/// period is a multiple of the divider, and no suitable divider divides 2625.
 pub const ADC_HZ: u32 = 2 * CORE_HZ / 8;
 
-/// The RTC has no clock: ES0430, "unstable LSI when it clocks RTC", and the watchdog counts the LSI, which its own start
-/// switches on.
+/// The RTC has no clock: ES0430, "unstable LSI when it clocks RTC", and the watchdog counts the LSI, which it switches
+/// on when it starts.
 pub const NO_RTC: rcc::LsConfig = rcc::LsConfig::off();
 
-/// Where the core's clock comes from: 168 MHz after multiplication.
+/// Source of the core's clock: 168 MHz after multiplication.
 pub struct Oscillator {
-    /// The crystal, or nothing for the chip's own 16 MHz.
+    /// The crystal, or `None` for the chip's own 16 MHz.
     pub crystal: Option<rcc::Hse>,
     /// Divides the oscillator before the PLL.
     pub divider: rcc::PllPreDiv,
@@ -31,8 +31,8 @@ impl Oscillator {
     /// 16 MHz / 4 * 84 / 2 = 168 MHz, about 1 %: for a board whose crystal does not start.
     pub const INTERNAL: Self = Self { crystal: None, divider: rcc::PllPreDiv::DIV4, multiplier: rcc::PllMul::MUL84 };
 
-    /// All clocks, the core's at half of [`CORE_HZ`], as nothing may go from under 80 MHz to it at once: see `clocks.rs`. USB
-    /// runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
+    /// All clocks, the core's at half of [`CORE_HZ`], as it must not go there from under 80 MHz in one step: see
+    /// `clocks.rs`. USB runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
     pub fn clocks(self) -> rcc::Config {
         let mut config = rcc::Config::new();
         config.hse = self.crystal;
@@ -47,7 +47,7 @@ impl Oscillator {
         });
         config.sys = rcc::Sysclk::PLL1_R;
         config.ahb_pre = rcc::AHBPrescaler::DIV2;
-        // Above 150 MHz (RM0440, 6.1.5).
+        // Required above 150 MHz (RM0440, 6.1.5).
         config.boost = true;
         config.mux.clk48sel = rcc::mux::Clk48sel::HSI48;
         config.mux.adc12sel = rcc::mux::Adcsel::PLL1_P;

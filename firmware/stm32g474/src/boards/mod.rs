@@ -1,6 +1,6 @@
 //! The boards, one file each: pins, clocks and name.
 //!
-//! Another board is one more file with the same items, and a feature that chooses it.
+//! To add a board, add a file with the same items and a feature that selects it.
 
 #[cfg(all(feature = "board-nucleo", feature = "board-weact"))]
 compile_error!("choose one board: board-weact goes with --no-default-features");

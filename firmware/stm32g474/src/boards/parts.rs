@@ -1,4 +1,4 @@
-//! What every board offers.
+//! The parts that every board provides.
 
 use crate::source::Source;
 use crate::{lpuart, player, usb};
@@ -6,7 +6,7 @@ use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::mode::Async;
 
-/// What is wired to the chip, ready for use.
+/// The parts wired to the chip, ready for use.
 pub struct Parts {
     /// Lit when high; lit from the start.
     pub led: Output<'static>,
@@ -18,6 +18,6 @@ pub struct Parts {
     pub uart: lpuart::Uart,
     /// Encoder and both front ends.
     pub source: Source,
-    /// What leads back to them by jumpers, for the self-test.
+    /// Outputs that jumpers lead back to them, for the self-test.
     pub player: player::Wires,
 }

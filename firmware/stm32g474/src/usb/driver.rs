@@ -1,14 +1,14 @@
-//! embassy-stm32's USB driver with what it lacks.
+//! embassy-stm32's USB driver, plus what it lacks.
 //!
-//! - *Bus power*: the peripheral has no detection of its own, and the driver pulls D+ up for ever. Here the pull-up
-//!   follows VBUS, so that a device with a supply of its own does not feed a dead port.
-//! - *Halts*: clearing a halt must set the data toggle back and let the endpoint go on (USB 2.0, 9.4.5);
+//! - *Bus power*: the peripheral has no detection of its own, and the driver pulls D+ up permanently. Here the pull-up
+//!   follows VBUS, so that a self-powered device does not feed a dead port.
+//! - *Halts*: clearing a halt must reset the data toggle and let the endpoint resume (USB 2.0, 9.4.5);
 //!   embassy-stm32 0.6 does neither. An endpoint number that does not exist must not reach the registers.
-//! - *Requests without data*: to a request for 0 bytes embassy-usb 0.6 neither answers nor objects, and the host waits
-//!   until it gives up. Here such a request is passed on as one for 1 byte, and what comes back is left out.
-//! - *Reset within a request*: embassy-usb 0.6 waits for the end of a control transfer and for nothing else, and after
-//!   a bus reset it never ends. Here a reset or suspend ends it, and what was received before a reset is left out.
-//! - *Suspend*: of a suspend and a resume that came together, embassy-stm32 reports the suspend last.
+//! - *Requests without data*: embassy-usb 0.6 neither answers nor rejects a request for 0 bytes, and the host waits
+//!   until it gives up. Here such a request is passed on as one for 1 byte, and the answer is discarded.
+//! - *Reset within a request*: embassy-usb 0.6 waits for nothing but the end of a control transfer, and after a bus
+//!   reset that never comes. Here a reset or suspend ends it, and what was received before a reset is discarded.
+//! - *Suspend*: if a suspend and a resume came together, embassy-stm32 reports the suspend last.
 //!
 //! Register meanings: RM0440 45.6.
 
@@ -33,19 +33,19 @@ type Inner = usb::Driver<'static, peripherals::USB>;
 
 /// Endpoints that the peripheral has.
 const ENDPOINTS: usize = 8;
-/// To drop a packet: the host takes it at the first of them, or the second one drops it.
+/// To drop a packet: the host takes it during the first attempt, or the second one drops it.
 const ATTEMPTS: u32 = 4;
-/// Time for which VBUS must be there before the device shows itself, in milliseconds: contacts bounce.
+/// Time for which VBUS must be present before the device connects, in milliseconds: contacts bounce.
 const STEADY_MS: u64 = 100;
 /// Direction bit of a request's first byte: to the host.
 const TO_HOST: u8 = 0x80;
 
-/// Wakes who waits for the end of a control transfer.
+/// Wakes the task that waits for the end of a control transfer.
 static DISTURBED: AtomicWaker = AtomicWaker::new();
 /// A bus reset was handled, and the control pipe does not know of it yet.
 static WAS_RESET: AtomicBool = AtomicBool::new(false);
 
-/// Notices resets and suspends; to be bound before the inner driver's handler, which clears their flags.
+/// Detects resets and suspends; to be bound before the inner driver's handler, which clears their flags.
 pub struct DisturbanceHandler;
 
 impl Handler<USB_LP> for DisturbanceHandler {
@@ -121,7 +121,7 @@ impl embassy_usb_driver::Driver<'static> for Driver {
     }
 }
 
-/// Shows the device to the host, or hides it.
+/// Connects the device to the host, or disconnects it.
 fn pull_up(on: bool) {
     USB.bcdr().modify(|w| w.set_dppu(on));
 }
@@ -133,7 +133,7 @@ pub struct Bus {
     powered: bool,
 }
 
-/// Waits for bus power, or its end.
+/// Waits for bus power, or its loss.
 async fn power(vbus: &mut Option<ExtiInput<'static, Async>>, wanted: bool) {
     match vbus {
         Some(vbus) if wanted => loop {
@@ -174,7 +174,7 @@ impl embassy_usb_driver::Bus for Bus {
                     self.powered = !self.powered;
                     return if self.powered { Event::PowerDetected } else { Event::PowerRemoved };
                 }
-                // An open bus looks suspended, and the inner driver's power is always there.
+                // An unconnected bus looks suspended, and the inner driver always reports power.
                 Either::Second(_) if !self.powered => {}
                 Either::Second(Event::PowerDetected | Event::PowerRemoved) => {}
                 Either::Second(Event::Suspend) if !USB.cntr().read().fsusp() => {}
@@ -204,7 +204,7 @@ impl embassy_usb_driver::Bus for Bus {
             self.inner.endpoint_set_stalled(address, true);
         } else {
             reset_toggle(address);
-            // To "not ready" or "ready to receive", with a wake for who waits.
+            // To "not ready" or "ready to receive", and wakes the waiting task.
             self.inner.endpoint_set_enabled(address, true);
         }
     }
@@ -226,7 +226,7 @@ fn status(address: EndpointAddress) -> Stat {
     }
 }
 
-/// Begins with DATA0 again. A 1 written to a toggle bit toggles it; a 1 to a transfer flag leaves it.
+/// Begins with DATA0 again. Writing 1 to a toggle bit toggles it; writing 1 to a transfer flag leaves it.
 fn reset_toggle(address: EndpointAddress) {
     let register = USB.epr(address.index());
     let now = register.read();
@@ -268,7 +268,7 @@ fn sending() -> usize {
     usize::from(SENDING.load(Ordering::Relaxed))
 }
 
-/// Part of a control transfer, up to a reset or suspend.
+/// Runs part of a control transfer, up to a reset or suspend.
 async fn undisturbed<R>(transfer: impl Future<Output = R>) -> Result<R, EndpointError> {
     match select(transfer, disturbed()).await {
         Either::First(result) => Ok(result),
@@ -279,7 +279,7 @@ async fn undisturbed<R>(transfer: impl Future<Output = R>) -> Result<R, Endpoint
 /// Endpoint 0.
 pub struct ControlPipe {
     inner: <Inner as embassy_usb_driver::Driver<'static>>::ControlPipe,
-    /// The request under way is one for 0 bytes.
+    /// The current request is one for 0 bytes.
     without_data: bool,
 }
 
@@ -290,7 +290,7 @@ impl embassy_usb_driver::ControlPipe for ControlPipe {
 
     async fn setup(&mut self) -> [u8; 8] {
         if WAS_RESET.swap(false, Ordering::Relaxed) {
-            // A host waits 10 ms after a reset: what is there at once is from before.
+            // A host waits 10 ms after a reset: a request that is there at once is from before it.
             let _ = poll_once(self.inner.setup());
         }
         let mut request = self.inner.setup().await;
@@ -314,7 +314,7 @@ impl embassy_usb_driver::ControlPipe for ControlPipe {
     }
 
     async fn accept(&mut self) {
-        // The host has given the request up: nothing to say.
+        // On an error the host has abandoned the request: nothing to do.
         let _ = undisturbed(self.inner.accept()).await;
     }
 
@@ -323,7 +323,7 @@ impl embassy_usb_driver::ControlPipe for ControlPipe {
     }
 
     async fn accept_set_address(&mut self, address: u8) {
-        // The inner driver sets the address last: not after a reset.
+        // The inner driver sets the address last: it must not after a reset.
         let _ = undisturbed(self.inner.accept_set_address(address)).await;
     }
 }

@@ -1,7 +1,7 @@
 //! The port's bytes, in both directions, while a host has it open.
 //!
 //! *Open* means: configured, not suspended, and DTR set. A host that closes the port takes no more packets, so what
-//! waits for it then is dropped: the next one to open it shall not find the end of an old conversation.
+//! waits for it then is dropped: the next one to open it must not get the end of an old session.
 
 use super::driver::{self, Driver};
 use core::future::{Future, poll_fn};
@@ -25,7 +25,7 @@ static CHANGED: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
 /// Longest wait for the host to fetch the last packet, in milliseconds.
 const DRAIN_MS: u64 = 100;
-/// Time for the host to take note of it, in milliseconds.
+/// Time for the host to process it, in milliseconds.
 const SETTLE_MS: u64 = 5;
 
 /// Follows the state of the bus.
@@ -76,7 +76,7 @@ pub async fn watch(lines: &ControlChanged<'_>, opened: impl Fn(bool)) {
     }
 }
 
-/// Waits until the host has fetched the last packet, within limits.
+/// Waits until the host has fetched the last packet, for a limited time.
 pub async fn drain() {
     for _ in 0..DRAIN_MS {
         if !driver::is_sending() {
@@ -107,7 +107,7 @@ pub struct Receiver {
     endpoint: cdc_acm::Receiver<'static, Driver>,
     lines: &'static ControlChanged<'static>,
     packet: [u8; PACKET],
-    /// Part of the packet that was not handed out yet.
+    /// Part of the packet that was not returned yet.
     start: usize,
     end: usize,
 }
@@ -168,7 +168,7 @@ impl Write for Transmitter {
         self.packet(bytes.get(..PACKET).unwrap_or(bytes)).await
     }
 
-    /// Ends a transfer that ended on a full packet by an empty one: the host hands out nothing before.
+    /// Ends a transfer whose last packet was full by an empty one: until then the host delivers nothing.
     async fn flush(&mut self) -> Result<(), ErrorKind> {
         if self.full {
             self.packet(&[]).await?;

@@ -1,10 +1,10 @@
 //! The first link: a USB CDC-ACM port.
 //!
-//! - `driver.rs`: embassy-stm32's driver with what it lacks: bus power, halts, requests without data.
+//! - `driver.rs`: embassy-stm32's driver, plus what it lacks: bus power, halts, requests without data.
 //! - `link.rs`: bytes in both directions while a host has the port open.
 //!
 //! VID and PID are from pid.codes' range for tests. The serial number is the chip's, in the form that the ROM's update
-//! mode shows too, so that one number names a device in either mode.
+//! mode also shows, so that one number identifies a device in either mode.
 
 mod driver;
 mod link;
@@ -99,7 +99,7 @@ impl Device {
     }
 }
 
-/// Waits until the host has fetched what was sent, or does not.
+/// Waits until the host has fetched what was sent, for a limited time.
 pub async fn drain() {
     link::drain().await
 }

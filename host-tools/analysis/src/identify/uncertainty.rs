@@ -222,7 +222,7 @@ impl Errors {
                 let reverses = span.0 < 0.0 && span.1 > 0.0;
                 let stretch = (span.1 - span.0) / fitted.state.parameters.stiffness_n_per_m;
                 match () {
-                    () if !reverses => Found::unknown("the force never changes sign: one flank carries all of it"),
+                    () if !reverses => Found::unknown("the force never changes sign: one flank carries all the force"),
                     () if u95 > 0.5 * stretch && u95 > value => cannot(),
                     () if value < u95 => Found { status: FoundStatus::BelowU95, ..found },
                     () => found,

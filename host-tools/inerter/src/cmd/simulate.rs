@@ -30,7 +30,7 @@ use crate::{Error, monitor::address::check_exposed};
 ///
 /// With -o a recording (.mcap) or CSV (.csv) is written as fast as possible. With --tcp or --pty a live device runs
 /// until Ctrl-C: the firmware's own code on this machine, or, with --qemu, the firmware image in QEMU. Connect to it
-/// with monitor, record or send. With --bench, lines of standard input hang on loads and turn the screw, to try
+/// with monitor, record or send. With --bench, lines of standard input apply loads and turn the screw, to try
 /// calibrate without a rig: start with --excite hold. The device's settings are those of a perfect calibration; --set
 /// changes them.
 ///
@@ -71,7 +71,7 @@ pub struct Args {
     /// Start the motion only when a host connects with monitor or record
     #[arg(long, conflicts_with_all = ["output", "qemu"])]
     wait: bool,
-    /// Perform by hand what standard input says, one per line: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS,
+    /// Apply the loads and motions given on standard input, one per line: load NEWTONS, mass KG, move METRES, turn REVOLUTIONS,
     /// shake MOTION
     #[arg(long, conflicts_with_all = ["output", "wait", "change_at"])]
     bench: bool,

@@ -1,7 +1,7 @@
-//! What is taken out of the estimator, one at a time: a text of its source and what stands there instead. What the host
-//! makes of a run is taken apart in the same way (`host.rs`).
+//! The parts that are taken out of the estimator, one at a time: a passage of its source and its replacement. What the
+//! host computes from a run is taken apart in the same way (`host.rs`).
 //!
-//! The source itself knows nothing of it. A text that is not found exactly once has moved, and the list must follow.
+//! The source itself has no switch for this. A passage that is not found exactly once has moved; update this list.
 
 use crate::copy::Edit;
 
@@ -9,10 +9,10 @@ use crate::copy::Edit;
 pub struct Heuristic {
     /// What it does, with its section of docs/THEORY.md.
     pub name: &'static str,
-    /// Texts of its source and what stands there instead, in files below firmware/core/src, or those that the host's
-    /// list names.
+    /// Passages of its source and their replacements, in files below firmware/core/src, or in those that the host's
+    /// list gives.
     pub edits: &'static [Edit],
-    /// The test that fails without it, where the runs of the ablation do not show what it is for.
+    /// The test that fails without it, if the runs of the ablation do not show what it is for.
     pub test: Option<&'static str>,
 }
 
@@ -24,7 +24,7 @@ pub const fn tested(test: &'static str, name: &'static str, edits: &'static [Edi
     Heuristic { name, edits, test: Some(test) }
 }
 
-/// What one buys, by what is lost without it; else by the test that fails.
+/// What a part buys: what is lost without it, else the test that fails.
 pub fn buys(lost: &[&str], test: Option<&str>) -> String {
     match test {
         _ if !lost.is_empty() => lost.join(", "),
@@ -33,7 +33,7 @@ pub fn buys(lost: &[&str], test: Option<&str>) -> String {
     }
 }
 
-/// Fails where a text does not stand once in its file below `folder`, or a test in none of the files of `tests`.
+/// Fails if a passage is not found exactly once in its file below `folder`, or a test in none of the files of `tests`.
 #[cfg(test)]
 pub fn must_be_found(heuristics: &[Heuristic], folder: &str, tests: &[&str]) {
     use std::fs;

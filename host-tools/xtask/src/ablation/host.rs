@@ -1,5 +1,6 @@
-//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be named does
-//! to the intervals. A copy of the whole tree without one part at a time runs beside the tree itself, on the same runs.
+//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be identified
+//! does to the intervals. A copy of the whole tree, without one part at a time, is run against the tree itself on the
+//! same runs.
 
 use super::heuristics::{Heuristic, buys, one, tested};
 use crate::{
@@ -10,9 +11,9 @@ use crate::{
 use anyhow::{Context, Result};
 use std::{collections::BTreeMap, path::Path, process::Command};
 
-/// Interval that grows by this factor shows what the part is for: a choice.
+/// An interval that grows by this factor shows what the part is for: a choice.
 const WIDER: f64 = 1.02;
-/// Runs, or per cent, that differ and say nothing: a choice.
+/// A difference of so many runs, or per cent, may be chance: a choice.
 const BY_CHANCE: f64 = 1.0;
 
 /// Where the sources of [`PARTS`] lie.
@@ -169,14 +170,14 @@ type Counts = BTreeMap<String, f64>;
 
 /// One column of the table.
 struct Column {
-    /// What is counted, and of how many it is a share [%].
+    /// What is counted, and the total of which it is a share [%].
     name: &'static str,
     of: Option<&'static str>,
-    /// What is lost where it becomes less, or more.
+    /// What is lost if it decreases, or increases.
     lost: Lost,
 }
 
-/// When a part is missed.
+/// When removing a part counts as a loss.
 #[derive(Clone, Copy)]
 enum Lost {
     Less(&'static str),
@@ -193,7 +194,7 @@ const COLUMNS: [Column; 8] = [
     Column { name: "assumed", of: Some("given"), lost: Lost::More("fewer assumptions") },
     Column { name: WIDTH, of: None, lost: Lost::More("sharpness") },
 ];
-/// The one column that is a mean and no count.
+/// The one column that is a mean, not a count.
 const WIDTH: &str = "width";
 
 impl Column {
@@ -205,7 +206,7 @@ impl Column {
         }
     }
 
-    /// What is lost where it changes so; differences up to [`BY_CHANCE`] and [`WIDER`] say nothing.
+    /// What is lost by this change; differences up to [`BY_CHANCE`] and [`WIDER`] are ignored.
     fn lost(&self, before: f64, after: f64) -> Option<&'static str> {
         let chance = if self.name == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
         match self.lost {
@@ -215,7 +216,7 @@ impl Column {
     }
 }
 
-/// Builds and runs all, then writes or compares the table.
+/// Builds and runs everything, then writes or compares the table.
 pub fn run(update: bool) -> Result<()> {
     let folder = Workspace::read(&tree::root())?.target.join("ablation/host");
     let whole = measured(&folder, &[])?;
@@ -244,7 +245,7 @@ fn measured(folder: &Path, edits: &[Edit]) -> Result<Counts> {
 
 fn counts(output: &str) -> Result<Counts> {
     let each = output.lines().map(|line| {
-        let (name, count) = line.split_once('\t').with_context(|| format!("`{line}` is no line of the program"))?;
+        let (name, count) = line.split_once('\t').with_context(|| format!("`{line}` is not a line of output"))?;
         Ok((name.to_owned(), count.parse()?))
     });
     each.collect()

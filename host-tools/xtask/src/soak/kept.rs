@@ -1,4 +1,4 @@
-//! What was soaked so far, in portions that can be ended: docs/tables/soak.md.
+//! Hours soaked so far, in portions between which a run can be stopped: docs/tables/soak.md.
 
 use crate::{table::Row, tree};
 use anyhow::{Context, Result};
@@ -8,10 +8,10 @@ use std::{fs, io::ErrorKind};
 const TABLE: &str = "docs/tables/soak.md";
 /// Longest portion \[h\].
 const PORTION_H: f64 = 1.0;
-/// What is no portion any more \[h\]: shorter runs do not settle.
+/// Shortest portion \[h\]: shorter runs do not settle.
 const LEAST_H: f64 = 0.05;
 
-/// A portion that held all goals.
+/// A portion that met all goals.
 #[derive(Clone, Debug, PartialEq)]
 struct Portion {
     /// Of the tree that was soaked.
@@ -20,7 +20,7 @@ struct Portion {
     /// Of all recordings.
     samples: f64,
     lost: f64,
-    /// Greatest growth of any process \[%\], and distance of samples and clock \[s\].
+    /// Greatest growth of any process \[%\], and difference between samples and clock \[s\].
     grown: f64,
     apart_s: f64,
 }
@@ -44,7 +44,7 @@ impl Portion {
 pub struct Kept(Vec<Portion>);
 
 impl Kept {
-    /// As they stand in the table.
+    /// Those in the table.
     pub fn read() -> Result<Self> {
         match fs::read_to_string(tree::root().join(TABLE)) {
             Ok(text) => Ok(Self::parse(&text)),
@@ -53,7 +53,7 @@ impl Kept {
         }
     }
 
-    /// Length of the next portion \[h\], where so many hours are wanted in all.
+    /// Length of the next portion \[h\] towards so many hours in all.
     pub fn next_h(&self, wanted_h: f64) -> Option<f64> {
         let left_h = wanted_h - self.hours();
         (left_h >= LEAST_H).then_some(left_h.min(PORTION_H))

@@ -8,7 +8,7 @@ use inerter_tests::{
     sheet::{line, mean, significant},
 };
 
-/// Part of all values of a rig whose interval may miss the truth; of a single cell by chance more may.
+/// Fraction of all values of a rig whose interval may miss the truth; in a single cell chance may make it more.
 const MOST_WRONG: f64 = 0.05;
 /// Greatest error of the stiffness above 0.5 Hz, relative.
 const STIFFNESS_GOAL: f64 = 3e-3;
@@ -106,7 +106,7 @@ const FORCE_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached
 const SENSED_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
 
 impl Row {
-    /// Greatest bias and sigma wanted of the backlash by the force alone.
+    /// Goals for bias and sigma of the backlash by the force alone.
     fn goal(&self) -> Option<(f64, f64)> {
         let (bias, sigma, up_to_m) = goal(self.motion.name);
         // Widths are round numbers of micrometres.
@@ -138,7 +138,7 @@ impl Row {
     }
 }
 
-/// What a goal is missed by.
+/// By how much a goal is missed.
 fn missed(column: &Column, goal: Option<(f64, f64)>) -> Option<String> {
     let (bias, sigma) = goal?;
     let figures = format!("{} um, {} um", significant(column.bias * MICRO), significant(column.sigma * MICRO));

@@ -1,7 +1,7 @@
 //! `cargo xtask accuracy`: the grid as a committed table.
 //!
-//! Without arguments the table is compared with `docs/tables/accuracy.md`; what differs is listed and the program
-//! ends with a failure. `--short` measures and compares the first rig, `--update` writes the table.
+//! Without arguments the table is compared with `docs/tables/accuracy.md`; differences are listed and the program
+//! fails. `--short` measures and compares the first rig, `--update` writes the table.
 #![forbid(unsafe_code)]
 
 mod backlash;
@@ -18,14 +18,14 @@ use table::{Row, Section};
 
 /// Runs of each cell.
 const SEEDS: u64 = 32;
-/// On the rig with a clock of its own.
+/// For the rig with a clock of its own.
 const CLOCKS: &str = "\
 No goals. In the tables above the shaker runs on the instrument's clock: `mid`, `multi` and `two` repeat themselves sample
 by sample, 32, 10 and 16 times in a run at 1 kHz, and the encoder's error repeats with them, which no average removes. Here
 the instrument's clock is 10 ppm faster, and known to be.
 
 ";
-/// On the worn device.
+/// For the worn device.
 const WORN: &str = "\
 No goals. The structure mass is taken out by `a1 = a2 + F''/ks`, which does not hold while the flanks do not touch: that is
 the bias of mt, about 4 % of the structure mass of 1.5 kg, which the interval holds by the gap and the motion. At 1 kHz the
@@ -65,7 +65,7 @@ fn run() -> Result<bool, Error> {
 }
 
 fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
-    // What is not understood to the end has no goals.
+    // What is not fully understood has no goals.
     let with_goals = note.is_empty();
     let mut rows = Vec::new();
     for motion in &MOTIONS {

@@ -1,11 +1,11 @@
-//! The table as Markdown, and what differs between two of them.
+//! The table as Markdown, and the differences between two of them.
 
 use crate::backlash;
 use inerter_tests::coverage;
 use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
 use std::fmt::Write;
 
-/// Standard errors under which a mean is taken for zero.
+/// Standard errors within which a mean counts as zero.
 const SIGNIFICANT: f64 = 2.5;
 
 /// One parameter of one motion.
@@ -14,15 +14,15 @@ pub struct Row {
     pub parameter: &'static str,
     pub bias: f64,
     pub sigma: f64,
-    /// Greatest bias and sigma wanted.
+    /// Goals for bias and sigma.
     pub goal: Option<(f64, f64)>,
-    /// Bound of Cramer and Rao.
+    /// Cramer-Rao bound.
     pub least_sigma: f64,
-    /// The same with the encoder's steps as noise beside the force's.
+    /// The same with the encoder's steps as noise besides the force's.
     pub least_with_steps: f64,
-    /// Times the bound of Cramer and Rao that sigma may be.
+    /// Goal for sigma as a multiple of the Cramer-Rao bound.
     pub ratio_goal: Option<f64>,
-    /// Bound of Cramer and Rao with a kernel's length left out around each sticking.
+    /// Cramer-Rao bound with a kernel's length left out around each sticking.
     pub kept_sigma: f64,
     pub u95: f64,
     pub coverage: Option<f64>,
@@ -30,25 +30,25 @@ pub struct Row {
     /// Runs that ended with a value.
     pub given: usize,
     pub settling_s: Option<f64>,
-    /// The inner is none where the value is not expected to settle.
+    /// The inner one is none if the value is not expected to settle.
     pub settling_goal_s: Option<Option<f64>>,
 }
 
 /// One rig.
 pub struct Section {
     pub name: String,
-    /// What must be known to read it.
+    /// What the reader must know.
     pub note: &'static str,
     pub rows: Vec<Row>,
 }
 
 impl Section {
-    /// Whether it is one that must reach something.
+    /// Whether it has goals.
     pub fn has_goals(&self) -> bool {
         self.rows.iter().any(|row| row.goal.is_some())
     }
 
-    /// Cells whose intervals cover the truth less often than 95 % beyond the chance of so many runs.
+    /// Cells whose intervals cover the truth less often than 95 %, beyond the chance of so many runs.
     pub fn under(&self, seeds: u64) -> Vec<String> {
         let short = |part: Option<f64>| part.is_some_and(|part| coverage::is_low(part, seeds));
         self.rows
@@ -76,7 +76,7 @@ impl Row {
 
     fn settling_missed(&self) -> bool {
         match (self.settling_goal_s.flatten(), self.settling_s) {
-            // Published ten times a second.
+            // Values are published ten times a second.
             (Some(goal), Some(time)) => time > goal + 0.1,
             (Some(_), None) => true,
             (None, _) => false,
@@ -117,7 +117,7 @@ impl Row {
         ]
     }
 
-    /// By how much the goals are missed, and what the figures say about why.
+    /// By how much the goals are missed, and what the figures show of the reason.
     fn misses(&self, seeds: u64) -> Vec<String> {
         let mut lines = Vec::new();
         let Some((bias_goal, sigma_goal)) = self.goal else { return lines };
@@ -167,7 +167,7 @@ impl Row {
     }
 }
 
-/// What must be known to read the tables of the backlash.
+/// What the reader of the backlash tables must know.
 const BACKLASH: &str = "
 ## Backlash
 
@@ -282,7 +282,7 @@ mod tests {
         let mut low = section(0.0, 1.0);
         low.rows[0].coverage = Some(0.85);
         assert_eq!(low.under(32).len(), 1);
-        // Of one run it may be chance.
+        // In one run it may be chance.
         assert!(low.under(1).is_empty());
     }
 }

@@ -1,7 +1,7 @@
 //! `cargo xtask robustness`: one imperfection of rig or device at a time, as a committed table.
 //!
-//! Without arguments the table is compared with `docs/tables/robustness.md`; what differs is listed and the program
-//! ends with a failure. `--update` writes the table instead.
+//! Without arguments the table is compared with `docs/tables/robustness.md`; differences are listed and the program
+//! fails. `--update` writes the table instead.
 #![forbid(unsafe_code)]
 
 mod table;

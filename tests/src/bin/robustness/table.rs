@@ -1,4 +1,4 @@
-//! The sheet as Markdown, and what differs between two of them.
+//! The sheet as Markdown, and the differences between two of them.
 
 use inerter_tests::coverage;
 use inerter_tests::grid::NAMES;

@@ -1,4 +1,4 @@
-//! Defects of the encoder and of what carries it.
+//! Defects of the encoder and of its mount.
 
 use super::kind::{Kind, kind};
 use crate::defects::{draw::Draw, scene::Scene};
@@ -6,19 +6,19 @@ use crate::defects::{instruments::play, plant::Trace};
 use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
-/// On the position that the encoder feels, with the count's length \[m\].
+/// Changes the position that the encoder feels, given the count's length \[m\].
 fn on_shaft(scene: &mut Scene, change: impl Fn(&mut Trace, f64) + 'static) {
     let count_m = scene.instruments.sensors.metres_per_count;
     scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(trace, count_m)));
 }
 
-/// Adds to the count from a place on what the function gives at each sample.
+/// From each sample on, adds to the count what the function returns there.
 fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Draw) -> i32 + 'static) {
     scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
         let mut lost = 0_i32;
         for n in 1..samples.len() {
             let (before, here) = (samples[n - 1], samples[n]);
-            // What is true of both, without what was lost before.
+            // The true counts of both, without what was lost before.
             let before = RawSample { position_count: before.position_count - lost, ..before };
             lost += change(&before, &here, draw);
             samples[n].position_count += lost;
@@ -26,7 +26,7 @@ fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Dra
     }));
 }
 
-/// Counts of a turn.
+/// Counts per turn.
 fn turn_counts(scene: &Scene, draw: &mut Draw) -> f64 {
     let count_m = scene.instruments.sensors.metres_per_count;
     let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
@@ -56,7 +56,7 @@ pub const KINDS: [Kind; 12] = [
     kind("a line that is missing", &["encoder_error", "count_slip"], |scene, draw| {
         let (counts, place) = (turn_counts(scene, draw), draw.unit());
         on_shaft(scene, move |trace, count_m| {
-            // One line is four counts, which are not there each time that it goes by, either way.
+            // One line is four counts, which are missing each time that it passes, in either direction.
             trace.position_m.iter_mut().for_each(|x| *x -= 4.0 * count_m * (*x / (counts * count_m) + place).floor());
         });
     }),

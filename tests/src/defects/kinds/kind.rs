@@ -2,12 +2,12 @@
 
 use crate::defects::{draw::Draw, scene::Scene};
 
-/// Where a defect is, as far as making the run is concerned.
+/// Where a defect is, as far as it matters for making the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// The plant does it.
+    /// The plant makes it.
     Device,
-    /// The instruments, the sampling or the settings do.
+    /// The instruments, the sampling or the settings make it.
     Rig,
 }
 
@@ -16,7 +16,7 @@ pub enum Place {
 pub enum Group {
     /// Something that samples can show.
     Defect,
-    /// A scale that is wrong: every sample is as it would be of another device, so that nothing in them can tell.
+    /// A wrong scale: every sample is as another device would give it, so nothing in the samples can show it.
     Scale,
 }
 
@@ -28,7 +28,7 @@ pub struct Kind {
     pub place: Place,
     /// What can be expected.
     pub group: Group,
-    /// Causes and warnings that name it rightly, by their codes (docs/CLI.md).
+    /// Causes and warnings that name it correctly, by their codes (docs/CLI.md).
     pub names: &'static [&'static str],
     /// Puts it into a scene; its size is drawn.
     pub make: fn(&mut Scene, &mut Draw),

@@ -1,4 +1,4 @@
-//! Scales that are wrong: a group apart, as every sample is what another device's would be.
+//! Wrong scales: a group of their own, as every sample is what another device would give.
 
 use super::kind::{Group, Kind, Place};
 use crate::defects::{draw::Draw, scene::Scene};
@@ -24,7 +24,7 @@ pub const KINDS: [Kind; 7] = [
     kind("structure mass wrong", |scene, draw| {
         scene.settings.structure_mass_kg += draw.between(0.005, 0.03) * scene.device.inertance_kg;
     }),
-    // Beyond its time constant creep is a gain: the scale of a weight is not that of a motion.
+    // Over times longer than its time constant, creep is a gain: the scale for a weight is not the scale for a motion.
     kind("creep of the load cell", |scene, draw| {
         let (part, time_s) = (draw.between(0.005, 0.05), draw.between(0.5, 10.0));
         scene

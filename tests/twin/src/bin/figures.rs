@@ -1,8 +1,9 @@
-//! What the shipping image costs while it serves: prints one line of JSON.
+//! Cost of the shipping image while it serves: prints one line of JSON.
 //!
 //! On the twin the board measures a random motion at 1, 2 and 4 kHz with every stream on, over USB, while settings are
-//! written and saved, the estimator is reset and a tare is asked for; at 4 kHz also with the terminal's displacement, and
-//! through the digital front end. `loads` has for each case (`with`, and the rate \[Hz\]) what the core executes in the steady part \[instructions/s\], and the bounds of the time that it is awake on the chip
+//! written and saved, the estimator is reset and a tare is requested; at 4 kHz also with the terminal's displacement,
+//! and through the digital front end. `loads` has for each case (`with`, and the rate \[Hz\]) what the core executes in
+//! the steady part \[instructions/s\], and the bounds of the time that it is awake on the chip
 //! ([`inerter_twin::cycles`]); `stack_bytes` is the deepest stack of the whole run. `cargo xtask size` runs this.
 
 use ads131m04::{Gain, Osr};
@@ -16,7 +17,7 @@ use inerter_wire::{Command, Record, SettingsValues, Streams};
 use std::error::Error;
 use std::process::ExitCode;
 
-/// The firmware starts and is plugged in within this time.
+/// The firmware starts and enumerates within this time.
 const START_S: f64 = 0.5;
 /// Time for a reply.
 const REPLY_S: f64 = 2.0;

@@ -4,8 +4,9 @@
 //! inerter-twin-usbip [ELF]
 //! ```
 //!
-//! The board stands on a rig in motion and lives in step with the clock on the wall, until Ctrl-C. Any Linux with `vhci_hcd` can
-//! have it: `modprobe vhci-hcd` and then, with the port that is printed, `usbip --tcp-port PORT attach -r 127.0.0.1 -b 1-1`.
+//! The board is on a rig in motion and runs in step with the wall clock until Ctrl-C. Any Linux with `vhci_hcd` can
+//! attach it: `modprobe vhci-hcd` and then, with the port that is printed, `usbip --tcp-port PORT attach -r 127.0.0.1
+//! -b 1-1`.
 
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -17,7 +18,7 @@ use std::process::ExitCode;
 
 /// Where `cargo build --release` in firmware/stm32g474 puts it.
 const ELF: &str = "target/thumbv7em-none-eabihf/release/inerter-stm32g474";
-/// The firmware starts in this time.
+/// The firmware starts within this time.
 const START_S: f64 = 0.5;
 
 fn serve(path: &str) -> Result<(), Box<dyn Error>> {

@@ -1,7 +1,7 @@
-//! DfuSe: what the boot loader makes of its class requests (AN3156; UM0424; USB DFU 1.1).
+//! DfuSe: the boot loader's class requests (AN3156; UM0424; USB DFU 1.1).
 //!
-//! A command or block is carried out when the host asks for the status after it. System memory and option bytes are read
-//! only. Not modelled: writing option bytes, one-time memory, mass erasure and read protection.
+//! A command or block is carried out when the host asks for the status after it. System memory and option bytes can
+//! only be read. Not modelled: writing option bytes, one-time memory, mass erasure and read protection.
 
 use crate::Cycles;
 use crate::chip::flash::{self, Flash, PAGE};
@@ -19,7 +19,7 @@ const ABORT: u8 = 6;
 /// Commands of block 0 (AN3156 5).
 const SET_ADDRESS: u8 = 0x21;
 const ERASE: u8 = 0x41;
-/// Commands that it tells: get, set address, erase.
+/// Commands that it lists: get, set address, erase.
 const COMMANDS: [u8; 3] = [0x00, SET_ADDRESS, ERASE];
 /// Number of the block at the address pointer.
 const FIRST_BLOCK: u16 = 2;
@@ -28,7 +28,7 @@ const ERR_TARGET: u8 = 1;
 const ERR_PROG: u8 = 6;
 const ERR_STALLED: u8 = 15;
 
-/// What the host is told to wait \[ms\], rounded up from DS12288: a page 22 ms, a block of 256 double words 22 ms.
+/// Time that the host is told to wait \[ms\], rounded up from DS12288: a page 22 ms, a block of 256 double words 22 ms.
 const WAIT_MS: u8 = 25;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -79,7 +79,7 @@ impl Dfu {
         self.state == State::Manifest
     }
 
-    /// A request with its data to the device; gives the data to the host.
+    /// A request with its data for the device; returns the data for the host.
     pub fn request(
         &mut self,
         request: u8,
@@ -106,7 +106,7 @@ impl Dfu {
         }
     }
 
-    /// Goes on with what is under way.
+    /// Continues what is under way.
     pub fn work(&mut self, flash: &mut Flash, now: Cycles) {
         if self.state != State::Busy || flash.is_busy(now) {
             return;
@@ -185,7 +185,7 @@ impl Dfu {
                 flash.rom_erase((address - flash::START) as usize / PAGE, now);
             }
             Some(Job::Write(address, data)) if flash.holds(address, data.len()) => {
-                // What is missing of the last double word stays as erased.
+                // The missing part of the last double word stays as erased.
                 let words = data.chunks(8).map(|chunk| {
                     let mut bytes = [0xff; 8];
                     bytes[..chunk.len()].copy_from_slice(chunk);

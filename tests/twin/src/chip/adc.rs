@@ -1,15 +1,15 @@
-//! The five analogue-to-digital converters with their two common blocks, and what the analogue side does to a voltage.
+//! The five analogue-to-digital converters with their two common blocks, and the analogue side's effect on a voltage.
 //!
-//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Regular conversions only, of 12
-//! bits, by software or by a timer's trigger, read by DMA or by the program. What the manual forbids (to calibrate
-//! before the regulator has settled, to change a sequence while it runs) ends the run, as silicon would give no word
-//! of warning.
+//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Only regular conversions are
+//! modelled, of 12 bits, started by software or by a timer's trigger, read by DMA or by the program. What the manual
+//! forbids (to calibrate before the regulator has settled, to change a sequence while it runs) ends the run, as silicon
+//! would give no warning.
 //!
 //! Glossary:
 //! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the
 //!   trigger plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
-//! - *phase*: of a trigger within a clock of the converter, where that is made of the core's by division.
-//! - *overrun*: a result came before the last one was read; DMA requests then cease until the flag is cleared.
+//! - *phase*: of a trigger within a clock of the converter, if that is divided down from the core's.
+//! - *overrun*: a result arrived before the previous one was read; DMA requests then cease until the flag is cleared.
 //!
 //! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs,
 //! auto-delay, discontinuous mode, other resolutions. A stop takes no time here.
@@ -56,11 +56,10 @@ const CALIBRATION_CLOCKS: f64 = 116.0;
 const AFTER_CALIBRATION_CLOCKS: f64 = 4.0;
 /// Clocks from ADEN to ADRDY: one conversion (DS12288, tSTAB).
 const READY_CLOCKS: f64 = 15.0;
-/// A pause between two conversions after which the second may be wrong \[s\] (ES0430 2.7.9), and what is wrong with it
-/// here \[V\].
+/// A pause between two conversions after which the second may be wrong \[s\] (ES0430 2.7.9), and its error here \[V\].
 const PAUSE_S: f64 = 1e-3;
 const AFTER_PAUSE_V: f64 = 0.4;
-/// What is wrong with a conversion that another converter disturbs \[V\] (ES0430 2.7.11).
+/// Error of a conversion that another converter disturbs \[V\] (ES0430 2.7.11).
 const DISTURBED_V: f64 = 0.4;
 /// Clocks of a conversion of 12 bits after its sampling.
 const CONVERSION_CLOCKS: f64 = 12.5;
@@ -172,7 +171,7 @@ impl Unit {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
 
-    /// Its request to DMA.
+    /// Its DMA request.
     pub const fn request(self) -> Request {
         match self {
             Self::One => Request::Adc1,
@@ -183,7 +182,7 @@ impl Unit {
         }
     }
 
-    /// Where its registers and those of its common block begin.
+    /// Base addresses of its registers and of its common block.
     const fn bases(self) -> (u32, u32) {
         match self {
             Self::One => (0x000, 0x300),
@@ -194,7 +193,7 @@ impl Unit {
         }
     }
 
-    /// Of the first common block or of the second.
+    /// The first common block or the second.
     const fn common(self) -> usize {
         match self {
             Self::One | Self::Two => 0,
@@ -206,7 +205,7 @@ impl Unit {
         self as usize
     }
 
-    /// The channels that lead to pins.
+    /// The channels that are connected to pins.
     #[cfg(test)]
     pub(super) fn pins(self) -> impl Iterator<Item = (u8, Pin)> {
         (0..=18).filter_map(move |channel| match self.signal(channel)? {
@@ -215,7 +214,7 @@ impl Unit {
         })
     }
 
-    /// What is connected to a channel, if anything is (DS12288, pin definitions; RM0440 figures 82 to 86).
+    /// What is connected to a channel, if anything (DS12288, pin definitions; RM0440 figures 82 to 86).
     const fn signal(self, channel: u8) -> Option<Signal> {
         match (self, channel) {
             (Self::One | Self::Two, 1) => Some(Signal::Pin(Pin::new('A', 0))),
@@ -228,7 +227,7 @@ impl Unit {
     }
 }
 
-/// What a converter can look at.
+/// What a converter can measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// A pin.
@@ -263,21 +262,21 @@ pub const fn internal_reference_volts() -> f64 {
     INTERNAL_REFERENCE_V
 }
 
-/// Where a converter that is broken stops.
+/// Where a broken converter stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Broken {
     /// Its calibration does not end.
     Calibration,
-    /// It does not get ready.
+    /// It does not become ready.
     Ready,
 }
 
-/// How good the conversions are.
+/// Quality of the conversions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// White noise of a conversion, rms \[codes\].
     pub noise_lsb: f64,
-    /// White noise of the reference, rms, as a part of it; the same for conversions held at the same moment.
+    /// White noise of the reference, rms, as a fraction of it; the same for conversions held at the same moment.
     pub reference_noise: f64,
     /// Greatest deviation from a straight line, one period of a sine over the range \[codes\].
     pub nonlinearity_lsb: f64,
@@ -293,7 +292,7 @@ impl Default for Quality {
 }
 
 impl Quality {
-    /// Nothing but the steps.
+    /// Nothing but quantisation.
     pub const IDEAL: Self = Self { noise_lsb: 0.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 0 };
 }
 
@@ -301,7 +300,7 @@ impl Quality {
 #[derive(Clone, Debug)]
 struct Analogue {
     quality: Quality,
-    /// One stream each, so that one converter's use leaves the others' noise as it was.
+    /// One stream each, so that the use of one converter leaves the others' noise unchanged.
     noise: [ChaCha8Rng; 5],
     reference: ChaCha8Rng,
     /// Moment of the last aperture and the reference's deviation then.
@@ -330,7 +329,7 @@ impl Analogue {
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
         let noise = self.noise.get_mut(unit.index()).map_or(0.0, |rng| normal(noise_lsb, rng));
-        // A conversion from float holds to the range of its type.
+        // A conversion from float saturates at the range of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
 }
@@ -349,12 +348,12 @@ struct Conversion {
 /// The clock of the converters of a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Timing {
-    /// Cycles of the core in one of it.
+    /// Cycles of the core per clock.
     cycles: f64,
-    /// From a trigger to the start, in clocks (DS12288, tLATR); nothing where the clock is not made of the core's: then it is
-    /// from 1.5 to 2.5, as far as the second edge, which is taken to be at a whole multiple of the clock.
+    /// From a trigger to the start, in clocks (DS12288, tLATR); none if the clock is not made from the core's: then it
+    /// is from 1.5 to 2.5, up to the second edge, which is taken to be at a whole multiple of the clock.
     latency: Option<f64>,
-    /// By more than 1, from the core's clock or from the source's.
+    /// Divided by more than 1, from the core's clock or from the source's.
     divided: bool,
 }
 
@@ -384,7 +383,7 @@ struct Converter {
     cfgr: u32,
     dr: u16,
     storage: Storage,
-    /// The sequence as it stood at the start.
+    /// The sequence as it was at the start.
     sequence: [Rank; 16],
     length: usize,
     conversion: Option<Conversion>,
@@ -392,13 +391,13 @@ struct Converter {
     calibration_end: Option<Cycles>,
     enable_from: Cycles,
     ready_at: Option<Cycles>,
-    /// Ready for conversions; ADRDY tells that it became so, and may be cleared.
+    /// Ready for conversions; ADRDY reports that it became so, and may be cleared.
     ready: bool,
     /// One-shot DMA has had its last transfer.
     dma_ended: bool,
     /// End of the last conversion.
     ended: Option<Cycles>,
-    /// Conversions were stopped by software, or the last transfer of a one-shot DMA was made, and none has been made since.
+    /// Conversions were stopped by software, or a one-shot DMA made its last transfer, and none has been made since.
     stopped: bool,
     /// Phase of the first trigger since the start.
     phase: Option<Cycles>,
@@ -472,7 +471,7 @@ impl Converter {
         let smpr = [self.storage.get(offset::SMPR1), self.storage.get(offset::SMPR2)];
         let differential = self.storage.get(offset::DIFSEL);
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
-            // SQ1 takes the second place of the first register; five places of six bits in each.
+            // SQ1 takes the second field of the first register; each register has five fields of six bits.
             let place = rank + 1;
             let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
             no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels have no model")?;
@@ -491,7 +490,7 @@ pub struct Adcs {
     /// Common control of ADC1 and 2, of ADC3 to 5.
     common: [u32; 2],
     hclk_hz: f64,
-    /// Of both blocks.
+    /// For both blocks.
     kernel_hz: [f64; 2],
     analogue: Analogue,
     /// When the next conversion ends.
@@ -523,27 +522,27 @@ impl Adcs {
         }
     }
 
-    /// Which errata there are from now on.
+    /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
     }
 
-    /// How strictly the program is taken from now on.
+    /// Sets how strictly violations are treated from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
 
-    /// Breaks a converter for good.
+    /// Breaks a converter permanently.
     pub fn break_down(&mut self, unit: Unit, at: Broken) {
         self.broken = Some((unit, at));
     }
 
-    /// Makes conversions this good from now on; the noise begins anew.
+    /// Sets the quality of conversions from now on; the noise restarts.
     pub fn set_quality(&mut self, quality: Quality) {
         self.analogue = Analogue::new(quality);
     }
 
-    /// How good conversions are.
+    /// Quality of the conversions.
     pub fn quality(&self) -> &Quality {
         &self.analogue.quality
     }
@@ -590,7 +589,7 @@ impl Adcs {
         self.common[common] >> 16 & 3 != 0 || self.kernel_hz[common] > 0.0
     }
 
-    /// A trigger output rose at `now`: sequences that wait for it begin. One that is under way goes on.
+    /// A trigger output rose at `now`: sequences that wait for it begin. One under way continues.
     pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
         Unit::ALL.into_iter().try_for_each(|unit| self.trigger_one(unit, number, now))
     }
@@ -619,10 +618,10 @@ impl Adcs {
         Ok(())
     }
 
-    /// Lets a conversion that begins disturb those under way; says whether they disturb it.
+    /// Lets a starting conversion disturb those under way; returns whether they disturb it.
     ///
-    /// Those that began at the same moment leave each other alone where their clocks are the same and are divided by 1, or
-    /// the triggers' period is a multiple of what they are divided by.
+    /// Those that start at the same moment do not disturb each other if their clocks are the same and are divided by 1,
+    /// or if the triggers' period is a multiple of the divider.
     fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Result<bool, Unknown> {
         let clock_of = |this: &Self, unit: Unit| {
             let common = unit.common();
@@ -666,7 +665,7 @@ impl Adcs {
         it.length == 1 && it.cfgr & cfgr::CONT == 0
     }
 
-    /// What the conversion of `unit` that is under way looks at, and when it holds the voltage.
+    /// The input of `unit`'s conversion under way, and when it holds the voltage.
     pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
         let it = self.unit(unit);
         let conversion = it.conversion.ok_or(Unknown { what: "no conversion is under way" })?;
@@ -688,7 +687,7 @@ impl Adcs {
         let Errata { adc_after_pause, adc_after_stop, .. } = self.errata;
         let it = self.unit_mut(unit);
         let paused = it.ended.replace(end).is_none_or(|last| end - last > pause) && adc_after_pause;
-        // No channel 0 is connected to anything.
+        // Channel 0 of no converter is connected to anything.
         let elsewhere = std::mem::take(&mut it.stopped) && adc_after_stop;
         let code = match (elsewhere, paused) {
             (true, _) => 0,
@@ -779,7 +778,7 @@ impl Adcs {
             }
         }
         let it = self.unit(unit);
-        // Within four clocks of a calibration the bit does not take.
+        // Within four clocks of a calibration the bit cannot be set.
         if rising & cr::ADEN != 0 && it.cr & cr::ADCAL == 0 && now >= it.enable_from {
             let ready = now + self.clocks(unit, READY_CLOCKS)?;
             let it = self.unit_mut(unit);
@@ -1050,7 +1049,7 @@ mod tests {
         let end = SETTLED + 116 * 4;
         assert_ne!(read(&mut adc, CR, end - 1) & cr::ADCAL, 0);
         assert_eq!(read(&mut adc, CR, end) & cr::ADCAL, 0);
-        // Four clocks more in which ADEN does not take.
+        // Four more clocks in which ADEN cannot be set.
         write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 15);
         assert_eq!(read(&mut adc, CR, end + 15) & cr::ADEN, 0);
         write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 16);
@@ -1067,7 +1066,7 @@ mod tests {
         assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
         write(&mut adc, CCR12, 2 << 16, 0);
         assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
-        // The kernel's clock divided by four (PRESC 2) is as good as HCLK divided by four.
+        // The kernel clock divided by four (PRESC 2) is as good as HCLK divided by four.
         write(&mut adc, CCR12, 2 << 18, 0);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
         assert_eq!(adc.clocks(Unit::One, 10.0), Ok(40));
@@ -1147,7 +1146,7 @@ mod tests {
             }
             start(&mut adc, 30_000);
             adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
-            // The other one, by software.
+            // The other one is started by software.
             write(&mut adc, 0x100 + offset::SQR1, 1 << 6, 30_050);
             write(&mut adc, 0x100 + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 30_050);
             for unit in [Unit::One, Unit::Two] {
@@ -1274,7 +1273,7 @@ mod tests {
         };
         let white = Quality { noise_lsb: 2.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 3 };
         let codes = run(white, 1.65);
-        // Two codes and the step's own 1/sqrt(12).
+        // Two codes and the quantisation's own 1/sqrt(12).
         let expected = (4.0f64 + 1.0 / 12.0).sqrt();
         assert!((deviation(&mut codes.iter().map(|it| it.0)) / expected - 1.0).abs() < 0.02);
         let root_two = expected * 2.0f64.sqrt();

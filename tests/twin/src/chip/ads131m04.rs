@@ -1,16 +1,16 @@
 //! The digital front end on SPI2.
 //!
-//! Registers and frames are the driver crate's own mock; modulators, filter and clock are here.
-//! A conversion is what the filter makes of the voltages before it: sinc3 of N modulator samples, then the mean of M
-//! of its outputs (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator
-//! samples; what that leaves out, three boxes of one step of the grid, is their delay, which is put in, and a droop of
-//! 3e-6 at 50 Hz. A modulator sample stands for the middle of its period, so a conversion lags by half a period less
-//! than `3 N / 2` periods for each box, plus that half: [`Filter::delay_clkin`].
+//! Registers and frames are the driver crate's own mock; modulators, filter and clock are here. A conversion is the
+//! filter's output from the voltages before it: sinc3 of N modulator samples, then the mean of M of its outputs
+//! (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator samples. This leaves
+//! out three boxes of one grid step: their delay, which is added, and a droop of 3e-6 at 50 Hz. A modulator sample
+//! represents the middle of its period, so a conversion lags by half a period less than `3 N / 2` periods for each box,
+//! plus that half: [`Filter::delay_clkin`].
 //!
 //! Channel 0 is the bridge, 1 its excitation, 2 the terminal displacement, 3 open.
 //!
-//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted
-//! and no reset takes; a CLKIN that changes begins the conversion anew.
+//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted and
+//! no reset takes effect; a CLKIN that changes restarts the conversion.
 
 use std::collections::VecDeque;
 
@@ -39,7 +39,7 @@ const GRID: u32 = 16;
 /// CLKIN periods per modulator sample.
 const CLKIN_PER_SAMPLE: u32 = 2;
 const CHANNELS: usize = 4;
-/// Address of CLOCK, whose writing restarts the conversion.
+/// Address of CLOCK; writing it restarts the conversion.
 const CLOCK: u8 = 0x03;
 
 /// Decimation filter on a grid.
@@ -101,7 +101,7 @@ pub struct Inputs {
     pub cs: bool,
     /// Level of SYNC/RESET.
     pub reset: bool,
-    /// Cycles of the core per period of CLKIN, while that runs (168 MHz: 21 for 8 MHz).
+    /// Cycles of the core per period of CLKIN, while it runs (168 MHz: 21 for 8 MHz).
     pub clkin_cycles: Option<Cycles>,
 }
 
@@ -109,7 +109,7 @@ pub struct Inputs {
 #[derive(Clone, Copy, Debug, Default)]
 struct Clkin {
     cycles: Option<Cycles>,
-    /// Periods that had passed when it last changed, and when that was.
+    /// Periods that had passed at its last change, and the time of that.
     periods: u64,
     since: Cycles,
 }
@@ -120,10 +120,10 @@ impl Clkin {
     }
 }
 
-/// The chip with what drives its inputs.
+/// The chip with the levels that drive its inputs.
 #[derive(Clone, Debug)]
 pub struct Ads131m04 {
-    /// Registers, frames, buffer; public for a test that wants to disturb them.
+    /// Registers, frames, buffer; public for tests that disturb them.
     pub chip: mock::Chip,
     clkin: Clkin,
     filter: Filter,
@@ -138,7 +138,7 @@ pub struct Ads131m04 {
 }
 
 impl Ads131m04 {
-    /// Just powered. `noise_v` is the rms of one conversion of each channel \[V\], `seed` its seed.
+    /// Just powered on. `noise_v` is the rms of one conversion of each channel \[V\], `seed` its seed.
     pub fn new(noise_v: [f64; CHANNELS], seed: u64) -> Self {
         let chip = mock::Chip::new();
         let filter = Filter::new(chip.osr().stages());
@@ -177,7 +177,7 @@ impl Ads131m04 {
         self.chip.drdy()
     }
 
-    /// Follows the pins and the registers that the bus has written: to be called after whatever may have moved them.
+    /// Follows the pins and the registers written over the bus: to be called after anything that may have changed them.
     pub fn follow(&mut self, inputs: Inputs, now: Cycles) {
         let Inputs { cs, reset, clkin_cycles } = inputs;
         let mut restart = false;
@@ -194,7 +194,7 @@ impl Ads131m04 {
             let clock = self.chip.register(CLOCK);
             self.selected = !cs;
             self.chip.cs(!cs);
-            // A write to CLOCK begins the conversion anew, and so do standby's and reset's end.
+            // A write to CLOCK restarts the conversion, and so does the end of standby and of reset.
             restart |= self.chip.register(CLOCK) != clock;
             restart |= self.next.is_some() != self.chip.period_clkin().is_some() && clkin_cycles.is_some();
         }
@@ -203,7 +203,7 @@ impl Ads131m04 {
         }
     }
 
-    /// Conversions begin anew.
+    /// Conversions restart.
     fn restart(&mut self, now: Cycles) {
         self.filter = Filter::new(self.chip.osr().stages());
         self.history.clear();
@@ -221,7 +221,7 @@ impl Ads131m04 {
         let step = Cycles::from(CLKIN_PER_SAMPLE * self.filter.step_samples) * clkin_cycles;
         let latest = now.saturating_sub(Cycles::from(self.filter.latest_clkin()) * clkin_cycles);
         let wanted = self.filter.weights.len();
-        // After a restart the filter's whole length is looked up: the modulators had been running.
+        // After a restart the filter's whole length is looked up, as the modulators had been running.
         let fresh = if self.history.is_empty() { wanted } else { self.filter.steps_per_conversion() as usize };
         for back in (0..fresh as u64).rev() {
             let time_s = seconds(latest.saturating_sub(back * step));
@@ -254,7 +254,7 @@ impl Ads131m04 {
         Ok(self.chip.shift(byte))
     }
 
-    /// Refuses a CLKIN that the chip does not take at this core clock \[Hz\].
+    /// Refuses a CLKIN that the chip does not accept at this core clock \[Hz\].
     pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
         match self.clkin.cycles {
             Some(cycles) if !CLKIN_HZ.contains(&(hclk_hz / cycles as f64)) => {
@@ -315,7 +315,7 @@ mod tests {
         for (stages, delay) in [((1024, 1), 1.5), ((1024, 2), 1.0), ((1024, 4), 0.75), ((256, 1), 1.5)] {
             let filter = Filter::new(stages);
             assert!((filter.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            // The boxes end half a modulator sample each before the continuous ones: one sample, two CLKIN periods.
+            // Each box ends half a modulator sample before the continuous one: one sample, two CLKIN periods.
             let period = f64::from(filter.period_clkin());
             assert_eq!(filter.delay_clkin(), delay * period - 2.0, "{stages:?}");
             // Zeros of sinc3 at multiples of the rate of its outputs.
@@ -332,7 +332,7 @@ mod tests {
                 (gain(0.02) - (1.0 - f64::from(3 + stages.1.pow(2) - 1) * (TAU * 0.01).powi(2) / 6.0)).abs() < 1e-4
             );
             assert_eq!(period, 2.0 * n * f64::from(stages.1));
-            // What the grid leaves out at 50 Hz, of periods of 2 N / CLKIN: three boxes of a sixteenth of it.
+            // What the grid leaves out at 50 Hz, in periods of 2 N / CLKIN: three boxes of a sixteenth of it.
             let exact = |cycles_per_n: f64| {
                 let (x, m) = (0.5 * TAU * cycles_per_n, f64::from(stages.1));
                 (x.sin() / x).powi(3) * ((m * x).sin() / (m * x.sin()))
@@ -386,7 +386,7 @@ mod tests {
         ads.chip.disturb_register(0x04, 0x5555);
         ads.follow(RESET, 1000);
         assert_eq!(ads.due(), None);
-        // Less than 2048 periods only bring the conversion in step.
+        // Less than 2048 periods only synchronise the conversion.
         ads.follow(RUNNING, 1000 + 2000 * CLKIN_CYCLES);
         assert_eq!(ads.due(), Some(1000 + 2000 * CLKIN_CYCLES + 2048 * CLKIN_CYCLES));
         assert_eq!(ads.chip.register(0x04), 0x5555);

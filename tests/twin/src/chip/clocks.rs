@@ -1,6 +1,6 @@
 //! Frequencies of the chip and the relation between cycles and seconds.
 
-/// Core cycles since power was first applied. Never goes back, also not over a reset or a power cut.
+/// Core cycles since power was first applied. Never decreases, even over a reset or a power cut.
 pub type Cycles = u64;
 
 /// Frequencies in use since a certain moment.
@@ -24,9 +24,9 @@ pub struct Clocks {
     pub usb_hz: f64,
     /// LPUART1 kernel clock \[Hz\].
     pub lpuart1_hz: f64,
-    /// ADC1 and ADC2 kernel clock where it is not derived from HCLK \[Hz\], 0 while it is off.
+    /// ADC1 and ADC2 kernel clock if it is not derived from HCLK \[Hz\], 0 while it is off.
     pub adc12_hz: f64,
-    /// The same of ADC3 to ADC5.
+    /// The same for ADC3 to ADC5.
     pub adc345_hz: f64,
 }
 
@@ -51,7 +51,8 @@ impl Clocks {
         self.since_s + at.saturating_sub(self.since) as f64 / self.hclk_hz
     }
 
-    /// The first cycle not before a moment in seconds, nor before [`Self::since`]: whoever waits for later gets on.
+    /// The first cycle not before a moment in seconds, nor before [`Self::since`], so that a wait for a later moment
+    /// makes progress.
     pub fn cycle_at(&self, time_s: f64) -> Cycles {
         self.since + ((time_s - self.since_s) * self.hclk_hz).max(0.0).ceil() as Cycles
     }

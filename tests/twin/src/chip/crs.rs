@@ -1,6 +1,6 @@
 //! Clock recovery (RM0440 section 8.8): trims the 48 MHz oscillator by the frames of USB.
 //!
-//! The oscillator of the twin is exact, so trimming changes nothing: each synchronisation reports that all is well.
+//! The twin's oscillator is exact, so trimming changes nothing: each synchronisation reports success.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -29,7 +29,7 @@ impl Default for Crs {
 }
 
 impl Crs {
-    /// A pulse of the source came, which for USB is the start of a frame.
+    /// A pulse of the source arrived, which for USB is the start of a frame.
     pub fn synchronise(&mut self) {
         if self.storage.get(CR) & CEN != 0 {
             self.flags |= SYNCOK | ESYNC;
@@ -47,7 +47,7 @@ impl Registers for Crs {
         match offset & !3 {
             ISR => Ok(width.part(self.flags, offset)),
             ICR => Ok(0),
-            // Both are read to change some of their bits.
+            // Both are read so that some of their bits can be changed.
             CR | CFGR => Ok(width.part(self.storage.get(offset & !3), offset)),
             _ => Err(Unknown::REGISTER),
         }

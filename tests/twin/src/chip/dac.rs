@@ -1,7 +1,7 @@
-//! The digital-to-analogue converters DAC1 and DAC2, channel 1 of each, and what their output does to a voltage.
+//! The digital-to-analogue converters DAC1 and DAC2, channel 1 of each, and the settling of their output voltage.
 //!
-//! A write to the holding register reaches the output at once, or with the chosen trigger; each trigger asks for the next
-//! code by DMA. The voltage then settles like a low pass of first order ([`Quality`]).
+//! A write to the holding register reaches the output at once, or with the chosen trigger; each trigger requests the
+//! next code by DMA. The voltage then settles like a first-order low-pass ([`Quality`]).
 //! Not modelled, and refused: the second channel, wave generation, sample and hold, two codes at once, calibration.
 //!
 //! Sources: RM0440 chapter 22 (registers 22.7.1 to 22.7.16; DMA underrun 22.4.8; triggers, table 187); settling, gain and
@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 pub const TRIGGER_TIM7: u32 = 2;
 /// The bus clock over which HFSEL must be 2 \[Hz\].
 const FAST_HZ: f64 = 160e6;
-/// How near the rails the output comes with its buffer \[V\] (DS12288, VDAC_OUT).
+/// How near the rails the buffered output comes \[V\] (DS12288, VDAC_OUT).
 const FROM_RAIL_V: f64 = 0.2;
 /// Changes of the output that are remembered: a converter looks back less than one step.
 const REMEMBERED: usize = 4;
@@ -38,10 +38,10 @@ mod sr {
 /// HFSEL in MCR.
 const HFSEL: u32 = 3 << 14;
 
-/// How good the output is.
+/// Quality of the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Volts over what they should be.
+    /// Volts relative to their nominal value.
     pub gain: f64,
     /// Volts at code 0 \[V\].
     pub offset_v: f64,
@@ -50,8 +50,8 @@ pub struct Quality {
 }
 
 impl Default for Quality {
-    /// Half of the gain and the offset that DS12288 allows, and 1.7 us to half a code (its typical settling time) from end
-    /// to end.
+    /// Half of the gain error and the offset that DS12288 allows, and 1.7 us to half a code (its typical settling time)
+    /// from end to end.
     fn default() -> Self {
         Self { gain: 1.0025, offset_v: 5e-3, settling_s: 0.19e-6 }
     }
@@ -80,7 +80,7 @@ pub struct Dac {
 }
 
 impl Dac {
-    /// How good it is from now on.
+    /// Sets its quality from now on.
     pub fn set_quality(&mut self, quality: Quality) {
         self.quality = quality;
     }
@@ -92,13 +92,13 @@ impl Dac {
         }
         self.put_out(now);
         if self.cr & cr::DMAEN != 0 && !self.underrun {
-            // The one before was not served: no further ones until the flag is cleared.
+            // The previous one was not served: no further ones until the flag is cleared.
             self.underrun = self.request;
             self.request = !self.underrun;
         }
     }
 
-    /// Whether a code is asked for by DMA.
+    /// Whether it requests a code by DMA.
     pub fn dma_request(&self) -> bool {
         self.request
     }
@@ -113,7 +113,7 @@ impl Dac {
         self.underrun && self.cr & cr::DMAUDRIE != 0
     }
 
-    /// Voltage at the pin, not far back; nothing where the output is off \[V\].
+    /// Voltage at the pin, not far back; none while the output is off \[V\].
     pub fn volts(&self, at: Cycles) -> Option<f64> {
         if self.cr & cr::EN == 0 {
             return None;

@@ -1,4 +1,5 @@
-//! Debug support of the chip (RM0440 section 47.6): the identity; what to freeze when the core is halted is storage.
+//! Debug support of the chip (RM0440 section 47.6): the identity; what to freeze when the core is halted is only
+//! stored.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 

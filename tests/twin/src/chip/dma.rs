@@ -1,8 +1,8 @@
 //! The direct memory access controllers DMA1 and DMA2: eight channels each, circular or once.
 //!
 //! A channel answers one request with one transfer between a peripheral register and memory; the bus does the transfer,
-//! this model says which and counts. Half-way and at the end of a lap it raises its flags. A transfer that fails disables its
-//! channel, which stays off until the error's flag is cleared.
+//! this model chooses it and counts. Half-way and at the end of a lap it raises its flags. A transfer that fails
+//! disables its channel, which stays off until the error's flag is cleared.
 //! Not modelled, and refused: memory to memory, priorities (a transfer takes no time here, so none ever waits).
 //!
 //! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its
@@ -28,9 +28,9 @@ mod ccr {
     pub const MSIZE: u32 = 3 << 10;
     pub const PL: u32 = 3 << 12;
     pub const MEM2MEM: u32 = 1 << 14;
-    /// They stand at the places of their flags.
+    /// At the positions of their flags.
     pub const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
-    /// What must stand while the channel is enabled.
+    /// What must not change while the channel is enabled.
     pub const FIXED: u32 = DIR | PINC | MINC | PSIZE | MSIZE | PL | MEM2MEM;
     pub const ALL: u32 = 0x7FFF;
 }
@@ -44,7 +44,7 @@ mod flag {
     pub const ALL: u32 = COMPLETE | HALF | ERROR;
 }
 
-/// Which way a transfer goes.
+/// Direction of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the peripheral to memory.
@@ -58,13 +58,13 @@ pub enum Direction {
 pub struct Transfer {
     /// Address in the peripheral.
     pub peripheral: u32,
-    /// How it is accessed there.
+    /// Width of the access there.
     pub peripheral_width: Width,
     /// Address in memory.
     pub memory: u32,
-    /// How it is accessed there.
+    /// Width of the access there.
     pub memory_width: Width,
-    /// Which way.
+    /// Its direction.
     pub direction: Direction,
 }
 
@@ -104,7 +104,7 @@ impl Channel {
         self.flags & self.ccr & ccr::INTERRUPTS != 0
     }
 
-    /// Transfers until a flag with its interrupt enabled is set; none when no number of them does.
+    /// Transfers until a flag with its interrupt enabled is set; none if it never is.
     fn until_interrupt(&self) -> Option<u32> {
         if !self.is_enabled() || self.cndtr == 0 {
             return None;
@@ -126,7 +126,7 @@ impl Channel {
 pub struct Dma {
     channels: [Channel; CHANNELS],
     errata: Errata,
-    /// The channel that gets no turn on the bus, and until when.
+    /// The channel that is kept off the bus, and until when.
     stall: Option<(usize, Cycles)>,
     /// The channel whose transfers fail from now on.
     broken: Option<usize>,
@@ -144,12 +144,12 @@ impl Dma {
         Self::default()
     }
 
-    /// Which errata there are from now on.
+    /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
     }
 
-    /// What the channel would do on a request; none when it is disabled, has nothing left, or is kept waiting.
+    /// What the channel would do on a request; none if it is disabled, has nothing left, or is kept waiting.
     pub fn transfer(&self, channel: usize) -> Result<Option<Transfer>, Unknown> {
         let Some(it) = self.channels.get(channel) else { return Ok(None) };
         if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
@@ -173,7 +173,7 @@ impl Dma {
         }))
     }
 
-    /// The channel's transfer was done. Says whether it was the last of a lap; one that failed counts for nothing.
+    /// The channel's transfer was done. Returns whether it was the last of a lap; one that failed does not count.
     pub fn complete(&mut self, channel: usize) -> bool {
         let Some(it) = self.channels.get_mut(channel).filter(|it| it.is_enabled()) else { return false };
         it.cndtr = it.cndtr.saturating_sub(1);
@@ -198,7 +198,7 @@ impl Dma {
         }
     }
 
-    /// Lets each transfer of this channel fail.
+    /// Makes each transfer of this channel fail.
     pub fn break_off(&mut self, channel: usize) {
         self.broken = Some(channel);
     }
@@ -218,7 +218,7 @@ impl Dma {
         self.channels.get(channel).is_some_and(Channel::is_enabled)
     }
 
-    /// Transfers that the channel must do until its interrupt line rises; none when no number of them raises it.
+    /// Transfers that the channel must do until its interrupt line rises; none if it never rises.
     pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
         let it = self.channels.get(channel)?;
         let fails = self.is_broken(channel) && it.ccr & ccr::TEIE != 0 && it.is_enabled();
@@ -385,7 +385,7 @@ mod tests {
         dma.fail(CHANNEL);
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR), 0);
-        // On the chip of the manual always.
+        // On the chip of the manual, always.
         let mut dma = ring(2, HALVES);
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
     }

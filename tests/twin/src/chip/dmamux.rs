@@ -10,7 +10,7 @@ use crate::{Cycles, Registers, Unknown, Width};
 /// Channels of the multiplexer.
 pub const CHANNELS: usize = 16;
 
-/// Numbers of the requests that something here raises.
+/// Numbers of the requests that are raised here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Request {
@@ -54,7 +54,7 @@ impl Request {
         Self::Dac2,
     ];
 
-    /// The request of this number; none when nothing here raises it.
+    /// The request of this number; none if nothing here raises it.
     pub fn of(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|request| *request as u8 == number)
     }
@@ -175,7 +175,7 @@ mod tests {
     fn fields_are_metapacs() {
         use crate::metapac::fields_agree;
 
-        // metapac has one bit more in DMAREQ_ID, for other chips.
+        // metapac has one more bit in DMAREQ_ID, for other chips.
         fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
     }
 }

@@ -1,7 +1,7 @@
 //! Extended interrupts (RM0440 section 15.5): edges of pins and of other blocks become pending requests.
 //!
-//! Lines 0 to 15 are pins (which port is SYSCFG's choice), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are
-//! storage: nothing in the twin sleeps so deeply that it needs them.
+//! Lines 0 to 15 are pins (SYSCFG chooses the port), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are only
+//! stored: nothing in the twin sleeps so deeply that it needs them.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -58,7 +58,7 @@ impl Registers for Exti {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
             PR1 => Ok(width.part(self.pending, offset)),
-            // Shared between the users of the lines, each of whom changes one bit.
+            // Shared by the users of the lines, each of which changes one bit.
             IMR1 | EMR1 | RTSR1 | FTSR1 => Ok(width.part(self.storage.get(offset & !3), offset)),
             _ => self.storage.read(offset, width),
         }

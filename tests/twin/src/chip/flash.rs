@@ -2,12 +2,12 @@
 //!
 //! - Programming takes double words, each once between two erasures (or to zero), and 85 us; a page is erased in 22 ms
 //!   (DS12288 table "Flash memory characteristics", typical values rounded up).
-//! - One bank may be read while the other one is busy. Reading the busy bank stalls the core, which is counted. The
-//!   code runs from bank 1, so an operation there ends the run.
-//! - Power that fails in the middle of an operation leaves a double word that no longer fits its error correction
-//!   code, or a page of such words: reading one sets ECCD and raises the non-maskable interrupt.
-//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run, and what is
-//!   read again from it raises nothing.
+//! - One bank may be read while the other is busy. Reading the busy bank stalls the core, which is counted. The code
+//!   runs from bank 1, so an operation there ends the run.
+//! - A power failure during an operation leaves a double word that no longer matches its error correction code, or a
+//!   page of such words: reading one sets ECCD and raises the non-maskable interrupt.
+//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run, and
+//!   reading from it again raises nothing.
 //!
 //! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
 
@@ -50,7 +50,7 @@ const SR: u32 = 0x10;
 const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
 const OPTR: u32 = 0x20;
-/// OPTR: bits without a meaning, which stay as they were delivered.
+/// OPTR: reserved bits, which stay as delivered.
 const OPTR_RESERVED: u32 = 0x8020_8800;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
@@ -99,7 +99,7 @@ pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;
 pub enum Boot {
     /// To the program in bank 1.
     Flash,
-    /// To the ROM, which starts the program of either bank by a jump (AN2606, dual bank boot); bank 2 holds none here.
+    /// To the ROM, which starts the program of either bank by a jump (AN2606, dual bank boot); bank 2 has none here.
     EitherBank,
     /// To the ROM's update mode.
     Rom,
@@ -107,14 +107,14 @@ pub enum Boot {
     Ram,
 }
 
-/// What an operation leaves that lost its power halfway.
+/// What an operation leaves that lost power halfway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
     /// Everything as before: the cells had not changed yet.
     Before,
-    /// Some bits changed, and the error correction code fits none of it.
+    /// Some bits changed, and the error correction code matches none of it.
     Between,
-    /// Everything as it should be, but nobody noted it.
+    /// Everything as it should be, but not reported.
     After,
 }
 
@@ -123,11 +123,11 @@ impl Torn {
     pub const ALL: [Self; 3] = [Self::Before, Self::Between, Self::After];
 }
 
-/// All that flash keeps without power.
+/// Everything that flash keeps without power.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
     bytes: Vec<u8>,
-    /// Double words (by number) that do not fit their error correction code.
+    /// Double words (by number) that do not match their error correction code.
     torn: BTreeSet<usize>,
     options: u32,
 }
@@ -164,7 +164,7 @@ impl Operation {
 
 #[derive(Clone, Copy, Debug)]
 struct Cut {
-    /// Operations that still end well.
+    /// Operations that still complete.
     left: u32,
     torn: Torn,
 }
@@ -180,25 +180,25 @@ pub struct Flash {
     status: u32,
     control: u32,
     ecc: u32,
-    /// What the chip says of its flash.
+    /// The flash size that the chip reports.
     size_kb: u16,
     /// Operations do not end.
     hangs: bool,
-    /// From a double error to its interrupt, where that comes late.
+    /// From a double error to its interrupt, if that comes late.
     nmi_delay: Cycles,
     nmi_due: Option<Cycles>,
-    /// A late one holds the line.
+    /// A late one drives the line.
     nmi_late: bool,
     keys: usize,
     option_keys: usize,
-    /// A wrong key was written: closed until the next reset.
+    /// A wrong key was written: locked until the next reset.
     shut: bool,
     operation: Option<Operation>,
     /// The first half of a double word.
     half: Option<(usize, u32)>,
-    /// The data cache may hold what is no longer there.
+    /// The data cache may hold outdated contents.
     stale: bool,
-    /// Double words in the data cache that do not fit their error correction code.
+    /// Double words in the data cache that do not match their error correction code.
     cached: BTreeSet<usize>,
     errata: Errata,
     rules: Rules,
@@ -263,14 +263,14 @@ impl Flash {
         self.memory.bytes()
     }
 
-    /// Where both banks lie in the host.
+    /// Address of both banks in the host.
     pub fn as_ptr(&self) -> *mut u8 {
         self.memory.as_ptr()
     }
 
     /// Writes bytes as a probe does that has just erased everything below them.
     ///
-    /// Returns false, and writes nothing, where they do not fit.
+    /// Returns false, and writes nothing, if they do not fit.
     #[must_use]
     pub fn load(&mut self, address: u32, bytes: &[u8]) -> bool {
         let Some(start) = address.checked_sub(START) else { return false };
@@ -283,7 +283,7 @@ impl Flash {
         true
     }
 
-    /// A copy of all that is kept without power.
+    /// A copy of everything that is kept without power.
     pub fn contents(&self) -> Contents {
         Contents { bytes: self.memory.bytes().to_vec(), torn: self.torn.clone(), options: self.options }
     }
@@ -295,7 +295,7 @@ impl Flash {
         self.options = contents.options;
     }
 
-    /// Ends the run in the middle of an operation: the one after `operations` more that end well.
+    /// Ends the run in the middle of an operation: after `operations` more have completed.
     pub fn cut_power_after(&mut self, operations: u32, torn: Torn) {
         self.cut = Some(Cut { left: operations, torn });
     }
@@ -305,28 +305,28 @@ impl Flash {
         self.hangs = true;
     }
 
-    /// No cut any more.
+    /// Cancels the cut.
     pub fn keep_power(&mut self) {
         self.cut = None;
         self.cut_at = None;
     }
 
-    /// The moment of the cut has come.
+    /// Whether the moment of the cut has come.
     pub fn power_fails(&self, now: Cycles) -> bool {
         self.cut_at.is_some_and(|at| at <= now)
     }
 
-    /// Which errata there are from now on.
+    /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
     }
 
-    /// How strictly the program is taken from now on.
+    /// Sets how strictly violations are treated from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
 
-    /// Wait states that are set.
+    /// The wait states that are set.
     pub fn wait_states(&self) -> u32 {
         self.storage.get(ACR) & 0xf
     }
@@ -370,7 +370,7 @@ impl Flash {
         self.storage.get(OPTR) >> 8 & 7
     }
 
-    /// Whether so many bytes lie in flash.
+    /// Whether this many bytes are in flash.
     pub fn holds(&self, address: u32, len: usize) -> bool {
         let start = address.wrapping_sub(START) as usize;
         start < LEN && len <= LEN - start
@@ -388,7 +388,7 @@ impl Flash {
         self.stale = false;
     }
 
-    /// The boot loader programs a double word; false, and nothing happens, where it is not erased.
+    /// The boot loader programs a double word; returns false, and does nothing, if it is not erased.
     #[must_use]
     pub fn rom_program(&mut self, address: u32, data: u64, now: Cycles) -> bool {
         let at = address.wrapping_sub(START) as usize;
@@ -419,12 +419,12 @@ impl Flash {
         within(OPTION_BYTES, &option_bytes).or_else(|| within(rom::START, &system))
     }
 
-    /// What the chip says of its flash \[KB\].
+    /// Sets the flash size that the chip reports \[KB\].
     pub fn set_size_kb(&mut self, kb: u16) {
         self.size_kb = kb;
     }
 
-    /// Power has gone: what was under way is torn.
+    /// Power is lost: what was under way is torn.
     pub fn lose_power(&mut self) {
         let torn = match (self.cut_at.take(), self.cut.take()) {
             (Some(_), Some(cut)) => cut.torn,
@@ -440,7 +440,7 @@ impl Flash {
                     self.tear_erased(at);
                 }
             }
-            // The old ones stay: an assumption, as nothing that we read says how the controller keeps option bytes.
+            // The old ones stay: an assumption, as no document that we read says how the controller keeps option bytes.
             (Torn::Between, Action::Options) => {}
         }
     }
@@ -470,7 +470,7 @@ impl Flash {
         self.torn.insert(at / 8);
     }
 
-    /// Leaves a double word of zeros that does not fit its error correction code.
+    /// Leaves a double word of zeros that does not match its error correction code.
     #[cfg(test)]
     pub(crate) fn tear_for_test(&mut self, address: u32) {
         self.tear((address - START) as usize, 0);
@@ -502,7 +502,7 @@ impl Flash {
         }
     }
 
-    /// A bank is written while the core reads the other one.
+    /// Checks the erratum for a bank that is written while the core reads the other.
     fn check_cache(&self) -> Result<(), Unknown> {
         if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
             return Err(Unknown {
@@ -518,7 +518,7 @@ impl Flash {
             Action::Erase { .. } => ERASE_S,
             Action::Options => ERASE_S + PROGRAM_S,
         };
-        // A year, where it does not end.
+        // A year, if it does not end.
         let length = (if self.hangs { 3e7 } else { length_s } * self.hclk_hz) as Cycles;
         self.operation = Some(Operation { action, end: now + length });
         self.stale |= self.storage.get(ACR) & DCEN != 0;
@@ -537,7 +537,7 @@ impl Flash {
         self.half = None;
     }
 
-    /// The core waits until nothing is under way; returns the moment at which it goes on.
+    /// The core waits until nothing is under way; returns the moment at which it continues.
     fn wait(&mut self, now: Cycles) -> Cycles {
         let end = match self.operation {
             Some(operation) if operation.end > now => operation.end,
@@ -555,7 +555,7 @@ impl Flash {
         std::mem::take(&mut self.stall)
     }
 
-    /// The option bytes are to be loaded, which restarts the chip.
+    /// Whether the option bytes are to be loaded, which restarts the chip.
     pub fn launches(&self) -> bool {
         self.launch
     }
@@ -565,13 +565,13 @@ impl Flash {
         self.status & EOP != 0 && self.control & EOPIE != 0 || self.status & OPERR != 0 && self.control & ERRIE != 0
     }
 
-    /// An error that could not be corrected holds the line of the non-maskable interrupt.
+    /// Whether an error that could not be corrected drives the line of the non-maskable interrupt.
     pub fn nmi(&self) -> bool {
         if self.nmi_delay == 0 { self.ecc & ECCD != 0 } else { self.nmi_late }
     }
 
-    /// Lets the interrupt of a double error come so many cycles after it, whether its flag still stands or not: nothing that we
-    /// read says how soon it comes.
+    /// Delays the interrupt of a double error by this many cycles, whether its flag is still set or not: no document
+    /// that we read says how soon it comes.
     pub fn delay_nmi(&mut self, cycles: Cycles) {
         self.nmi_delay = cycles;
     }
@@ -662,7 +662,7 @@ impl Flash {
     fn write_control(&mut self, word: u32, now: Cycles) -> Result<(), Unknown> {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
-            // Locking what is locked is harmless.
+            // Locking again is harmless.
             return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
         }
         if word & CR_UNKNOWN != 0 {
@@ -721,7 +721,7 @@ impl Registers for Flash {
                 self.control | started
             }
             ECCR => self.ecc,
-            // Both are read to change some of their bits.
+            // Both are read so that some of their bits can be changed.
             ACR | OPTR => self.storage.get(offset & !3),
             _ => return Err(Unknown::REGISTER),
         };
@@ -796,7 +796,7 @@ impl Registers for Flash {
 
     fn reset(&mut self, now: Cycles) {
         self.advance(now);
-        // A reset stops what is under way; the cells are as torn as without power.
+        // A reset stops what is under way; the cells are torn as in a power failure.
         self.lose_power();
         self.storage.reset();
         self.storage.set(OPTR, self.options);

@@ -1,7 +1,7 @@
 //! GPIO ports (RM0440 section 9.4).
 //!
-//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
-//! storage; locking is unknown. A pin that nothing drives and nothing pulls reads low.
+//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are only
+//! stored; locking is unknown. A pin that is neither driven nor pulled reads low.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -35,12 +35,12 @@ pub struct Gpio {
     storage: Storage,
     /// Pins that something outside drives.
     driven: u16,
-    /// To which level.
+    /// Their levels.
     levels: u16,
 }
 
 impl Gpio {
-    /// From the values of MODER, OSPEEDR and PUPDR after reset: those of A and B hold the debug pins.
+    /// From the values of MODER, OSPEEDR and PUPDR after reset: on A and B these hold the debug pins.
     const fn reset_values(port: usize) -> (u32, u32, u32) {
         match port {
             0 => (0xabff_ffff, 0x0c00_0000, 0x6400_0000),
@@ -77,7 +77,7 @@ impl Gpio {
         }
     }
 
-    /// Something outside drives a pin to a level, or lets go of it.
+    /// Something outside drives a pin to a level, or releases it.
     pub fn drive(&mut self, pin: usize, level: Option<bool>) {
         let bit = 1 << pin;
         self.driven = if level.is_some() { self.driven | bit } else { self.driven & !bit };
@@ -103,7 +103,7 @@ impl Gpio {
         })
     }
 
-    /// What something outside sees at a pin: one that nobody drives is pulled up there.
+    /// The level that something outside sees at a pin; there an undriven pin is pulled up.
     pub fn output(&self, pin: usize) -> bool {
         let driven = self.mode(pin) == Mode::Output || self.driven >> pin & 1 != 0;
         !driven || self.pins() >> pin & 1 != 0
@@ -122,7 +122,7 @@ impl Registers for Gpio {
         match offset & !3 {
             IDR => Ok(width.part(self.input(), offset)),
             BSRR | BRR => Ok(0),
-            // Code that changes single pins through this register is in order before anything was written.
+            // Code may change single pins through this register before anything was written.
             ODR => Ok(width.part(self.storage.get(ODR), offset)),
             _ => self.storage.read(offset, width),
         }
@@ -145,7 +145,7 @@ impl Registers for Gpio {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        // Reading what a pin was set to before setting it anew is how all of these are used.
+        // All of these are used by reading a pin's setting before changing it.
         let shared = [MODER, OTYPER, OSPEEDR, PUPDR, AFRL, AFRH];
         self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
     }

@@ -1,6 +1,6 @@
 //! Independent watchdog (RM0440 section 42.4), counted by the slow internal oscillator of nominally 32 kHz.
 //!
-//! New values of prescaler and reload are in use five periods of that oscillator after they were written, or after the
+//! New values of prescaler and reload take effect five periods of that oscillator after they were written, or after the
 //! start if that came later.
 
 use super::rcc::LSI_HZ;
@@ -16,7 +16,7 @@ const ACCESS: u32 = 0x5555;
 const RELOAD: u32 = 0xaaaa;
 const START: u32 = 0xcccc;
 
-/// Periods of the oscillator until a written value is in use.
+/// Periods of the oscillator until a written value takes effect.
 const TRANSFER: f64 = 5.0;
 
 /// The watchdog.
@@ -27,11 +27,11 @@ pub struct Iwdg {
     /// In use.
     prescaler: u32,
     reload: u32,
-    /// A refresh while more counts are left than these bites.
+    /// A refresh while more counts than these are left causes a reset.
     window: u32,
     /// It was refreshed too early.
     early: bool,
-    /// Written, and when they come into use.
+    /// Written, and when they take effect.
     new_prescaler: Option<(u32, Cycles)>,
     new_reload: Option<(u32, Cycles)>,
     new_window: Option<(u32, Cycles)>,
@@ -81,14 +81,14 @@ impl Iwdg {
         now + self.cycles(TRANSFER)
     }
 
-    /// Time without a refresh after which it bites \[s\]; nothing while it is not running.
+    /// Time without a refresh after which it resets the chip \[s\]; none while it is not running.
     pub fn timeout_s(&self) -> Option<f64> {
         let (prescaler, reload) =
             (self.new_prescaler.map_or(self.prescaler, |new| new.0), self.new_reload.map_or(self.reload, |new| new.0));
         self.running.then(|| f64::from(reload + 1) * f64::from(4 << prescaler.min(6)) / LSI_HZ)
     }
 
-    /// It has run out: the chip is to be reset.
+    /// Whether it has run out and the chip is to be reset.
     pub fn bites(&self) -> bool {
         self.running && (self.left <= 0.0 || self.early)
     }
@@ -134,7 +134,7 @@ impl Registers for Iwdg {
             PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
-            // A refresh comes with it (RM0440 42.3.4).
+            // It includes a refresh (RM0440 42.3.4).
             WINR => {
                 self.new_window = Some((value & 0xfff, self.in_use_at(now)));
                 self.refresh();

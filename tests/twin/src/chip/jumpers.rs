@@ -1,13 +1,13 @@
-//! The self-test's wires from outputs of the chip to its inputs, in place of the world, and faults that a test plants.
+//! The self-test's wires from outputs of the chip to its inputs, instead of the world, and faults that a test plants.
 
 use super::dmamux::Request;
 use super::pin::Pin;
 use crate::Cycles;
 
-/// Voltage of an input to which no wire leads \[V\].
+/// Voltage of an input without a wire \[V\].
 pub(super) const FLOATING_V: f64 = 0.6;
 
-/// An output of volts.
+/// An analogue output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// PA4, DAC1.
@@ -16,7 +16,7 @@ pub enum Output {
     Two,
 }
 
-/// Where each input's wire comes from; nothing where it is missing.
+/// Source of each input's wire; none if the wire is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jumpers {
     /// The force input's.
@@ -30,7 +30,7 @@ pub struct Jumpers {
 }
 
 impl Jumpers {
-    /// As docs/HARDWARE.md has them.
+    /// As in docs/HARDWARE.md.
     pub const RIGHT: Self = Self {
         force: Some(Output::One),
         terminal: Some(Output::Two),
@@ -39,18 +39,18 @@ impl Jumpers {
     };
 }
 
-/// What is wrong with the chip or its program, on purpose.
+/// Faults of the chip or its program, planted on purpose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Planted {
-    /// By how much ADC1 and ADC2 start after their trigger \[cycles\].
+    /// Delay of ADC1 and ADC2 after their trigger \[cycles\].
     pub late: [Cycles; 2],
-    /// The first such request after this moment comes to nothing \[s since power was applied\].
+    /// The first such request after this moment is lost \[s since power was applied\].
     pub lost: Option<(Request, f64)>,
-    /// The encoder's counter takes every other edge.
+    /// The encoder's counter counts every other edge.
     pub half_counts: bool,
 }
 
-/// The encoder that two wires are.
+/// The encoder that two wires form.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wired {
     levels: (bool, bool),
@@ -58,7 +58,7 @@ pub(super) struct Wired {
 }
 
 impl Wired {
-    /// The levels are these now. Both at once tell no direction.
+    /// Takes the new levels. If both change at once there is no direction.
     pub(super) fn follow(&mut self, levels: (bool, bool)) {
         let quarter = |(a, b): (bool, bool)| if b { 3 - u32::from(a) } else { u32::from(a) };
         self.count = match (quarter(levels) + 4 - quarter(self.levels)) % 4 {

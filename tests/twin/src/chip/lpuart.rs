@@ -1,9 +1,8 @@
 //! The serial link LPUART1 (RM0440 section 38.7): 8 data bits, no parity, one stop bit.
 //!
-//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the
-//! rate that the registers ask for; an end that runs at another rate gives framing errors. Modelled: FIFO, its
-//! threshold and interrupts, idle line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are
-//! unknown.
+//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the rate
+//! set in the registers; an end that runs at another rate gives framing errors. Modelled: FIFO, its threshold and
+//! interrupts, idle line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are unknown.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
@@ -19,7 +18,7 @@ const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
 const PRESC: u32 = 0x2c;
 
-/// CR1: the whole, receiver, transmitter, FIFO.
+/// CR1: UART enable, receiver, transmitter, FIFO.
 const UE: u32 = 1 << 0;
 const RE: u32 = 1 << 2;
 const TE: u32 = 1 << 3;
@@ -47,9 +46,9 @@ const RXFF: u32 = 1 << 24;
 const RXFT: u32 = 1 << 26;
 const TXFT: u32 = 1 << 27;
 
-/// Start, eight of data, stop.
+/// Start bit, eight data bits, stop bit.
 const BITS: f64 = 10.0;
-/// Difference of the two rates beyond which a byte is not received whole: half a bit over ten.
+/// Difference of the two rates beyond which a byte is not received correctly: half a bit in ten.
 const TOLERANCE: f64 = 0.045;
 
 /// The port with both of its ends.
@@ -61,10 +60,10 @@ pub struct Lpuart {
     hclk_hz: f64,
     /// Rate of the other end \[bit/s\].
     far_baud: f64,
-    /// Byte on its way out and the moment at which it has left.
+    /// Byte being sent, and when its last bit has left.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
-    /// What was last written to be sent; it reads back.
+    /// Last value written for sending; it reads back.
     written: u8,
     receive: VecDeque<u8>,
     sent: Vec<u8>,
@@ -115,17 +114,17 @@ impl Lpuart {
         self.arriving.extend(bytes);
     }
 
-    /// Whether something that the other end sent is still on its way.
+    /// Whether something that the other end sent is still in transit.
     pub fn is_arriving(&self) -> bool {
         !self.arriving.is_empty()
     }
 
-    /// What the chip has sent since the last call, as the other end understands it.
+    /// What the chip has sent since the last call, as the other end receives it.
     pub fn take_sent(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.sent)
     }
 
-    /// Rate that the registers ask for \[bit/s\]; nothing while there is none.
+    /// Rate set in the registers \[bit/s\]; none while there is none.
     pub fn baud(&self) -> Option<f64> {
         let prescaler = [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0];
         let divider = f64::from(self.storage.get(BRR));
@@ -185,7 +184,7 @@ impl Lpuart {
     /// The level of the interrupt line.
     pub fn irq(&self) -> bool {
         let (cr1, cr3, status) = (self.storage.get(CR1), self.storage.get(CR3), self.status());
-        // IDLEIE, RXNEIE, TCIE and TXEIE stand where their flags do; overrun comes with RXNEIE.
+        // IDLEIE, RXNEIE, TCIE and TXEIE are at the positions of their flags; overrun comes with RXNEIE.
         cr1 & status & (IDLE | RXNE | TC | TXE) != 0
             || cr1 & RXNE != 0 && status & ORE != 0
             || cr3 & EIE != 0 && status & (FE | ORE) != 0

@@ -1,13 +1,13 @@
-//! The signal path event by event: sampling clock, converters, SPI, and the DMA transfers that they ask for.
+//! The signal path event by event: sampling clock, converters, SPI, and the DMA transfers that they request.
 //!
-//! Nothing of it is stepped while the core runs. `pipeline_advance` catches up, each event at its own time and in
-//! their order, whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM are
-//! what they were. `pipeline_next_event` says when a line may rise: for a circular DMA channel that is its next half.
+//! None of it is stepped while the core runs. `pipeline_advance` catches up, each event at its own time and in order,
+//! whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM stay as they were.
+//! `pipeline_next_event` gives the time at which a line may rise: for a circular DMA channel that is its next half.
 //!
-//! Order at one moment: the update of the sampling clock first latches the encoder's count by DMA, then triggers the
-//! converters; a converter looks at its pin at its aperture, its result moves at the conversion's end.
-//! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at
-//! 20 mm/s.
+//! Order within one moment: the update of the sampling clock first latches the encoder's count by DMA, then triggers
+//! the converters; a converter samples its pin at its aperture, and its result is transferred at the conversion's end.
+//! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at 20
+//! mm/s.
 
 use super::adc::{self, Signal, TRIGGER_TIM6, Unit};
 use super::ads131m04::{CLKIN, CS, DRDY, Inputs, RESET};
@@ -41,19 +41,19 @@ impl Pace {
         Self { first, second: first + period, period }
     }
 
-    /// When the request of this number comes, 1 being the first.
+    /// When the request of this number comes, counted from 1.
     fn nth(&self, number: u32) -> Cycles {
         if number <= 1 { self.first } else { self.second + u64::from(number - 2) * self.period }
     }
 }
 
 impl Chip {
-    /// What went wrong in the signal path since the last call, if anything did; the path stands still from then on.
+    /// The fault of the signal path since the last call, if any; the path stops at it.
     pub fn take_fault(&mut self) -> Option<BadAccess> {
         self.path_fault.take()
     }
 
-    /// Works off everything up to and including `now`.
+    /// Processes everything up to and including `now`.
     pub(crate) fn pipeline_advance(&mut self, now: Cycles) {
         while let Some(at) = self.next_step().filter(|at| *at <= now) {
             if self.path_fault.is_some() {
@@ -89,7 +89,7 @@ impl Chip {
     fn pace(&self, request: Request) -> Option<Pace> {
         let clock = |first: Cycles| Pace::every(self.tim6.period(), first);
         let of_unit = |unit: Unit| match (self.adc.due_of(unit), self.tim6.next_update()) {
-            // One result may come at once, then one with each trigger; without a trigger, or of a sequence, many.
+            // One result may come at once, then one per trigger; without a trigger, or in a sequence, many.
             (Some(due), Some(update)) if self.adc.is_single(unit) => {
                 Some(Pace { first: due, ..clock(update - self.tim6.period()) })
             }
@@ -114,7 +114,7 @@ impl Chip {
         }
     }
 
-    /// When the next event of the path is, whether anyone sees it or not.
+    /// When the next event of the path occurs, whether it is visible or not.
     fn next_step(&self) -> Option<Cycles> {
         let sources = [
             self.tim6.next_update(),
@@ -134,7 +134,7 @@ impl Chip {
         self.dma2.advance(at);
         if self.tim6.next_update() == Some(at) {
             let trigger = self.tim6.update().trigger;
-            // Reading TIM2 for it brings the count to this moment.
+            // Reading TIM2 for it updates the count to this moment.
             self.serve_dma(at);
             if trigger {
                 self.start_conversions(at)?;
@@ -166,7 +166,7 @@ impl Chip {
         Ok(())
     }
 
-    /// The sampling clock's trigger reaches the converters, each when it is planted to.
+    /// The sampling clock's trigger reaches the converters, each with its planted delay.
     fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
         if self.planted.late == [0; 2] {
             return self.adc.trigger(TRIGGER_TIM6, at);
@@ -182,7 +182,7 @@ impl Chip {
         Ok(())
     }
 
-    /// What comes back for a frame on SPI2.
+    /// The answer to a frame on SPI2.
     fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // Nothing drives the line: it reads as ones.
@@ -208,14 +208,14 @@ impl Chip {
         let ready = !ads.drdy();
         self.latch_encoder(at);
         if ready {
-            // Where the last one was not read the line goes up for a moment.
+            // If the last conversion was not read, the line goes high for a moment.
             self.set_pin(DRDY, true, at);
             self.set_pin(DRDY, false, at);
         }
         Ok(())
     }
 
-    /// Lets the digital front end see its pins.
+    /// Passes the pins' levels to the digital front end.
     fn follow_pins(&mut self, now: Cycles) {
         if self.ads131m04.is_none() {
             return;
@@ -229,7 +229,7 @@ impl Chip {
         }
     }
 
-    /// Cycles of the core per period of what PA8 gives out, rounded.
+    /// Cycles of the core per period of PA8's output, rounded.
     fn clkin_cycles(&self) -> Option<Cycles> {
         let pwm = self.tim1.pwm(1).filter(|_| self.pin_mode(CLKIN) == TIM1_FUNCTION)?;
         Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
@@ -267,7 +267,7 @@ impl Chip {
         dac.and_then(|dac| dac.volts(at)).unwrap_or(FLOATING_V)
     }
 
-    /// Whether this request is the one that is to come to nothing.
+    /// Whether this request is the one to be lost.
     fn loses(&mut self, request: Request, now: Cycles) -> bool {
         let lost = self.planted.lost.is_some_and(|(which, after_s)| which == request && self.seconds(now) >= after_s);
         if lost {
@@ -276,7 +276,7 @@ impl Chip {
         lost
     }
 
-    /// Does the transfers that are asked for until none is, and passes on triggers that a write has caused.
+    /// Does the requested transfers until there are none, and passes on triggers that a write has caused.
     pub(crate) fn serve_dma(&mut self, now: Cycles) {
         if self.tim6.take_trigger()
             && let Err(unknown) = self.adc.trigger(TRIGGER_TIM6, now)
@@ -303,7 +303,7 @@ impl Chip {
         }
     }
 
-    /// Does one transfer for the request, if it stands and a channel listens. Says whether one was done.
+    /// Does one transfer for the request, if it is pending and a channel listens. Returns whether one was done.
     fn serve(&mut self, request: Request, now: Cycles) -> bool {
         if !self.is_requested(request) {
             return false;
@@ -329,7 +329,7 @@ impl Chip {
         false
     }
 
-    /// The request is served. Those of the converters to codes go with their results.
+    /// The request is served. The requests of the analogue-to-digital converters go with their results.
     fn forget(&mut self, request: Request) {
         match request {
             Request::Tim6Update => self.tim6.dma_acknowledge(),
@@ -424,7 +424,7 @@ mod tests {
     const TERMINALS: u32 = 0x2000_2000;
     const ENTRIES: u32 = 16;
 
-    /// Signals from which the time they were asked for can be read: 1 V a millisecond, a count a cycle.
+    /// Signals that encode the time at which they were read: 1 V per millisecond, a count per cycle.
     struct Ramp;
 
     impl World for Ramp {
@@ -446,8 +446,8 @@ mod tests {
         chip.write(address, value, Width::Word, now).unwrap();
     }
 
-    /// Rings, converters and clock set up as the firmware does, everything but the last write. Only the converters' clock is
-    /// the core's divided by four, as a trigger's latency is the same at each of its phases then.
+    /// Rings, converters and clock set up as in the firmware, except for the last write. But the converters' clock is
+    /// the core's divided by four, as the trigger latency is then the same at each of its phases.
     fn chip() -> Chip {
         let mut chip = Chip::new(Board::NUCLEO, Box::new(Ramp));
         let clocks =
@@ -469,7 +469,7 @@ mod tests {
         ] {
             write(&mut chip, address, value, now);
         }
-        // Turning the clocks on has put the frequencies of the registers in use.
+        // Turning the clocks on has applied the frequencies of the registers.
         chip.use_clocks(clocks, now);
         for (n, (request, peripheral, memory, ccr)) in [
             (8, TIM2_CNT, POSITIONS, 2 << 8 | 2 << 10),
@@ -582,7 +582,7 @@ mod tests {
 
     #[test]
     fn an_update_before_the_start_puts_the_converters_one_ahead() {
-        // What a driver gets that forces an update while the converters wait: an entry without a position.
+        // The result for a driver that forces an update while the converters wait: an entry without a position.
         let mut chip = chip();
         write(&mut chip, 0x4000_1000, 1 << 2, START - 5000);
         write(&mut chip, 0x4000_1014, 1, START - 5000);
@@ -620,7 +620,7 @@ mod tests {
         write(&mut chip, 0x4000_1000, 1, START);
         chip.advance(START + 2 * PERIOD);
         assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
-        // One that the bus refuses is another.
+        // A transfer that the bus refuses is another case.
         write(&mut chip, 0x4002_0004, 8 << 8, START);
         write(&mut chip, 0x4002_0008 + 0x34, TERMINALS, START);
         write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
@@ -677,8 +677,9 @@ mod tests {
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("analogue")));
     }
 
-    /// The digital front end at 8 MHz; SPI2's pins its own, PB12 and PB11 outputs and high, PB10 TIM2's third channel,
-    /// which captures at falling edges, PA8 TIM1's first, which gives out a period of 21 cycles from 5000 on.
+    /// The digital front end at 8 MHz; SPI2 has its own pins, PB12 and PB11 are outputs and high, PB10 is TIM2's third
+    /// channel, which captures at falling edges, PA8 is TIM1's first, which puts out a period of 21 cycles from 5000
+    /// on.
     fn digital() -> Chip {
         let mut chip = chip();
         chip.ads131m04 = Some(Ads131m04::new([0.0; 4], 0));

@@ -1,4 +1,4 @@
-//! Power control (RM0440 section 6.4): boost mode and the key to the backup domain; the rest is storage.
+//! Power control (RM0440 section 6.4): boost mode and the key to the backup domain; the rest is only stored.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 

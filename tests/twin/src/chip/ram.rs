@@ -1,18 +1,18 @@
-//! Memory that the emulated core and the DMA models both reach.
+//! Memory that both the emulated core and the DMA models reach.
 
 use std::{alloc, ptr::NonNull};
 
 /// Bytes at an address that does not change, shared with unicorn through a pointer.
 ///
-/// Nobody holds a reference into it while the core runs: the core's loads and stores happen inside unicorn, ours
-/// between them, in one thread.
+/// No reference into it exists while the core runs: the core's loads and stores happen inside unicorn, ours between
+/// them, in one thread.
 #[derive(Debug)]
 pub struct Ram {
     bytes: NonNull<u8>,
     layout: alloc::Layout,
 }
 
-/// Alignment of a page of the host, which unicorn asks for.
+/// Alignment to a page of the host, which unicorn requires.
 const PAGE: usize = 4096;
 
 impl Ram {
@@ -44,7 +44,7 @@ impl Ram {
         unsafe { std::slice::from_raw_parts_mut(self.bytes.as_ptr(), self.layout.size()) }
     }
 
-    /// Where it lies in the host, for unicorn. Valid as long as `self`.
+    /// Its address in the host, for unicorn. Valid as long as `self`.
     pub fn as_ptr(&self) -> *mut u8 {
         self.bytes.as_ptr()
     }

@@ -30,7 +30,7 @@ const CSR: u32 = 0x94;
 const CRRCR: u32 = 0x98;
 const CCIPR2: u32 = 0x9c;
 
-/// Gates that there are; those of RTC and window watchdog have no reset.
+/// Existing gates; those of RTC and window watchdog have no reset.
 const AHB1_GATES: u32 = 0x111f;
 const AHB2_GATES: u32 = 0x050f_607f;
 const AHB3_GATES: u32 = 0x101;
@@ -45,16 +45,16 @@ const HSEBYP: u32 = 1 << 18;
 /// The clock security system watches the crystal.
 const CSSON: u32 = 1 << 19;
 const PLLON: u32 = 1 << 24;
-/// In CR each ready flag stands right of its switch but HSI's.
+/// In CR each ready flag is the bit above its switch, except HSI's.
 const HSIRDY: u32 = 1 << 10;
 const HSERDY: u32 = 1 << 17;
 const PLLRDY: u32 = 1 << 25;
 
-/// From below this system clock to above it the core goes by half of it, for a time (RM0440 7.2.7; ST's HAL,
-/// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
+/// On a step from below this system clock to above it the core must run at half of it for a time (RM0440 7.2.7; ST's
+/// HAL, `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
 const STEP_HZ: f64 = 80e6;
 const STEP_S: f64 = 1e-6;
-/// CFGR: the core runs from a part of the system clock.
+/// CFGR: the core runs from a fraction of the system clock.
 const AHB_DIVIDES: u32 = 1 << 7;
 
 /// BDCR: RTCEN, and 2 in RTCSEL.
@@ -76,23 +76,23 @@ const PLL_LOCK_S: f64 = 15e-6;
 const HSI48_START_S: f64 = 2.5e-6;
 const LSI_START_S: f64 = 130e-6;
 
-/// What made the chip start anew, in the bits of RCC_CSR (RM0440 7.4.28).
+/// The cause of a reset, in the bits of RCC_CSR (RM0440 7.4.28).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reset {
     /// Supply came up.
     Power,
-    /// Somebody pulled NRST.
+    /// NRST was pulled.
     Pin,
     /// AIRCR.SYSRESETREQ.
     Software,
     /// The independent watchdog ran out.
     Watchdog,
-    /// The option bytes were loaded anew.
+    /// The option bytes were reloaded.
     OptionBytes,
 }
 
 impl Reset {
-    /// Flags that this sets. Every reset from inside pulls NRST low as well.
+    /// Flags that this sets. Every internal reset pulls NRST low as well.
     const fn flags(self) -> u32 {
         const PIN: u32 = 1 << 26;
         match self {
@@ -145,18 +145,18 @@ pub struct Rcc {
     storage: Storage,
     hse_hz: f64,
     hclk_hz: f64,
-    /// Moments at which what was switched on is ready; nothing while it is off.
+    /// Times at which what was switched on is ready; none while it is off.
     hse_ready: Option<Cycles>,
     pll_ready: Option<Cycles>,
     hsi48_ready: Option<Cycles>,
     lsi_ready: Option<Cycles>,
     causes: u32,
     failed: bool,
-    /// When the system clock last came over [`STEP_HZ`].
+    /// When the system clock last rose above [`STEP_HZ`].
     stepped: Cycles,
     errata: Errata,
     rules: Rules,
-    /// The system clock in use (SWS), where it is not the one that is chosen: that one is not ready.
+    /// The system clock in use (SWS), if it is not the chosen one because that is not ready.
     still: Option<u32>,
 }
 
@@ -206,7 +206,7 @@ impl Rcc {
         }
     }
 
-    /// How strictly the program is taken from now on.
+    /// Sets how strictly violations are treated from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
@@ -216,7 +216,7 @@ impl Rcc {
         self.still.unwrap_or(self.storage.get(CFGR) & 3)
     }
 
-    /// When a source of the system clock is ready; nothing while it is off.
+    /// When a source of the system clock is ready; none while it is off.
     fn ready(&self, source: u32) -> Option<Cycles> {
         match source {
             1 => (self.storage.get(CR) & HSION != 0).then_some(0),
@@ -226,7 +226,7 @@ impl Rcc {
         }
     }
 
-    /// Changes to the system clock that was chosen, where it has become ready; to be followed by a look at the frequencies.
+    /// Changes to the chosen system clock once it is ready; afterwards the frequencies must be updated.
     #[must_use]
     pub fn switches(&mut self, now: Cycles) -> bool {
         let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
@@ -236,7 +236,7 @@ impl Rcc {
         ready
     }
 
-    /// Which errata there are from now on.
+    /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
     }
@@ -256,8 +256,8 @@ impl Rcc {
         self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
     }
 
-    /// The crystal breaks. What ran from it stops, and the core goes on from the internal oscillator if it is watched
-    /// (RM0440 7.2.8); to be followed by a look at the frequencies.
+    /// The crystal breaks. What ran from it stops, and the core continues from the internal oscillator if the crystal
+    /// is watched (RM0440 7.2.8); afterwards the frequencies must be updated.
     pub fn break_crystal(&mut self, now: Cycles) {
         self.hse_hz = 0.0;
         // One that is not ready yet never is.
@@ -272,12 +272,12 @@ impl Rcc {
         }
     }
 
-    /// A failure of the crystal holds the line of the non-maskable interrupt.
+    /// Whether a failure of the crystal drives the line of the non-maskable interrupt.
     pub fn nmi(&self) -> bool {
         self.failed
     }
 
-    /// CCIPR: which clock each of the peripherals with a choice runs from.
+    /// CCIPR: the clock from which each of the peripherals with a choice runs.
     pub fn ccipr(&self) -> u32 {
         self.storage.get(CCIPR)
     }
@@ -287,7 +287,7 @@ impl Rcc {
         self.storage.get(CSR) & 1 != 0
     }
 
-    /// A reset for this cause; power also forgets the causes before.
+    /// A reset for this cause; a power-on reset also clears earlier causes.
     pub fn set_cause(&mut self, cause: Reset) {
         self.causes = if cause == Reset::Power { 0 } else { self.causes } | cause.flags();
     }
@@ -323,7 +323,7 @@ impl Rcc {
         }
     }
 
-    /// Frequencies that the registers ask for, from a moment on that is `since_s` seconds after power-on.
+    /// Frequencies set in the registers, from a moment on that is `since_s` seconds after power-on.
     pub fn clocks(&self, since: Cycles, since_s: f64) -> Clocks {
         let cfgr = self.storage.get(CFGR);
         let sysclk_hz = self.sysclk_hz();
@@ -333,7 +333,7 @@ impl Rcc {
             _ => 1.0,
         };
         let hclk_hz = sysclk_hz / ahb;
-        // A bus that is divided gives its timers twice its own clock.
+        // If a bus is divided, its timers run at twice its clock.
         let bus = |shift: u32| match cfgr >> shift & 7 {
             code @ 4..=7 => (hclk_hz / f64::from(2 << (code - 4)), 2.0),
             _ => (hclk_hz, 1.0),
@@ -372,13 +372,13 @@ impl Rcc {
         }
     }
 
-    /// Whether the core may run as the registers ask for (RM0440 7.2.4 and 3.3.3, DS12288 table "PLL characteristics").
+    /// Whether the core may run at the set frequencies (RM0440 7.2.4 and 3.3.3, DS12288 table "PLL characteristics").
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
         let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
-        // Out of its range it may lock or not, which only matters to who uses it.
+        // Out of its range it may lock or not, which matters only if it is used.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
             if !(2.66e6..=16e6).contains(&input) {
@@ -412,7 +412,7 @@ impl Rcc {
     }
 }
 
-/// Ready moment of what a bit switches: kept while it stays on.
+/// Ready time of what a bit switches: kept while it stays on.
 fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
     on.then(|| before.unwrap_or(ready))
 }
@@ -427,7 +427,8 @@ impl Registers for Rcc {
         if !self.storage.contains(register) {
             return Err(Unknown::REGISTER);
         }
-        // Not counted as read before written: all of them are shared, and read to change some of their bits.
+        // Not counted as read before written: all of them are shared, and read so that some of their bits can be
+        // changed.
         let value = self.storage.get(register);
         let word = match register {
             CR => {
@@ -487,8 +488,8 @@ impl Registers for Rcc {
         }
         match register {
             CR => {
-                // A crystal does not answer to bypass, which waits for a clock from outside; one that is not there
-                // never answers.
+                // In bypass, which waits for an external clock, a crystal does not respond; a missing one never
+                // responds.
                 let crystal = word & HSEON != 0 && word & HSEBYP == 0 && self.hse_hz > 0.0;
                 self.hse_ready = switched(crystal, self.hse_ready, self.in_s(now, HSE_START_S));
                 self.pll_ready = switched(word & PLLON != 0, self.pll_ready, self.in_s(now, PLL_LOCK_S));
@@ -583,7 +584,7 @@ mod tests {
             rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
             "changed while it runs"
         );
-        // The same divider on another board's crystal.
+        // The same divider with another board's crystal.
         let mut other = Rcc::new(8e6);
         write(&mut other, CR, HSION | HSEON, 0);
         write(&mut other, PLLCFGR, 3 | 3 << 4 | 28 << 8 | 1 << 24, 33_000);

@@ -1,9 +1,8 @@
 //! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
 //!
-//! The boot loader is a pair of vectors and an endless loop; whoever jumps there ends the run, or finds what
-//! [`crate::boot_rom`] does in its place. It leaves by a jump, not by
-//! a reset, and what it leaves behind is not certain ([`Left`]): AN2606 says that its "go" does not restore registers,
-//! AN3155 that it does.
+//! The boot loader is a pair of vectors and an endless loop; a jump there ends the run, or is handled by
+//! [`crate::boot_rom`]. It leaves by a jump, not by a reset, and the state that it leaves behind is uncertain
+//! ([`Left`]): AN2606 says that its "go" does not restore registers, AN3155 that it does.
 
 use super::adc::{TS_CAL1, TS_CAL2, VREFINT_CAL};
 
@@ -17,44 +16,45 @@ pub const CODE_END: u32 = 0x1fff_7000;
 /// Stack and start of the boot loader.
 pub const VECTORS: [u32; 2] = [0x2000_3000, START + 0x101];
 
-/// The unique identity of this chip: place on the wafer, number of the wafer and of the lot, as in a real one.
+/// The unique identity of this chip: position on the wafer, number of the wafer and of the lot, as in a real one.
 pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
 
-/// Where the kilobytes of flash stand (RM0440 48.2).
+/// Address of the flash size in kilobytes (RM0440 48.2).
 pub const FLASH_KB_AT: u32 = 0x1fff_75e0;
-/// Kilobytes of flash of the chip of both boards.
+/// Flash size of the chip on both boards, in kilobytes.
 pub const FLASH_KB: u16 = 512;
 
 /// Package register: LQFP64 (RM0440 48.3).
 const PACKAGE: (u32, u32) = (0x1fff_7500, 0);
 
-/// RAM that the boot loader works in (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
+/// RAM in which the boot loader works (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
 const WORK: usize = 16 << 10;
 
-/// What stands in `WORK` afterwards.
+/// Contents of `WORK` afterwards.
 pub fn noise() -> Vec<u8> {
     (0..WORK as u32).map(|n| (n.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect()
 }
 
-/// In which state the boot loader leaves the chip. The protection unit is as it was found.
+/// State in which the boot loader leaves the chip. The protection unit is as it was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
     /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
     Running,
-    /// The same, and flash and option bytes unlocked, as it writes both, with the flag of an error.
+    /// The same, with flash and option bytes unlocked, as it writes both, and with an error flag.
     Unlocked,
-    /// As `Running`, and the core at 72 MHz by the PLL.
+    /// As `Running`, with the core at 72 MHz from the PLL.
     Fast,
     /// Clocks as after a reset, the ROM at address 0 and its vectors in use.
     Slow,
-    /// The same, but for the vectors, which are again those at address 0.
+    /// The same, except for the vectors, which are again those at address 0.
     Mapped,
     /// Everything as after a reset.
     Restored,
-    /// The same, but for the protection unit: older firmware entered the ROM with its guard on, which nothing but a reset
-    /// removes. The guard lies where its stack ended.
+    /// The same, except for the protection unit: older firmware entered the ROM with its guard on, which only a reset
+    /// removes. The guard is at the end of its stack.
     Guarded,
-    /// The same as `Restored`, but for the core's interrupts: masked, one enabled and pending, and its stack is the other one.
+    /// The same as `Restored`, except for the core's interrupts, which are masked, with one enabled and pending, and
+    /// for its stack, which is the other one.
     Masked,
 }
 
@@ -71,9 +71,9 @@ impl Left {
         Self::Masked,
     ];
 
-    /// Registers that are not as found: address and value, in their order.
+    /// Registers that are not as found: address and value, in order.
     ///
-    /// Those of [`Left::Masked`] that have no address are set beside them ([`Left::is_masked`]).
+    /// Those of [`Left::Masked`] without an address are set separately ([`Left::is_masked`]).
     pub fn writes(self) -> &'static [(u32, u32)] {
         const SYSCFG_ON: (u32, u32) = (0x4002_1060, 1);
         const ROM_AT_0: (u32, u32) = (0x4001_0000, 1);
@@ -149,7 +149,7 @@ pub fn bytes() -> Vec<u8> {
         let at = (address - START) as usize;
         bytes[at..at + data.len()].copy_from_slice(data);
     };
-    // Stack and start of the boot loader, and there: branch to itself.
+    // Stack and start of the boot loader, and at its start a branch to itself.
     put(START, &VECTORS[0].to_le_bytes());
     put(START + 4, &VECTORS[1].to_le_bytes());
     put(START + 0x100, &0xe7feu16.to_le_bytes());

@@ -1,4 +1,4 @@
-//! The chip in the course of time: what happens before, at and after each access of the core.
+//! The chip over time: what happens before, at and after each access of the core.
 
 use super::rcc::Reset;
 use super::{BLOCKS, BadAccess, Chip, RCC_CFGR};
@@ -21,7 +21,7 @@ impl Chip {
         Ok(())
     }
 
-    /// When [`Self::advance`] must be called at the latest.
+    /// The latest time at which [`Self::advance`] must be called.
     pub fn next_event(&mut self) -> Option<Cycles> {
         let models: [Option<Cycles>; 6] = [
             self.rcc.next_event(),
@@ -37,7 +37,7 @@ impl Chip {
         event
     }
 
-    /// Brings everything to `now`, as far as it can be seen.
+    /// Brings everything to `now`, as far as it is visible.
     pub fn advance(&mut self, now: Cycles) {
         self.pipeline_advance(now);
         if now < self.due {
@@ -60,7 +60,7 @@ impl Chip {
         self.flash.advance(now);
     }
 
-    /// Starts anew for this reason. RAM is kept; losing power is [`Self::lose_power`] before.
+    /// Restarts for this reason. RAM is kept; to lose power, call [`Self::lose_power`] before.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
         let mem_mode = self.syscfg.mem_mode();
@@ -77,7 +77,7 @@ impl Chip {
         self.due = 0;
     }
 
-    /// The crystal breaks. A core that runs from it and is not watched would stand still; here it notices nothing.
+    /// The crystal breaks. A core that runs from it unwatched would stop; here it is not affected.
     pub fn break_crystal(&mut self, now: Cycles) {
         self.advance(now);
         self.rcc.break_crystal(now);

@@ -1,6 +1,6 @@
 //! SPI2 as a master: frames of 4 to 16 bits, two FIFOs of four bytes, DMA both ways.
 //!
-//! A frame takes its bits' time; the other end's answer is exchanged at its end ([`Spi::finish`]).
+//! A frame takes the time of its bits; the other end's answer is exchanged at its end ([`Spi::finish`]).
 //! Not modelled, and refused: slave mode, one line or one direction, CRC, I2S, lowest bit first, the TI frame, a select
 //! pin driven by hardware; they read as set and end the run when the peripheral is enabled.
 //!
@@ -64,15 +64,15 @@ pub struct Spi {
     cr1: u32,
     cr2: u32,
     overrun: bool,
-    /// The data register was read while the overrun flag stood: reading the status clears it.
+    /// The data register was read while the overrun flag was set: reading the status clears it.
     overrun_read: bool,
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
     frame: Option<Frame>,
-    /// It was switched off with something to send, and the busy flag stays because of it (ES0430 2.18.1).
+    /// It was switched off with something left to send, so the busy flag stays (ES0430 2.18.1).
     busy_stays: bool,
     errata: Errata,
-    /// Cycles of the core per clock of the bus the peripheral is on.
+    /// Cycles of the core per clock of the peripheral's bus.
     divider: u64,
     /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
     storage: Storage,
@@ -153,7 +153,7 @@ impl Spi {
         self.receive.len() >= if self.cr2 & cr2::FRXTH != 0 { 1 } else { 2 }
     }
 
-    /// Which errata there are from now on.
+    /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
     }
@@ -175,7 +175,7 @@ impl Spi {
         self.frame
     }
 
-    /// When it ends, which [`finish`](Self::finish) must do then.
+    /// When it ends; [`finish`](Self::finish) must be called then.
     pub fn due(&self) -> Option<Cycles> {
         self.frame.map(|frame| frame.end)
     }
@@ -225,7 +225,7 @@ impl Spi {
         self.cr2 & (cr2::TXEIE | cr2::RXNEIE | cr2::ERRIE) != 0
     }
 
-    /// The busy flag stays by an erratum, until the peripheral is reset.
+    /// Whether the busy flag stays because of an erratum, until the peripheral is reset.
     pub fn busy_stays(&self) -> bool {
         self.busy_stays
     }
@@ -317,7 +317,7 @@ impl Registers for Spi {
         }
     }
 
-    /// The end of the frame under way, where that may raise the interrupt line.
+    /// The end of the frame under way, if it may raise the interrupt line.
     fn next_event(&self) -> Option<Cycles> {
         self.due().filter(|_| self.interrupts_each())
     }
@@ -351,7 +351,7 @@ mod tests {
         spi.read(offset, width, 0).unwrap()
     }
 
-    /// Bytes, at an eighth of the core's clock.
+    /// Frames of one byte, at an eighth of the core's clock.
     fn master() -> Spi {
         let mut spi = Spi::new();
         write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH, Width::Word);
@@ -458,7 +458,7 @@ mod tests {
         }
         assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
         assert_eq!((0..4).map(|_| read(&mut spi, DR, Width::Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
-        // The data register, then the status: the flag goes.
+        // Reading the data register, then the status, clears the flag.
         assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
         assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
     }

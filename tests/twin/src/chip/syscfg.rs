@@ -1,4 +1,5 @@
-//! System configuration (RM0440 section 10.2): which port an external interrupt line listens to; the rest is storage.
+//! System configuration (RM0440 section 10.2): the port to which an external interrupt line listens; the rest is only
+//! stored.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -9,11 +10,11 @@ const EXTICR1: u32 = 0x08;
 #[derive(Clone, Debug)]
 pub struct Syscfg(Storage, Kept);
 
-/// Whether MEM_MODE outlives a reset by software: nothing that we read says that it does, and firmware must not go in circles
-/// where it does.
+/// Whether MEM_MODE survives a software reset: no document that we read says that it does, and firmware must not loop
+/// if it does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kept {
-    /// It is gone.
+    /// It is lost.
     #[default]
     Nothing,
     /// It stays.
@@ -40,25 +41,25 @@ impl Default for Syscfg {
 }
 
 impl Syscfg {
-    /// What outlives a reset by software from now on.
+    /// Sets what survives a software reset from now on.
     pub fn keep(&mut self, kept: Kept) {
         self.1 = kept;
     }
 
-    /// After a reset by software, puts back what outlives it: MEM_MODE as it was before.
+    /// After a software reset, restores what survives it: MEM_MODE as it was before.
     pub fn restore(&mut self, mem_mode: u32) {
         if self.1 == Kept::MemMode {
-            // A mode that was in use is one that it knows.
+            // A mode that was in use is a known one.
             let _ = self.0.write(MEMRMP, mem_mode, Width::Word);
         }
     }
 
-    /// What lies at address 0: 0 is flash, 1 the ROM.
+    /// What is at address 0: 0 is flash, 1 the ROM.
     pub fn mem_mode(&self) -> u32 {
         self.0.get(MEMRMP) & 7
     }
 
-    /// The port (A is 0) whose pin of this number is external interrupt line of the same number.
+    /// The port (A is 0) whose pin of this number is the external interrupt line of the same number.
     pub fn exti_port(&self, line: usize) -> usize {
         (self.0.get(EXTICR1 + 4 * (line as u32 / 4)) >> (4 * (line % 4)) & 0xf) as usize
     }
@@ -67,14 +68,14 @@ impl Syscfg {
 impl Registers for Syscfg {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
-            // Says what the start was; the others are shared by four lines each.
+            // This one tells how the chip started; each of the others is shared by four lines.
             MEMRMP | 0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
             _ => self.0.read(offset, width),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
-        // The ROM's boot loader wants address 0 for itself; nothing else is there in the twin.
+        // The ROM's boot loader needs itself at address 0; nothing else can be there in the twin.
         if offset & !3 == MEMRMP && value & 7 > 1 {
             return Err(Unknown { what: "at address 0 there is flash or the ROM" });
         }

@@ -1,5 +1,5 @@
-//! Backup registers (RM0440 section 36.6): 32 words that outlive a reset, not the loss of power. Tamper detection is
-//! unknown.
+//! Backup registers (RM0440 section 36.6): 32 words that survive a reset, but not the loss of power. Tamper detection
+//! is unknown.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -11,7 +11,7 @@ pub struct Tamp(Storage);
 
 impl Default for Tamp {
     fn default() -> Self {
-        // CR1 starts with the tampers of the inside on; it may be switched off, nothing else is done with it.
+        // CR1 starts with the internal tampers on; it may be switched off, and does nothing else.
         let registers: Vec<_> = [(0x00, 0xffff_0000, 0x3f_0007)]
             .into_iter()
             .chain(BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)))
@@ -21,7 +21,7 @@ impl Default for Tamp {
 }
 
 impl Tamp {
-    /// The battery domain has lost its power.
+    /// The battery domain has lost power.
     pub fn lose_power(&mut self) {
         self.0.reset();
     }
@@ -30,7 +30,7 @@ impl Tamp {
 impl Registers for Tamp {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
-            // Asking what the run before left is their purpose.
+            // Their purpose is to be read for what the previous run left.
             register if BACKUP.contains(&register) => Ok(width.part(self.0.get(register), offset)),
             _ => self.0.read(offset, width),
         }

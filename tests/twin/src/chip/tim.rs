@@ -1,10 +1,10 @@
 //! Timers with capture and compare: TIM1 to TIM5, TIM8, TIM15 to TIM17 (RM0440 sections 28 to 30).
 //!
 //! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input
-//! capture, that of the 32 kHz oscillator by TIM5 with its prescaler, PWM as far as frequency and duty can be asked for. Counting down or centre-aligned, slave modes other than
-//! the encoder's, one-pulse mode and DMA are unknown.
+//! capture, capture of the 32 kHz oscillator by TIM5 with its prescaler, PWM as far as frequency and duty can be
+//! queried. Counting down or centre-aligned, slave modes other than the encoder's, one-pulse mode and DMA are unknown.
 //!
-//! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter starts anew.
+//! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter restarts.
 
 use super::rcc::LSI_HZ;
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
@@ -47,7 +47,7 @@ const UIF: u32 = 1 << 0;
 /// BDTR: the outputs of a timer with break are on.
 const MOE: u32 = 1 << 15;
 
-/// On which of a chip's two buses, and with what.
+/// The kind of a timer: its bus and its features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// 32 bits, four channels: TIM2, TIM5.
@@ -71,18 +71,18 @@ impl Kind {
         }
     }
 
-    /// Outputs behind a break input, and the clock of APB2.
+    /// Whether its outputs are behind a break input, and its clock is that of APB2.
     fn has_break(self) -> bool {
         matches!(self, Self::Advanced | Self::Small | Self::Single)
     }
 }
 
-/// What a PWM channel gives out.
+/// Output of a PWM channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pwm {
     /// Repetitions per second \[Hz\].
     pub frequency_hz: f64,
-    /// Part of the time that the output is high.
+    /// Fraction of the time that the output is high.
     pub duty: f64,
 }
 
@@ -99,15 +99,15 @@ pub struct Tim {
     /// Core cycles per clock of the timer.
     cycles_per_clock: u64,
     clock_hz: f64,
-    /// Moment up to which the counter has been brought, and clocks of the timer since its last tick.
+    /// Time up to which the counter was brought, and clocks of the timer since its last tick.
     since: Cycles,
     remainder: u64,
-    /// Where the encoder stood when its edges were last counted.
+    /// The encoder's position when its edges were last counted.
     encoder: u32,
-    /// Its first input can be the 32 kHz oscillator: TIM5 (RM0440 table 294).
+    /// Whether its first input can be the 32 kHz oscillator: TIM5 (RM0440 table 294).
     takes_lsi: bool,
     hclk_hz: f64,
-    /// The oscillator's next edge \[cycles\], and its edges since the last that was latched.
+    /// The oscillator's next edge \[cycles\], and its edges since the last one latched.
     lsi_edge: f64,
     lsi_edges: u32,
 }
@@ -132,7 +132,7 @@ impl Tim {
             (PSC, 0, 0xffff),
             (ARR, mask, mask),
             (CCR1, 0, mask),
-            // TISEL: no other inputs than the pins, and what `write` lets pass.
+            // TISEL: no inputs other than the pins, and what `write` lets pass.
             (TISEL, 0, if kind == Kind::Wide { 0xf } else { 0 }),
         ];
         if kind != Kind::Single {
@@ -142,7 +142,7 @@ impl Tim {
             registers.extend([(CCMR2, 0, ccmr1), (CCR3, 0, mask), (CCR4, 0, mask)]);
         }
         if kind.has_break() {
-            // Without repetition; the break input at its pin is open after reset.
+            // No repetition; the break input at its pin is open after reset.
             let bdtr = if kind == Kind::Advanced { 0x3fff_ffff } else { 0x140f_ffff };
             let second = u32::from(kind == Kind::Advanced);
             registers.extend([(RCR, 0, 0), (BDTR, 0, bdtr), (AF1, 1, 0xf), (AF2, second, 0xf * second)]);
@@ -169,12 +169,12 @@ impl Tim {
         }
     }
 
-    /// The same with the 32 kHz oscillator at hand for its first input.
+    /// The same with the 32 kHz oscillator available for its first input.
     pub fn with_lsi(self) -> Self {
         Self { takes_lsi: true, ..self }
     }
 
-    /// Latches the edges of the 32 kHz oscillator up to `now`, one of as many as the prescaler says.
+    /// Latches the edges of the 32 kHz oscillator up to `now`, one in as many as the prescaler says.
     fn capture_lsi(&mut self, now: Cycles) {
         let enabled = self.storage.get(CCER) & 1 != 0 && self.channel_mode(1) & 3 == 1;
         if self.storage.get(TISEL) & 0xf != LSI || !enabled {
@@ -202,7 +202,7 @@ impl Tim {
         }
         let mut ticks = elapsed / self.cycles_per_tick();
         self.remainder = elapsed % self.cycles_per_tick();
-        // Up to the next update, after which prescaler and period may be others; then all the rest.
+        // Up to the next update, after which prescaler and period may differ; then the rest.
         let until_update = self.round().saturating_sub(u64::from(self.count)).max(1);
         if ticks >= until_update {
             self.pass(until_update);
@@ -222,7 +222,7 @@ impl Tim {
         if self.kind == Kind::Wide { u32::MAX } else { 0xffff }
     }
 
-    /// Whether the encoder's edges move the counter instead of the clock, and how many of the four per period.
+    /// If the encoder's edges move the counter instead of the clock, how many of the four per period count.
     fn encoder_edges(&self) -> Option<u32> {
         if self.kind == Kind::Single {
             return None;
@@ -238,7 +238,7 @@ impl Tim {
         self.storage.get(CR1) & CEN != 0 && self.encoder_edges().is_none()
     }
 
-    /// Ticks of a whole round.
+    /// Ticks in a full round.
     fn round(&self) -> u64 {
         u64::from(self.period) + 1
     }
@@ -271,7 +271,7 @@ impl Tim {
         self.channel_mode(channel) & 3 != 0
     }
 
-    /// Lets this many ticks pass with prescaler and period as they are.
+    /// Lets this many ticks pass with the current prescaler and period.
     fn pass(&mut self, ticks: u64) {
         for channel in 1..=self.kind.channels() {
             let reached = self.ticks_until(self.storage.get(Self::ccr(channel))).is_some_and(|until| until <= ticks);
@@ -310,7 +310,7 @@ impl Tim {
             return;
         }
         self.encoder = self.encoder.wrapping_add((steps * per_count) as u32);
-        // Each inverted input turns the direction round.
+        // Each inverted input reverses the direction.
         let inverted = (self.storage.get(CCER) >> 1 ^ self.storage.get(CCER) >> 5) & 1 != 0;
         let steps = i64::from(if inverted { -steps } else { steps });
         let unwrapped = i64::from(self.count) + steps;
@@ -339,28 +339,28 @@ impl Tim {
         self.storage.set(Self::ccr(channel), self.count);
         let flag = 1 << channel;
         if self.flags & flag != 0 {
-            // The capture before was not read: over-capture.
+            // The previous capture was not read: over-capture.
             self.flags |= flag << 8;
         }
         self.flags |= flag;
     }
 
-    /// The level of the interrupt line, where there is but one.
+    /// The level of the interrupt line, if there is only one.
     pub fn irq(&self) -> bool {
         self.irq_update() || self.irq_compare()
     }
 
-    /// The level of the line that tells updates.
+    /// The level of the line that signals updates.
     pub fn irq_update(&self) -> bool {
         self.flags & self.storage.get(DIER) & UIF != 0
     }
 
-    /// The level of the line that tells captures and compares.
+    /// The level of the line that signals captures and compares.
     pub fn irq_compare(&self) -> bool {
         self.flags & self.storage.get(DIER) & 0x1e != 0
     }
 
-    /// What a channel gives out; nothing unless it is a running PWM output.
+    /// Output of a channel; none unless it is a running PWM output.
     pub fn pwm(&self, channel: usize) -> Option<Pwm> {
         let enabled = self.storage.get(CCER) >> (4 * (channel - 1)) & 5 != 0;
         let gated = self.kind.has_break() && self.storage.get(BDTR) & MOE == 0;
@@ -407,7 +407,7 @@ impl Registers for Tim {
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         self.advance(now);
         match offset & !3 {
-            // Written zeros clear, ones leave alone.
+            // Written zeros clear, ones have no effect.
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
                 if value & !1 != 0 {
@@ -496,7 +496,7 @@ impl Registers for Tim {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        // Registers that several users share are read to change some of their bits.
+        // Registers shared by several users are read so that some of their bits can be changed.
         let shared = [CR1, CR2, SMCR, DIER, CCMR1, CCMR2, CCER, BDTR];
         self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
     }

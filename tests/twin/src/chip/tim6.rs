@@ -1,9 +1,8 @@
-//! TIM6, the sampling clock: counts up, and at each overflow triggers the converters and asks for DMA.
+//! TIM6, the sampling clock: counts up, and at each overflow triggers the converters and requests DMA.
 //!
-//! The counter is not stepped: its value follows from the time since it last was zero. Auto-reload and prescaler take
-//! effect at an update, the auto-reload at once where it is not preloaded.
-//! Not modelled, and refused: dithering, one-pulse mode. A counter whose auto-reload was set below its value is
-//! refused too.
+//! The counter is not stepped: its value follows from the time since it was last zero. Auto-reload and prescaler take
+//! effect at an update; an auto-reload without preload takes effect at once.
+//! Not modelled, and refused: dithering, one-pulse mode, and a counter whose auto-reload was set below its value.
 //!
 //! Sources: RM0440 chapter 33 (basic timers), registers 33.4.1 to 33.4.9; update events, 33.3.2; trigger output,
 //! 33.4.2.
@@ -31,7 +30,7 @@ mod dier {
 /// MMS in CR2: the update is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
 
-/// What an event of the timer did to the outside.
+/// External effects of an event of the timer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// The trigger output had a pulse.
@@ -52,12 +51,12 @@ pub struct Tim6 {
     arr_in_effect: u32,
     /// When the counter was or would have been zero, while it runs.
     zero: Cycles,
-    /// Its value, while it stands.
+    /// Its value, while it is stopped.
     standing: u32,
     /// Cycles of the core per clock of the timer.
     divider: u64,
     dma_request: bool,
-    /// A pulse of the trigger output that the program itself has caused.
+    /// A pulse of the trigger output that the program itself caused.
     software_trigger: bool,
 }
 
@@ -200,7 +199,7 @@ impl Registers for Tim6 {
             0x10 => self.sr &= value,
             0x14 if value & 1 == 0 => {}
             0x14 => {
-                // An update by software: URS keeps the flag and the DMA request back, not the trigger output.
+                // An update by software: URS suppresses the flag and the DMA request, not the trigger output.
                 if self.cr1 & cr1::UDIS == 0 {
                     if self.cr1 & cr1::URS == 0 {
                         self.sr |= dier::UIE;
@@ -222,7 +221,7 @@ impl Registers for Tim6 {
                     }
                     self.arr_in_effect = self.arr;
                     if self.runs() {
-                        // A counter that stood at an auto-reload of zero begins now.
+                        // A counter stopped by an auto-reload of zero starts now.
                         self.set_counter(counter, now);
                     }
                 }
@@ -232,7 +231,7 @@ impl Registers for Tim6 {
         Ok(())
     }
 
-    /// The next update, where it may raise the interrupt line.
+    /// The next update, if it may raise the interrupt line.
     fn next_event(&self) -> Option<Cycles> {
         self.next_update().filter(|_| self.interrupts_each())
     }

@@ -1,7 +1,7 @@
-//! USB full-speed device: registers, packet memory and the wire behind them.
+//! USB full-speed device: registers, packet memory and the wire.
 //!
-//! Two sides: the firmware's, through [`Registers`], and the host's, one method per thing that can happen on the cable. A
-//! host's packet takes no time here; [`crate::usb_host`] lets the time of the wire pass.
+//! Two sides: the firmware's, through [`Registers`], and the host's, one method per thing that can happen on the cable.
+//! A host's packet takes no time here; [`crate::usb_host`] accounts for the time on the wire.
 //!
 //! - *endpoint register*: one of eight, `USB_EPnR`. Its number need not be the endpoint number on the wire (`EA`).
 //! - *packet memory*: 1 KiB between firmware and wire. The descriptor table in it (`USB_BTABLE`) says where each endpoint
@@ -98,7 +98,7 @@ const CHARGER: u16 = 0xF;
 /// Missing frames after which the bus counts as suspended (RM0440 45.6.1, ESOF).
 const FRAMES_TO_SUSPEND: u16 = 3;
 
-/// Which of the two kinds of data packet: they alternate, so that a repeated packet is known for one.
+/// Which of the two kinds of data packet: they alternate, so that a repeated packet can be recognised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Toggle {
     /// DATA0.
@@ -122,7 +122,7 @@ impl Toggle {
     }
 }
 
-/// What the device says to a packet of the host.
+/// The device's answer to a packet of the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// Taken.
@@ -133,7 +133,7 @@ pub enum Answer {
     Stall,
     /// A packet for the host.
     Data(Toggle, Vec<u8>),
-    /// Silence: not addressed, switched off, or a packet that it could not make sense of.
+    /// No answer: not addressed, switched off, or a packet that it could not interpret.
     Nothing,
 }
 
@@ -153,7 +153,7 @@ pub struct Usb {
     /// The clearable bits of `USB_ISTR`; the others follow from the endpoint registers.
     interrupts: u16,
     frame_number: u16,
-    /// Start-of-frame packets since the last reset or resume, as far as they matter.
+    /// Start-of-frame packets since the last reset or resume, counted as far as they matter.
     frames_seen: u8,
     /// Frames missed in a row.
     frames_lost: u16,
@@ -164,12 +164,12 @@ pub struct Usb {
     memory: [u8; MEMORY_BYTES],
     now: Cycles,
     clocks: Clocks,
-    /// When something was on the wire last, or the watch for it began.
+    /// When something was last on the wire, or the watch for it began.
     traffic: Cycles,
     frames: Option<Frames>,
     /// A host at the other end pulls both lines down.
     cable: bool,
-    /// Start-of-frame packets not yet taken note of by [`take_frames`](Self::take_frames).
+    /// Start-of-frame packets not yet taken by [`take_frames`](Self::take_frames).
     frames_begun: u32,
 }
 
@@ -218,7 +218,7 @@ impl Usb {
         self.interrupts & interrupt::WAKE_UP != 0
     }
 
-    /// Start-of-frame packets since the last call: the pulses by which the 48 MHz clock is trimmed.
+    /// Start-of-frame packets since the last call: the pulses that trim the 48 MHz clock.
     pub fn take_frames(&mut self) -> u32 {
         std::mem::take(&mut self.frames_begun)
     }
@@ -230,7 +230,7 @@ impl Usb {
         self.charger & PULL_UP != 0 && self.control & control::POWER_DOWN == 0
     }
 
-    /// Plugs a host in, or out.
+    /// Plugs a host in or unplugs it.
     pub fn set_cable(&mut self, plugged: bool) {
         let low = self.lines_low();
         self.cable = plugged;
@@ -244,8 +244,8 @@ impl Usb {
 
     /// The host drives both lines low for long enough: a bus reset.
     ///
-    /// Address and endpoint registers go to zero but for the event bits, which stay so that no packet before the reset is
-    /// lost (RM0440 45.6.1, USB_EPnR, USB_DADDR).
+    /// Address and endpoint registers are zeroed, except for the event bits, which stay so that no packet before the
+    /// reset is lost (RM0440 45.6.1, USB_EPnR, USB_DADDR).
     pub fn bus_reset(&mut self) {
         if !self.listens() {
             return;
@@ -254,17 +254,17 @@ impl Usb {
         self.protocol_reset();
     }
 
-    /// From now on the host begins a frame each `period_s`: a millisecond by its own clock.
+    /// From now on the host begins a frame every `period_s`: a millisecond by its own clock.
     pub fn start_frames(&mut self, period_s: f64) {
         self.frames = Some(Frames { start_s: self.clocks.seconds(self.now), period_s: period_s.max(1e-4), next: 1 });
     }
 
-    /// The host, or the cable, is gone: nothing moves on the wire any more.
+    /// The host, or the cable, is gone: no more traffic on the wire.
     pub fn stop_frames(&mut self) {
         self.frames = None;
     }
 
-    /// The host's resume signal; a device that does not sleep takes no notice.
+    /// The host's resume signal; a device that does not sleep ignores it.
     pub fn resume(&mut self) {
         if self.listens() {
             self.activity();
@@ -273,8 +273,8 @@ impl Usb {
 
     /// A SETUP packet.
     ///
-    /// Taken whatever `STAT_RX` says, unless it says disabled; left unanswered while the packet before it is still to be looked
-    /// at (RM0440 45.5.2, control transfers).
+    /// Taken whatever `STAT_RX` says, unless it says disabled; not answered while the previous packet has not been
+    /// processed (RM0440 45.5.2, control transfers).
     pub fn setup(&mut self, address: u8, packet: &[u8; 8]) -> Answer {
         let Some(index) = self.find(address, 0) else { return Answer::Nothing };
         let register = self.endpoints[index];
@@ -303,13 +303,13 @@ impl Usb {
             status::STALL => return Answer::Stall,
             _ => return Answer::Nothing,
         }
-        // A status stage that is to be empty (RM0440 45.6.1, EP_KIND as STATUS_OUT).
+        // A status stage that must be empty (RM0440 45.6.1, EP_KIND as STATUS_OUT).
         let empty = register & (endpoint::TYPE | endpoint::KIND) == endpoint::TYPE_CONTROL | endpoint::KIND;
         if empty && !data.is_empty() {
             return Answer::Stall;
         }
         if toggle != Toggle::from_bit(register & endpoint::TOGGLE_RECEIVE != 0) {
-            // A repetition of what was taken before: the host missed our handshake.
+            // A repetition of what was already taken: the host missed our handshake.
             return Answer::Ack;
         }
         if !self.store(index, data) {
@@ -320,7 +320,7 @@ impl Usb {
         Answer::Ack
     }
 
-    /// An IN packet: asks the device for data. Only with [`acknowledge`](Self::acknowledge) does the device let go of them.
+    /// An IN packet: asks the device for data. The device releases them only with [`acknowledge`](Self::acknowledge).
     pub fn ask(&mut self, address: u8, number: u8) -> Answer {
         let Some(index) = self.find(address, number) else { return Answer::Nothing };
         let register = self.endpoints[index];
@@ -355,7 +355,7 @@ impl Usb {
         self.control & (control::POWER_DOWN | control::FORCE_RESET) == 0
     }
 
-    /// Both lines low: a host's resistors and no pull-up against them. To a peripheral that listens it is a reset.
+    /// Both lines low: a host's resistors without a pull-up against them. A listening peripheral takes that as a reset.
     fn lines_low(&self) -> bool {
         self.cable && self.listens() && self.charger & PULL_UP == 0
     }
@@ -377,7 +377,7 @@ impl Usb {
         self.interrupts |= interrupt::RESET;
     }
 
-    /// Something moves on the wire: a sleeping peripheral says so (RM0440 45.5.5).
+    /// Traffic on the wire: a sleeping peripheral reports it (RM0440 45.5.5).
     fn activity(&mut self) {
         self.traffic = self.now;
         self.frames_lost = 0;
@@ -388,7 +388,7 @@ impl Usb {
         }
     }
 
-    /// The lowest endpoint register with this address whose device is addressed, awake and not in a reset to be taken note of.
+    /// The lowest endpoint register with this address, if the device is addressed, awake, and has no reset to process.
     fn find(&mut self, address: u8, number: u8) -> Option<usize> {
         if !self.listens() {
             return None;
@@ -419,7 +419,7 @@ impl Usb {
         }
     }
 
-    /// Puts a received packet where its descriptor says; `false` when it is longer than the place (RM0440 45.6.2,
+    /// Stores a received packet where its descriptor says; `false` if it is longer than the space there (RM0440 45.6.2,
     /// COUNTn_RX: blocks of 2 or 32 bytes).
     fn store(&mut self, index: usize, data: &[u8]) -> bool {
         let (start, count) = (self.descriptor(index, 2), self.descriptor(index, 3));
@@ -468,7 +468,8 @@ impl Usb {
 
     /// When the device's own watch misses the next frame; `None` while it does not watch.
     ///
-    /// The watch allows a frame a quarter of a millisecond of lateness, so that a slow host is not taken for a silent one.
+    /// The watch allows a frame to be a quarter of a millisecond late, so that a slow host is not taken for a silent
+    /// one.
     fn next_missed(&self) -> Option<Cycles> {
         let watches = self.attached() && self.listens() && !self.sleeps();
         let counts = watches && self.frames_lost < FRAMES_TO_SUSPEND;
@@ -632,7 +633,7 @@ impl Registers for Usb {
         self.now = self.now.max(now);
     }
 
-    /// The packet memory keeps its bytes; the cable stays where it is.
+    /// The packet memory keeps its bytes; the cable stays as it is.
     fn reset(&mut self, now: Cycles) {
         let kept = Self {
             now,
@@ -819,7 +820,7 @@ mod tests {
     fn frames_count_at_the_hosts_pace_and_their_absence_suspends() {
         let mut usb = configured();
         write(&mut usb, CNTR, interrupt::SUSPEND | interrupt::WAKE_UP);
-        // A host that is 1000 ppm slow: 1998 frames begin in two seconds less a whisker.
+        // A host that is 1000 ppm slow: 1998 frames begin in just under two seconds.
         usb.start_frames(1.001e-3);
         usb.advance(2000 * MILLISECOND);
         assert_eq!(read(&mut usb, FNR) & 0x3FFF, frame::LOCKED | 1998);

@@ -1,4 +1,4 @@
-//! Programs for the tests of the core: machine code, and what it says.
+//! Programs for the tests of the core: machine code and its listing.
 
 /// A loop of 100 rounds, then sleep.
 pub const COUNT: &str = "
@@ -19,7 +19,7 @@ pub const STORE_TWICE: &str = "
     e7fe      | b .
 ";
 
-/// An address in SRAM and nothing done with it.
+/// Loads an address in SRAM and does nothing with it.
 pub const NO_ACCESS: &str = "
     f04f 5000 | mov.w r0, #0x20000000
     2100      | movs r1, #0
@@ -86,7 +86,7 @@ pub const NEST_HIGH: &str = "
     f804 3b01 | strb r3, [r4], #1
     4770      | bx lr
 ";
-/// Fills s0 to s15 from 0x2000_0100, is interrupted by 5, puts them at 0x2000_0200 with FPSCR and CONTROL.
+/// Fills s0 to s15 from 0x2000_0100, is interrupted by 5, stores them at 0x2000_0200 with FPSCR and CONTROL.
 pub const FLOATING: &str = "
     f64e 5088 | movw r0, #0xed88
     f2ce 0000 | movt r0, #0xe000
@@ -120,7 +120,7 @@ pub const FLOATING: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Notes stack, link and CONTROL at 0x2000_0300, then spoils s0 to s15 and FPSCR.
+/// Notes stack, link and CONTROL at 0x2000_0300, then overwrites s0 to s15 and FPSCR.
 pub const FLOATING_HANDLER: &str = "
     f240 3000 | movw r0, #0x0300
     f2c2 0000 | movt r0, #0x2000
@@ -237,7 +237,7 @@ pub const TICK: &str = "
     6030      | str r0, [r6]
     4770      | bx lr
 ";
-/// Interrupt 5 with priority 0x60 behind BASEPRI 0x40; notes its count before and after opening.
+/// Interrupt 5 with priority 0x60 behind BASEPRI 0x40; notes its count before and after unmasking.
 pub const BASE: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -277,7 +277,7 @@ pub const CALL: &str = "
     bf30      | 1: wfi
     e7fd      | b 1
 ";
-/// An instruction that does not exist.
+/// An undefined instruction.
 pub const UNDEFINED: &str = "
     f04f 5600 | mov.w r6, #0x20000000
     bf00      | nop
@@ -314,7 +314,7 @@ pub const TO_ROM: &str = "
     6841      | ldr r1, [r0, #4]
     4708      | bx r1
 ";
-/// Counts its starts in RAM; the third stays.
+/// Counts its starts in RAM; the third one stays.
 pub const RESTART: &str = "
     f04f 5600 | mov.w r6, #0x20000000
     6830      | ldr r0, [r6]
@@ -332,7 +332,7 @@ pub const RESTART: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Wakes each 2^24 cycles by SysTick and notes the cycle counter.
+/// Wakes every 2^24 cycles by SysTick and notes the cycle counter.
 pub const CLOCKED: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -388,7 +388,7 @@ pub const GREATER_HANDLER: &str = "
     f380 8c00 | msr apsr_nzcvqg, r0
     4770      | bx lr
 ";
-/// Stays where it is.
+/// Loops forever.
 pub const WAIT_FOREVER: &str = "
     e7fe      | b .
 ";

@@ -1,12 +1,12 @@
-//! The core by itself: small programs instead of the firmware.
+//! The core alone: small programs instead of the firmware.
 
 use super::{programs::*, *};
 use crate::{Board, chip::errata::Errata, world::Still};
 
-/// First instruction of the program behind the vectors.
+/// First instruction of the program, after the vectors.
 const CODE: u32 = flash::START + 0x200;
 const STACK: u32 = 0x2000_4000;
-/// Where programs note what they saw.
+/// Where programs note their results.
 const NOTES: u32 = RAM_START;
 
 /// A core with a program, and handlers of exceptions by number.
@@ -72,7 +72,8 @@ fn cycles_are_counted_beside_the_clock_while_awake() {
     assert_eq!(cpu.run(100_000), Ok(None));
     let core = cpu.core();
     assert_eq!((core.instructions, core.slept), (202, 100_000 - 202), "time is as ever");
-    // 99 of 100 branches are taken; without wait states the pessimist waits for three further reads of the line.
+    // 99 of 100 branches are taken; without wait states the pessimistic bound waits for three further reads of the
+    // line.
     assert_eq!(core.cycles(), Some(Range::new(202 + 99, 202 + 3 * 99 + 3)));
 }
 
@@ -216,7 +217,7 @@ fn a_fault_can_be_taken_and_one_inside_its_handler_locks_the_core_up() {
 #[test]
 fn an_error_in_flash_raises_the_interrupt_that_nothing_masks() {
     let mut cpu = core(STORE_BANK_2, &[(2, WAIT_FOREVER)]);
-    // A torn double word, made by a supply that failed.
+    // A torn double word, made by a supply failure.
     let flash = &mut cpu.core_mut().chip.flash;
     flash.tear_for_test(0x0807_c000);
     assert_eq!(cpu.run(1000), Ok(None));

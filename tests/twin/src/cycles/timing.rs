@@ -1,11 +1,12 @@
-//! What instructions cost by themselves (ARM DDI 0439, 3.3 and 7.2.3), without fetching them.
+//! Cost of the instructions alone (ARM DDI 0439, 3.3 and 7.2.3), without fetching them.
 //!
-//! Where the manual gives a range or leaves a stall to circumstances, the bounds are its ends: a division takes 2 to 12
-//! cycles, a store 1 or 2 (its buffer is full), an `IT` 0 or 1, a division or root of the floating point unit 1 (others
-//! go on meanwhile) to 14. A load takes 2 cycles, 1 behind another load whose result is not its address; the pessimistic
-//! bound knows no such pairs, and adds 1 where the instruction before wrote the address. An instruction under an `IT`
-//! may be skipped for 1 cycle. Every third of the wide instructions that follow each other on odd halfwords may cost 1 more
-//! (<https://compendium.i-0.nl/docs/instruction-alignment/rules>, measured: one for a group of three, sometimes more).
+//! If the manual gives a range or makes a stall depend on circumstances, the bounds are its ends: a division takes 2 to
+//! 12 cycles, a store 1 or 2 (if its buffer is full), an `IT` 0 or 1, a division or root of the floating point unit 1
+//! (if other instructions overlap it) to 14. A load takes 2 cycles, 1 after another load whose result is not its
+//! address; the pessimistic bound has no such pairs, and adds 1 if the instruction before wrote the address. An
+//! instruction under an `IT` may be skipped in 1 cycle. Every third of the wide instructions that follow each other on
+//! odd halfwords may cost 1 more (<https://compendium.i-0.nl/docs/instruction-alignment/rules>, measured: one for a
+//! group of three, sometimes more).
 
 /// Cycles between two bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,7 +28,7 @@ impl Range {
         Self::new(cycles, cycles)
     }
 
-    /// What came after an earlier moment.
+    /// The difference to an earlier moment.
     pub fn since(self, earlier: Self) -> Self {
         Self::new(self.least - earlier.least, self.most - earlier.most)
     }
@@ -40,19 +41,19 @@ impl std::ops::AddAssign for Range {
     }
 }
 
-/// What matters of an instruction to itself and the next one.
+/// The properties of an instruction that matter to its own time and the next one's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Instruction {
     kind: Kind,
     /// Registers written, as bits.
     writes: u16,
-    /// Registers that an address is made of.
+    /// Registers from which an address is made.
     address: u16,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    /// Whatever takes so long.
+    /// Always takes this long.
     Plain(Range),
     Load,
     Store,
@@ -78,7 +79,7 @@ impl Instruction {
         }
     }
 
-    /// Several words at once: one cycle and one for each.
+    /// Several words at once: one cycle plus one for each.
     fn several(words: u32, base: u16) -> Self {
         Self { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
     }
@@ -277,7 +278,7 @@ mod tests {
         assert_eq!(of(&[0x6808, 0x681a]), (3, 4));
         // ldr r0, [r1]; ldr r2, [r0]
         assert_eq!(of(&[0x6808, 0x6802]), (4, 5));
-        // str r0, [r1]; ldr r2, [r3]: nothing is paired behind a store
+        // str r0, [r1]; ldr r2, [r3]: nothing pairs after a store
         assert_eq!(of(&[0x6008, 0x681a]), (3, 4));
         // adds r1, #4; ldr r0, [r1]
         assert_eq!(of(&[0x3104, 0x6808]), (3, 4));
@@ -285,7 +286,7 @@ mod tests {
         assert_eq!(of(&[0x3204, 0x6808]), (3, 3));
     }
 
-    /// DDI 0439, 3.3.3: "normally three cycles total" each; a branch's refill, 1 to 3, is counted apart.
+    /// DDI 0439, 3.3.3: "normally three cycles total" each; a branch's refill, 1 to 3, is counted separately.
     #[test]
     fn what_arm_publishes_lies_within_the_bounds() {
         let published: [(&str, &[u16], u64); 5] = [

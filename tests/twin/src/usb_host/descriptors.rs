@@ -1,26 +1,26 @@
-//! What a device tells of itself.
+//! A device's description of itself.
 //!
 //! Source: USB 2.0 9.6; CDC 1.2 5.2.
 
 /// Descriptors that break the rules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptorError {
-    /// Cut off, or with a length that cannot be.
+    /// Cut off, or with an impossible length.
     #[error("a descriptor is shorter than it says")]
     Short,
-    /// Something else was asked for.
+    /// Not the one that was asked for.
     #[error("a descriptor of another kind than the one asked for")]
     Kind,
     /// A string that is not UTF-16.
     #[error("a string descriptor is not UTF-16")]
     Text,
-    /// More or fewer interfaces than it says.
+    /// More or fewer interfaces than stated.
     #[error("the configuration does not hold the interfaces that it counts")]
     Interfaces,
     /// A packet size that full speed does not allow.
     #[error("an endpoint has a packet size that full speed does not allow")]
     PacketSize,
-    /// No communication device in it.
+    /// It contains no communication device.
     #[error("not a serial port: no pair of bulk endpoints in a CDC data interface")]
     NotSerial,
 }
@@ -34,7 +34,7 @@ pub enum EndpointKind {
     Isochronous,
     /// When there is time.
     Bulk,
-    /// A packet every so many frames.
+    /// A packet every given number of frames.
     Interrupt,
 }
 
@@ -54,7 +54,7 @@ pub struct Endpoint {
 /// A string and its number.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Text {
-    /// Its number; 0 where there is none.
+    /// Its number; 0 if there is none.
     pub index: u8,
     /// The string.
     pub text: String,
@@ -75,11 +75,11 @@ pub struct Description {
     pub class: [u8; 3],
     /// Bytes of a full packet of endpoint 0.
     pub control_packet: u8,
-    /// Who made it.
+    /// Manufacturer.
     pub manufacturer: Text,
-    /// What it is.
+    /// Product.
     pub product: Text,
-    /// Which one it is.
+    /// Serial number.
     pub serial: Text,
     /// Number of its first configuration.
     pub configuration: u8,
@@ -181,7 +181,7 @@ impl Description {
     }
 }
 
-/// Length of a configuration with all that belongs to it, from its first bytes.
+/// Length of a configuration with everything that belongs to it, from its first bytes.
 pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
     match *head {
         [9, 2, low, high, ..] => Ok(u16::from_le_bytes([low, high])),
@@ -190,7 +190,7 @@ pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
     }
 }
 
-/// Bytes of a full packet of endpoint 0, by the device's own descriptor (USB 2.0 9.6.1, bMaxPacketSize0).
+/// Bytes of a full packet of endpoint 0, from the device's own descriptor (USB 2.0 9.6.1, bMaxPacketSize0).
 pub fn control_packet(device: &[u8]) -> Result<usize, DescriptorError> {
     match *device {
         [18, 1, _, _, _, _, _, size @ (8 | 16 | 32 | 64), ..] => Ok(size.into()),
@@ -199,7 +199,7 @@ pub fn control_packet(device: &[u8]) -> Result<usize, DescriptorError> {
     }
 }
 
-/// The first language that the device has strings in.
+/// The first language in which the device has strings.
 pub fn first_language(bytes: &[u8]) -> Result<u16, DescriptorError> {
     match *bytes {
         [length, 3, low, high, ..] if usize::from(length) == bytes.len() => Ok(u16::from_le_bytes([low, high])),

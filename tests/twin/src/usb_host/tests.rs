@@ -1,4 +1,4 @@
-//! Host and peripheral against each other, with a small driver in the firmware's place: an echoing serial port.
+//! Host against peripheral, with a small driver instead of the firmware: an echoing serial port.
 
 use super::serial::{SerialPort, line_coding, set_control_lines, set_line_coding};
 use super::*;
@@ -7,7 +7,7 @@ use crate::chip::usb::MEMORY_OFFSET;
 use crate::{Cycles, Registers, Width};
 
 const CLOCKS: Clocks = Clocks { hclk_hz: 168e6, usb_hz: 48e6, ..Clocks::POWER_ON };
-/// The driver looks at its interrupts this often.
+/// How often the driver polls its interrupts.
 const LOOK: Cycles = 1680;
 
 const DEVICE: [u8; 18] = [18, 1, 0, 2, 2, 0, 0, 64, 0x09, 0x12, 1, 0, 0, 1, 0, 1, 0, 1];
@@ -21,12 +21,12 @@ fn configuration() -> Vec<u8> {
     bytes
 }
 
-/// Where a control request of the driver stands.
+/// State of a control request in the driver.
 #[derive(Clone, Debug, PartialEq)]
 enum Control {
     Idle,
     Sending(Vec<u8>),
-    /// A status packet on its way; then the address changes.
+    /// A status packet in transit; then the address changes.
     Status(Option<u8>),
     Receiving,
 }
@@ -41,9 +41,9 @@ pub struct Puppet {
     sending: bool,
     /// Full packets are followed by an empty one.
     closes: bool,
-    /// After a full packet.
+    /// A full packet was sent.
     owes_empty: bool,
-    /// Does not look at its interrupts.
+    /// It does not poll its interrupts.
     hangs: bool,
     supply: bool,
     resets: u32,
@@ -153,7 +153,7 @@ impl Puppet {
 
     fn transfer(&mut self, endpoint: u32) {
         let register = self.get(endpoint * 4);
-        // The events seen are cleared, nothing else changes.
+        // Clears the events seen and changes nothing else.
         self.set(endpoint * 4, !register & 0x8080 | register & 0x070F);
         match (endpoint, register & 0x8000 != 0) {
             (1, true) => {
@@ -186,7 +186,7 @@ impl Puppet {
     fn send_control(&mut self, mut data: Vec<u8>) {
         let rest = data.split_off(data.len().min(64));
         self.send(0, &data);
-        // An end of the host's choosing is allowed from now on.
+        // From now on the host may end it when it chooses.
         self.status(0, Some(3), None);
         self.control = if rest.is_empty() { Control::Idle } else { Control::Sending(rest) };
     }
@@ -248,7 +248,7 @@ impl Socket for Puppet {
 fn connected() -> (UsbHost, Puppet) {
     let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
     host.connect(&mut puppet).expect("enumeration");
-    // Between plug and reset nothing moves: the device takes that for a suspend, as a real one does.
+    // Between plug and reset there is no traffic: the device takes that as a suspend, as a real one does.
     assert_eq!(std::mem::take(&mut puppet.naps), (1, 1));
     (host, puppet)
 }
@@ -359,7 +359,7 @@ fn a_suspended_device_wakes_and_goes_on() {
 
 #[test]
 fn a_full_speed_wire_carries_a_little_over_a_megabyte_a_second() {
-    // 19 packets of 64 bytes in a millisecond, says the table; this host and this driver reach most of it.
+    // By the table, 19 packets of 64 bytes fit in a millisecond; this host and this driver reach most of that.
     let (mut host, mut puppet) = connected();
     let before = puppet.time_s();
     host.write(&mut puppet, 1, &[0; 10_000], 1.0).1.expect("taken");

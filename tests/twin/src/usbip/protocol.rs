@@ -1,7 +1,7 @@
 //! Bytes of USB/IP 1.1.1.
 //!
-//! All numbers are big-endian. A connection begins with one of two questions; after an import that was granted it
-//! carries commands and returns of 48 bytes each, with data behind those that have any.
+//! All numbers are big-endian. A connection begins with one of two questions; after a granted import it carries
+//! commands and returns of 48 bytes each, followed by data for those that have any.
 //!
 //! Source: Linux, Documentation/usb/usbip_protocol.rst.
 
@@ -15,7 +15,7 @@ const BUS_ID: usize = 32;
 const PATH: usize = 256;
 /// Bytes of a command or return.
 pub const HEADER: usize = 48;
-/// Full speed, in the words of Linux's `enum usb_device_speed`.
+/// Full speed, in Linux's `enum usb_device_speed`.
 const FULL_SPEED: u32 = 2;
 /// The bus of the only device here, and its number there.
 const BUS: u32 = 1;
@@ -25,7 +25,7 @@ const DEVICE: u32 = 2;
 pub const BUS_NAME: &str = "1-1";
 /// `URB_ZERO_PACKET`: an empty packet follows full ones.
 const ZERO_PACKET: u32 = 0x40;
-/// More than a client of ours ever sends at once; what says more is no client.
+/// More than our clients ever send at once; what announces more is not a client.
 const MOST_BYTES: u32 = 1 << 20;
 
 /// A question at the beginning of a connection.
@@ -42,11 +42,11 @@ pub enum Question {
 pub enum Refusal {
     /// Another client has it (`ST_DEV_BUSY`).
     Busy = 2,
-    /// There is none of this name, or it cannot be used (`ST_NODEV`).
+    /// There is none with this name, or it cannot be used (`ST_NODEV`).
     NoDevice = 4,
 }
 
-/// What a client that has the device asks for.
+/// A command of a client that has the device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
     /// Move these bytes.
@@ -66,11 +66,11 @@ pub enum Command {
         /// The bytes for the device.
         data: Vec<u8>,
     },
-    /// Take a command back.
+    /// Cancel a command.
     Unlink {
         /// Number of this command.
         sequence: u32,
-        /// Number of the one to take back.
+        /// Number of the one to cancel.
         other: u32,
     },
 }
@@ -84,7 +84,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     bytes.get(at..at + 4)?.try_into().ok().map(u32::from_be_bytes)
 }
 
-/// Takes a question off the front of `bytes`; nothing while it is not complete.
+/// Takes a question from the front of `bytes`; none until it is complete.
 pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
     let Some(head) = word(bytes, 0).filter(|_| bytes.len() >= 8) else { return Ok(None) };
     if (head >> 16) as u16 != VERSION {
@@ -104,7 +104,7 @@ pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
     }
 }
 
-/// Takes a command off the front of `bytes`; nothing while it is not complete.
+/// Takes a command from the front of `bytes`; none until it is complete.
 pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
     let words: Option<Vec<u32>> = (0..10).map(|at| word(bytes, 4 * at)).collect();
     let (Some(words), Some(&setup)) = (words, bytes.get(40..HEADER).and_then(|eight| eight.first_chunk::<8>())) else {
@@ -155,7 +155,7 @@ fn device(description: &Description) -> Vec<u8> {
         bytes.extend(number.to_be_bytes());
     }
     bytes.extend(description.class);
-    // The vhci of Linux reads the configurations itself; none is set yet, and there is one.
+    // Linux's vhci reads the configurations itself; none is set yet, and there is one.
     bytes.extend([0, 1, description.interfaces.len() as u8]);
     bytes
 }

@@ -12,9 +12,10 @@ use crate::{
 ///
 /// Longer is better, on an otherwise idle computer: the scatter of the arrivals over that time is reported as part of
 /// the uncertainty. This computer's clock is the limit: its crystal is good to 50 ppm; if NTP or PTP has disciplined it
-/// for hours, --host-clock-ppm 1 may be right. The rate is not corrected: timebase_u95 becomes the deviation with its
-/// uncertainty, never less than that of this computer. --write saves it if it is better than the one in use. The
-/// relative uncertainty of inertance is twice as large. With --json one object:
+/// for hours, --host-clock-ppm 1 may be right. The rate is not corrected: timebase_u95 becomes the sum of the deviation
+/// and its uncertainty, never less than that of this computer. --write saves it if that is smaller than the value in
+/// use, or if the comparison contradicts that value. The relative uncertainty of inertance is twice as large. With
+/// --json one object:
 /// {"kind":"calibration","step":"timebase","measured":{"deviation_ppm":..},"values":{"timebase_u95":..},..}.
 #[derive(clap::Args)]
 pub struct Args {
