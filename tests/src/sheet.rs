@@ -53,20 +53,23 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
 
 /// `--update`, or nothing.
 pub fn asked(name: &str) -> Result<Asked, Error> {
-    match asked_or_short(name)? {
-        Asked::CompareShort => Err(format!("usage: cargo xtask {name} [--update]").into()),
-        asked => Ok(asked),
-    }
+    given(name, false)
 }
 
 /// `--update`, `--short`, or nothing.
 pub fn asked_or_short(name: &str) -> Result<Asked, Error> {
+    given(name, true)
+}
+
+fn given(name: &str, can_be_short: bool) -> Result<Asked, Error> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.as_slice() {
         [] => Ok(Asked::Compare),
-        [word] if word == "--short" => Ok(Asked::CompareShort),
         [word] if word == "--update" => Ok(Asked::Update),
-        _ => Err(format!("usage: cargo xtask {name} [--short | --update]").into()),
+        [word] if word == "--short" && can_be_short => Ok(Asked::CompareShort),
+        _ => {
+            Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
+        }
     }
 }
 
