@@ -1,19 +1,13 @@
 //! Test programs that take longer than a test may.
 
 use crate::{
-    process, tree,
+    process,
+    table::Options,
+    tree,
     workspace::{self, Part},
 };
 use anyhow::Result;
 use std::process::Command;
-
-/// Compare with the committed table, or write it.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
-pub struct Options {
-    /// Write the table instead of comparing with it
-    #[arg(long)]
-    pub update: bool,
-}
 
 /// Compare with the committed table, or write it; measuring all of it takes long.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -21,9 +15,8 @@ pub struct LongOptions {
     /// Measure only the first rig, with the device that is not worn
     #[arg(long, conflicts_with = "update")]
     pub short: bool,
-    /// Write the table instead of comparing with it
-    #[arg(long)]
-    pub update: bool,
+    #[command(flatten)]
+    pub table: Options,
 }
 
 /// Arguments passed on to the program.
@@ -48,8 +41,7 @@ pub fn table(name: &str, options: &Options) -> Result<()> {
 
 /// The same for a table whose first rig can be measured alone.
 pub fn long_table(name: &str, options: &LongOptions) -> Result<()> {
-    let flags = [(options.short, "--short"), (options.update, "--update")];
-    tested(name, &flags.iter().filter(|(is_given, _)| *is_given).map(|(_, flag)| *flag).collect::<Vec<_>>())
+    if options.short { tested(name, &["--short"]) } else { table(name, &options.table) }
 }
 
 /// Runs a program with arguments of its own, built for speed.

@@ -92,31 +92,31 @@ enum Command {
     /// How soon a change of the device is detected, and how often falsely, against docs/tables/changes.md
     Changes(accuracy::LongOptions),
     /// Errors and coverage under faults of real rigs, against docs/tables/robustness.md
-    Robustness(accuracy::Options),
+    Robustness(table::Options),
     /// Width and coverage of the intervals when everything stated is true, against docs/tables/coverage.md
-    Coverage(accuracy::Options),
+    Coverage(table::Options),
     /// How often the cause that breaks the law is identified and sized right, against docs/tables/diagnose.md
-    Diagnose(accuracy::Options),
+    Diagnose(table::Options),
     /// Whether motions reach the intervals predicted for them, and what designing them is worth, against
     /// docs/tables/plan.md
-    Plan(accuracy::Options),
+    Plan(table::Options),
     /// How often the interval of a skew contains it, for machines of any size, against docs/tables/skew.md
-    Skew(accuracy::Options),
+    Skew(table::Options),
     /// How fast the Python package replays, compared with the program and numpy
-    Rates(accuracy::Options),
+    Rates(table::Options),
     /// Fill a store with simulated runs, replay all of them on Dask, and measure what a run costs; --update writes
     /// docs/tables/scale.md
     Scale(rates::ScaleOptions),
     /// How often the interval of merged runs contains the device's value, against docs/tables/merge.md
-    Merge(accuracy::Options),
+    Merge(table::Options),
     /// How often a realistic defect makes a value wrong without a warning, against docs/tables/defects.md
-    Defects(accuracy::Options),
+    Defects(table::Options),
     /// What each part of the estimator, or of the host's judgement, buys, against docs/tables/ablation.md
     Ablation(ablation::Options),
     /// Recordings of real machines, and other methods compared with ours, against docs/tables/validation.md
-    Validation(accuracy::Options),
+    Validation(table::Options),
     /// Errors and coverage of the complete model on hidden devices, against docs/tables/identify.md
-    Identify(accuracy::Options),
+    Identify(table::Options),
     /// Time of `inerter identify` against scipy's least_squares around solve_ivp, on the same data from the same start
     BenchIdentify,
     /// Compare fixed point with the same algorithm in f64 over at least 1e7 updates

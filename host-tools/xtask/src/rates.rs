@@ -2,8 +2,9 @@
 //! (`docs/tables/scale.md`).
 
 use crate::{
-    accuracy::Options,
-    process, python, tree, wheel,
+    process, python,
+    table::Options,
+    tree, wheel,
     workspace::{Part, Workspace},
 };
 use anyhow::{Context, Result};

@@ -2,8 +2,9 @@
 //! methods and plant are written in Python.
 
 use crate::{
-    accuracy::{self, Options},
-    process, python, tree,
+    accuracy, process, python,
+    table::Options,
+    tree,
     workspace::{self, Part, Workspace},
 };
 use anyhow::{Context, Result};
