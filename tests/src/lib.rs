@@ -1,7 +1,5 @@
 //! Closed loop, replay of real data, QEMU, command line: shared code of the system's tests.
 
-#![forbid(unsafe_code)]
-
 use std::process::ExitCode;
 
 pub mod backlash;

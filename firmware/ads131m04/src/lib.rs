@@ -38,7 +38,6 @@
 //! Source: Texas Instruments SBAS890 (ADS131M04), cited by section title, as the section numbers differ between
 //! revisions. The automotive ADS131M04-Q1 (SBASA13) has the same registers and filter.
 #![no_std]
-#![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;

@@ -18,7 +18,6 @@
 //! executor. A board that needs them apart, say sampling at a higher priority, spawns them one by one.
 //! All memory is static: an [`App`] and an `inerter_core::State`.
 #![no_std]
-#![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;

@@ -12,11 +12,17 @@
 //! `BacklashActive::unit_m`.
 
 pub(crate) mod active;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 pub(crate) mod flanks;
 mod law;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod octaves;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod pool;
 pub(crate) mod report;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 pub(crate) mod state;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod step;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod terminal;

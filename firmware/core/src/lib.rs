@@ -1,43 +1,59 @@
 #![doc = include_str!("../README.md")]
 #![no_std]
-#![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+// Integers only from the codes to the sums: those modules deny arithmetic with floats, except in tests.
 mod active;
 mod alignment;
 mod backlash;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod bank;
 mod budget;
 mod change;
 pub mod constants;
 mod detail;
 mod estimate;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod estimator;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod feedback;
 mod fit;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod gate;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod kernel;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod ldl;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod line;
 mod math;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod near_rest;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod noise;
 mod output;
 mod plausible;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod qformat;
 mod regime;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod repeats;
 mod report;
 #[cfg(not(feature = "bench"))]
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod rls;
 #[cfg(feature = "bench")]
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 pub mod rls;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod sample;
 mod settings;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod sign;
 mod solution;
+#[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod state;
 mod sums;
 mod systematic;

@@ -7,7 +7,6 @@
 //! its three tests. [`mod@diagnose`] identifies what breaks the law, [`mod@skew`] finds the delay of the force,
 //! [`plan`] designs a motion and predicts its intervals. [`calibrate`] turns samples at known loads, displacements and
 //! rests into settings with their uncertainty. [`results`] combines all of that as the program prints it.
-#![forbid(unsafe_code)]
 
 pub mod calibrate;
 pub mod compare;

@@ -7,7 +7,6 @@
 //! intervals, [`wav`] writes a motion.
 //!
 //! Every error names the file, field or line; its help says what to do next.
-#![forbid(unsafe_code)]
 
 pub mod backup;
 pub mod calibration;

@@ -4,7 +4,6 @@
 //! image again, shows the estimates as they come, records every frame, and replays the recording on this machine: every
 //! estimate must be the same to the bit. It ends with a page for each run and an index of them. `cargo xtask demo`
 //! builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
-#![forbid(unsafe_code)]
 
 use std::{
     fmt::Write as _,

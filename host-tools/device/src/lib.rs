@@ -3,7 +3,6 @@
 //! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends
 //! samples through a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by
 //! [`flash`] through a debug probe.
-#![forbid(unsafe_code)]
 
 pub mod board;
 pub mod dfu;

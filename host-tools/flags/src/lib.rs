@@ -11,8 +11,6 @@
 //! duration = 30
 //! ```
 
-#![forbid(unsafe_code)]
-
 mod error;
 
 pub use error::ConfigError;

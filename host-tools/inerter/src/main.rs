@@ -2,7 +2,6 @@
 //! `calibrate`.
 //!
 //! The libraries beside this crate do the work of a command; this one asks, shows, and decides the exit code.
-#![forbid(unsafe_code)]
 
 mod calibrate;
 mod cmd;

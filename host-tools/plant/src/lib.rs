@@ -22,8 +22,6 @@
 //! # Ok::<(), inerter_plant::PlantError>(())
 //! ```
 
-#![forbid(unsafe_code)]
-
 mod dynamics;
 mod error;
 mod excitation;

@@ -2,7 +2,6 @@
 //!
 //! Results are JSON (docs/CLI.md), tables are Arrow. What a user sees is written in Python (`python/inerter`). Work
 //! runs in a thread of its own (`watch`), so that other threads of Python continue and Ctrl-C ends it.
-#![forbid(unsafe_code)]
 
 mod device;
 mod error;

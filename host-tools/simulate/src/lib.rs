@@ -4,7 +4,6 @@
 //! follow. [`mod@file`] writes a recording or a CSV, [`VirtualDevice`] runs the firmware's app on this machine behind a
 //! pseudo-terminal or a TCP port, [`Qemu`] runs the firmware image itself. [`share`] lets several hosts use one link,
 //! to a virtual device or to any other.
-#![forbid(unsafe_code)]
 
 // The app's queues need critical sections; this crate brings the implementation for a machine with threads.
 use critical_section as _;

@@ -2,7 +2,6 @@
 //!
 //! [`figure`] draws as SVG and PNG, [`page`] makes a page of a run, [`compared`] of several, [`paper`] of the
 //! reproduction of the paper's experiment, and [`selftest`] of a board's self-test; [`index`] lists pages of runs.
-#![forbid(unsafe_code)]
 
 pub mod compared;
 pub mod figure;

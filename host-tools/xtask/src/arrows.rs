@@ -1,18 +1,18 @@
-//! Which crate may use which, and what the project forbids in source.
+//! Which crate may use which, and which modules import each other.
 //!
 //! Arrow: a dependency of one workspace member on another. The table below lists all that are allowed. A member that is
 //! not in it is refused, so a new crate must be added there first. Within a crate no module may import itself, directly
 //! or through others ([`imports`]).
 
 use crate::{
-    foreign, imports, process, source, tree,
+    foreign, imports, process, tree,
     workspace::{Member, Part, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 /// What one member may depend on.
@@ -25,14 +25,12 @@ struct Law {
     /// Packages that must not be among its direct or indirect dependencies, with its default features; `dfu-*` means
     /// all names that begin so.
     never: &'static [&'static [&'static str]],
-    /// Whether each of its root files must say `#![forbid(unsafe_code)]`.
-    forbid_unsafe: bool,
 }
 
 impl Law {
-    /// Uses none of ours and forbids unsafe code.
+    /// Uses none of ours.
     const fn of(member: &'static str) -> Self {
-        Self { member, may_use: &[], tests_may_use: &[], never: &[], forbid_unsafe: true }
+        Self { member, may_use: &[], tests_may_use: &[], never: &[] }
     }
 
     const fn may_use(self, may_use: &'static [&'static str]) -> Self {
@@ -45,10 +43,6 @@ impl Law {
 
     const fn never(self, never: &'static [&'static [&'static str]]) -> Self {
         Self { never, ..self }
-    }
-
-    const fn with_unsafe(self) -> Self {
-        Self { forbid_unsafe: false, ..self }
     }
 }
 
@@ -69,8 +63,8 @@ const LAWS: &[Law] = &[
     Law::of("inerter-wire").may_use(&["inerter-core"]),
     Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]),
     Law::of("ads131m04"),
-    Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]).with_unsafe(),
-    Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]).with_unsafe(),
+    Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]),
+    Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]),
     Law::of("inerter-plant"),
     Law::of("inerter-serve").never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
     Law::of("inerter-flags").may_use(&["inerter-core", "inerter-wire", "inerter-data"]).never(&[USB, SCREEN, TABLES]),
@@ -159,7 +153,6 @@ const LAWS: &[Law] = &[
         ])
         .never(&[COMMAND_LINE, SCREEN]),
     Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
-    // libFuzzer's entry is a function without a mangled name.
     Law::of("inerter-fuzz")
         .may_use(&[
             "inerter-core",
@@ -171,48 +164,20 @@ const LAWS: &[Law] = &[
             "inerter-flags",
             "inerter-tests",
         ])
-        .never(&[&["ratatui", "crossterm", "indicatif"]])
-        .with_unsafe(),
+        .never(&[&["ratatui", "crossterm", "indicatif"]]),
     Law::of("inerter-guest"),
-    Law::of("inerter-twin")
-        .may_use(&[
-            "inerter-needs",
-            "inerter-guest",
-            "inerter-core",
-            "inerter-wire",
-            "inerter-app",
-            "inerter-plant",
-            "inerter-jumpers",
-            "ads131m04",
-        ])
-        .with_unsafe(),
-    Law::of("inerter-foreign").with_unsafe(),
-    Law::of("inerter-published").with_unsafe(),
-];
-
-/// Files and folders of `inerter-core/src` between the codes and the sums: integers only, except in tests.
-const SIGNAL_PATH: &[&str] = &[
-    "sample.rs",
-    "estimator.rs",
-    "state.rs",
-    "line.rs",
-    "kernel.rs",
-    "sign.rs",
-    "repeats.rs",
-    "gate.rs",
-    "noise.rs",
-    "rls.rs",
-    "ldl.rs",
-    "qformat.rs",
-    "near_rest.rs",
-    "bank.rs",
-    "feedback.rs",
-    "backlash/state.rs",
-    "backlash/flanks.rs",
-    "backlash/octaves.rs",
-    "backlash/step.rs",
-    "backlash/pool.rs",
-    "backlash/terminal.rs",
+    Law::of("inerter-twin").may_use(&[
+        "inerter-needs",
+        "inerter-guest",
+        "inerter-core",
+        "inerter-wire",
+        "inerter-app",
+        "inerter-plant",
+        "inerter-jumpers",
+        "ads131m04",
+    ]),
+    Law::of("inerter-foreign"),
+    Law::of("inerter-published"),
 ];
 
 /// Checks the whole tree.
@@ -228,11 +193,7 @@ pub fn run() -> Result<()> {
         faults.extend(never_faults(member)?);
         faults.extend(circle_faults(member, &root).unwrap_or_else(|error| vec![format!("{}: {error:#}", member.name)]));
     }
-    faults.extend(unsafe_faults(&workspace)?);
     faults.extend(memory_faults(&root, &workspace.target)?);
-    if let Some(core) = workspace.member("inerter-core") {
-        faults.extend(float_faults(&core.folder.join("src"), SIGNAL_PATH)?);
-    }
     if !faults.is_empty() {
         for fault in &faults {
             eprintln!("  {fault}");
@@ -327,20 +288,6 @@ fn listed(names: &[&str]) -> String {
     if names.is_empty() { "none of ours".into() } else { names.join(", ") }
 }
 
-/// Root files that do not forbid unsafe code though they must.
-fn unsafe_faults(workspace: &Workspace) -> Result<Vec<String>> {
-    let mut faults = Vec::new();
-    for law in LAWS.iter().filter(|law| law.forbid_unsafe) {
-        let Some(member) = workspace.member(law.member) else { continue };
-        for file in &member.roots {
-            if !source::forbids_unsafe(&source::parse(file)?) {
-                faults.push(format!("{}: lacks #![forbid(unsafe_code)]", below(file, &workspace.root)));
-            }
-        }
-    }
-    Ok(faults)
-}
-
 /// The linker takes the root `memory.x` for every member, so a second one would misstate what is linked.
 fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
     let mut found = Vec::new();
@@ -367,43 +314,6 @@ fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
     Ok(vec![format!("memory.x: exactly one is allowed, at the root; found: {}", list.join(", "))])
 }
 
-/// Float types and literals in the files of `list`, or in all files below a folder in it.
-fn float_faults(folder: &Path, list: &[&str]) -> Result<Vec<String>> {
-    let mut faults = Vec::new();
-    for name in list {
-        let path = folder.join(name);
-        let files = if path.is_dir() { rust_files(&path)? } else { vec![path.clone()] };
-        if files.is_empty() || !files.iter().all(|file| file.is_file()) {
-            faults.push(format!("{}: in the table of the signal path, but missing", below(&path, folder)));
-            continue;
-        }
-        for file in files {
-            for found in source::floats(&source::parse(&file)?) {
-                let place = below(&file, folder);
-                faults.push(format!("core {place}:{}: `{}` on the signal path", found.line, found.token));
-            }
-        }
-    }
-    Ok(faults)
-}
-
-fn rust_files(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut files = Vec::new();
-    let mut folders = vec![folder.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))? {
-            let path = entry?.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                files.push(path);
-            }
-        }
-    }
-    files.sort();
-    Ok(files)
-}
-
 fn below(path: &Path, root: &Path) -> String {
     path.strip_prefix(root).unwrap_or(path).display().to_string()
 }
@@ -411,6 +321,7 @@ fn below(path: &Path, root: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::PathBuf;
 
     /// A workspace in a folder of its own, removed at the end.
     struct Fixture(PathBuf);
@@ -450,7 +361,7 @@ mod tests {
                         "[dependencies]\nrenamed = { package = \"inerter-plant\", path = \"../plant\" }",
                     ),
                 ),
-                ("core/src/lib.rs", "#![forbid(unsafe_code)]\n"),
+                ("core/src/lib.rs", ""),
                 ("plant/Cargo.toml", &manifest("inerter-plant", "")),
                 ("plant/src/lib.rs", ""),
                 ("stray/Cargo.toml", &manifest("stray", "[dev-dependencies]\nserde = \"1\"")),
@@ -464,10 +375,6 @@ mod tests {
         assert_eq!(faults.len(), 2, "{faults:?}");
         assert!(faults.iter().any(|fault| fault == "inerter-core uses inerter-plant; it may use: none of ours"));
         assert!(faults.iter().any(|fault| fault.starts_with("stray: this member has no law")));
-
-        let faults = unsafe_faults(&workspace).unwrap();
-        assert_eq!(faults.len(), 1, "{faults:?}");
-        assert!(faults[0].contains("plant"));
 
         let faults = memory_faults(&fixture.0, &fixture.0.join("target")).unwrap();
         assert_eq!(faults.len(), 1);
@@ -513,20 +420,6 @@ mod tests {
         let told = "it: 2 modules import each other in a circle:\n    src/a.rs:2 imports crate::b::B from src/b.rs\n    \
                     src/b.rs:1 imports crate::a::A from src/a.rs";
         assert_eq!(circle_faults(&member, &fixture.0).unwrap(), [told]);
-    }
-
-    #[test]
-    fn floats_are_found_in_files_and_folders() {
-        let fixture = Fixture::new(
-            "floats",
-            &[("rls.rs", "fn a() -> i64 { 1 }\n"), ("bank/mod.rs", "fn b() {}\nfn c() -> f32 { 1.0 }\n")],
-        );
-        assert!(float_faults(&fixture.0, &["rls.rs"]).unwrap().is_empty());
-        let faults = float_faults(&fixture.0, &["bank", "gone.rs"]).unwrap();
-        assert_eq!(faults.len(), 3, "{faults:?}");
-        assert!(faults[0].contains("mod.rs:2: `f32`"));
-        assert!(faults[1].contains("mod.rs:2: `1.0`"));
-        assert!(faults[2].contains("gone.rs"));
     }
 
     #[test]

@@ -3,8 +3,6 @@
 //! Each command is one module, and each can be run by itself; `test` runs them in the order of continuous integration.
 //! Nothing here calls the estimator: other programs are started, and their output is read.
 
-#![forbid(unsafe_code)]
-
 mod ablation;
 mod accuracy;
 mod arrows;
@@ -70,8 +68,7 @@ enum Command {
     BuildFirmware,
     /// Make the boot image of the Linux guest, in which a real kernel uses the board's USB
     Guest(guest::Options),
-    /// Fail if a crate uses one it must not, if modules import each other in a circle, or if source breaks the
-    /// project's rules
+    /// Fail if a crate uses one it must not, if modules import each other in a circle, or if there is a second memory.x
     CheckArrows,
     /// Fail if the shipping image could panic inside the estimator or allocate
     CheckPanics,

@@ -1,18 +1,9 @@
-//! Rust source as the rules see it: parsed, without its tests.
+//! Rust source, parsed, and which of it is for tests only.
 
 use anyhow::{Context, Result};
-use proc_macro2::{Ident, LineColumn, TokenStream, TokenTree};
+use proc_macro2::{Ident, LineColumn};
 use std::{fs, path::Path};
-use syn::{Attribute, ImplItem, Item, Meta, Token, punctuated::Punctuated, spanned::Spanned, visit::Visit};
-
-/// A float type or literal.
-#[derive(Debug, PartialEq, Eq)]
-pub struct Found {
-    /// Line, from 1.
-    pub line: usize,
-    /// The token.
-    pub token: String,
-}
+use syn::{Attribute, ImplItem, Item, Meta, Token, punctuated::Punctuated};
 
 /// Reads and parses a file.
 pub fn parse(file: &Path) -> Result<syn::File> {
@@ -20,14 +11,6 @@ pub fn parse(file: &Path) -> Result<syn::File> {
     syn::parse_file(&text).map_err(|error| {
         let LineColumn { line, .. } = error.span().start();
         anyhow::anyhow!("{}:{line}: {error}", file.display())
-    })
-}
-
-/// Whether the file says `#![forbid(unsafe_code)]`.
-pub fn forbids_unsafe(file: &syn::File) -> bool {
-    file.attrs.iter().any(|attribute| {
-        attribute.path().is_ident("forbid")
-            && attribute.meta.require_list().is_ok_and(|list| list.tokens.to_string() == "unsafe_code")
     })
 }
 
@@ -83,116 +66,5 @@ pub fn member_only_for_tests(item: &ImplItem) -> bool {
         ImplItem::Type(item) => only_for_tests(&item.attrs),
         ImplItem::Macro(item) => only_for_tests(&item.attrs),
         _ => false,
-    }
-}
-
-/// Every float type (`f32`, `f64`, also as a suffix) and float literal outside of tests, in macros too.
-pub fn floats(file: &syn::File) -> Vec<Found> {
-    let mut floats = Floats(Vec::new());
-    floats.visit_file(file);
-    floats.0
-}
-
-struct Floats(Vec<Found>);
-
-impl Floats {
-    fn add(&mut self, token: &(impl Spanned + ToString)) {
-        self.0.push(Found { line: token.span().start().line, token: token.to_string() });
-    }
-
-    fn tokens(&mut self, tokens: TokenStream) {
-        for token in tokens {
-            match token {
-                TokenTree::Group(group) => self.tokens(group.stream()),
-                TokenTree::Ident(ident) => self.visit_ident(&ident),
-                TokenTree::Literal(literal) => match syn::Lit::new(literal) {
-                    syn::Lit::Float(float) => self.visit_lit_float(&float),
-                    syn::Lit::Int(int) => self.visit_lit_int(&int),
-                    _ => {}
-                },
-                TokenTree::Punct(_) => {}
-            }
-        }
-    }
-}
-
-impl<'ast> Visit<'ast> for Floats {
-    fn visit_item(&mut self, item: &'ast Item) {
-        if !only_for_tests(attributes(item)) {
-            syn::visit::visit_item(self, item);
-        }
-    }
-
-    fn visit_impl_item(&mut self, item: &'ast ImplItem) {
-        if !member_only_for_tests(item) {
-            syn::visit::visit_impl_item(self, item);
-        }
-    }
-
-    fn visit_attribute(&mut self, _: &'ast Attribute) {}
-
-    fn visit_ident(&mut self, ident: &'ast Ident) {
-        if ident == "f32" || ident == "f64" {
-            self.add(ident);
-        }
-    }
-
-    fn visit_lit_float(&mut self, literal: &'ast syn::LitFloat) {
-        self.add(literal);
-    }
-
-    fn visit_lit_int(&mut self, literal: &'ast syn::LitInt) {
-        if matches!(literal.suffix(), "f32" | "f64") {
-            self.add(literal);
-        }
-    }
-
-    fn visit_macro(&mut self, called: &'ast syn::Macro) {
-        self.tokens(called.tokens.clone());
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn tokens(text: &str) -> Vec<String> {
-        let file = syn::parse_file(&format!("fn f() {{ {text} }}")).unwrap();
-        floats(&file).into_iter().map(|found| found.token).collect()
-    }
-
-    #[test]
-    fn floats_in_code_are_found() {
-        assert_eq!(tokens("let a: f32 = 1.0;"), ["f32", "1.0"]);
-        assert_eq!(tokens("let a = 2f64 + 1e3 + 5.;"), ["2f64", "1e3", "5."]);
-        assert_eq!(tokens("let a = b as f64;"), ["f64"]);
-        assert_eq!(tokens("let a = 1.5e3_f32;"), ["1.5e3_f32"]);
-        assert_eq!(tokens("m!(f64, [1.5, 2f32])"), ["f64", "1.5", "2f32"]);
-    }
-
-    #[test]
-    fn integers_are_left_alone() {
-        for text in
-            ["1..2", "0..=9", "t.0.1", "1.max(2)", "0x1e5", "0xf32", "1_000usize", "self.f32_count", "1i64 << 62"]
-        {
-            assert!(tokens(text).is_empty(), "{text}: {:?}", tokens(text));
-        }
-    }
-
-    #[test]
-    fn comments_strings_and_tests_do_not_count() {
-        let text = "// f32\n/* 1.0 */ fn a<'x>(b: &'x str, c: char) {}\n/// f32 in a doc\nconst S: &str = \"f64 1.0\";\n\
-            #[cfg(test)]\nmod tests {\n fn a() { if true { let x = 1.0; } }\n}\n\
-            struct A;\nimpl A {\n #[cfg(all(test, unix))]\n fn x() -> f32 { 1.0 }\n}\n\
-            #[cfg(any(test, unix))]\nfn last() -> f32 {}\n";
-        assert_eq!(floats(&syn::parse_file(text).unwrap()), [Found { line: 15, token: "f32".into() }]);
-    }
-
-    #[test]
-    fn a_file_that_forbids_unsafe_says_so_outside_of_comments() {
-        let forbids = |text| forbids_unsafe(&syn::parse_file(text).unwrap());
-        assert!(forbids("#![forbid(unsafe_code)]"));
-        assert!(!forbids("// #![forbid(unsafe_code)]"));
-        assert!(!forbids("#![deny(unsafe_code)]"));
     }
 }

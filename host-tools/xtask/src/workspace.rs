@@ -107,8 +107,6 @@ pub struct Use {
 pub struct Workspace {
     /// All members.
     pub members: Vec<Member>,
-    /// Root folder.
-    pub root: PathBuf,
     /// Where cargo builds.
     pub target: PathBuf,
 }
@@ -125,11 +123,7 @@ impl Workspace {
     pub fn parse(json: &str) -> Result<Self> {
         let value: Value = serde_json::from_str(json).context("`cargo metadata` printed no JSON")?;
         let members = array(&value, "packages")?.iter().map(member).collect::<Result<Vec<_>>>()?;
-        Ok(Self {
-            members,
-            root: text(&value, "workspace_root")?.into(),
-            target: text(&value, "target_directory")?.into(),
-        })
+        Ok(Self { members, target: text(&value, "target_directory")?.into() })
     }
 
     /// The member of this name.

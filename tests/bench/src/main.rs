@@ -10,7 +10,6 @@
 //!
 //! `bench regressors FILE` writes the regressors for `tests/python/bench_rivals.py`;
 //! `bench compare [--python FILE | --without-python REASON] [--write FILE]` prints the table.
-#![forbid(unsafe_code)]
 
 mod answers;
 mod cases;

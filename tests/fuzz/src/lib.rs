@@ -9,8 +9,6 @@
 //!                                                        '-> findings (target/fuzz/TARGET)
 //! ```
 
-#![forbid(unsafe_code)]
-
 pub mod commands;
 pub mod csv;
 pub mod dfuse;

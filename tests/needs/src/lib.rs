@@ -3,8 +3,6 @@
 //! Such a test is *skipped*: it returns early, and its name and the reason go to standard error and into the list that
 //! `cargo xtask test` prints at its end. What that command makes or installs itself is *required* there: its absence fails.
 
-#![forbid(unsafe_code)]
-
 use std::{
     fs::OpenOptions,
     io::{self, Write},

@@ -8,8 +8,6 @@
 //! | `DATE-RUN_mr.csv` with `DATE-RUN_ni.csv` | `lodz/RUN.csv` |
 //! | `1Hz20lbtension.json` | `arts/1hz_20lb.csv` |
 
-#![forbid(unsafe_code)]
-
 mod arts;
 mod emps;
 mod lodz;

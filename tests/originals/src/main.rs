@@ -1,7 +1,5 @@
 //! `originals FOLDER FILE...`: converts published recordings into the folder; `cargo xtask data` runs this.
 
-#![forbid(unsafe_code)]
-
 use std::{path::PathBuf, process::ExitCode};
 
 fn main() -> ExitCode {

@@ -4,7 +4,6 @@
 //! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is
 //! silently off by more than twice its interval, runs whose interval does not contain the truth, runs whose law is
 //! called broken, runs in which the fault is named, runs.
-#![forbid(unsafe_code)]
 
 use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, PlantError, Sensors, Simulation};

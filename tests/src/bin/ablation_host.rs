@@ -1,7 +1,6 @@
 //! Results of the host that this program was built with on a set of runs, for `cargo xtask ablation --host`.
 //!
 //! One line per count: its name, a tab, and the count.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{Cause, Kind};
 use inerter_core::{LawStatus, Parameter, Parameters};

@@ -1,5 +1,4 @@
 //! `cargo xtask changes`: how soon a change of the device is detected, and how often one is reported falsely.
-#![forbid(unsafe_code)]
 
 use inerter_core::{Change, Changed, Settings, State};
 use inerter_plant::{Excitation, Inerter, Plant, Simulation};

@@ -1,6 +1,5 @@
 //! `cargo xtask coverage`: width and coverage of the intervals where the law is true, and coverage where it is nearly
 //! true.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{TOLD, reach};
 use inerter_core::{Detail, Interval, NORMAL_COVERAGE, Parameter};

@@ -1,6 +1,5 @@
 //! `cargo xtask defects`: how often a realistic defect makes a value wrong silently, and how often a clean run is
 //! called broken.
-#![forbid(unsafe_code)]
 
 use inerter_tests::{
     defects::{

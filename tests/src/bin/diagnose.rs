@@ -1,6 +1,5 @@
 //! `cargo xtask diagnose`: how often the cause that breaks the law is named first and sized right, and how often a
 //! false one is.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
 use inerter_core::{Interval, Parameters};

@@ -3,7 +3,6 @@
 //!
 //! The sample counter, the encoder and every running sum wrap on the way. The sums of the whole run must grow by
 //! exactly the same amount with each repetition, and what is published at its end must not change.
-#![forbid(unsafe_code)]
 
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};

@@ -3,7 +3,6 @@
 //! `fuzz [--minutes N] [--seed S]` tries streams from seed S on (default 0) for N minutes (default 1). A stream with a
 //! finding is shrunk and written to `target/fuzz/SEED.bin`; the finding is printed, and the program fails at the end.
 //! `fuzz --play FILE...` tries files. `fuzz --write-corpus` makes `tests/corpus` anew.
-#![forbid(unsafe_code)]
 
 use inerter_tests::fuzz::{Conditions, findings, shrink, stream, write_corpus};
 use std::{

@@ -1,5 +1,4 @@
 //! `cargo xtask identify`: the complete model of hidden devices; `cargo xtask bench-identify`: the time that it takes.
-#![forbid(unsafe_code)]
 
 use std::{fmt::Write, path::Path, process::ExitCode, time::Instant};
 

@@ -3,7 +3,6 @@
 //!
 //! Two runs: all motions and rest in turn, and the slow motion alone, whose inertance is the hardest to keep. Prints
 //! the greatest differences, and fails if one exceeds its bound.
-#![forbid(unsafe_code)]
 
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};

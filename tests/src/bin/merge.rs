@@ -1,5 +1,4 @@
 //! `cargo xtask merge`: how often the interval of merged runs contains the device's value, and what more runs gain.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::merge::Runs;
 use inerter_core::NORMAL_COVERAGE;

@@ -1,5 +1,4 @@
 //! `cargo xtask plan`: whether motions reach the intervals predicted for them, and whether designing them is worth it.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::plan::{Limits, Part, Plan, Prediction, design, part_text, predict};
 use inerter_core::Machine;

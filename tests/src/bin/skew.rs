@@ -1,5 +1,4 @@
 //! `cargo xtask skew`: how often the interval of a skew contains it, for machines of any size.
-#![forbid(unsafe_code)]
 
 use inerter_analysis::skew::{Skew, SkewError};
 use inerter_tests::{

@@ -2,7 +2,6 @@
 //!
 //! Usage: validation --data FOLDER | validation --rivals FOLDER [--update]
 //! The first writes the data of the comparison, the second the table.
-#![forbid(unsafe_code)]
 
 use inerter_core::{Bank, Parameter, Settings, Source};
 use inerter_data::{

@@ -6,8 +6,6 @@
 //! what core once said. Grids of motions, seeds and rigs, and recordings of real machines, are in `tests` (crate
 //! `inerter-tests`).
 
-#![forbid(unsafe_code)]
-
 mod backlash;
 mod budgets;
 mod changes;

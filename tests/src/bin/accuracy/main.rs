@@ -2,7 +2,6 @@
 //!
 //! Without arguments the table is compared with `docs/tables/accuracy.md`; differences are listed and the program
 //! fails. `--short` measures and compares the first rig, `--update` writes the table.
-#![forbid(unsafe_code)]
 
 mod backlash;
 mod table;

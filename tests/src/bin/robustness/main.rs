@@ -2,7 +2,6 @@
 //!
 //! Without arguments the table is compared with `docs/tables/robustness.md`; differences are listed and the program
 //! fails. `--update` writes the table instead.
-#![forbid(unsafe_code)]
 
 mod table;
 

@@ -3,8 +3,6 @@
 //! `inerter-guest serve HOST:PORT` runs what the test at that address sends; `inerter-guest attach HOST:PORT` plugs the device of
 //! a USB/IP server in and prints the port of the virtual host controller.
 
-#![forbid(unsafe_code)]
-
 use std::net::SocketAddr;
 use std::process::ExitCode;
 
