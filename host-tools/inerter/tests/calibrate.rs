@@ -1,14 +1,12 @@
 //! The program's calibration and its backups, with virtual devices at which hands are busy.
 
-mod common;
-
 use std::{
     io::{BufRead, BufReader, Write},
     path::Path,
     process::Stdio,
 };
 
-use common::{done, fails, inerter, last, run, text};
+use crate::common::{done, fails, inerter, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};

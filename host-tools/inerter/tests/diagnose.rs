@@ -1,10 +1,8 @@
 //! What breaks the law, as a person and a program are told it.
 
-mod common;
-
 use std::path::Path;
 
-use common::{done, fails, json_lines, last, run, text};
+use crate::common::{done, fails, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};

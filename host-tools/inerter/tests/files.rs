@@ -1,10 +1,8 @@
 //! Files made out of files: `export`, `cut`, `merge`, and what `info` says of them.
 
-mod common;
-
 use std::{fs, path::Path};
 
-use common::{done, fails, inerter, json_lines, last, run, text};
+use crate::common::{done, fails, inerter, json_lines, last, run, text};
 use serde_json::Value;
 
 fn simulate(folder: &Path, more: &[&str]) {

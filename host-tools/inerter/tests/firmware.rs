@@ -1,11 +1,5 @@
 //! The program with firmware images, and with the settings that a device keeps.
 
-mod common;
-#[path = "../../device/src/image/elf_file.rs"]
-mod elf;
-#[path = "common/frames.rs"]
-mod frames;
-
 use std::{
     fs,
     io::{Read, Write},
@@ -13,7 +7,7 @@ use std::{
     thread,
 };
 
-use common::{done, fails, inerter, last, text};
+use crate::common::{done, elf_file, fails, frames, inerter, last, text};
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Device, Target};
 use inerter_plant::Inerter;
@@ -31,7 +25,7 @@ const NOBODY: [&str; 2] = ["--serial", "no such device"];
 #[test]
 fn a_dry_run_says_what_would_be_written() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("i.elf"), elf::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = done(folder.path(), &["update", "i.elf", "--dry-run"]);
     assert_eq!(
         words,
@@ -46,15 +40,15 @@ fn a_dry_run_says_what_would_be_written() {
 #[test]
 fn images_that_do_not_fit_the_board_are_refused_by_either_way_before_a_device_is_looked_for() {
     let folder = tempfile::tempdir().unwrap();
-    let code = elf::code(5000, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re");
-    let nameless = elf::code(5000, "", "", "");
-    let with = |address, bytes: &[u8]| elf::elf(elf::ARM, &[(0x0800_0000, &code), (address, bytes)]);
+    let code = elf_file::code(5000, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re");
+    let nameless = elf_file::code(5000, "", "", "");
+    let with = |address, bytes: &[u8]| elf_file::elf(elf_file::ARM, &[(0x0800_0000, &code), (address, bytes)]);
     for (bytes, words) in [
-        (elf::elf(62, &[(0x0800_0000, &code)]), "f is a program for a PC, not for the board's Arm Cortex-M4"),
+        (elf_file::elf(62, &[(0x0800_0000, &code)]), "f is a program for a PC, not for the board's Arm Cortex-M4"),
         (with(0x0807_C000, &[0; 8]), "over the settings at 0x0807C000 to 0x08080000"),
         (with(0x0804_0000, &[0; 8]), "f has bytes for 0x08040000 to 0x08040008; the firmware lies in 0x08000000"),
-        (elf::elf(elf::ARM, &[(0x0800_0000, &nameless)]), "f identifies its firmware in an unknown format"),
-        (elf::elf(elf::ARM, &[(0x0800_0000, &[0; 64])]), "f cannot start on the board"),
+        (elf_file::elf(elf_file::ARM, &[(0x0800_0000, &nameless)]), "f identifies its firmware in an unknown format"),
+        (elf_file::elf(elf_file::ARM, &[(0x0800_0000, &[0; 64])]), "f cannot start on the board"),
     ] {
         fs::write(folder.path().join("f"), bytes).unwrap();
         let said = fails(folder.path(), &["update", "f", NOBODY[0], NOBODY[1]], 3);
@@ -69,7 +63,7 @@ fn images_that_do_not_fit_the_board_are_refused_by_either_way_before_a_device_is
 #[test]
 fn without_a_device_an_update_says_what_to_plug_in() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("i.elf"), elf::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = fails(folder.path(), &["update", "i.elf", NOBODY[0], NOBODY[1]], 5);
     // A container may have no USB at all.
     let expected = ["no instrumented inerter was found with serial no such device", "cannot be listed"];
@@ -81,7 +75,7 @@ fn without_a_device_an_update_says_what_to_plug_in() {
 #[test]
 fn without_a_probe_programming_says_what_to_plug_in() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("i.elf"), elf::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = fails(folder.path(), &["flash", "i.elf", "--probe", "ffff:ffff:none"], 5);
     assert!(words.contains("no debug probe"), "{words}");
     assert!(words.contains("--probe VID:PID:SERIAL") || words.contains("`inerter update`"), "{words}");
@@ -91,7 +85,7 @@ fn without_a_probe_programming_says_what_to_plug_in() {
 fn a_device_that_cannot_enter_update_mode_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let device = device();
-    fs::write(folder.path().join("i.elf"), elf::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = fails(folder.path(), &["update", "i.elf", "--connect", device.name()], 3);
     assert!(words.contains("the image is for the board nucleo-g474re, the device is a virtual"), "{words}");
     let words = fails(folder.path(), &["update", "i.elf", "--force", "--connect", device.name()], 6);
@@ -165,7 +159,7 @@ fn a_setting_that_cannot_be_changes_nothing() {
 #[test]
 fn firmware_of_another_wire_version_is_updated_by_hand() {
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("i.elf"), elf::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
+    fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let server = thread::spawn(move || {

@@ -1,17 +1,8 @@
 //! Text that others wrote, on its way to a terminal: names of devices and files, panics, markers, cells.
 
-mod common;
-#[path = "../../device/src/image/elf_file.rs"]
-mod elf_file;
-#[path = "common/firmware.rs"]
-mod firmware;
-#[cfg(unix)]
-#[path = "common/terminal.rs"]
-mod terminal;
-
 use std::{fs, path::Path};
 
-use common::{all_are_tried, done, foreign_words, inerter, json_lines, last, text};
+use crate::common::{self, all_are_tried, done, elf_file, firmware, foreign_words, inerter, json_lines, last, text};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
@@ -56,7 +47,7 @@ fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
 /// The same of a command that talks to a person at a terminal, until these words were shown.
 #[cfg(unix)]
 fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String {
-    let (screen, shown) = terminal::patient();
+    let (screen, shown) = common::terminal::patient();
     let mut command = inerter(folder, arguments);
     command.stdin(screen.try_clone().unwrap()).stdout(screen.try_clone().unwrap()).stderr(screen);
     let mut child = command.spawn().unwrap();
@@ -64,7 +55,7 @@ fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String
     common::until(awaited, || text(&shown.lock().unwrap()).contains(awaited));
     rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
     let code = child.wait().unwrap().code();
-    let words = terminal::spoken(&text(&shown.lock().unwrap()));
+    let words = common::terminal::spoken(&text(&shown.lock().unwrap()));
     check_words(arguments, &[("terminal", &words)]);
     assert_eq!(code, Some(130), "{arguments:?}: {words}");
     words

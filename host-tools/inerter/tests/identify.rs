@@ -1,8 +1,6 @@
 //! `inerter identify` through the program: its JSON, its words, its exit codes.
 
-mod common;
-
-use common::{done, fails, json_lines, last};
+use crate::common::{done, fails, json_lines, last};
 
 #[test]
 fn a_recording_with_a_terminal_sensor_is_identified() {

@@ -1,9 +1,5 @@
 //! The program with live devices: virtual ones in this process, and others that misbehave.
 
-mod common;
-#[path = "common/frames.rs"]
-mod frames;
-
 use std::{
     io::{Read, Write},
     net::{TcpListener, TcpStream},
@@ -13,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, estimate_of, fails, inerter, json_lines, last, run, text};
+use crate::common::{self, done, estimate_of, fails, frames, inerter, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};

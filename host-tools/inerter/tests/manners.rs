@@ -1,10 +1,8 @@
 //! The program as a guest on somebody's machine: what it says of the machine, flags from a file, completions, manuals.
 
-mod common;
-
 use std::fs;
 
-use common::{done, fails, inerter, json_lines, text};
+use crate::common::{done, fails, inerter, json_lines, text};
 
 #[test]
 fn the_doctor_says_what_is_in_the_way_and_ends_with_code_5() {

@@ -1,9 +1,5 @@
 //! `inerter monitor` from outside: its screen on a pseudo-terminal, its page, and its bridges, at a virtual device.
 
-mod common;
-#[path = "common/monitor.rs"]
-mod monitor;
-
 use std::{
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream, UdpSocket},
@@ -12,12 +8,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, fails, inerter, last, text};
+use crate::common::{self, done, fails, inerter, last, monitor::Monitor, text};
 use inerter_core::Machine;
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
-use monitor::Monitor;
 use serde_json::Value;
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 

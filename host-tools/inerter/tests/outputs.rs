@@ -1,7 +1,4 @@
 //! What is written while somebody deletes, moves or shortens it, or ends the program; and what stands there already.
-#![cfg(unix)]
-
-mod common;
 
 use std::{
     fs,
@@ -11,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use common::{done, fails, inerter, json_lines, run, text, until};
+use crate::common::{done, fails, inerter, json_lines, run, text, until};
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};

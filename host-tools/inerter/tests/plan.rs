@@ -1,10 +1,8 @@
 //! Motions that are designed: what a person and a program are told, the files, and what a run of them then tells.
 
-mod common;
-
 use std::{fs, path::Path};
 
-use common::{done, fails, json_lines, last, run, text};
+use crate::common::{done, fails, json_lines, last, run, text};
 use serde_json::Value;
 
 /// The paper's device on a rig of moderate strength, perfectly calibrated.

@@ -2,9 +2,6 @@
 //!
 //! A library that is preloaded into the program (`common/kept.c`) keeps each file as it is when the program
 //! synchronises it, and each folder's names likewise. What a power cut leaves is the last of these.
-#![cfg(target_os = "linux")]
-
-mod common;
 
 use std::{
     fs,
@@ -15,7 +12,7 @@ use std::{
     time::Duration,
 };
 
-use common::{done, inerter, last, text, until};
+use crate::common::{done, inerter, last, text, until};
 use inerter_data::{
     recording::{Item, read},
     settings::Overrides,

@@ -1,10 +1,8 @@
 //! The firmware image in QEMU behind the program. Skipped where there is no image or no QEMU.
 
-mod common;
-
 use std::{io::BufRead, time::Duration};
 
-use common::{done, estimate_of, fails, inerter, json_lines, last};
+use crate::common::{self, done, estimate_of, fails, inerter, json_lines, last};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,

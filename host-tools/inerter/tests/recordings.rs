@@ -2,16 +2,14 @@
 //! says.
 //!
 //! `tests/recordings/output.txt` holds exit code, number of lines and first words; `UPDATE_RECORDINGS=1 cargo test-lean
-//! --test recordings` writes it anew. Figures are not in it: they have tests of their own.
-
-mod common;
+//! --test program recordings` writes it anew. Figures are not in it: they have tests of their own.
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
-use common::{run, text};
+use crate::common::{run, text};
 
 /// One line for each command; FILE stands for the recording, OUT for a file to be written.
 const COMMANDS: [&str; 19] = [

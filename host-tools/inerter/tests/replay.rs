@@ -1,10 +1,8 @@
 //! Files through the program: the JSON contract, and that every way through it gives the same result.
 
-mod common;
-
 use std::{fs, path::Path, sync::OnceLock};
 
-use common::{done, fails, json_lines, last, run, text};
+use crate::common::{self, done, fails, frames, json_lines, last, run, text};
 use inerter_analysis::diagnose::Kind;
 use inerter_core::Settings;
 use inerter_data::{
@@ -485,15 +483,12 @@ fn a_recording_of_another_wire_version_is_refused_with_the_versions() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("future.mcap");
     let mut recorder = inerter_data::recording::Recorder::create(&path, false).unwrap();
-    recorder.frame(0, &common_frames::foreign_hello()).unwrap();
+    recorder.frame(0, &frames::foreign_hello()).unwrap();
     recorder.close(&inerter_data::recording::End { reason: "finished".into(), lost_frames: 0 }).unwrap();
     let words = fails(folder.path(), &["replay", "future.mcap"], 7);
     assert!(words.contains("was recorded from a device that speaks wire version 7; this program speaks 1"), "{words}");
     assert!(words.contains("use a newer `inerter` program"), "{words}");
 }
-
-#[path = "common/frames.rs"]
-mod common_frames;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]

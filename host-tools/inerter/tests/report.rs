@@ -1,10 +1,8 @@
 //! Pages and figures: what `report`, `plot` and `reproduce-paper` write, that it is valid and loads nothing.
 
-mod common;
-
 use std::{collections::BTreeSet, fs, path::Path};
 
-use common::{done, fails, last, run, text};
+use crate::common::{self, done, fails, last, run, text};
 use scraper::{Html, Selector};
 
 const SECTIONS: [&str; 11] = [

@@ -1,10 +1,8 @@
 //! A rotary machine: the numbers of a linear one under names and units of its own.
 
-mod common;
-
 use std::{fs, path::Path};
 
-use common::{done, fails, json_lines, last};
+use crate::common::{done, fails, json_lines, last};
 
 const COUNT: &str = "--metres-per-count=2.44140625e-6";
 

@@ -1,18 +1,13 @@
 //! Several programs at one device: at a virtual one, and at one that `monitor --share` has.
 
-mod common;
-#[path = "common/monitor.rs"]
-mod monitor;
-
 use std::{io::Write, net::TcpStream};
 
-use common::{done, fails, json_lines, last, run, text};
+use crate::common::{done, fails, json_lines, last, monitor::Monitor, run, text};
 use inerter_data::settings::Overrides;
 use inerter_device::{Clock, Device, DeviceError, Target};
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors, share::MOST_READERS};
 use inerter_wire::{Command, Frame, MAX_FRAME, Record, Refusal, Request, Streams, encode_request};
-use monitor::Monitor;
 
 fn device_at(address: &str) -> VirtualDevice {
     let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();

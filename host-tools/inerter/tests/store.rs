@@ -1,7 +1,5 @@
 //! A store from outside: several processes at once, damage of every kind, and stores that are none.
 
-mod common;
-
 use std::{
     collections::BTreeSet,
     fs,
@@ -10,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use common::{Random, done, fails, inerter, json_lines, last, run, text};
+use crate::common::{self, Random, done, fails, inerter, json_lines, last, run, text};
 
 /// A folder with two recordings.
 fn recordings() -> tempfile::TempDir {

@@ -1,25 +1,16 @@
 //! The program at devices that are silent, send without an end, or answer nothing that they are asked.
-#![cfg(unix)]
-
-mod common;
-#[path = "../../device/src/image/elf_file.rs"]
-mod elf_file;
-#[path = "common/firmware.rs"]
-mod firmware;
-#[path = "common/terminal.rs"]
-mod terminal;
-#[path = "common/unruly.rs"]
-mod unruly;
 
 use std::{io::Read, path::Path, sync::Mutex, thread, time::Duration};
 
-use common::{all_are_tried, inerter};
+use crate::common::{
+    self, all_are_tried, inerter,
+    terminal::terminal,
+    unruly::{self, COMMANDS, MANNERS, Manner, Unruly, Visit, prepared},
+};
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use rustix::process::{Pid, Signal, kill_process};
-use terminal::terminal;
-use unruly::{COMMANDS, MANNERS, Manner, Unruly, Visit, prepared};
 
 /// Of all pairs of a command and a manner one in so many is tried here; `cargo xtask chaos unruly` tries them all.
 const ONE_IN: usize = 7;

@@ -1,12 +1,8 @@
 //! The program beside devices whose firmware is older or newer than it.
 
-mod common;
-#[path = "common/firmware.rs"]
-mod firmware;
-
 use std::path::Path;
 
-use common::{done, estimate_of, inerter, json_lines, last, run, text};
+use crate::common::{done, estimate_of, firmware, inerter, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};

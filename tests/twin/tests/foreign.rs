@@ -2,9 +2,7 @@
 //! published, and `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards; here they must do
 //! what they do there, or one of the two is wrong.
 
-mod common;
-
-use common::{chip_with, image_of_others};
+use crate::common::{chip_with, image_of_others};
 use inerter_twin::World;
 use inerter_twin::chip::{Pin, adc, flash, gpio::Mode, rcc::Reset};
 use inerter_twin::cpu::Stop;

@@ -1,7 +1,5 @@
 //! The self-test with jumpers, against the shipping image: it passes where all is well, and names each planted fault.
 
-mod common;
-
 use inerter_jumpers::{Board as Keeper, JumperError, Report, run};
 use inerter_twin::Board;
 use inerter_twin::chip::Pin;

@@ -8,9 +8,7 @@
 //!
 //! Slow, about a minute. Skipped where image or QEMU are missing.
 
-mod common;
-
-use common::{chip_with, image_of_others};
+use crate::common::{chip_with, image_of_others};
 use inerter_guest::{Ended, Guest};
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};

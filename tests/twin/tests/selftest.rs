@@ -7,8 +7,6 @@
 //!
 //! Slow, about a minute each. Skipped where image or program are missing.
 
-mod common;
-
 use inerter_twin::Board;
 use inerter_twin::chip::adc::Quality;
 use inerter_twin::chip::errata::Errata;

@@ -124,7 +124,7 @@ fn from_power_to_the_first_estimate() {
     let wanted = rig.settings(1000.0);
     let Some(mut link) = board(Bench::new(rig).expect("a rig that can be")) else { return };
     assert_eq!(link.machine.clock_hz(), 168e6);
-    assert_eq!(link.machine.serial_take(), [], "nobody has asked for anything");
+    assert_eq!(link.machine.serial_take(), [0_u8; 0], "nobody has asked for anything");
     let (hello, events) = greet(&mut link);
     assert_eq!((hello.clock, hello.sample_rate_hz), (ClockSource::Crystal, 1000.0));
     assert_eq!(events.first(), Some(&EventKind::Started));

@@ -2,11 +2,10 @@
 //!
 //! The host is [`UsbHost`](inerter_twin::usb_host::UsbHost), in the device's time; a real kernel meets the device in `linux.rs`.
 
-mod common;
 #[path = "../../src/fuzz/outcome.rs"]
 mod outcome;
 
-use common::{Item, board, corpus};
+use crate::common::{self, Item, board, corpus};
 use inerter_app::wear::SAVES;
 use inerter_core::Settings;
 use inerter_plant::Excitation;
@@ -236,13 +235,17 @@ fn nothing_comes_before_the_host_has_spoken() {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
     link.open().expect("opens");
-    assert_eq!(link.receive(3.0).expect("the port is open"), [], "a fresh terminal echoes: the device must wait");
+    assert_eq!(
+        link.receive(3.0).expect("the port is open"),
+        [0_u8; 0],
+        "a fresh terminal echoes: the device must wait"
+    );
     hello(&mut link);
     done(&mut link, Command::Streams(Streams::ALL));
     assert!(link.receive(1.0).expect("the port is open").len() > 1000);
     link.close().expect("closes");
     link.open().expect("opens");
-    assert_eq!(link.receive(1.0).expect("the port is open"), [], "each opening begins anew");
+    assert_eq!(link.receive(1.0).expect("the port is open"), [0_u8; 0], "each opening begins anew");
 }
 
 #[test]
@@ -328,7 +331,7 @@ fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
         link.host.reset(&mut link.socket).expect("attached");
         link.host.enumerate(&mut link.socket).expect("enumeration");
         link.open().expect("opens");
-        assert_eq!(link.receive(0.1).expect("the port is open"), []);
+        assert_eq!(link.receive(0.1).expect("the port is open"), [0_u8; 0]);
         hello(&mut link);
         done(&mut link, Command::Streams(Streams::ALL));
     }
@@ -538,7 +541,7 @@ fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
         link.close().expect("closes");
         link.socket.run_for(closed_s).expect("runs");
         link.open().expect("opens");
-        assert_eq!(link.receive(0.3).expect("the port is open"), [], "closed for {closed_s} s");
+        assert_eq!(link.receive(0.3).expect("the port is open"), [0_u8; 0], "closed for {closed_s} s");
         // The first thing that is heard is the answer.
         let (id, bytes) = link.talk.request(Command::Hello);
         link.send(&bytes, 1.0).expect("taken");

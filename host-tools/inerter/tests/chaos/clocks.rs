@@ -6,10 +6,9 @@ use inerter_data::recording::{Item, read};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
-    common::{inerter, last, run, text},
+    common::{inerter, last, run, text, unruly::ended},
     cycles::Simulated,
     scenario::Scenario,
-    unruly::ended,
 };
 
 /// Recordings keep a time that goes forwards at the right rate, and nothing ends or hangs.

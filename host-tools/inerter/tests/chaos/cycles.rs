@@ -13,9 +13,11 @@ use inerter_wire::{Command, Frame, FrameReader, Record, Streams};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
-    common::{done, inerter, last, run, text},
+    common::{
+        done, inerter, last, run, text,
+        unruly::{ended, memory_kb, request},
+    },
     scenario::{MOST_KB, Scenario},
-    unruly::{ended, memory_kb, request},
 };
 
 /// A virtual device in a process of its own, which prints where it is.

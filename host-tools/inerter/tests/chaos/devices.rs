@@ -16,9 +16,11 @@ use inerter_wire::{Command, Done, FrameReader, Record, Reply, Request, SettingsV
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
-    firmware::{framed, payload},
+    common::{
+        firmware::{framed, payload},
+        unruly::{COMMANDS, MANNERS, Manner, Unruly, Visit, hello, prepared, requests},
+    },
     scenario::{AT_ONCE, MOST_KB, Scenario, each},
-    unruly::{COMMANDS, MANNERS, Manner, Unruly, Visit, hello, prepared, requests},
 };
 
 /// Time to end after a signal or the device's going.

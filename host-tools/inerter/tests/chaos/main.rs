@@ -8,14 +8,6 @@
 
 #[path = "../common/mod.rs"]
 mod common;
-#[path = "../../../device/src/image/elf_file.rs"]
-mod elf_file;
-#[path = "../common/firmware.rs"]
-mod firmware;
-#[path = "../common/terminal.rs"]
-mod terminal;
-#[path = "../common/unruly.rs"]
-mod unruly;
 
 mod clocks;
 mod cycles;

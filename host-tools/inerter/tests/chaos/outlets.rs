@@ -15,11 +15,15 @@ use inerter_wire::Streams;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
-    common::{done, inerter, last, text, until},
+    common::{
+        done, inerter, last,
+        terminal::terminal,
+        text,
+        unruly::{COMMANDS, ended, memory_kb, prepared, request},
+        until,
+    },
     cycles::Simulated,
     scenario::{AT_ONCE, MOST_KB, Scenario, device, each},
-    terminal::terminal,
-    unruly::{COMMANDS, ended, memory_kb, prepared, request},
 };
 
 /// Commands that need no device and print something.

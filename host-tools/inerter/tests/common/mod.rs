@@ -1,5 +1,15 @@
 //! What the tests of the program share: running it, and reading its JSON.
-#![allow(dead_code, reason = "each test file uses its part")]
+#![allow(dead_code, reason = "tests and campaigns each use a part")]
+
+#[path = "../../../device/src/image/elf_file.rs"]
+pub mod elf_file;
+pub mod firmware;
+pub mod frames;
+pub mod monitor;
+#[cfg(unix)]
+pub mod terminal;
+#[cfg(unix)]
+pub mod unruly;
 
 use std::{
     path::Path,

@@ -8,7 +8,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::common::{inerter, last};
+use super::{inerter, last};
 
 /// A monitor that prints JSON until it is dropped.
 pub struct Monitor {

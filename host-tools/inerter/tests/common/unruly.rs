@@ -22,11 +22,12 @@ use inerter_wire::{
     Samples, SettingFault, SettingValue, SettingsValues, Source, encode_request,
 };
 
-use crate::{
-    common::{Random, done, foreign_words, inerter, text},
-    elf_file,
+use super::{
+    Random, done, elf_file,
     firmware::{framed, payload},
+    foreign_words, inerter,
     terminal::{patient, spoken},
+    text,
 };
 
 macro_rules! manners {

@@ -1,7 +1,5 @@
 //! What the tests of the twin share: the board on the bench, and chance that repeats.
 
-#![allow(dead_code, reason = "each test program uses its part")]
-
 use inerter_twin::World;
 use inerter_twin::chip::{errata::Errata, rules::Rules};
 use inerter_twin::machine::{Machine, Options, image_in, shipping_image};

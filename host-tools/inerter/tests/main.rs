@@ -1,0 +1,29 @@
+//! The program from outside: what each command writes, says and ends with, at files and at virtual devices.
+
+mod common;
+
+mod calibrate;
+mod diagnose;
+mod files;
+mod firmware;
+mod hostile;
+mod identify;
+mod live;
+mod manners;
+#[cfg(feature = "bridges")]
+mod monitor;
+#[cfg(unix)]
+mod outputs;
+mod plan;
+#[cfg(target_os = "linux")]
+mod power;
+mod qemu;
+mod recordings;
+mod replay;
+mod report;
+mod rotary;
+mod share;
+mod store;
+#[cfg(unix)]
+mod unruly;
+mod versions;
