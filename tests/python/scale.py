@@ -27,6 +27,9 @@ MILLION = 1_000_000
 DEVICES = 10_000
 PRICES = {"GB a month": 0.023, "processor an hour": 0.05, "1000 writes": 0.005, "1000 reads": 0.0004}
 """Round list prices of large clouds [US dollars]; put in yours."""
+REQUESTS = {"added": (7, 21), "by the program": (1, 1), "by a worker": (1, 8), "looked at": (0, 1)}
+"""Requests to S3 for a run: writes (PUT) and reads (GET, HEAD), as host-tools/python/tests/test_store.py counts them. Lists, one for
+1000 names, and the two reads that open a store for many runs are left out."""
 
 
 def fill(folder, store, seed):
@@ -40,13 +43,25 @@ def fill(folder, store, seed):
 
 
 def alone(folder, turn, turns):
-    """Replays its share of the sample without store and cluster; seconds a run."""
+    """Replays its share of the sample by itself, from where it lies in the store; seconds a run."""
     store = inerter.Store(folder / "store")
     rows = store.runs()[:SAMPLE][turn::turns]
     started = time.perf_counter()
     for row in rows:
         inerter.replay(store.open(row))
     return (time.perf_counter() - started) / len(rows)
+
+
+def asked(what):
+    """Requests to S3 for a million runs, and their price [US dollars]."""
+    counts = dict(zip(("writes", "reads"), REQUESTS[what], strict=True))
+    words = ", ".join(f"{count * MILLION / 1e6:.0f} million {name}" for name, count in counts.items() if count)
+    return words, sum(count * MILLION / 1e3 * PRICES[f"1000 {name}"] for name, count in counts.items())
+
+
+def dollars(price):
+    """A price in whole dollars; empty where there is none."""
+    return "" if price is None else "under 1" if price < 1 else f"{price:.0f}"
 
 
 def peak_mb():
@@ -136,10 +151,12 @@ def main(program, folder, runs):
     on_paper = [
         ("storage", f"{gigabytes:.0f} GB in {objects / 1e6:.0f} million objects", gigabytes * PRICES["GB a month"], "a month"),
         ("adding all of them", f"{adding_h:.0f} processor hours", adding_h * PRICES["processor an hour"], ""),
-        ("writing them to S3", f"{objects / 1e6:.0f} million writes", objects / 1e3 * PRICES["1000 writes"], ""),
+        ("adding them in S3: requests", *asked("added"), ""),
         ("replaying all of them", f"{replays_h:.0f} processor hours", replays_h * PRICES["processor an hour"], ""),
-        ("reading them from S3 and writing results", f"{MILLION / 1e6:.0f} million of each", MILLION / 1e3 * (PRICES["1000 reads"] + PRICES["1000 writes"]), ""),
-        ("a look at the row of every run", f"{MILLION * listing / runs / 60:.0f} minutes by one process", MILLION / 1e3 * PRICES["1000 reads"], "in S3"),
+        ("replaying them in S3: requests of `inerter replay --store`", *asked("by the program"), ""),
+        ("replaying them in S3: requests of `inerter.batch.replay`", *asked("by a worker"), ""),
+        ("a look at the row of every run in a folder", f"{MILLION * listing / runs / 60:.0f} minutes by one process", None, ""),
+        ("a look at the row of every run in S3: requests", *asked("looked at"), ""),
     ]
     print(f"\n## A million runs of {DURATION_S} s of {DEVICES // 1000} thousand devices, on paper\n")
     print(
@@ -150,7 +167,7 @@ def main(program, folder, runs):
     )
     print("| what | how much | US dollars | |\n|---|---|--:|---|")
     for what, amount, price, unit in on_paper:
-        print(f"| {what} | {amount} | {price:.0f} | {unit} |")
+        print(f"| {what} | {amount} | {dollars(price)} | {unit} |")
 
 
 if __name__ == "__main__":

@@ -488,6 +488,10 @@ fn a_recording_of_another_wire_version_is_refused_with_the_versions() {
     let words = fails(folder.path(), &["replay", "future.mcap"], 7);
     assert!(words.contains("was recorded from a device that speaks wire version 7; this program speaks 1"), "{words}");
     assert!(words.contains("use a newer `inerter` program"), "{words}");
+    // A store does not take it, and is not made for it.
+    let words = fails(folder.path(), &["store", "add", "s", "future.mcap"], 7);
+    assert!(words.contains("speaks wire version 7; this program speaks 1"), "{words}");
+    assert!(!folder.path().join("s").exists());
 }
 
 proptest! {
@@ -586,6 +590,21 @@ fn a_device_is_held_against_limits() {
     let line = last(&text(&output.stdout));
     assert_eq!((&line["law"]["status"], &line["limits"]["verdict"]), (&"broken".into(), &"undecided".into()), "{line}");
     assert_eq!(output.status.code(), Some(10));
+
+    // The command that is printed designs a motion, and a run with that motion decides.
+    limits("[viscous_n_s_per_m]\nmax = 33\n[backlash_m]\nmax = 1e-4\n");
+    let told = text(&judged(&[]).stderr);
+    let line = told.split('`').find(|part| part.starts_with("inerter plan run.mcap --want ")).unwrap();
+    let (command, want) = line.trim_end_matches('"').split_once(" \"").unwrap();
+    let words: Vec<&str> = command.split(' ').skip(1).chain([want, "-o", "motion.csv"]).collect();
+    assert!(done(folder.path(), &words).contains(": reached, "), "{words:?}");
+    done(folder.path(), &["simulate", "--motion", "motion.csv", "--seed", "5", "-o", "planned.mcap"]);
+    let planned = done(folder.path(), &["replay", "planned.mcap", "--limits", "limits.toml"]);
+    assert_eq!(planned.lines().filter(|line| line.starts_with("pass ")).count(), 2, "{planned}");
+    // No motion is designed for the backlash, and nothing says that one would be.
+    limits("[backlash_m]\nmax = 1.5e-6\n");
+    let told = text(&judged(&[]).stderr);
+    assert!(told.contains("1 undecided") && !told.contains("--want"), "{told}");
 
     limits("[coulomb]\nmax = 1\n");
     let output = judged(&[]);

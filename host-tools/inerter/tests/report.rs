@@ -194,6 +194,21 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     assert_eq!(before, fs::read(folder.join("page.html")).unwrap());
 }
 
+/// There are no more than five colours that all kinds of colour vision tell apart.
+#[test]
+fn of_six_runs_all_are_compared_and_the_first_five_are_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    done(folder, &["simulate", "-o", "run.mcap", "--duration", "5"]);
+    let words = [&["compare", "-o", "page.html", "--json"][..], &["run.mcap"; 6]].concat();
+    let line = last(&done(folder, &words));
+    assert_eq!(line["parameters"]["inertance_kg"].as_array().unwrap().len(), 6);
+    assert_eq!(count(&checked(&folder.join("page.html")), "#runs tbody tr"), 6);
+    let page = fs::read_to_string(folder.join("page.html")).unwrap();
+    // All figures but that of the intervals, which has room for each run.
+    assert_eq!(page.matches("Only the first 5 of 6 runs are drawn.").count(), 3);
+}
+
 /// Whether anybody reads on does not matter to the exit code.
 #[test]
 fn a_verdict_needs_no_reader() {
@@ -269,6 +284,24 @@ fn a_page_says_what_a_replay_says_of_limits() {
     assert_eq!(of(&["store", "ls", "store"]), replayed);
     let compared = of(&["compare", "run.mcap", "run.mcap"]);
     assert_eq!(compared, serde_json::json!([replayed, replayed]));
+    // So do the files: each has the name of the run, which in a store is another.
+    let files = |words: &[&str], name: &str| {
+        let names = ["xml", "csv"].map(|ending| format!("{name}.{ending}"));
+        let limits = ["--limits", "limits.toml", "--junit", &names[0], "--verdicts", &names[1]];
+        let output = run(folder, &[words, &limits].concat());
+        assert_eq!(output.status.code(), Some(10), "{words:?}: {}", text(&output.stderr));
+        names.map(|name| fs::read_to_string(folder.join(name)).unwrap())
+    };
+    let of_replay = files(&["replay", "run.mcap"], "replay");
+    let [xml, csv] = &of_replay;
+    assert!(xml.contains("tests=\"3\" skipped=\"0\" failures=\"1\" errors=\"1\""), "{xml}");
+    assert_eq!(files(&["report", "run.mcap", "-o", "page.html", "--force"], "report"), of_replay);
+    let name = last(&done(folder, &["store", "ls", "store", "--json"]))["run"].as_str().unwrap().to_string();
+    assert_eq!(files(&["store", "ls", "store"], "store").map(|file| file.replace(&name, "run.mcap")), of_replay);
+    let [both, rows] = files(&["compare", "run.mcap", "run.mcap"], "compare");
+    let (suite, row) = ("<testsuite name=\"run.mcap\" tests=\"3\"", csv.split_once('\n').unwrap().1);
+    assert_eq!((both.matches(suite).count(), xml.matches(suite).count()), (2, 1), "{both}");
+    assert_eq!(rows, format!("{csv}{row}"));
     // A law that is broken, a device that changed, samples that are wrong.
     let change = ["--change-at", "4", "--change", "inertance_kg=150"];
     let clipped = ["--set", "force_max_code=200000", "--set", "force_min_code=-200000"];

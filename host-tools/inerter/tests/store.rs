@@ -270,6 +270,54 @@ fn a_place_that_cannot_be_written_is_told_and_no_run_is_there() {
     done(folder, &["store", "verify", "s"]);
 }
 
+/// A folder of somebody else: the error names the file, and nothing in the folder changes.
+#[cfg(unix)]
+#[test]
+fn a_folder_that_may_not_be_written_is_told_and_stays_as_it_was() {
+    use std::os::unix::{fs::PermissionsExt, process::CommandExt};
+
+    let folder = recordings();
+    let folder = folder.path();
+    let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    set(folder, 0o755);
+    // Root may write everywhere: then the program runs as nobody.
+    let nobody = rustix::process::getuid().is_root().then_some(65534);
+    let as_another = |arguments: &[&str]| {
+        let mut command = inerter(folder, arguments);
+        if let Some(nobody) = nobody {
+            command.uid(nobody).gid(nobody);
+        }
+        command.output()
+    };
+    if !as_another(&["--version"]).is_ok_and(|output| output.status.success()) {
+        return inerter_needs::skip("user 65534 cannot start the program where it lies");
+    }
+    let refused = |arguments: &[&str], file: &str, action: &str| {
+        let output = as_another(arguments).unwrap();
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(8), "{arguments:?}: {words}");
+        assert!(words.contains(file) && words.contains(&format!("cannot be {action}: Permission denied")), "{words}");
+        assert!(words.contains("help: ask for permission to this folder"), "{words}");
+    };
+    set(folder, 0o555);
+    refused(&["store", "add", "s", "1.mcap"], "inerter-store.json in the store s ", "written");
+    set(folder, 0o755);
+    assert!(!folder.join("s").exists());
+
+    let added = last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]));
+    let name = added["run"].as_str().unwrap();
+    let before = files(&folder.join("s"));
+    let row = before.iter().find(|file| file.starts_with("runs")).unwrap();
+    let sealed = [folder.join("s/recordings"), folder.join("s").join(row.parent().unwrap())];
+    sealed.iter().for_each(|path| set(path, 0o555));
+    refused(&["store", "add", "s", "2.mcap"], "recordings/device=SIM-2/", "written");
+    refused(&["store", "remove", "s", name, "--yes"], "runs/device=SIM-1/", "removed");
+    sealed.iter().for_each(|path| set(path, 0o755));
+    assert_eq!(files(&folder.join("s")), before);
+    done(folder, &["store", "add", "s", "2.mcap"]);
+    done(folder, &["store", "verify", "s"]);
+}
+
 #[test]
 fn shards_do_each_run_once_and_keep_what_a_replay_says() {
     let folder = recordings();
@@ -313,6 +361,9 @@ fn shards_do_each_run_once_and_keep_what_a_replay_says() {
     assert!(words.contains("1 of 2 runs could not be replayed"), "{words}");
     let half = files(&folder.join("s")).into_iter().filter(|file| file.starts_with("results/half")).count();
     assert_eq!(half, 2);
+    // It counts as done.
+    assert!(replay(&["--batch", "half"]).is_empty());
+    fails(folder, &["replay", "--store", "s", "--batch", "half", "--again"], 3);
     names.iter().for_each(|name| drop(done(folder, &["store", "remove", "s", name, "--yes"])));
     assert_eq!(files(&folder.join("s")).len(), 1);
 }

@@ -8,6 +8,7 @@ fn transcripts() {
     for (built_in, without) in [
         (cfg!(feature = "probe"), "tests/cmd/*.without-probe.trycmd"),
         (cfg!(feature = "bridges"), "tests/cmd/*.without-bridges.trycmd"),
+        (inerter_store::HAS_S3, "tests/cmd/*.without-s3.trycmd"),
     ] {
         if built_in {
             cases.skip(without);

@@ -10,18 +10,21 @@ import http.client
 import json
 import os
 import pickle
+import runpy
 import stat
 import subprocess
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import boto3
 import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
+import pyarrow.parquet as pq
 import pytest
 from moto.server import ThreadedMotoServer
 
@@ -160,11 +163,12 @@ class Busy(BaseHTTPRequestHandler):
 
     behind = ""
     is_refused: Callable[[str, str], bool]
+    status = 503
 
     def answer(self) -> None:
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
         if type(self).is_refused(self.command, self.path):
-            self.send_response(503)
+            self.send_response(type(self).status)
             self.send_header("Content-Length", "0")
             self.end_headers()
             return
@@ -191,6 +195,7 @@ def busy(server: str) -> Iterator[type[Busy]]:
     """S3 behind a server that may be busy; its address is not the usual one."""
     Busy.behind = server.removeprefix("http://")
     Busy.is_refused = lambda method, path: False
+    Busy.status = 503
     front = ThreadingHTTPServer(("127.0.0.1", 0), Busy)
     Thread(target=front.serve_forever, daemon=True).start()
     os.environ["AWS_ENDPOINT"] = f"http://127.0.0.1:{front.server_port}"
@@ -199,27 +204,79 @@ def busy(server: str) -> Iterator[type[Busy]]:
     front.shutdown()
 
 
-@pytest.mark.parametrize("refused", ["recordings", "events", "sums", "runs", "uploads", "partNumber"])
+ORDER = ["recordings", "estimates", "reversals", "events", "rows", "sums", "runs"]
+"""In which the files of a run are written."""
+OF_PARTS = {"begin": ("POST", "uploads"), "part": ("PUT", "partNumber="), "complete": ("POST", "uploadId=")}
+"""Requests that take a recording to S3 in parts, by method and words in their address."""
+
+
+@pytest.mark.parametrize("refused", [*ORDER, *OF_PARTS])
 def test_a_server_that_is_busy_meanwhile_leaves_no_half_run(
-    folder: Path, busy: type[Busy], refused: str, tmp_path: Path
+    folder: Path, server: str, busy: type[Busy], refused: str, tmp_path: Path
 ) -> None:
     path = folder / "1.mcap"
-    if refused in ("uploads", "partNumber"):
+    if refused in OF_PARTS:
         path = tmp_path / "long.mcap"
         told("simulate", "-o", path, "--duration", 500)
     store = inerter.Store(f"s3://lab/{tmp_path.name}/b")
-    part = refused if refused in ("uploads", "partNumber") else f"/{refused}/"
-    busy.is_refused = lambda method, at: method in ("PUT", "POST") and part in at
+    wanted, part = OF_PARTS.get(refused, ("PUT", f"/{refused}/"))
+    busy.is_refused = lambda method, at: method == wanted and part in at
     with pytest.raises(inerter.InerterError, match="cannot be written") as caught:
         store.add(path)
     assert caught.value.code == "inerter::store::access" and "kept" in str(caught.value.help)
     busy.is_refused = lambda method, at: False
+    client = boto3.client("s3", endpoint_url=server, region_name="us-east-1")
+    assert "Uploads" not in client.list_multipart_uploads(Bucket="lab"), "parts that nobody would remove"
     assert store.runs() == []
-    order = ["recordings", "estimates", "reversals", "events", "rows", "sums", "runs"]
-    there = order[: order.index(refused)] if refused in order else []
+    there = ORDER[: ORDER.index(refused)] if refused in ORDER else []
     left = [(damage["file"].split("/")[0], damage["problem"]) for damage in store.verify()]
     assert sorted(left) == sorted((folder, "unfinished") for folder in there)
     name = store.add(path)
+    assert store.verify() == [] and [row["run"] for row in store.runs()] == [name]
+
+
+@pytest.mark.parametrize(
+    ("method", "part", "action"),
+    [("HEAD", "", "read"), ("GET", ".json", "read"), ("GET", "list-type", "listed"), ("POST", "?delete", "removed")],
+)
+def test_a_server_that_is_busy_meanwhile_changes_nothing(
+    folder: Path, busy: type[Busy], method: str, part: str, action: str, tmp_path: Path
+) -> None:
+    store = inerter.Store(f"s3://lab/{tmp_path.name}/c")
+    name = store.add(folder / "1.mcap")
+    works = {"read": lambda: store.add(folder / "2.mcap"), "listed": store.runs, "removed": lambda: store.remove(name)}
+    busy.is_refused = lambda asked, at: asked == method and part in at
+    with pytest.raises(inerter.InerterError, match=f"cannot be {action}") as caught:
+        works[action]()
+    assert caught.value.code == "inerter::store::access" and "kept" in str(caught.value.help)
+    busy.is_refused = lambda asked, at: False
+    assert store.verify() == [] and [row["run"] for row in store.runs()] == [name]
+    works[action]()
+
+
+@pytest.mark.parametrize("refused", ["/inerter-store.json", "/events/"])
+def test_a_bucket_that_may_not_be_written_is_told(
+    folder: Path, server: str, busy: type[Busy], refused: str, tmp_path: Path
+) -> None:
+    url = f"s3://lab/{tmp_path.name}/d"
+    busy.status = 403
+    busy.is_refused = lambda method, at: method == "PUT" and refused in at
+    with pytest.raises(inerter.InerterError, match="cannot be written") as caught:
+        inerter.Store(url).add(folder / "1.mcap")
+    assert caught.value.code == "inerter::store::access"
+    assert str(caught.value.help).startswith("ask for permission to this folder or bucket")
+    command = [PROGRAM, "store", "add", url, str(folder / "1.mcap")]
+    by_program = subprocess.run(command, capture_output=True, text=True)
+    assert by_program.returncode == 8 and "cannot be written" in by_program.stderr, by_program.stderr
+    assert "help: ask for permission to this folder or bucket" in by_program.stderr
+    busy.is_refused = lambda method, at: False
+    client = boto3.client("s3", endpoint_url=server, region_name="us-east-1")
+    prefix = f"{tmp_path.name}/d/"
+    keys = [entry["Key"] for entry in client.list_objects_v2(Bucket="lab", Prefix=prefix).get("Contents", [])]
+    there = ["inerter-store.json", *ORDER[: ORDER.index("events")]] if refused == "/events/" else []
+    assert sorted(key.removeprefix(prefix).split("/")[0] for key in keys) == sorted(there)
+    store = inerter.Store(url)
+    name = store.add(folder / "1.mcap")
     assert store.verify() == [] and [row["run"] for row in store.runs()] == [name]
 
 
@@ -265,16 +322,29 @@ def test_addresses_that_lead_nowhere_are_told(folder: Path, server: str, monkeyp
         inerter.Store("s3://lab/store").runs()
 
 
+def queries_over(store: Path, engine: duckdb.DuckDBPyConnection) -> list[str]:
+    """Defines the views of docs/STORE.md, and gives its queries, as they stand there."""
+    document = (Path(__file__).parents[3] / "docs/STORE.md").read_text()
+    queries = [part.split("```")[0].replace("STORE/", f"{store}/") for part in document.split("```sql\n")[1:]]
+    for view in queries.pop(0).split(";"):
+        engine.execute(view)
+    return queries
+
+
+def columns_of(store: Path) -> dict[str, dict[str, str]]:
+    """The columns of each table with their types."""
+    with duckdb.connect() as engine:
+        queries_over(store, engine)
+        tables = {name: engine.sql(f"from {name}") for name in ("runs", "estimates", "reversals", "events")}
+        return {name: dict(zip(table.columns, map(str, table.types))) for name, table in tables.items()}
+
+
 def test_duckdb_pandas_and_polars_read_the_golden_store() -> None:
     """The tables as docs/STORE.md has them, without this package: two linear machines and a rotary one."""
     expected = json.loads((GOLDEN / "expected.json").read_text())
     store = GOLDEN / "store"
-    document = (Path(__file__).parents[3] / "docs/STORE.md").read_text()
-    queries = [part.split("```")[0].replace("STORE/", f"{store}/") for part in document.split("```sql\n")[1:]]
-    # The queries of the document, as they stand there.
     with duckdb.connect() as engine:
-        for view in queries.pop(0).split(";"):
-            engine.execute(view)
+        queries = queries_over(store, engine)
         assert len(queries) >= 5
         for query in queries:
             assert engine.sql(query).fetchall(), query
@@ -287,10 +357,31 @@ def test_duckdb_pandas_and_polars_read_the_golden_store() -> None:
         joined = "select count(*) from estimates join runs using (run) where law is not null"
         assert engine.sql(joined).fetchall() == [(expected["rows"]["estimates"],)]
         assert engine.sql("select sum(inertia_kg_m2) from runs").fetchall()[0][0] > 0.0
+        (scatter,) = (engine.sql(query).fetchall() for query in queries if "scatter_m" in query)
+    # The same in pandas, whose columns are those of the first file, a linear machine's.
+    runs = pd.read_parquet(store / "runs").sort_values("device").astype({"device": str}).replace({np.nan: None})
+    assert runs[["device", "inertance_kg"]].values.tolist() == expected["inertance_kg"]
+    groups = pd.read_parquet(store / "reversals").groupby(["run", "route"])
+    scattered = groups.agg(reversals=("t_s", "size"), scatter_m=("value_m", "std")).reset_index().replace({np.nan: None})
+    for ours, theirs in zip(scattered.values.tolist(), scatter, strict=True):
+        assert ours[:3] == list(theirs[:3]) and ours[3] == (theirs[3] and pytest.approx(theirs[3], rel=1e-9))
     for name, rows in expected["rows"].items():
         assert len(pd.read_parquet(store / name)) == rows
         scanned = pl.scan_parquet(store / name, hive_partitioning=True, extra_columns="ignore", missing_columns="insert")
         assert scanned.collect().height == rows
+
+
+def test_a_new_store_has_all_columns_of_the_golden_one(tmp_path: Path) -> None:
+    expected = json.loads((GOLDEN / "expected.json").read_text())
+    store = inerter.Store(tmp_path / "store")
+    for machine in (0.0, 1.0):
+        recording = tmp_path / f"{machine}.mcap"
+        inerter.simulate(duration_s=6, settings={"machine": machine}, path=recording)
+        store.add(recording)
+    written, golden = columns_of(tmp_path / "store"), columns_of(GOLDEN / "store")
+    for name, columns in expected["columns"].items():
+        wanted = {column: golden[name][column] for column in columns}
+        assert {column: kind for column, kind in written[name].items() if column in wanted} == wanted, name
 
 
 def test_this_version_reads_the_golden_store() -> None:
@@ -347,3 +438,80 @@ def test_a_recording_that_grows_is_refused(server: str, tmp_path: Path) -> None:
     with pytest.raises(inerter.InerterError, match="changed while it was added"):
         store.add(tmp_path / "run.mcap", progress=grow)
     assert store.runs() == []
+
+
+def lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_the_program_does_in_s3_what_the_package_does(folder: Path, server: str, tmp_path: Path) -> None:
+    url = f"s3://lab/{tmp_path.name}/program"
+    files = [folder / "1.mcap", folder / "2.mcap"]
+    names = [added["run"] for added in lines(told("store", "add", url, *files, "--json"))]
+    store = inerter.Store(url)
+    assert sorted(row["run"] for row in store.runs()) == sorted(names)
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[inertance_kg]\nmin = 290\nmax = 310\n")
+    listed = lines(told("store", "ls", url, "--limits", limits, "--json"))
+    assert [row.pop("limits")["verdict"] for row in listed] == ["pass", "pass"]
+    assert listed == store.runs()
+    assert lines(told("store", "query", url, "device = SIM-2", "--json")) == [store.run(names[1])]
+    told("store", "get", url, names[0][:12], "-o", tmp_path / "back.mcap")
+    assert (tmp_path / "back.mcap").read_bytes() == files[0].read_bytes()
+    verified = {"kind": "verified", "store": url, "runs": 2, "damages": 0}
+    assert lines(told("store", "verify", url, "--json")) == [verified]
+    shard = ["replay", "--store", url, "--batch", "parts", "--json", "--shard"]
+    kept = [row for part in ("1/2", "2/2") for row in lines(told(*shard, part))]
+    assert sorted(row["run"] for row in kept) == sorted(names)
+    for row in store.results("parts"):
+        file = files[names.index(row["run"])]
+        assert row["result"] == lines(told("replay", file, "--json"))[-1] and row["error"] is None
+    told("store", "remove", url, names[0], "--yes")
+    assert [row["run"] for row in store.runs()] == names[1:]
+    nothing = subprocess.run([PROGRAM, "store", "ls", "s3://lab/nothing"], capture_output=True, text=True)
+    assert nothing.returncode == 3 and "there is no store at s3://lab/nothing" in nothing.stderr
+
+
+def test_requests_to_s3_are_as_many_as_the_page_on_scale_counts(folder: Path, busy: type[Busy], tmp_path: Path) -> None:
+    """Writes and reads for a run; a process reads the mark of the store twice, and lists cost little."""
+    requests = runpy.run_path(str(Path(__file__).parents[3] / "tests/python/scale.py"))["REQUESTS"]
+    seen: list[str] = []
+
+    def hear(method: str, at: str) -> bool:
+        seen.append("LIST" if "list-type" in at else method)
+        return False
+
+    def counted(work: Callable[[], object]) -> tuple[int, int]:
+        seen.clear()
+        work()
+        assert set(seen) <= {"PUT", "GET", "HEAD", "LIST"}
+        return seen.count("PUT"), seen.count("GET") + seen.count("HEAD")
+
+    busy.is_refused = hear
+    url = f"s3://lab/{tmp_path.name}/requests"
+    inerter.Store(url).add(folder / "1.mcap")
+    assert counted(lambda: inerter.Store(url).add(folder / "2.mcap")) == requests["added"]
+    # Nothing that is there is written again.
+    assert counted(lambda: inerter.Store(url).add(folder / "2.mcap"))[0] == 0
+    opened = 2
+
+    def of_two(work: Callable[[], object]) -> tuple[float, float]:
+        writes, reads = counted(work)
+        return writes / 2, (reads - opened) / 2
+
+    assert of_two(lambda: told("replay", "--store", url)) == requests["by the program"]
+    assert of_two(lambda: inerter.batch.replay(inerter.Store(url), batch="workers")) == requests["by a worker"]
+    assert of_two(lambda: inerter.Store(url).runs()) == requests["looked at"]
+
+
+def test_the_page_has_the_columns_of_a_new_store_and_no_others(folder: Path, tmp_path: Path) -> None:
+    inerter.Store(tmp_path / "store").add(folder / "1.mcap")
+    document = (Path(__file__).parents[3] / "docs/STORE.md").read_text()
+    for table in ("runs", "estimates", "reversals", "events"):
+        listed = []
+        for line in document.split(f"### `{table}`\n")[1].split("\n#")[0].splitlines():
+            if line.startswith("| `"):
+                names, kind = line.split(" | ")[:2]
+                listed += [(name.strip("`"), kind) for name in names.removeprefix("| ").split(", ")]
+        schema = pq.read_schema(next((tmp_path / "store" / table).rglob("*.parquet")))
+        assert sorted(listed) == sorted((field.name, str(field.type)) for field in schema), table

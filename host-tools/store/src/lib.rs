@@ -28,6 +28,9 @@ pub use results::{Outcome, Shard};
 pub use row::{OBJECTS, Row};
 pub use store::{Added, Damage, Listed, Local, Store, Verified};
 
+/// Whether stores at `s3://` are built in: the feature `s3`, which another package of the same build may switch on.
+pub const HAS_S3: bool = cfg!(feature = "s3");
+
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -97,16 +97,14 @@ impl Files for Bucket {
                     upload.put_part(PutPayload::from(bytes)).await.map_err(plain)?;
                     bytes = if is_last { Vec::new() } else { part(from)? };
                 }
-                io::Result::Ok(())
+                upload.complete().await.map(drop).map_err(plain)
             };
-            match sent.await {
-                Ok(()) => upload.complete().await.map(drop).map_err(plain),
-                Err(error) => {
-                    // Parts that stay cost money, and no more can be done about them.
-                    upload.abort().await.ok();
-                    Err(error)
-                }
+            let sent: io::Result<()> = sent.await;
+            if sent.is_err() {
+                // Parts that stay cost money, and no more can be done about them.
+                upload.abort().await.ok();
             }
+            sent
         })
     }
 
