@@ -269,6 +269,15 @@ pub fn text_of(path: &Path) -> io::Result<String> {
 /// Longest such file \[bytes\].
 const LONGEST: u64 = 1 << 20;
 
+/// The rig's calibration in a settings file, which must have one.
+pub fn calibration(path: &Path) -> Result<Calibration, SettingsInputError> {
+    let none = || SettingsInputError::Calibration {
+        origin: path.display().to_string(),
+        problem: "there is no such table".into(),
+    };
+    Overrides::from_inputs(Some(path), &[])?.calibration().cloned().ok_or_else(none)
+}
+
 /// Checks the settings as a whole, naming what is wrong.
 pub fn validate(settings: &Settings) -> Result<inerter_core::Active, SettingsInputError> {
     settings.validate().map_err(|source| SettingsInputError::Refused { source })

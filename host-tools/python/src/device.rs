@@ -11,7 +11,7 @@ use inerter_core::Settings;
 use inerter_data::{
     json::{EstimateJson, machine_json_line},
     recording::{End, Recorder},
-    text,
+    settings, text,
 };
 use inerter_device::{
     DEFAULT_BAUD, Received, Target,
@@ -128,8 +128,17 @@ impl Device {
     }
 
     /// Records until the device has no more samples, for so long \[s\], or until Ctrl-C; what came by then is in the
-    /// file.
-    fn record(&self, py: Python<'_>, path: PathBuf, duration_s: f64, replace: bool) -> PyResult<()> {
+    /// file. `calibration` is a settings file with that of the rig.
+    fn record(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        duration_s: f64,
+        replace: bool,
+        calibration: Option<PathBuf>,
+    ) -> PyResult<()> {
+        let calibration = calibration.as_deref().map(settings::calibration).transpose();
+        let calibration = calibration.map_err(|error| Failure::from(error).raised(py))?;
         let duration = Duration::try_from_secs_f64(duration_s).unwrap_or(Duration::MAX);
         let begin = || {
             self.with(|conversation| {
@@ -137,6 +146,7 @@ impl Device {
                 if let Some(device) = conversation.live.device() {
                     recorder.describe(device.hello(), device.settings())?;
                 }
+                calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
                 // What came before is not in the file.
                 conversation.waiting.clear();
                 Ok(recorder)

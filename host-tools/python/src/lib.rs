@@ -28,6 +28,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(device::connect, module)?)?;
     module.add_function(wrap_pyfunction!(run::open, module)?)?;
     module.add_function(wrap_pyfunction!(run::from_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(run::with_settings, module)?)?;
     module.add_function(wrap_pyfunction!(results::interval_text, module)?)?;
     module.add_function(wrap_pyfunction!(results::replay, module)?)?;
     module.add_function(wrap_pyfunction!(results::compare, module)?)?;

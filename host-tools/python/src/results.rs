@@ -6,18 +6,19 @@ use inerter_analysis::{
     compare::Rig,
     diagnose::Encoder,
     identify::{Options, identify as identified},
-    plan::Asked,
+    plan::{Asked, Planned},
     results::{self, IdentifyJson},
 };
-use inerter_core::Machine;
+use inerter_core::{Machine, Settings};
 use inerter_data::{
     json::machine_json_line,
     limits::{Limits, LimitsError},
+    names::description,
     output, words,
 };
 use inerter_view::{
     compared::{self, Comparison},
-    figure::{render_png, svg},
+    figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, render_png, svg},
     page::{Content, Kind, figure, html},
 };
 use inerter_wire::EstimatorEvent;
@@ -34,6 +35,15 @@ use crate::{
 /// Least counts in a turn or a line, and shortest segment \[s\], as on the command line.
 const LEAST_COUNTS: f64 = 4.0;
 const LEAST_SEGMENT_S: f64 = 0.5;
+/// Height of the figure of a motion \[px\].
+const MOTION_PX: u32 = 240;
+
+/// A figure as an SVG document, with its caption.
+type Drawn = (String, String);
+
+fn drawn(figure: &Figure) -> Drawn {
+    (svg(figure), figure.caption.clone())
+}
 
 /// A value with its interval, both with the digits that the interval bears, as the command line writes them.
 #[pyfunction]
@@ -70,8 +80,8 @@ fn read(limits: Option<&Path>, machine: Machine) -> Result<Option<Limits>, Limit
     limits.map(|path| Limits::read(path, machine)).transpose()
 }
 
-/// The line of `inerter compare --json`, and which intervals these are; the runs have these names. `path` is a page
-/// that is written.
+/// The line of `inerter compare --json`, which intervals these are, and the loops of its page, if there are any; the
+/// runs have these names. `path` is a page that is written.
 #[pyfunction]
 #[pyo3(signature = (runs, is_one_rig, path, replace, limits, told = None))]
 pub fn compare(
@@ -82,7 +92,7 @@ pub fn compare(
     replace: bool,
     limits: Option<PathBuf>,
     told: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(String, Vec<String>)> {
+) -> PyResult<(String, Vec<String>, Option<Drawn>)> {
     let runs: Vec<(Option<String>, Run)> = runs.into_iter().map(|(name, run)| (name, (*run).clone())).collect();
     watch(py, told, move |progress| {
         path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
@@ -101,7 +111,8 @@ pub fn compare(
         // Nothing is written where nobody waits for it.
         progress.tell(1.0);
         path.iter().try_for_each(|path| output::write(path, replace, compared::html(&comparison).0))?;
-        Ok((machine_json_line(machine, &comparison.json()), comparison.words()))
+        let loops = compared::figures(&comparison).into_iter().find(|figure| figure.name == "loops");
+        Ok((machine_json_line(machine, &comparison.json()), comparison.words(), loops.as_ref().map(drawn)))
     })
 }
 
@@ -157,7 +168,28 @@ pub fn identify(
     })
 }
 
-/// The line of `inerter plan --json` without its files, and the points of the motion: time [s], and displacement [m].
+/// The line of `inerter plan --json` without its files, its remarks, what is out of reach, the points of the motion,
+/// and its figure.
+type Designed = (String, Vec<String>, Option<String>, Table, Drawn);
+
+/// The motion of a plan over time.
+fn motion_figure(planned: &Planned) -> Figure {
+    let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
+    let points = planned.points(sample_rate_hz).map(|point| (point.t_s, 1e3 * point.terminal_m)).collect();
+    Figure {
+        name: "motion",
+        title: "Motion".into(),
+        caption: description(machine, "Displacement of the terminal over time, as the shaker moves it."),
+        panels: vec![Panel {
+            x: Axis::new("Time [s]"),
+            y: Axis::new(description(machine, "Displacement of the terminal [mm]")),
+            height_px: MOTION_PX,
+            layers: vec![Layer::unnamed(Colour::Blue, Shape::Line(points, Stroke::Thin))],
+        }],
+    }
+}
+
+/// Designs a motion, or predicts what a given one tells: time \[s\] and displacement \[m\].
 #[pyfunction]
 #[pyo3(signature = (run, preset, given, force_noise_n, settings, wants, motion, limits, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
@@ -172,7 +204,7 @@ pub fn plan(
     motion: Option<(String, u64)>,
     limits: Given,
     told: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(String, Vec<String>, Option<String>, Table)> {
+) -> PyResult<Designed> {
     let run = run.map(|run| run.source.clone());
     watch(py, told, move |progress| {
         let overrides = overrides(&settings)?;
@@ -197,7 +229,8 @@ pub fn plan(
         let machine = planned.expected().settings.machine;
         let line = machine_json_line(machine, &planned.json::<()>(&[]));
         let missed = planned.missed().map(|missed| missed.to_string());
-        Ok((line, planned.remarks(), missed, Table::motion(&planned)))
+        let figure = drawn(&motion_figure(&planned));
+        Ok((line, planned.remarks(), missed, Table::motion(&planned), figure))
     })
 }
 
@@ -211,7 +244,7 @@ pub fn plot(
     path: Option<PathBuf>,
     replace: bool,
     told: Option<&Bound<'_, PyAny>>,
-) -> PyResult<(String, String)> {
+) -> PyResult<Drawn> {
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.name() == name) else {
         let known = Kind::ALL.map(Kind::name).join(", ");
         return Err(PyValueError::new_err(format!("there is no figure '{name}'; there are: {known}")));
@@ -220,11 +253,11 @@ pub fn plot(
     watch(py, told, move |progress| {
         path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
         let content = Content::of(run.whole()?, |part| progress.tell(part))?;
-        let drawn = figure(&content, kind)?;
+        let figure = figure(&content, kind)?;
         // Nothing is written where nobody waits for it.
         progress.tell(1.0);
-        path.iter().try_for_each(|path| render_png(&drawn, path, replace))?;
-        Ok((svg(&drawn), drawn.caption))
+        path.iter().try_for_each(|path| render_png(&figure, path, replace))?;
+        Ok(drawn(&figure))
     })
 }
 

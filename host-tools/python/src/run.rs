@@ -8,7 +8,9 @@ use std::{
 
 use inerter_core::{Machine, Settings};
 use inerter_data::{
-    Error, csv,
+    Error,
+    calibration::Calibration,
+    csv,
     export::{EstimateTable, Source},
     settings::Overrides,
 };
@@ -29,13 +31,19 @@ pub type Given = BTreeMap<String, f64>;
 pub struct Run {
     pub source: Source,
     overrides: Arc<Overrides>,
+    /// Of a CSV or of arrays: with other settings they come to other samples.
+    columns: Option<Arc<csv::Table>>,
     /// Once they were asked for: of a CSV they are a replay.
     estimates: Arc<OnceLock<Py<Table>>>,
 }
 
 /// Settings by name, as an error calls them.
 pub fn overrides(given: &Given) -> Result<Overrides, Failure> {
-    let mut overrides = Overrides::default();
+    laid(Overrides::default(), given)
+}
+
+/// The overrides with these settings over them.
+fn laid(mut overrides: Overrides, given: &Given) -> Result<Overrides, Failure> {
     given.iter().try_for_each(|(name, value)| overrides.set(name, *value, "settings"))?;
     Ok(overrides)
 }
@@ -55,8 +63,7 @@ pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Resul
     if !inerter_data::recording::is_recording(&path)
         .map_err(|source| csv::CsvError::Read { path: path.clone(), source })?
     {
-        let run = inerter_data::run::Run { name, ..csv::to_run(csv::read(&path)?, &overrides)? };
-        return Ok(Run::held(run, overrides));
+        return Run::of_columns(name, Arc::new(csv::read(&path)?), overrides);
     }
     let length = path.metadata().map_or(1, |metadata| metadata.len()).max(1);
     let mut source = Source::open(&path, &overrides, |read| progress.tell(read as f64 / length as f64))?;
@@ -84,9 +91,15 @@ pub fn from_columns(
         let overrides = overrides(&settings)?;
         let counts = encoder_count.chunks_exact(8).map(|eight| i64::from_le_bytes(eight_of(eight))).collect();
         let table = csv::Table::of_columns(name, machine, floats(t_s), counts, floats(force), floats(terminal))?;
-        Ok(Run::held(csv::to_run(table, &overrides)?, overrides))
+        Run::of_columns(table.file.clone(), Arc::new(table), overrides)
     };
     py.detach(made).map_err(|failure| failure.raised(py))
+}
+
+/// The run with settings over its own.
+#[pyfunction]
+pub fn with_settings(py: Python<'_>, run: &Run, settings: Given) -> PyResult<Run> {
+    py.detach(|| run.with(&settings)).map_err(|failure| failure.raised(py))
 }
 
 /// Numbers of a column.
@@ -121,7 +134,7 @@ impl Run {
         }
     }
 
-    /// All settings by name, those that were given included.
+    /// All settings by name, those that were given included; `inerter replay --help` has their units.
     #[getter]
     fn settings(&self) -> Given {
         by_name(&self.source.settings)
@@ -139,7 +152,14 @@ impl Run {
         self.source.device.clone().unwrap_or_default()
     }
 
-    /// What is true of a simulated device, by name; empty for a real one.
+    /// What is known of the calibration of its rig, as text: `date`, and `certificate` and `expires` if they are
+    /// stated; empty where nothing is.
+    #[getter]
+    fn calibration(&self) -> BTreeMap<String, String> {
+        self.source.calibration.as_ref().map(Calibration::texts).unwrap_or_default()
+    }
+
+    /// What is true of a simulated device, as text by name; a name ends in its unit. Empty for a real one.
     #[getter]
     fn truth(&self) -> BTreeMap<String, String> {
         self.source.truth.clone().unwrap_or_default()
@@ -151,13 +171,25 @@ impl Run {
         self.source.duration_s()
     }
 
-    /// All samples.
+    /// All samples, one row each: `t_s` [s], `encoder_count` (it does not wrap), `position_m` of the screw [m],
+    /// `force_n` [N], `terminal_m` [m] if it was measured, `index` (the device's counter: a jump is missing samples),
+    /// and `saturated` (true or false). A rotary machine has `angle_rad` [rad], `torque_n_m` [N m] and `terminal_rad`
+    /// [rad].
+    ///
+    /// A recording is read when the table is used, which raises InerterError if the file is gone.
     #[getter]
     fn samples(&self) -> Table {
         Table::samples(&self.source)
     }
 
-    /// What the device published; of a CSV or of arrays what it would have published.
+    /// What the device published, one row for each estimate, with the columns of `inerter export --estimates`: `t_s`
+    /// [s], and for the recent motion and for the whole run (`whole_run_`) each parameter with the half width of its
+    /// 95 % interval (`_u95`). A name ends in its unit; what the motion cannot identify is null.
+    ///
+    /// Those of a recording follow from the settings that the device had. Of a CSV, of arrays or of a simulation in
+    /// memory they are what a device would have published, computed on first use.
+    ///
+    /// Raises InerterError if the file cannot be read any more, and KeyboardInterrupt on Ctrl-C.
     #[getter]
     fn estimates(&self, py: Python<'_>) -> PyResult<Py<Table>> {
         if let Some(known) = self.estimates.get() {
@@ -176,8 +208,25 @@ impl Run {
         Self::of(Source::held(run), overrides)
     }
 
+    /// One whose columns are kept.
+    fn of_columns(name: String, table: Arc<csv::Table>, overrides: Overrides) -> Result<Self, Failure> {
+        let run = inerter_data::run::Run { name, ..csv::to_run((*table).clone(), &overrides)? };
+        Ok(Self { columns: Some(table), ..Self::held(run, overrides) })
+    }
+
     fn of(source: Source, overrides: Overrides) -> Self {
-        Self { source, overrides: Arc::new(overrides), estimates: Arc::default() }
+        Self { source, overrides: Arc::new(overrides), columns: None, estimates: Arc::default() }
+    }
+
+    /// The same with settings over its own, as if it had been opened with them.
+    fn with(&self, given: &Given) -> Result<Self, Failure> {
+        let both = laid((*self.overrides).clone(), given)?;
+        if let Some(table) = &self.columns {
+            return Self::of_columns(self.source.name.clone(), table.clone(), both);
+        }
+        let mut source = self.source.clone();
+        overrides(given)?.apply(&mut source.settings)?;
+        Ok(Self::of(source, both))
     }
 
     /// With its samples in memory.

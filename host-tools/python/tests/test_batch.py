@@ -42,8 +42,9 @@ def test_two_workers_one_here_and_the_command_line_say_the_same(stored: Path) ->
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
         spread = by_run(inerter.batch.replay(store, client, batch="two", progress=parts.append))
         named = by_run(inerter.batch.diagnose(store, client, where=["device = SIM-1"]))
+        modelled = by_run(inerter.batch.identify(store, client, batch="models", where="device = SIM-2"))
         assert by_run(inerter.batch.replay(store, client, batch="two")) == spread
-    assert len(spread) == RUNS and parts[-1] == 1.0 and len(named) == 1
+    assert len(spread) == RUNS and parts[-1] == 1.0 and len(named) == len(modelled) == 1
     here = by_run(inerter.batch.replay(store, batch="here"))
     told("replay", "--store", stored / "store", "--batch", "program")
     program = by_run(store.results("program"))
@@ -51,7 +52,9 @@ def test_two_workers_one_here_and_the_command_line_say_the_same(stored: Path) ->
     for name, row in spread.items():
         assert row["result"]["final"] and row["error"] is None and row["given"] == {}
         assert row["result"] == dict(inerter.replay(store.open(name)))
-    assert next(iter(named.values()))["result"]["kind"] == "diagnosis"
+    for rows, call in ((named, inerter.diagnose), (modelled, inerter.identify)):
+        for name, row in rows.items():
+            assert row["error"] is None and row["result"] == dict(call(store.open(name)))
     changed = inerter.batch.replay(store, batch="heavy", settings={"structure_mass_kg": 3.0}, device="SIM-2")
     assert changed[0]["given"] == {"structure_mass_kg": 3.0}
     assert changed[0]["result"] == dict(inerter.replay(stored / "2.mcap", settings={"structure_mass_kg": 3.0}))
@@ -61,7 +64,8 @@ def test_identify_goes_back_into_the_store(stored: Path) -> None:
     store = inerter.Store(stored / "store")
     rows = inerter.batch.identify(store, device="SIM-3")
     assert [row["kind"] for row in rows] == ["identify"]
-    assert rows[0]["error"] is None and rows[0]["result"]["kind"] == "identify", rows
+    assert rows[0]["error"] is None and rows[0]["result"] == dict(inerter.identify(store.open(rows[0]["run"]))), rows
+    assert inerter.batch.identify(store, where=iter(["device = SIM-3"])) == rows
 
 
 def die_once(mark: str) -> None:
@@ -114,6 +118,24 @@ def test_a_run_that_fails_is_a_row_with_its_error(stored: Path, tmp_path: Path) 
         inerter.batch.replay(store, batch="../x")
     with pytest.raises(inerter.InerterError, match="there is no store"):
         inerter.batch.replay(inerter.Store(tmp_path / "nothing"))
+
+
+def test_a_run_that_is_removed_meanwhile_is_left_out(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = inerter.Store(tmp_path / "store")
+    names = [store.add(stored / f"{seed}.mcap") for seed in (0, 1)]
+    replay = inerter.replay
+
+    def removing(run: inerter.Run) -> inerter.Replay:
+        result = replay(run)
+        if names[0] in run.name:
+            store.remove(names[0])
+        return result
+
+    monkeypatch.setattr(inerter, "replay", removing)
+    assert [row["run"] for row in inerter.batch.replay(store)] == names[1:]
+    assert [row["run"] for row in store.runs()] == names[1:]
 
 
 HIDDEN = """

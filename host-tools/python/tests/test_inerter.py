@@ -5,15 +5,19 @@ INERTER is the program; cargo xtask wheel sets it. RECORDINGS may name a folder 
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import os
 import pickle
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+import types
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,6 +32,7 @@ import inerter
 
 PROGRAM = os.environ["INERTER"]
 METRES_PER_COUNT = 2.44140625e-6
+PAGE = Path(__file__).parents[3] / "docs/PYTHON.md"
 
 
 def told(*arguments: object) -> str:
@@ -61,10 +66,28 @@ def test_a_recording_replays_to_the_same_bits(folder: Path, run: inerter.Run) ->
     assert dict(inerter.replay(folder / "run.mcap")) == line("replay", folder / "run.mcap")
 
 
-def test_settings_go_over_those_of_the_run(folder: Path) -> None:
-    given = inerter.replay(folder / "run.mcap", settings={"structure_mass_kg": 2.0})
-    assert dict(given) == line("replay", folder / "run.mcap", "--set", "structure_mass_kg=2.0")
-    assert dict(given) != dict(inerter.replay(folder / "run.mcap"))
+def test_settings_go_over_those_of_the_run(folder: Path, run: inerter.Run) -> None:
+    given = {"structure_mass_kg": 2.0}
+    wanted = line("replay", folder / "run.mcap", "--set", "structure_mass_kg=2.0")
+    assert wanted != line("replay", folder / "run.mcap")
+    assert dict(inerter.replay(folder / "run.mcap", given)) == wanted
+    # Of one that is open just so, and over those that it was opened with, which stay what they are.
+    other = inerter.open(folder / "run.mcap", settings={"structure_mass_kg": 1.0, "memory_s": 10.0})
+    simulated = inerter.simulate("random", duration_s=15, seed=3)
+    assert dict(inerter.replay(run, given)) == dict(inerter.replay(simulated, settings=given)) == wanted
+    both = line("replay", folder / "run.mcap", "--set", "structure_mass_kg=2.0", "--set", "memory_s=10")
+    assert dict(inerter.replay(other, given)) == both and other.settings["structure_mass_kg"] == 1.0
+    told("plot", folder / "run.mcap", "--figure", "parameters", "--set", "structure_mass_kg=2.0", "-o", folder / "heavy.svg")
+    drawn = inerter.plot(run, "parameters", settings=given).svg
+    assert drawn == (folder / "heavy.svg").read_text() and drawn != inerter.plot(run, "parameters").svg
+
+
+def test_settings_of_a_csv_that_is_open_make_other_samples_of_it(folder: Path) -> None:
+    wanted = line("replay", folder / "run.csv", "--metres-per-count", METRES_PER_COUNT, "--set", "newtons_per_code=0.01")
+    opened = inerter.open(folder / "run.csv", metres_per_count=1e-6)
+    given = inerter.replay(opened, {"newtons_per_code": 0.01}, metres_per_count=METRES_PER_COUNT)
+    assert dict(given) == wanted != line("replay", folder / "run.csv", "--metres-per-count", METRES_PER_COUNT)
+    assert opened.settings["metres_per_count"] == 1e-6
 
 
 def test_a_csv_and_its_columns_replay_to_the_same_bits(folder: Path) -> None:
@@ -80,6 +103,7 @@ def test_a_csv_and_its_columns_replay_to_the_same_bits(folder: Path) -> None:
 def test_causes_and_models_are_those_of_the_command_line(folder: Path) -> None:
     found = inerter.diagnose(folder / "late.mcap", settings={"skew_s": 0.0})
     assert dict(found) == line("diagnose", folder / "late.mcap", "--set", "skew_s=0")
+    assert dict(inerter.diagnose(inerter.open(folder / "late.mcap"), settings={"skew_s": 0.0})) == dict(found)
     said = told("diagnose", folder / "late.mcap", "--set", "skew_s=0").splitlines()
     assert found.causes[0]["name"] == "skew" and found.remarks == said[: len(found.remarks)] and len(found.remarks) == 2
     identified = inerter.identify([folder / "run.mcap"], profiles=False)
@@ -246,6 +270,24 @@ def test_estimates_are_those_that_the_device_published(folder: Path, run: inerte
     assert ours[: len(wanted)] == wanted and len(ours) >= len(wanted) > 50
 
 
+@pytest.mark.parametrize("which", ["samples", "estimates"])
+def test_every_library_reads_the_same_values(run: inerter.Run, which: str) -> None:
+    held = getattr(run, which)
+    columns = {name: held[name] for name in held.column_names}
+    assert len(held) == len(columns["t_s"]) > 50
+    arrow = pa.table(held)
+    assert arrow.to_pydict() == columns
+    assert pl.DataFrame(held).to_dict(as_series=False) == columns
+    assert duckdb.sql("from held").fetchall() == list(zip(*columns.values()))
+    pd.testing.assert_frame_equal(pd.DataFrame.from_arrow(held), arrow.to_pandas(), check_exact=True)
+
+
+def test_estimates_are_handed_over_without_a_copy(run: inerter.Run) -> None:
+    one, other = pa.table(run.estimates), pa.table(run.estimates)
+    values = [table["inertance_kg"].chunk(0).buffers()[1].address for table in (one, other)]
+    assert values[0] == values[1]
+
+
 def test_a_run_too_short_for_an_estimate_has_an_empty_table(folder: Path) -> None:
     told("simulate", "-o", folder / "short.csv", "--duration", 0.02)
     short = inerter.open(folder / "short.csv", metres_per_count=METRES_PER_COUNT)
@@ -257,6 +299,14 @@ def test_what_was_put_right_in_a_file_is_a_warning(folder: Path) -> None:
     (folder / "gap.csv").write_text("\n".join(lines[:5000] + lines[5500:]) + "\n")
     with pytest.warns(UserWarning, match="500 samples missing"):
         inerter.replay(folder / "gap.csv", metres_per_count=METRES_PER_COUNT)
+    with pytest.warns(UserWarning, match="500 samples missing") as given:
+        run = inerter.open(folder / "gap.csv", metres_per_count=METRES_PER_COUNT)
+    assert len(given) == len(run.notes) and given[0].filename == __file__
+    # Told once, also where settings make it another run.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        inerter.replay(run)
+        inerter.replay(run, {"memory_s": 10.0})
 
 
 def test_a_folder_may_change_meanwhile(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,8 +324,10 @@ def test_options_are_those_of_the_command_line(folder: Path, run: inerter.Run) -
             inerter.identify(run, **wrong)
     with pytest.raises(ValueError, match="counts_per_turn"):
         inerter.diagnose(run, counts_per_turn=1.0)
-    with pytest.raises(ValueError, match="give them there"):
-        inerter.replay(run, settings={"memory_s": 10.0})
+    with pytest.raises(inerter.InerterError, match="no setting `mass`"):
+        inerter.replay(run, {"mass": 10.0})
+    with pytest.raises(TypeError, match="settings must be a mapping of names to numbers, not str"):
+        inerter.replay(run, "limits.toml")  # type: ignore[arg-type]
 
 
 def test_a_result_shows_itself(run: inerter.Run) -> None:
@@ -308,14 +360,41 @@ def test_a_figure_is_that_of_the_command_line(folder: Path, run: inerter.Run, tm
         inerter.plot(run, "circle")
 
 
+def test_comparisons_and_plans_show_a_figure(folder: Path) -> None:
+    for result, name in (
+        (inerter.compare([folder / "run.mcap", folder / "late.mcap"]), "loops"),
+        (inerter.plan(preset="paper", motion="mid@10s", duration_s=6.0, force_noise_n=1.0, stroke_m=0.01), "motion"),
+    ):
+        assert result.figure.name == name and "</svg>" in result.figure.svg and result.figure.caption
+        assert result.figure.svg in result._repr_html_()
+
+
 def test_a_page_is_written_once(folder: Path, run: inerter.Run) -> None:
     page = folder / "page.html"
     assert len(inerter.report(run, page)) >= 5
-    assert page.read_text().startswith("<!DOCTYPE html>")
+    told("report", folder / "run.mcap", "-o", folder / "told.html")
+    assert page.read_bytes() == (folder / "told.html").read_bytes()
     with pytest.raises(inerter.InerterError, match="page.html") as raised:
         inerter.report(run, page)
     assert raised.value.code == "inerter::output::exists"
     inerter.report(run, page, replace=True)
+
+
+def test_verdicts_stand_on_a_page_and_in_a_result(folder: Path, run: inerter.Run, tmp_path: Path) -> None:
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[coulomb_n]\nmax = 45\n[inertance_kg]\nmin = 299.6\n[offset_n]\nmax = 1\n")
+    command = [PROGRAM, "report", folder / "run.mcap", "--limits", limits, "-o", tmp_path / "told.html"]
+    assert subprocess.run(command, capture_output=True).returncode == 10
+    inerter.report(run, tmp_path / "page.html", limits=limits)
+    page = (tmp_path / "page.html").read_text()
+    assert page == (tmp_path / "told.html").read_text()
+    assert 'Limits: <span class="none">fail</span>' in page and "undecided</span>: the interval extends beyond a limit" in page
+    result = inerter.replay(run, limits=limits)
+    words = "Limits: fail: coulomb_n fail; inertance_kg undecided (the interval extends beyond a limit); offset_n pass."
+    assert words in repr(result).splitlines() and words in result._repr_html_()
+    compared = inerter.compare({"new": run, "late": folder / "late.mcap"}, limits=limits)
+    assert words.replace("Limits:", "Limits of new:") in repr(compared).splitlines()
+    assert "Limits of new: fail" in compared._repr_html_() and "Limits of late: " in compared._repr_html_()
 
 
 def test_runs_are_compared_as_by_the_command_line(folder: Path, tmp_path: Path) -> None:
@@ -410,6 +489,31 @@ def test_columns_that_cannot_be_used_are_named() -> None:
         inerter.replay(7)  # type: ignore[arg-type]
 
 
+def test_columns_in_another_unit_are_refused() -> None:
+    time_s = np.arange(5000) / 1000.0
+    good = {"t_s": time_s, "encoder_count": np.arange(5000), "force_n": np.sin(time_s)}
+    given = {"metres_per_count": METRES_PER_COUNT}
+    for left_out, name, words in (
+        (None, "terminal_mm", r"terminal_mm is not read: give terminal_m \[m\]"),
+        ("t_s", "t_ms", r"t_ms is not read: give t_s \[s\]"),
+        ("t_s", "time_s", r"time_s is not read: give t_s \[s\]"),
+        ("force_n", "force_kN", r"force_kN is not read: give force_n \[N\]"),
+        ("force_n", "torque_Nm", r"torque_Nm is not read: give torque_n_m \[N m\]"),
+        ("encoder_count", "encoder_deg", r"encoder_deg is not read: give encoder_count \[counts\]"),
+    ):
+        columns = {column: values for column, values in good.items() if column != left_out}
+        with pytest.raises(ValueError, match=words):
+            inerter.replay({**columns, name: time_s}, **given)
+    with pytest.raises(ValueError, match=r"give terminal_rad \[rad\]"):
+        inerter.replay({"t_s": time_s, "encoder_count": good["encoder_count"], "torque_n_m": time_s, "terminal_deg": time_s}, **given)
+    # Other columns are left alone, also those in another unit beside ours.
+    more = {**good, "force_kn": time_s, "torque_nm": time_s, "terminal_speed": time_s, "temperature_k": time_s}
+    assert dict(inerter.replay(more, **given)) == dict(inerter.replay(good, **given))
+    with pytest.raises(inerter.InerterError) as raised:
+        inerter.replay({**good, "t_s": 1e3 * time_s}, **given)
+    assert raised.value.code == "inerter::csv::rate" and "t_s is in seconds" in raised.value.help
+
+
 @pytest.fixture
 def address() -> Iterator[str]:
     """Of a simulated device."""
@@ -442,6 +546,28 @@ def test_a_device_is_recorded(address: str, tmp_path: Path) -> None:
         assert raised.value.code == "inerter::output::exists"
         # What comes after is told as before.
         assert next(device)["t_s"] > 1.5
+
+
+def test_a_recording_carries_the_calibration(address: str, tmp_path: Path) -> None:
+    rig, none, recording = tmp_path / "rig.toml", tmp_path / "none.toml", tmp_path / "run.mcap"
+    rig.write_text('[calibration]\ndate = 2001-01-31\ncertificate = "K-2031"\nexpires = 2002-01-31\n')
+    none.write_text("memory_s = 30\n")
+    with inerter.connect(address=address) as device:
+        with pytest.raises(inerter.InerterError, match="there is no such table") as raised:
+            device.record(recording, duration_s=2.0, calibration=none)
+        assert raised.value.code == "inerter::settings::calibration" and not recording.exists()
+        with pytest.warns(UserWarning, match="was valid until 2002-01-31"):
+            run = device.record(recording, duration_s=2.0, calibration=rig)
+    assert run.calibration == {"date": "2001-01-31", "certificate": "K-2031", "expires": "2002-01-31"}
+    assert run.calibration == line("info", recording)["calibration"]
+    store = inerter.Store(tmp_path / "store")
+    name = store.add(recording)
+    with pytest.warns(UserWarning, match="was valid until 2002-01-31"):
+        store.open(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        inerter.replay(run)
+    assert inerter.simulate(duration_s=1).calibration == {}
 
 
 def test_a_device_that_cannot_be_reached_is_told() -> None:
@@ -477,7 +603,7 @@ def test_other_threads_go_on_meanwhile(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted on Linux")
-@pytest.mark.parametrize("call", ["replay(run", "diagnose(run", "identify(run", "report(run, page", "compare([run, run]", "plot(run, 'loop'", "simulate(duration_s=9e4"])
+@pytest.mark.parametrize("call", ["replay(run", "diagnose(run", "identify(run", "report(run, page", "compare([run, run]", "plot(run, 'loop'", "plan(run", "simulate(duration_s=9e4"])
 def test_ctrl_c_ends_the_work(folder: Path, tmp_path: Path, call: str) -> None:
     # Work that is not ended would have told of its end, and goes on in a thread of its own.
     code = f"""
@@ -506,3 +632,40 @@ except KeyboardInterrupt:
     child.send_signal(signal.SIGINT)
     rest, error = child.communicate(timeout=60)
     assert "stopped" in rest and "ended" not in rest and error == "" and list(tmp_path.iterdir()) == []
+
+
+def described() -> Iterator[tuple[str, object]]:
+    """Everything public with its name: functions, classes and their members."""
+    for module in (inerter, inerter.batch):
+        for name in module.__all__:
+            found = getattr(module, name)
+            if inspect.isroutine(found) or inspect.isclass(found):
+                yield f"{module.__name__}.{name}", found
+            members = vars(found).items() if inspect.isclass(found) else ()
+            for member, of in members:
+                is_one = inspect.isroutine(of) or isinstance(of, (classmethod, property, types.GetSetDescriptorType))
+                if is_one and not member.startswith("_"):
+                    yield f"{module.__name__}.{name}.{member}", of
+
+
+def test_everything_public_is_described() -> None:
+    documents = {name: inspect.getdoc(of) or "" for name, of in described()}
+    assert {"inerter.open", "inerter.Run.samples", "inerter.batch.identify", "inerter.Store.verify"} <= set(documents)
+    assert [name for name, text in documents.items() if not text] == []
+    # All of these work on files, a store or a device, and say what they raise.
+    work = re.compile(r"inerter\.(batch\.|Store\.)?[a-z]+")
+    silent = [name for name, text in documents.items() if work.fullmatch(name) and not re.search("Raises|The rest as for", text)]
+    assert silent == ["inerter.Store.url"]
+    units = inspect.getdoc(inerter.Run.samples)
+    run = inerter.simulate(duration_s=1, settings={"terminal_sensor": 1.0})
+    assert [name for name in run.samples.column_names if f"`{name}`" not in units] == []
+
+
+def test_four_lines_lead_from_the_wheel_to_a_figure(tmp_path: Path) -> None:
+    page = PAGE.read_text().split("## The package")[1]
+    lines = page.split("```sh\n")[1].split("```")[0].splitlines()
+    assert len(lines) == 4 and lines[0] == "pip install target/wheels/inerter-*.whl"
+    code = re.fullmatch("python -c '(.*)'", "\n".join(lines[1:]), re.DOTALL)
+    assert code is not None
+    subprocess.run([sys.executable, "-c", code[1]], cwd=tmp_path, check=True)
+    assert [path.read_bytes()[:4] for path in tmp_path.iterdir()] == [b"\x89PNG"]

@@ -79,12 +79,18 @@ pub fn files_environment() -> Result<PathBuf> {
     environment(&folder, IMPORTS, REQUIREMENTS, false)
 }
 
-/// A Python with packages, in an environment of its own: found, or made from the Python Package Index.
+/// A Python with packages, in an environment of its own: found, or made from the Python Package Index, anew if what is
+/// required has changed since.
 pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool) -> Result<PathBuf> {
     let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
     let test = format!("import {imports}; print('complete')");
     let complete = |python: &Path| process::first_line(Command::new(python).args(["-c", &test])).is_some();
-    if python.is_file() && complete(&python) {
+    let wanted =
+        fs::read_to_string(tree::root().join(requirements)).with_context(|| format!("cannot read {requirements}"))?;
+    // What it was made for: a package that is raised, or that nothing imports, is missed otherwise.
+    let made_for = folder.join("requirements.txt");
+    let is_current = fs::read_to_string(&made_for).is_ok_and(|made_for| made_for == wanted);
+    if is_current && python.is_file() && complete(&python) {
         return Ok(python);
     }
     let system = ["python3", "python"]
@@ -92,13 +98,14 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
         .find(|name| process::first_line(Command::new(name).arg("--version")).is_some());
     let Some(system) = system else { bail!("no python3 on this machine") };
     println!("installing {imports} ({requirements}) from PyPI into {}", folder.display());
-    process::run(Command::new(system).args(["-m", "venv"]).arg(folder))
+    process::run(Command::new(system).args(["-m", "venv", "--clear"]).arg(folder))
         .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
     let mut pip = Command::new(&python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
     // Leave out what a package only names and never uses.
     pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
+    fs::write(&made_for, wanted).with_context(|| format!("cannot write {}", made_for.display()))?;
     Ok(python)
 }
 

@@ -7,7 +7,7 @@ use crate::{
     tree, wheel,
     workspace::{Part, Workspace},
 };
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use std::{fs, path::PathBuf, process::Command};
 
 /// What the script imports beside the package.
@@ -75,7 +75,7 @@ pub fn scale(options: &ScaleOptions) -> Result<()> {
     settle("scale", table, options.update)
 }
 
-/// Measures the rates, and prints or writes the table.
+/// Measures the rates, and prints or writes the table; fails where it misses its goal.
 pub fn run(options: &Options) -> Result<()> {
     let Released { folder, python, program } = released("rates", IMPORTS, REQUIREMENTS)?;
     let mut paths: Vec<PathBuf> = Vec::new();
@@ -90,5 +90,12 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let script = tree::root().join("tests/python/rates.py");
     let table = process::output(Command::new(&python).arg(script).arg(&program).args(&paths))?;
-    settle("rates", table, options.update)
+    let is_missed = table.contains("**missed**");
+    settle("rates", table, options.update)?;
+    if is_missed {
+        bail!(
+            "the package replays more slowly than its goal; repeat it on an idle machine, or find what became slower"
+        );
+    }
+    Ok(())
 }

@@ -8,7 +8,7 @@ use std::{
 use inerter_data::{
     calibration::Calibration,
     output::{self, OutputError},
-    settings::{Overrides, SettingsInputError},
+    settings::{self, Overrides, SettingsInputError},
     text::settings_note,
 };
 use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
@@ -144,12 +144,7 @@ impl OutputArgs {
 /// The calibration of the rig about to be recorded, from a settings file; notes when it has expired.
 pub fn calibration(file: Option<&Path>) -> Result<Option<Calibration>, SettingsInputError> {
     let Some(path) = file else { return Ok(None) };
-    let read = Overrides::from_inputs(Some(path), &[])?;
-    let none = || SettingsInputError::Calibration {
-        origin: path.display().to_string(),
-        problem: "there is no such table".into(),
-    };
-    let calibration = read.calibration().cloned().ok_or_else(none)?;
+    let calibration = settings::calibration(path)?;
     calibration.trouble(Some(Clock::new().now_ns())).iter().for_each(note);
     Ok(Some(calibration))
 }

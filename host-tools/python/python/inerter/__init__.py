@@ -6,7 +6,7 @@
     print(inerter.replay(run))
 
 `run.samples` and `run.estimates` are Arrow tables, which pandas, Polars, pyarrow and DuckDB accept directly. A notebook shows
-results as tables. A file, a setting or a motion that cannot be used raises `InerterError` with the code and the help of the
+results as tables with a figure. A file, a setting or a motion that cannot be used raises `InerterError` with the code and the help of the
 command line; invalid arguments raise ValueError or TypeError. Anything repaired in a run is a warning.
 """
 
@@ -15,13 +15,14 @@ from __future__ import annotations
 import array
 import json
 import os
-import warnings
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Union
 
 from . import _inerter, batch
 from ._inerter import InerterError, Run, Sums, Table, __version__
 from ._device import Device
+from ._runs import told as _told
 from ._store import Store
 from ._results import Comparison, Diagnosis, Difference, Estimate, Figure, Identification, Merged, Parameter, Plan, Replay, Result, Summed
 
@@ -66,6 +67,14 @@ Source = Union[Run, str, "os.PathLike[str]", Mapping[str, Any]]
 
 _FORCE = {"force_n": False, "torque_n_m": True}
 _TERMINAL = {False: "terminal_m", True: "terminal_rad"}
+_MEANT = {"t": "t_s", "time": "t_s", "encoder": "encoder_count", "force": "force_n", "torque": "torque_n_m"}
+_UNITS = {"t_s": "s", "encoder_count": "counts", "force_n": "N", "torque_n_m": "N m", "terminal_m": "m", "terminal_rad": "rad"}
+_OTHER_UNIT = re.compile(
+    r"(t|time|encoder|force|torque|terminal)_"
+    r"(n?s|[mu]s|min|h|[mk]?n|[mk]?n_?[mc]?m|kgf|lbf|[nucm]?m|in|inch|m?rad|deg|m?v|counts?|codes?)",
+    re.IGNORECASE,
+)
+"""A column of ours in another unit, or with another name."""
 
 
 def open(
@@ -81,16 +90,18 @@ def open(
     needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; for a rotary
     machine [rad]. `progress` is called with the part of a recording that is read, from 0 to 1.
 
-    Raises InerterError if the file or a setting cannot be used.
+    What was corrected or found missing, or an expired calibration, is a warning; `run.notes` has the same words.
+
+    Raises InerterError if the file or a setting cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
-    return _inerter.open(os.fspath(path), _given(settings, metres_per_count), progress)
+    return _told(_inerter.open(os.fspath(path), _given(settings, metres_per_count), progress), 2)
 
 
 def replay(
     run: Source,
+    settings: Mapping[str, float] | None = None,
     *,
     limits: str | os.PathLike[str] | None = None,
-    settings: Mapping[str, float] | None = None,
     metres_per_count: float | None = None,
     progress: Progress | None = None,
 ) -> Replay:
@@ -98,7 +109,7 @@ def replay(
 
     `run` is one from `open`, a file, or columns by name: `t_s` [s], `encoder_count`, `force_n` [N] and, if it was measured,
     `terminal_m` [m], each a one-dimensional array of the same length; for a rotary machine `torque_n_m` [N m] and `terminal_rad` [rad].
-    A data frame or an Arrow table works too. Settings of a run from `open` are those it was opened with.
+    A data frame or an Arrow table works too. `settings` and `metres_per_count` override those of the run, also of one that is open.
 
     `limits` is a file as for `inerter replay --limits`; its verdicts are in `["limits"]`.
 
@@ -133,8 +144,8 @@ def compare(
     named: Iterable[tuple[str | None, Source]] = runs.items() if isinstance(runs, Mapping) else ((None, run) for run in runs)
     whole = [(name, _run(run, settings, metres_per_count)) for name, run in named]
     is_one_rig = None if rigs is None else rigs == "one"
-    line, words = _inerter.compare(whole, is_one_rig, _path(path), replace, _path(limits), progress)
-    return Comparison(json.loads(line), words)
+    line, words, loops = _inerter.compare(whole, is_one_rig, _path(path), replace, _path(limits), progress)
+    return Comparison(json.loads(line), words, loops)
 
 
 def diagnose(
@@ -289,7 +300,7 @@ def plan(
         "highest_hz": highest_hz,
         "fade_s": fade_s,
     }
-    line, remarks, missed, points = _inerter.plan(
+    line, remarks, missed, points, figure = _inerter.plan(
         earlier,
         preset,
         _given(parameters),
@@ -300,7 +311,7 @@ def plan(
         {name: float(value) for name, value in limits.items() if value is not None},
         progress,
     )
-    return Plan(json.loads(line), remarks, missed, points)
+    return Plan(json.loads(line), remarks, missed, points, figure)
 
 
 def connect(
@@ -359,7 +370,7 @@ def simulate(
     """
     name, file, points = _motion(motion)
     later = None if change is None else (float(change[0]), _given(change[1]))
-    return _inerter.simulate(
+    run = _inerter.simulate(
         name,
         file,
         points,
@@ -374,6 +385,7 @@ def simulate(
         replace,
         progress,
     )
+    return _told(run, 2)
 
 
 def _seed(seed: int) -> int:
@@ -408,6 +420,8 @@ def _motion(motion: Any) -> tuple[str | None, str | None, tuple[float, bytes] | 
 
 
 def _given(settings: Mapping[str, float] | None, metres_per_count: float | None = None) -> dict[str, float]:
+    if settings is not None and not isinstance(settings, Mapping):
+        raise TypeError(f"settings must be a mapping of names to numbers, not {type(settings).__name__}")
     given = {name: float(value) for name, value in (settings or {}).items()}
     if metres_per_count is not None:
         given["metres_per_count"] = float(metres_per_count)
@@ -430,21 +444,32 @@ def _names(columns: Any) -> list[str] | None:
 def _run(run: Any, settings: Mapping[str, float] | None, metres_per_count: float | None) -> Run:
     given = _given(settings, metres_per_count)
     if isinstance(run, Run):
-        if given:
-            raise ValueError("this run has its settings from open(): give them there")
-        return run
+        return _told(_inerter.with_settings(run, given), 3, run.notes) if given else run
     if isinstance(run, (str, os.PathLike)):
         opened = _inerter.open(os.fspath(run), given, None)
     elif (names := _names(run)) is not None:
         opened = _from_columns(run, names, given)
     else:
         raise TypeError(f"a run, a file or columns by name are needed, not {type(run).__name__}")
-    for note in opened.notes:
-        warnings.warn(note, stacklevel=3)
-    return opened
+    return _told(opened, 3)
+
+
+def _refuse_other_units(names: list[str]) -> None:
+    """Refuses what would be left out without a word, or missed: `terminal_mm` in place of `terminal_m`."""
+    rotary = "torque_n_m" in names
+    for name in names:
+        found = None if name in _UNITS else _OTHER_UNIT.fullmatch(name)
+        if found is None:
+            continue
+        of = found[1].lower()
+        meant = _MEANT.get(of, _TERMINAL[rotary])
+        is_there = any(force in names for force in _FORCE) if of in ("force", "torque") else meant in names
+        if not is_there:
+            raise ValueError(f"the column {name} is not read: give {meant} [{_UNITS[meant]}] in its place, or leave it out")
 
 
 def _from_columns(columns: Any, names: list[str], given: dict[str, float]) -> Run:
+    _refuse_other_units(names)
     forces = [name for name in _FORCE if name in names]
     if len(forces) != 1:
         raise ValueError(f"one of the columns force_n and torque_n_m is needed; there are: {', '.join(names)}")

@@ -9,6 +9,7 @@ from types import TracebackType
 
 from . import _inerter
 from ._results import Estimate
+from ._runs import told
 
 
 class Device:
@@ -37,19 +38,27 @@ class Device:
         return self._device.settings
 
     def record(
-        self, path: str | os.PathLike[str], *, duration_s: float | None = None, replace: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        duration_s: float | None = None,
+        replace: bool = False,
+        calibration: str | os.PathLike[str] | None = None,
     ) -> _inerter.Run:
         """Records everything that the device sends, and opens it: `inerter record`.
 
         Ends after `duration_s` [s], or when a simulated device has no more samples. At Ctrl-C, or if the device goes away for good, the
-        file holds what came until then.
+        file holds what came until then. `calibration` is a settings file whose table `[calibration]` says when and how the rig was
+        calibrated: `date`, and `certificate` and `expires` if known. It is stored in the recording; if it has expired, that is a warning.
 
-        Raises InerterError if the file exists and `replace` is not given, or the device goes away, and KeyboardInterrupt on Ctrl-C.
+        Raises InerterError if the file exists and `replace` is not given, the settings file has no such table, or the device goes away,
+        and KeyboardInterrupt on Ctrl-C.
         """
         if duration_s is not None and not duration_s > 0:
             raise ValueError(f"duration_s must be more than 0, not {duration_s}")
-        self._device.record(os.fspath(path), float("inf") if duration_s is None else float(duration_s), replace)
-        return _inerter.open(os.fspath(path), {}, None)
+        until_s = float("inf") if duration_s is None else float(duration_s)
+        self._device.record(os.fspath(path), until_s, replace, None if calibration is None else os.fspath(calibration))
+        return told(_inerter.open(os.fspath(path), {}, None), 2)
 
     def close(self) -> None:
         """Ends the conversation; another program can then control the device."""

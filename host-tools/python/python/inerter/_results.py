@@ -127,9 +127,19 @@ class Result(Mapping[str, Any]):
             for name, parameter in self.parameters.items()
         )
         remarks = "".join(f"<p>{html.escape(words)}</p>" for words in self.remarks)
-        figure = self.figure
-        drawn = f"<figure>{figure.svg}<figcaption>{html.escape(figure.caption)}</figcaption></figure>" if figure else ""
-        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}{drawn}"
+        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}{_drawn(self.figure)}"
+
+
+def _drawn(figure: Figure | None) -> str:
+    return f"<figure>{figure.svg}<figcaption>{html.escape(figure.caption)}</figcaption></figure>" if figure else ""
+
+
+def _judged(limits: Mapping[str, Any] | None, of: str = "") -> list[str]:
+    """The verdicts on limits, if there are any, as a sentence."""
+    if limits is None:
+        return []
+    each = [f"{one['parameter']} {one['verdict']}" + (f" ({one['reason']})" if one.get("reason") else "") for one in limits["parameters"]]
+    return [f"Limits{of}: {limits['verdict']}: {'; '.join(each)}."]
 
 
 def _law(line: Mapping[str, Any]) -> str:
@@ -197,9 +207,12 @@ class Replay(Summed):
 
     @property
     def remarks(self) -> list[str]:
-        """Whether the law holds, what is wrong with samples or law, and which motion would have been more informative."""
+        """Whether the law holds, the verdicts on limits, what is wrong with samples or law, and which motion would have been more
+        informative.
+        """
         advice = self.get("advice")
-        return [_law(self), *(warning["text"] for warning in self["warnings"]), *([advice["text"]] if advice else [])]
+        warnings = [warning["text"] for warning in self["warnings"]]
+        return [_law(self), *_judged(self.get("limits")), *warnings, *([advice["text"]] if advice else [])]
 
 
 class Estimate(Result):
@@ -311,9 +324,10 @@ class Comparison(Result):
 
     _title = "Comparison"
 
-    def __init__(self, line: Mapping[str, Any], words: list[str]) -> None:
+    def __init__(self, line: Mapping[str, Any], words: list[str], loops: tuple[str, str] | None) -> None:
         super().__init__(line)
         self._words = words
+        self._figure = None if loops is None else Figure("loops", *loops)
 
     @property
     def differences(self) -> list[Difference]:
@@ -327,8 +341,9 @@ class Comparison(Result):
 
     @property
     def remarks(self) -> list[str]:
-        """Which intervals these are."""
-        return self._words
+        """Which intervals these are, and the verdicts of each run on limits."""
+        of_each = zip(self["files"], self.get("limits", ()))
+        return [*self._words, *(words for run, limits in of_each for words in _judged(limits, f" of {run}"))]
 
     def __repr__(self) -> str:
         rows = [f"{one.name:<28} {one.run}: {one}, {one.verdict}" for one in self.differences]
@@ -339,9 +354,9 @@ class Comparison(Result):
             "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in (one.name, one.run, str(one), one.verdict)) + "</tr>"
             for one in self.differences
         )
-        words = "".join(f"<p>{html.escape(one)}</p>" for one in self._words)
+        words = "".join(f"<p>{html.escape(one)}</p>" for one in self.remarks)
         title = html.escape(f"{self._title} with {self['files'][0]}")
-        return f"<table><caption>{title}</caption>{cells}</table>{words}"
+        return f"<table><caption>{title}</caption>{cells}</table>{words}{_drawn(self.figure)}"
 
 
 class Plan(Result):
@@ -349,8 +364,16 @@ class Plan(Result):
 
     _title = "Plan"
 
-    def __init__(self, line: Mapping[str, Any], remarks: list[str], missed: str | None, motion: _inerter.Table) -> None:
+    def __init__(
+        self,
+        line: Mapping[str, Any],
+        remarks: list[str],
+        missed: str | None,
+        motion: _inerter.Table,
+        figure: tuple[str, str],
+    ) -> None:
         super().__init__(line)
+        self._figure = Figure("motion", *figure)
         self._remarks = remarks
         self._missed = missed
         self._motion = motion

@@ -11,6 +11,7 @@ from typing import Any
 
 from . import _inerter
 from ._inerter import Run
+from ._runs import told
 
 
 def key(run: str | Mapping[str, Any]) -> str:
@@ -86,6 +87,9 @@ class Store:
     def open(self, run: str | Mapping[str, Any], *, settings: Mapping[str, float] | None = None) -> Run:
         """Opens the recording of a run, by its name or its row of `runs`, as `inerter.open` does. From S3 it is fetched first,
         checked against its name, and kept until this process ends.
+
+        Raises InerterError if there is no such run, several begin with this name, its recording is damaged, the store cannot be read, or
+        a setting is invalid.
         """
         path = self._store.path(key(run))
         if path is None:
@@ -96,12 +100,14 @@ class Store:
                     part = os.path.join(folder, "run.mcap")
                     self._store.get(key(run), part, False)
                     os.replace(part, path)
-        return _inerter.open(path, dict(settings or {}))
+        return told(_inerter.open(path, dict(settings or {})), 2)
 
     def results(self, batch: str) -> list[dict[str, Any]]:
         """The result of each run in a batch (`inerter.batch`, `inerter replay --store`): `run`, `kind`, `software`, `given` (the settings
         over those of the recording), `result` (what the command prints with --json; None if it failed), `code` and `error` (None
         if it did not). For a batch that does not exist the list is empty.
+
+        Raises InerterError if there is no store, it cannot be read, or `batch` cannot be a name.
         """
         return [json.loads(row) for row in self._store.results(batch)]
 
@@ -114,7 +120,9 @@ class Store:
     ) -> list[dict[str, str]]:
         """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
         `unreadable`, `unfinished` or `foreign`. With `repair`, what follows from intact recordings is rebuilt first; nobody may
-        add or remove runs meanwhile.
+        add or remove runs meanwhile. `progress` is called with the part that is done, from 0 to 1.
+
+        Raises InerterError if there is no store, or it cannot be read or, with `repair`, written, and KeyboardInterrupt on Ctrl-C.
         """
         damages = self._store.verify(repair, progress)
         return [dict(zip(("run", "file", "problem"), damage, strict=True)) for damage in damages]

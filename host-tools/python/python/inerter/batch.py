@@ -8,7 +8,8 @@
 
 The result of each run goes back into the store, in the batch of that name: `store.results("stiffer")`. Runs that a batch already has
 are not repeated, so an interrupted batch continues where it was; if a worker dies, another one takes over its current run.
-A run that cannot be used is a row with its error. `dask` and `distributed` are optional: `pip install "inerter[dask]"`.
+A run that cannot be used is a row with its error; one that is removed meanwhile is left out. `dask` and `distributed` are optional:
+docs/PYTHON.md says how to install them.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ __all__ = ["diagnose", "identify", "replay"]
 Progress = Callable[[float], object]
 """Called with the part of the runs that is done, from 0 to 1."""
 
+_REMOVED = "inerter::store::no_run"
+"""Code of the error for a run that was removed meanwhile."""
+
 
 def replay(
     store: Store,
@@ -39,7 +43,7 @@ def replay(
     *,
     batch: str = "replay",
     settings: Mapping[str, float] | None = None,
-    where: Iterable[str] = (),
+    where: str | Iterable[str] = (),
     device: str | None = None,
     start: str | None = None,
     end: str | None = None,
@@ -49,8 +53,9 @@ def replay(
     """Takes the runs of a store through the estimator: `inerter replay` of each.
 
     `client` is a Dask `Client`, whose workers must have this package and reach the store; without one the work is done here. `batch` is the
-    name of the results: letters, digits, `-` and `_`. `settings` override those of each recording. `where`, `device`, `start` and
-    `end` choose runs as `store.runs` does. `again` repeats what the batch already has. Returns the rows of the batch, as `store.results` does.
+    name of the results: letters, digits, `-` and `_`. `settings` override those of each recording. `where` (a condition or several),
+    `device`, `start` and `end` choose runs as `store.runs` does. `again` repeats what the batch already has. Returns the rows of the
+    batch, as `store.results` does.
 
     Raises InerterError if the store or a setting cannot be used or the batch was made in another way, and RuntimeError if a worker does
     not have this version of the package.
@@ -64,7 +69,7 @@ def diagnose(
     *,
     batch: str = "diagnose",
     settings: Mapping[str, float] | None = None,
-    where: Iterable[str] = (),
+    where: str | Iterable[str] = (),
     device: str | None = None,
     start: str | None = None,
     end: str | None = None,
@@ -81,7 +86,7 @@ def identify(
     *,
     batch: str = "identify",
     settings: Mapping[str, float] | None = None,
-    where: Iterable[str] = (),
+    where: str | Iterable[str] = (),
     device: str | None = None,
     start: str | None = None,
     end: str | None = None,
@@ -98,11 +103,12 @@ def _batch(
     kind: str,
     batch: str,
     settings: Mapping[str, float] | None,
-    choice: tuple[Iterable[str], str | None, str | None, str | None],
+    choice: tuple[str | Iterable[str], str | None, str | None, str | None],
     again: bool,
     progress: Progress | None,
 ) -> list[dict[str, Any]]:
     where, device, start, end = choice
+    where = (where,) if isinstance(where, str) else where
     given = dict(settings or {})
     kept = set() if again else set(store._store.kept(batch, kind, given))
     # By their keys they are found without a look at all others.
@@ -114,7 +120,7 @@ def _batch(
     done = ((work(key), None) for key in todo) if client is None else _spread(client, work, todo)
     for number, (key, error) in enumerate(done, 1):
         if error is not None:
-            store._store.keep(batch, key, kind, given, None, ("inerter::batch::worker_died", error))
+            _keep(store, batch, key, kind, given, None, ("inerter::batch::worker_died", error))
         if progress is not None:
             progress(number / len(todo))
     return [row for row in store.results(batch) if row["run"] in keys]
@@ -159,8 +165,7 @@ def _work(key: str, *, url: str, kind: str, batch: str, given: dict[str, float])
                 path = os.path.join(folder, "run.mcap")
                 store._store.get(key, path, False)
         except InerterError as raised:
-            # It was removed meanwhile.
-            if raised.code == "inerter::store::no_run":
+            if raised.code == _REMOVED:
                 return key
             # What hangs on the store or on this computer is nobody's result.
             if raised.code != "inerter::store::damaged":
@@ -171,8 +176,25 @@ def _work(key: str, *, url: str, kind: str, batch: str, given: dict[str, float])
                 result = json.dumps(dict(call(_inerter.open(path, given))))
             except InerterError as raised:
                 error = (str(raised.code), str(raised))
-        store._store.keep(batch, key, kind, given, result, error)
+        _keep(store, batch, key, kind, given, result, error)
     return key
+
+
+def _keep(
+    store: Store,
+    batch: str,
+    key: str,
+    kind: str,
+    given: dict[str, float],
+    result: str | None,
+    error: tuple[str, str],
+) -> None:
+    """Keeps what came of a run, unless it was removed meanwhile."""
+    try:
+        store._store.keep(batch, key, kind, given, result, error)
+    except InerterError as raised:
+        if raised.code != _REMOVED:
+            raise
 
 
 def _check(client: Any) -> None:

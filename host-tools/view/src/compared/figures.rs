@@ -15,7 +15,7 @@ use crate::{
 const COLOURS: [Colour; DRAWN] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
 
 /// All figures that the runs show.
-pub(super) fn figures(comparison: &Comparison) -> Vec<Figure> {
+pub fn figures(comparison: &Comparison) -> Vec<Figure> {
     let machine = comparison.machine();
     let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
     let shown = all.into_iter().filter(|figure| !figure.panels.is_empty());

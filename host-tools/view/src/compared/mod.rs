@@ -5,4 +5,5 @@ mod figures;
 mod html;
 
 pub use comparison::{Comparison, DRAWN};
+pub use figures::figures;
 pub use html::html;
