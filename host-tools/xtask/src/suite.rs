@@ -74,6 +74,30 @@ struct Step {
     run: Run,
 }
 
+impl Step {
+    /// One that the others wait for, left out by `--quick`.
+    const fn here(name: &'static str, alone: &'static str, run: fn() -> Result<()>) -> Self {
+        Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Here(run) }
+    }
+
+    /// One that runs beside the others, left out by `--quick`.
+    const fn beside(name: &'static str, alone: &'static str) -> Self {
+        Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Beside }
+    }
+
+    const fn within(self, budget_s: u64) -> Self {
+        Self { budget_s: Some(budget_s), ..self }
+    }
+
+    const fn needed(self) -> Self {
+        Self { needed: true, ..self }
+    }
+
+    const fn when(self, when: When) -> Self {
+        Self { when, ..self }
+    }
+}
+
 /// How a step runs.
 #[derive(Clone, Copy)]
 enum Run {
@@ -90,240 +114,76 @@ const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads
 const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
-    Step {
-        name: "set-up",
-        alone: "cargo xtask setup",
-        needed: true,
-        when: When::Always,
-        budget_s: Some(5),
-        run: Run::Here(|| setup::ensure(setup::ALL, false)),
-    },
-    Step {
-        name: "lock files",
-        alone: "cargo metadata --locked",
-        needed: true,
-        when: When::Always,
-        budget_s: Some(5),
-        run: Run::Here(|| {
-            Part::each(|part| {
-                process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
-            })
-        }),
-    },
-    Step {
-        name: "formatting",
-        alone: "cargo fmt --all --check",
-        needed: false,
-        when: When::Always,
-        budget_s: Some(10),
-        run: Run::Here(|| Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))),
-    },
-    Step {
-        name: "arrows",
-        alone: "cargo xtask check-arrows",
-        needed: false,
-        when: When::Always,
-        budget_s: Some(15),
-        run: Run::Here(arrows::run),
-    },
-    Step {
-        name: "supply",
-        alone: "cargo xtask check-supply",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(10),
-        run: Run::Here(|| supply::run(&supply::Options::default())),
-    },
+    Step::here("set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false))
+        .within(5)
+        .needed()
+        .when(When::Always),
+    Step::here("lock files", "cargo metadata --locked", || {
+        Part::each(|part| {
+            process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
+        })
+    })
+    .within(5)
+    .needed()
+    .when(When::Always),
+    Step::here("formatting", "cargo fmt --all --check", || {
+        Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))
+    })
+    .within(10)
+    .when(When::Always),
+    Step::here("arrows", "cargo xtask check-arrows", arrows::run).within(15).when(When::Always),
+    Step::here("supply", "cargo xtask check-supply", || supply::run(&supply::Options::default())).within(10),
     // No barrier is needed: whatever runs an image builds it, and waits for a build under way.
-    Step {
-        name: "firmware",
-        alone: "cargo xtask build-firmware",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "lints, host",
-        alone: "cargo clippy --workspace --all-targets -- -D warnings",
-        needed: false,
-        when: When::Always,
-        budget_s: Some(200),
-        run: Run::Here(lint_host),
-    },
-    Step {
-        name: "unit tests, closed loop",
-        alone: "cargo test-lean --lib --bins, and `cargo test-lean --test closed_loop`",
-        needed: false,
-        when: When::Quick,
-        budget_s: None,
-        run: Run::Here(|| {
+    Step::beside("firmware", "cargo xtask build-firmware"),
+    Step::here("lints, host", "cargo clippy --workspace --all-targets -- -D warnings", lint_host)
+        .within(200)
+        .when(When::Always),
+    Step::here(
+        "unit tests, closed loop",
+        "cargo test-lean --lib --bins, and `cargo test-lean --test closed_loop`",
+        || {
             for chosen in [&["--lib", "--bins"][..], &["--test", "closed_loop"]] {
                 process::run(Part::Main.all("test").args(chosen))?;
             }
             Ok(())
-        }),
-    },
-    Step {
-        name: "lints, firmware",
-        alone: "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(60),
-        run: Run::Here(lint_firmware),
-    },
-    Step {
-        name: "documentation",
-        alone: "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(60),
-        run: Run::Here(document),
-    },
-    Step {
-        name: "tests, compiled",
-        alone: "cargo test-lean --no-run",
-        needed: true,
-        when: When::NotQuick,
-        budget_s: Some(420),
-        run: Run::Here(|| Part::each(|part| process::run(part.all("test").arg("--no-run")))),
-    },
-    Step {
-        name: "Linux guest",
-        alone: "cargo xtask guest",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(15),
-        run: Run::Here(|| guest::run(&guest::Options::default())),
-    },
-    Step {
-        name: "endurance",
-        alone: "cargo xtask endurance 20000000",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "no panic in the estimator",
-        alone: "cargo xtask check-panics",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "table of sizes",
-        alone: "cargo xtask size",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "table of instructions",
-        alone: "cargo xtask icount",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "table of accuracy",
-        alone: "cargo xtask accuracy --short",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "table of changes",
-        alone: "cargo xtask changes --short",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "table of robustness",
-        alone: "cargo xtask robustness",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "tests",
-        alone: "cargo test-lean",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(500),
-        run: Run::Here(test),
-    },
-    Step {
-        name: "Python",
-        alone: "cargo xtask python",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(20),
-        run: Run::Here(python::run),
-    },
-    Step {
-        name: "Python package",
-        alone: "cargo xtask wheel --debug",
-        needed: false,
-        when: When::NotQuick,
-        budget_s: Some(180),
-        run: Run::Here(|| wheel::run(&wheel::Options { debug: true })),
-    },
-    Step {
-        name: "tests, probe",
-        alone: "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Here(test_probe),
-    },
-    Step {
-        name: "whole table of accuracy",
-        alone: "cargo xtask accuracy",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "whole table of changes",
-        alone: "cargo xtask changes",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Beside,
-    },
-    Step {
-        name: "fuzzing",
-        alone: "cargo xtask fuzz",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Here(|| fuzz::run(&fuzz::Options::USUAL)),
-    },
-    Step {
-        name: "chaos",
-        alone: "cargo xtask chaos",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Here(|| chaos::run(&chaos::Options::USUAL)),
-    },
-    Step {
-        name: "soak",
-        alone: "cargo xtask soak",
-        needed: false,
-        when: When::Full,
-        budget_s: None,
-        run: Run::Here(|| soak::run(&soak::Options::USUAL)),
-    },
+        },
+    )
+    .when(When::Quick),
+    Step::here(
+        "lints, firmware",
+        "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
+        lint_firmware,
+    )
+    .within(60),
+    Step::here("documentation", "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps", document).within(60),
+    Step::here("tests, compiled", "cargo test-lean --no-run", || {
+        Part::each(|part| process::run(part.all("test").arg("--no-run")))
+    })
+    .within(420)
+    .needed(),
+    Step::here("Linux guest", "cargo xtask guest", || guest::run(&guest::Options::default())).within(15),
+    Step::beside("endurance", "cargo xtask endurance 20000000"),
+    Step::beside("no panic in the estimator", "cargo xtask check-panics"),
+    Step::beside("table of sizes", "cargo xtask size"),
+    Step::beside("table of instructions", "cargo xtask icount"),
+    Step::beside("table of accuracy", "cargo xtask accuracy --short"),
+    Step::beside("table of changes", "cargo xtask changes --short"),
+    Step::beside("table of robustness", "cargo xtask robustness"),
+    Step::here("tests", "cargo test-lean", test).within(500),
+    Step::here("Python", "cargo xtask python", python::run).within(20),
+    Step::here("Python package", "cargo xtask wheel --debug", || wheel::run(&wheel::Options { debug: true }))
+        .within(180),
+    Step::here(
+        "tests, probe",
+        "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
+        test_probe,
+    )
+    .when(When::Full),
+    Step::beside("whole table of accuracy", "cargo xtask accuracy").when(When::Full),
+    Step::beside("whole table of changes", "cargo xtask changes").when(When::Full),
+    Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).when(When::Full),
+    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).when(When::Full),
+    Step::here("soak", "cargo xtask soak", || soak::run(&soak::Options::USUAL)).when(When::Full),
 ];
 
 /// Runs the steps and prints one line for each at the end.
@@ -361,6 +221,7 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
                 }
                 _ if !options.quick && step.when == When::Quick => Outcome::Skipped("with --quick only"),
                 _ if !options.full && step.when == When::Full => Outcome::Skipped("with --full only"),
+                _ if options.full && step.alone.ends_with(" --short") => Outcome::Skipped("measured whole, below"),
                 Run::Beside => {
                     // Fails only after a panic, which is passed on below.
                     let _ = sender.send((place, step));
@@ -576,7 +437,7 @@ mod tests {
     use super::*;
 
     fn step(name: &'static str, needed: bool, when: When, run: fn() -> Result<()>) -> Step {
-        Step { name, alone: "", needed, when, budget_s: None, run: Run::Here(run) }
+        Step { needed, ..Step::here(name, "", run).when(when) }
     }
 
     #[test]
@@ -595,7 +456,7 @@ mod tests {
 
     #[test]
     fn a_budget_is_shown_and_all_are_25_minutes() {
-        let long = Step { budget_s: Some(1), ..step("long", false, When::Always, || Ok(())) };
+        let long = Step::here("long", "", || Ok(())).within(1);
         let taken =
             |time| Outcome::Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
         let text = summary(&[long], &[taken(2)], Duration::from_secs(60));
@@ -641,14 +502,7 @@ mod tests {
 
     #[test]
     fn a_step_beside_the_others_counts_as_they_do() {
-        let beside = |alone| Step {
-            name: "a test beside",
-            alone,
-            needed: false,
-            when: When::Always,
-            budget_s: None,
-            run: Run::Beside,
-        };
+        let beside = |alone| Step::beside("a test beside", alone).when(When::Always);
         for (alone, reason) in [("cargo fmt", "not ours"), ("cargo xtask --no-such-option", "failed")] {
             let steps = [beside(alone), step("two", false, When::Always, || Ok(()))];
             let outcomes = run_steps(&steps, &Options::default());
