@@ -254,7 +254,7 @@ fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
     match parameter.known() {
         None => "this motion cannot identify it",
         Some(found) if holds(found, truth) => "holds the truth",
-        Some(Interval { value, u95 }) if holds(Interval { value, u95: 2.0 * u95 }, truth) => "just beside the truth",
+        Some(Interval { value, u95 }) if holds(Interval { value, u95: 2.0 * u95 }, truth) => "just misses the truth",
         Some(_) => "MISSES THE TRUTH",
     }
 }
@@ -383,7 +383,7 @@ mod tests {
     fn the_verdict_knows_the_truth() {
         let parameter = Parameter::Ok(Interval { value: 100.0, u95: 1.0 });
         assert_eq!(verdict(&parameter, 100.9), "holds the truth");
-        assert_eq!(verdict(&parameter, 101.1), "just beside the truth");
+        assert_eq!(verdict(&parameter, 101.1), "just misses the truth");
         assert_eq!(verdict(&parameter, 102.1), "MISSES THE TRUTH");
         assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot identify it");
     }
