@@ -9,12 +9,11 @@ mod host;
 
 use crate::{
     copy::{self, Edit},
-    process, table, tree,
-    workspace::Workspace,
+    process, table, tree, workspace,
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use heuristics::{HEURISTICS, Heuristic, buys};
-use std::{fs, path::Path, process::Command};
+use std::{path::Path, process::Command};
 
 /// Fraction of the interval that is added to both errors before their ratio is taken: three seeds resolve no less.
 const FLOOR: f64 = 0.1;
@@ -71,7 +70,7 @@ pub fn run(options: &Options) -> Result<()> {
     if options.host {
         return host::run(options.update);
     }
-    let folder = Workspace::read(&tree::root())?.target.join("ablation");
+    let folder = workspace::target()?.join("ablation");
     let whole = measured(&folder, &[])?;
     let mut rows = Vec::new();
     for Heuristic { name, edits, test } in HEURISTICS {
@@ -85,27 +84,15 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// The program's output with this core.
 fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
-    let root = tree::root();
     copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant"])?;
     copy::edit(&folder.join("tree/firmware/core/src"), edits)?;
-    let program = fs::read(root.join("tests/src/bin/ablation.rs"))?;
-    copy::written(&folder.join("program/src/main.rs"), &program)?;
+    copy::written(&folder.join("program/src/main.rs"), &tree::read("tests/src/bin/ablation.rs")?)?;
     copy::written(&folder.join("program/Cargo.toml"), PROGRAM.as_bytes())?;
-    let manifest = workspace(&fs::read_to_string(root.join("Cargo.toml"))?)?;
-    copy::written(&folder.join("Cargo.toml"), manifest.as_bytes())?;
-    fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock"))?;
+    copy::written(&folder.join("Cargo.toml"), workspace(&tree::text("Cargo.toml")?)?.as_bytes())?;
+    tree::write(folder.join("Cargo.lock"), tree::read("Cargo.lock")?)?;
     let mut cargo = process::cargo();
-    cargo.current_dir(folder).args([
-        "build",
-        "--release",
-        "--quiet",
-        "--package",
-        "ablation",
-        "--target-dir",
-        "target",
-    ]);
-    cargo.env("RUSTFLAGS", "-A warnings");
-    process::run(&mut cargo)?;
+    cargo.current_dir(folder).env("RUSTFLAGS", "-A warnings").args(["build", "--release", "--quiet"]);
+    process::run(cargo.args(["--package", "ablation", "--target-dir", "target"]))?;
     cells(&process::output(&mut Command::new(folder.join("target/release/ablation")))?)
 }
 
@@ -145,9 +132,8 @@ fn cells(output: &str) -> Result<Vec<Cell>> {
 }
 
 fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row> {
-    if whole.iter().map(|cell| &cell.name).ne(without.iter().map(|cell| &cell.name)) {
-        bail!("the runs are not the same");
-    }
+    let same = whole.iter().map(|cell| &cell.name).eq(without.iter().map(|cell| &cell.name));
+    ensure!(same, "the runs are not the same");
     let (mut logarithms, mut widths, mut count) = (0.0, 0.0, 0.0);
     let mut worst = (String::new(), 1.0);
     for (before, after) in whole.iter().zip(without).filter(|(before, after)| before.given > 0 && after.given > 0) {
@@ -242,10 +228,7 @@ rigs, friction, samples, contacts and changes, three seeds that no other table h
 |---|--:|---|--:|--:|--:|--:|--:|--:|---|
 ",
     );
-    for row in rows {
-        text += &row.line();
-        text.push('\n');
-    }
+    text.extend(rows.iter().map(|row| row.line() + "\n"));
     text
 }
 
@@ -275,7 +258,7 @@ mod tests {
 
     #[test]
     fn the_workspace_holds_core_and_plant() {
-        let ours = fs::read_to_string(tree::root().join("Cargo.toml")).unwrap();
+        let ours = tree::text("Cargo.toml").unwrap();
         let theirs = workspace(&ours).unwrap();
         assert!(theirs.contains("path = \"tree/firmware/core\"") && theirs.contains("heapless"));
     }

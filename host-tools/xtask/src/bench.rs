@@ -2,13 +2,10 @@
 
 use crate::{
     accuracy, process, python, tree,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result};
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use anyhow::Result;
+use std::{path::Path, process::Command};
 
 /// The packages that join the comparison, as Python imports them.
 const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
@@ -28,7 +25,7 @@ pub struct Options {
 
 /// Runs the comparison and writes `docs/tables/bench.md` if asked.
 pub fn run(options: &Options) -> Result<()> {
-    let folder = folder()?;
+    let folder = workspace::folder("bench")?;
     let regressors = folder.join("regressors.bin");
     let rivals = folder.join("python.json");
     // An earlier run's file must not pass for this one's.
@@ -64,7 +61,7 @@ const MOST_S: f64 = 600.0;
 
 /// The complete model by our program and by scipy, one after the other on the same samples.
 pub fn identify() -> Result<()> {
-    let folder = folder()?;
+    let folder = workspace::folder("bench")?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
     accuracy::program(Part::Main, "identify", &["--bench", &path])?;
@@ -76,11 +73,4 @@ pub fn identify() -> Result<()> {
             .arg(MOST_S.to_string()),
     )?;
     accuracy::program(Part::Main, "identify", &["--compare", &path, &FASTER.to_string()])
-}
-
-/// Where the comparison keeps its files.
-fn folder() -> Result<PathBuf> {
-    let folder = Workspace::read(&tree::root())?.target.join("bench");
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    Ok(folder)
 }

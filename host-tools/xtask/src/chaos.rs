@@ -8,10 +8,10 @@
 use crate::{
     commit::{UNKNOWN, commit},
     process, tree,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result, bail};
-use std::{collections::BTreeMap, fs, io::ErrorKind, path::Path, process::Command};
+use anyhow::{Context, Result, ensure};
+use std::{collections::BTreeMap, path::Path, process::Command};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Options {
@@ -49,22 +49,16 @@ struct Line {
 }
 
 pub fn run(options: &Options) -> Result<()> {
-    if !cfg!(target_os = "linux") {
-        bail!("the campaigns read /proc: they run on Linux only");
-    }
-    let folder = Workspace::read(&tree::root())?.target.join("chaos");
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let report = folder.join("report.tsv");
-    fs::write(&report, "").with_context(|| format!("cannot write {}", report.display()))?;
+    ensure!(cfg!(target_os = "linux"), "the campaigns read /proc: they run on Linux only");
+    let report = workspace::folder("chaos")?.join("report.tsv");
+    tree::write(&report, "")?;
     let all = campaigns(&process::output(tests().args(["--list", "--format", "terse"]))?);
     let chosen: Vec<&String> =
         all.iter().filter(|test| options.campaign.as_ref().is_none_or(|name| name == short(test))).collect();
-    if chosen.is_empty() {
-        let names: Vec<&str> = all.iter().map(|test| short(test)).collect();
-        bail!("no campaign of this name; there are: {}", names.join(", "));
-    }
+    let names: Vec<&str> = all.iter().map(|test| short(test)).collect();
+    ensure!(!chosen.is_empty(), "no campaign of this name; there are: {}", names.join(", "));
     println!("each line also goes to {}", report.display());
-    let mut kept = Kept::read()?;
+    let mut kept = Kept::parse(&tree::text_if_there(TABLE)?);
     // Before the table is written, which would count as a difference.
     let commit = commit();
     for seed in options.seed..options.seed.saturating_add(options.seeds) {
@@ -78,36 +72,35 @@ pub fn run(options: &Options) -> Result<()> {
             let line = campaign(test, &key, &report)?;
             if options.keep && line.outcome == "passed" {
                 kept.rows.insert(key, Row { commit: commit.clone(), seconds: line.seconds, figures: line.figures });
-                kept.write()?;
+                tree::write(TABLE, kept.markdown())?;
             }
         }
     }
-    let lines = lines(&read(&report)?);
+    let lines = lines(&tree::text(&report)?);
     println!("\n{}", table(&lines));
     let failed: Vec<&str> =
         lines.iter().filter(|line| line.outcome == "FAILED").map(|line| line.name.as_str()).collect();
-    if !failed.is_empty() {
-        bail!("failed: {}", failed.join(", "));
-    }
+    ensure!(failed.is_empty(), "failed: {}", failed.join(", "));
     Ok(())
 }
 
 /// Runs one, and returns its line.
 fn campaign(test: &str, key: &Key, report: &Path) -> Result<Line> {
-    let before = lines(&read(report)?).len();
+    let before = lines(&tree::text(report)?).len();
     let mut command = tests();
     command.args(["--exact", test, "--nocapture"]);
     for (variable, value) in [("SEED", key.seed), ("KILLS", key.kills), ("CYCLES", key.cycles)] {
         command.env(format!("INERTER_CHAOS_{variable}"), value.to_string());
     }
     let ended = process::run(command.env("INERTER_CHAOS_REPORT", report));
-    let told: Vec<Line> = lines(&read(report)?).into_iter().skip(before).filter(|line| line.name == key.name).collect();
+    let told = lines(&tree::text(report)?).into_iter().skip(before);
+    let told: Vec<Line> = told.filter(|line| line.name == key.name).collect();
     // A missing line does not pass, nor does a failure after the line.
     match &told[..] {
         [line] if ended.is_ok() || line.outcome == "FAILED" => Ok(line.clone()),
         _ => {
             let line = format!("{}\tFAILED\t?\tended before it reported\n", key.name);
-            fs::write(report, read(report)? + &line).with_context(|| format!("cannot write {}", report.display()))?;
+            tree::write(report, tree::text(report)? + &line)?;
             lines(&line).pop().context("a line")
         }
     }
@@ -141,18 +134,6 @@ struct Kept {
 }
 
 impl Kept {
-    fn read() -> Result<Self> {
-        match fs::read_to_string(tree::root().join(TABLE)) {
-            Ok(text) => Ok(Self::parse(&text)),
-            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Self::default()),
-            Err(error) => Err(error).with_context(|| format!("cannot read {TABLE}")),
-        }
-    }
-
-    fn write(&self) -> Result<()> {
-        fs::write(tree::root().join(TABLE), self.markdown()).with_context(|| format!("cannot write {TABLE}"))
-    }
-
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
             let cells: Vec<&str> = line.split('|').map(str::trim).collect();
@@ -164,8 +145,8 @@ impl Kept {
                 [seconds, figures] => (UNKNOWN, seconds, figures),
                 _ => return None,
             };
-            let [commit, seconds, figures] = [commit, seconds, figures].map(str::to_owned);
-            Some((Key { name: name.to_string(), seed, kills, cycles }, Row { commit, seconds, figures }))
+            let [name, commit, seconds, figures] = [*name, commit, seconds, figures].map(str::to_owned);
+            Some((Key { name, seed, kills, cycles }, Row { commit, seconds, figures }))
         };
         Self { rows: text.lines().filter_map(row).collect() }
     }
@@ -201,10 +182,6 @@ fn campaigns(list: &str) -> Vec<String> {
 /// The name without its module.
 fn short(test: &str) -> &str {
     test.rsplit("::").next().unwrap_or(test)
-}
-
-fn read(report: &Path) -> Result<String> {
-    fs::read_to_string(report).with_context(|| format!("cannot read {}", report.display()))
 }
 
 fn lines(report: &str) -> Vec<Line> {

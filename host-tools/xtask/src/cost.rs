@@ -6,9 +6,9 @@ use crate::{
     table::{Options, Row, Table},
     toolchain::Toolchain,
     tree,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
 /// How much processor time may move: compilers differ, and the machine may have other work.
@@ -32,20 +32,15 @@ const INSTALLED: [Installed; 3] = [
 
 /// Measures each product and compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
-    if !cfg!(unix) {
-        bail!("the processor time of what cargo starts is counted on Unix only");
-    }
+    ensure!(cfg!(unix), "the processor time of what cargo starts is counted on Unix only");
     setup::ensure(&[setup::Need::Firmware], false)?;
     let toolchain = Toolchain::find().context("no compiler for the firmware")?;
-    let folder = Workspace::read(&tree::root())?.target.join("cost");
+    let folder = workspace::target()?.join("cost");
     let (mut rows, mut counted) = (Vec::new(), Vec::new());
     for Installed { name, features, most_mb } in &INSTALLED {
-        let build = || {
-            let mut command = process::cargo();
-            command.args(["build", "--release", "--package", "inerter"]).args(*features);
-            command
-        };
-        rows.push(minutes(name, from_nothing(&folder, [build()])?));
+        let mut build = process::cargo();
+        build.args(["build", "--release", "--package", "inerter"]).args(*features);
+        rows.push(minutes(name, from_nothing(&folder, [build])?));
         let count = crates(&[&["--package", "inerter"], *features].concat())? as f64;
         let row = Row::new(&format!("{name}: crates"), count, "");
         rows.push(match counted.first() {
@@ -74,7 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
     let mut tests = Part::Main.all("test");
     tests.arg("--no-run");
     rows.push(minutes("tests of the main workspace", from_nothing(&folder, [tests])?));
-    fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
+    tree::remove(&folder)?;
     let table = Table {
         name: "cost",
         title: "What a cold start costs",
@@ -95,9 +90,7 @@ fn minutes(name: &str, seconds: f64) -> Row {
 
 /// Processor time of cargo commands, one after the other, the first from an empty folder \[s\].
 fn from_nothing<const N: usize>(folder: &Path, commands: [Command; N]) -> Result<f64> {
-    if folder.exists() {
-        fs::remove_dir_all(folder).with_context(|| format!("cannot empty {}", folder.display()))?;
-    }
+    tree::remove(folder)?;
     let before = process::spent();
     for mut command in commands {
         process::run(command.arg("--locked").env("CARGO_TARGET_DIR", folder).env("CARGO_INCREMENTAL", "0"))?;

@@ -2,7 +2,7 @@
 
 use crate::{
     process, tree,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result};
 use std::path::{PathBuf, absolute};
@@ -37,7 +37,7 @@ pub fn run(options: &Options) -> Result<()> {
     let folder = match (&options.output, named()) {
         (Some(folder), _) => absolute(folder)?,
         (None, Some(named)) => named,
-        (None, None) => Workspace::read(&tree::root())?.target.join("data"),
+        (None, None) => workspace::target()?.join("data"),
     };
     // The converter runs from the root.
     let files = options.files.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;

@@ -1,10 +1,10 @@
 //! Speed and memory of exporting a long recording, compared with a plain Python reader.
 
 use crate::{
-    process, python, tree,
-    workspace::{self, Workspace},
+    monitor_load::{TICKS_HZ, ticks},
+    process, python, tree, workspace,
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use std::{
     fmt::Write,
@@ -47,32 +47,27 @@ struct Measured {
 pub fn run(options: &Options) -> Result<()> {
     let python = python::files_environment()?;
     let inerter = workspace::installed()?;
-    let folder = Workspace::read(&tree::root())?.target.join("files");
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let folder = workspace::folder("files")?;
     println!("simulating {DURATION_S} s at {RATE_HZ} Hz into {}", folder.display());
-    let rate = RATE_HZ.to_string();
-    let duration = DURATION_S.to_string();
     process::run(
         Command::new(&inerter)
-            .args(["simulate", "--duration", &duration, "--sample-rate-hz", &rate])
+            .args(["simulate", "--duration", &DURATION_S.to_string(), "--sample-rate-hz", &RATE_HZ.to_string()])
             .args(["--set", "terminal_sensor=1", "-o", "hour.mcap", "--force"])
             .stderr(Stdio::null())
             .current_dir(&folder),
     )?;
     let script = tree::root().join("tests/python/read_recording.py");
     let reader = || -> Result<f64> {
-        let seconds = PYTHON_S.to_string();
         let mut command = Command::new(&python);
-        let printed = process::output(command.arg(&script).args(["hour.mcap", &seconds]).current_dir(&folder))?;
+        command.arg(&script).args(["hour.mcap", &PYTHON_S.to_string()]);
+        let printed = process::output(command.current_dir(&folder))?;
         let read: Value = serde_json::from_str(&printed).context("the Python reader printed no JSON")?;
         let (samples, took) = (read["samples"].as_f64().unwrap_or(0.0), read["seconds"].as_f64().unwrap_or(0.0));
-        if samples < (PYTHON_S * RATE_HZ) as f64 {
-            bail!("the Python reader found {samples} samples");
-        }
+        ensure!(samples >= (PYTHON_S * RATE_HZ) as f64, "the Python reader found {samples} samples");
         Ok(took / samples * (DURATION_S * RATE_HZ) as f64)
     };
     // The fastest of as many passes, taken in turn with those of the exports: the machine may have other work.
-    let (mut python_s, mut all): (f64, Vec<Measured>) = (f64::INFINITY, Vec::new());
+    let (mut python_s, mut all) = (f64::INFINITY, Vec::<Measured>::new());
     for _ in 0..PASSES {
         python_s = python_s.min(reader()?);
         for (place, what) in ["csv", "parquet", "mat", "info"].into_iter().enumerate() {
@@ -91,7 +86,7 @@ pub fn run(options: &Options) -> Result<()> {
     let table = table(&all, python_s, size_mb);
     println!("\n{table}");
     if options.update {
-        fs::write(tree::root().join(TABLE), &table).with_context(|| format!("cannot write {TABLE}"))?;
+        tree::write(TABLE, &table)?;
     }
     for Measured { what, seconds, peak_mb, .. } in &all {
         if peak_mb.is_some_and(|peak| peak >= MEMORY_MB) {
@@ -124,9 +119,7 @@ fn measure(inerter: &Path, folder: &Path, what: &'static str) -> Result<Measured
         std::thread::sleep(Duration::from_millis(5));
     };
     let seconds = seconds.context("this system does not report the processor time of a process: measure on Linux")?;
-    if !status.success() {
-        bail!("`{}` failed ({status})", process::shown(&command));
-    }
+    ensure!(status.success(), "`{}` failed ({status})", process::shown(&command));
     let output_mb = fs::metadata(&output).map_or(0.0, |metadata| metadata.len() as f64 / 1e6);
     // Do not leave a gigabyte behind.
     fs::remove_file(&output).ok();
@@ -142,12 +135,7 @@ fn peak(id: u32) -> Option<f64> {
 
 /// Processor time of a process so far, where the system reports it \[s\].
 fn processor_s(id: u32) -> Option<f64> {
-    let stat = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
-    // The name, in brackets, may hold blanks: user and system time are the 12th and 13th field after it, in ticks of 10
-    // ms.
-    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-    let ticks = |place: usize| fields.get(place)?.parse::<f64>().ok();
-    Some((ticks(11)? + ticks(12)?) / 100.0)
+    Some(ticks(&fs::read_to_string(format!("/proc/{id}/stat")).ok()?)? / TICKS_HZ)
 }
 
 fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
@@ -156,11 +144,11 @@ fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
         DURATION_S * RATE_HZ,
     );
     for Measured { what, seconds, peak_mb, output_mb } in all {
-        let command = if *what == "info" { "`info`".to_string() } else { format!("`export --{what}`") };
+        let command = if *what == "info" { "info".into() } else { format!("export --{what}") };
         let memory = peak_mb.map_or("not known".into(), |peak| format!("{peak:.0} MB"));
         let output = if *output_mb > 0.0 { format!("{output_mb:.0} MB") } else { String::new() };
         // Writing to a String cannot fail.
-        writeln!(text, "| {command} | {:.0} times | {memory} | {output} |", python_s / seconds).ok();
+        writeln!(text, "| `{command}` | {:.0} times | {memory} | {output} |", python_s / seconds).ok();
     }
     text
 }

@@ -1,6 +1,6 @@
 //! The images: how they are compiled on this machine, and how QEMU's is started.
 
-use crate::{foreign, process, setup, toolchain::Toolchain, tree, workspace::Workspace};
+use crate::{foreign, process, setup, toolchain::Toolchain, tree, workspace};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{
@@ -82,7 +82,7 @@ fn compiler() -> Result<Toolchain> {
 pub fn build(image: Image) -> Result<PathBuf> {
     let mut command = compiler()?.cargo("build");
     // Cargo releases its own lock before the image is renamed.
-    let lock = Workspace::read(&tree::root())?.target.join("images.lock");
+    let lock = workspace::target()?.join("images.lock");
     let lock = fs::File::create(&lock).with_context(|| format!("cannot write {}", lock.display()))?;
     lock.lock().context("the lock of the images")?;
     if image != Image::Qemu {
@@ -117,12 +117,11 @@ pub fn run_build() -> Result<()> {
 
 /// Path of the program in cargo's messages.
 fn executable(messages: &str, name: &str) -> Option<PathBuf> {
-    messages
-        .lines()
-        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
-        .filter(|message| message["reason"] == "compiler-artifact" && message["target"]["name"] == name)
-        .filter_map(|message| message["executable"].as_str().map(PathBuf::from))
-        .next_back()
+    let mut messages = messages.lines().rev().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    messages.find_map(|message| {
+        let is_it = message["reason"] == "compiler-artifact" && message["target"]["name"] == name;
+        message["executable"].as_str().filter(|_| is_it).map(PathBuf::from)
+    })
 }
 
 /// Runs the image in QEMU with virtual time counted in instructions, and returns what it wrote by semihosting.
@@ -130,11 +129,7 @@ pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> 
     if !setup::Need::Qemu.is_there() {
         setup::ensure(&[setup::Need::Qemu], false)?;
     }
-    let mut semihosting = String::from("enable=on,target=native,arg=inerter");
-    for argument in arguments {
-        semihosting.push_str(",arg=");
-        semihosting.push_str(argument);
-    }
+    let semihosting = format!("enable=on,target=native,arg={}", [&["inerter"][..], arguments].concat().join(",arg="));
     let mut command = Command::new(setup::QEMU);
     // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes while the
     // image sleeps.

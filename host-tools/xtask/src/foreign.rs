@@ -1,9 +1,17 @@
 //! Foreign programs that the twin runs (`tests/twin/foreign`), among them examples of a published crate.
 
-use crate::{process, toolchain::Toolchain, tree::FIRMWARE_TARGET, workspace::Part};
+use crate::{
+    copy, process,
+    toolchain::Toolchain,
+    tree::{self, FIRMWARE_TARGET},
+    workspace::Part,
+};
 use anyhow::{Context, Result};
 use serde_json::Value;
-use std::{fs, path::Path, path::PathBuf, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 /// The variable that tells tests where the programs are.
 pub const VARIABLE: &str = "INERTER_FOREIGN";
@@ -30,7 +38,11 @@ pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
     let metadata: Value = serde_json::from_str(&metadata).context("`cargo metadata` printed no JSON")?;
     let target = Path::new(metadata["target_directory"].as_str().context("`cargo metadata`: no target folder")?);
     let examples = package(&metadata, PUBLISHED).context("the published examples are not among the dependencies")?;
-    copy(&examples.join("examples"), &target.join("foreign").join(PUBLISHED))?;
+    let (from, to) = (examples.join("examples"), target.join("foreign").join(PUBLISHED));
+    for file in tree::files(&from)? {
+        // One that is the same stays untouched, so that cargo does not rebuild it.
+        copy::written(&to.join(file.strip_prefix(&from)?), &tree::read(&file)?)?;
+    }
     let mut command = at(toolchain.cargo("build"));
     process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("foreign programs")?;
     Ok(target.join(FIRMWARE_TARGET).join("release"))
@@ -48,25 +60,6 @@ pub fn lint(toolchain: &Toolchain) -> Result<()> {
 fn package(metadata: &Value, name: &str) -> Option<PathBuf> {
     let package = metadata["packages"].as_array()?.iter().find(|package| package["name"] == name)?;
     Some(Path::new(package["manifest_path"].as_str()?).parent()?.to_owned())
-}
-
-/// Copies a folder; files that are already the same stay untouched, so that cargo does not rebuild them.
-fn copy(from: &Path, to: &Path) -> Result<()> {
-    let cannot = |path: &Path| format!("cannot copy {}", path.display());
-    fs::create_dir_all(to).with_context(|| cannot(to))?;
-    for entry in fs::read_dir(from).with_context(|| cannot(from))? {
-        let path = entry.with_context(|| cannot(from))?.path();
-        let own = to.join(path.file_name().unwrap_or_default());
-        if path.is_dir() {
-            copy(&path, &own)?;
-            continue;
-        }
-        let bytes = fs::read(&path).with_context(|| cannot(&path))?;
-        if fs::read(&own).ok().as_ref() != Some(&bytes) {
-            fs::write(&own, bytes).with_context(|| cannot(&own))?;
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

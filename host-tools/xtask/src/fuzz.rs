@@ -10,7 +10,7 @@
 
 use crate::{
     process, tree,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result, bail, ensure};
 use std::{
@@ -90,7 +90,7 @@ pub fn run(options: &Options) -> Result<()> {
         })?],
     };
     let programs = build(&chosen)?;
-    let folder = Workspace::read(&tree::root())?.target.join("fuzz");
+    let folder = workspace::target()?.join("fuzz");
     if let (Some(input), [target]) = (&options.input, &chosen[..]) {
         return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
     }
@@ -125,7 +125,7 @@ fn build(targets: &[&Target]) -> Result<PathBuf> {
     command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);
     command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
     process::run(command.env("CARGO_ENCODED_RUSTFLAGS", FLAGS.join("\x1f")))?;
-    Ok(Workspace::read(&tree::root())?.target.join(host).join("fuzz"))
+    Ok(workspace::target()?.join(host).join("fuzz"))
 }
 
 /// Result of a run.
@@ -200,11 +200,10 @@ impl Place {
             empty(folder)?;
         }
         for folder in [&self.found, &self.findings] {
-            fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            tree::make(folder)?;
         }
         if self.packed.exists() {
-            let packed = fs::read(&self.packed).with_context(|| format!("cannot read {}", self.packed.display()))?;
-            for (number, input) in unpack(&packed)?.iter().enumerate() {
+            for (number, input) in unpack(&tree::read(&self.packed)?)?.iter().enumerate() {
                 fs::write(self.corpus.join(format!("{number:04}")), input)?;
             }
         }
@@ -252,14 +251,11 @@ impl Place {
         command.args(["-merge=1", "-use_counters=0"]);
         command.args([&self.merged, &self.corpus, &self.seeds, &self.found]).stderr(Stdio::null());
         process::run(&mut command)?;
-        let mut inputs = Vec::new();
-        for entry in fs::read_dir(&self.merged)? {
-            inputs.push(fs::read(entry?.path())?);
-        }
+        let mut inputs = tree::files(&self.merged)?.iter().map(tree::read).collect::<Result<Vec<_>>>()?;
         inputs.sort_by(|one, other| one.len().cmp(&other.len()).then(one.cmp(other)));
         let packed = pack(&inputs);
         fs::create_dir_all(self.packed.parent().context("a folder")?)?;
-        fs::write(&self.packed, &packed).with_context(|| format!("cannot write {}", self.packed.display()))?;
+        tree::write(&self.packed, &packed)?;
         println!("{}: {} inputs, {} bytes", self.packed.display(), inputs.len(), packed.len());
         // Those that reach anything new are in the corpus now.
         empty(&self.found)
@@ -272,10 +268,8 @@ fn new_seed() -> u32 {
 }
 
 fn empty(folder: &Path) -> Result<()> {
-    if folder.exists() {
-        fs::remove_dir_all(folder).with_context(|| format!("cannot empty {}", folder.display()))?;
-    }
-    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))
+    tree::remove(folder)?;
+    tree::make(folder)
 }
 
 /// Lines of any bytes: a panic may print what is not text.

@@ -17,7 +17,7 @@
 
 use crate::{
     process, setup, tree,
-    workspace::{self, Part, Workspace},
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result, bail, ensure};
 use std::{
@@ -67,11 +67,6 @@ pub struct Options {
     pub refresh: bool,
 }
 
-/// Folder of all of it.
-fn folder() -> Result<PathBuf> {
-    Ok(Workspace::read(&tree::root())?.target.join("guest"))
-}
-
 /// What is made from the packages.
 const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages", UPDATER_FILES[0], UPDATER_FILES[1]];
 
@@ -85,19 +80,14 @@ pub fn run(options: &Options) -> Result<()> {
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
         "the guest runs the programs of this machine under an x86-64 Linux: use such a machine or a container"
     );
-    let folder = folder()?;
-    fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
-    let base = folder.join("base.cpio");
+    let folder = workspace::folder("guest")?;
     if has(&folder, FETCHED) && !options.refresh {
-        let packages = fs::read_to_string(folder.join("packages"))?;
-        println!(
-            "guest: {} (as fetched before; --refresh fetches anew)",
-            packages.split_whitespace().collect::<Vec<_>>().join(", ")
-        );
+        let packages = tree::text(folder.join("packages"))?.split_whitespace().collect::<Vec<_>>().join(", ");
+        println!("guest: {packages} (as fetched before; --refresh fetches anew)");
     } else {
         fetch(&folder)?;
     }
-    let mut initramfs = fs::read(&base).with_context(|| format!("reading {}", base.display()))?;
+    let mut initramfs = tree::read(folder.join("base.cpio"))?;
     initramfs.extend(programs(&folder)?.finish());
     write(&folder.join("initramfs"), &initramfs)?;
     println!("guest: {} is ready", folder.display());
@@ -110,7 +100,7 @@ pub fn run(options: &Options) -> Result<()> {
 fn fetch(folder: &Path) -> Result<()> {
     for tool in TOOLS {
         ensure!(
-            process::first_line(Command::new(tool).arg("--version")).is_some(),
+            process::version(tool).is_some(),
             "no {tool} here: the guest is made from Debian's packages. Run `cargo xtask guest` on Debian or in a \
              Debian container and copy vmlinux, base.cpio and packages into {}",
             folder.display()
@@ -118,10 +108,8 @@ fn fetch(folder: &Path) -> Result<()> {
     }
     let kernel = kernel_package()?;
     let packages = folder.join("fetched");
-    if packages.exists() {
-        fs::remove_dir_all(&packages)?;
-    }
-    fs::create_dir_all(&packages)?;
+    tree::remove(&packages)?;
+    tree::make(&packages)?;
     println!("guest: downloading {kernel}, {BUSYBOX} and {}, about 72 MB", UPDATER[0]);
     if download(&kernel, &packages).is_err() {
         println!("guest: the package list may be out of date");
@@ -149,8 +137,7 @@ fn fetch(folder: &Path) -> Result<()> {
         write(&folder.join(name), &bytes)?;
     }
     write(&folder.join("packages"), names.join("\n").as_bytes())?;
-    fs::remove_dir_all(&packages)?;
-    Ok(())
+    tree::remove(packages)
 }
 
 /// The package behind the name that always means the newest kernel. Fetches the package list if the machine has none
@@ -188,7 +175,11 @@ fn depends(printed: &str) -> Option<String> {
 /// The kernel inside a bzImage (Linux, Documentation/arch/x86/boot.rst, fields setup_sects, payload_offset,
 /// payload_length).
 fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
-    let kernel = decompressed(payload(image).context("not an x86 kernel image")?)?;
+    let packed = payload(image).context("not an x86 kernel image")?;
+    let (program, package) = unpacker(packed).context("the kernel is packed in an unknown format")?;
+    // Behind the packed bytes is the unpacked length, which gzip has itself.
+    let length = if program == "gzip" { 0 } else { 4 };
+    let kernel = filter(program, package, &packed[..packed.len().saturating_sub(length)])?;
     ensure!(kernel.starts_with(b"\x7fELF"), "the kernel image does not contain an ELF file");
     Ok(kernel)
 }
@@ -206,16 +197,14 @@ fn payload(image: &[u8]) -> Option<&[u8]> {
     image.get(start..start + number(0x24C)?)
 }
 
-/// Unpacks the formats in which Linux packs kernels and modules. In a kernel the unpacked length follows the packed
-/// bytes.
-fn decompressed(packed: &[u8]) -> Result<Vec<u8>> {
-    let without_length = &packed[..packed.len().saturating_sub(4)];
+/// The program that unpacks what begins so, of the formats in which Linux packs kernels and modules, and its package.
+fn unpacker(packed: &[u8]) -> Option<(&'static str, &'static str)> {
     match packed {
-        [0xFD, b'7', b'z', b'X', b'Z', ..] => filter("xz", "xz-utils", without_length),
-        [0x28, 0xB5, 0x2F, 0xFD, ..] => filter("zstd", "zstd", without_length),
-        [0x02, 0x21, 0x4C, 0x18, ..] => filter("lz4", "lz4", without_length),
-        [0x1F, 0x8B, ..] => filter("gzip", "gzip", packed),
-        _ => bail!("the kernel is packed in an unknown format"),
+        [0xFD, b'7', b'z', b'X', b'Z', ..] => Some(("xz", "xz-utils")),
+        [0x28, 0xB5, 0x2F, 0xFD, ..] => Some(("zstd", "zstd")),
+        [0x02, 0x21, 0x4C, 0x18, ..] => Some(("lz4", "lz4")),
+        [0x1F, 0x8B, ..] => Some(("gzip", "gzip")),
+        _ => None,
     }
 }
 
@@ -278,18 +267,8 @@ impl Modules {
     fn read(root: &Path, version: &str) -> Result<Self> {
         let folders = ["lib/modules", "usr/lib/modules"].map(|path| root.join(path).join(version));
         let folder = folders.iter().find(|path| path.is_dir()).context("the kernel's package has no modules")?;
-        let mut files = BTreeMap::new();
-        let mut left = vec![folder.join("kernel")];
-        while let Some(folder) = left.pop() {
-            for entry in fs::read_dir(&folder).with_context(|| format!("reading {}", folder.display()))? {
-                let entry = entry?;
-                if entry.file_type()?.is_dir() {
-                    left.push(entry.path());
-                } else {
-                    files.insert(module_name(&entry.file_name().to_string_lossy()), entry.path());
-                }
-            }
-        }
+        let name = |path: &Path| module_name(&path.file_name().unwrap_or_default().to_string_lossy());
+        let files = tree::files(folder.join("kernel"))?.into_iter().map(|path| (name(&path), path)).collect();
         let list = fs::read_to_string(folder.join("modules.builtin")).unwrap_or_default();
         let builtin = list.lines().filter_map(|line| line.rsplit('/').next()).map(module_name).collect();
         Ok(Self { files, builtin })
@@ -298,12 +277,10 @@ impl Modules {
     /// The module's bytes, unpacked.
     fn load(&self, name: &str) -> Result<Vec<u8>> {
         let path = self.files.get(name).with_context(|| format!("the kernel has no module {name}"))?;
-        let bytes = fs::read(path).with_context(|| format!("reading {}", path.display()))?;
-        match path.extension().and_then(|extension| extension.to_str()) {
-            Some("xz") => filter("xz", "xz-utils", &bytes),
-            Some("zst") => filter("zstd", "zstd", &bytes),
-            Some("gz") => filter("gzip", "gzip", &bytes),
-            _ => Ok(bytes),
+        let bytes = tree::read(path)?;
+        match unpacker(&bytes) {
+            Some((program, package)) => filter(program, package, &bytes),
+            None => Ok(bytes),
         }
     }
 
@@ -371,7 +348,7 @@ fn programs(folder: &Path) -> Result<Archive> {
         archive.folder(&folder.to_string_lossy());
     }
     for (name, path) in &files {
-        archive.file(name, 0o755, &fs::read(path).with_context(|| format!("reading {}", path.display()))?);
+        archive.file(name, 0o755, &tree::read(path)?);
     }
     Ok(archive)
 }

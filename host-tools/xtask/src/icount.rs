@@ -4,7 +4,10 @@
 //! cycles of the real core are not modelled (flash wait states, dual issue), so the figures guard against growth and
 //! are not timings.
 
-use crate::{firmware, table};
+use crate::{
+    firmware::{self, Image},
+    table::{Options, Row, Table},
+};
 use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{path::Path, time::Duration};
@@ -49,10 +52,10 @@ pub struct Rate {
 }
 
 /// Compares with the committed table, or writes it.
-pub fn run(options: &table::Options) -> Result<()> {
-    let image = firmware::build(firmware::Image::Qemu)?;
+pub fn run(options: &Options) -> Result<()> {
+    let image = firmware::build(Image::Qemu)?;
     let report = measure(&image)?;
-    let table = table::Table {
+    let table = Table {
         name: "icount",
         title: "Instructions on the Cortex-M4F",
         about: "Executed instructions of the QEMU image (profile `firmware`), by SysTick under `-icount`: a sample is everything from \
@@ -69,12 +72,12 @@ pub fn run(options: &table::Options) -> Result<()> {
     table.settle(*options)
 }
 
-fn rows(report: &Report) -> Vec<table::Row> {
+fn rows(report: &Report) -> Vec<Row> {
     let mut rows = Vec::new();
     for rate in &report.rates {
         let row = |what: &str, value: f64| {
             let name = format!("{} kHz, {what}", rate.sample_rate_hz / 1000.0);
-            table::Row::new(&name, value, "instructions")
+            Row::new(&name, value, "instructions")
         };
         rows.extend([
             row("sample: mean", rate.sample[0]),
@@ -135,7 +138,7 @@ mod tests {
         assert_eq!(report.rates.len(), 1);
         assert_eq!(report.rates[0].sample, [883.0, 3654.0]);
         let rows = rows(&report);
-        assert_eq!(rows[0], table::Row::new("1 kHz, sample: mean", 883.0, "instructions"));
+        assert_eq!(rows[0], Row::new("1 kHz, sample: mean", 883.0, "instructions"));
         assert_eq!([rows[2].value, rows[4].value, rows[5].value], [983.0, 51_000.0, 3340.0]);
     }
 

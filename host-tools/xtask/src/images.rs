@@ -3,7 +3,7 @@
 //! *Part*: contiguous bytes in flash, with their address. Sources: Intel, Hexadecimal Object File Format Specification,
 //! revision A (1988); ST UM0391, DfuSe file format; USB DFU 1.1, appendix B, for its suffix.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use object::{
     Endianness,
     elf::{FileHeader32, PT_LOAD},
@@ -61,9 +61,7 @@ fn joined(mut found: Vec<Part>) -> Result<Vec<Part>> {
             _ => joined.push(part),
         }
     }
-    if joined.is_empty() {
-        bail!("the image has nothing for flash");
-    }
+    ensure!(!joined.is_empty(), "the image has nothing for flash");
     Ok(joined)
 }
 

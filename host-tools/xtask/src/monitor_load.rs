@@ -4,10 +4,11 @@
 //! and `/proc` reports what it used. The figures are this machine's, with whatever else it is doing.
 
 use crate::{
-    process, table, tree,
-    workspace::{self, Workspace},
+    process,
+    table::{self, Row},
+    workspace,
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use std::{
     fs,
@@ -18,12 +19,14 @@ use std::{
     time::{Duration, Instant},
 };
 
+/// The monitor's recording.
+const RECORDING: &str = "run.mcap";
 /// Samples per second of the device.
 pub const RATE_HZ: f64 = 4000.0;
 /// Time after which memory counts as settled: buffers have been filled once \[s\].
 pub const SETTLED_S: f64 = 60.0;
 /// Clock ticks per second in `/proc`, on every Linux that runs here.
-const TICKS_HZ: f64 = 100.0;
+pub const TICKS_HZ: f64 = 100.0;
 /// Bytes of a page in `/proc/PID/statm`, on x86-64 and most others.
 const PAGE_BYTES: f64 = 4096.0;
 
@@ -57,19 +60,14 @@ pub struct Look {
 }
 
 pub fn run(options: &Options) -> Result<()> {
-    if !cfg!(target_os = "linux") {
-        bail!("this reads /proc: it runs on Linux only");
-    }
+    ensure!(cfg!(target_os = "linux"), "this reads /proc: it runs on Linux only");
     let program = workspace::installed()?;
-    let folder = Workspace::read(&tree::root())?.target.join("monitor-load");
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let recording = folder.join("run.mcap");
+    let folder = workspace::folder("monitor-load")?;
     let (_device, address) = device(&program)?;
     let seconds = options.minutes * 60.0;
-    let (looks, drawn_bytes) = watch(&program, &address, &folder, &recording, seconds)?;
-    let info = process::output(Command::new(&program).arg("info").arg(&recording).arg("--json"))?;
-    let info: Value = serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")?;
-    let rows = rows(&looks, &info, drawn_bytes)?;
+    let (looks, drawn_bytes) = watch(&program, &address, &folder, seconds)?;
+    let rows = rows(&looks, &info(&program, &folder, RECORDING)?, drawn_bytes)?;
+    let missed = table::missed(&rows);
     let table = table::Table {
         name: "monitor-load",
         title: "The monitor at 4 kHz",
@@ -83,24 +81,22 @@ pub fn run(options: &Options) -> Result<()> {
         rows,
         repeats: false,
     };
-    let missed: Vec<&str> = table
-        .rows
-        .iter()
-        .filter(|row| row.goal.is_some_and(|goal| row.value > goal))
-        .map(|row| row.name.as_str())
-        .collect();
     table.print();
     if options.update {
         table.write()?;
     }
-    if !missed.is_empty() {
-        bail!("goals missed: {}", missed.join(", "));
-    }
+    ensure!(missed.is_empty(), "goals missed: {missed}");
     Ok(())
 }
 
+/// What `inerter info` prints of a recording.
+pub fn info(program: &Path, folder: &Path, name: &str) -> Result<Value> {
+    let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
+    serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")
+}
+
 /// A virtual device in motion, and its address.
-fn device(program: &Path) -> Result<(Running, String)> {
+pub fn device(program: &Path) -> Result<(Running, String)> {
     let rate = RATE_HZ.to_string();
     simulated(program, &["--sample-rate-hz", &rate, "--backlash-m", "5e-5"])
 }
@@ -121,7 +117,7 @@ pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> 
 }
 
 /// Runs the monitor; returns what it used over time, and the bytes it drew.
-fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds: f64) -> Result<(Vec<Look>, f64)> {
+fn watch(program: &Path, address: &str, folder: &Path, seconds: f64) -> Result<(Vec<Look>, f64)> {
     let (pid_file, drawn) = (folder.join("pid"), folder.join("drawn"));
     let _ = fs::remove_file(&pid_file);
     let quoted = |path: &Path| format!("'{}'", path.display());
@@ -129,7 +125,7 @@ fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds
         "stty cols 140 rows 45; echo $$ > {}; exec {} monitor --connect {address} --record {} --force --duration {seconds}",
         quoted(&pid_file),
         quoted(program),
-        quoted(recording)
+        quoted(&folder.join(RECORDING))
     );
     let mut command = Command::new("script");
     command.args(["--quiet", "--flush", "--return", "--command", &shell]).arg(&drawn).env("TERM", "xterm-256color");
@@ -141,9 +137,7 @@ fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds
         if let Some(pid) = fs::read_to_string(&pid_file).ok().and_then(|text| text.trim().parse::<u32>().ok()) {
             break PathBuf::from(format!("/proc/{pid}"));
         }
-        if started.elapsed() > Duration::from_secs(10) {
-            bail!("the monitor did not start");
-        }
+        ensure!(started.elapsed() <= Duration::from_secs(10), "the monitor did not start");
         thread::sleep(Duration::from_millis(50));
     };
     let mut looks = Vec::new();
@@ -152,16 +146,13 @@ fn watch(program: &Path, address: &str, folder: &Path, recording: &Path, seconds
         if let Some(status) = script.0.try_wait().context("waiting for the monitor")? {
             break status;
         }
-        if started.elapsed().as_secs_f64() > seconds + 60.0 {
-            bail!("the monitor was still running a minute after its end");
-        }
+        let is_late = started.elapsed().as_secs_f64() > seconds + 60.0;
+        ensure!(!is_late, "the monitor was still running a minute after its end");
         // The process may end between two looks.
         looks.extend(look(&process, started));
         thread::sleep(every);
     };
-    if !status.success() {
-        bail!("the monitor failed ({status}); its output is in {}", drawn.display());
-    }
+    ensure!(status.success(), "the monitor failed ({status}); its output is in {}", drawn.display());
     let drawn = fs::metadata(&drawn).with_context(|| format!("cannot read {}", drawn.display()))?;
     Ok((looks, drawn.len() as f64))
 }
@@ -179,12 +170,12 @@ pub fn look(process: &Path, started: Instant) -> Option<Look> {
 }
 
 /// User and system time of `/proc/PID/stat`; the name before them may hold anything.
-fn ticks(stat: &str) -> Option<f64> {
+pub fn ticks(stat: &str) -> Option<f64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
 }
 
-fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<table::Row>> {
+fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<Row>> {
     let (first, last) = looks.first().zip(looks.last()).context("the monitor ended before it could be measured")?;
     let processor = (last.processor_s - first.processor_s) / (last.at_s - first.at_s).max(1e-3) * 100.0;
     let settled: Vec<&Look> = looks.iter().filter(|look| look.at_s >= SETTLED_S.min(last.at_s / 2.0)).collect();
@@ -193,19 +184,18 @@ fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<table::Row
     let number =
         |name: &str| info[name].as_f64().with_context(|| format!("no number `{name}` in the output of `inerter info`"));
     let (samples, seconds) = (number("samples")?, number("duration_s")?);
-    let row = |name: &str, value: f64, unit| table::Row::new(name, value, unit);
     Ok(vec![
-        row("samples recorded", samples, ""),
+        Row::new("samples recorded", samples, ""),
         // A device that falls behind would be easy to follow.
-        row("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
+        Row::new("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
             .at_most((RATE_HZ * 0.01 * seconds).round()),
-        row("samples lost", number("lost_samples")?, "").at_most(0.0),
-        row("discontinuities", number("discontinuities")?, "").at_most(0.0),
-        row("frames lost", number("lost_frames")?, "").at_most(0.0),
-        row("processor, of one core", processor, "%").at_most(30.0),
-        row("memory, most", most, "MB"),
-        row("memory, grown after the first minute", (grown * 10.0).round() / 10.0, "MB").at_most(2.0),
-        row("drawn on the terminal", drawn_bytes / 1e3 / last.at_s, "kB/s"),
+        Row::new("samples lost", number("lost_samples")?, "").at_most(0.0),
+        Row::new("discontinuities", number("discontinuities")?, "").at_most(0.0),
+        Row::new("frames lost", number("lost_frames")?, "").at_most(0.0),
+        Row::new("processor, of one core", processor, "%").at_most(30.0),
+        Row::new("memory, most", most, "MB"),
+        Row::new("memory, grown after the first minute", (grown * 10.0).round() / 10.0, "MB").at_most(2.0),
+        Row::new("drawn on the terminal", drawn_bytes / 1e3 / last.at_s, "kB/s"),
     ])
 }
 

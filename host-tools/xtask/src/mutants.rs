@@ -13,16 +13,16 @@
 //! would take days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which
 //! gives another sample.
 
-use crate::{copy, process, tool::Tool, tree, workspace::Workspace};
-use anyhow::{Context, Result, bail, ensure};
+use crate::{copy, process, tool, tree, workspace};
+use anyhow::{Context, Result, ensure};
 use sha2::{Digest, Sha256};
 use std::{
     cell::Cell,
-    collections::{BTreeMap, BTreeSet, VecDeque},
+    collections::{BTreeMap, VecDeque},
     fmt::Write,
     fs,
     num::NonZeroUsize,
-    path::{Path, PathBuf},
+    path::Path,
     process::Command,
     time::{Duration, Instant},
 };
@@ -51,8 +51,6 @@ pub struct Options {
 /// A package and its tests.
 struct Package {
     name: &'static str,
-    /// Folder of its sources, from the root.
-    sources: &'static str,
     /// Parts of the names of its goldens: tests that compare with committed files.
     goldens: &'static [&'static str],
     /// Parts of the names of its slow tests: they test only what the others miss.
@@ -62,31 +60,16 @@ struct Package {
 }
 
 impl Package {
-    const fn new(
-        name: &'static str,
-        sources: &'static str,
-        goldens: &'static [&'static str],
-        slow: &'static [&'static str],
-    ) -> Self {
-        Self { name, sources, goldens, slow, sound: Cell::new([false; Pass::COUNT]) }
+    const fn new(name: &'static str, goldens: &'static [&'static str], slow: &'static [&'static str]) -> Self {
+        Self { name, goldens, slow, sound: Cell::new([false; Pass::COUNT]) }
     }
 }
 
 fn packages() -> [Package; 3] {
     [
-        Package::new("core", "firmware/core/src", &[], &[]),
-        Package::new(
-            "wire",
-            "firmware/wire/src",
-            &["both_ways", "document_is_up_to_date"],
-            &["every_single_byte", "any_damage"],
-        ),
-        Package::new(
-            "app",
-            "firmware/app/src",
-            &[],
-            &["power_may_fail_again", "power_failure_anywhere", "any_content_is_survived"],
-        ),
+        Package::new("core", &[], &[]),
+        Package::new("wire", &["both_ways", "document_is_up_to_date"], &["every_single_byte", "any_damage"]),
+        Package::new("app", &[], &["power_may_fail_again", "power_failure_anywhere", "any_content_is_survived"]),
     ]
 }
 
@@ -191,7 +174,7 @@ pub fn run(options: &Options) -> Result<()> {
     let limit = options.minutes.map(|minutes| Duration::from_secs(60 * minutes));
     let mut missed = Vec::new();
     for package in chosen {
-        let mut record = Record::read(&package.table())?;
+        let mut record = Record::parse(&tree::text_if_there(package.table())?);
         let files = package.files()?;
         record.forget_all_but(&files);
         let mut left = match options.sample {
@@ -215,8 +198,8 @@ pub fn run(options: &Options) -> Result<()> {
                 break;
             }
             package.test(&scope, &mut record)?;
-            fs::create_dir_all(tree::root().join("tests/mutants"))?;
-            fs::write(package.table(), record.markdown(&package))?;
+            tree::make("tests/mutants")?;
+            tree::write(package.table(), record.markdown(&package))?;
         }
         println!("{}: {}", package.name, record.summary());
         let percent = record.caught(options.sample.is_some()).percent();
@@ -224,30 +207,27 @@ pub fn run(options: &Options) -> Result<()> {
             missed.push(format!("{} ({percent:.1} %)", package.name));
         }
     }
-    if !missed.is_empty() {
-        bail!("fewer than {GOAL} % are caught: {}", missed.join(", "));
-    }
+    ensure!(missed.is_empty(), "fewer than {GOAL} % are caught: {}", missed.join(", "));
     Ok(())
 }
 
 impl Package {
-    fn table(&self) -> PathBuf {
-        tree::root().join("tests/mutants").join(format!("{}.md", self.name))
+    fn table(&self) -> String {
+        format!("tests/mutants/{}.md", self.name)
+    }
+
+    /// Folder of its sources, from the root.
+    fn sources(&self) -> String {
+        format!("firmware/{}/src", self.name)
     }
 
     /// Its source files with the checksums of their contents, tests in files of their own left out.
     fn files(&self) -> Result<BTreeMap<String, String>> {
         let mut files = BTreeMap::new();
-        let mut folders = vec![tree::root().join(self.sources)];
-        while let Some(folder) = folders.pop() {
-            for entry in fs::read_dir(&folder).with_context(|| format!("cannot read {}", folder.display()))? {
-                let path = entry?.path();
-                let is_source = path.extension().is_some_and(|extension| extension == "rs");
-                if path.is_dir() {
-                    folders.push(path);
-                } else if is_source && !path.file_stem().is_some_and(|stem| stem.to_string_lossy().ends_with("tests")) {
-                    files.insert(from_root(&path), sum(&fs::read(&path)?));
-                }
+        for path in tree::files(self.sources())? {
+            let name = from_root(&path);
+            if name.ends_with(".rs") && !name.ends_with("tests.rs") {
+                files.insert(name, sum(&tree::read(&path)?));
             }
         }
         Ok(files)
@@ -258,26 +238,26 @@ impl Package {
     fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<Scope>> {
         if let Some(only) = only {
             let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
-            let file = known.with_context(|| format!("there is no {only} in {}", self.sources))?;
+            let file = known.with_context(|| format!("there is no {only} in {}", self.sources()))?;
             return Ok([Scope::File(file.clone())].into());
         }
-        let is_new = |file: &String, sum: &String| record.files.get(file).is_none_or(|tested| tested.sum != *sum);
-        let mut left: Vec<String> =
-            files.iter().filter(|(file, sum)| is_new(file, sum)).map(|(file, _)| file.clone()).collect();
+        let is_new =
+            |(file, sum): &(&String, &String)| record.files.get(*file).is_none_or(|tested| tested.sum != **sum);
+        let mut left: Vec<_> = files.iter().filter(is_new).map(|(file, _)| file.clone()).collect();
         left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
         Ok(left.into_iter().map(Scope::File).collect())
     }
 
     /// Tests the mutants of a file, or a sample of all.
     fn test(&self, scope: &Scope, record: &mut Record) -> Result<()> {
-        let folder = Workspace::read(&tree::root())?.target.join("mutants");
+        let folder = workspace::target()?.join("mutants");
         let started = Instant::now();
         // Before the tests: a source edited meanwhile is another one.
         let sum = match scope {
-            Scope::File(file) => sum(&fs::read(tree::root().join(file))?),
+            Scope::File(file) => sum(&tree::read(file)?),
             Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
         };
-        fs::create_dir_all(folder.join(self.name))?;
+        tree::make(folder.join(self.name))?;
         copy::tree(&folder.join("tree"), &[])?;
         let mut caught = Vec::new();
         let mut golden = Vec::new();
@@ -309,7 +289,7 @@ impl Package {
     /// Tests these mutants once: all of them, or some.
     fn pass(&self, pass: Pass, scope: &Scope, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
         let mut sound = self.sound.get();
-        let mut command = Tool::Mutants.command()?;
+        let mut command = tool::MUTANTS.command()?;
         command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
         command.args(match only {
@@ -324,9 +304,7 @@ impl Package {
         command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
         let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
         // 2: some were missed, 3: some took too long.
-        if !matches!(status.code(), Some(0 | 2 | 3)) {
-            bail!("`{}` failed ({status})", process::shown(&command));
-        }
+        ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
         let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
             // No expression can select fields that are left out, so all of those were tried.
@@ -342,11 +320,8 @@ impl Package {
 
     /// Parts of the names of the tests that do not run in this pass.
     fn left_out(&self, pass: Pass) -> impl Iterator<Item = &'static str> {
-        let (goldens, slow) = match pass {
-            Pass::Quick => (self.goldens, self.slow),
-            Pass::Slow => (self.goldens, &[][..]),
-            Pass::Golden => (&[][..], &[][..]),
-        };
+        let goldens = if pass != Pass::Golden { self.goldens } else { &[] };
+        let slow = if pass == Pass::Quick { self.slow } else { &[] };
         goldens.iter().chain(slow).copied()
     }
 }
@@ -373,15 +348,12 @@ struct Outcomes {
 impl Outcomes {
     fn read(folder: &Path) -> Result<Self> {
         let lines = |name: &str| -> Result<Vec<String>> {
-            let path = folder.join(name);
-            let text = fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
-            Ok(text.lines().map(str::to_owned).collect())
+            Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
         };
         // What does not compile is left out. What does not link shows that a compiler was killed during incremental
         // work.
-        for entry in fs::read_dir(folder.join("log"))? {
-            let path = entry?.path();
-            let is_broken = fs::read_to_string(&path)?.contains("error: linking with");
+        for path in tree::files(folder.join("log"))? {
+            let is_broken = tree::text(&path)?.contains("error: linking with");
             ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
         }
         let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
@@ -409,14 +381,6 @@ fn from_root(path: &Path) -> String {
 }
 
 impl Record {
-    fn read(path: &Path) -> Result<Self> {
-        match fs::read_to_string(path) {
-            Ok(text) => Ok(Self::parse(&text)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Self::default()),
-            Err(error) => Err(error).with_context(|| format!("cannot read {}", path.display())),
-        }
-    }
-
     /// Reads what [`markdown`](Self::markdown) writes.
     fn parse(text: &str) -> Self {
         let mut record = Self::default();
@@ -478,15 +442,11 @@ impl Record {
     /// Takes the results for a file's mutants. Reasons stay with the same change.
     fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
         let mut known = self.survivors.remove(file).unwrap_or_default();
-        let mut reason = |change: &String| {
-            let place = known.iter().position(|(other, _)| other == change)?;
-            Some(known.remove(place).1)
-        };
         let survivors: Vec<_> = survived
             .into_iter()
-            .map(|change| {
-                let reason = reason(&change).unwrap_or_else(|| NO_REASON.to_owned());
-                (change, reason)
+            .map(|change| match known.iter().position(|(other, _)| *other == change) {
+                Some(place) => known.remove(place),
+                None => (change, NO_REASON.to_owned()),
             })
             .collect();
         if !survivors.is_empty() {
@@ -501,13 +461,10 @@ impl Record {
 
     /// Removes the rows of files that are gone.
     fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
-        let is_gone = |name: &&String| !files.contains_key(*name) && !name.starts_with(SAMPLE);
-        let gone: BTreeSet<String> = self.files.keys().filter(is_gone).cloned().collect();
-        for file in gone {
-            self.files.remove(&file);
-            self.survivors.remove(&file);
-            self.golden.remove(&file);
-        }
+        let is_there = |name: &String| files.contains_key(name) || name.starts_with(SAMPLE);
+        self.files.retain(|name, _| is_there(name));
+        self.survivors.retain(|name, _| is_there(name));
+        self.golden.retain(|name, _| is_there(name));
     }
 
     /// Mutants that tests catch in all files, or in samples.

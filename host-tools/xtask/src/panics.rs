@@ -14,14 +14,11 @@
 
 use crate::{
     firmware::{self, Image},
-    size,
+    size, tree,
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
-use std::{
-    collections::{BTreeMap, HashMap, VecDeque},
-    fs,
-};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 
 /// Path of the estimator's sources as it is in a panic.
 const SOURCES: &[u8] = b"firmware/core/src/";
@@ -53,15 +50,12 @@ struct Branches {
 /// Builds the shipping image and checks it.
 pub fn run() -> Result<()> {
     let path = firmware::build(Image::Board)?;
-    let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    let image = Program::read(&bytes).with_context(|| format!("{} is not an image", path.display()))?;
+    let image = Program::read(&tree::read(&path)?).with_context(|| format!("{} is not an image", path.display()))?;
     let faults = image.faults();
-    if !faults.is_empty() {
-        for fault in &faults {
-            eprintln!("  {fault}");
-        }
-        bail!("the shipping image could panic in the estimator or allocate (see above)");
+    for fault in &faults {
+        eprintln!("  {fault}");
     }
+    ensure!(faults.is_empty(), "the shipping image could panic in the estimator or allocate (see above)");
     println!(
         "panics: none can be reached from the {} functions of the estimator in the image, and nothing allocates",
         image.estimator().count()
@@ -82,7 +76,7 @@ struct Program {
 impl Program {
     fn read(bytes: &[u8]) -> Result<Self> {
         let file = object::File::parse(bytes)?;
-        let mut marks: BTreeMap<u64, bool> = BTreeMap::new();
+        let mut marks = BTreeMap::new();
         let mut symbols = Vec::new();
         let mut allocators = Vec::new();
         for symbol in file.symbols() {
@@ -105,8 +99,7 @@ impl Program {
             let Some(data) = data else { continue };
             let (halves, _) = data.as_chunks::<2>();
             let code = halves.iter().map(|bytes| u16::from_le_bytes(*bytes)).collect();
-            let mut constants: BTreeMap<u64, bool> =
-                marks.range(address..address + size).map(|(k, v)| (*k, *v)).collect();
+            let mut constants: BTreeMap<_, _> = marks.range(address..address + size).map(|(k, v)| (*k, *v)).collect();
             constants.entry(address).or_insert(false);
             at.insert(address, functions.len());
             functions.push(Function { name, code, address, constants });
@@ -208,7 +201,7 @@ impl Function {
             if first & 0xFF87 == 0x4780 || (first & 0xFF87 == 0x4700 && first != 0x4770) {
                 found.indirect += 1;
             }
-            place += if wide { 2 } else { 1 };
+            place += 1 + usize::from(wide);
         }
         found
     }
@@ -258,8 +251,8 @@ fn paths(data: &[u8]) -> Vec<String> {
         .enumerate()
         .filter(|(_, window)| *window == SOURCES)
         .map(|(at, _)| {
-            let path = data[at..].split(|byte| !(0x21..0x7F).contains(byte)).next().unwrap_or_default();
-            String::from_utf8_lossy(path.get(..64.min(path.len())).unwrap_or_default()).into_owned()
+            let path = data[at..].iter().take_while(|byte| byte.is_ascii_graphic()).take(64);
+            path.map(|byte| char::from(*byte)).collect()
         })
         .collect();
     found.dedup();

@@ -2,7 +2,7 @@
 //! here.
 
 use crate::{process, setup};
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 
 /// One for each system; neither needs a linker or a C compiler for the check, even with all features.
 const TARGETS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
@@ -18,9 +18,7 @@ pub fn run() -> Result<()> {
         }
         process::run(process::cargo().args(["check", "--locked", "-p", "inerter", "--target", target]))?;
     }
-    if !left.is_empty() {
-        bail!("not checked, as rustup could not add the target: {}", left.join(", "));
-    }
+    ensure!(left.is_empty(), "not checked, as rustup could not add the target: {}", left.join(", "));
     println!("the program compiles for {}", TARGETS.join(" and "));
     Ok(())
 }

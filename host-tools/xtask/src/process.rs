@@ -1,13 +1,13 @@
 //! Starting other programs, with errors that name the command.
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use std::{
     cell::Cell,
     ffi::OsStr,
     fs::File,
     io::{self, Read},
-    path::{Path, PathBuf},
-    process::{Child, Command, ExitStatus, Stdio},
+    path::Path,
+    process::{Child, ChildStdout, Command, ExitStatus, Stdio},
     time::{Duration, Instant},
 };
 use wait4::Wait4;
@@ -51,18 +51,22 @@ pub fn shown(command: &Command) -> String {
         let text = text.to_string_lossy().into_owned();
         if text.is_empty() || text.contains([' ', '"', '$']) { format!("'{text}'") } else { text }
     };
-    let program = PathBuf::from(command.get_program());
-    let name = program.file_name().unwrap_or(program.as_os_str());
+    let program = command.get_program();
+    let name = Path::new(program).file_name().unwrap_or(program);
     std::iter::once(quote(name)).chain(command.get_args().map(quote)).collect::<Vec<_>>().join(" ")
 }
 
 /// Runs a program to its end with this program's own output; fails if that program fails.
 pub fn run(command: &mut Command) -> Result<()> {
     let status = command.spawn().and_then(ended).with_context(|| format!("cannot start `{}`", shown(command)))?;
-    if !status.success() {
-        bail!("`{}` failed ({status})", shown(command));
-    }
+    ensure!(status.success(), "`{}` failed ({status})", shown(command));
     Ok(())
+}
+
+/// The same, after a line with the command.
+pub fn run_shown(command: &mut Command) -> Result<()> {
+    println!("  $ {}", shown(command));
+    run(command)
 }
 
 /// The same, with all output in a file.
@@ -74,40 +78,37 @@ pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
 
 /// Runs to the end and returns what was printed; errors stay on the terminal.
 pub fn output(command: &mut Command) -> Result<String> {
-    let mut child = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::inherit())
-        .spawn()
-        .with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let (child, mut pipe) = piped(command)?;
     let mut printed = Vec::new();
-    child.stdout.take().context("no pipe to the program's output")?.read_to_end(&mut printed)?;
+    pipe.read_to_end(&mut printed)?;
     let status = ended(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
-    if !status.success() {
-        bail!("`{}` failed ({status})", shown(command));
-    }
+    ensure!(status.success(), "`{}` failed ({status})", shown(command));
     Ok(String::from_utf8_lossy(&printed).into_owned())
+}
+
+/// Starts a program whose output comes through a pipe; errors stay on the terminal.
+fn piped(command: &mut Command) -> Result<(Child, ChildStdout)> {
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::inherit());
+    let mut child = command.spawn().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let pipe = child.stdout.take().context("no pipe to the program's output")?;
+    Ok((child, pipe))
+}
+
+/// What a program that may be missing prints of its version.
+pub fn version(program: impl AsRef<OsStr>) -> Option<String> {
+    first_line(Command::new(program).arg("--version"))
 }
 
 /// First line printed by a program that may be missing.
 pub fn first_line(command: &mut Command) -> Option<String> {
     let done = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
-    if !done.status.success() {
-        return None;
-    }
-    String::from_utf8_lossy(&done.stdout).lines().next().map(str::to_owned)
+    String::from_utf8_lossy(&done.stdout).lines().next().filter(|_| done.status.success()).map(str::to_owned)
 }
 
 /// Runs with a time limit and returns what was printed; the program is killed at the limit.
 pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
     let text = shown(command);
-    let mut child = command
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::inherit())
-        .spawn()
-        .with_context(|| format!("cannot start `{text}`"))?;
-    let mut pipe = child.stdout.take().context("no pipe to the program's output")?;
+    let (mut child, mut pipe) = piped(command)?;
     let reader = std::thread::spawn(move || {
         let mut bytes = Vec::new();
         pipe.read_to_end(&mut bytes).map(|_| bytes)
@@ -126,9 +127,7 @@ pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
         std::thread::sleep(Duration::from_millis(20));
     };
     let bytes = reader.join().map_err(|_| anyhow::anyhow!("the reader of `{text}` panicked"))??;
-    if !status.success() {
-        bail!("`{text}` failed ({status})");
-    }
+    ensure!(status.success(), "`{text}` failed ({status})");
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 

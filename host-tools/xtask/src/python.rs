@@ -2,11 +2,10 @@
 
 use crate::{
     process, tree,
-    workspace::{self, Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use std::{
-    fs,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -22,24 +21,23 @@ const PAGE: &str = "docs/PYTHON.md";
 
 /// Runs them with the program of the tests.
 pub fn run() -> Result<()> {
-    let folder = Workspace::read(&tree::root())?.target.join("python");
+    let folder = workspace::folder("python")?;
     let python = files_environment()?;
     let inerter = workspace::tested(Part::Main, "inerter")?;
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let page = fs::read_to_string(tree::root().join(PAGE)).with_context(|| format!("cannot read {PAGE}"))?;
+    let page = tree::text(PAGE)?;
     let snippets = snippets(&page)?;
     for line in commands(&page) {
         let mut words = line.split_whitespace();
-        if words.next() != Some("inerter") {
-            bail!("{PAGE}: `{line}` is not an inerter command");
-        }
+        ensure!(words.next() == Some("inerter"), "{PAGE}: `{line}` is not an inerter command");
         process::run(Command::new(&inerter).args(words).arg("--force").current_dir(&folder))?;
     }
     for (number, (code, expected)) in snippets.iter().enumerate() {
         let printed = process::output(Command::new(&python).args(["-c", code]).current_dir(&folder))?;
-        if printed.trim() != expected.trim() {
-            bail!("{PAGE}, snippet {}: it printed\n{printed}and the page says\n{expected}", number + 1);
-        }
+        ensure!(
+            printed.trim() == expected.trim(),
+            "{PAGE}, snippet {}: it printed\n{printed}and the page says\n{expected}",
+            number + 1
+        );
     }
     let check = tree::root().join("tests/python/check_mat.py");
     process::run(Command::new(&python).arg(check).args(["run.mat", "run.parquet"]).current_dir(&folder))?;
@@ -54,16 +52,12 @@ fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
     while let Some((_, after)) = rest.split_once("```python\n") {
         let (code, after) = after.split_once("```").context("a snippet without an end")?;
         let (between, after) = after.split_once("```text\n").context("a snippet without what it prints")?;
-        if between.contains("```") {
-            bail!("{PAGE}: the snippet `{}` is not followed by what it prints", code.trim());
-        }
+        ensure!(!between.contains("```"), "{PAGE}: the snippet `{}` is not followed by what it prints", code.trim());
         let (text, after) = after.split_once("```").context("a text without an end")?;
         snippets.push((code, text));
         rest = after;
     }
-    if snippets.is_empty() {
-        bail!("{PAGE} has no snippets");
-    }
+    ensure!(!snippets.is_empty(), "{PAGE} has no snippets");
     Ok(snippets)
 }
 
@@ -75,8 +69,7 @@ fn commands(page: &str) -> impl Iterator<Item = &str> {
 
 /// A Python with the packages that read our files.
 pub fn files_environment() -> Result<PathBuf> {
-    let folder = Workspace::read(&tree::root())?.target.join("python").join("environment");
-    environment(&folder, IMPORTS, REQUIREMENTS, false)
+    environment(&workspace::target()?.join("python/environment"), IMPORTS, REQUIREMENTS, false)
 }
 
 /// A Python with packages, in an environment of its own: found, or made from the Python Package Index, anew if what is
@@ -85,28 +78,36 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
     let test = format!("import {imports}; print('complete')");
     let complete = |python: &Path| process::first_line(Command::new(python).args(["-c", &test])).is_some();
-    let wanted =
-        fs::read_to_string(tree::root().join(requirements)).with_context(|| format!("cannot read {requirements}"))?;
+    let wanted = tree::text(requirements)?;
     // What it was made for: a package that is raised, or that nothing imports, is missed otherwise.
     let made_for = folder.join("requirements.txt");
-    let is_current = fs::read_to_string(&made_for).is_ok_and(|made_for| made_for == wanted);
+    let is_current = tree::text_if_there(&made_for)? == wanted;
     if is_current && python.is_file() && complete(&python) {
         return Ok(python);
     }
-    let system = ["python3", "python"]
-        .into_iter()
-        .find(|name| process::first_line(Command::new(name).arg("--version")).is_some());
-    let Some(system) = system else { bail!("no python3 on this machine") };
+    let system = ["python3", "python"].into_iter().find(|name| process::version(name).is_some());
+    let system = system.context("no python3 on this machine")?;
     println!("installing {imports} ({requirements}) from PyPI into {}", folder.display());
     process::run(Command::new(system).args(["-m", "venv", "--clear"]).arg(folder))
         .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
-    let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    let mut pip = pip(&python);
     // Leave out what a package only names and never uses.
     pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
-    fs::write(&made_for, wanted).with_context(|| format!("cannot write {}", made_for.display()))?;
+    tree::write(&made_for, wanted)?;
     Ok(python)
+}
+
+fn pip(python: &Path) -> Command {
+    let mut pip = Command::new(python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    pip
+}
+
+/// Puts the wheel in place of an earlier one.
+pub fn install(python: &Path, wheel: &Path) -> Result<()> {
+    process::run(pip(python).args(["--force-reinstall", "--no-deps"]).arg(wheel))
+        .context("the wheel could not be installed")
 }
 
 #[cfg(test)]
@@ -123,7 +124,7 @@ mod tests {
 
     #[test]
     fn the_page_has_commands_and_snippets() {
-        let page = fs::read_to_string(tree::root().join(PAGE)).unwrap();
+        let page = tree::text(PAGE).unwrap();
         assert!(snippets(&page).unwrap().len() >= 3);
         assert!(commands(&page).all(|line| line.starts_with("inerter ")) && commands(&page).count() >= 2);
     }

@@ -5,10 +5,10 @@ use crate::{
     process, python,
     table::Options,
     tree, wheel,
-    workspace::{Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result, bail};
-use std::{fs, path::PathBuf, process::Command};
+use anyhow::{Result, bail};
+use std::{path::PathBuf, process::Command};
 
 /// What the script imports beside the package.
 const IMPORTS: &str = "numpy, pyarrow";
@@ -40,30 +40,19 @@ struct Released {
 
 /// Makes them; `folder` is below `target`.
 fn released(folder: &str, imports: &str, requirements: &str) -> Result<Released> {
-    let workspace = Workspace::read(&tree::root())?;
-    let folder = workspace.target.join(folder);
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let folder = workspace::folder(folder)?;
     let python = python::environment(&folder.join("environment"), imports, requirements, false)?;
-    let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--force-reinstall", "--no-deps"]);
-    process::run(pip.arg(wheel::released()?)).context("the wheel could not be installed")?;
-    process::run(Part::Main.cargo().args(["build", "--release", "--locked", "--package", "inerter"]).args([
-        "--no-default-features",
-        "--features",
-        "bridges",
-    ]))?;
-    let program = workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX));
-    Ok(Released { folder, python, program })
+    python::install(&python, &wheel::released()?)?;
+    let mut build = Part::Main.cargo();
+    build.args(["build", "--release", "--locked", "--package", "inerter", "--no-default-features"]);
+    process::run(build.args(["--features", "bridges"]))?;
+    Ok(Released { folder, python, program: workspace::program("inerter", "release")? })
 }
 
 /// Prints a table, or writes it.
 fn settle(name: &str, table: String, update: bool) -> Result<()> {
     print!("{table}");
-    if update {
-        let path = tree::root().join(format!("docs/tables/{name}.md"));
-        fs::write(&path, table).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    if update { tree::write(format!("docs/tables/{name}.md"), table) } else { Ok(()) }
 }
 
 /// What storing and replaying many runs costs, on one worker and on two.
@@ -78,7 +67,7 @@ pub fn scale(options: &ScaleOptions) -> Result<()> {
 /// Measures the rates, and prints or writes the table; fails where it misses its goal.
 pub fn run(options: &Options) -> Result<()> {
     let Released { folder, python, program } = released("rates", IMPORTS, REQUIREMENTS)?;
-    let mut paths: Vec<PathBuf> = Vec::new();
+    let mut paths = Vec::new();
     for seed in ["1", "2"] {
         let path = folder.join(format!("{seed}.mcap"));
         let mut simulate = Command::new(&program);

@@ -15,19 +15,15 @@
 use crate::{
     firmware::{self, Image},
     images, process,
-    tool::Tool,
+    tool::CYCLONE_DX,
     tree::{self, FIRMWARE_TARGET},
     wheel,
-    workspace::Workspace,
+    workspace::{self, Workspace},
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::{
-    collections::BTreeSet,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeSet, fs, path::Path};
 
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Options {
@@ -52,16 +48,12 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let workspace = Workspace::read(&tree::root())?;
     let folder = workspace.target.join("release-files");
-    if folder.exists() {
-        fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
-    }
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let keep = |name: String, bytes: &[u8]| {
-        let path = folder.join(name);
-        fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))
-    };
+    tree::remove(&folder)?;
+    tree::make(&folder)?;
+    let keep = |name: String, bytes: &[u8]| tree::write(folder.join(name), bytes);
 
-    let program = program(&workspace)?;
+    process::run(process::cargo().args(["build", "--release", "--locked", "--package", "inerter", "--all-features"]))?;
+    let program = workspace::program("inerter", "release")?;
     let named = folder.join(format!("inerter-{version}-{host}{}", std::env::consts::EXE_SUFFIX));
     fs::copy(&program, &named).with_context(|| format!("cannot copy {}", program.display()))?;
     keep(format!("inerter-{version}-{host}.cdx.json"), &materials(&workspace, "inerter", &host)?)?;
@@ -72,7 +64,7 @@ pub fn run(options: &Options) -> Result<()> {
     if !options.program_only {
         for (image, board) in BOARDS {
             let path = firmware::build(image)?;
-            let elf = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+            let elf = tree::read(&path)?;
             let parts = images::parts(&elf).with_context(|| path.display().to_string())?;
             let name = format!("inerter-firmware-{version}-{board}");
             keep(format!("{name}.elf"), &elf)?;
@@ -93,17 +85,10 @@ fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// Builds the program with all features; returns its path.
-fn program(workspace: &Workspace) -> Result<PathBuf> {
-    let mut command = process::cargo();
-    process::run(command.args(["build", "--release", "--locked", "--package", "inerter", "--all-features"]))?;
-    Ok(workspace.target.join("release").join(format!("inerter{}", std::env::consts::EXE_SUFFIX)))
-}
-
 /// The bill of materials of a package: all that cargo links into it or runs to build it, and nothing else.
 fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
-    let mut command = Tool::CycloneDx.command()?;
+    let mut command = CYCLONE_DX.command()?;
     command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target]);
     command.args(["--override-filename", LEFT, "--manifest-path"]).arg(member.folder.join("Cargo.toml"));
     let done = process::run(&mut command);
@@ -114,22 +99,11 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
         fs::remove_file(left(&member.folder)).ok();
     }
     done?;
-    let text = text.with_context(|| format!("{} wrote nothing for {package}", Tool::CycloneDx.name()))?;
-    let linked = linked(&process::output(process::cargo().args([
-        "tree",
-        "--locked",
-        "--all-features",
-        "--package",
-        package,
-        "--target",
-        target,
-        "--edges",
-        "normal,build",
-        "--prefix",
-        "none",
-        "--format",
-        "{p}",
-    ]))?);
+    let text = text.with_context(|| format!("{} wrote nothing for {package}", CYCLONE_DX.name))?;
+    let mut cargo = process::cargo();
+    cargo.args(["tree", "--locked", "--all-features", "--package", package, "--target", target]);
+    cargo.args(["--edges", "normal,build", "--prefix", "none", "--format", "{p}"]);
+    let linked = linked(&process::output(&mut cargo)?);
     let root = tree::root().display().to_string().replace('\\', "/");
     let bill = narrowed(&text.replace(root.trim_start_matches('/'), "inerter"), package, &linked)?;
     let mut bytes = serde_json::to_vec_pretty(&bill)?;
@@ -157,9 +131,7 @@ fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> R
         components.iter().filter_map(|one| Some((one["name"].as_str()?, one["version"].as_str()?))).collect();
     let missing = linked.iter().filter(|(name, version)| name != package && !listed.contains(&(name, version)));
     let missing: Vec<_> = missing.map(|(name, version)| format!("{name} {version}")).collect();
-    if !missing.is_empty() {
-        bail!("the bill of materials of {package} lacks {}", missing.join(", "));
-    }
+    ensure!(missing.is_empty(), "the bill of materials of {package} lacks {}", missing.join(", "));
     let known: BTreeSet<String> = [&bill["metadata"]["component"]]
         .into_iter()
         .chain(bill["components"].as_array().into_iter().flatten())
@@ -177,10 +149,10 @@ fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> R
 /// A line for each file, in the form that `sha256sum --check` reads.
 fn sums(folder: &Path) -> Result<String> {
     let mut text = String::new();
-    let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>>>()?;
+    let mut paths = tree::files(folder)?;
     paths.sort();
     for path in paths {
-        let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let bytes = tree::read(&path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!("  {:>9.1} KB  {name}", bytes.len() as f64 / 1e3);
         text += &format!("{:x}  {name}\n", Sha256::digest(&bytes));

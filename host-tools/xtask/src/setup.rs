@@ -6,8 +6,8 @@
 //! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`,
 //! which compiles the core library itself; without rustup, Debian's `rustc-web` with `rust-web-src` and `lld`.
 
-use crate::{process, tool::Tool, toolchain::Toolchain, tree::FIRMWARE_TARGET};
-use anyhow::{Context, Result, bail};
+use crate::{process, tool::DENY, toolchain::Toolchain, tree::FIRMWARE_TARGET};
+use anyhow::{Context, Result, bail, ensure};
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -68,16 +68,13 @@ pub fn run(options: &Options) -> Result<()> {
 pub fn ensure(needs: &[Need], check: bool) -> Result<()> {
     let mut missing = Vec::new();
     for need in needs {
-        let outcome = match need.found() {
-            Ok(found) => Ok(found),
-            Err(reason) if check => Err(reason),
-            Err(reason) => {
-                println!("  {:<32} {reason}", need.name());
-                need.install()
-                    .and_then(|()| need.found().map_err(anyhow::Error::msg))
-                    .map_err(|error| format!("{error:#}"))
-            }
-        };
+        let mut outcome = need.found();
+        if let Err(reason) = &outcome
+            && !check
+        {
+            println!("  {:<32} {reason}", need.name());
+            outcome = need.install().map_err(|error| format!("{error:#}")).and_then(|()| need.found());
+        }
         match outcome {
             Ok(found) => println!("  {:<32} {found}", need.name()),
             Err(reason) => {
@@ -86,9 +83,7 @@ pub fn ensure(needs: &[Need], check: bool) -> Result<()> {
             }
         }
     }
-    if !missing.is_empty() {
-        bail!("something is missing; to continue:\n  {}", missing.join("\n  "));
-    }
+    ensure!(missing.is_empty(), "something is missing; to continue:\n  {}", missing.join("\n  "));
     Ok(())
 }
 
@@ -100,7 +95,7 @@ impl Need {
             Self::Clippy => "clippy",
             Self::Qemu => QEMU,
             Self::Twin => "CMake and libclang",
-            Self::Deny => Tool::Deny.name(),
+            Self::Deny => DENY.name,
             Self::Cxx => "C++",
             Self::Guest => GUEST_QEMU,
         }
@@ -123,8 +118,8 @@ impl Need {
             }
             Self::Qemu => qemu_found(QEMU),
             Self::Twin => twin_tools(),
-            Self::Cxx => process::first_line(Command::new("c++").arg("--version")).ok_or_else(|| "no c++".into()),
-            Self::Deny => Tool::Deny.found().map(|(_, version)| version),
+            Self::Cxx => process::version("c++").ok_or_else(|| "no c++".into()),
+            Self::Deny => DENY.found().map(|(_, version)| version),
             Self::Guest => qemu_found(GUEST_QEMU),
         }
     }
@@ -134,11 +129,11 @@ impl Need {
             Self::Firmware => install_target(),
             Self::Rustfmt => rustup(&["component", "add", "rustfmt"]),
             Self::Clippy => rustup(&["component", "add", "clippy"]),
-            Self::Qemu => apt(&["qemu-system-arm"]),
-            Self::Twin => apt(&["cmake", "make", "gcc", "libc6-dev", "libclang-dev"]),
-            Self::Cxx => apt(&["g++"]),
-            Self::Deny => Tool::Deny.install(),
-            Self::Guest => apt(&["qemu-system-x86"]),
+            Self::Qemu => apt(ARM_QEMU_PACKAGES.apt()),
+            Self::Twin => apt(TWIN_PACKAGES.apt()),
+            Self::Cxx => apt(CXX_PACKAGES.apt()),
+            Self::Deny => DENY.install(),
+            Self::Guest => apt(GUEST_PACKAGES.apt()),
         }
     }
 
@@ -146,22 +141,21 @@ impl Need {
     fn advice(self) -> String {
         match self {
             Self::Firmware => format!(
-                "with rustup: `rustup target add {FIRMWARE_TARGET}`; without it: install rustup (https://rustup.rs), or on Debian and Ubuntu `apt-get install {}`",
-                DISTRIBUTION_RUST.join(" ")
+                "with rustup: `rustup target add {FIRMWARE_TARGET}`; without it: install rustup (https://rustup.rs), or on Debian and Ubuntu `apt-get install {DISTRIBUTION_RUST}`"
             ),
             Self::Rustfmt => "`rustup component add rustfmt`, or your distribution's rustfmt".into(),
             Self::Clippy => "`rustup component add clippy`, or your distribution's clippy".into(),
             Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
             Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
             Self::Cxx => advice(&CXX_PACKAGES, &os_release()),
-            Self::Deny => Tool::Deny.advice(),
+            Self::Deny => DENY.advice(),
             Self::Guest => advice(&GUEST_PACKAGES, &os_release()),
         }
     }
 }
 
 /// Debian's compiler, recent even in its stable release, with the source of the core library and a linker for ARM.
-const DISTRIBUTION_RUST: &[&str] = &["rustc-web", "cargo-web", "rust-web-src", "lld"];
+const DISTRIBUTION_RUST: &str = "rustc-web cargo-web rust-web-src lld";
 
 fn install_target() -> Result<()> {
     let attempts: [&dyn Fn() -> Result<()>; 3] = [
@@ -184,37 +178,31 @@ fn install_target() -> Result<()> {
 
 /// Runs rustup, where there is one.
 pub fn rustup(arguments: &[&str]) -> Result<()> {
-    if process::first_line(Command::new("rustup").arg("--version")).is_none() {
-        bail!("there is no rustup on this machine");
-    }
-    let mut command = Command::new("rustup");
-    command.args(arguments);
-    println!("  $ {}", process::shown(&command));
-    process::run(&mut command)
+    ensure!(process::version("rustup").is_some(), "there is no rustup on this machine");
+    process::run_shown(Command::new("rustup").args(arguments))
 }
 
-fn apt(packages: &[&str]) -> Result<()> {
-    if !Path::new("/usr/bin/apt-get").is_file() {
-        bail!("no apt-get on this machine");
-    }
+/// Installs packages, with blanks between their names.
+fn apt(packages: &str) -> Result<()> {
+    ensure!(Path::new("/usr/bin/apt-get").is_file(), "no apt-get on this machine");
     let root = process::first_line(Command::new("id").arg("-u")).is_some_and(|id| id == "0");
-    if !root && !Command::new("sudo").args(["-n", "true"]).status().is_ok_and(|status| status.success()) {
-        bail!("installing needs root, and `sudo -n` asks for a password");
-    }
+    ensure!(
+        root || Command::new("sudo").args(["-n", "true"]).status().is_ok_and(|status| status.success()),
+        "installing needs root, and `sudo -n` asks for a password"
+    );
     let apt_get = |arguments: &[&str]| {
         let mut command = Command::new(if root { "env" } else { "sudo" });
         if !root {
             command.args(["-n", "env"]);
         }
         command.args(["DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]).args(arguments);
-        println!("  $ {}", process::shown(&command));
-        process::run(&mut command)
+        process::run_shown(&mut command)
     };
     if let Err(error) = apt_get(&["update"]) {
         println!("  {error:#}; trying with the present package list");
     }
     let mut install = vec!["install", "-y", "--no-install-recommends"];
-    install.extend(packages);
+    install.extend(packages.split(' '));
     apt_get(&install).context("the package manager could not install it")
 }
 
@@ -226,7 +214,7 @@ fn qemu_version(line: &str) -> Option<u32> {
 
 /// A QEMU that is recent enough, or why there is none.
 fn qemu_found(program: &str) -> Result<String, String> {
-    let line = process::first_line(Command::new(program).arg("--version")).ok_or("not there")?;
+    let line = process::version(program).ok_or("not there")?;
     match qemu_version(&line) {
         Some(version) if version >= QEMU_LEAST => Ok(line),
         Some(version) => Err(format!("version {version} is older than {QEMU_LEAST}")),
@@ -236,7 +224,7 @@ fn qemu_found(program: &str) -> Result<String, String> {
 
 /// CMake and a libclang where `bindgen` looks for it, or what is missing.
 fn twin_tools() -> Result<String, String> {
-    let cmake = process::first_line(Command::new("cmake").arg("--version")).ok_or("no cmake")?;
+    let cmake = process::version("cmake").ok_or("no cmake")?;
     let given = std::env::var_os("LIBCLANG_PATH").map(PathBuf::from);
     let told = process::first_line(Command::new("llvm-config").arg("--libdir")).map(PathBuf::from);
     let versions = fs::read_dir("/usr/lib").into_iter().flatten().flatten().map(|entry| entry.path());
@@ -266,56 +254,57 @@ pub fn os_release() -> String {
 
 /// What provides one thing, by package manager.
 struct Packages {
-    apt: &'static str,
-    dnf: &'static str,
-    pacman: &'static str,
-    apk: &'static str,
-    zypper: &'static str,
+    /// In the order of [`LINUX`].
+    linux: [&'static str; LINUX.len()],
     brew: &'static str,
     winget: &'static str,
     /// In words, for a system without any of them.
     otherwise: &'static str,
 }
 
+impl Packages {
+    const fn apt(&self) -> &'static str {
+        self.linux[0]
+    }
+}
+
+/// Distributions by their names in `/etc/os-release`, and how each installs packages.
+const LINUX: [(&[&str], &str); 5] = [
+    (&["debian", "ubuntu"], "sudo apt-get update && sudo apt-get install -y --no-install-recommends"),
+    (&["fedora", "rhel"], "sudo dnf install -y"),
+    (&["arch"], "sudo pacman -S --needed"),
+    (&["alpine"], "sudo apk add"),
+    (&["suse", "opensuse"], "sudo zypper install"),
+];
+
 const ARM_QEMU_PACKAGES: Packages = Packages {
-    apt: "qemu-system-arm",
-    dnf: "qemu-system-arm-core",
-    pacman: "qemu-system-arm",
-    apk: "qemu-system-arm",
-    zypper: "qemu-arm",
+    linux: ["qemu-system-arm", "qemu-system-arm-core", "qemu-system-arm", "qemu-system-arm", "qemu-arm"],
     brew: "qemu",
     winget: "SoftwareFreedomConservancy.QEMU",
     otherwise: "install QEMU with its ARM system emulator, so that `qemu-system-arm` is on PATH",
 };
 
 const GUEST_PACKAGES: Packages = Packages {
-    apt: "qemu-system-x86",
-    dnf: "qemu-system-x86-core",
-    pacman: "qemu-system-x86",
-    apk: "qemu-system-x86_64",
-    zypper: "qemu-x86",
-    brew: "qemu",
-    winget: "SoftwareFreedomConservancy.QEMU",
+    linux: ["qemu-system-x86", "qemu-system-x86-core", "qemu-system-x86", "qemu-system-x86_64", "qemu-x86"],
     otherwise: "install QEMU with its x86 system emulator, so that `qemu-system-x86_64` is on PATH",
+    ..ARM_QEMU_PACKAGES
 };
 
 const CXX_PACKAGES: Packages = Packages {
-    apt: "g++",
-    dnf: "gcc-c++",
-    pacman: "gcc",
-    apk: "g++",
-    zypper: "gcc-c++",
+    linux: ["g++", "gcc-c++", "gcc", "g++", "gcc-c++"],
     brew: "gcc",
     winget: "LLVM.LLVM",
     otherwise: "install a C++ compiler, so that `c++` is on PATH",
 };
 
 const TWIN_PACKAGES: Packages = Packages {
-    apt: "cmake make gcc libc6-dev libclang-dev",
-    dnf: "cmake make gcc clang-devel",
-    pacman: "cmake make gcc clang",
-    apk: "cmake make gcc musl-dev clang-dev",
-    zypper: "cmake make gcc clang-devel",
+    linux: [
+        "cmake make gcc libc6-dev libclang-dev",
+        "cmake make gcc clang-devel",
+        "cmake make gcc clang",
+        "cmake make gcc musl-dev clang-dev",
+        "cmake make gcc clang-devel",
+    ],
     brew: "cmake llvm",
     winget: "Kitware.CMake LLVM.LLVM",
     otherwise: "install CMake, a C compiler and libclang, and point LIBCLANG_PATH to the folder of libclang",
@@ -323,30 +312,21 @@ const TWIN_PACKAGES: Packages = Packages {
 
 /// How the packages are installed on the system whose `/etc/os-release` this is.
 fn advice(packages: &Packages, os_release: &str) -> String {
-    let ids: Vec<&str> = os_release
+    let names: Vec<&str> = os_release
         .lines()
         .filter_map(|line| line.strip_prefix("ID=").or(line.strip_prefix("ID_LIKE=")))
         .flat_map(|value| value.trim_matches('"').split(' '))
         .collect();
-    let has = |id: &str| ids.contains(&id);
-    let command = if has("debian") || has("ubuntu") {
-        format!("sudo apt-get update && sudo apt-get install -y --no-install-recommends {}", packages.apt)
-    } else if has("fedora") || has("rhel") {
-        format!("sudo dnf install -y {}", packages.dnf)
-    } else if has("arch") {
-        format!("sudo pacman -S --needed {}", packages.pacman)
-    } else if has("alpine") {
-        format!("sudo apk add {}", packages.apk)
-    } else if has("suse") || has("opensuse") {
-        format!("sudo zypper install {}", packages.zypper)
+    let mut linux = LINUX.iter().zip(packages.linux);
+    if let Some(((_, install), packages)) = linux.find(|((ids, _), _)| ids.iter().any(|id| names.contains(id))) {
+        format!("`{install} {packages}`")
     } else if cfg!(target_os = "macos") {
-        format!("brew install {}", packages.brew)
+        format!("`brew install {}`", packages.brew)
     } else if cfg!(windows) {
-        format!("winget install {}, then put its folder on PATH", packages.winget)
+        format!("`winget install {}, then put its folder on PATH`", packages.winget)
     } else {
-        return packages.otherwise.into();
-    };
-    format!("`{command}`")
+        packages.otherwise.into()
+    }
 }
 
 #[cfg(test)]

@@ -2,13 +2,15 @@
 
 use crate::{
     firmware::{self, Image},
-    icount, process, table,
+    icount, process,
+    table::{Options, Row, Table},
+    tree,
     workspace::{self, Part},
 };
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use serde_json::Value;
-use std::{fs, path::Path, process::Command};
+use std::{path::Path, process::Command};
 
 /// Whether an interrupt comes on top of the deepest call is a matter of chance.
 const STACK_TOLERANCE: f64 = 0.15;
@@ -45,7 +47,7 @@ const FLASH_GOAL: f64 = 192.0 * 1024.0;
 const RAM_GOAL: f64 = 56.0 * 1024.0;
 
 /// Compares with the committed table, or writes it.
-pub fn run(options: &table::Options) -> Result<()> {
+pub fn run(options: &Options) -> Result<()> {
     let board = firmware::build(Image::Board)?;
     let mut rows = rows("board", &measure(&board)?);
     rows[0] = rows[0].clone().at_most(FLASH_GOAL);
@@ -54,14 +56,14 @@ pub fn run(options: &table::Options) -> Result<()> {
     let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
     let (without, stack) = (rows[5].value, figure("stack_bytes")?);
     for (name, bytes) in [("board, RAM: worst stack", stack), ("board, RAM with the worst stack", without + stack)] {
-        rows.push(table::Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
+        rows.push(Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
     }
     rows.extend(loads(&figures)?);
     let qemu = firmware::build(Image::Qemu)?;
     rows.extend(self::rows("qemu", &measure(&qemu)?));
     let report = icount::measure(&qemu)?;
-    rows.push(table::Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
-    let table = table::Table {
+    rows.push(Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
+    let table = Table {
         name: "size",
         title: "Size and load of the images",
         about: "The board's image as it ships (`cargo build --release` in firmware/stm32g474) and QEMU's (profile `firmware`): flash is text, \
@@ -79,8 +81,8 @@ pub fn run(options: &table::Options) -> Result<()> {
     table.settle(*options)
 }
 
-fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
-    let row = |name: &str, value: u64| table::Row::new(&format!("{image}, {name}"), value as f64, "bytes");
+fn rows(image: &str, sizes: &Sizes) -> Vec<Row> {
+    let row = |name: &str, value: u64| Row::new(&format!("{image}, {name}"), value as f64, "bytes");
     vec![
         row("flash", sizes.text + sizes.rodata + sizes.data),
         row("flash: code", sizes.text),
@@ -92,7 +94,7 @@ fn rows(image: &str, sizes: &Sizes) -> Vec<table::Row> {
 }
 
 /// Instructions and bounds of the load at each rate.
-fn loads(figures: &Value) -> Result<Vec<table::Row>> {
+fn loads(figures: &Value) -> Result<Vec<Row>> {
     let loads = figures["loads"].as_array().with_context(|| format!("no list `loads` in {figures}"))?;
     let mut rows = Vec::new();
     for load in loads {
@@ -102,10 +104,10 @@ fn loads(figures: &Value) -> Result<Vec<table::Row>> {
         let digital = with.starts_with("ADS131M04");
         let with = if with.is_empty() { String::new() } else { format!(" ({with})") };
         let name = format!("board, load at {} kHz{with}", figure("rate_hz")?.round() / 1e3);
-        let row = table::Row::new(&name, figure("instructions_per_s")?, "instructions/s");
+        let row = Row::new(&name, figure("instructions_per_s")?, "instructions/s");
         rows.push(row.within(LOAD_TOLERANCE).at_most(LOAD_GOAL));
         let percent = |bound: &str, fraction: f64| {
-            let row = table::Row::new(&format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
+            let row = Row::new(&format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
             row.within(LOAD_TOLERANCE)
         };
         rows.push(percent("optimistic", figure("least")?));
@@ -124,8 +126,7 @@ fn twin(image: &Path) -> Result<Value> {
 
 /// Reads the sizes out of an image.
 pub fn measure(image: &Path) -> Result<Sizes> {
-    let bytes = fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
-    sizes(&bytes).with_context(|| format!("{} is not an image", image.display()))
+    sizes(&tree::read(image)?).with_context(|| format!("{} is not an image", image.display()))
 }
 
 fn sizes(bytes: &[u8]) -> Result<Sizes> {

@@ -11,13 +11,12 @@ use self::kept::Kept;
 use crate::{
     commit::commit,
     firmware::{self, Image},
-    monitor_load::{Look, RATE_HZ, Running, SETTLED_S, look, simulated},
+    monitor_load::{Look, RATE_HZ, Running, SETTLED_S, device, info, look, simulated},
     process, setup,
-    table::Row,
-    tree,
-    workspace::{self, Workspace},
+    table::{self, Row},
+    workspace,
 };
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use std::{
     fs::{self, File},
@@ -105,12 +104,8 @@ struct Seen {
 }
 
 pub fn run(options: &Options) -> Result<()> {
-    if !cfg!(target_os = "linux") {
-        bail!("this reads /proc: it runs on Linux only");
-    }
-    if options.hours * 3600.0 < 20.0 {
-        bail!("--hours {}: 20 s at least", options.hours);
-    }
+    ensure!(cfg!(target_os = "linux"), "this reads /proc: it runs on Linux only");
+    ensure!(options.hours * 3600.0 >= 20.0, "--hours {}: 20 s at least", options.hours);
     if !options.keep {
         return portion(options).map(drop);
     }
@@ -127,17 +122,10 @@ pub fn run(options: &Options) -> Result<()> {
 fn portion(options: &Options) -> Result<Vec<Row>> {
     let image = if options.no_qemu { None } else { Some(image()?) };
     let program = workspace::installed()?;
-    let folder = Workspace::read(&tree::root())?.target.join("soak");
-    fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let folder = workspace::folder("soak")?;
     // Each run begins its own.
     File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
     let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
-    let missed: Vec<&str> = rows
-        .iter()
-        // NaN misses its goal too.
-        .filter(|row| row.goal.is_some_and(|goal| row.value.is_nan() || row.value > goal))
-        .map(|row| row.name.as_str())
-        .collect();
     for row in &rows {
         let goal = row.goal.map(|goal| format!("at most {goal}")).unwrap_or_default();
         println!("  {:<52} {:>14.3} {:<3} {goal}", row.name, row.value, row.unit);
@@ -146,9 +134,12 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
         println!("  left out by --no-qemu: the image in QEMU");
     }
     println!("  left out: the twin, which does not run in real time");
-    if !missed.is_empty() {
-        bail!("goals missed: {}; the measurements are in {}", missed.join(", "), folder.join("progress.tsv").display());
-    }
+    let missed = table::missed(&rows);
+    ensure!(
+        missed.is_empty(),
+        "goals missed: {missed}; the measurements are in {}",
+        folder.join("progress.tsv").display()
+    );
     Ok(rows)
 }
 
@@ -159,8 +150,7 @@ fn image() -> Result<PathBuf> {
 
 fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Result<Vec<Row>> {
     let started = Instant::now();
-    let rate = RATE_HZ.to_string();
-    let (device, address) = simulated(program, &["--sample-rate-hz", &rate, "--backlash-m", "5e-5"])?;
+    let (device, address) = device(program)?;
     let mut watched = vec![Watched::new("virtual device", device.0.id())];
 
     let seen = Seen::default();
@@ -176,39 +166,29 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     let (sender, views) = channel();
     let counted = seen.clone();
     thread::spawn(move || listen(output, &sender, &counted));
-    let (mut page, mut shared) = (None, None);
-    while page.is_none() || shared.is_none() {
+    let (mut page, mut shared) = (String::new(), String::new());
+    while page.is_empty() || shared.is_empty() {
         let (view, place) =
             views.recv_timeout(Duration::from_secs(20)).context("the monitor does not print where its views are")?;
         match view.as_str() {
-            "page" => page = Some(place),
-            "shared device" => shared = Some(place),
+            "page" => page = place,
+            "shared device" => shared = place,
             _ => {}
         }
     }
-    look_on(&page.unwrap_or_default(), &seen)?;
+    look_on(&page, &seen)?;
 
     // The other programs start later and end earlier.
     let beside = (seconds - 10.0).to_string();
     let mut command = Command::new(program);
-    command.args([
-        "record",
-        "-o",
-        "beside.mcap",
-        "--force",
-        "--connect",
-        &shared.unwrap_or_default(),
-        "--duration",
-        &beside,
-    ]);
+    command.args(["record", "-o", "beside.mcap", "--force", "--connect", &shared, "--duration", &beside]);
     let recorder = spawn(&mut command, folder)?;
     watched.push(Watched::new("recorder beside", recorder.0.id()));
 
     let mut recorders = vec![("monitor", monitor), ("recorder beside", recorder)];
     let mut qemu = None;
     if let Some(image) = image {
-        let image = image.to_string_lossy();
-        let (simulator, address) = simulated(program, &["--qemu", "--image", &image])?;
+        let (simulator, address) = simulated(program, &["--qemu", "--image", &image.to_string_lossy()])?;
         let pid = simulator.0.id();
         let simulator = Simulator(simulator);
         watched.push(Watched::new("simulator of the image", pid));
@@ -231,14 +211,10 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     rows.push(count("bytes that the page was sent", &seen.page));
     rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
-        if views.load(Ordering::Relaxed) == 0 {
-            bail!("one of the views received nothing");
-        }
+        ensure!(views.load(Ordering::Relaxed) > 0, "one of the views received nothing");
     }
-    let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)]
-        .into_iter()
-        .chain(image.map(|_| ("qemu.mcap", QEMU_RATE_HZ)));
-    for (name, rate_hz) in recordings {
+    let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)];
+    for (name, rate_hz) in recordings.into_iter().chain(image.map(|_| ("qemu.mcap", QEMU_RATE_HZ))) {
         let info = info(program, folder, name)?;
         rows.extend(recorded(&info, name, rate_hz)?);
         rows.push(replayed(program, folder, name, &info, &address)?);
@@ -247,12 +223,9 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
 }
 
 fn spawn(command: &mut Command, folder: &Path) -> Result<Running> {
-    let words = folder.join(WORDS);
-    let words = File::options()
-        .create(true)
-        .append(true)
-        .open(&words)
-        .with_context(|| format!("cannot write {}", words.display()))?;
+    let path = folder.join(WORDS);
+    let words = File::options().create(true).append(true).open(&path);
+    let words = words.with_context(|| format!("cannot write {}", path.display()))?;
     command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(words);
     let child = command.spawn().with_context(|| format!("cannot start `{}`", process::shown(command)))?;
     Ok(Running(child))
@@ -309,9 +282,7 @@ fn look_on(page: &str, seen: &Seen) -> Result<()> {
     )?;
     let mut head = [0; 12];
     stream.read_exact(&mut head)?;
-    if !head.ends_with(b"101") {
-        bail!("the page refuses: {}", String::from_utf8_lossy(&head));
-    }
+    ensure!(head.ends_with(b"101"), "the page refuses: {}", String::from_utf8_lossy(&head));
     let count = seen.page.clone();
     thread::spawn(move || {
         let mut some = [0; 65536];
@@ -337,8 +308,8 @@ fn watch(
     writeln!(progress, "seconds\tlines\tlosses\t{}", names.join(" [MB]\t") + " [MB]")?;
     println!("soaking for {seconds:.0} s; each look goes to {}", path.display());
     let every = Duration::from_secs_f64((seconds / 100.0).clamp(1.0, 60.0));
-    let mut open: Vec<usize> = (0..recorders.len()).collect();
-    while !open.is_empty() {
+    let mut are_open = true;
+    while are_open {
         thread::sleep(every);
         let mut line = format!("{:.0}", started.elapsed().as_secs_f64());
         for count in [&seen.lines, &seen.losses] {
@@ -350,17 +321,14 @@ fn watch(
             watched.looks.extend(found);
         }
         writeln!(progress, "{line}")?;
-        let mut still = Vec::new();
-        for place in open {
-            let Some((name, running)) = recorders.get_mut(place) else { continue };
-            if !has_ended(name, &mut running.0)? {
-                still.push(place);
-            }
+        are_open = false;
+        for (name, running) in &mut *recorders {
+            are_open |= !has_ended(name, &mut running.0)?;
         }
-        open = still;
-        if started.elapsed().as_secs_f64() > seconds + 120.0 {
-            bail!("some of the programs were still running two minutes after they should have ended");
-        }
+        ensure!(
+            started.elapsed().as_secs_f64() <= seconds + 120.0,
+            "some of the programs were still running two minutes after they should have ended"
+        );
     }
     Ok(())
 }
@@ -391,12 +359,6 @@ fn memory(watched: &Watched) -> Vec<Row> {
     ]
 }
 
-/// What `inerter info` prints of a recording.
-fn info(program: &Path, folder: &Path, name: &str) -> Result<Value> {
-    let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
-    serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")
-}
-
 /// What is missing from a recording, and how far its samples and the host's clock are apart.
 fn recorded(info: &Value, name: &str, rate_hz: f64) -> Result<Vec<Row>> {
     let number = |key: &str| {
@@ -424,9 +386,7 @@ fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &st
     said(&["cut", name, "--from", &from_s, "-o", "part.mcap", "--force"])?;
     let replayed = said(&["replay", "part.mcap", "--json"])?;
     let sent = said(&["send", "part.mcap", "--json", "--connect", device])?;
-    if replayed.len() < 10 {
-        bail!("{name}: the replay printed only {} lines", replayed.len());
-    }
+    ensure!(replayed.len() >= 10, "{name}: the replay printed only {} lines", replayed.len());
     let same = replayed.iter().zip(&sent).filter(|(one, other)| one == other).count();
     let differ = replayed.len().max(sent.len()) - same;
     Ok(Row::new(&format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")

@@ -4,7 +4,7 @@ use crate::{
     arrows, chaos, firmware, foreign, fuzz, guest, process, python, setup, soak, supply,
     toolchain::Toolchain,
     tree, wheel,
-    workspace::{Part, Workspace, skipped_list},
+    workspace::{self, Part, skipped_list},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -278,7 +278,7 @@ fn run_beside(step: &Step) -> Result<()> {
 
 fn said_beside(step: &Step) -> Result<PathBuf> {
     let name = step.name.replace(' ', "-");
-    Ok(Workspace::read(&tree::root())?.target.join(format!("{name}.txt")))
+    Ok(workspace::target()?.join(format!("{name}.txt")))
 }
 
 /// A line for each step: its time, its processor time and, for steps that hold up the others, its budget; finally the
@@ -416,11 +416,7 @@ fn clear(list: &Path) -> Result<()> {
 
 /// What was skipped, each once: a test may miss several things.
 fn skipped(list: &Path) -> Result<BTreeSet<String>> {
-    match fs::read_to_string(list) {
-        Ok(text) => Ok(text.lines().map(str::to_owned).collect()),
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(BTreeSet::new()),
-        Err(error) => Err(error).with_context(|| format!("cannot read {}", list.display())),
-    }
+    Ok(tree::text_if_there(list)?.lines().map(str::to_owned).collect())
 }
 
 /// How many tests were skipped, and each with its reason.

@@ -3,8 +3,8 @@
 //! Only packages that the lock files name and this machine lacks are fetched. Advisories need a list that changes every
 //! day, so they are an option, which `.github/workflows/advisories.yml` uses.
 
-use crate::{foreign, process, tool::Tool, tree, workspace::Part};
-use anyhow::{Result, bail};
+use crate::{foreign, process, tool, tree, workspace::Part};
+use anyhow::{Result, ensure};
 use std::path::Path;
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -44,23 +44,20 @@ pub fn run(options: &Options) -> Result<()> {
     let mut failed = Vec::new();
     let parts = Part::ALL.map(|part| (part.folder(), if part == Part::Main { SHIPS } else { TESTS }));
     for (folder, lints) in parts.into_iter().chain([(foreign::folder(), TESTS)]) {
-        let name = folder.strip_prefix(tree::root()).unwrap_or(&folder).display().to_string();
-        let name = if name.is_empty() { ".".to_owned() } else { name };
+        let name = if folder == tree::root() { Path::new(".") } else { folder.strip_prefix(tree::root())? }.display();
         println!("{name}:");
         if let Err(error) = check(&folder, lints, options) {
             failed.push(format!("{name} ({error:#})"));
         }
     }
-    if !failed.is_empty() {
-        bail!("deny.toml does not hold in {}", failed.join(", "));
-    }
+    ensure!(failed.is_empty(), "deny.toml does not hold in {}", failed.join(", "));
     Ok(())
 }
 
 /// Checks one of them. Licences are read from the packages, which must therefore be here.
 fn check(folder: &Path, lints: &[&str], options: &Options) -> Result<()> {
     process::run(process::cargo().current_dir(folder).args(["fetch", "--locked", "--quiet"]))?;
-    let mut command = Tool::Deny.command()?;
+    let mut command = tool::DENY.command()?;
     command.current_dir(folder).args(["--locked", "--config"]).arg(tree::root().join("deny.toml"));
     command.args((!options.advisories).then_some("--offline"));
     command.args(["check", "--hide-inclusion-graph"]).args(lints).args(CHECKS);

@@ -4,7 +4,7 @@
 //! two-sided: a figure that becomes much better is suspect too, since it may have stopped being measured.
 
 use crate::tree;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use std::{fmt::Write, fs, path::PathBuf};
 
 /// How much a figure may move before the table must be updated, as a fraction. Compilers differ by about a percent; a
@@ -49,6 +49,16 @@ impl Row {
     pub fn at_most(self, goal: f64) -> Self {
         Self { goal: Some(goal), ..self }
     }
+
+    /// Whether it misses its goal, which NaN does too.
+    fn misses(&self) -> bool {
+        self.goal.is_some_and(|goal| self.value.is_nan() || self.value > goal)
+    }
+}
+
+/// Names of the figures that miss their goals.
+pub fn missed(rows: &[Row]) -> String {
+    rows.iter().filter(|row| row.misses()).map(|row| row.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// A table of figures.
@@ -74,36 +84,24 @@ impl Table {
         let _ = writeln!(text, "Written by `cargo xtask {} --update`{checked}.\n", self.name);
         text.push_str("| figure | value | unit | goal |\n|---|--:|---|---|\n");
         for row in &self.rows {
-            let goal = match row.goal {
-                Some(goal) if row.value <= goal => format!("at most {goal}, reached"),
-                Some(goal) => format!("at most {goal}, **missed**"),
-                None => String::new(),
-            };
+            let reached = if row.misses() { "**missed**" } else { "reached" };
+            let goal = row.goal.map(|goal| format!("at most {goal}, {reached}")).unwrap_or_default();
             let _ = writeln!(text, "| {} | {} | {} | {goal} |", row.name, figure(row.value), row.unit);
         }
         text
     }
 
-    /// Where the table is kept.
-    pub fn path(&self) -> PathBuf {
-        tree::root().join("docs/tables").join(self.name).with_extension("md")
-    }
-
     /// Prints the figures.
     pub fn print(&self) {
         for row in &self.rows {
-            let mark = if row.goal.is_some_and(|goal| row.value > goal) { "  over its goal" } else { "" };
+            let mark = if row.misses() { "  over its goal" } else { "" };
             println!("  {:<44} {:>12} {}{mark}", row.name, figure(row.value), row.unit);
         }
     }
 
     /// Writes the table.
     pub fn write(&self) -> Result<()> {
-        let path = self.path();
-        fs::create_dir_all(tree::root().join("docs/tables"))?;
-        fs::write(&path, self.markdown()).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("{}: written {}", self.name, path.display());
-        Ok(())
+        write_text(self.name, &self.markdown())
     }
 
     /// Prints the table, then writes it or compares it with the committed one.
@@ -112,22 +110,18 @@ impl Table {
         if options.update {
             return self.write();
         }
-        let path = self.path();
         let command = format!("cargo xtask {} --update", self.name);
-        let committed = fs::read_to_string(&path)
-            .with_context(|| format!("cannot read {}; make it with `{command}`", path.display()))?;
-        let faults = differences(&parse(&committed), &self.rows);
-        if !faults.is_empty() {
-            for fault in &faults {
-                eprintln!("  {fault}");
-            }
-            bail!(
-                "{} figures differ from docs/tables/{}.md; if that is intended, run `{command}` and commit the table",
-                faults.len(),
-                self.name
-            );
+        let faults = differences(&parse(&committed(self.name, &command)?), &self.rows);
+        for fault in &faults {
+            eprintln!("  {fault}");
         }
-        println!("{}: {} figures as in docs/tables/{}.md", self.name, self.rows.len(), self.name);
+        ensure!(
+            faults.is_empty(),
+            "{} figures differ from docs/tables/{}.md; if that is intended, run `{command}` and commit the table",
+            faults.len(),
+            self.name
+        );
+        println!("{0}: {1} figures as in docs/tables/{0}.md", self.name, self.rows.len());
         Ok(())
     }
 }
@@ -151,21 +145,16 @@ fn parse(markdown: &str) -> Vec<(String, f64)> {
 fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     let mut faults = Vec::new();
     for row in now {
-        match committed.iter().find(|(name, _)| *name == row.name) {
-            None => faults.push(format!("{}: {} {}, not in the table", row.name, figure(row.value), row.unit)),
+        let said = match committed.iter().find(|(name, _)| *name == row.name) {
+            None => "not in the table".to_owned(),
             Some((_, before))
                 if (row.value - before).abs() > row.tolerance * before.abs() || !row.value.is_finite() =>
             {
-                faults.push(format!(
-                    "{}: {} {}, the table says {}",
-                    row.name,
-                    figure(row.value),
-                    row.unit,
-                    figure(*before)
-                ));
+                format!("the table says {}", figure(*before))
             }
-            Some(_) => {}
-        }
+            Some(_) => continue,
+        };
+        faults.push(format!("{}: {} {}, {said}", row.name, figure(row.value), row.unit));
     }
     for (name, value) in committed {
         if !now.iter().any(|row| row.name == *name) {
@@ -175,16 +164,33 @@ fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     faults
 }
 
+/// Where a table is kept.
+fn path(name: &str) -> PathBuf {
+    tree::root().join(format!("docs/tables/{name}.md"))
+}
+
+/// Writes a table and says where.
+fn write_text(name: &str, text: &str) -> Result<()> {
+    let path = path(name);
+    tree::make("docs/tables")?;
+    tree::write(&path, text)?;
+    println!("{name}: written {}", path.display());
+    Ok(())
+}
+
+/// The committed table, which `command` makes.
+fn committed(name: &str, command: &str) -> Result<String> {
+    let path = path(name);
+    fs::read_to_string(&path).with_context(|| format!("cannot read {}; make it with `{command}`", path.display()))
+}
+
 /// Writes a table that is only text, or compares it; `command` makes it.
 pub fn settle_text(name: &str, command: &str, text: &str, update: bool) -> Result<()> {
-    let path = tree::root().join(format!("docs/tables/{name}.md"));
     if update {
-        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        println!("{name}: written {}", path.display());
-        return Ok(());
+        return write_text(name, text);
     }
-    let committed = fs::read_to_string(&path)
-        .with_context(|| format!("cannot read {}; make it with `{command} --update`", path.display()))?;
+    let path = path(name);
+    let committed = committed(name, &format!("{command} --update"))?;
     if committed == text {
         println!("{name}: as in {}", path.display());
         return Ok(());

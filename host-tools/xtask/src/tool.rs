@@ -1,7 +1,7 @@
 //! Third-party subcommands of cargo: found on this machine, or installed below `target/tools`.
 
-use crate::{process, toolchain::at_least, tree, workspace::Workspace};
-use anyhow::{Context, Result, bail};
+use crate::{process, toolchain::at_least, tree, workspace};
+use anyhow::{Context, Result, ensure};
 use std::{
     path::{Path, PathBuf},
     process::Command,
@@ -9,55 +9,31 @@ use std::{
 
 /// One of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tool {
-    /// Licences, bans, sources and advisories of packages.
-    Deny,
-    /// A bill of materials in the form of CycloneDX.
-    CycloneDx,
-    /// Tests of the tests.
-    Mutants,
+pub struct Tool {
+    /// Name of its package and of its program.
+    pub name: &'static str,
+    /// The version that is installed.
+    version: &'static str,
+    /// The oldest version that will do.
+    least: &'static str,
 }
 
+/// Licences, bans, sources and advisories of packages.
+pub const DENY: Tool = Tool { name: "cargo-deny", version: "0.20.2", least: "0.18.4" };
+/// A bill of materials in the form of CycloneDX.
+pub const CYCLONE_DX: Tool = Tool { name: "cargo-cyclonedx", version: "0.5.9", least: "0.5.7" };
+/// Tests of the tests.
+pub const MUTANTS: Tool = Tool { name: "cargo-mutants", version: "27.1.0", least: "25.0.0" };
+
 impl Tool {
-    /// Name of its package and of its program.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Deny => "cargo-deny",
-            Self::CycloneDx => "cargo-cyclonedx",
-            Self::Mutants => "cargo-mutants",
-        }
-    }
-
     /// Its name as a subcommand of cargo.
-    const fn subcommand(self) -> &'static str {
-        match self {
-            Self::Deny => "deny",
-            Self::CycloneDx => "cyclonedx",
-            Self::Mutants => "mutants",
-        }
-    }
-
-    /// The version that is installed.
-    const fn version(self) -> &'static str {
-        match self {
-            Self::Deny => "0.20.2",
-            Self::CycloneDx => "0.5.9",
-            Self::Mutants => "27.1.0",
-        }
-    }
-
-    /// The oldest version that will do.
-    const fn least(self) -> &'static str {
-        match self {
-            Self::Deny => "0.18.4",
-            Self::CycloneDx => "0.5.7",
-            Self::Mutants => "25.0.0",
-        }
+    fn subcommand(self) -> &'static str {
+        self.name.trim_start_matches("cargo-")
     }
 
     /// What to type if it cannot be installed from here.
     pub fn advice(self) -> String {
-        format!("`cargo install {} --locked --version {}`", self.name(), self.version())
+        format!("`cargo install {} --locked --version {}`", self.name, self.version)
     }
 
     /// The tool as cargo's own subcommand, ready for arguments; installed where it is missing.
@@ -65,7 +41,7 @@ impl Tool {
         let program = match self.found() {
             Ok((program, _)) => program,
             Err(reason) => {
-                println!("{}: {reason}", self.name());
+                println!("{}: {reason}", self.name);
                 self.install().with_context(|| format!("install it with {}", self.advice()))?;
                 self.found().map_err(anyhow::Error::msg)?.0
             }
@@ -77,7 +53,7 @@ impl Tool {
 
     /// Its program and its version line; or why there is none that will do.
     pub fn found(self) -> Result<(PathBuf, String), String> {
-        let file = format!("{}{}", self.name(), std::env::consts::EXE_SUFFIX);
+        let file = format!("{}{}", self.name, std::env::consts::EXE_SUFFIX);
         let folder = folder().map_err(|error| format!("{error:#}"))?;
         let installed = ["bin", "python/bin"].map(|below| folder.join(below).join(&file));
         let mut reason = "not there".to_owned();
@@ -85,9 +61,9 @@ impl Tool {
             let Some(line) = process::first_line(Command::new(&program).args([self.subcommand(), "--version"])) else {
                 continue;
             };
-            match at_least(&line, self.least()) {
+            match at_least(&line, self.least) {
                 true => return Ok((program, line)),
-                false => reason = format!("{line} is older than {}", self.least()),
+                false => reason = format!("{line} is older than {}", self.least),
             }
         }
         Err(reason)
@@ -97,14 +73,14 @@ impl Tool {
     /// one for this machine; else from its sources.
     pub fn install(self) -> Result<()> {
         let folder = folder()?;
-        if self == Self::Deny && cfg!(all(target_os = "linux", target_arch = "x86_64")) {
+        if self == DENY && cfg!(all(target_os = "linux", target_arch = "x86_64")) {
             match install_compiled(&folder) {
                 Ok(()) => return Ok(()),
                 Err(error) => println!("  {error:#}; compiling it instead"),
             }
         }
         let mut command = process::cargo();
-        command.args(["install", self.name(), "--locked", "--version", self.version(), "--root"]).arg(&folder);
+        command.args(["install", self.name, "--locked", "--version", self.version, "--root"]).arg(&folder);
         println!("  $ {} (takes minutes, once)", process::shown(&command));
         process::run(&mut command)
     }
@@ -112,21 +88,19 @@ impl Tool {
 
 /// Where they are installed.
 fn folder() -> Result<PathBuf> {
-    Ok(Workspace::read(&tree::root())?.target.join("tools"))
+    Ok(workspace::target()?.join("tools"))
 }
 
 /// From the Python Package Index, which also holds programs; pip checks the sum of the file against ours.
 fn install_compiled(folder: &Path) -> Result<()> {
-    if process::first_line(Command::new("python3").args(["-m", "pip", "--version"])).is_none() {
-        bail!("no pip on this machine");
-    }
+    let pip = process::first_line(Command::new("python3").args(["-m", "pip", "--version"]));
+    ensure!(pip.is_some(), "no pip on this machine");
     let mut command = Command::new("python3");
     command.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--root-user-action", "ignore"]);
     command.args(["--no-deps", "--only-binary", ":all:", "--require-hashes", "--upgrade", "--target"]);
     command.arg(folder.join("python")).arg("--requirement");
     command.arg(tree::root().join("host-tools/xtask/deny-requirements.txt"));
-    println!("  $ {}", process::shown(&command));
-    process::run(&mut command)
+    process::run_shown(&mut command)
 }
 
 #[cfg(test)]
@@ -136,6 +110,6 @@ mod tests {
     #[test]
     fn the_compiled_tool_has_the_pinned_version() {
         let requirements = include_str!("../deny-requirements.txt");
-        assert!(requirements.contains(&format!("cargo-deny=={} --hash=sha256:", Tool::Deny.version())));
+        assert!(requirements.contains(&format!("cargo-deny=={} --hash=sha256:", DENY.version)));
     }
 }

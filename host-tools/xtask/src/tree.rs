@@ -1,6 +1,13 @@
-//! The source tree: where it is, and what in it is built for the board's chip.
+//! The source tree: where it is, and what in it is built for the board's chip; and files, with errors that name them.
+//!
+//! A path that is not absolute is one from the root.
 
-use std::path::{Path, PathBuf};
+use anyhow::{Context, Result};
+use std::{
+    fs,
+    io::{self, ErrorKind},
+    path::{Path, PathBuf},
+};
 
 /// The triple of every Cortex-M4F image.
 pub const FIRMWARE_TARGET: &str = "thumbv7em-none-eabihf";
@@ -16,6 +23,56 @@ pub fn root() -> PathBuf {
         .filter(|path| path.ends_with("host-tools/xtask"))
         .unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")));
     here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
+}
+
+/// The bytes of a file.
+pub fn read(file: impl AsRef<Path>) -> Result<Vec<u8>> {
+    named("read", file.as_ref(), fs::read)
+}
+
+/// The text of a file.
+pub fn text(file: impl AsRef<Path>) -> Result<String> {
+    named("read", file.as_ref(), fs::read_to_string)
+}
+
+/// The text of a file; none if there is no such file.
+pub fn text_if_there(file: impl AsRef<Path>) -> Result<String> {
+    named("read", file.as_ref(), |path| match fs::read_to_string(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(String::new()),
+        result => result,
+    })
+}
+
+/// Writes a file.
+pub fn write(file: impl AsRef<Path>, content: impl AsRef<[u8]>) -> Result<()> {
+    named("write", file.as_ref(), |path| fs::write(path, content))
+}
+
+/// Makes a folder where there is none.
+pub fn make(folder: impl AsRef<Path>) -> Result<()> {
+    named("make", folder.as_ref(), fs::create_dir_all)
+}
+
+/// Removes a folder with all that is in it, where there is one.
+pub fn remove(folder: impl AsRef<Path>) -> Result<()> {
+    named("remove", folder.as_ref(), |path| if path.exists() { fs::remove_dir_all(path) } else { Ok(()) })
+}
+
+/// All files below a folder.
+pub fn files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
+    let mut files = Vec::new();
+    let mut folders = vec![root().join(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in named("read", &folder, fs::read_dir)? {
+            let path = entry?.path();
+            if path.is_dir() { &mut folders } else { &mut files }.push(path);
+        }
+    }
+    Ok(files)
+}
+
+fn named<T>(what: &str, path: &Path, action: impl FnOnce(PathBuf) -> io::Result<T>) -> Result<T> {
+    action(root().join(path)).with_context(|| format!("cannot {what} {}", path.display()))
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@ use crate::{
     accuracy, process, python,
     table::Options,
     tree,
-    workspace::{self, Part, Workspace},
+    workspace::{self, Part},
 };
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::process::Command;
 
 /// What the other methods import.
@@ -18,8 +18,7 @@ const REQUIREMENTS: &str = "tests/python/validation-requirements.txt";
 
 /// The data, the other methods, the table.
 pub fn run(options: &Options) -> Result<()> {
-    let folder = Workspace::read(&tree::root())?.target.join("validation");
-    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let folder = workspace::folder("validation")?;
     let path = folder.to_string_lossy().into_owned();
     // An earlier run's files must not pass for this one's.
     for left in ["rivals.json", "plant.json"] {

@@ -2,11 +2,10 @@
 
 use crate::{
     data, process, python, tree,
-    workspace::{self, Part, Workspace},
+    workspace::{self, Part},
 };
 use anyhow::{Context, Result, bail};
 use std::{
-    fs,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -26,14 +25,12 @@ pub struct Options {
 
 /// Builds the wheel and tests it in an environment of its own.
 pub fn run(options: &Options) -> Result<()> {
-    let target = Workspace::read(&tree::root())?.target;
-    let python = python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)?;
+    let target = workspace::target()?;
+    let python = environment(&target)?;
     // The wheel for the tests has a folder of its own.
     let folder = target.join(if options.debug { "wheel/debug" } else { "wheels" });
     let wheel = built(&python, &folder, options)?;
-    let mut pip = Command::new(&python);
-    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--force-reinstall", "--no-deps"]);
-    process::run(pip.arg(&wheel)).context("the wheel could not be installed")?;
+    python::install(&python, &wheel)?;
     let package = tree::root().join(PACKAGE);
     let module = |name: &str, arguments: &[&str]| {
         let mut command = Command::new(&python);
@@ -61,27 +58,26 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// The wheel as it is released.
 pub fn released() -> Result<PathBuf> {
-    let target = Workspace::read(&tree::root())?.target;
-    let python = python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)?;
-    built(&python, &target.join("wheels"), &Options::default())
+    let target = workspace::target()?;
+    built(&environment(&target)?, &target.join("wheels"), &Options::default())
+}
+
+/// A Python with what builds and tests the wheel.
+fn environment(target: &Path) -> Result<PathBuf> {
+    python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)
 }
 
 /// The wheel in a folder that holds nothing else.
 fn built(python: &Path, folder: &Path, options: &Options) -> Result<PathBuf> {
-    if folder.is_dir() {
-        fs::remove_dir_all(folder).with_context(|| format!("cannot empty {}", folder.display()))?;
-    }
+    tree::remove(folder)?;
     let mut maturin = Command::new(python);
     maturin.current_dir(tree::root()).args(["-m", "maturin", "build", "--locked", "--quiet"]);
     maturin.args(["--profile", if options.debug { "dev" } else { "release" }]);
     maturin.arg("--manifest-path").arg(Path::new(PACKAGE).join("Cargo.toml")).arg("--out").arg(folder);
     process::run(&mut maturin).context("the wheel could not be built")?;
-    let mut wheels = Vec::new();
-    for entry in fs::read_dir(folder).with_context(|| format!("no wheel in {}", folder.display()))? {
-        wheels.push(entry?.path());
-    }
-    match wheels.as_slice() {
-        [wheel] => Ok(wheel.clone()),
-        others => bail!("one wheel is expected in {}, not {}", folder.display(), others.len()),
+    let wheels = tree::files(folder).with_context(|| format!("no wheel in {}", folder.display()))?;
+    match <[PathBuf; 1]>::try_from(wheels) {
+        Ok([wheel]) => Ok(wheel),
+        Err(others) => bail!("one wheel is expected in {}, not {}", folder.display(), others.len()),
     }
 }

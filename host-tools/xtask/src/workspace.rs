@@ -1,7 +1,7 @@
 //! The three workspaces, what `cargo metadata` reports of them, and the programs made from them.
 
 use crate::{process, tree};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 use std::{
     path::{Component, Path, PathBuf},
@@ -67,17 +67,28 @@ impl Part {
 
     /// Does the same in each, and continues after a failure.
     pub fn each(mut action: impl FnMut(Self) -> Result<()>) -> Result<()> {
-        let failed: Vec<_> = Self::ALL.into_iter().filter_map(|part| action(part).err()).collect();
-        match failed.is_empty() {
-            true => Ok(()),
-            false => bail!("{}", failed.iter().map(|error| format!("{error:#}")).collect::<Vec<_>>().join("; ")),
-        }
+        let failed = Self::ALL.into_iter().filter_map(|part| action(part).err());
+        let failed: Vec<_> = failed.map(|error| format!("{error:#}")).collect();
+        ensure!(failed.is_empty(), "{}", failed.join("; "));
+        Ok(())
     }
+}
+
+/// Where cargo builds.
+pub fn target() -> Result<PathBuf> {
+    Ok(Workspace::read(&tree::root())?.target)
+}
+
+/// A folder there, made if it is missing.
+pub fn folder(name: &str) -> Result<PathBuf> {
+    let folder = target()?.join(name);
+    tree::make(&folder)?;
+    Ok(folder)
 }
 
 /// File in which each test that could not run leaves its name and the reason.
 pub fn skipped_list() -> Result<PathBuf> {
-    Ok(Workspace::read(&tree::root())?.target.join("skipped.txt"))
+    Ok(target()?.join("skipped.txt"))
 }
 
 /// One member of a workspace.
@@ -134,7 +145,7 @@ impl Workspace {
 
 fn member(value: &Value) -> Result<Member> {
     let manifest = PathBuf::from(text(value, "manifest_path")?);
-    let Some(folder) = manifest.parent() else { bail!("{}: a manifest without a folder", manifest.display()) };
+    let folder = manifest.parent().with_context(|| format!("{}: a manifest without a folder", manifest.display()))?;
     let mut roots = Vec::new();
     for target in array(value, "targets")? {
         let kinds = array(target, "kind")?;
@@ -176,9 +187,8 @@ pub fn installed() -> Result<PathBuf> {
 }
 
 /// Where cargo leaves a program.
-fn program(name: &str, folder: &str) -> Result<PathBuf> {
-    let file = format!("{name}{}", std::env::consts::EXE_SUFFIX);
-    Ok(Workspace::read(&tree::root())?.target.join(folder).join(file))
+pub fn program(name: &str, folder: &str) -> Result<PathBuf> {
+    Ok(target()?.join(folder).join(format!("{name}{}", std::env::consts::EXE_SUFFIX)))
 }
 
 #[cfg(test)]

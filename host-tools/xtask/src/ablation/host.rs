@@ -5,8 +5,7 @@
 use super::heuristics::{Heuristic, buys, one, tested};
 use crate::{
     copy::{self, Edit},
-    process, table, tree,
-    workspace::Workspace,
+    process, table, workspace,
 };
 use anyhow::{Context, Result};
 use std::{collections::BTreeMap, path::Path, process::Command};
@@ -218,15 +217,14 @@ impl Column {
 
 /// Builds and runs everything, then writes or compares the table.
 pub fn run(update: bool) -> Result<()> {
-    let folder = Workspace::read(&tree::root())?.target.join("ablation/host");
+    let folder = workspace::target()?.join("ablation/host");
     let whole = measured(&folder, &[])?;
     let mut text = String::from(HEAD);
     for Heuristic { name, edits, test } in PARTS {
         let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
         let line = line(name, &whole, &without, *test)?;
         println!("{line}");
-        text += &line;
-        text.push('\n');
+        text += &(line + "\n");
     }
     table::settle_text("ablation-host", "cargo xtask ablation --host", &text, update)
 }

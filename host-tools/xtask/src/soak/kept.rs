@@ -1,8 +1,7 @@
 //! Hours soaked so far, in portions between which a run can be stopped: docs/tables/soak.md.
 
 use crate::{table::Row, tree};
-use anyhow::{Context, Result};
-use std::{fs, io::ErrorKind};
+use anyhow::Result;
 
 /// The committed table, from the root.
 const TABLE: &str = "docs/tables/soak.md";
@@ -46,11 +45,7 @@ pub struct Kept(Vec<Portion>);
 impl Kept {
     /// Those in the table.
     pub fn read() -> Result<Self> {
-        match fs::read_to_string(tree::root().join(TABLE)) {
-            Ok(text) => Ok(Self::parse(&text)),
-            Err(error) if error.kind() == ErrorKind::NotFound => Ok(Self::default()),
-            Err(error) => Err(error).with_context(|| format!("cannot read {TABLE}")),
-        }
+        Ok(Self::parse(&tree::text_if_there(TABLE)?))
     }
 
     /// Length of the next portion \[h\] towards so many hours in all.
@@ -62,7 +57,7 @@ impl Kept {
     /// Adds a portion with these figures, and writes the table.
     pub fn add(&mut self, commit: &str, hours: f64, rows: &[Row]) -> Result<()> {
         self.0.push(Portion::of(commit, hours, rows));
-        fs::write(tree::root().join(TABLE), self.markdown()).with_context(|| format!("cannot write {TABLE}"))
+        tree::write(TABLE, self.markdown())
     }
 
     fn hours(&self) -> f64 {
