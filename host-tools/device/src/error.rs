@@ -135,7 +135,7 @@ impl DeviceError {
     }
 }
 
-fn with_serial(serial: &Option<String>) -> String {
+pub(crate) fn with_serial(serial: &Option<String>) -> String {
     serial.as_ref().map(|serial| format!(" with serial {serial}")).unwrap_or_default()
 }
 

@@ -45,12 +45,7 @@ pub struct Image {
     pub file: String,
     /// Which firmware.
     pub identity: Identity,
-    /// All of bank 1 as it should be.
-    flash: Vec<u8>,
-    /// Addresses of the pages that hold bytes of the file.
-    pages: BTreeSet<u32>,
-    /// Bytes in the file's segments.
-    length: usize,
+    content: Content,
 }
 
 impl Image {
@@ -69,45 +64,44 @@ impl Image {
 
     /// The image in `bytes`.
     pub fn parse(file: String, bytes: &[u8]) -> Result<Self, ImageError> {
-        let mut image = Draft { flash: vec![0xFF; CODE.len()], pages: BTreeSet::new(), length: 0 };
+        let mut content = Content { flash: vec![0xFF; CODE.len()], pages: BTreeSet::new(), length: 0 };
         if bytes.starts_with(b"\x7FELF") {
             for segment in elf::segments(&file, bytes)? {
-                image.put(&file, segment.address, segment.bytes)?;
+                content.put(&file, segment.address, segment.bytes)?;
             }
         } else {
             if let Some(what) = other_kind(bytes) {
                 return Err(ImageError::Kind { file, what });
             }
-            image.put(&file, u64::from(CODE.start), bytes)?;
+            content.put(&file, u64::from(CODE.start), bytes)?;
         }
-        image.check_vectors(&file)?;
-        let identity = image.identity(&file)?;
-        let Draft { flash, pages, length } = image;
-        Ok(Self { file, identity, flash, pages, length })
+        content.check_vectors(&file)?;
+        let identity = content.identity(&file)?;
+        Ok(Self { file, identity, content })
     }
 
     /// The pages to write with their addresses, in order; each is [`PAGE`] bytes long.
     pub fn pages(&self) -> impl Iterator<Item = (u32, &[u8])> {
-        self.pages.iter().filter_map(|&address| {
+        self.content.pages.iter().filter_map(|&address| {
             let start = usize::try_from(address - CODE.start).ok()?;
-            Some((address, self.flash.get(start..start + PAGE as usize)?))
+            Some((address, self.content.flash.get(start..start + PAGE as usize)?))
         })
     }
 
     /// Number of pages.
     pub fn page_count(&self) -> usize {
-        self.pages.len()
+        self.content.pages.len()
     }
 
     /// Bytes that the file has for flash.
     pub fn length(&self) -> usize {
-        self.length
+        self.content.length
     }
 
     /// Pages that follow each other, as address ranges: first byte and last byte.
     pub fn extents(&self) -> Vec<(u32, u32)> {
         let mut extents: Vec<(u32, u32)> = Vec::new();
-        for &page in &self.pages {
+        for &page in &self.content.pages {
             let last = page + (PAGE - 1);
             match extents.last_mut() {
                 Some(extent) if extent.1 + 1 == page => extent.1 = last,
@@ -118,14 +112,18 @@ impl Image {
     }
 }
 
-/// An image that is being put together.
-struct Draft {
+/// What an image has for flash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Content {
+    /// All of bank 1 as it should be.
     flash: Vec<u8>,
+    /// Addresses of the pages that hold bytes of the file.
     pages: BTreeSet<u32>,
+    /// Bytes in the file's segments.
     length: usize,
 }
 
-impl Draft {
+impl Content {
     fn put(&mut self, file: &str, address: u64, bytes: &[u8]) -> Result<(), ImageError> {
         if bytes.is_empty() {
             return Ok(());

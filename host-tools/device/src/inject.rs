@@ -174,14 +174,12 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
                 return Err(DeviceError::NoReply { name: self.device.name().into(), what: WHAT }.into());
             }
             let Some(received) = self.device.receive()? else { continue };
-            match &received.frame {
-                Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
-                    let name = self.device.name().to_string();
-                    let refused = |refusal| DeviceError::Refused { name, what: "a batch of samples", refusal };
-                    return Ok(reply.result.map_err(refused)?);
-                }
-                _ => self.take(&received)?,
+            if let Some(result) = received.reply_to(id) {
+                let name = self.device.name().to_string();
+                let refused = |refusal| DeviceError::Refused { name, what: "a batch of samples", refusal };
+                return Ok(result.map_err(refused)?);
             }
+            self.take(&received)?;
         }
     }
 

@@ -9,7 +9,7 @@ use std::{
 use inerter_core::Settings;
 use inerter_wire::{
     Capabilities, Command, Counts, DELIMITER, Done, Frame, FrameReader, Hello, MAX_FRAME, Measure, Measured, Reading,
-    Record, Request, SequenceCounter, Streams, encode_request,
+    Record, Refusal, Request, SequenceCounter, Streams, encode_request,
 };
 
 use crate::{
@@ -70,6 +70,16 @@ pub struct Received {
     pub bytes: Vec<u8>,
     /// What it holds.
     pub frame: Frame<Record>,
+}
+
+impl Received {
+    /// What the device answers to the request with this id, if this is its reply.
+    pub(crate) fn reply_to(&self, id: u16) -> Option<Result<Done, Refusal>> {
+        match &self.frame {
+            Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => Some(reply.result),
+            _ => None,
+        }
+    }
 }
 
 /// An open conversation.
@@ -227,12 +237,8 @@ impl Device {
         loop {
             self.poll()?;
             for received in self.talk.queue.range(seen.min(self.talk.queue.len())..) {
-                match &received.frame {
-                    Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => {
-                        let name = || self.name.clone();
-                        return reply.result.map_err(|refusal| DeviceError::Refused { name: name(), what, refusal });
-                    }
-                    _ => {}
+                if let Some(result) = received.reply_to(id) {
+                    return result.map_err(|refusal| DeviceError::Refused { name: self.name.clone(), what, refusal });
                 }
             }
             seen = self.talk.queue.len();
@@ -252,7 +258,7 @@ impl Device {
 
     /// Chooses which records come unasked.
     pub fn stream(&mut self, streams: Streams) -> Result<(), DeviceError> {
-        self.request("to choose the streams", Command::Streams(streams)).map(|_| ())
+        self.request("to choose the streams", Command::Streams(streams)).map(drop)
     }
 
     /// Lets the device's own sampler run, where it has one; harmless when it runs already.
@@ -300,7 +306,13 @@ impl Device {
                 asked = Some(Instant::now());
             }
             self.poll()?;
-            if let Some(hello) = self.talk.queue.iter().find_map(|received| message(received, as_hello)) {
+            let hello = self.talk.queue.iter().find_map(|received| {
+                message(received, |record| match record {
+                    Record::Hello(hello) => Some(hello.clone()),
+                    _ => None,
+                })
+            });
+            if let Some(hello) = hello {
                 return Ok(hello);
             }
         }
@@ -308,29 +320,45 @@ impl Device {
 
     /// Asks for the settings in use.
     pub(crate) fn read_settings(&mut self) -> Result<(), DeviceError> {
-        let before = self.talk.queue.len();
-        self.request("to read its settings", Command::ReadSettings)?;
-        // The last one: an earlier one may tell of a change before.
-        let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_settings));
-        let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
-        self.reading = values.read(&Settings::default());
+        let values = self.asked("to read its settings", Command::ReadSettings, REPLY_TIME, |record| match record {
+            Record::Settings(values) => Some(values.clone()),
+            _ => None,
+        })?;
+        self.reading = values.ok_or_else(|| self.silent(REPLY_TIME))?.read(&Settings::default());
         Ok(())
+    }
+
+    /// What the device says before it replies to a command.
+    fn asked<T>(
+        &mut self,
+        what: &'static str,
+        command: Command,
+        time: Duration,
+        of: fn(&Record) -> Option<T>,
+    ) -> Result<Option<T>, DeviceError> {
+        let before = self.talk.queue.len();
+        self.request_within(what, command, time)?;
+        // The last one: an earlier one may tell of a change before.
+        Ok(self.talk.queue.range(before..).rev().find_map(|received| message(received, of)))
     }
 
     /// What the device keeps over a restart, in use or not; what it does not know is as in `Settings::default`.
     pub fn saved_settings(&mut self) -> Result<Settings, DeviceError> {
-        let before = self.talk.queue.len();
-        self.request("to read what it has saved", Command::ReadSaved)?;
-        let values = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_saved));
-        let values = values.ok_or_else(|| self.silent(REPLY_TIME))?;
-        Ok(values.read(&Settings::default()).settings)
+        let values =
+            self.asked("to read what it has saved", Command::ReadSaved, REPLY_TIME, |record| match record {
+                Record::Saved(values) => Some(values.clone()),
+                _ => None,
+            })?;
+        Ok(values.ok_or_else(|| self.silent(REPLY_TIME))?.read(&Settings::default()).settings)
     }
 
     /// Lets the board measure something of itself; nothing where it said nothing, or something else.
     pub fn measure(&mut self, what: Measure) -> Result<Option<Measured>, DeviceError> {
-        let before = self.talk.queue.len();
-        self.request_within("to measure itself", Command::Measure(what), MEASURE_TIME)?;
-        let measured = self.talk.queue.range(before..).rev().find_map(|received| message(received, as_measured));
+        let measured =
+            self.asked("to measure itself", Command::Measure(what), MEASURE_TIME, |record| match record {
+                Record::Measured(measured) => Some(measured.clone()),
+                _ => None,
+            })?;
         Ok(measured.filter(|measured| measured.what == what))
     }
 
@@ -342,7 +370,7 @@ impl Device {
 
     /// Keeps the settings in use over a restart.
     pub fn save_settings(&mut self) -> Result<(), DeviceError> {
-        self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(|_| ())
+        self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(drop)
     }
 
     /// Whether it can keep settings over a restart.
@@ -371,17 +399,13 @@ impl Device {
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), DeviceError> {
-        let result = self.link.write_all(bytes);
-        result.map_err(|error| self.vanished(link_words(&error)))
+        self.link.write_all(bytes).map_err(|error| self.vanished(&error))
     }
 
     /// Takes what has come off the link into the queue.
     fn poll(&mut self) -> Result<(), DeviceError> {
         let mut portion = [0; 4096];
-        let count = match self.link.read(&mut portion) {
-            Ok(count) => count,
-            Err(error) => return Err(self.vanished(link_words(&error))),
-        };
+        let count = self.link.read(&mut portion).map_err(|error| self.vanished(&error))?;
         let time_ns = self.talk.clock.now_ns();
         let mut input = portion.get(..count).unwrap_or_default();
         while let Some(frame) = self.talk.reader.read(&mut input) {
@@ -405,7 +429,12 @@ impl Device {
         DeviceError::Silent { name: self.name.clone(), seconds: time.as_secs_f64() }
     }
 
-    fn vanished(&self, reason: String) -> DeviceError {
+    /// What an error of the link means.
+    fn vanished(&self, error: &io::Error) -> DeviceError {
+        let reason = match error.kind() {
+            io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => "the connection was closed".into(),
+            _ => error.to_string(),
+        };
         DeviceError::Vanished { name: self.name.clone(), reason, kept: String::new() }
     }
 }
@@ -416,33 +445,9 @@ fn first_id(clock: &Clock) -> u16 {
     (clock.now_ns() / 1000 % 0xFFFF) as u16 + 1
 }
 
-/// What an error of the link means.
-fn link_words(error: &io::Error) -> String {
-    match error.kind() {
-        io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof => "the connection was closed".into(),
-        _ => error.to_string(),
-    }
-}
-
 fn message<T>(received: &Received, of: fn(&Record) -> Option<T>) -> Option<T> {
     match &received.frame {
         Frame::Message { message, .. } => of(message),
         _ => None,
     }
-}
-
-fn as_hello(record: &Record) -> Option<Hello> {
-    if let Record::Hello(hello) = record { Some(hello.clone()) } else { None }
-}
-
-fn as_settings(record: &Record) -> Option<inerter_wire::SettingsValues> {
-    if let Record::Settings(values) = record { Some(values.clone()) } else { None }
-}
-
-fn as_measured(record: &Record) -> Option<Measured> {
-    if let Record::Measured(measured) = record { Some(measured.clone()) } else { None }
-}
-
-fn as_saved(record: &Record) -> Option<inerter_wire::SettingsValues> {
-    if let Record::Saved(values) = record { Some(values.clone()) } else { None }
 }

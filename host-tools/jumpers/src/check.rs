@@ -19,9 +19,9 @@ impl Check {
         name: &'static str,
         expected: impl Into<String>,
         found: impl Into<String>,
-        cause: Option<String>,
+        cause: Option<impl Into<String>>,
     ) -> Self {
-        Self { name, expected: expected.into(), found: found.into(), cause }
+        Self { name, expected: expected.into(), found: found.into(), cause: cause.map(Into::into) }
     }
 
     /// Whether it is passed.
@@ -54,6 +54,11 @@ impl Report {
     /// Whether all checks were made and passed.
     pub fn passed(&self) -> bool {
         self.measured.is_some() && self.checks.iter().all(Check::passed)
+    }
+
+    /// Takes a check only where it is not passed; whether it is.
+    pub(crate) fn holds(&mut self, check: Check) -> bool {
+        check.passed() || self.take(check)
     }
 
     /// Takes a check; whether it is passed.

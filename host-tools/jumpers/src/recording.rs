@@ -92,7 +92,22 @@ pub fn record(
     phase_ticks: u16,
     burst: Option<(u16, u16)>,
 ) -> Result<Recording, JumperError> {
-    in_time(board, |board| played(board, tape, phase_ticks, burst))
+    in_time(board, |board| {
+        let mut playing = Playing::begin(board, phase_ticks)?;
+        playing.put(board, tape.knots())?;
+        playing.play_out(board)?;
+        if let Some((edge_ticks, blocks)) = burst {
+            ask(board, "play a burst", Play::Burst { edge_ticks, blocks })?;
+            for _ in 0..MOST_LISTENS {
+                playing.wait(board, TAIL_S)?;
+                let (edges, _) = ask(board, PROGRESS, Play::Progress)?;
+                if edges == std::mem::replace(&mut playing.recording.edges, edges) {
+                    break;
+                }
+            }
+        }
+        playing.end(board)
+    })
 }
 
 /// Plays until no knot comes too late, nor so late that the board has let go; a few times at most.
@@ -122,44 +137,20 @@ fn because(board: &mut impl Board, played: Result<Recording, JumperError>) -> Re
     }
 }
 
-fn played(
-    board: &mut impl Board,
-    tape: &Tape,
-    phase_ticks: u16,
-    burst: Option<(u16, u16)>,
-) -> Result<Recording, JumperError> {
-    let mut playing = Playing::begin(board, phase_ticks)?;
-    playing.put(board, tape.knots())?;
-    playing.play_out(board)?;
-    if let Some((edge_ticks, blocks)) = burst {
-        ask(board, "play a burst", Play::Burst { edge_ticks, blocks })?;
-        for _ in 0..MOST_LISTENS {
-            playing.wait(board, TAIL_S)?;
-            let (edges, _) = ask(board, PROGRESS, Play::Progress)?;
-            if edges == std::mem::replace(&mut playing.recording.edges, edges) {
-                break;
-            }
-        }
-    }
-    playing.end(board)
-}
-
 /// Plays a tape that begins at rest, to an estimator that knows nothing before that rest: the inputs float until the
 /// outputs are driven, which would be a force and a displacement of no device. With them the terminal's stiffness came
 /// out a 16th of what it is, and gave no backlash.
 pub fn record_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
-    in_time(board, |board| played_from_rest(board, tape, phase_ticks))
-}
-
-fn played_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
-    let mut playing = Playing::begin(board, phase_ticks)?;
-    let (rest, motion) = tape.knots().split_at(REST);
-    playing.put(board, rest)?;
-    playing.wait(board, AT_REST_S)?;
-    board.request(Command::ResetEstimator)?;
-    playing.put(board, motion)?;
-    playing.play_out(board)?;
-    playing.end(board)
+    in_time(board, |board| {
+        let mut playing = Playing::begin(board, phase_ticks)?;
+        let (rest, motion) = tape.knots().split_at(REST);
+        playing.put(board, rest)?;
+        playing.wait(board, AT_REST_S)?;
+        board.request(Command::ResetEstimator)?;
+        playing.put(board, motion)?;
+        playing.play_out(board)?;
+        playing.end(board)
+    })
 }
 
 /// A board that plays.

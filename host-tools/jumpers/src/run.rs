@@ -33,7 +33,7 @@ pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
     let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
         .into_iter()
-        .try_for_each(|command| board.request(command).map(|_| ()));
+        .try_for_each(|command| board.request(command).map(drop));
     let report = outcome?;
     restored.map_err(JumperError::refused("take back its settings"))?;
     Ok(report)
@@ -99,11 +99,8 @@ fn motions(
         record_from_rest(board, tape, SETTLED_TICKS)
     };
     let sound = play(&motion::tape(motion::truth(), chain)?, Route::Force)?;
-    let sampled = sampling(&sound);
-    if !sampled.passed() {
-        return Ok(report.take(sampled));
-    }
-    let passed = (clock_is_known || report.take(motion::timebase(&sound)))
+    let passed = report.holds(sampling(&sound))
+        && (clock_is_known || report.take(motion::timebase(&sound)))
         && motion::parameters(&sound.estimate.unwrap_or_default(), report);
     if !passed {
         return Ok(false);
@@ -111,11 +108,8 @@ fn motions(
     let worn = motion::tape(motion::worn(), chain)?;
     for route in [Route::Force, Route::Terminal] {
         let recording = play(&worn, route)?;
-        let sampled = sampling(&recording);
-        if !sampled.passed() {
-            return Ok(report.take(sampled));
-        }
-        if !motion::backlash(&recording.detail.unwrap_or_default(), route, report) {
+        let detail = recording.detail.unwrap_or_default();
+        if !(report.holds(sampling(&recording)) && motion::backlash(&detail, route, report)) {
             return Ok(false);
         }
     }
@@ -126,7 +120,7 @@ fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, J
     let levels = Levels::new();
     let recording = match record(board, &levels.tape, SETTLED_TICKS, None) {
         Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
-            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP.to_owned())));
+            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)));
             return Ok(None);
         }
         other => other?,
@@ -146,24 +140,20 @@ fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperErro
     let tape = Tape::new();
     let recording = record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)))?;
     let (wired, aligned) = encoder(&tape, &recording);
-    for check in [sampling(&recording), wired] {
-        if !check.passed() {
-            return Ok(report.take(check));
-        }
+    if !(report.holds(sampling(&recording)) && report.holds(wired)) {
+        return Ok(false);
     }
     let positions = positions(&recording);
     // Before the burst, where the tape ends; and after it, before the pins were let go.
     let ended = aligned.map_or(0, |aligned| (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64) - 1;
-    let before = positions.get(ended.max(0) as usize).copied().unwrap_or(0.0);
-    let last = recording.driven.saturating_sub(1);
-    let after = positions.get(last).copied().unwrap_or(0.0);
-    let counted = (after - before).round();
+    let at = |place: usize| positions.get(place).copied().unwrap_or(0.0);
+    let counted = (at(recording.driven.saturating_sub(1)) - at(ended.max(0) as usize)).round();
     let played = f64::from(recording.edges);
     let (wanted, lost) = (f64::from(BLOCKS) * 256.0, played - counted);
     let cause = if played != wanted {
-        Some("the burst was not played completely: please send this page to us".to_owned())
+        Some("the burst was not played completely: please send this page to us")
     } else {
-        (lost != 0.0).then(|| "edges are lost at the highest rate: shorten the wires to A and B".to_owned())
+        (lost != 0.0).then_some("edges are lost at the highest rate: shorten the wires to A and B")
     };
     let rate = 168.0 / f64::from(EDGE_TICKS);
     let expected = format!("{wanted} counts at {rate} million a second");

@@ -147,11 +147,8 @@ pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64,
     for phase in PHASES {
         let recording = record(board, &tape, phase, None)?;
         let (check, aligned) = encoder(&tape, &recording);
-        for check in [sampling(&recording), check] {
-            if !check.passed() {
-                report.take(check);
-                return Ok(None);
-            }
+        if !(report.holds(sampling(&recording)) && report.holds(check)) {
+            return Ok(None);
         }
         let Some(aligned) = aligned else { return Ok(None) };
         let phase_us = f64::from(recording.phase_ticks) / TICKS_PER_US;
@@ -184,9 +181,8 @@ fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let found = format!("force {:.2} us, terminal {:.2} us", looks[0].at_us, looks[1].at_us);
     let timed = report.take(Check::new("timing", expected, found, cause));
     let slow = looks.iter().any(|look| look.settling_us > SETTLING_US);
-    let cause = slow.then(|| {
-        "an output settles too slowly: disconnect everything but the jumpers from PA4, PA6, PA0 and PA1".into()
-    });
+    let cause = slow
+        .then_some("an output settles too slowly: disconnect everything but the jumpers from PA4, PA6, PA0 and PA1");
     let found = format!("{:.2} us and {:.2} us", looks[0].settling_us, looks[1].settling_us);
     timed && report.take(Check::new("settling", format!("under {SETTLING_US} us"), found, cause))
 }

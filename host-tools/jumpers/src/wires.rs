@@ -102,7 +102,7 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
             ..=-1.0 => "the wire to B (PB2 to PB3) is missing",
             _ => "the wires to A (PB1 to PA15) and B (PB2 to PB3) are missing",
         };
-        return (Check::new(NAME, expected, "no count that lasts", Some(cause.to_owned())), None);
+        return (Check::new(NAME, expected, "no count that lasts", Some(cause)), None);
     };
     let Aligned { ratio, residual_counts, .. } = aligned;
     let cause = match ratio {
@@ -112,7 +112,7 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
         _ => Some("edges are lost, or noise is counted: check the wires to A and B and the ground"),
     };
     let found = format!("{ratio:.4} counts, {residual_counts:.3} left");
-    (Check::new(NAME, expected, found, cause.map(str::to_owned)), Some(aligned))
+    (Check::new(NAME, expected, found, cause), Some(aligned))
 }
 
 /// Mean and deviation of a channel while knots are held; without the first two, as the voltage still moves.
@@ -206,6 +206,6 @@ pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: 
         [true, false] => Some("noise on the terminal's wire: shorten it, and keep it away from the encoder's"),
     };
     let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
-    let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause.map(str::to_owned));
+    let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause);
     report.take(check).then_some(Chain { force: force.0, terminal: terminal.0, noise_lsb: noise[0] })
 }

@@ -52,6 +52,13 @@ pub enum Motion {
     Stuck,
 }
 
+impl Motion {
+    /// -1 backward, else 1.
+    fn sign(self) -> f64 {
+        if self == Self::Backward { -1.0 } else { 1.0 }
+    }
+}
+
 /// What the flanks do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flank {
@@ -63,6 +70,17 @@ pub enum Flank {
     Flight,
     /// There is no backlash, and they pull as they push: they always touch.
     Closed,
+}
+
+impl Flank {
+    /// The flank that touches, 1 or -1; else 0.
+    fn side(self) -> f64 {
+        match self {
+            Self::Positive => 1.0,
+            Self::Negative => -1.0,
+            Self::Flight | Self::Closed => 0.0,
+        }
+    }
 }
 
 /// The true state at one time.
@@ -90,25 +108,6 @@ pub struct Truth {
     pub motion: Motion,
     /// What the flanks do.
     pub contact: Flank,
-}
-
-impl Truth {
-    /// At rest in the middle of the backlash.
-    fn rest(t_s: f64, contact: Flank) -> Self {
-        Self {
-            t_s,
-            x1_m: 0.0,
-            v1_m_per_s: 0.0,
-            a1_m_per_s2: 0.0,
-            x2_m: 0.0,
-            v2_m_per_s: 0.0,
-            a2_m_per_s2: 0.0,
-            force_n: 0.0,
-            friction_n: 0.0,
-            motion: Motion::Stuck,
-            contact,
-        }
-    }
 }
 
 /// A stretch of time within one mode, on which the motion is one polynomial.
@@ -154,7 +153,7 @@ impl Segment {
 
     /// State at `t_s`, which is held to the segment.
     pub fn at(&self, t_s: f64) -> Truth {
-        Truth { t_s, ..self.at_unit(((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end)) }
+        Truth { t_s, ..self.at_unit(self.unit_at(t_s)) }
     }
 
     /// State at a fraction of the segment, 0 at its start and 1 at its end.
@@ -162,15 +161,19 @@ impl Segment {
         self.at_unit(self.end * fraction.clamp(0.0, 1.0))
     }
 
+    /// The time in units, held to the segment.
+    fn unit_at(&self, t_s: f64) -> f64 {
+        ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end)
+    }
+
     fn at_unit(&self, u: f64) -> Truth {
         let h = self.unit_s;
         let v2 = slope(&self.x2, u) / h;
         let motion = match self.motion {
-            Motion::Stuck => Motion::Stuck,
-            _ if self.never_sticks && v2 > 0.0 => Motion::Forward,
-            _ if self.never_sticks && v2 < 0.0 => Motion::Backward,
-            _ if self.never_sticks => Motion::Stuck,
-            other => other,
+            moves if !self.never_sticks => moves,
+            Motion::Forward | Motion::Backward if v2 > 0.0 => Motion::Forward,
+            Motion::Forward | Motion::Backward if v2 < 0.0 => Motion::Backward,
+            _ => Motion::Stuck,
         };
         let force_n = self.force_n(u);
         let friction_n = match self.motion {
@@ -195,18 +198,18 @@ impl Segment {
 
     /// Force on the load cell at `t_s`: contact and structure mass \[N\].
     pub(crate) fn cell_at_n(&self, t_s: f64) -> f64 {
-        let u = ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end);
+        let u = self.unit_at(t_s);
         self.force_n(u) + self.structure_mass_kg * (curvature(&self.x1, u) / (self.unit_s * self.unit_s))
     }
 
     /// Terminal displacement at `t_s` \[m\].
     pub(crate) fn x1_at_m(&self, t_s: f64) -> f64 {
-        value(&self.x1, ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end))
+        value(&self.x1, self.unit_at(t_s))
     }
 
     /// Screw displacement at `t_s` \[m\].
     pub(crate) fn x2_at_m(&self, t_s: f64) -> f64 {
-        value(&self.x2, ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end))
+        value(&self.x2, self.unit_at(t_s))
     }
 
     fn force_n(&self, u: f64) -> f64 {
@@ -281,12 +284,10 @@ impl Plant {
         let longest_s = LONGEST_STEP_S.min(STEP_RAD / fastest_rad_per_s);
         let step_s = longest_s.min(excitation.longest_step_s());
         let mut plant = Self::with_step(device, excitation, step_s)?;
-        for &(at_s, device) in &later {
-            if !(0.0..=1e9).contains(&at_s) {
-                return Err(PlantError::OutOfRange { field: "change_at_s", value: at_s, min: 0.0, max: 1e9 });
-            }
-            plant.later.push((at_s, device));
+        if let Some(&(value, _)) = later.iter().find(|(at_s, _)| !(0.0..=1e9).contains(at_s)) {
+            return Err(PlantError::OutOfRange { field: "change_at_s", value, min: 0.0, max: 1e9 });
         }
+        plant.later = later;
         plant.later.sort_by(|a, b| b.0.total_cmp(&a.0));
         Ok(plant)
     }
@@ -333,9 +334,21 @@ impl Plant {
         self.forced
     }
 
-    /// The state before time zero.
+    /// The state before time zero: at rest in the middle of the backlash.
     pub(crate) fn rest_at(&self, t_s: f64) -> Truth {
-        Truth::rest(t_s, if self.device.is_closed() { Flank::Closed } else { Flank::Flight })
+        Truth {
+            t_s,
+            x1_m: 0.0,
+            v1_m_per_s: 0.0,
+            a1_m_per_s2: 0.0,
+            x2_m: 0.0,
+            v2_m_per_s: 0.0,
+            a2_m_per_s2: 0.0,
+            force_n: 0.0,
+            friction_n: 0.0,
+            motion: Motion::Stuck,
+            contact: if self.device.is_closed() { Flank::Closed } else { Flank::Flight },
+        }
     }
 
     /// The next stretch of time within one mode.
@@ -439,17 +452,12 @@ impl Plant {
     /// The Taylor series of the present mode over `h`, for the `x1` given.
     fn series(&self, x1: [f64; 6], h: f64) -> Segment {
         let p = &self.device;
-        let (ks, cs, side) = match self.contact {
-            Flank::Flight => (0.0, 0.0, 0.0),
-            Flank::Positive => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 1.0),
-            Flank::Negative => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, -1.0),
-            Flank::Closed => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m, 0.0),
+        let (ks, cs) = match self.contact {
+            Flank::Flight => (0.0, 0.0),
+            _ => (p.stiffness_n_per_m, p.contact_damping_n_s_per_m),
         };
-        let relaxed_m = side * 0.5 * p.backlash_m;
-        let direction = match self.motion {
-            Motion::Backward => -1.0,
-            Motion::Forward | Motion::Stuck => 1.0,
-        };
+        let relaxed_m = self.contact.side() * 0.5 * p.backlash_m;
+        let direction = self.motion.sign();
         let mut friction = [0.0; LENGTH];
         let mut surplus = [0.0; LENGTH];
         let mut x2 = [0.0; LENGTH];
@@ -557,15 +565,15 @@ impl Plant {
         };
         if self.motion == Motion::Stuck {
             if self.contact != Flank::Flight {
-                let mut room = force;
-                room[0] = (p.breakaway_n(-1.0) + p.constant_force_n) + force[0];
-                offer(&room, Change::Free(Motion::Backward));
-                let mut room = force.map(|c| -c);
-                room[0] += p.breakaway_n(1.0) - p.constant_force_n;
-                offer(&room, Change::Free(Motion::Forward));
+                for motion in [Motion::Backward, Motion::Forward] {
+                    let sign = motion.sign();
+                    let mut room = force.map(|c| -sign * c);
+                    room[0] += p.breakaway_n(sign) - sign * p.constant_force_n;
+                    offer(&room, Change::Free(motion));
+                }
             }
         } else if p.has_directions() {
-            let sign = if self.motion == Motion::Forward { 1.0 } else { -1.0 };
+            let sign = self.motion.sign();
             let mut speed = [0.0; LENGTH];
             for (k, slot) in speed.iter_mut().enumerate().take(LENGTH - 1) {
                 *slot = sign * (k + 1) as f64 * segment.x2[k + 1];
@@ -576,33 +584,28 @@ impl Plant {
             offer(&speed, Change::Rest);
         }
         if self.contact != Flank::Closed {
-            let mut d = segment.x2.map(|c| -c);
-            d.iter_mut().zip(segment.x1).for_each(|(d, x1)| *d += x1);
-            let mut below = d.map(|c| -c);
-            below[0] += half_backlash;
-            let mut above = d;
-            above[0] += half_backlash;
+            let d = apart(segment);
+            let room = |side: f64| {
+                let mut room = d.map(|c| -side * c);
+                room[0] += half_backlash;
+                room
+            };
             let would_push = |side: f64| {
                 let (ks, cs) = (p.stiffness_n_per_m, p.contact_damping_n_s_per_m);
                 force_polynomial(segment, ks, cs, side * half_backlash).map(|c| -side * c)
             };
             match self.contact {
-                Flank::Flight if self.squeezed > 0.0 => {
-                    offer(&below.map(|c| -c), Change::Relax);
-                    offer(&would_push(1.0), Change::Meet(Flank::Positive));
-                }
-                Flank::Flight if self.squeezed < 0.0 => {
-                    offer(&above.map(|c| -c), Change::Relax);
-                    offer(&would_push(-1.0), Change::Meet(Flank::Negative));
+                Flank::Flight if self.squeezed != 0.0 => {
+                    let flank = if self.squeezed > 0.0 { Flank::Positive } else { Flank::Negative };
+                    offer(&room(self.squeezed).map(|c| -c), Change::Relax);
+                    offer(&would_push(self.squeezed), Change::Meet(flank));
                 }
                 Flank::Flight => {
-                    offer(&below, Change::Meet(Flank::Positive));
-                    offer(&above, Change::Meet(Flank::Negative));
+                    offer(&room(1.0), Change::Meet(Flank::Positive));
+                    offer(&room(-1.0), Change::Meet(Flank::Negative));
                 }
-                Flank::Positive if p.unilateral > 0.0 => offer(&force, Change::Part),
-                Flank::Positive => offer(&below.map(|c| -c), Change::Part),
-                _ if p.unilateral > 0.0 => offer(&force.map(|c| -c), Change::Part),
-                _ => offer(&above.map(|c| -c), Change::Part),
+                flank if p.unilateral > 0.0 => offer(&force.map(|c| flank.side() * c), Change::Part),
+                flank => offer(&room(flank.side()).map(|c| -c), Change::Part),
             }
         }
         first
@@ -633,11 +636,7 @@ impl Plant {
                 self.hold_or_free(segment.force_n(segment.end));
             }
             Change::Part => {
-                self.squeezed = match self.contact {
-                    _ if self.device.unilateral == 0.0 => 0.0,
-                    Flank::Positive => 1.0,
-                    _ => -1.0,
-                };
+                self.squeezed = if self.device.unilateral == 0.0 { 0.0 } else { self.contact.side() };
                 self.contact = Flank::Flight;
                 if self.motion == Motion::Stuck {
                     self.hold_or_free(0.0);
@@ -661,18 +660,12 @@ impl Plant {
     fn hold_or_free(&mut self, force_n: f64) {
         let p = &self.device;
         let total_n = force_n + p.constant_force_n;
-        self.just_free = true;
-        self.motion = match total_n {
-            f if f > 0.0 && f > p.breakaway_n(1.0) => Motion::Forward,
-            f if f < 0.0 && f < -p.breakaway_n(-1.0) => Motion::Backward,
-            _ => {
-                self.just_free = false;
-                Motion::Stuck
-            }
+        (self.motion, self.just_free) = match total_n {
+            _ if p.presslides() => (Motion::Forward, false),
+            f if f > 0.0 && f > p.breakaway_n(1.0) => (Motion::Forward, true),
+            f if f < 0.0 && f < -p.breakaway_n(-1.0) => (Motion::Backward, true),
+            _ => (Motion::Stuck, false),
         };
-        if p.presslides() {
-            (self.motion, self.just_free) = (Motion::Forward, false);
-        }
     }
 
     /// Takes the mode from displacement and velocity: at the start, when the device has changed, after a forced step.
@@ -708,10 +701,16 @@ impl Plant {
     }
 }
 
-/// Contact force of a spring and damper over a segment, whose unit is the segment's.
-fn force_polynomial(segment: &Segment, ks: f64, cs: f64, relaxed_m: f64) -> Polynomial {
+/// `x1 - x2` over a segment.
+fn apart(segment: &Segment) -> Polynomial {
     let mut d = segment.x2.map(|c| -c);
     d.iter_mut().zip(segment.x1).for_each(|(d, x1)| *d += x1);
+    d
+}
+
+/// Contact force of a spring and damper over a segment, whose unit is the segment's.
+fn force_polynomial(segment: &Segment, ks: f64, cs: f64, relaxed_m: f64) -> Polynomial {
+    let d = apart(segment);
     let damping = cs / segment.unit_s;
     let mut force = [0.0; LENGTH];
     for (k, slot) in force.iter_mut().enumerate() {

@@ -18,9 +18,8 @@ use std::f64::consts::{PI, SQRT_2, TAU};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 
-use crate::PlantError;
+use crate::{PlantError, table::check};
 pub use point::Point;
-use point::check;
 use table::Table;
 
 /// Time to lead in from rest when nothing is said \[s\]: shorter than the fastest convergence that is measured.
@@ -160,6 +159,12 @@ impl Segment {
 
     fn end_s(&self) -> f64 {
         self.start_s + self.duration_s
+    }
+
+    /// What the segment does at a time within it.
+    fn at(&self, t_s: f64) -> Point {
+        let local_s = t_s - self.start_s;
+        self.windowed(local_s, self.shape.at(local_s))
     }
 
     /// Length of the lead-in, shortened when the segment has no room for both.
@@ -393,10 +398,7 @@ impl Excitation {
     /// Displacement, velocity and acceleration at `t_s`.
     pub fn at(&self, t_s: f64) -> Point {
         match self.segments.iter().find(|segment| t_s < segment.end_s()) {
-            Some(segment) if t_s >= segment.start_s => {
-                let local = t_s - segment.start_s;
-                segment.windowed(local, segment.shape.at(local))
-            }
+            Some(segment) if t_s >= segment.start_s => segment.at(t_s),
             _ => Point::default(),
         }
     }

@@ -19,21 +19,13 @@ pub(crate) fn value(p: &[f64], u: f64) -> f64 {
 /// Derivative by `u`, at `u`.
 #[inline]
 pub(crate) fn slope(p: &[f64], u: f64) -> f64 {
-    let mut sum = 0.0;
-    for (k, &c) in p.iter().enumerate().skip(1).rev() {
-        sum = sum * u + k as f64 * c;
-    }
-    sum
+    p.iter().enumerate().skip(1).rev().fold(0.0, |sum, (k, &c)| sum * u + k as f64 * c)
 }
 
 /// Second derivative by `u`, at `u`.
 #[inline]
 pub(crate) fn curvature(p: &[f64], u: f64) -> f64 {
-    let mut sum = 0.0;
-    for (k, &c) in p.iter().enumerate().skip(2).rev() {
-        sum = sum * u + (k * (k - 1)) as f64 * c;
-    }
-    sum
+    p.iter().enumerate().skip(2).rev().fold(0.0, |sum, (k, &c)| sum * u + (k * (k - 1)) as f64 * c)
 }
 
 /// The same curve seen from `origin`, with `scale` as the new unit.

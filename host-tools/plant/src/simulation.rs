@@ -51,7 +51,6 @@ struct Since {
 pub struct Simulation {
     plant: Plant,
     sensors: Sensors,
-    oversampling: u32,
     /// Segments from the earliest time still needed to the latest solved.
     history: VecDeque<Segment>,
     number: u64,
@@ -80,7 +79,6 @@ impl Simulation {
         };
         Ok(Self {
             plant,
-            oversampling: sensors.oversampling as u32,
             sensors,
             history: VecDeque::new(),
             number: 0,
@@ -120,7 +118,6 @@ impl Simulation {
         sensors.validate()?;
         self.since = Since { number: self.number, plant_s: self.next_s(), ..self.since };
         self.sensors = sensors;
-        self.oversampling = oversampling as u32;
         Ok(())
     }
 
@@ -139,11 +136,13 @@ impl Simulation {
         while self.history.back().is_none_or(|segment| segment.end_s() <= latest_s) {
             let segment = self.plant.next_segment();
             self.history.push_back(segment);
-            // One that ended before is kept: rounding may place a time on either side of a boundary.
-            while self.history.get(1).is_some_and(|second| second.end_s() < earliest_s) {
-                self.history.pop_front();
-            }
+            self.forget(earliest_s);
         }
+        self.forget(earliest_s);
+    }
+
+    /// Forgets what ended before. The last such segment is kept: rounding may place a time on either side of a boundary.
+    fn forget(&mut self, earliest_s: f64) {
         while self.history.get(1).is_some_and(|second| second.end_s() < earliest_s) {
             self.history.pop_front();
         }
@@ -159,7 +158,8 @@ impl Simulation {
     }
 
     fn measure(&mut self) -> Sample {
-        let (sensors, count) = (self.sensors, self.oversampling);
+        let sensors = self.sensors;
+        let count = sensors.oversampling as u32;
         let index = self.number as u32;
         let (start_s, begun_s) = (self.next_s(), self.since.zero_s);
         let spacing_s = 1.0 / (sensors.sample_rate_hz * f64::from(count));
@@ -177,7 +177,7 @@ impl Simulation {
 
             let then_s = now_s - sensors.delay_s;
             let cell_n = self.hands.load_n + self.segment(then_s).map_or(0.0, |segment| segment.cell_at_n(then_s));
-            let noise = if noise_n > 0.0 { noise_n * self.gaussian_force() } else { 0.0 };
+            let noise = noise(noise_n, &mut self.force_noise);
             let (code, at) = sensors.code(cell_n, begun_s + now_s, noise);
             // At most 64 codes of 24 bits: the sum fits.
             force += code;
@@ -191,25 +191,26 @@ impl Simulation {
             Limit::High => sensors.force_max_code as i32 * count as i32,
         };
         let truth = self.segment(t_s).map_or_else(|| self.plant.rest_at(t_s), |segment| segment.at(t_s));
-        let noise_m = if sensors.terminal_noise_m > 0.0 {
-            let normal: f64 = StandardNormal.sample(&mut self.terminal_noise);
-            sensors.terminal_noise_m * normal
-        } else {
-            0.0
-        };
+        let noise_m = noise(sensors.terminal_noise_m, &mut self.terminal_noise);
         let x1_m = self.hands.moved_m + self.segment(t_s).map_or(0.0, |segment| segment.x1_at_m(t_s));
         let terminal_code = sensors.terminal_code(x1_m, noise_m);
         Sample { t_s: begun_s + t_s, index, position_count: position as i32, force_code, terminal_code, truth }
-    }
-
-    fn gaussian_force(&mut self) -> f64 {
-        StandardNormal.sample(&mut self.force_noise)
     }
 
     /// Whether the next sample is lost.
     fn loses(&mut self) -> bool {
         let p = self.sensors.lost_probability;
         p > 0.0 && ((self.losses.next_u64() >> 11) as f64 / (1u64 << 53) as f64) < p
+    }
+}
+
+/// Gaussian noise of this rms; none is drawn for none.
+fn noise(rms: f64, rng: &mut ChaCha8Rng) -> f64 {
+    if rms > 0.0 {
+        let normal: f64 = StandardNormal.sample(rng);
+        rms * normal
+    } else {
+        0.0
     }
 }
 

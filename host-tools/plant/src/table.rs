@@ -1,5 +1,7 @@
 //! One table per set of fields: name, unit, default, range and help are written once.
 
+use crate::PlantError;
+
 /// What is known of a field apart from its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldInfo {
@@ -30,25 +32,33 @@ pub enum FieldKind {
 
 impl FieldInfo {
     /// Whether `value` may stand here, apart from the other fields.
-    pub fn check(&self, value: f64) -> Result<(), crate::PlantError> {
-        let field = self.name;
-        if !value.is_finite() {
-            return Err(crate::PlantError::NotFinite { field });
-        }
-        if !(self.min..=self.max).contains(&value) {
-            return Err(crate::PlantError::OutOfRange { field, value, min: self.min, max: self.max });
-        }
+    pub fn check(&self, value: f64) -> Result<(), PlantError> {
+        check(self.name, value, (self.min, self.max))?;
         match self.kind {
-            FieldKind::Whole if value.fract() != 0.0 => Err(crate::PlantError::NotWhole { field, value }),
+            FieldKind::Whole if value.fract() != 0.0 => Err(PlantError::NotWhole { field: self.name, value }),
             _ => Ok(()),
         }
     }
 }
 
+/// Whether a number lies in its range.
+pub(crate) fn check(field: &'static str, value: f64, (min, max): (f64, f64)) -> Result<(), PlantError> {
+    if !value.is_finite() {
+        return Err(PlantError::NotFinite { field });
+    }
+    if !(min..=max).contains(&value) {
+        return Err(PlantError::OutOfRange { field, value, min, max });
+    }
+    Ok(())
+}
+
 /// Implements the table and access by name for a struct of `f64` fields.
 macro_rules! field_table {
-    ($type:ident { $($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+ }) => {
+    ($type:ident { $($name:ident, $unit:literal, $default:expr, $min:expr, $max:expr, $kind:ident, $help:literal;)+ }
+      $($other:ident: $value:expr)?) => {
         impl $type {
+            const DEFAULT: Self = Self { $($name: $default,)+ $($other: $value)? };
+
             /// Every field that is a number: name, unit, default, range.
             pub const TABLE: &'static [$crate::table::FieldInfo] = &[
                 $($crate::table::FieldInfo {

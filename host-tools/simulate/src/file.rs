@@ -67,7 +67,7 @@ pub fn write_recording(
     stream.recorder.describe(&hello(setup), &setup.settings)?;
     setup.calibration.iter().try_for_each(|calibration| stream.recorder.calibrated(calibration))?;
     stream.recorder.metadata(TRUTH_METADATA, setup.truth())?;
-    stream.send(&Record::Event(Event { index: 0, kind: EventKind::Started }))?;
+    stream.say(0, EventKind::Started)?;
     stream.send(&Record::Hello(hello(setup)))?;
     stream.send(&Record::Settings(SettingsValues::from(&setup.settings)))?;
     let mut replay = Replay::new(&setup.settings, 0.0)?;
@@ -96,7 +96,7 @@ pub fn write_recording(
     stream.flush()?;
     let outcome = replay.outcome();
     stream.event(outcome.estimate.index, &EstimatorEvent::Estimate(outcome.estimated()))?;
-    stream.send(&Record::Event(Event { index: outcome.estimate.index, kind: EventKind::SourceEnded }))?;
+    stream.say(outcome.estimate.index, EventKind::SourceEnded)?;
     stream.recorder.close(&End { reason: "finished".into(), lost_frames: 0 })?;
     pending.commit()?;
     Ok(outcome)
@@ -165,16 +165,16 @@ impl Stream {
         self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap_or_default())
     }
 
+    fn say(&mut self, index: u32, kind: EventKind) -> Result<(), OutputError> {
+        self.send(&Record::Event(Event { index, kind }))
+    }
+
     /// As a device says it.
     fn event(&mut self, index: u32, event: &EstimatorEvent) -> Result<(), OutputError> {
         match *event {
             EstimatorEvent::Reversal(reversal) => self.send(&Record::Reversal(reversal)),
-            EstimatorEvent::Changed(change) => {
-                self.send(&Record::Event(Event { index, kind: EventKind::Changed(change) }))
-            }
-            EstimatorEvent::Warned(warning) => {
-                self.send(&Record::Event(Event { index, kind: EventKind::Warned(warning) }))
-            }
+            EstimatorEvent::Changed(change) => self.say(index, EventKind::Changed(change)),
+            EstimatorEvent::Warned(warning) => self.say(index, EventKind::Warned(warning)),
             EstimatorEvent::Estimate(Estimated { estimate, law, detail }) => {
                 self.send(&Record::Estimate(estimate))?;
                 law.map_or(Ok(()), |law| self.send(&Record::Law(law)))?;

@@ -10,7 +10,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
         mpsc::{self, RecvTimeoutError},
     },
@@ -56,7 +56,7 @@ pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
 
 /// What the installed QEMU calls itself; `None` where there is none.
 pub fn qemu_version() -> Option<String> {
-    let output = std::process::Command::new(QEMU).arg("--version").output().ok()?;
+    let output = Command::new(QEMU).arg("--version").output().ok()?;
     String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_string)
 }
 
@@ -66,10 +66,15 @@ type Running = Arc<Mutex<(Child, TempPath)>>;
 /// All that run.
 static RUNNING: Mutex<Vec<Running>> = Mutex::new(Vec::new());
 
+/// What is behind the lock is whole at any time.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Ends every QEMU, for a program that ends at once.
 pub fn end_qemu() {
-    for running in RUNNING.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
-        let mut running = running.lock().unwrap_or_else(PoisonError::into_inner);
+    for running in locked(&RUNNING).drain(..) {
+        let mut running = locked(&running);
         running.0.kill().ok();
         std::fs::remove_file(&running.1).ok();
     }
@@ -119,7 +124,7 @@ impl Qemu {
         listen(child.stdout.take(), sender.clone());
         let last_words = listen(child.stderr.take(), sender);
         let running = Arc::new(Mutex::new((child, samples)));
-        RUNNING.lock().unwrap_or_else(PoisonError::into_inner).push(running.clone());
+        locked(&RUNNING).push(running.clone());
         let stop = Arc::new(AtomicBool::new(false));
         let mut qemu = Self { running, name: String::new(), last_words, stop, feeder: None, file: Some(file) };
         qemu.name = match serial.1 {
@@ -156,7 +161,7 @@ impl Qemu {
 
     /// An error once QEMU has ended.
     pub fn check(&mut self) -> Result<(), SimulateError> {
-        let status = self.running.lock().unwrap_or_else(PoisonError::into_inner).0.try_wait();
+        let status = locked(&self.running).0.try_wait();
         match status {
             Ok(Some(status)) => {
                 let words = self.last_words.take().and_then(|listener| listener.join().ok());
@@ -189,11 +194,11 @@ impl Drop for Qemu {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         {
-            let (child, _) = &mut *self.running.lock().unwrap_or_else(PoisonError::into_inner);
+            let (child, _) = &mut *locked(&self.running);
             child.kill().ok();
             child.wait().ok();
         }
-        let mut all = RUNNING.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all = locked(&RUNNING);
         all.retain(|running| !Arc::ptr_eq(running, &self.running));
         drop(all);
         if let Some(feeder) = self.feeder.take() {

@@ -53,7 +53,7 @@ impl Setup {
         duration_s: Option<f64>,
         overrides: &Overrides,
     ) -> Result<Self, SimulateError> {
-        let excitation = Excitation::parse(excite, sensors.seed).map_err(SimulateError::from)?;
+        let excitation = Excitation::parse(excite, sensors.seed)?;
         Self::moved(parameters, sensors, excite.into(), excitation, duration_s, overrides)
     }
 
@@ -66,23 +66,20 @@ impl Setup {
         duration_s: Option<f64>,
         overrides: &Overrides,
     ) -> Result<Self, SimulateError> {
-        let own = Some(excitation.duration_s()).filter(|duration| duration.is_finite());
         let mut settings = calibrated(&parameters, &sensors)?;
         peaks(&excitation).hold(&mut settings, overrides)?;
         overrides.apply(&mut settings)?;
         validate(&settings)?;
-        let duration_s = duration_s.or(own);
-        let calibration = overrides.calibration().cloned();
         let setup = Self {
             parameters,
             sensors,
             excite,
-            excitation,
             later: None,
             load_n: 0.0,
-            duration_s,
+            duration_s: duration_s.or(Some(excitation.duration_s()).filter(|own_s| own_s.is_finite())),
+            excitation,
             settings,
-            calibration,
+            calibration: overrides.calibration().cloned(),
         };
         // Built once for its checks.
         setup.simulation()?;
@@ -125,9 +122,7 @@ impl Setup {
         }
         truth
     }
-}
 
-impl Setup {
     /// What of the device changes, by name, and to what.
     pub fn changes(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let after = self.later.map_or(self.parameters, |(_, after)| after);

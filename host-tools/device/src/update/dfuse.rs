@@ -344,7 +344,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
     }
 
     fn out(&mut self, request: u8, value: u16, bytes: &[u8], action: &str) -> Result<(), UpdateError> {
-        self.io.write_control(OUT, request, value, bytes).map(|_| ()).map_err(|error| lost(action, &error))
+        self.io.write_control(OUT, request, value, bytes).map(drop).map_err(|error| lost(action, &error))
     }
 }
 

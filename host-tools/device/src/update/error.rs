@@ -4,7 +4,7 @@ use miette::Diagnostic;
 
 use crate::{
     board::{CODE, FLASH_KB, PAGE, SET_DBANK, SMALL_FLASH},
-    error::DeviceError,
+    error::{DeviceError, with_serial},
     udev::install_rule,
 };
 
@@ -18,7 +18,7 @@ pub const BY_HAND: &str = "a board whose firmware does not run enters update mod
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum UpdateError {
     /// Nothing to update.
-    #[error("no instrumented inerter was found{}, neither running nor in update mode", named(serial))]
+    #[error("no instrumented inerter was found{}, neither running nor in update mode", with_serial(serial))]
     #[diagnostic(
         code(inerter::update::none),
         help("plug in the board's own USB connector and check `inerter ports`; {BY_HAND}")
@@ -153,10 +153,6 @@ pub enum UpdateError {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Device(#[from] DeviceError),
-}
-
-fn named(serial: &Option<String>) -> String {
-    serial.as_ref().map(|serial| format!(" with serial {serial}")).unwrap_or_default()
 }
 
 fn seen(others: &[String]) -> String {

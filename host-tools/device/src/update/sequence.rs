@@ -117,14 +117,12 @@ fn write<M: Machine>(
 /// Leads a device back that was told to enter update mode, of whose firmware nothing was erased: somebody interrupted
 /// that, or the chip turned out to be another. Gives what to tell.
 fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> UpdateError {
-    let stays =
-        |reason: UpdateError| UpdateError::StaysInDfu { serial: serial.to_string(), reason: reason.to_string() };
     match error {
         UpdateError::Device(DeviceError::Interrupted) => {
             let device = wait_for_dfu(machine, serial, Heeds::Nothing, SOON_S);
             match device.and_then(|device| lead_back(machine, &device, SOON_S)) {
                 Ok(()) => error,
-                Err(reason) => stays(reason),
+                Err(reason) => stays(serial, &reason),
             }
         }
         UpdateError::OtherChip { .. } | UpdateError::SmallFlash { .. } | UpdateError::SingleBank { .. } => {
@@ -139,14 +137,17 @@ fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> Up
     }
 }
 
+fn stays(serial: &str, reason: &UpdateError) -> UpdateError {
+    UpdateError::StaysInDfu { serial: serial.into(), reason: reason.to_string() }
+}
+
 /// Into update mode and back, without writing anything. `enter` asks the device to go there; otherwise the user puts it
 /// there by hand, and this waits for it.
 ///
 /// An interruption ends the wait for the user. Before the device was asked to leave, it does not end anything else, or
 /// the device would stay there.
 pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
-    let stays =
-        |error: UpdateError| UpdateError::StaysInDfu { serial: running.serial.to_string(), reason: error.to_string() };
+    let stays = |error| stays(&running.serial, &error);
     if enter {
         machine.running()?;
         match machine.enter_dfu() {

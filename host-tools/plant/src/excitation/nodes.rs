@@ -5,7 +5,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{Excitation, Point, Shape};
+use super::{Excitation, Point, Segment, Shape};
 
 /// Steps between two fresh evaluations of the phasors.
 const REFRESH: u32 = 64;
@@ -93,10 +93,13 @@ impl Nodes {
 
     /// The motion at a break or at any time, from its formula, in the stretch after the current break.
     fn evaluate(&self, t_s: f64) -> Point {
-        let Some(&(_, Some(k))) = self.breaks.get(self.current) else { return Point::default() };
-        let Some(segment) = self.excitation.segments.get(k) else { return Point::default() };
-        let local = t_s - segment.start_s;
-        segment.windowed(local, segment.shape.at(local))
+        self.segment().map_or_else(Point::default, |segment| segment.at(t_s))
+    }
+
+    /// The segment of the stretch after the current break.
+    fn segment(&self) -> Option<&Segment> {
+        let &(_, segment) = self.breaks.get(self.current)?;
+        self.excitation.segments.get(segment?)
     }
 
     /// The motion one whole step on.
@@ -120,13 +123,7 @@ impl Nodes {
             sum.v_m_per_s += p.rad_per_s * p.cos;
             sum.a_m_per_s2 -= p.rad_per_s * p.rad_per_s * p.sin;
         }
-        match self.breaks.get(self.current) {
-            Some(&(_, Some(k))) => match self.excitation.segments.get(k) {
-                Some(segment) => segment.windowed(t_s - segment.start_s, sum),
-                None => sum,
-            },
-            _ => sum,
-        }
+        self.segment().map_or(sum, |segment| segment.windowed(t_s - segment.start_s, sum))
     }
 
     /// The next step.

@@ -5,8 +5,8 @@
 
 use std::sync::Arc;
 
-use super::point::{Point, check};
-use crate::PlantError;
+use super::point::Point;
+use crate::{PlantError, table::check};
 
 /// Fewest points: those of two intervals.
 const FEWEST: usize = 3;
