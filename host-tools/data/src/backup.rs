@@ -172,9 +172,8 @@ impl Backup {
 pub fn values_of(path: &Path) -> Result<Vec<Option<f64>>, Error> {
     let unreadable = |source| SettingsInputError::File { path: path.into(), source };
     if is_recording(path).map_err(unreadable)? {
-        let settings = recording::summary(path)?.settings;
-        let settings =
-            settings.ok_or_else(|| recording::RecordingError::NoSettings { file: path.display().to_string() })?;
+        let no_settings = || recording::RecordingError::NoSettings { file: path.display().to_string() };
+        let settings = recording::summary(path)?.settings.ok_or_else(no_settings)?;
         return Ok(settings.values().into_iter().map(Some).collect());
     }
     let backup = read(path)?;

@@ -69,59 +69,37 @@ impl Cause {
 
     /// Its name for programs.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Samples(WarningKind::WrongSign) => "wrong_sign",
-            Self::Samples(WarningKind::CountSlip) => "count_slip",
-            Self::Samples(WarningKind::ClippedForce) => "clipped_force",
-            Self::Samples(WarningKind::DeadForce) => "dead_force",
-            Self::Law(Kind::LoadDependent) => "load_dependent",
-            Self::Law(Kind::PositionPeriodic) => "position_periodic",
-            Self::Law(Kind::Stribeck) => "stribeck",
-            Self::Law(Kind::Presliding) => "presliding",
-            Self::Law(Kind::Drift) => "drift",
-            Self::Law(Kind::Skew) => "skew",
-            Self::Law(Kind::EncoderError) => "encoder_error",
-            Self::Law(Kind::Direction) => "direction",
-            Self::Law(Kind::QuadraticFriction) => "quadratic_friction",
-            Self::Law(Kind::Spring) => "spring",
-            Self::Law(Kind::Compliance) => "compliance",
-            Self::Law(Kind::ForceNonlinear) => "force_nonlinear",
-            Self::Law(Kind::Structure) => "structure",
-        }
+        self.texts().0
     }
 
     /// The same for a person: what is wrong with samples with what to do, what may break the law as a few words.
     pub const fn words(self) -> &'static str {
+        self.texts().1
+    }
+
+    const fn texts(self) -> (&'static str, &'static str) {
         match self {
-            Self::Samples(WarningKind::WrongSign) => {
+            Self::Samples(WarningKind::WrongSign) => (
+                "wrong_sign",
                 "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
-                 inertia; check the signs of newtons_per_code and metres_per_count"
-            }
-            Self::Samples(WarningKind::CountSlip) => {
+                 inertia; check the signs of newtons_per_code and metres_per_count",
+            ),
+            Self::Samples(WarningKind::CountSlip) => (
+                "count_slip",
                 "the position jumped as no force could move it, and what depends on it is left out: the encoder loses counts; check \
-                 its cable, its supply and its maximum rate"
-            }
-            Self::Samples(WarningKind::ClippedForce) => {
+                 its cable, its supply and its maximum rate",
+            ),
+            Self::Samples(WarningKind::ClippedForce) => (
+                "clipped_force",
                 "the force is clipped below its stated limits: clipped samples are left out, and the estimator restarts; reduce \
-                 the amplifier's gain or the motion, or state force_min_code and force_max_code"
-            }
-            Self::Samples(WarningKind::DeadForce) => {
+                 the amplifier's gain or the motion, or state force_min_code and force_max_code",
+            ),
+            Self::Samples(WarningKind::DeadForce) => (
+                "dead_force",
                 "the force stays constant while the screw moves back and forth: such samples are left out, and the estimator \
-                 restarts; check the load cell's cable and its supply"
-            }
-            Self::Law(Kind::LoadDependent) => "friction that grows with the load",
-            Self::Law(Kind::PositionPeriodic) => "force or friction that repeats with the turns",
-            Self::Law(Kind::Stribeck) => "friction that is greater at low speed",
-            Self::Law(Kind::Presliding) => "friction that reverses gradually over a distance",
-            Self::Law(Kind::Drift) => "a drift",
-            Self::Law(Kind::Skew) => "a delay of the force",
-            Self::Law(Kind::EncoderError) => "an error of the encoder",
-            Self::Law(Kind::Direction) => "viscous friction that differs by direction",
-            Self::Law(Kind::QuadraticFriction) => "friction that grows with the square of the velocity",
-            Self::Law(Kind::Spring) => "a force that varies with the position",
-            Self::Law(Kind::Compliance) => "a position that yields to the force",
-            Self::Law(Kind::ForceNonlinear) => "a nonlinear measurement of the force",
-            Self::Law(Kind::Structure) => "a mass on the terminal that moves differently from the screw",
+                 restarts; check the load cell's cable and its supply",
+            ),
+            Self::Law(kind) => kind.texts(),
         }
     }
 }
@@ -146,12 +124,30 @@ impl Kind {
 
     /// Its name for programs.
     pub const fn name(self) -> &'static str {
-        Cause::Law(self).name()
+        self.texts().0
     }
 
     /// The same in words.
     pub const fn words(self) -> &'static str {
-        Cause::Law(self).words()
+        self.texts().1
+    }
+
+    const fn texts(self) -> (&'static str, &'static str) {
+        match self {
+            Self::LoadDependent => ("load_dependent", "friction that grows with the load"),
+            Self::PositionPeriodic => ("position_periodic", "force or friction that repeats with the turns"),
+            Self::Stribeck => ("stribeck", "friction that is greater at low speed"),
+            Self::Presliding => ("presliding", "friction that reverses gradually over a distance"),
+            Self::Drift => ("drift", "a drift"),
+            Self::Skew => ("skew", "a delay of the force"),
+            Self::EncoderError => ("encoder_error", "an error of the encoder"),
+            Self::Direction => ("direction", "viscous friction that differs by direction"),
+            Self::QuadraticFriction => ("quadratic_friction", "friction that grows with the square of the velocity"),
+            Self::Spring => ("spring", "a force that varies with the position"),
+            Self::Compliance => ("compliance", "a position that yields to the force"),
+            Self::ForceNonlinear => ("force_nonlinear", "a nonlinear measurement of the force"),
+            Self::Structure => ("structure", "a mass on the terminal that moves differently from the screw"),
+        }
     }
 }
 

@@ -6,7 +6,7 @@ use inerter_core::{Counters, Machine, Settings};
 use crate::{
     names::description,
     series::Series,
-    settings::{Overrides, SettingsInputError},
+    settings::{Overrides, SettingsInputError, range_of},
 };
 
 /// Length over which velocity and acceleration are taken \[s\]: half a box of the fast bank, which smooths more.
@@ -48,8 +48,7 @@ impl Peaks {
             if is_held || given.get(name).is_some() {
                 continue;
             }
-            let most =
-                Settings::find(name).and_then(|number| Settings::TABLE.get(number)).map_or(f64::MAX, |info| info.max);
+            let (_, most) = range_of(name);
             let mut scale = (ROOM * peak).log2().ceil().exp2().min(most);
             let is_usable = |scale: f64| {
                 let mut tried = *settings;

@@ -4,8 +4,8 @@
 //! NaN or an infinity. Unknown values are `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Contact, Counters, Detail, Interval, Law, Machine, Parameter, Parameters,
-    Reason, Regime, Reversal, Route, Settings, Status, Warning,
+    Backlash, BacklashSize, Band, Bank, Counters, Detail, Interval, Law, Machine, Parameter, Parameters, Reversal,
+    Route, Settings, Status, Warning,
 };
 use inerter_wire::{
     Estimated, EventKind, Health,
@@ -17,7 +17,7 @@ use serde_json::Value;
 use crate::{
     causes::{Cause, warning_words},
     names::Names,
-    text::{changed_field, event_words, law_word, seen},
+    text::{changed_field, contact_texts, event_words, law_word, reason_texts, regime_texts, seen},
 };
 
 /// One parameter in JSON.
@@ -44,11 +44,7 @@ impl ParameterJson {
     }
 
     fn of(parameter: &Parameter, shown: Shown) -> Self {
-        Self {
-            value: parameter.value().filter(|value| value.is_finite()),
-            u95: Some(parameter.u95()).filter(|u95| u95.is_finite()),
-            status: shown.word(),
-        }
+        Self { value: parameter.value().and_then(finite), u95: finite(parameter.u95()), status: shown.word() }
     }
 }
 
@@ -110,6 +106,11 @@ fn is_false(value: &bool) -> bool {
     !value
 }
 
+/// What JSON has numbers for.
+pub(crate) fn finite(value: f32) -> Option<f32> {
+    Some(value).filter(|value| value.is_finite())
+}
+
 impl EstimateJson {
     /// An estimate on the way, at time `t_s`; what goes with it is missing where an older firmware does not send it.
     pub fn live(t_s: f64, estimated: &Estimated, settings: &Settings) -> Self {
@@ -122,7 +123,7 @@ impl EstimateJson {
             recent: (&estimate.recent).into(),
             moving: estimate.moving,
             bank: bank_word(estimate.bank),
-            residual_rms_n: Some(estimate.residual_rms_n).filter(|value| value.is_finite()),
+            residual_rms_n: finite(estimate.residual_rms_n),
             law: law.map(LawJson::from),
             updates: estimate.updates,
             detail: detail.as_ref().map(|detail| DetailJson::new(detail, settings)),
@@ -132,11 +133,11 @@ impl EstimateJson {
 
     /// The last estimate of a run.
     pub fn last(t_s: f64, estimated: &Estimated, settings: &Settings, counters: Option<Counters>) -> Self {
-        let counters = counters.map(|counters| CountersJson {
-            samples: counters.samples,
-            discontinuities: counters.discontinuities,
-            lost_samples: counters.lost_samples,
-            saturated: counters.saturated,
+        let counters = counters.map(|Counters { samples, discontinuities, lost_samples, saturated }| CountersJson {
+            samples,
+            discontinuities,
+            lost_samples,
+            saturated,
         });
         Self { is_final: true, counters, ..Self::live(t_s, estimated, settings) }
     }
@@ -177,14 +178,14 @@ impl From<Backlash> for BacklashJson {
     fn from(backlash: Backlash) -> Self {
         let known = backlash.known().filter(|known| known.value.is_finite());
         let (status, reason) = match backlash.size {
-            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_code(reason))),
+            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_texts(reason).0)),
             _ if known.is_none() => ("not_identifiable", None),
             BacklashSize::Ok(_) => ("ok", None),
             BacklashSize::BelowU95(_) => ("below_u95", None),
         };
         Self {
             value: known.map(|known| known.value),
-            u95: known.map(|known| known.u95).filter(|u95| u95.is_finite()),
+            u95: known.and_then(|known| finite(known.u95)),
             status,
             reason,
             reversals: backlash.reversals,
@@ -226,10 +227,10 @@ impl DetailJson {
             stiffness_n_per_m: measured(stiffness_n_per_m),
             contact_damping_n_s_per_m: measured(contact_damping_n_s_per_m),
             band_hz: seen(band).map(|Band { low_hz, high_hz }| [low_hz, high_hz]),
-            contact: contact_code(contact),
+            contact: contact_texts(contact).0,
             friction: FrictionJson {
-                reversal_ratio: friction.reversal_ratio.filter(|ratio| ratio.is_finite()),
-                regime: regime_code(friction.regime),
+                reversal_ratio: friction.reversal_ratio.and_then(finite),
+                regime: regime_texts(friction.regime).0,
             },
             changes: detail.changes,
         }
@@ -256,8 +257,8 @@ impl ReversalJson {
             kind: "reversal",
             t_s: t_s.map(rounded_s),
             index: reversal.index,
-            value_m: Some(reversal.value_m).filter(|value| value.is_finite()),
-            error_m: Some(reversal.error_m).filter(|error| error.is_finite()),
+            value_m: finite(reversal.value_m),
+            error_m: finite(reversal.error_m),
             route: route_code(reversal.route),
             rising: reversal.rising,
         }
@@ -295,7 +296,6 @@ impl EventJson {
 
     /// An event; `t_s` is its time, where that is known.
     pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind, machine: Machine) -> Self {
-        let finite = |value: f32| Some(value).filter(|value| value.is_finite());
         let change = match kind {
             EventKind::Changed(change) => Some(ChangeJson {
                 parameter: changed_field(machine, change).path,
@@ -385,13 +385,13 @@ pub fn json_line(value: &impl Serialize) -> String {
 }
 
 /// The device's health in JSON, keys from the catalogue, `null` where the device does not know.
-pub fn health_json(health: &Health) -> serde_json::Value {
+pub fn health_json(health: &Health) -> Value {
     let mut object = serde_json::Map::from_iter([("kind".to_string(), "health".into())]);
     for (field, value) in catalogue::health(health) {
         let value = match value {
             Some(value) if value.fract() == 0.0 && value.abs() < 9e15 => (value as i64).into(),
             Some(value) => value.into(),
-            None => serde_json::Value::Null,
+            None => Value::Null,
         };
         object.insert(field.path.into(), value);
     }
@@ -453,39 +453,10 @@ pub fn bank_word(bank: Bank) -> &'static str {
     }
 }
 
-fn reason_code(reason: Reason) -> &'static str {
-    match reason {
-        Reason::ForceNeverReverses => "force_never_reverses",
-        Reason::TooFewReversals => "too_few_reversals",
-        Reason::FlankTooShort => "flank_too_short",
-        Reason::StiffnessUnknown => "stiffness_unknown",
-        Reason::Scattered => "scattered",
-    }
-}
-
 fn route_code(route: Route) -> &'static str {
     match route {
         Route::Force => "force",
         Route::Terminal => "terminal",
-    }
-}
-
-fn contact_code(contact: Contact) -> &'static str {
-    match contact {
-        Contact::Unknown => "unknown",
-        Contact::OneSided => "one_sided",
-        Contact::Closed => "closed",
-        Contact::Backlash => "backlash",
-        Contact::Bouncing => "bouncing",
-    }
-}
-
-fn regime_code(regime: Regime) -> &'static str {
-    match regime {
-        Regime::Unknown => "unknown",
-        Regime::Coulomb => "coulomb",
-        Regime::Presliding => "presliding",
-        Regime::Stribeck => "stribeck",
     }
 }
 

@@ -4,7 +4,11 @@
 //! A parameter passes if its 95 % interval lies within the limits, and fails if it lies beyond one. Otherwise it is
 //! undecided: a narrower interval would decide.
 
-use std::{fmt, io, path::Path, path::PathBuf};
+use std::{
+    fmt, io,
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 use inerter_core::{LawStatus, Machine};
 use inerter_wire::catalogue::{self, Field, Group};
@@ -13,8 +17,8 @@ use serde::Serialize;
 use toml::de::{DeTable, DeValue};
 
 use crate::{
-    settings::text_of,
-    words::{amount_text, interval_text, nearest},
+    settings::{line_of, text_of, written},
+    words::{amount_text, interval_text, no_parameter},
 };
 
 /// What can be limited, by its name for a linear machine.
@@ -177,44 +181,35 @@ impl Limits {
     /// Reads a file with a table for each parameter, by its name on this machine: `min`, `max` or both.
     pub fn read(path: &Path, machine: Machine) -> Result<Self, LimitsError> {
         let text = text_of(path).map_err(|source| LimitsError::File { path: path.into(), source })?;
-        let form = |offset: usize, problem: String, help: String| {
-            let line = text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
-            LimitsError::Form { path: path.into(), line, problem, help }
+        let form = |at: Option<Range<usize>>, problem: String, help: String| LimitsError::Form {
+            path: path.into(),
+            line: line_of(&text, at),
+            problem,
+            help,
         };
         let example = || "write a table for each parameter: `[coulomb_n]`, and below it `max = 60`".to_string();
-        let table = DeTable::parse(&text)
-            .map_err(|error| form(error.span().map_or(0, |span| span.start), error.message().into(), example()))?;
+        let table = DeTable::parse(&text).map_err(|error| form(error.span(), error.message().into(), example()))?;
         let known: Vec<&str> = NAMES.iter().map(|name| field(machine, name).path).collect();
         let mut all = Vec::new();
         for (key, value) in table.get_ref().iter() {
-            let (name, at): (&str, _) = (key.get_ref(), key.span().start);
+            let name: &str = key.get_ref();
+            let wrong = |problem, help| form(Some(key.span()), problem, help);
             let place = known.iter().position(|known| *known == name).ok_or_else(|| {
-                let near = nearest(name, known.iter().copied());
-                let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
-                form(
-                    at,
-                    format!("no parameter is called `{name}`{hint}"),
-                    format!("these can be limited: {}", known.join(", ")),
-                )
+                wrong(no_parameter(name, known.iter().copied()), format!("these can be limited: {}", known.join(", ")))
             })?;
             let DeValue::Table(bounds) = value.get_ref() else {
-                return Err(form(at, format!("`{name}` is not a table"), example()));
+                return Err(wrong(format!("`{name}` is not a table"), example()));
             };
             let (mut min, mut max) = (None, None);
             for (key, value) in bounds.iter() {
-                let (bound, at): (&str, _) = (key.get_ref(), key.span().start);
+                let (bound, at): (&str, _) = (key.get_ref(), Some(key.span()));
                 let slot = match bound {
                     "min" => &mut min,
                     "max" => &mut max,
                     _ => return Err(form(at, format!("`{name}` has `min` and `max`, not `{bound}`"), example())),
                 };
-                let shown = text.get(value.span()).unwrap_or_default().trim();
-                let number = match value.get_ref() {
-                    DeValue::Integer(_) | DeValue::Float(_) => shown.replace('_', "").parse().ok(),
-                    _ => None,
-                };
-                let number = number.filter(|number: &f64| number.is_finite());
-                *slot = Some(number.ok_or_else(|| {
+                let (shown, number) = written(&text, value);
+                *slot = Some(number.filter(|number| number.is_finite()).ok_or_else(|| {
                     form(
                         at,
                         format!("{name}, {bound}: `{shown}` is not a number"),
@@ -223,15 +218,15 @@ impl Limits {
                 })?);
             }
             match (min, max) {
-                (None, None) => return Err(form(at, format!("`{name}` has neither `min` nor `max`"), example())),
+                (None, None) => return Err(wrong(format!("`{name}` has neither `min` nor `max`"), example())),
                 (Some(min), Some(max)) if min > max => {
-                    return Err(form(at, format!("{name}: min {min} is above max {max}"), "swap them".into()));
+                    return Err(wrong(format!("{name}: min {min} is above max {max}"), "swap them".into()));
                 }
                 _ => all.push(Limit { place, min, max }),
             }
         }
         if all.is_empty() {
-            return Err(form(0, "it sets no limit".into(), example()));
+            return Err(form(None, "it sets no limit".into(), example()));
         }
         Ok(Self { path: path.into(), all })
     }
@@ -265,15 +260,11 @@ impl Limit {
         let Self { place, min, max } = *self;
         let parameter = NAMES.get(place).copied().unwrap_or_default();
         let found = measured.found.filter(|(value, u95)| value.is_finite() && u95.is_finite());
-        let (value, u95) = (found.map(|(value, _)| value), found.map(|(_, u95)| u95));
         let undecided = |reason, needed_u95| (Verdict::Undecided, Some(reason), needed_u95);
-        let told = Judged { parameter, min, max, value, u95, verdict: Verdict::Pass, needed_u95: None, reason: None };
-        let (verdict, reason, needed_u95) = match found {
-            None => undecided("the motion cannot identify it", None),
-            Some((value, u95)) => {
-                if let Some(doubt) = measured.doubt {
-                    return Judged { verdict: Verdict::Undecided, reason: Some(doubt), needed_u95: None, ..told };
-                }
+        let (verdict, reason, needed_u95) = match (found, measured.doubt) {
+            (None, _) => undecided("the motion cannot identify it", None),
+            (_, Some(doubt)) => undecided(doubt, None),
+            (Some((value, u95)), None) => {
                 let (value, u95) = (f64::from(value), f64::from(u95));
                 let (above, below) = (min.map(|min| value - min), max.map(|max| max - value));
                 let both = || [above, below].into_iter().flatten();
@@ -287,7 +278,8 @@ impl Limit {
                 }
             }
         };
-        Judged { verdict, needed_u95, reason, ..told }
+        let (value, u95) = found.unzip();
+        Judged { parameter, min, max, value, u95, verdict, needed_u95, reason }
     }
 }
 
@@ -312,11 +304,10 @@ impl Judged {
             (Some(value), Some(u95)) => format!("{} {unit}", interval_text(value.into(), u95.into())),
             _ => "not identifiable".into(),
         };
-        let number = |number: f64| number.to_string();
         let limits = match (self.min, self.max) {
-            (Some(min), Some(max)) => format!("{} to {}", number(min), number(max)),
-            (Some(min), None) => format!("at least {}", number(min)),
-            (None, max) => format!("at most {}", max.map(number).unwrap_or_default()),
+            (Some(min), Some(max)) => format!("{min} to {max}"),
+            (Some(min), None) => format!("at least {min}"),
+            (None, max) => format!("at most {}", max.map(|max| max.to_string()).unwrap_or_default()),
         };
         let reason = self.reason.map(|reason| format!(": {reason}")).unwrap_or_default();
         let needed =

@@ -3,6 +3,7 @@
 use std::{borrow::Cow, io};
 
 use inerter_core::Machine;
+pub use inerter_wire::catalogue::unit;
 use inerter_wire::catalogue::{self, Field, Group, ROTARY_UNITS, ROTARY_WORDS};
 use serde_json::ser::{CompactFormatter, Formatter};
 
@@ -34,18 +35,12 @@ pub fn name(machine: Machine, linear: &str) -> Cow<'_, str> {
 
 /// The name of what goes with a field, its unit at the end again: `inertance_u95_kg` for `_u95` of `inertance_kg`.
 pub fn beside(field: &Field, what: &str) -> String {
-    let suffix = format!("_{}", unit_suffix(field.unit));
-    format!("{}{what}{suffix}", stem(field))
+    format!("{}{what}_{}", stem(field), unit_suffix(field.unit))
 }
 
 /// The name of a field without its unit: `inertance`.
 pub fn stem(field: &Field) -> &'static str {
     field.path.strip_suffix(&unit_suffix(field.unit)).map_or(field.path, |stem| stem.trim_end_matches('_'))
-}
-
-/// The unit that this machine has in the place of a linear one's.
-pub fn unit(machine: Machine, linear: &'static str) -> &'static str {
-    catalogue::unit(machine, linear)
 }
 
 /// Label, symbol and unit of inertance, viscous and Coulomb friction and offset, or of one of them.
@@ -65,13 +60,12 @@ pub fn description(machine: Machine, linear: &str) -> String {
         }
         None => (linear, String::new()),
     };
-    let words = || ROTARY_WORDS.iter().chain(&[("displacement", "angle")]);
     let told = |word: &str| {
         // A setting has one name for all machines.
         if word.contains('_') {
             return word.to_string();
         }
-        words().fold(word.to_string(), |word, (of_linear, rotary)| {
+        ROTARY_WORDS.iter().chain(&[("displacement", "angle")]).fold(word.to_string(), |word, (of_linear, rotary)| {
             word.replace(of_linear, rotary).replace(&capital(of_linear), &capital(rotary))
         })
     };

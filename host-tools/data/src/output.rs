@@ -91,6 +91,13 @@ impl OutputError {
     pub fn write(name: impl Into<String>, source: io::Error) -> Self {
         Self::Write { name: name.into(), written: String::new(), source }
     }
+
+    fn create(path: &Path, source: io::Error) -> Self {
+        match source.kind() {
+            io::ErrorKind::AlreadyExists => Self::Exists { path: path.into() },
+            _ => Self::Create { path: path.into(), source },
+        }
+    }
 }
 
 fn progress(written: &str) -> String {
@@ -133,10 +140,7 @@ pub fn create(path: &Path, replace: bool) -> Result<File, OutputError> {
     if !is_special(path) {
         options.create_new(!replace).create(true).truncate(replace);
     }
-    options.open(path).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => OutputError::Exists { path: path.into() },
-        _ => OutputError::Create { path: path.into(), source },
-    })
+    options.open(path).map_err(|source| OutputError::create(path, source))
 }
 
 /// Writes a file whole or not at all.
@@ -144,8 +148,7 @@ pub fn write(path: &Path, replace: bool, bytes: impl AsRef<[u8]>) -> Result<(), 
     let pending = Pending::create(path, replace)?;
     let written = pending.open()?.write_all(bytes.as_ref());
     written.map_err(|source| OutputError::write(pending.name(), source))?;
-    pending.commit()?;
-    Ok(())
+    pending.commit().map(drop)
 }
 
 /// Files that have not taken their names yet.
@@ -238,10 +241,7 @@ impl Pending {
                 _ => Err(refused),
             })
         };
-        named.map_err(|refused| match refused.error.kind() {
-            io::ErrorKind::AlreadyExists => OutputError::Exists { path: self.path.clone() },
-            _ => OutputError::Create { path: self.path.clone(), source: refused.error },
-        })
+        named.map_err(|refused| OutputError::create(&self.path, refused.error))
     }
 }
 

@@ -6,12 +6,16 @@
 use std::{
     fs::File,
     io::{self, Read},
+    ops::Range,
     path::{Path, PathBuf},
 };
 
 use inerter_core::{Settings, SettingsError};
 use miette::Diagnostic;
-use toml::de::{DeTable, DeValue};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
 
 use crate::{
     calibration::{self, Calibration},
@@ -94,7 +98,7 @@ pub enum SettingsInputError {
         /// The file.
         path: PathBuf,
         /// The reason.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// The file is not TOML.
     #[error("the settings file {path}, line {line}: {message}", path = path.display())]
@@ -138,12 +142,10 @@ impl Overrides {
     /// Takes one value by its name.
     pub fn set(&mut self, name: &str, value: f64, origin: &str) -> Result<(), SettingsInputError> {
         let unknown = || SettingsInputError::Unknown { origin: origin.into(), name: name.into() };
-        let number = Settings::find(name).ok_or_else(unknown)?;
-        let info = Settings::TABLE.get(number).ok_or_else(unknown)?;
+        let mut entries = Settings::TABLE.iter().zip(&mut self.values);
+        let (info, slot) = entries.find(|(info, _)| info.name == name).ok_or_else(unknown)?;
         info.check(value).map_err(|source| SettingsInputError::Value { origin: origin.into(), source })?;
-        if let Some(slot) = self.values.get_mut(number) {
-            *slot = Some(value);
-        }
+        *slot = Some(value);
         Ok(())
     }
 
@@ -182,47 +184,44 @@ impl Overrides {
         let (name, value) = text
             .split_once('=')
             .ok_or_else(|| SettingsInputError::Form { origin: origin.into(), text: text.into() })?;
-        let (name, value) = (name.trim(), value.trim());
-        if Settings::find(name).is_none() {
-            return Err(SettingsInputError::Unknown { origin: origin.into(), name: name.into() });
+        let value = value.trim();
+        self.set_written(name.trim(), value, value.parse().ok(), origin)
+    }
+
+    /// Takes one value as it is written, and as the number that this is.
+    fn set_written(
+        &mut self,
+        name: &str,
+        text: &str,
+        value: Option<f64>,
+        origin: &str,
+    ) -> Result<(), SettingsInputError> {
+        match value {
+            // A name that is unknown is told first.
+            None if Settings::find(name).is_some() => {
+                Err(SettingsInputError::Number { origin: origin.into(), name: name.into(), text: text.into() })
+            }
+            value => self.set(name, value.unwrap_or_default(), origin),
         }
-        let value = value.parse().map_err(|_| SettingsInputError::Number {
-            origin: origin.into(),
-            name: name.into(),
-            text: value.into(),
-        })?;
-        self.set(name, value, origin)
     }
 
     fn read_toml(&mut self, path: &Path) -> Result<(), SettingsInputError> {
         let text = text_of(path).map_err(|source| SettingsInputError::File { path: path.into(), source })?;
-        let line_at = |offset: usize| text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
         let table = DeTable::parse(&text).map_err(|error| SettingsInputError::Toml {
             path: path.into(),
-            line: error.span().map_or(1, |span| line_at(span.start)),
+            line: line_of(&text, error.span()),
             message: error.message().into(),
         })?;
         for (key, value) in table.get_ref().iter() {
-            let origin = format!("{}, line {}", path.display(), line_at(key.span().start));
+            let origin = format!("{}, line {}", path.display(), line_of(&text, Some(key.span())));
             let name: &str = key.get_ref();
             if let (calibration::TABLE, DeValue::Table(table)) = (name, value.get_ref()) {
                 let read = Calibration::of_table(table);
                 self.calibration = Some(read.map_err(|problem| SettingsInputError::Calibration { origin, problem })?);
                 continue;
             }
-            let shown = text.get(value.span()).unwrap_or_default().trim();
-            let not_a_number =
-                || SettingsInputError::Number { origin: origin.clone(), name: name.into(), text: shown.into() };
-            if Settings::find(name).is_none() {
-                return Err(SettingsInputError::Unknown { origin, name: name.into() });
-            }
-            let number = match value.get_ref() {
-                DeValue::Integer(_) | DeValue::Float(_) => {
-                    shown.replace('_', "").parse().map_err(|_| not_a_number())?
-                }
-                _ => return Err(not_a_number()),
-            };
-            self.set(name, number, &origin)?;
+            let (shown, number) = written(&text, value);
+            self.set_written(name, shown, number, &origin)?;
         }
         Ok(())
     }
@@ -276,6 +275,24 @@ pub fn calibration(path: &Path) -> Result<Calibration, SettingsInputError> {
         problem: "there is no such table".into(),
     };
     Overrides::from_inputs(Some(path), &[])?.calibration().cloned().ok_or_else(none)
+}
+
+/// Line of a text in which something begins, from 1.
+pub(crate) fn line_of(text: &str, span: Option<Range<usize>>) -> usize {
+    let start = span.map_or(0, |span| span.start);
+    text.bytes().take(start).filter(|byte| *byte == b'\n').count() + 1
+}
+
+/// How a value of TOML is written, and the number that it is.
+pub(crate) fn written<'a>(text: &'a str, value: &Spanned<DeValue>) -> (&'a str, Option<f64>) {
+    let shown = text.get(value.span()).unwrap_or_default().trim();
+    let is_number = matches!(value.get_ref(), DeValue::Integer(_) | DeValue::Float(_));
+    (shown, shown.replace('_', "").parse().ok().filter(|_| is_number))
+}
+
+/// The range of a setting.
+pub(crate) fn range_of(name: &str) -> (f64, f64) {
+    Settings::TABLE.iter().find(|info| info.name == name).map_or((f64::MIN, f64::MAX), |info| (info.min, info.max))
 }
 
 /// Checks the settings as a whole, naming what is wrong.

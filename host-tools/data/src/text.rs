@@ -36,7 +36,7 @@ pub fn backlash_text(backlash: &Backlash) -> String {
         }
         BacklashSize::Ok(interval) => text(interval),
         BacklashSize::BelowU95(interval) => format!("{} (maybe none)", text(interval)),
-        BacklashSize::NotIdentifiable(reason) => reason_words(reason).into(),
+        BacklashSize::NotIdentifiable(reason) => reason_texts(reason).1.into(),
     }
 }
 
@@ -66,7 +66,7 @@ pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap
         let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
         text += &format!("\n{}", line.trim_end());
     }
-    format!("{text}\n\n{}", line(settings.machine, estimated))
+    format!("{text}\n\n{}", line(machine, estimated))
 }
 
 /// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
@@ -118,7 +118,7 @@ pub fn force_text(machine: Machine, force_n: f64) -> String {
 /// Heads the lines of [`row`]. The residual is in parts of what noise and steps explain: about 1 where the law holds.
 pub fn row_header(machine: Machine) -> String {
     let mut text = format!("{:>9}", "t [s]");
-    for field in catalogue::fields(machine, catalogue::Group::Parameter) {
+    for field in catalogue::fields(machine, Group::Parameter) {
         text += &format!("  {:<24}", format!("{} [{}]", field.label, field.unit));
     }
     let backlash = format!("Backlash [{}]", catalogue::unit(machine, "µm"));
@@ -228,20 +228,18 @@ pub fn law_word(status: LawStatus) -> &'static str {
 
 /// Whether the law holds, for a person: `holds (the residual is 1.0 times what noise and steps explain)`.
 pub fn law_text(law: &Law) -> String {
-    let residual =
-        |Misfit { ratio, .. }: Misfit| format!("the residual is {ratio:.1} times what noise and steps explain");
-    match (law.status, law.misfit.map(residual)) {
-        (status, Some(residual)) => format!("{} ({residual})", law_word(status)),
-        (status, None) => law_word(status).into(),
+    let word = law_word(law.status);
+    match law.misfit {
+        Some(Misfit { ratio, .. }) => {
+            format!("{word} (the residual is {ratio:.1} times what noise and steps explain)")
+        }
+        None => word.into(),
     }
 }
 
 /// One line on everything that is not a parameter; empty where a device sends the parameters alone.
 pub fn line(machine: Machine, estimated: &Estimated) -> String {
-    let mut parts = Vec::new();
-    if let Some(detail) = &estimated.detail {
-        parts.extend(detail_parts(detail));
-    }
+    let mut parts = estimated.detail.as_ref().map(detail_parts).unwrap_or_default();
     parts.extend(estimated.law.map(|law| format!("law: {}", law_text(&law))));
     description(machine, &parts.join("; "))
 }
@@ -307,35 +305,46 @@ fn decimals(hertz: f32) -> usize {
     (2.0 - hertz.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
-fn reason_words(reason: Reason) -> &'static str {
+/// Why there is no backlash: for programs, and for a person.
+pub(crate) fn reason_texts(reason: Reason) -> (&'static str, &'static str) {
     match reason {
-        Reason::ForceNeverReverses => "load never reverses",
-        Reason::TooFewReversals => "too few reversals",
-        Reason::FlankTooShort => "flanks too short",
-        Reason::StiffnessUnknown => "stiffness unknown",
-        Reason::Scattered => "reversals disagree",
+        Reason::ForceNeverReverses => ("force_never_reverses", "load never reverses"),
+        Reason::TooFewReversals => ("too_few_reversals", "too few reversals"),
+        Reason::FlankTooShort => ("flank_too_short", "flanks too short"),
+        Reason::StiffnessUnknown => ("stiffness_unknown", "stiffness unknown"),
+        Reason::Scattered => ("scattered", "reversals disagree"),
+    }
+}
+
+/// How the flanks behave: for programs, and for a person.
+pub(crate) fn contact_texts(contact: Contact) -> (&'static str, &'static str) {
+    match contact {
+        Contact::Unknown => ("unknown", "not seen yet"),
+        Contact::OneSided => ("one_sided", "one flank carries all the force"),
+        Contact::Closed => ("closed", "no backlash seen"),
+        Contact::Backlash => ("backlash", "backlash at each reversal"),
+        Contact::Bouncing => ("bouncing", "the flanks bounce"),
     }
 }
 
 /// How the flanks behave, for a person.
 pub fn contact_words(contact: Contact) -> &'static str {
-    match contact {
-        Contact::Unknown => "not seen yet",
-        Contact::OneSided => "one flank carries all the force",
-        Contact::Closed => "no backlash seen",
-        Contact::Backlash => "backlash at each reversal",
-        Contact::Bouncing => "the flanks bounce",
+    contact_texts(contact).1
+}
+
+/// How friction behaves: for programs, and for a person.
+pub(crate) fn regime_texts(regime: Regime) -> (&'static str, &'static str) {
+    match regime {
+        Regime::Unknown => ("unknown", "not seen yet"),
+        Regime::Coulomb => ("coulomb", "Coulomb's"),
+        Regime::Presliding => ("presliding", "creeps before it slips (presliding)"),
+        Regime::Stribeck => ("stribeck", "greater near rest (Stribeck)"),
     }
 }
 
 /// How friction behaves, for a person.
 pub fn regime_words(regime: Regime) -> &'static str {
-    match regime {
-        Regime::Unknown => "not seen yet",
-        Regime::Coulomb => "Coulomb's",
-        Regime::Presliding => "creeps before it slips (presliding)",
-        Regime::Stribeck => "greater near rest (Stribeck)",
-    }
+    regime_texts(regime).1
 }
 
 #[cfg(test)]

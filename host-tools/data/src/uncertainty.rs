@@ -3,6 +3,8 @@
 use inerter_core::{Budget, ContactBudgets, Source};
 use serde::Serialize;
 
+use crate::json::finite;
+
 /// One part of an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PartJson {
@@ -37,7 +39,6 @@ pub struct BudgetJson {
 impl BudgetJson {
     /// Of a budget, and the names of what may have moved it and of what the motion hides in it.
     pub fn new(budget: &Budget, moved_by: Option<&'static str>, assumes: Vec<&'static str>) -> Self {
-        let finite = |value: f32| Some(value).filter(|value| value.is_finite());
         Self {
             u95: finite(budget.u95()),
             same_rig_u95: finite(budget.same_rig_u95()),

@@ -4,7 +4,7 @@ use inerter_core::Machine;
 use inerter_wire::catalogue::{self, Field, Group};
 use miette::Diagnostic;
 
-use crate::words::nearest;
+use crate::words::no_parameter;
 
 /// What is wanted is not written as it must be.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -38,24 +38,21 @@ pub struct Want {
 /// Of two wants for one parameter the narrower one counts.
 pub fn parse(text: &str, machine: Machine, values: [f64; 4]) -> Result<Vec<Want>, WantError> {
     let fields: Vec<&Field> = catalogue::fields(machine, Group::Parameter).collect();
-    let known = || {
-        let each: Vec<String> = fields.iter().map(|field| format!("{} [{}]", field.symbol, field.unit)).collect();
-        each.join(", ")
+    let wrong = |part: &str, problem: String| {
+        let known: Vec<String> = fields.iter().map(|field| format!("{} [{}]", field.symbol, field.unit)).collect();
+        WantError { part: part.into(), problem, known: known.join(", ") }
     };
-    let wrong = |part: &str, problem: String| WantError { part: part.into(), problem, known: known() };
     let mut wants: Vec<Want> = Vec::new();
     for part in text.split([',', ';']).map(str::trim) {
         let Some((name, wanted)) = part.split_once(" to ") else {
             return Err(wrong(part, "it is not NAME to NUMBER UNIT".into()));
         };
         let name = name.trim();
-        let is_named = |field: &&&Field| {
+        let is_named = |field: &&Field| {
             [field.symbol, field.path, field.label].iter().any(|known| known.eq_ignore_ascii_case(name))
         };
-        let place = fields.iter().position(|field| is_named(&field)).ok_or_else(|| {
-            let near = nearest(name, fields.iter().flat_map(|field| [field.path, field.label]));
-            let hint = near.map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
-            wrong(part, format!("no parameter is called `{name}`{hint}"))
+        let place = fields.iter().position(is_named).ok_or_else(|| {
+            wrong(part, no_parameter(name, fields.iter().flat_map(|field| [field.path, field.label])))
         })?;
         let field = fields.get(place).copied().unwrap_or(&catalogue::FIELDS[0]);
         let wanted = wanted.trim();

@@ -136,6 +136,12 @@ pub fn utc(time_ns: u64) -> String {
     time.to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
+/// That no parameter has this name, and which of the `known` ones may be meant.
+pub(crate) fn no_parameter<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let hint = nearest(name, known).map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
+    format!("no parameter is called `{name}`{hint}")
+}
+
 /// The name among `candidates` that `name` was probably meant to be.
 pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let wanted = name.to_lowercase().replace(['-', ' '], "_");

@@ -111,15 +111,13 @@ impl Device {
     /// The settings in use, by name.
     #[getter]
     fn settings(&self, py: Python<'_>) -> PyResult<Given> {
-        let settings = py.detach(|| self.with(|conversation| Ok(by_name(&conversation.settings))));
-        settings.map_err(|failure| failure.raised(py))
+        Ok(py.detach(|| self.with(|conversation| Ok(by_name(&conversation.settings))))?)
     }
 
     /// The next estimate, as a line of `inerter monitor --json`; none once the device has no more samples.
     fn next_estimate(&self, py: Python<'_>) -> PyResult<Option<String>> {
         loop {
-            let look = py.detach(|| self.with(|conversation| conversation.look(|_| Ok(()))));
-            match look.map_err(|failure| failure.raised(py))? {
+            match py.detach(|| self.with(|conversation| conversation.look(|_| Ok(()))))? {
                 Look::Estimate(line) => return Ok(Some(line)),
                 Look::End => return Ok(None),
                 Look::Nothing => py.check_signals()?,
@@ -138,7 +136,7 @@ impl Device {
         calibration: Option<PathBuf>,
     ) -> PyResult<()> {
         let calibration = calibration.as_deref().map(settings::calibration).transpose();
-        let calibration = calibration.map_err(|error| Failure::from(error).raised(py))?;
+        let calibration = calibration.map_err(Failure::from)?;
         let duration = Duration::try_from_secs_f64(duration_s).unwrap_or(Duration::MAX);
         let begin = || {
             self.with(|conversation| {
@@ -152,7 +150,7 @@ impl Device {
                 Ok(recorder)
             })
         };
-        let mut recorder = py.detach(begin).map_err(|failure| failure.raised(py))?;
+        let mut recorder = py.detach(begin)?;
         let started = Instant::now();
         let mut take = |conversation: &mut Conversation| {
             let now_ns = conversation.live.now_ns();
@@ -170,7 +168,7 @@ impl Device {
             match py.detach(|| self.with(&mut take)) {
                 Ok(Look::End) => break Ok(()),
                 Ok(Look::Estimate(_) | Look::Nothing) => {}
-                Err(failure) => break Err(failure.raised(py)),
+                Err(failure) => break Err(failure.into()),
             }
             if let Err(interrupt) = py.check_signals() {
                 break Err(interrupt);
@@ -180,7 +178,7 @@ impl Device {
         let lost_frames = self.with(|conversation| Ok(conversation.live.lost_frames())).unwrap_or(0);
         let closed = py.detach(|| recorder.close(&End { reason, lost_frames }));
         ended?;
-        closed.map_err(|error| Failure::from(error).raised(py))
+        Ok(closed.map_err(Failure::from)?)
     }
 
     /// Ends the conversation.

@@ -68,9 +68,15 @@ impl From<PyErr> for Failure {
     }
 }
 
+impl From<Failure> for PyErr {
+    fn from(failure: Failure) -> Self {
+        Python::attach(|py| failure.raised(py))
+    }
+}
+
 impl Failure {
     /// As an exception.
-    pub fn raised(self, py: Python<'_>) -> PyErr {
+    fn raised(self, py: Python<'_>) -> PyErr {
         let error = match self {
             Self::Ours(error) => error,
             Self::Python(error) => return error,

@@ -25,19 +25,21 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<store::Store>()?;
     module.add_class::<sums::Sums>()?;
     module.add_class::<table::Table>()?;
-    module.add_function(wrap_pyfunction!(device::connect, module)?)?;
-    module.add_function(wrap_pyfunction!(run::open, module)?)?;
-    module.add_function(wrap_pyfunction!(run::from_columns, module)?)?;
-    module.add_function(wrap_pyfunction!(run::with_settings, module)?)?;
-    module.add_function(wrap_pyfunction!(results::interval_text, module)?)?;
-    module.add_function(wrap_pyfunction!(results::replay, module)?)?;
-    module.add_function(wrap_pyfunction!(results::compare, module)?)?;
-    module.add_function(wrap_pyfunction!(results::diagnose, module)?)?;
-    module.add_function(wrap_pyfunction!(results::identify, module)?)?;
-    module.add_function(wrap_pyfunction!(results::plan, module)?)?;
-    module.add_function(wrap_pyfunction!(results::plot, module)?)?;
-    module.add_function(wrap_pyfunction!(results::report, module)?)?;
-    module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
-    module.add_function(wrap_pyfunction!(sums::merge, module)?)?;
-    Ok(())
+    let functions = [
+        wrap_pyfunction!(device::connect, module)?,
+        wrap_pyfunction!(run::open, module)?,
+        wrap_pyfunction!(run::from_columns, module)?,
+        wrap_pyfunction!(run::with_settings, module)?,
+        wrap_pyfunction!(results::interval_text, module)?,
+        wrap_pyfunction!(results::replay, module)?,
+        wrap_pyfunction!(results::compare, module)?,
+        wrap_pyfunction!(results::diagnose, module)?,
+        wrap_pyfunction!(results::identify, module)?,
+        wrap_pyfunction!(results::plan, module)?,
+        wrap_pyfunction!(results::plot, module)?,
+        wrap_pyfunction!(results::report, module)?,
+        wrap_pyfunction!(simulate::simulate, module)?,
+        wrap_pyfunction!(sums::merge, module)?,
+    ];
+    functions.into_iter().try_for_each(|function| module.add_function(function))
 }

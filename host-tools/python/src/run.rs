@@ -93,13 +93,13 @@ pub fn from_columns(
         let table = csv::Table::of_columns(name, machine, floats(t_s), counts, floats(force), floats(terminal))?;
         Run::of_columns(table.file.clone(), Arc::new(table), overrides)
     };
-    py.detach(made).map_err(|failure| failure.raised(py))
+    Ok(py.detach(made)?)
 }
 
 /// The run with settings over its own.
 #[pyfunction]
 pub fn with_settings(py: Python<'_>, run: &Run, settings: Given) -> PyResult<Run> {
-    py.detach(|| run.with(&settings)).map_err(|failure| failure.raised(py))
+    Ok(py.detach(|| run.with(&settings))?)
 }
 
 /// Numbers of a column.
@@ -115,7 +115,7 @@ fn eight_of(bytes: &[u8]) -> [u8; 8] {
 #[pymethods]
 impl Run {
     fn __repr__(&self) -> String {
-        let inerter_core::Settings { sample_rate_hz, .. } = self.source.settings;
+        let Settings { sample_rate_hz, .. } = self.source.settings;
         format!("inerter.Run of {:.1} s at {sample_rate_hz} Hz: {}", self.duration_s(), self.source.name)
     }
 

@@ -17,6 +17,7 @@ use crate::{
 
 /// A store, which is opened on first use.
 #[pyclass(frozen, module = "inerter")]
+#[derive(Clone)]
 pub struct Store {
     url: String,
     opened: Arc<OnceLock<Arc<inerter_store::Store>>>,
@@ -44,11 +45,10 @@ impl Store {
     /// Name of the run, and whether it is new.
     #[pyo3(signature = (path, told = None))]
     fn add(&self, py: Python<'_>, path: PathBuf, told: Option<&Bound<'_, PyAny>>) -> PyResult<(String, bool)> {
-        let (url, opened) = (self.url.clone(), self.opened.clone());
+        let this = self.clone();
         watch(py, told, move |progress| {
-            let store = Arc::new(inerter_store::Store::create(&url)?);
-            let store = opened.get_or_init(|| store);
-            let added = store.add(&path, &mut told_by(progress))?;
+            let store = Arc::new(inerter_store::Store::create(&this.url)?);
+            let added = this.opened.get_or_init(|| store).add(&path, &mut told_by(progress))?;
             Ok((added.row.name().to_owned(), added.is_new))
         })
     }
@@ -95,9 +95,9 @@ impl Store {
 
     #[pyo3(signature = (repair, told = None))]
     fn verify(&self, py: Python<'_>, repair: bool, told: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<Damaged>> {
-        let (url, opened) = (self.url.clone(), self.opened.clone());
+        let this = self.clone();
         watch(py, told, move |progress| {
-            let store = open(&url, &opened)?;
+            let store = this.open()?;
             if repair {
                 store.repair(&mut told_by(progress))?;
             }
@@ -148,17 +148,17 @@ impl Store {
         py: Python<'_>,
         work: impl FnOnce(&inerter_store::Store) -> Result<T, Failure> + Send + 'static,
     ) -> PyResult<T> {
-        let (url, opened) = (self.url.clone(), self.opened.clone());
-        watch(py, None, move |_| work(&*open(&url, &opened)?))
+        let this = self.clone();
+        watch(py, None, move |_| work(&*this.open()?))
     }
-}
 
-fn open(url: &str, opened: &OnceLock<Arc<inerter_store::Store>>) -> Result<Arc<inerter_store::Store>, StoreError> {
-    if let Some(store) = opened.get() {
-        return Ok(store.clone());
+    fn open(&self) -> Result<Arc<inerter_store::Store>, StoreError> {
+        if let Some(store) = self.opened.get() {
+            return Ok(store.clone());
+        }
+        let store = Arc::new(inerter_store::Store::open(&self.url)?);
+        Ok(self.opened.get_or_init(|| store).clone())
     }
-    let store = Arc::new(inerter_store::Store::open(url)?);
-    Ok(opened.get_or_init(|| store).clone())
 }
 
 /// Nobody waits any more: the work ends.

@@ -29,7 +29,7 @@ impl Sums {
     /// From bytes of `to_bytes`.
     #[classmethod]
     fn from_bytes(_: &Bound<'_, PyType>, py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
-        let runs = py.detach(|| Runs::from_bytes(bytes)).map_err(|error| Failure::from(error).raised(py))?;
+        let runs = py.detach(|| Runs::from_bytes(bytes)).map_err(Failure::from)?;
         Ok(Self { runs })
     }
 
@@ -46,7 +46,7 @@ impl Sums {
     /// Both together, without a fit.
     fn __add__(&self, py: Python<'_>, other: PyRef<'_, Self>) -> PyResult<Self> {
         let (ours, others) = (self.runs.clone(), other.runs.clone());
-        let runs = py.detach(|| ours.and(others)).map_err(|error| Failure::from(error).raised(py))?;
+        let runs = py.detach(|| ours.and(others)).map_err(Failure::from)?;
         Ok(Self { runs })
     }
 

@@ -67,7 +67,7 @@ impl Table {
     fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
         let Ok(place) = self.schema.index_of(name) else { return Err(PyKeyError::new_err(name.to_string())) };
         let list = PyList::empty(py);
-        for batch in self.reader().map_err(|failure| failure.raised(py))? {
+        for batch in self.reader()? {
             let batch = batch.map_err(|error| PyValueError::new_err(error.to_string()))?;
             let column = batch.column(place);
             if let Some(values) = column.as_any().downcast_ref::<Float64Array>() {
@@ -94,8 +94,7 @@ impl Table {
     ) -> PyResult<Bound<'py, PyCapsule>> {
         // The interface lets a producer give what it has.
         drop(requested_schema);
-        let reader = self.reader().map_err(|failure| failure.raised(py))?;
-        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), c"arrow_array_stream")
+        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(self.reader()?), c"arrow_array_stream")
     }
 }
 
@@ -143,11 +142,8 @@ impl Table {
     /// What the device published, or would have published.
     pub fn estimates(table: EstimateTable) -> Self {
         let rows = table.rows();
-        let columns = table.columns.into_iter().map(|column| -> (Field, ArrayRef) {
-            let of = field(&column.name, column.unit, DataType::Float64, true);
-            (of, Arc::new(Float64Array::from(column.values)))
-        });
-        Self::known(rows, columns)
+        let columns = table.columns.into_iter();
+        Self::known(rows, columns.map(|column| floats(&column.name, column.unit, column.values, true)))
     }
 
     /// The points of a motion that was planned, at the setting `sample_rate_hz`: what moves the terminal.
@@ -155,18 +151,20 @@ impl Table {
         let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
         let (t_s, terminal): (Vec<f64>, Vec<f64>) =
             planned.points(sample_rate_hz).map(|point| (point.t_s, point.terminal_m)).unzip();
-        let (rows, terminal_unit) = (t_s.len(), unit(machine, "m"));
-        let columns = [("t_s", "s", t_s), (column_names(machine).1, terminal_unit, terminal)];
-        let columns = columns.into_iter().map(|(name, unit, values)| -> (Field, ArrayRef) {
-            (field(name, unit, DataType::Float64, false), Arc::new(Float64Array::from(values)))
-        });
-        Self::known(rows, columns)
+        let (rows, (_, name)) = (t_s.len(), column_names(machine));
+        Self::known(rows, [floats("t_s", "s", t_s, false), floats(name, unit(machine, "m"), terminal, false)])
     }
 
-    fn known(rows: usize, columns: impl Iterator<Item = (Field, ArrayRef)>) -> Self {
-        let (fields, columns): (Vec<Field>, Vec<ArrayRef>) = columns.unzip();
+    fn known(rows: usize, columns: impl IntoIterator<Item = (Field, ArrayRef)>) -> Self {
+        let (fields, columns): (Vec<Field>, Vec<ArrayRef>) = columns.into_iter().unzip();
         Self { of: Of::Known(columns, rows), schema: Arc::new(Schema::new(fields)) }
     }
+}
+
+/// A column of numbers with a fraction.
+fn floats(name: &str, unit: &str, values: impl Into<Float64Array>, nullable: bool) -> (Field, ArrayRef) {
+    let values: Float64Array = values.into();
+    (field(name, unit, DataType::Float64, nullable), Arc::new(values))
 }
 
 fn field(name: &str, unit: &str, kind: DataType, nullable: bool) -> Field {

@@ -65,7 +65,7 @@ pub fn watch<T: Send + 'static>(
     loop {
         match py.detach(wait) {
             Ok(result) => {
-                let result = result.map_err(|failure| failure.raised(py))?;
+                let result = result?;
                 told.map_or(Ok(()), |told| told.call1((1.0,)).map(drop))?;
                 return Ok(result);
             }

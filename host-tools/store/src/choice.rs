@@ -38,20 +38,16 @@ impl FromStr for Day {
                 && part.parse().is_ok_and(|number: u32| (1..=most).contains(&number))
         };
         let parts: Vec<&str> = text.split('-').collect();
-        let is_day = match parts.as_slice() {
-            [year] => is_number(year, 4, 9999),
-            [year, month] => is_number(year, 4, 9999) && is_number(month, 2, 12),
-            [year, month, day] => is_number(year, 4, 9999) && is_number(month, 2, 12) && is_number(day, 2, 31),
-            _ => false,
-        };
-        match is_day {
-            true => Ok(Self(text.into())),
-            false => Err(StoreError::Condition {
-                condition: text.into(),
-                problem: "it is not a day".into(),
-                help: "write it as 2026-01-31, or 2026-01 for a month".into(),
-            }),
+        let limits = [(4, 9999), (2, 12), (2, 31)];
+        let are_numbers = parts.iter().zip(limits).all(|(part, (digits, most))| is_number(part, digits, most));
+        if parts.len() <= limits.len() && are_numbers {
+            return Ok(Self(text.into()));
         }
+        Err(StoreError::Condition {
+            condition: text.into(),
+            problem: "it is not a day".into(),
+            help: "write it as 2026-01-31, or 2026-01 for a month".into(),
+        })
     }
 }
 
@@ -133,24 +129,21 @@ impl Condition {
     pub(crate) fn holds(&self, row: &Row) -> Result<bool, StoreError> {
         let Some(found) = row.get(&self.column) else { return Ok(false) };
         let is_order = !matches!(self.relation, Relation::Equal | Relation::Unequal);
+        let is_time = TIMES.contains(&self.column.as_str());
         let order = match found {
             Value::Number(number) => {
-                let value: f64 = self
-                    .value
-                    .parse()
-                    .ok()
-                    .filter(|value: &f64| value.is_finite())
-                    .ok_or_else(|| refused(&self.text, "the column holds numbers", String::new()))?;
+                let value = self.value.parse().ok().filter(|value: &f64| value.is_finite());
+                let value = value.ok_or_else(|| refused(&self.text, "the column holds numbers", String::new()))?;
                 number.as_f64().and_then(|number| number.partial_cmp(&value))
             }
-            Value::String(_) if is_order && !TIMES.contains(&self.column.as_str()) => {
+            Value::String(_) if is_order && !is_time => {
                 return Err(refused(&self.text, "words have no order", String::new()));
             }
             Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
                 return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));
             }
             // A day is all of it, and a month all of its days.
-            Value::String(text) if TIMES.contains(&self.column.as_str()) => {
+            Value::String(text) if is_time => {
                 Some(text.get(..self.value.len()).unwrap_or(&text).cmp(self.value.as_str()))
             }
             Value::String(text) => Some(text.as_str().cmp(self.value.as_str())),

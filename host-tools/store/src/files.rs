@@ -8,6 +8,14 @@ use std::{
 /// Most bytes of a file that is read at once: rows and sums have some kilobytes, results some tens.
 const SMALL: usize = 16 << 20;
 
+/// What there is, where it is there.
+pub(crate) fn found<T>(result: io::Result<T>) -> io::Result<Option<T>> {
+    match result {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        result => result.map(Some),
+    }
+}
+
 /// A place for files: each whole or not there, under a name with `/`.
 pub(crate) trait Files: Send + Sync {
     /// Writes a file, in place of one that is there. Nobody sees a part of it, and what cannot be read to its end is

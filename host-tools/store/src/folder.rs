@@ -8,7 +8,7 @@ use std::{
 
 use inerter_data::output::{OutputError, Pending, sync_folder};
 
-use crate::files::Files;
+use crate::files::{Files, found};
 
 /// Bytes that are read at once.
 const PORTION: usize = 1 << 16;
@@ -29,11 +29,7 @@ impl Folder {
 
     /// Ordinary files below a folder: links and pipes are nothing of ours, and reading one might never end.
     fn walk(folder: &Path, name: &str, take: &mut dyn FnMut(String, PathBuf) -> io::Result<()>) -> io::Result<()> {
-        let entries = match fs::read_dir(folder) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-            entries => entries?,
-        };
-        for entry in entries {
+        for entry in found(fs::read_dir(folder))?.into_iter().flatten() {
             let entry = entry?;
             let Ok(part) = entry.file_name().into_string() else { continue };
             let name = if name.is_empty() { part } else { format!("{name}/{part}") };
@@ -106,25 +102,17 @@ impl Files for Folder {
     }
 
     fn is_empty(&self) -> io::Result<bool> {
-        match fs::read_dir(&self.root) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
-            entries => {
-                let names = entries?.map(|entry| entry.map(|entry| entry.file_name()));
-                // Another process may be writing the first file.
-                let other = names
-                    .into_iter()
-                    .find(|name| !name.as_ref().is_ok_and(|name| is_unfinished(&name.to_string_lossy())));
-                other.transpose().map(|other| other.is_none())
-            }
-        }
+        let mut entries = found(fs::read_dir(&self.root))?.into_iter().flatten();
+        // Another process may be writing the first file.
+        let is_other = |entry: &io::Result<fs::DirEntry>| {
+            !entry.as_ref().is_ok_and(|entry| is_unfinished(&entry.file_name().to_string_lossy()))
+        };
+        Ok(entries.find(is_other).transpose()?.is_none())
     }
 
     fn remove(&self, name: &str) -> io::Result<()> {
         let path = self.path(name);
-        match fs::remove_file(&path).map_err(absent) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            removed => removed,
-        }?;
+        found(fs::remove_file(&path).map_err(absent))?;
         // Folders go with their last file; one that holds another stays.
         let mut folder = path.parent();
         while let Some(empty) = folder.filter(|folder| *folder != self.root && fs::remove_dir(folder).is_ok()) {
@@ -142,10 +130,8 @@ impl Files for Folder {
     }
 
     fn has(&self, name: &str) -> io::Result<bool> {
-        match fs::symlink_metadata(self.path(name)).map_err(absent) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-            metadata => Ok(metadata?.is_file()),
-        }
+        let metadata = found(fs::symlink_metadata(self.path(name)).map_err(absent))?;
+        Ok(metadata.is_some_and(|metadata| metadata.is_file()))
     }
 }
 

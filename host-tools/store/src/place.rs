@@ -90,8 +90,7 @@ impl Place {
 
     /// The same of a result.
     pub(crate) fn parse_result(name: &str, batch: &str) -> Option<Self> {
-        let place =
-            Self::parts(name.strip_prefix(RESULTS)?.strip_prefix('/')?.strip_prefix(batch)?.strip_prefix('/')?)?;
+        let place = Self::parts(name.strip_prefix(&format!("{RESULTS}/{batch}/"))?)?;
         (place.result(batch) == name).then_some(place)
     }
 

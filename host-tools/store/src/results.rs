@@ -29,10 +29,8 @@ impl Outcome {
 /// The name of a batch is a folder.
 pub(crate) fn checked(batch: &str) -> Result<&str, StoreError> {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_".contains(letter);
-    match batch.chars().all(is_plain) && (1..=80).contains(&batch.len()) {
-        true => Ok(batch),
-        false => Err(StoreError::Batch { name: batch.into() }),
-    }
+    let is_name = batch.chars().all(is_plain) && (1..=80).contains(&batch.len());
+    if is_name { Ok(batch) } else { Err(StoreError::Batch { name: batch.into() }) }
 }
 
 /// Some runs of a store, the same ones for every caller: part `number` of `of`, from 1.

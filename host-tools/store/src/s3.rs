@@ -17,7 +17,7 @@ use object_store::{
 };
 use tokio::runtime::{Builder, Runtime};
 
-use crate::files::Files;
+use crate::files::{Files, found};
 
 /// Bytes that go at once; S3 wants 5 MiB of each part but the last one.
 const PART: usize = 8 << 20;
@@ -144,10 +144,7 @@ impl Files for Bucket {
     }
 
     fn remove(&self, name: &str) -> io::Result<()> {
-        match self.runtime.block_on(self.objects.delete(&self.path(name))) {
-            Err(object_store::Error::NotFound { .. }) => Ok(()),
-            removed => removed.map_err(plain),
-        }
+        found(self.runtime.block_on(self.objects.delete(&self.path(name))).map_err(plain)).map(drop)
     }
 
     fn remove_unfinished(&self) -> io::Result<()> {
@@ -160,11 +157,8 @@ impl Files for Bucket {
     }
 
     fn has(&self, name: &str) -> io::Result<bool> {
-        match self.runtime.block_on(self.objects.head(&self.path(name))) {
-            Ok(_) => Ok(true),
-            Err(object_store::Error::NotFound { .. }) => Ok(false),
-            Err(error) => Err(plain(error)),
-        }
+        let head = found(self.runtime.block_on(self.objects.head(&self.path(name))).map_err(plain))?;
+        Ok(head.is_some())
     }
 }
 

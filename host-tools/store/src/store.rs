@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 use crate::{
     choice::Choice,
     error::{StoreError, unreadable},
-    files::Files,
+    files::{Files, found},
     folder::Folder,
     place::{MARK, Part, Place, RESULTS, VERSION},
     results::{Outcome, checked},
@@ -101,10 +101,7 @@ impl Store {
     pub fn create(url: &str) -> Result<Self, StoreError> {
         let store = Self::at(url)?;
         // Another process may have made it between the first look and the second.
-        if !store.is_there()?
-            && !store.files.is_empty().map_err(|error| store.access("it", "listed", error))?
-            && !store.is_there()?
-        {
+        if !store.is_there()? && !store.tried("it", "listed", store.files.is_empty())? && !store.is_there()? {
             return Err(StoreError::Foreign { url: url.into() });
         }
         Ok(store)
@@ -161,7 +158,7 @@ impl Store {
         let source = opened(recording)?;
         let place = Place::of(&source, run);
         if self.has_run(&place)?
-            && self.sum(&place.file(Part::Recording)).is_ok_and(|sum| sum.is_some_and(|sum| sum == place.run))
+            && self.has_sum(&place.file(Part::Recording), &place.run)
             && let Ok(row) = self.row(&place)
         {
             return Ok(Added { row, is_new: false });
@@ -178,24 +175,22 @@ impl Store {
             self.put(MARK, format!("{}\n", json!({ "kind": "inerter-store", "version": VERSION })).as_bytes())?;
         }
         let name = place.file(Part::Recording);
-        // What cannot be read is written.
-        let is_there =
-            |name: &str, sum: &str| self.sum(name).is_ok_and(|found| found.is_some_and(|found| found == sum));
         for _ in 0..ATTEMPTS {
             progress(1.0)?;
-            if !is_there(&name, &place.run) {
+            // What cannot be read is written.
+            if !self.has_sum(&name, &place.run) {
                 let file = File::open(recording).map_err(unreadable(recording))?;
                 let mut from = Expected::new(file, &place.run);
                 let put = self.files.put(&name, &mut from);
                 if from.is_other {
                     return Err(StoreError::Changed { path: recording.into() });
                 }
-                put.map_err(|error| self.access(&name, "written", error))?;
+                self.tried(&name, "written", put)?;
             }
             for (part, bytes) in &tables.files {
                 progress(1.0)?;
                 let name = place.file(*part);
-                if !is_there(&name, &Sum::of(bytes)) {
+                if !self.has_sum(&name, &Sum::of(bytes)) {
                     // The last one is the run's: from there on it is there.
                     self.put(&name, bytes)?;
                 }
@@ -241,7 +236,9 @@ impl Store {
             match choice.is(&row) {
                 Ok(is_met) => {
                     is_understood = true;
-                    listed.rows.extend(Some(row).filter(|row| is_met && choice.may_be(&row.place)));
+                    if is_met && choice.may_be(&row.place) {
+                        listed.rows.push(row);
+                    }
                 }
                 Err(error) => refused = Some(error),
             }
@@ -253,15 +250,15 @@ impl Store {
     /// The run whose name begins like this, for which all are looked through; or the one with this [`Place::key`],
     /// which is there or not.
     pub fn find(&self, beginning: &str) -> Result<Place, StoreError> {
+        let none = || StoreError::NoRun { url: self.url.clone(), run: beginning.into() };
         if let Some(place) = Place::parse_key(beginning) {
-            let none = || StoreError::NoRun { url: self.url.clone(), run: beginning.into() };
             return if self.has_run(&place)? { Ok(place) } else { Err(none()) };
         }
         let run = beginning.to_lowercase();
         let found = self.places()?.into_iter().filter(|place| place.run.starts_with(&run) && !run.is_empty());
         match <[Place; 1]>::try_from(found.collect::<Vec<_>>()) {
             Ok([place]) => Ok(place),
-            Err(none) if none.is_empty() => Err(StoreError::NoRun { url: self.url.clone(), run: beginning.into() }),
+            Err(all) if all.is_empty() => Err(none()),
             Err(all) => Err(StoreError::Ambiguous { url: self.url.clone(), run: beginning.into(), count: all.len() }),
         }
     }
@@ -342,9 +339,8 @@ impl Store {
     /// What is wrong with the files of a run.
     fn verified(&self, place: &Place) -> Result<Vec<Damage>, StoreError> {
         let sums = place.file(Part::Sums);
-        let text = match self.files.get(&sums) {
-            Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        let text = match found(self.files.get(&sums)) {
+            Ok(bytes) => bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()),
             Err(_) if self.is_local() => Some(String::new()),
             Err(error) => return Err(self.access(&sums, "read", error)),
         };
@@ -427,7 +423,7 @@ impl Store {
                 Err(error) => return Err(error),
             }
         }
-        self.files.remove_unfinished().map_err(|error| self.access("an unfinished file", "removed", error))?;
+        self.tried("an unfinished file", "removed", self.files.remove_unfinished())?;
         Ok(whole)
     }
 
@@ -504,31 +500,37 @@ impl Store {
             sum.take(part);
             Ok(())
         });
-        match read {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            read => read.map(|()| Some(sum.hex())).map_err(|error| self.access(name, "read", error)),
-        }
+        Ok(self.tried(name, "read", found(read))?.map(|()| sum.hex()))
+    }
+
+    fn has_sum(&self, name: &str, sum: &str) -> bool {
+        self.sum(name).is_ok_and(|found| found.is_some_and(|found| found == sum))
     }
 
     fn has(&self, name: &str) -> Result<bool, StoreError> {
-        self.files.has(name).map_err(|error| self.access(name, "read", error))
+        self.tried(name, "read", self.files.has(name))
     }
 
     fn bytes(&self, name: &str) -> Result<Vec<u8>, StoreError> {
-        self.files.get(name).map_err(|error| self.access(name, "read", error))
+        self.tried(name, "read", self.files.get(name))
     }
 
     fn list(&self, folder: &str) -> Result<Vec<String>, StoreError> {
         let name = if folder.is_empty() { "it" } else { folder };
-        self.files.list(folder).map_err(|error| self.access(name, "listed", error))
+        self.tried(name, "listed", self.files.list(folder))
     }
 
     fn put(&self, name: &str, mut bytes: &[u8]) -> Result<(), StoreError> {
-        self.files.put(name, &mut bytes).map_err(|error| self.access(name, "written", error))
+        self.tried(name, "written", self.files.put(name, &mut bytes))
     }
 
     fn remove_file(&self, name: &str) -> Result<(), StoreError> {
-        self.files.remove(name).map_err(|error| self.access(name, "removed", error))
+        self.tried(name, "removed", self.files.remove(name))
+    }
+
+    /// What was done to a file, or that it cannot be.
+    fn tried<T>(&self, file: &str, action: &'static str, result: io::Result<T>) -> Result<T, StoreError> {
+        result.map_err(|error| self.access(file, action, error))
     }
 
     fn access(&self, file: &str, action: &'static str, source: io::Error) -> StoreError {

@@ -75,23 +75,19 @@ impl Tables {
             events.push((t_s, Some(index), code, event));
             Ok(())
         })?;
-        let remarks =
-            replayed.remarks().map(|(code, text)| (replayed.outcome.t_s, None, format!("cause.{code}"), text));
-        events.extend(remarks);
-        let markers = source.markers.iter().map(|marker| {
+        let end_s = replayed.outcome.t_s;
+        events.extend(replayed.remarks().map(|(code, text)| (end_s, None, format!("cause.{code}"), text)));
+        events.extend(source.markers.iter().map(|marker| {
             let t_s = source.time_s(marker.periods);
             (t_s, None, "marker".to_owned(), printable(&marker.text).into_owned())
-        });
-        events.extend(markers);
+        }));
         events.sort_by(|one, other| one.0.total_cmp(&other.0));
         if estimates.rows() == 0 {
             estimates = EstimateTable::without_rows(source, &replayed.outcome.estimated());
         }
         let named = |rows: usize| text("run", vec![Some(run); rows]);
-        let with_run = |rows, columns: Vec<_>| {
-            let columns: Vec<_> = [named(rows)].into_iter().chain(columns).collect();
-            table_bytes(&columns)
-        };
+        let with_run =
+            |rows, columns: Vec<_>| table_bytes(&[named(rows)].into_iter().chain(columns).collect::<Vec<_>>());
         let row = row(source, &replayed);
         let mut files = vec![
             (Part::Estimates, with_run(estimates.rows(), estimates.held().collect())?),
@@ -130,20 +126,25 @@ fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
     Value::Object([("run".to_owned(), json!(run))].into_iter().chain(values).collect())
 }
 
-fn float(machine: Machine, linear: &str, unit: &'static str, values: Vec<Option<f64>>) -> HeldColumn<'static> {
-    let values: Vec<_> = values.into_iter().map(|value| value.filter(|value| value.is_finite())).collect();
+fn float(
+    machine: Machine,
+    linear: &str,
+    unit: &'static str,
+    values: impl IntoIterator<Item = Option<f64>>,
+) -> HeldColumn<'static> {
+    let finite = values.into_iter().map(|value| value.filter(|value| value.is_finite()));
     HeldColumn {
         name: name(machine, linear).into_owned().into(),
         unit: names::unit(machine, unit),
-        cells: Cells::Float(values.into()),
+        cells: Cells::Float(finite.collect()),
     }
 }
 
-fn whole(name: &'static str, values: Vec<Option<i64>>) -> HeldColumn<'static> {
-    HeldColumn { name: name.into(), unit: "", cells: Cells::Whole(values.into()) }
+fn whole(name: &'static str, values: impl IntoIterator<Item = Option<i64>>) -> HeldColumn<'static> {
+    HeldColumn { name: name.into(), unit: "", cells: Cells::Whole(values.into_iter().collect()) }
 }
 
-fn text<'a>(name: &'static str, values: Vec<Option<&'a str>>) -> HeldColumn<'a> {
+fn text<'a>(name: &'static str, values: impl IntoIterator<Item = Option<&'a str>>) -> HeldColumn<'a> {
     let cells = values.into_iter().map(|value| value.map(Into::into)).collect();
     HeldColumn { name: name.into(), unit: "", cells: Cells::Text(cells) }
 }
@@ -153,23 +154,23 @@ fn owned(name: &'static str, value: Option<String>) -> HeldColumn<'static> {
 }
 
 fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldColumn<'_>> {
-    let all = |of: fn(&ReversalJson) -> Option<f64>| reversals.iter().map(of).collect();
+    let all = |of: fn(&ReversalJson) -> Option<f64>| reversals.iter().map(of);
     vec![
         float(machine, "t_s", "s", all(|reversal| reversal.t_s)),
-        whole("index", reversals.iter().map(|reversal| Some(reversal.index.into())).collect()),
+        whole("index", reversals.iter().map(|reversal| Some(reversal.index.into()))),
         float(machine, "value_m", "m", all(|reversal| reversal.value_m.map(f64::from))),
         float(machine, "error_m", "m", all(|reversal| reversal.error_m.map(f64::from))),
-        text("route", reversals.iter().map(|reversal| Some(reversal.route)).collect()),
-        whole("rising", reversals.iter().map(|reversal| Some(reversal.rising.into())).collect()),
+        text("route", reversals.iter().map(|reversal| Some(reversal.route))),
+        whole("rising", reversals.iter().map(|reversal| Some(reversal.rising.into()))),
     ]
 }
 
 fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColumn<'_>> {
     vec![
-        float(Machine::Linear, "t_s", "s", events.iter().map(|event| Some(rounded_s(event.0))).collect()),
-        whole("index", events.iter().map(|event| event.1.map(i64::from)).collect()),
-        text("code", events.iter().map(|event| Some(&*event.2)).collect()),
-        text("text", events.iter().map(|event| Some(&*event.3)).collect()),
+        float(Machine::Linear, "t_s", "s", events.iter().map(|event| Some(rounded_s(event.0)))),
+        whole("index", events.iter().map(|event| event.1.map(i64::from))),
+        text("code", events.iter().map(|event| Some(&*event.2))),
+        text("text", events.iter().map(|event| Some(&*event.3))),
     ]
 }
 
@@ -185,7 +186,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let calibration = source.calibration.as_ref();
     let count = |value: u64| Some(i64::try_from(value).unwrap_or(i64::MAX));
     let mut columns = vec![
-        whole("version", vec![Some(VERSION as i64)]),
+        whole("version", [Some(VERSION as i64)]),
         owned("software", Some(concat!("inerter ", env!("CARGO_PKG_VERSION")).into())),
         owned("recorded_utc", Some(utc(source.first_ns))),
         owned("serial", serial(source).map(|serial| printable(serial).into_owned())),
@@ -195,14 +196,14 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         owned("calibration_certificate", calibration.and_then(Calibration::certificate_text)),
         owned("calibration_expires", calibration.and_then(|calibration| Some(calibration.expires?.to_string()))),
         owned("machine", Some(if machine == Machine::Linear { "linear" } else { "rotary" }.into())),
-        float(machine, "duration_s", "s", vec![Some(source.duration_s())]),
-        float(machine, "sample_rate_hz", "Hz", vec![Some(settings.sample_rate_hz)]),
-        whole("samples", vec![count(extent.samples)]),
-        whole("lost_samples", vec![count(extent.missing)]),
-        whole("saturated", vec![Some(outcome.counters.saturated.into())]),
-        whole("wrong_samples", vec![count(replayed.wrong_samples() as u64)]),
-        whole("changes", vec![Some(outcome.detail.changes.into())]),
-        whole("reversals", vec![Some(outcome.detail.backlash.reversals.into())]),
+        float(machine, "duration_s", "s", [Some(source.duration_s())]),
+        float(machine, "sample_rate_hz", "Hz", [Some(settings.sample_rate_hz)]),
+        whole("samples", [count(extent.samples)]),
+        whole("lost_samples", [count(extent.missing)]),
+        whole("saturated", [Some(outcome.counters.saturated.into())]),
+        whole("wrong_samples", [count(replayed.wrong_samples() as u64)]),
+        whole("changes", [Some(outcome.detail.changes.into())]),
+        whole("reversals", [Some(outcome.detail.backlash.reversals.into())]),
     ];
     let parameters = catalogue::parameters(machine, &outcome.estimate.whole_run);
     for ((field, parameter), judged) in parameters.zip(&replayed.judged) {
@@ -213,7 +214,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let contact = [outcome.detail.stiffness_n_per_m, outcome.detail.contact_damping_n_s_per_m];
     let backlash = outcome.detail.backlash.known();
     for (what, value) in [("", backlash.map(|known| known.value)), ("_u95", backlash.map(|known| known.u95))] {
-        columns.push(float(machine, &format!("backlash{what}_m"), "m", vec![value.map(f64::from)]));
+        columns.push(float(machine, &format!("backlash{what}_m"), "m", [value.map(f64::from)]));
     }
     for (field, parameter) in catalogue::contact_fields(machine).zip(contact) {
         columns.extend(of_parameter(field, &parameter, None));
@@ -227,9 +228,9 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
         .collect();
     columns.extend([
         owned("law", Some(law_word(outcome.law.status).into())),
-        float(machine, "law_ratio", "", vec![misfit.map(|misfit| misfit.ratio.into())]),
-        float(machine, "law_limit", "", vec![misfit.map(|misfit| misfit.limit.into())]),
-        float(machine, "residual_rms_n", "N", vec![Some(outcome.estimate.residual_rms_n.into())]),
+        float(machine, "law_ratio", "", [misfit.map(|misfit| misfit.ratio.into())]),
+        float(machine, "law_limit", "", [misfit.map(|misfit| misfit.limit.into())]),
+        float(machine, "residual_rms_n", "N", [Some(outcome.estimate.residual_rms_n.into())]),
         owned("causes", Some(causes.join(" "))),
         owned("settings", Some(json!(by_name).to_string())),
         owned("truth", source.truth.as_ref().map(|truth| json!(truth).to_string())),

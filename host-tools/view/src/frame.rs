@@ -44,6 +44,17 @@ pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main
     .into_string()
 }
 
+/// The head of a table: columns of texts, of numbers, and of texts again.
+pub(crate) fn head(texts: &[&str], numbers: &[&str], more: &[&str]) -> Markup {
+    markup! {
+        thead { tr {
+            @for name in texts { th scope="col" { (name) } }
+            @for name in numbers { th.number scope="col" { (name) } }
+            @for name in more { th scope="col" { (name) } }
+        } }
+    }
+}
+
 /// A section with a figure, below its title.
 pub(crate) fn figure_section(figure: &Figure) -> Markup {
     markup! {

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html as markup};
 
-use crate::frame::framed;
+use crate::frame::{framed, head};
 
 /// A run with its page.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,10 +39,7 @@ fn section(run: &Listed) -> Markup {
         section {
             h2 { a href=(run.page) { (run.title) } }
             table {
-                thead { tr {
-                    th scope="col" { "Parameter" } th.number scope="col" { "Measured, 95 % interval" }
-                    th.number scope="col" { "True value" } th scope="col" { "Interval" }
-                } }
+                (head(&["Parameter"], &["Measured, 95 % interval", "True value"], &["Interval"]))
                 tbody {
                     @for found in &run.parameters {
                         tr {

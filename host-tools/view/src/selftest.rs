@@ -6,7 +6,7 @@ use inerter_data::{
 };
 use maud::{Markup, html as markup};
 
-use crate::frame::framed;
+use crate::frame::{framed, head};
 
 /// The whole page.
 pub fn html(test: &SelfTest) -> String {
@@ -35,10 +35,7 @@ fn checks(checks: &[Check]) -> Markup {
         section #checks {
             h2 { "Checks" }
             table {
-                thead { tr {
-                    th scope="col" { "Check" } th scope="col" { "Verdict" } th scope="col" { "Found" }
-                    th scope="col" { "Expected" } th scope="col" { "Unit" } th scope="col" { "Cause or reason" }
-                } }
+                (head(&["Check", "Verdict", "Found", "Expected", "Unit", "Cause or reason"], &[], &[]))
                 tbody { @for check in checks { (row(check)) } }
             }
         }
@@ -68,7 +65,7 @@ fn figures(test: &SelfTest) -> Markup {
         section #figures {
             h2 { "Measurements by the board itself" }
             table {
-                thead { tr { th scope="col" { "Quantity" } th.number scope="col" { "Value" } th scope="col" { "Unit" } } }
+                (head(&["Quantity"], &["Value"], &["Unit"]))
                 tbody {
                     @for (field, value) in test.figures() {
                         tr {

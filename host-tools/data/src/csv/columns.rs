@@ -73,17 +73,15 @@ impl Table {
                 return Err(ColumnsError::Time { name, row: row + 1, previous, time });
             }
         }
-        let time_decimals = decimals(&t_s);
-        let line = (1..=samples).collect();
         Ok(Self {
             file: name,
+            time_decimals: decimals(&t_s),
             t_s,
             encoder_count,
             machine,
             force_n,
             terminal_m,
-            line,
-            time_decimals,
+            line: (1..=samples).collect(),
             notes: Vec::new(),
         })
     }

@@ -37,6 +37,7 @@ pub(super) fn as_far_as_needed(source: impl Read) -> io::Result<Vec<u8>> {
 
 /// A line that is neither blank nor a comment, or is too long.
 pub(super) struct Line<'a> {
+    file: &'a str,
     pub text: &'a str,
     offset: usize,
     /// From 1.
@@ -45,9 +46,9 @@ pub(super) struct Line<'a> {
 
 impl Line<'_> {
     /// Refuses what no line of samples is.
-    pub fn check_length(&self, file: &str) -> Result<(), CsvError> {
+    pub fn check_length(&self) -> Result<(), CsvError> {
         if self.text.len() > LONGEST_LINE {
-            return Err(CsvError::LongLine { file: file.into(), line: self.number, longest: LONGEST_LINE });
+            return Err(CsvError::LongLine { file: self.file.into(), line: self.number, longest: LONGEST_LINE });
         }
         Ok(())
     }
@@ -57,24 +58,34 @@ impl Line<'_> {
         self.offset + self.text.len() == all.len()
     }
 
-    /// Where in it something is, for a message.
-    pub fn source(&self, file: &str, at: usize, length: usize) -> (Arc<Excerpt>, SourceSpan) {
-        let (excerpt, span) = Excerpt::of(file, self.number, self.text, at, length);
-        (Arc::new(excerpt), span)
+    /// The time in a cell, which must be later than the one before, and its decimals.
+    pub fn later(&self, previous: Option<&f64>, (time, at, written): Cell) -> Result<(f64, u32), CsvError> {
+        if let Some(previous) = previous.copied().filter(|previous| time <= *previous) {
+            let (file, line, text, at) = self.source(at, written.len());
+            return Err(CsvError::Time { file, line, previous, time, text, at });
+        }
+        Ok((time, decimals(written)))
+    }
+
+    /// Where something in it is, for a message: file and line, what stands there, and its place in that.
+    pub fn source(&self, at: usize, length: usize) -> (String, usize, Arc<Excerpt>, SourceSpan) {
+        let (excerpt, span) = Excerpt::of(self.file, self.number, self.text, at, length);
+        (self.file.into(), self.number, Arc::new(excerpt), span)
     }
 }
 
 /// The lines of a text that are neither blank nor comments.
 pub(super) struct Lines<'a> {
+    file: &'a str,
     text: &'a str,
     offset: usize,
     number: usize,
 }
 
 impl<'a> Lines<'a> {
-    /// Of this text.
-    pub fn of(text: &'a str) -> Self {
-        Self { text, offset: 0, number: 0 }
+    /// Of this text; `file` is its name in messages.
+    pub fn of(file: &'a str, text: &'a str) -> Self {
+        Self { file, text, offset: 0, number: 0 }
     }
 }
 
@@ -89,7 +100,7 @@ impl<'a> Iterator for Lines<'a> {
             let ending =
                 rest.get(end..).map_or(0, |ending| if ending.starts_with("\r\n") { 2 } else { ending.len().min(1) });
             let (line, length) = (rest.get(..end)?, end + ending);
-            let found = Line { text: line, offset: self.offset, number: self.number + 1 };
+            let found = Line { file: self.file, text: line, offset: self.offset, number: self.number + 1 };
             self.offset += length;
             self.number += 1;
             let content = found.text.trim();
@@ -102,7 +113,6 @@ impl<'a> Iterator for Lines<'a> {
 
 /// The first line, with the names of the columns.
 pub(super) struct Header<'a> {
-    pub file: &'a str,
     pub line: Line<'a>,
     pub dialect: Dialect,
     /// Where each name begins, and the name.
@@ -110,17 +120,17 @@ pub(super) struct Header<'a> {
 }
 
 impl<'a> Header<'a> {
-    /// The first of the lines; `example` would do as one.
-    pub fn read(file: &'a str, lines: &mut Lines<'a>, example: &'static str) -> Result<Self, CsvError> {
-        let line = lines.next().ok_or_else(|| CsvError::Empty { file: file.into(), header: example })?;
-        line.check_length(file)?;
+    /// The first of the lines; `header` would do as one.
+    pub fn read(lines: &mut Lines<'a>, header: &'static str) -> Result<Self, CsvError> {
+        let line = lines.next().ok_or_else(|| CsvError::Empty { file: lines.file.into(), header })?;
+        line.check_length()?;
         let dialect = Dialect::detect(line.text);
         let names: Vec<(usize, &str)> = dialect.fields(line.text).collect();
         if names.iter().all(|(_, name)| dialect.number(name).is_some()) {
-            let (text, at) = line.source(file, 0, line.text.len());
-            return Err(CsvError::NoHeader { file: file.into(), line: line.number, header: example, text, at });
+            let (file, line, text, at) = line.source(0, line.text.len());
+            return Err(CsvError::NoHeader { file, line, header, text, at });
         }
-        Ok(Self { file, line, dialect, names })
+        Ok(Self { line, dialect, names })
     }
 
     /// The place of a column; an error where two have the name.
@@ -128,8 +138,8 @@ impl<'a> Header<'a> {
         let mut places = self.names.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
         let first = places.next();
         if let Some((_, (offset, name))) = places.next() {
-            let (text, at) = self.line.source(self.file, *offset, name.len());
-            return Err(CsvError::DuplicateColumn { file: self.file.into(), line: self.line.number, column, text, at });
+            let (file, line, text, at) = self.line.source(*offset, name.len());
+            return Err(CsvError::DuplicateColumn { file, line, column, text, at });
         }
         Ok(first.map(|(place, _)| place))
     }
@@ -137,32 +147,33 @@ impl<'a> Header<'a> {
     /// The place of a column that must be there; `advice` says what to do where it is not.
     pub fn need(&self, column: &'static str, advice: impl Fn(&[(usize, &str)]) -> String) -> Result<usize, CsvError> {
         self.find(column)?.ok_or_else(|| {
-            let (text, at) = self.line.source(self.file, 0, self.line.text.len());
-            let advice = advice(&self.names);
-            CsvError::MissingColumn { file: self.file.into(), line: self.line.number, column, advice, text, at }
+            let (file, line, text, at) = self.line.source(0, self.line.text.len());
+            CsvError::MissingColumn { file, line, column, advice: advice(&self.names), text, at }
         })
     }
 }
 
 /// The number in a cell, where it begins, and how it is written.
+pub(super) type Cell<'a> = (f64, usize, &'a str);
+
+/// Reads a cell.
 pub(super) fn cell<'a>(
-    file: &str,
     line: &Line,
     dialect: Dialect,
     fields: &[(usize, &'a str)],
     place: usize,
     column: &'static str,
-) -> Result<(f64, usize, &'a str), CsvError> {
+) -> Result<Cell<'a>, CsvError> {
     let Some((offset, field)) = fields.get(place).copied() else {
-        let (text, at) = line.source(file, 0, line.text.len());
-        return Err(CsvError::Short { file: file.into(), line: line.number, column, text, at });
+        let (file, line, text, at) = line.source(0, line.text.len());
+        return Err(CsvError::Short { file, line, column, text, at });
     };
     match dialect.number(field) {
         Some(value) if value.is_finite() => Ok((value, offset, field)),
         number => {
-            let (text, at) = line.source(file, offset, field.len());
+            let (file, line, text, at) = line.source(offset, field.len());
             let (what, advice) = cell_words(field, number);
-            Err(CsvError::Cell { file: file.into(), line: line.number, column, what, advice, text, at })
+            Err(CsvError::Cell { file, line, column, what, advice, text, at })
         }
     }
 }

@@ -11,7 +11,7 @@ use inerter_core::Machine;
 use super::{
     dialect,
     error::CsvError,
-    lines::{Header, Lines, bytes_of, cell, decimals},
+    lines::{Header, Lines, bytes_of, cell},
     read::column_names,
     timebase,
 };
@@ -61,10 +61,7 @@ pub fn write(
 pub fn text(machine: Machine, comments: &[String], points: impl Iterator<Item = Point>) -> String {
     let (_, terminal) = column_names(machine);
     let unit = terminal.strip_prefix("terminal_").unwrap_or_default();
-    let mut text = String::new();
-    for comment in comments {
-        text += &format!("# {}\n", printable(comment));
-    }
+    let mut text: String = comments.iter().map(|comment| format!("# {}\n", printable(comment))).collect();
     text += &format!("t_s,{terminal},velocity_{unit}_per_s,acceleration_{unit}_per_s2\n");
     for Point { t_s, terminal_m, velocity_m_per_s, acceleration_m_per_s2 } in points {
         let [x, v, a] = [terminal_m, velocity_m_per_s, acceleration_m_per_s2].map(rounded);
@@ -87,8 +84,8 @@ pub fn read(path: &Path) -> Result<Displacements, CsvError> {
 /// The same from memory; `file` is its name in messages.
 pub fn parse(file: &str, bytes: &[u8]) -> Result<Displacements, CsvError> {
     let text = dialect::decode(file, bytes)?;
-    let mut lines = Lines::of(&text);
-    let header = Header::read(file, &mut lines, HEADER)?;
+    let mut lines = Lines::of(file, &text);
+    let header = Header::read(&mut lines, HEADER)?;
     let [linear, rotary] = [Machine::Linear, Machine::Rotary].map(|machine| column_names(machine).1);
     let terminal = if header.find(rotary)?.is_some() && header.find(linear)?.is_none() { rotary } else { linear };
     let advice = |names: &[(usize, &str)]| {
@@ -98,18 +95,13 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Displacements, CsvError> {
     let places = [("t_s", header.need("t_s", advice)?), (terminal, header.need(terminal, advice)?)];
     let (mut times, mut terminal_m, mut digits) = (Vec::new(), Vec::new(), 0);
     for line in lines {
-        line.check_length(file)?;
-        let fields: Vec<(usize, &str)> = header.dialect.fields(line.text).collect();
-        let [time, displacement] =
-            places.map(|(column, place)| cell(file, &line, header.dialect, &fields, place, column));
-        let (t_s, at, written) = time?;
-        if let Some(previous) = times.last().copied().filter(|previous| t_s <= *previous) {
-            let (text, at) = line.source(file, at, written.len());
-            return Err(CsvError::Time { file: file.into(), line: line.number, previous, time: t_s, text, at });
-        }
+        line.check_length()?;
+        let fields: Vec<_> = header.dialect.fields(line.text).collect();
+        let [time, displacement] = places.map(|(column, place)| cell(&line, header.dialect, &fields, place, column));
+        let (t_s, decimals) = line.later(times.last(), time?)?;
         times.push(t_s);
         terminal_m.push(displacement?.0);
-        digits = digits.max(decimals(written));
+        digits = digits.max(decimals);
     }
     let timebase = timebase::find(file, &times, digits)?;
     if timebase.missing > 0 || timebase.irregular > 0 {

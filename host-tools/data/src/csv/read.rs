@@ -7,7 +7,7 @@ use inerter_core::Machine;
 use super::{
     dialect::{self, Dialect},
     error::CsvError,
-    lines::{Header, Line, Lines, bytes_of, cell, decimals},
+    lines::{Cell, Header, Line, Lines, bytes_of, cell},
 };
 use crate::words::{nearest, shortened};
 
@@ -58,15 +58,14 @@ pub fn read(path: &Path) -> Result<Table, CsvError> {
 /// Reads CSV from memory; `file` is its name in messages.
 pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     let text = dialect::decode(file, bytes)?;
-    let mut lines = Lines::of(&text);
-    let header = Header::read(file, &mut lines, HEADER)?;
+    let mut lines = Lines::of(file, &text);
+    let header = Header::read(&mut lines, HEADER)?;
     let dialect = header.dialect;
     let columns = Columns::find(&header)?;
     let mut table = Table { file: file.into(), machine: columns.machine, ..Table::default() };
-    let mut previous = None;
     for line in lines {
-        line.check_length(file)?;
-        let row = match columns.row(file, &line, dialect) {
+        line.check_length()?;
+        let row = match columns.row(&line, dialect) {
             Err(CsvError::Short { .. } | CsvError::Cell { .. }) if line.is_cut_off(&text) => {
                 table
                     .notes
@@ -75,17 +74,13 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
             }
             row => row?,
         };
-        if let Some(previous) = previous.filter(|previous| row.t_s <= *previous) {
-            let (text, at) = line.source(file, row.time_at, row.time_length);
-            return Err(CsvError::Time { file: file.into(), line: line.number, previous, time: row.t_s, text, at });
-        }
-        previous = Some(row.t_s);
-        table.t_s.push(row.t_s);
+        let (t_s, decimals) = line.later(table.t_s.last(), row.time)?;
+        table.t_s.push(t_s);
         table.encoder_count.push(row.encoder_count);
         table.force_n.push(row.force_n);
         table.terminal_m.extend(row.terminal_m);
         table.line.push(line.number);
-        table.time_decimals = table.time_decimals.max(row.time_decimals);
+        table.time_decimals = table.time_decimals.max(decimals);
     }
     if table.t_s.is_empty() {
         return Err(CsvError::Empty { file: file.into(), header: HEADER });
@@ -93,11 +88,8 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     Ok(table)
 }
 
-struct Row {
-    t_s: f64,
-    time_at: usize,
-    time_length: usize,
-    time_decimals: u32,
+struct Row<'a> {
+    time: Cell<'a>,
     encoder_count: i64,
     force_n: f64,
     terminal_m: Option<f64>,
@@ -116,26 +108,14 @@ impl Columns {
     fn find(header: &Header) -> Result<Self, CsvError> {
         let find = |column| header.find(column);
         let need = |column| header.need(column, |names| missing_advice(column, names));
-        let (force, _) = column_names(Machine::Linear);
-        let (torque, angle) = column_names(Machine::Rotary);
-        let is_rotary = find(torque)?.is_some() || (find(angle)?.is_some() && find(force)?.is_none());
-        let machine = if is_rotary { Machine::Rotary } else { Machine::Linear };
-        let other = match machine {
-            Machine::Linear => column_names(Machine::Rotary),
-            Machine::Rotary => column_names(Machine::Linear),
-        };
-        let (force, terminal) = column_names(machine);
-        for column in [other.0, other.1] {
+        let [linear, rotary] = [Machine::Linear, Machine::Rotary].map(column_names);
+        let is_rotary = find(rotary.0)?.is_some() || (find(rotary.1)?.is_some() && find(linear.0)?.is_none());
+        let (machine, (force, terminal), others) =
+            if is_rotary { (Machine::Rotary, rotary, linear) } else { (Machine::Linear, linear, rotary) };
+        for column in [others.0, others.1] {
             if let Some((offset, name)) = find(column)?.and_then(|place| header.names.get(place)) {
-                let (text, at) = header.line.source(header.file, *offset, name.len());
-                return Err(CsvError::MixedMachines {
-                    file: header.file.into(),
-                    line: header.line.number,
-                    column,
-                    other: force,
-                    text,
-                    at,
-                });
+                let (file, line, text, at) = header.line.source(*offset, name.len());
+                return Err(CsvError::MixedMachines { file, line, column, other: force, text, at });
             }
         }
         Ok(Self {
@@ -147,16 +127,16 @@ impl Columns {
         })
     }
 
-    fn row(&self, file: &str, line: &Line, dialect: Dialect) -> Result<Row, CsvError> {
-        let fields: Vec<(usize, &str)> = dialect.fields(line.text).collect();
-        let cell = |place, column| cell(file, line, dialect, &fields, place, column);
-        let (t_s, time_at, time) = cell(self.t_s, T_S)?;
+    fn row<'a>(&self, line: &Line<'a>, dialect: Dialect) -> Result<Row<'a>, CsvError> {
+        let fields: Vec<_> = dialect.fields(line.text).collect();
+        let cell = |place, column| cell(line, dialect, &fields, place, column);
+        let time = cell(self.t_s, T_S)?;
         let (count, count_at, count_field) = cell(self.encoder_count, ENCODER_COUNT)?;
         if count.fract() != 0.0 || count.abs() > MAX_COUNT {
-            let (text, at) = line.source(file, count_at, count_field.len());
+            let (file, line, text, at) = line.source(count_at, count_field.len());
             return Err(CsvError::Cell {
-                file: file.into(),
-                line: line.number,
+                file,
+                line,
                 column: ENCODER_COUNT,
                 what: format!("{} is not a whole number of counts", shortened(count_field)),
                 advice: "the encoder's raw counts are needed: a displacement in metres must be divided by the metres per \
@@ -168,15 +148,7 @@ impl Columns {
         let (force, terminal) = column_names(self.machine);
         let (force_n, _, _) = cell(self.force_n, force)?;
         let terminal_m = self.terminal_m.map(|place| cell(place, terminal)).transpose()?.map(|(value, _, _)| value);
-        Ok(Row {
-            t_s,
-            time_at,
-            time_length: time.len(),
-            time_decimals: decimals(time),
-            encoder_count: count as i64,
-            force_n,
-            terminal_m,
-        })
+        Ok(Row { time, encoder_count: count as i64, force_n, terminal_m })
     }
 }
 

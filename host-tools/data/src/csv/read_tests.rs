@@ -1,6 +1,9 @@
 use std::io::{self, Read};
 
-use super::{super::lines::as_far_as_needed, *};
+use super::{
+    super::lines::{as_far_as_needed, decimals},
+    *,
+};
 
 fn error(text: &str) -> String {
     parse("run.csv", text.as_bytes()).unwrap_err().to_string()

@@ -10,7 +10,14 @@ use super::{
     read::{Table, column_names},
     timebase::{self, Timebase},
 };
-use crate::{error::Error, full_scale::Peaks, run::Run, series::Series, settings::Overrides, words::plural};
+use crate::{
+    error::Error,
+    full_scale::Peaks,
+    run::Run,
+    series::Series,
+    settings::{Overrides, range_of},
+    words::plural,
+};
 
 /// Largest code that `max |F| * 1.25` may reach.
 const FULL_SCALE_CODE: f64 = 4_194_304.0;
@@ -47,11 +54,10 @@ pub fn to_run(mut table: Table, overrides: &Overrides) -> Result<Run, Error> {
     if overrides.get("newtons_per_code").is_none() {
         settings.newtons_per_code = scale(&table.force_n, 1e3);
     }
-    if overrides.get("metres_per_terminal_code").is_none() && !table.terminal_m.is_empty() {
-        settings.metres_per_terminal_code = scale(&table.terminal_m, 1e-2);
-    }
-
     if !table.terminal_m.is_empty() {
+        if overrides.get("metres_per_terminal_code").is_none() {
+            settings.metres_per_terminal_code = scale(&table.terminal_m, 1e-2);
+        }
         match overrides.get("terminal_sensor") {
             None => settings.terminal_sensor = true,
             Some(0.0) => notes.push(format!(
@@ -97,11 +103,8 @@ fn timebase_notes(file: &str, timebase: &Timebase) -> Vec<String> {
 
 /// Sets the rate; returns how many samples of the file make one of ours.
 fn set_rate(file: &str, settings: &mut Settings, rate_hz: f64, given: Option<f64>) -> Result<usize, CsvError> {
-    let (min_hz, most_hz) = Settings::find("sample_rate_hz")
-        .and_then(|number| Settings::TABLE.get(number))
-        .map_or((50.0, 5000.0), |info| (info.min, info.max));
-    let most_group =
-        Settings::find("oversampling").and_then(|number| Settings::TABLE.get(number)).map_or(64.0, |info| info.max);
+    let (min_hz, most_hz) = range_of("sample_rate_hz");
+    let (_, most_group) = range_of("oversampling");
     let max_hz = most_hz * most_group;
     if !(min_hz..=max_hz).contains(&rate_hz) {
         return Err(CsvError::Rate { file: file.into(), rate_hz, min_hz, max_hz });

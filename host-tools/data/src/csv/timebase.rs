@@ -32,14 +32,11 @@ pub struct Timebase {
 
 /// Finds rate and sample numbers of strictly increasing times, written with `decimals` decimals.
 pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError> {
-    let too_few = || CsvError::TooFew { file: file.into(), samples: t_s.len() };
-    let (Some(first), Some(last)) = (t_s.first(), t_s.last()) else { return Err(too_few()) };
-    if t_s.len() < 8 {
-        return Err(too_few());
-    }
-    let span = last - first;
-    let intervals: Vec<f64> =
-        t_s.windows(2).map(|pair| pair.iter().rev().copied().reduce(|b, a| b - a).unwrap_or(0.0)).collect();
+    let span = match t_s {
+        [first, .., last] if t_s.len() >= 8 => last - first,
+        _ => return Err(CsvError::TooFew { file: file.into(), samples: t_s.len() }),
+    };
+    let intervals: Vec<f64> = t_s.iter().zip(t_s.iter().skip(1)).map(|(before, after)| after - before).collect();
     let median = median(&intervals);
     let irregular_error =
         |share: f64| CsvError::Irregular { file: file.into(), percent: share * 100.0, median_s: median };
@@ -62,7 +59,7 @@ pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError
         period = span / *last as f64;
         index = number(t_s, period);
     }
-    let jumps = || index.windows(2).map(|pair| pair.iter().rev().copied().reduce(|b, a| b - a - 1).unwrap_or(0));
+    let jumps = || index.iter().zip(index.iter().skip(1)).map(|(before, after)| after - before - 1);
     let (discontinuities, missing) = (jumps().filter(|jump| *jump > 0).count() as u64, jumps().sum());
     let resolution = 0.1_f64.powi(i32::try_from(decimals).unwrap_or(18));
     Ok(Timebase {

@@ -26,9 +26,11 @@ pub(super) struct Parquet {
 
 impl Parquet {
     pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+        let machine = source.settings.machine;
         let fields =
-            columns.iter().map(|column| (column.name(source.settings.machine), column.kind(), Repetition::REQUIRED));
-        let writer = writer(file, fields.collect(), metadata(source, about::units(source, columns)))?;
+            columns.iter().map(|column| (column.name(machine), Held::Number(column.kind()), Repetition::REQUIRED));
+        let metadata = metadata(source, about::units(source, columns));
+        let writer = writer(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))?;
         Ok(Self { name: file.name(), writer })
     }
 }
@@ -78,7 +80,7 @@ fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<Ke
         };
         (&*column.name, kind, Repetition::OPTIONAL)
     });
-    let mut writer = writer_to(to, fields.collect(), metadata)?;
+    let mut writer = writer(to, fields, metadata)?;
     let mut columns = table.iter();
     group(&mut writer, |writer| match columns.next().map(|column| &column.cells) {
         Some(Cells::Float(values)) => put_known::<DoubleType>(writer, values.iter().copied()),
@@ -129,18 +131,9 @@ enum Held {
     Text,
 }
 
-fn writer(
-    file: &Pending,
-    fields: Vec<(&str, Kind, Repetition)>,
-    metadata: Vec<KeyValue>,
-) -> Result<SerializedFileWriter<File>, OutputError> {
-    let fields = fields.into_iter().map(|(name, kind, repetition)| (name, Held::Number(kind), repetition)).collect();
-    writer_to(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))
-}
-
-fn writer_to<W: Write + Send>(
+fn writer<'a, W: Write + Send>(
     to: W,
-    fields: Vec<(&str, Held, Repetition)>,
+    fields: impl Iterator<Item = (&'a str, Held, Repetition)>,
     metadata: Vec<KeyValue>,
 ) -> Result<SerializedFileWriter<W>, ParquetError> {
     // Hardly a number comes twice: a dictionary would be built in vain.
@@ -176,7 +169,6 @@ fn writer_to<W: Write + Send>(
 fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
     let (settings, device, markers) = (about::settings(source), about::device(source), about::markers(source));
     let attributes = json!({"units": units, "settings": settings, "device": device, "markers": markers});
-    let truth = source.truth.as_ref().map(|truth| json!(truth));
     key_values([
         ("PANDAS_ATTRS", Some(attributes)),
         ("inerter.units", Some(json!(units))),
@@ -184,14 +176,14 @@ fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
         ("inerter.device", Some(json!(device))),
         ("inerter.markers", Some(json!(markers))),
         ("inerter.calibration", source.calibration.as_ref().map(|calibration| json!(calibration.texts()))),
-        ("inerter.truth", truth),
+        ("inerter.truth", source.truth.as_ref().map(|truth| json!(truth))),
     ])
 }
 
 /// Those that are known.
 fn key_values(entries: impl IntoIterator<Item = (&'static str, Option<Value>)>) -> Vec<KeyValue> {
-    let known = entries.into_iter().filter_map(|(name, value)| value.map(|value| (name, value)));
-    known.map(|(name, value)| KeyValue::new(name.to_string(), value.to_string())).collect()
+    let known = entries.into_iter().filter_map(|(name, value)| Some(KeyValue::new(name.into(), value?.to_string())));
+    known.collect()
 }
 
 fn failed(name: &str, error: ParquetError) -> OutputError {

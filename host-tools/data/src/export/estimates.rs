@@ -42,10 +42,11 @@ impl EstimateTable {
     /// Collects the estimates whose time since the first sample lies in `range_s` \[s\].
     pub fn collect(source: &Source, range_s: &Range<f64>) -> Result<Self, Error> {
         let mut table = Self::default();
-        let mut take = |since_s: f64, estimated: &Estimated| {
-            if range_s.contains(&since_s) {
+        let mut take = |since_s: f64, event: &EstimatorEvent| match event {
+            EstimatorEvent::Estimate(estimated) if range_s.contains(&since_s) => {
                 table.push(source.start_s + since_s, source, estimated);
             }
+            _ => {}
         };
         match source.recording() {
             Some(path) => {
@@ -58,9 +59,7 @@ impl EstimateTable {
                 recording::read(path, |incoming| {
                     let Item::Frame(Frame::Message { message, .. }) = incoming.item else { return };
                     for event in pairing.take(&message) {
-                        if let EstimatorEvent::Estimate(estimated) = event {
-                            take(since_s(&clock, estimated.estimate.index), &estimated);
-                        }
+                        take(since_s(&clock, event.index()), &event);
                     }
                     if let Record::Samples(batch) = message
                         && batch.check().is_ok()
@@ -69,17 +68,15 @@ impl EstimateTable {
                     }
                 })?;
                 // One whose detail did not come.
-                if let Some(EstimatorEvent::Estimate(estimated)) = pairing.flush() {
-                    take(since_s(&clock, estimated.estimate.index), &estimated);
+                if let Some(event) = pairing.flush() {
+                    take(since_s(&clock, event.index()), &event);
                 }
             }
             None => {
                 let mut replay = Replay::new(&source.settings, 0.0)?;
                 for sample in source.samples()? {
                     for event in replay.step(&sample?) {
-                        if let EstimatorEvent::Estimate(estimated) = event {
-                            take(replay.time_s(), &estimated);
-                        }
+                        take(replay.time_s(), &event);
                     }
                 }
             }
@@ -142,11 +139,11 @@ type Cell = (String, &'static str, Option<f64>);
 /// One row: always the same columns.
 fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
     let Estimated { estimate, law, detail } = estimated;
-    let plain = |name: &str, value: f64| (name.to_string(), "", Some(value));
+    let plain = |name: &str, value: Option<f64>| (name.to_string(), "", value);
     let machine = source.settings.machine;
     let quantity =
         |linear: &str, unit, value| (name(machine, linear).into_owned(), catalogue::unit(machine, unit), value);
-    let mut row = vec![("t_s".to_string(), "s", Some(t_s)), plain("index", estimate.index.into())];
+    let mut row = vec![("t_s".to_string(), "s", Some(t_s)), plain("index", Some(estimate.index.into()))];
     row.extend(
         catalogue::parameters(machine, &estimate.recent).flat_map(|(field, parameter)| pair("", field, &parameter)),
     );
@@ -154,15 +151,17 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
         catalogue::parameters(machine, &estimate.whole_run)
             .flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
     );
-    row.push(plain("moving", u8::from(estimate.moving).into()));
-    row.push(quantity("residual_rms_n", "N", Some(estimate.residual_rms_n.into())));
-    row.push(plain("updates", estimate.updates.into()));
     // As in the JSON: what stands for nothing is left out there.
     let detail = detail.as_ref().map(|detail| (detail, DetailJson::new(detail, &source.settings)));
     let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
-    row.push(quantity("backlash_m", "m", backlash.and_then(|backlash| backlash.value).map(f64::from)));
-    row.push(quantity("backlash_u95_m", "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)));
-    row.push(("reversals".into(), "", backlash.map(|backlash| backlash.reversals.into())));
+    row.extend([
+        plain("moving", Some(u8::from(estimate.moving).into())),
+        quantity("residual_rms_n", "N", Some(estimate.residual_rms_n.into())),
+        plain("updates", Some(estimate.updates.into())),
+        quantity("backlash_m", "m", backlash.and_then(|backlash| backlash.value).map(f64::from)),
+        quantity("backlash_u95_m", "m", backlash.and_then(|backlash| backlash.u95).map(f64::from)),
+        plain("reversals", backlash.map(|backlash| backlash.reversals.into())),
+    ]);
     let measured = detail.as_ref().filter(|(_, json)| json.stiffness_n_per_m.is_some());
     let values = measured.map(|(detail, _)| [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m]);
     for (number, field) in catalogue::contact_fields(machine).enumerate() {
@@ -170,14 +169,16 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
         row.extend(pair("", field, &parameter.unwrap_or_default()));
     }
     let band = detail.as_ref().and_then(|(_, json)| json.band_hz);
-    row.push(("band_low_hz".into(), "Hz", band.map(|[low, _]| low.into())));
-    row.push(("band_high_hz".into(), "Hz", band.map(|[_, high]| high.into())));
-    row.push(("changes".into(), "", detail.map(|(detail, _)| detail.changes.into())));
     let misfit = law.and_then(|law| law.misfit);
-    row.push(("law_ratio".into(), "", misfit.map(|misfit| misfit.ratio.into())));
-    row.push(("law_limit".into(), "", misfit.map(|misfit| misfit.limit.into())));
     let known = law.map(|law| law.status).filter(|status| *status != LawStatus::Unknown);
-    row.push(("law_broken".into(), "", known.map(|status| u8::from(status == LawStatus::Broken).into())));
+    row.extend([
+        ("band_low_hz".into(), "Hz", band.map(|[low, _]| low.into())),
+        ("band_high_hz".into(), "Hz", band.map(|[_, high]| high.into())),
+        plain("changes", detail.map(|(detail, _)| detail.changes.into())),
+        plain("law_ratio", misfit.map(|misfit| misfit.ratio.into())),
+        plain("law_limit", misfit.map(|misfit| misfit.limit.into())),
+        plain("law_broken", known.map(|status| u8::from(status == LawStatus::Broken).into())),
+    ]);
     row
 }
 

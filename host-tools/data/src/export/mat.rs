@@ -75,10 +75,10 @@ pub(super) fn write(
     progress: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let state = Arc::new(State::default());
-    let built = build(source, selection, columns, rows, estimates, &state);
-    let builder = built.map_err(|error| failed(file, &state, error))?;
+    let failed = |error| failed(file, &state, error);
+    let builder = build(source, selection, columns, rows, estimates, &state).map_err(failed)?;
     let out = Watched { out: BufWriter::with_capacity(1 << 16, file.open()?), state: &state, rows, progress };
-    builder.finish_to(out).map_err(|error| failed(file, &state, error))
+    builder.finish_to(out).map_err(failed)
 }
 
 fn build(

@@ -8,7 +8,10 @@ use serde::Serializer;
 use serde_json::json;
 
 use super::{Batch, Column, Source, about, selection::Sink};
-use crate::output::{OutputError, Pending};
+use crate::{
+    output::{OutputError, Pending},
+    recording::{CALIBRATION_METADATA, SETTINGS_METADATA, into_io},
+};
 
 /// Bytes of a chunk: what a viewer reads at once.
 const CHUNK: u64 = 1 << 20;
@@ -44,11 +47,11 @@ impl Mcap {
         let schema = writer.add_schema("inerter.samples", "jsonschema", schema.as_bytes()).map_err(failed)?;
         let channel = writer.add_channel(schema, "samples", "json", &BTreeMap::new()).map_err(failed)?;
         let metadata = about::settings(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
-        let settings = Metadata { name: crate::recording::SETTINGS_METADATA.into(), metadata };
+        let settings = Metadata { name: SETTINGS_METADATA.into(), metadata };
         writer.write_metadata(&settings).map_err(failed)?;
         if let Some(calibration) = &source.calibration {
-            let name = crate::recording::CALIBRATION_METADATA.into();
-            writer.write_metadata(&Metadata { name, metadata: calibration.texts() }).map_err(failed)?;
+            let calibration = Metadata { name: CALIBRATION_METADATA.into(), metadata: calibration.texts() };
+            writer.write_metadata(&calibration).map_err(failed)?;
         }
         Ok(Self {
             name: file.name(),
@@ -80,8 +83,7 @@ impl Sink for Mcap {
                 publish_time: time_ns,
             };
             self.sequence = self.sequence.wrapping_add(1);
-            let result = self.writer.write_to_known_channel(&header, &self.line);
-            result.map_err(|error| failed(&self.name, error))?;
+            self.writer.write_to_known_channel(&header, &self.line).map_err(|error| failed(&self.name, error))?;
         }
         Ok(())
     }
@@ -92,9 +94,5 @@ impl Sink for Mcap {
 }
 
 fn failed(name: &str, error: mcap::McapError) -> OutputError {
-    let source = match error {
-        mcap::McapError::Io(error) => error,
-        other => std::io::Error::other(other),
-    };
-    OutputError::write(name, source)
+    OutputError::write(name, into_io(error))
 }

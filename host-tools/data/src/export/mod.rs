@@ -68,20 +68,21 @@ pub fn export(
     let mut pending = Vec::new();
     let mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)> = Vec::new();
     // What wants its columns one by one, by its place among the pending files.
-    #[cfg_attr(not(feature = "matlab"), allow(unused_mut, reason = "no other format does"))]
     let mut mats: Vec<(Vec<Column>, usize)> = Vec::new();
     for (format, path) in targets {
         let file = Pending::create(path, replace)?;
         let columns = selection.columns(*format, source);
-        match format {
-            Format::Csv => sinks.push((columns.clone(), Box::new(text::Csv::create(&file, source, &columns)?))),
+        let sink: Option<Box<dyn Sink>> = match format {
+            Format::Csv => Some(Box::new(text::Csv::create(&file, source, &columns)?)),
             #[cfg(feature = "parquet")]
-            Format::Parquet => {
-                sinks.push((columns.clone(), Box::new(columnar::Parquet::create(&file, source, &columns)?)));
-            }
-            Format::Mcap => sinks.push((columns.clone(), Box::new(messages::Mcap::create(&file, source, &columns)?))),
+            Format::Parquet => Some(Box::new(columnar::Parquet::create(&file, source, &columns)?)),
+            Format::Mcap => Some(Box::new(messages::Mcap::create(&file, source, &columns)?)),
             #[cfg(feature = "matlab")]
-            Format::Mat => mats.push((columns, pending.len())),
+            Format::Mat => None,
+        };
+        match sink {
+            Some(sink) => sinks.push((columns, sink)),
+            None => mats.push((columns, pending.len())),
         }
         pending.push((*format, file));
         if let Some(table) = estimates.filter(|_| format.has_estimates_beside()) {

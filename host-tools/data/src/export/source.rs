@@ -75,8 +75,6 @@ impl Source {
 
     /// Samples that are in memory already; of the device nothing is known but what is true of a simulated one.
     pub fn held(run: Run) -> Self {
-        let mut extent = Extent::default();
-        run.samples.iter().for_each(|sample| extent.take(sample));
         Self {
             name: run.name,
             settings: run.settings,
@@ -85,7 +83,7 @@ impl Source {
             device: None,
             calibration: run.calibration,
             truth: run.truth,
-            extent,
+            extent: Extent::of(&run.samples),
             markers: Vec::new(),
             first_ns: 0,
             samples: Origin::Held(Arc::new(run.samples)),
@@ -119,13 +117,12 @@ impl Source {
 
     /// The samples in order.
     pub fn samples(&self) -> Result<Samples, Error> {
-        Ok(match &self.samples {
-            Origin::Recording(path) => {
-                // What a recording that is still being written gains meanwhile does not count.
-                Samples { left: self.extent.samples, origin: Reader::Recording(Box::new(recording::samples(path)?)) }
-            }
-            Origin::Held(samples) => Samples { left: self.extent.samples, origin: Reader::Held(samples.clone(), 0) },
-        })
+        let origin = match &self.samples {
+            Origin::Recording(path) => Reader::Recording(Box::new(recording::samples(path)?)),
+            Origin::Held(samples) => Reader::Held(samples.clone(), 0),
+        };
+        // What a recording that is still being written gains meanwhile does not count.
+        Ok(Samples { left: self.extent.samples, origin })
     }
 
     /// The samples whose time since the first one lies in `range_s` \[s\], in SI.

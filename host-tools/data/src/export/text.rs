@@ -26,8 +26,8 @@ impl Csv {
         let mut builder = csv::WriterBuilder::new();
         builder.has_headers(false).quote_style(csv::QuoteStyle::Never).buffer_capacity(1 << 16);
         let mut csv = Self { name: name.into(), writer: builder.from_writer(out) };
-        let result = csv.writer.write_record(columns.iter().map(|column| column.name(source.settings.machine)));
-        result.map_err(|error| csv.failed(error))?;
+        let names = columns.iter().map(|column| column.name(source.settings.machine));
+        csv.writer.write_record(names).map_err(|error| csv.failed(error))?;
         Ok(csv)
     }
 
@@ -50,14 +50,12 @@ impl Sink for Csv {
         for number in 0..batch.rows {
             row.clear();
             row.extend(batch.columns.iter().filter_map(|(_, values)| values.cell(number)));
-            let result = self.writer.serialize(&row);
-            result.map_err(|error| self.failed(error))?;
+            self.writer.serialize(&row).map_err(|error| self.failed(error))?;
         }
         Ok(())
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), OutputError> {
-        let result = self.writer.flush();
-        result.map_err(|source| OutputError::write(&self.name, source))
+        self.writer.flush().map_err(|source| OutputError::write(&self.name, source))
     }
 }

@@ -70,6 +70,8 @@ pub(super) struct Decoder {
     pairing: Pairing,
     estimates: Sparse,
     reversals: Sparse,
+    /// What is not given yet.
+    decoded: Vec<Decoded>,
 }
 
 /// Lets through what comes often only now and then.
@@ -106,38 +108,37 @@ impl Decoder {
             pairing: Pairing::new(),
             estimates: Sparse::new(ESTIMATE_S),
             reversals: Sparse::new(REVERSAL_S),
+            decoded: Vec::new(),
         }
     }
 
     /// Takes the bytes of a message of channel `raw`; gives what they hold.
     pub(super) fn take(&mut self, part: u16, bytes: &[u8]) -> Vec<Decoded> {
         let mut framing = std::mem::take(&mut self.framing);
-        let mut decoded = Vec::new();
         framing.take(part, bytes, |frame| {
             if let Frame::Message { message, .. } = frame {
-                self.record(message, &mut decoded);
+                self.record(message);
             }
         });
         self.framing = framing;
-        decoded
+        std::mem::take(&mut self.decoded)
     }
 
     /// An estimate whose detail did not come before the end.
     pub(super) fn end(&mut self) -> Vec<Decoded> {
-        let mut decoded = Vec::new();
         if let Some(event) = self.pairing.flush() {
-            self.event(event, &mut decoded);
+            self.event(event);
         }
-        decoded
+        std::mem::take(&mut self.decoded)
     }
 
-    fn event(&mut self, event: EstimatorEvent, decoded: &mut Vec<Decoded>) {
+    fn event(&mut self, event: EstimatorEvent) {
         match event {
-            EstimatorEvent::Estimate(estimated) => self.estimate(&estimated, decoded),
+            EstimatorEvent::Estimate(estimated) => self.estimate(&estimated),
             EstimatorEvent::Reversal(reversal) => {
                 let t_s = self.time_s(reversal.index);
                 if t_s.is_none_or(|t_s| self.reversals.is_due(t_s)) {
-                    self.put(decoded, Channel::Reversal, &ReversalJson::new(t_s, &reversal));
+                    self.put(Channel::Reversal, &ReversalJson::new(t_s, &reversal));
                 }
             }
             // An event of the device like others.
@@ -145,20 +146,20 @@ impl Decoder {
         }
     }
 
-    fn record(&mut self, record: Record, decoded: &mut Vec<Decoded>) {
+    fn record(&mut self, record: Record) {
         for event in self.pairing.take(&record) {
-            self.event(event, decoded);
+            self.event(event);
         }
         match record {
             Record::Samples(batch) if batch.check().is_ok() => {
-                batch.iter().flatten().for_each(|sample| self.sample(&sample, decoded));
+                batch.iter().flatten().for_each(|sample| self.sample(&sample));
             }
             Record::Event(event) => {
                 let t_s = self.time_s(event.index);
                 let json = EventJson::new(t_s, event.index, &event.kind, self.settings.machine);
-                self.put(decoded, Channel::Event, &json);
+                self.put(Channel::Event, &json);
             }
-            Record::Health(health) => self.put(decoded, Channel::Health, &health_json(&health)),
+            Record::Health(health) => self.put(Channel::Health, &health_json(&health)),
             Record::Settings(values) => {
                 // The channels keep the names that they began with.
                 let settings = Settings { machine: self.settings.machine, ..values.read(&self.settings).settings };
@@ -172,15 +173,15 @@ impl Decoder {
         }
     }
 
-    fn estimate(&mut self, estimated: &Estimated, decoded: &mut Vec<Decoded>) {
+    fn estimate(&mut self, estimated: &Estimated) {
         let t_s = self.time_s(estimated.estimate.index);
         let t_s = t_s.unwrap_or_else(|| elapsed_s(&estimated.estimate, self.settings.sample_rate_hz));
         if self.estimates.is_due(t_s) {
-            self.put(decoded, Channel::Estimate, &EstimateJson::live(t_s, estimated, &self.settings));
+            self.put(Channel::Estimate, &EstimateJson::live(t_s, estimated, &self.settings));
         }
     }
 
-    fn sample(&mut self, sample: &RawSample, decoded: &mut Vec<Decoded>) {
+    fn sample(&mut self, sample: &RawSample) {
         let before = self.clock.periods;
         self.clock.take(sample);
         if self.clock.periods > before + 1 {
@@ -191,12 +192,12 @@ impl Decoder {
         if f64::from(self.motion.count) >= MOTION_S * rate_hz {
             let motion = std::mem::take(&mut self.motion);
             let middle = self.clock.periods as f64 - 0.5 * f64::from(motion.count - 1);
-            self.put(decoded, Channel::Motion, &motion.json(middle / rate_hz));
+            self.put(Channel::Motion, &motion.json(middle / rate_hz));
         }
     }
 
-    fn put(&self, decoded: &mut Vec<Decoded>, channel: Channel, json: &impl Serialize) {
-        decoded.push((channel, machine_json(self.settings.machine, json)));
+    fn put(&mut self, channel: Channel, json: &impl Serialize) {
+        self.decoded.push((channel, machine_json(self.settings.machine, json)));
     }
 
     /// Time of a sample since the first one \[s\].

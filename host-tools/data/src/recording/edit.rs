@@ -1,7 +1,6 @@
 //! Recordings out of recordings: a part of one, several in a row. Frames stay as they were received.
 
 use std::{
-    collections::BTreeMap,
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -14,9 +13,12 @@ use super::{
     TRUTH_METADATA,
     messages::{Framing, Message, Messages},
     samples::{Extent, summary},
-    write::{End, Recorder},
+    write::{End, Recorder, map},
 };
-use crate::{error::Error, output::Pending};
+use crate::{
+    error::Error,
+    output::{OutputError, Pending},
+};
 
 /// What has been cut out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,7 +58,7 @@ pub fn cut(
     let rate_hz = summary.settings.ok_or(RecordingError::NoSettings { file: file.clone() })?.sample_rate_hz;
     let pending = Pending::create(to, replace)?;
     let mut recorder = begin(&pending, &summary)?;
-    calibrated(&mut recorder, &[&summary])?;
+    calibrated(&mut recorder, [&summary])?;
     let about = [("file", file.clone()), ("from_s", range_s.start.to_string()), ("to_s", range_s.end.to_string())];
     recorder.metadata("inerter.cut", map(about))?;
     let (mut messages, mut framing) = (Messages::open(path)?, Framing::default());
@@ -87,8 +89,7 @@ pub fn cut(
                     }
                 }
                 if inside {
-                    follow(&mut recorder, &mut channel, part)?;
-                    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))?;
+                    follow(&mut recorder, &mut channel, time_ns, part, bytes)?;
                 }
             }
         }
@@ -117,18 +118,15 @@ pub fn merge(
         inputs.push((path, summary(path)?));
     }
     inputs.sort_by_key(|(_, summary)| summary.contents.span_ns);
-    for pair in inputs.windows(2) {
-        if let [(path, summary), (next_path, next)] = pair {
-            check(path, summary, next_path, next)?;
-        }
+    for ((path, summary), (next_path, next)) in inputs.iter().zip(inputs.iter().skip(1)) {
+        check(path, summary, next_path, next)?;
     }
     let Some((_, first)) = inputs.first() else {
         return Ok(Merged { samples: 0, frames: 0, duration_s: 0.0 });
     };
     let pending = Pending::create(to, replace)?;
     let mut recorder = begin(&pending, first)?;
-    let summaries: Vec<&Summary> = inputs.iter().map(|(_, summary)| summary).collect();
-    calibrated(&mut recorder, &summaries)?;
+    calibrated(&mut recorder, inputs.iter().map(|(_, summary)| summary))?;
     let names = inputs
         .iter()
         .enumerate()
@@ -146,8 +144,7 @@ pub fn merge(
                 None => break,
                 Some(Message::Marker { time_ns, text }) => recorder.marker(time_ns, &text)?,
                 Some(Message::Raw { time_ns, part, bytes }) => {
-                    follow(&mut recorder, &mut channel, part)?;
-                    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))?;
+                    follow(&mut recorder, &mut channel, time_ns, part, bytes)?;
                 }
             }
         }
@@ -162,12 +159,18 @@ pub fn merge(
     Ok(merged)
 }
 
-/// Begins another stream where the one that is copied does.
-fn follow(recorder: &mut Recorder, channel: &mut Option<u16>, part: u16) -> Result<(), Error> {
+/// Copies a frame, and begins another stream where the one that is copied does.
+fn follow(
+    recorder: &mut Recorder,
+    channel: &mut Option<u16>,
+    time_ns: u64,
+    part: u16,
+    bytes: &[u8],
+) -> Result<(), OutputError> {
     if channel.replace(part).is_some_and(|before| before != part) {
         recorder.begin_part()?;
     }
-    Ok(())
+    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))
 }
 
 fn batch(frame: &Frame<Record>) -> Option<&Samples> {
@@ -193,18 +196,12 @@ fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
 }
 
 /// The calibration that all have. Of runs by several, or by one that not all know, none is said.
-fn calibrated(recorder: &mut Recorder, like: &[&Summary]) -> Result<(), Error> {
-    let mut all = like.iter().map(|summary| summary.contents.metadata.get(CALIBRATION_METADATA));
+fn calibrated<'a>(recorder: &mut Recorder, like: impl IntoIterator<Item = &'a Summary>) -> Result<(), OutputError> {
+    let mut all = like.into_iter().map(|summary| summary.contents.metadata.get(CALIBRATION_METADATA));
     match all.next().flatten() {
-        Some(first) if all.all(|other| other == Some(first)) => {
-            Ok(recorder.metadata(CALIBRATION_METADATA, first.clone())?)
-        }
+        Some(first) if all.all(|other| other == Some(first)) => recorder.metadata(CALIBRATION_METADATA, first.clone()),
         _ => Ok(()),
     }
-}
-
-fn map<const N: usize>(pairs: [(&str, String); N]) -> BTreeMap<String, String> {
-    pairs.into_iter().map(|(key, value)| (key.to_string(), value)).collect()
 }
 
 /// Why the recording ended.

@@ -101,13 +101,14 @@ impl<R: Read> Messages<R> {
             let step = self.walker.step().map_err(|source| RecordingError::Read { path: file().into(), source })?;
             match step {
                 Step::Record { opcode, data } => match mcap::parse_record(opcode, data) {
-                    Ok(record) => match self.known.record(record) {
-                        Some(Kind::Raw { time_ns, part }) => {
-                            return Ok(Some(Message::Raw { time_ns, part, bytes: &self.known.bytes }));
+                    Ok(record) => {
+                        if let Some(kind) = self.known.record(record) {
+                            return Ok(Some(match kind {
+                                Kind::Raw { time_ns, part } => Message::Raw { time_ns, part, bytes: &self.known.bytes },
+                                Kind::Marker { time_ns, text } => Message::Marker { time_ns, text },
+                            }));
                         }
-                        Some(Kind::Marker { time_ns, text }) => return Ok(Some(Message::Marker { time_ns, text })),
-                        None => {}
-                    },
+                    }
                     Err(error) => break Ending::Damaged { byte, reason: error.to_string() },
                 },
                 Step::Closed => break Ending::Closed,

@@ -66,6 +66,13 @@ pub struct Extent {
 }
 
 impl Extent {
+    /// Of these samples.
+    pub fn of<'a>(samples: impl IntoIterator<Item = &'a RawSample>) -> Self {
+        let mut extent = Self::default();
+        samples.into_iter().for_each(|sample| extent.take(sample));
+        extent
+    }
+
     /// Takes the next sample.
     pub fn take(&mut self, sample: &RawSample) {
         let (first, last) = self.indices.unwrap_or((sample.index, sample.index.wrapping_sub(1)));
@@ -100,8 +107,9 @@ pub struct Marker {
 /// Different faults that are told; of more there is only their number.
 const FAULTS: usize = 20;
 
-struct Collected<F> {
-    each: F,
+#[derive(Default)]
+struct Collected {
+    /// Samples of the latest batch that are not handed on yet.
     batch: VecDeque<RawSample>,
     hello: Option<Hello>,
     settings: Vec<SettingsValues>,
@@ -117,7 +125,7 @@ struct Collected<F> {
     faults_untold: u64,
 }
 
-impl<F: FnMut(RawSample)> Collected<F> {
+impl Collected {
     fn take(&mut self, incoming: Incoming) {
         match incoming.item {
             Item::Frame(Frame::Message { message, .. }) => self.message(message),
@@ -173,14 +181,10 @@ impl<F: FnMut(RawSample)> Collected<F> {
     }
 
     fn batch(&mut self, batch: &Samples) {
-        self.batch.clear();
         if !append(&mut self.batch, batch) {
             self.bad_batches += 1;
         }
-        for sample in &self.batch {
-            self.extent.take(sample);
-            (self.each)(*sample);
-        }
+        self.batch.iter().for_each(|sample| self.extent.take(sample));
     }
 }
 
@@ -197,28 +201,14 @@ pub fn summary_watched(path: &Path, progress: impl FnMut(u64)) -> Result<Summary
 /// The same; `each` is handed every sample in order.
 fn summary_with(
     path: &Path,
-    each: impl FnMut(RawSample),
+    mut each: impl FnMut(RawSample),
     mut progress: impl FnMut(u64),
 ) -> Result<Summary, RecordingError> {
-    let mut collected = Collected {
-        each,
-        batch: VecDeque::new(),
-        hello: None,
-        settings: Vec::new(),
-        extent: Extent::default(),
-        markers: Vec::new(),
-        estimated: None,
-        pairing: Pairing::new(),
-        health: None,
-        records: BTreeMap::new(),
-        foreign: None,
-        bad_batches: 0,
-        faults: Vec::new(),
-        faults_untold: 0,
-    };
+    let mut collected = Collected::default();
     let contents = read(path, |incoming| {
         progress(incoming.offset);
         collected.take(incoming);
+        collected.batch.drain(..).for_each(&mut each);
     })?;
     if let Some(event) = collected.pairing.flush() {
         collected.event(event);
@@ -227,7 +217,7 @@ fn summary_with(
     if let (Some(version), 0) = (collected.foreign, collected.extent.samples) {
         return Err(RecordingError::ForeignVersion { file, version });
     }
-    let mut notes = ending_notes(&file, &contents);
+    let mut notes = Vec::from_iter(ending_note(&file, &contents));
     let settings = settings(&file, &contents, &collected.settings, &mut notes);
     notes.extend(loss_notes(&file, &contents, collected.bad_batches));
     notes.extend(collected.faults.iter().map(|fault| format!("{file}: {fault}")));
@@ -353,59 +343,46 @@ fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: 
     let Some(map) = contents.metadata.get(SETTINGS_METADATA) else { return recorded };
     let mut settings = recorded.unwrap_or_default();
     for (name, text) in map {
-        let value = text.parse().ok().filter(|value| settings.set_by_name(name, *value).is_ok());
-        if value.is_none() {
+        if !text.parse().is_ok_and(|value| settings.set_by_name(name, value).is_ok()) {
             notes.push(format!(
                 "{file}: the recorded setting {name} = {text} is unknown to this program and was left out"
             ));
         }
     }
-    let changed = records.iter().any(|values| values.read(&settings).settings != settings);
-    if changed {
+    if records.iter().any(|values| values.read(&settings).settings != settings) {
         notes.push(format!("{file}: the settings were changed during the recording; the initial ones are used"));
     }
     Some(settings)
 }
 
-fn ending_notes(file: &str, contents: &Contents) -> Vec<String> {
-    match &contents.ending {
-        Ending::Closed => match contents.metadata.get(END_METADATA).and_then(|end| end.get("reason")) {
-            Some(reason) if reason != "finished" => vec![format!("{file}: the recording ended early: {reason}")],
-            _ => Vec::new(),
-        },
-        Ending::CutOff => vec![format!("{file}: the file is cut off; everything before the cut is used")],
-        Ending::Damaged { byte, reason } => {
-            vec![format!("{file}: the file is damaged near byte {byte} ({reason}); everything before that is used")]
+fn ending_note(file: &str, contents: &Contents) -> Option<String> {
+    Some(match &contents.ending {
+        Ending::Closed => {
+            let reason = contents.metadata.get(END_METADATA)?.get("reason").filter(|reason| *reason != "finished")?;
+            format!("{file}: the recording ended early: {reason}")
         }
-    }
+        Ending::CutOff => format!("{file}: the file is cut off; everything before the cut is used"),
+        Ending::Damaged { byte, reason } => {
+            format!("{file}: the file is damaged near byte {byte} ({reason}); everything before that is used")
+        }
+    })
 }
 
-fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> Vec<String> {
+fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> impl Iterator<Item = String> {
     let counts = &contents.counts;
-    let mut notes = Vec::new();
-    if counts.lost > 0 {
-        notes.push(format!(
-            "{file}: {} lost on the way; their samples are missing",
-            plural(counts.lost.into(), "frame")
-        ));
-    }
-    if counts.corrupt() > 0 {
-        notes.push(format!("{file}: {} damaged and left out", plural(counts.corrupt().into(), "frame")));
-    }
-    if counts.unknown > 0 {
-        notes.push(format!(
-            "{file}: {} of a kind unknown to this program were left out; a newer version may show more",
-            plural(counts.unknown.into(), "frame")
-        ));
-    }
-    if counts.restarts > 0 {
-        notes.push(format!("{file}: the device restarted {}", plural(counts.restarts.into(), "time")));
-    }
-    if bad_batches > 0 {
-        notes.push(format!(
-            "{file}: {} of samples could not be decoded; please report it",
-            plural(bad_batches, "batch")
-        ));
-    }
-    notes
+    [
+        ("", counts.lost.into(), "frame", " lost on the way; their samples are missing"),
+        ("", counts.corrupt().into(), "frame", " damaged and left out"),
+        (
+            "",
+            counts.unknown.into(),
+            "frame",
+            " of a kind unknown to this program were left out; a newer version may show more",
+        ),
+        ("the device restarted ", counts.restarts.into(), "time", ""),
+        ("", bad_batches, "batch", " of samples could not be decoded; please report it"),
+    ]
+    .into_iter()
+    .filter(|(_, count, ..)| *count > 0)
+    .map(move |(before, count, thing, after)| format!("{file}: {before}{}{after}", plural(count, thing)))
 }

@@ -61,7 +61,7 @@ impl Sink {
 
     /// Brings each flush onto the disk, and checks that the file at `path` is still the one that is written.
     pub(super) fn watching(path: &Path, file: File, safe: Safe) -> io::Result<Self> {
-        let watched = if file.metadata()?.is_file() { Some(path.to_path_buf()) } else { None };
+        let watched = file.metadata()?.is_file().then(|| path.into());
         Self::start(Output { file, written: 0, watched }, safe)
     }
 
@@ -89,11 +89,9 @@ impl Sink {
 
     fn end(&mut self) -> io::Result<()> {
         self.batches = None;
-        let ended = self
-            .thread
+        self.thread
             .take()
-            .map(|thread| thread.join().unwrap_or_else(|_| Err(io::Error::other("a fault of this program"))));
-        ended.unwrap_or(Ok(()))
+            .map_or(Ok(()), |thread| thread.join().unwrap_or_else(|_| Err(io::Error::other("a fault of this program"))))
     }
 }
 

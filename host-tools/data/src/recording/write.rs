@@ -122,8 +122,10 @@ impl Recorder {
     /// What follows is another stream: its sequence numbers do not continue those before.
     pub fn begin_part(&mut self) -> Result<(), OutputError> {
         self.part += 1;
-        let added = self.writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(self.part));
-        self.channel = added.map_err(|error| self.failed(error))?;
+        self.channel = self
+            .writer
+            .add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(self.part))
+            .map_err(|error| self.failed(error))?;
         Ok(())
     }
 
@@ -148,8 +150,7 @@ impl Recorder {
             log_time: time_ns,
             publish_time: time_ns,
         };
-        let result = self.writer.write_to_known_channel(&header, &self.frame);
-        result.map_err(|error| self.failed(error))?;
+        self.writer.write_to_known_channel(&header, &self.frame).map_err(|error| self.failed(error))?;
         self.sequence = self.sequence.wrapping_add(1);
         self.last_ns = time_ns;
         if let Some(decoder) = &mut self.decoder {
@@ -180,13 +181,13 @@ impl Recorder {
         if !self.decoded.is_empty() {
             return Ok(());
         }
-        let mut add = |channel: Channel| {
+        let add = |channel: Channel| {
             let (text, none) = (schema(machine, channel), BTreeMap::new());
             let schema =
                 self.writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", text.as_bytes())?;
             Ok((channel, self.writer.add_channel(schema, channel.topic(), "json", &none)?, 0))
         };
-        let added: Result<Vec<_>, McapError> = Channel::ALL.into_iter().map(&mut add).collect();
+        let added: Result<Vec<_>, McapError> = Channel::ALL.into_iter().map(add).collect();
         self.decoded = added.map_err(|error| self.failed(error))?;
         Ok(())
     }
@@ -199,15 +200,13 @@ impl Recorder {
         };
         let header = MessageHeader { channel_id: *id, sequence: *sequence, log_time: time_ns, publish_time: time_ns };
         *sequence = sequence.wrapping_add(1);
-        let result = self.writer.write_to_known_channel(&header, json);
-        result.map_err(|error| self.failed(error))
+        self.writer.write_to_known_channel(&header, json).map_err(|error| self.failed(error))
     }
 
     /// Hands everything so far to the thread that writes.
     pub fn flush(&mut self) -> Result<(), OutputError> {
         self.safe.hand_over(self.duration_ns());
-        let result = self.writer.flush();
-        result.map_err(|error| self.failed(error))
+        self.writer.flush().map_err(|error| self.failed(error))
     }
 
     /// Frames so far.
@@ -229,22 +228,21 @@ impl Recorder {
         for (channel, json) in self.decoder.as_mut().map(Decoder::end).unwrap_or_default() {
             self.say(channel, self.last_ns, &json)?;
         }
-        let map = BTreeMap::from([
-            ("reason".to_string(), end.reason.clone()),
-            ("frames".to_string(), self.sequence.to_string()),
-            ("lost_frames".to_string(), end.lost_frames.to_string()),
+        let map = map([
+            ("reason", end.reason.clone()),
+            ("frames", self.sequence.to_string()),
+            ("lost_frames", end.lost_frames.to_string()),
         ]);
         self.metadata(END_METADATA, map)?;
-        let result = self.writer.finish().map(|_| ());
-        result.map_err(|error| self.failed(error))?;
+        self.writer.finish().map(drop).map_err(|error| self.failed(error))?;
         let Self { name, writer, safe, .. } = self;
         writer.into_inner().finish().map_err(|source| write_error(name, &safe, source))
     }
 
     /// Writes down anything else about the run.
     pub fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), OutputError> {
-        let result = self.writer.write_metadata(&Metadata { name: name.into(), metadata });
-        result.map_err(|error| self.failed(error))
+        let metadata = Metadata { name: name.into(), metadata };
+        self.writer.write_metadata(&metadata).map_err(|error| self.failed(error))
     }
 
     fn failed(&self, error: McapError) -> OutputError {
@@ -262,14 +260,15 @@ fn write_error(name: String, safe: &Safe, source: io::Error) -> OutputError {
 
 /// What a reader must know of the channel `raw`; each stream has a channel of its own.
 fn channel_metadata(part: u16) -> BTreeMap<String, String> {
-    let mut metadata = BTreeMap::from([("wire_version".to_string(), WIRE_VERSION.to_string())]);
+    let mut metadata = map([("wire_version", WIRE_VERSION.to_string())]);
     if part > 1 {
         metadata.insert("part".into(), part.to_string());
     }
     metadata
 }
 
-fn into_io(error: McapError) -> io::Error {
+/// The reason as the operating system gave it.
+pub(crate) fn into_io(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,
         other => io::Error::other(other),
@@ -278,7 +277,7 @@ fn into_io(error: McapError) -> io::Error {
 
 fn hello_map(hello: &Hello) -> BTreeMap<String, String> {
     let Hello { wire_version, firmware, git, board, serial, sample_rate_hz, clock, capabilities } = hello;
-    [
+    map([
         ("wire_version", wire_version.to_string()),
         ("firmware", firmware.to_string()),
         ("git", git.to_string()),
@@ -287,8 +286,10 @@ fn hello_map(hello: &Hello) -> BTreeMap<String, String> {
         ("sample_rate_hz", format!("{sample_rate_hz:?}")),
         ("clock", format!("{clock:?}").to_lowercase()),
         ("capabilities", format!("{:#x}", capabilities.0)),
-    ]
-    .into_iter()
-    .map(|(key, value)| (key.to_string(), value))
-    .collect()
+    ])
+}
+
+/// Texts by name.
+pub(super) fn map<const N: usize>(pairs: [(&str, String); N]) -> BTreeMap<String, String> {
+    pairs.into_iter().map(|(key, value)| (key.to_string(), value)).collect()
 }

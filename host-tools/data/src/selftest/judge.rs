@@ -227,28 +227,17 @@ pub fn supply(measured: &Measured) -> Vec<Check> {
     vec![reference, volts, warm]
 }
 
-/// Cycles that a task takes in a second.
-struct Prediction {
-    quantity: Quantity,
-    name: &'static str,
-    label: &'static str,
-    /// Instructions on the twin in the same second: the least that it takes.
-    instructions: f64,
-}
-
-/// What the twin took, sampling at 1 kHz with every stream on and nothing in motion; its test `selftest` compares.
-const PREDICTIONS: [Prediction; 6] = [
-    predicted(Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
-    predicted(Quantity::EstimatingCycles, "work_estimating", "Cycles of estimating", 2.32e6),
-    predicted(Quantity::TelemetryCycles, "work_telemetry", "Cycles of sending", 0.966e6),
-    predicted(Quantity::CommandsCycles, "work_commands", "Cycles of requests", 0.0),
-    predicted(Quantity::UsbCycles, "work_usb", "Cycles of the USB", 0.0),
-    predicted(Quantity::SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
+/// Cycles that each task takes in a second, as a quantity, a name and a label, and the instructions that the twin took in
+/// the same second, the least that it takes: sampling at 1 kHz with every stream on and nothing in motion; its test
+/// `selftest` compares.
+const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
+    (Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
+    (Quantity::EstimatingCycles, "work_estimating", "Cycles of estimating", 2.32e6),
+    (Quantity::TelemetryCycles, "work_telemetry", "Cycles of sending", 0.966e6),
+    (Quantity::CommandsCycles, "work_commands", "Cycles of requests", 0.0),
+    (Quantity::UsbCycles, "work_usb", "Cycles of the USB", 0.0),
+    (Quantity::SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
 ];
-
-const fn predicted(quantity: Quantity, name: &'static str, label: &'static str, instructions: f64) -> Prediction {
-    Prediction { quantity, name, label, instructions }
-}
 
 /// Cycles of the chip for an instruction at most, by the pessimistic bound of the twin's model and half as much again.
 const MOST_PER_INSTRUCTION: f64 = 4.5;
@@ -265,12 +254,12 @@ pub fn work(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
     let window_s = get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)).map(|us| f64::from(us) / 1e6);
     let mut checks: Vec<Check> = PREDICTIONS
-        .iter()
-        .map(|Prediction { quantity, name, label, instructions }| {
-            let per_s = get(*quantity).zip(window_s).map(|(cycles, s)| f64::from(cycles) / s / 1e6);
+        .into_iter()
+        .map(|(quantity, name, label, instructions)| {
+            let per_s = get(quantity).zip(window_s).map(|(cycles, s)| f64::from(cycles) / s / 1e6);
             let least = (instructions * LEAST_PER_INSTRUCTION) / 1e6;
             let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
-            Check::range(*name, label, "million/s", least..=most, per_s, |found| {
+            Check::range(name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
                     "less than the twin needs for the same work: it did not do its work, or the counter stands still"
                         .into()

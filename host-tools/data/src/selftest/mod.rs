@@ -72,22 +72,18 @@ impl Check {
         found: Option<f64>,
         cause: impl FnOnce(f64) -> String,
     ) -> Self {
-        let ends = |end: f64| three_digits(end);
-        let name = name.into();
         let expected = match (*range.start(), *range.end()) {
-            (least, most) if least == most => ends(least),
-            (f64::NEG_INFINITY, most) => format!("at most {}", ends(most)),
-            (least, f64::INFINITY) => format!("at least {}", ends(least)),
-            (least, most) => format!("{} to {}", ends(least), ends(most)),
+            (least, most) if least == most => three_digits(least),
+            (f64::NEG_INFINITY, most) => format!("at most {}", three_digits(most)),
+            (least, f64::INFINITY) => format!("at least {}", three_digits(least)),
+            (least, most) => format!("{} to {}", three_digits(least), three_digits(most)),
         };
-        let Some(value) = found.filter(|value| value.is_finite()) else {
-            let reason = Some("the board did not report it".into());
-            return Self { name, label, expected, found: None, unit, verdict: Verdict::Fail, reason };
+        let found = found.filter(|value| value.is_finite());
+        let cause = match found {
+            Some(value) => (!range.contains(&value)).then(|| cause(value)),
+            None => Some("the board did not report it".into()),
         };
-        let passes = range.contains(&value);
-        let verdict = if passes { Verdict::Pass } else { Verdict::Fail };
-        let reason = (!passes).then(|| cause(value));
-        Self { name, label, expected, found: Some(three_digits(value)), unit, verdict, reason }
+        Self { found: found.map(three_digits), unit, ..Self::words(name, label, expected, "", cause) }
     }
 
     /// Something that must be as expected, in words.
@@ -105,8 +101,7 @@ impl Check {
 
     /// Something that was not looked at.
     pub fn skipped(name: impl Into<Cow<'static, str>>, label: &'static str, reason: impl Into<String>) -> Self {
-        let (expected, reason) = (String::new(), Some(reason.into()));
-        Self { name: name.into(), label, expected, found: None, unit: "", verdict: Verdict::Skipped, reason }
+        Self { found: None, verdict: Verdict::Skipped, ..Self::words(name, label, "", "", Some(reason.into())) }
     }
 
     /// One line for a person.

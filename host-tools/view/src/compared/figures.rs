@@ -7,8 +7,8 @@ use inerter_data::names::{description, parameter};
 
 use super::comparison::{Comparison, DRAWN};
 use crate::{
-    figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke},
-    page::{Content, LOW_PX, MOST_TIMES, TALL_PX, degrees, file_name, measured, over_run, settled},
+    figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, ends},
+    page::{Content, Half, LOW_PX, MOST_TIMES, TALL_PX, degrees, file_name, known, measured, over_run, settled},
 };
 
 /// A run's colour.
@@ -18,8 +18,7 @@ const COLOURS: [Colour; DRAWN] = [Colour::Blue, Colour::Vermilion, Colour::Green
 pub fn figures(comparison: &Comparison) -> Vec<Figure> {
     let machine = comparison.machine();
     let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
-    let shown = all.into_iter().filter(|figure| !figure.panels.is_empty());
-    let mut figures: Vec<Figure> = shown.collect();
+    let mut figures: Vec<Figure> = all.into_iter().filter(|figure| !figure.panels.is_empty()).collect();
     for figure in &mut figures {
         figure.title = description(machine, &figure.title);
         figure.caption = description(machine, &figure.caption);
@@ -68,12 +67,8 @@ fn intervals(comparison: &Comparison) -> Figure {
             let is_named = panels.is_empty() && comparison.runs.len() <= DRAWN;
             layers.push(Layer { label: is_named.then(|| name(number, content)), colour, shape: points });
         }
-        panels.push(Panel {
-            x: Axis::new("Run").within(0.0, count + 1.0),
-            y: Axis::new(format!("{symbol} [{unit}]")),
-            height_px: LOW_PX - 20,
-            layers,
-        });
+        let x = Axis::new("Run").within(0.0, count + 1.0);
+        panels.push(Panel::new(x, Axis::new(format!("{symbol} [{unit}]")), LOW_PX - 20, layers));
     }
     Figure {
         name: "intervals",
@@ -89,20 +84,12 @@ fn intervals(comparison: &Comparison) -> Figure {
 fn hysteresis(comparison: &Comparison) -> Figure {
     let layers = laid(comparison).filter_map(|(content, name, colour)| {
         let known = || content.close.iter().filter(|row| row.position_m.is_finite() && row.force_n.is_finite());
-        let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), row| {
-            (low.min(row.position_m), high.max(row.position_m))
-        });
+        let (low, high) = ends(known().map(|row| row.position_m));
         let middle_m = (low + high) / 2.0;
         let points = content.close.iter().map(|row| ((row.position_m - middle_m) * 1e3, row.force_n)).collect();
-        (known().count() > 2).then(|| Layer::new(name, colour, Shape::Line(points, Stroke::Solid)))
+        (known().count() > 2).then(|| Layer::line(name, colour, points, Stroke::Solid))
     });
-    let layers: Vec<Layer> = layers.collect();
-    let panel = Panel {
-        x: Axis::new("Displacement of the screw about its middle [mm]"),
-        y: Axis::new("Force [N]"),
-        height_px: 360,
-        layers,
-    };
+    let panel = Panel::new("Displacement of the screw about its middle [mm]", "Force [N]", 360, layers.collect());
     Figure {
         name: "loops",
         title: "Force over displacement".into(),
@@ -125,7 +112,7 @@ fn over_time(comparison: &Comparison) -> Figure {
         let (mut layers, mut range) = (Vec::new(), (f64::INFINITY, f64::NEG_INFINITY));
         for (content, name, colour) in laid(comparison) {
             let points = over_run(content, number);
-            if points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count() < 2 {
+            if known(&points).count() < 2 {
                 continue;
             }
             let (low, high) = settled(&points);
@@ -139,12 +126,9 @@ fn over_time(comparison: &Comparison) -> Figure {
         }
         if !layers.is_empty() {
             let room = 0.02 * (range.1 - range.0).max(1e-9);
-            panels.push(Panel {
-                x: Axis::new("Time since the first sample [s]").within(0.0, duration_s),
-                y: Axis::new(format!("{} [{}]", field.symbol, field.unit)).within(range.0 - room, range.1 + room),
-                height_px: LOW_PX,
-                layers,
-            });
+            let x = Axis::new("Time since the first sample [s]").within(0.0, duration_s);
+            let y = Axis::new(format!("{} [{}]", field.symbol, field.unit)).within(range.0 - room, range.1 + room);
+            panels.push(Panel::new(x, y, LOW_PX, layers));
         }
     }
     Figure {
@@ -162,7 +146,7 @@ fn over_time(comparison: &Comparison) -> Figure {
 /// The measured frequency responses.
 fn bode(comparison: &Comparison) -> Figure {
     let seen: Vec<_> = laid(comparison).filter(|(content, ..)| !content.response.points.is_empty()).collect();
-    let layers = |show: &dyn Fn(&Point) -> f64, half: &dyn Fn(f64, &Point) -> f64, named: bool| -> Vec<Layer> {
+    let layers = |show: &dyn Fn(&Point) -> f64, half: Half, named: bool| -> Vec<Layer> {
         let of = |(content, name, colour): &(&Content, String, Colour)| {
             measured(&content.response, named.then_some(name.as_str()), (*colour, Stroke::Solid), show, half)
         };
@@ -173,7 +157,7 @@ fn bode(comparison: &Comparison) -> Figure {
     let of_all = || seen.iter().flat_map(|(content, ..)| content.response.points.iter().map(apparent));
     let inertance_kg = seen.iter().map(|(content, ..)| content.model.inertance_kg.abs()).fold(1e-9, f64::max);
     let most_kg = of_all().map(|kg| 1.1 * kg).fold(1.25 * inertance_kg, f64::max).min(MOST_TIMES * inertance_kg);
-    let panel = |y: Axis, height_px, layers| Panel { x: Axis::log("Frequency [Hz]"), y, height_px, layers };
+    let panel = |y: Axis, height_px, layers| Panel::new(Axis::log("Frequency [Hz]"), y, height_px, layers);
     let panels = match seen.is_empty() {
         true => Vec::new(),
         false => vec![

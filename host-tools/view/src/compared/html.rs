@@ -12,7 +12,7 @@ use maud::{Markup, html as markup};
 use super::{comparison::Comparison, figures::figures};
 use crate::{
     figure::Figure,
-    frame::{figure_section, framed},
+    frame::{figure_section, framed, head},
     page::{Content, calibration_text, device_text, file_name, limits_table, notes_of, shown},
 };
 
@@ -80,14 +80,7 @@ fn parameters(comparison: &Comparison, machine: Machine) -> Markup {
         section #parameters {
             h2 { "What differs" }
             table {
-                thead { tr {
-                    th scope="col" { "Parameter" }
-                    th scope="col" { "Unit" }
-                    th scope="col" { "Run" }
-                    th.number scope="col" { "Value" }
-                    th.number scope="col" { "Minus the first" }
-                    th scope="col" { "Verdict" }
-                } }
+                (head(&["Parameter", "Unit", "Run"], &["Value", "Minus the first"], &["Verdict"]))
                 tbody { @for row in &comparison.rows { (of_parameter(comparison, machine, row)) } }
             }
             @for words in comparison.words() { p.small { (words) } }

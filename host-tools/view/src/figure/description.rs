@@ -38,6 +38,20 @@ pub struct Panel {
     pub layers: Vec<Layer>,
 }
 
+impl Panel {
+    /// A panel of these axes; a text is a linear axis over all data.
+    pub fn new(x: impl Into<Axis>, y: impl Into<Axis>, height_px: u32, layers: Vec<Layer>) -> Self {
+        Self { x: x.into(), y: y.into(), height_px, layers }
+    }
+
+    /// The same without names of its layers, which another panel has.
+    #[must_use]
+    pub(crate) fn unnamed(mut self) -> Self {
+        self.layers.iter_mut().for_each(|layer| layer.label = None);
+        self
+    }
+}
+
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
@@ -67,6 +81,12 @@ impl Axis {
     }
 }
 
+impl From<&str> for Axis {
+    fn from(label: &str) -> Self {
+        Self::new(label)
+    }
+}
+
 /// One set of data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
@@ -82,6 +102,11 @@ impl Layer {
     /// A layer with a name.
     pub fn new(label: impl Into<String>, colour: Colour, shape: Shape) -> Self {
         Self { label: Some(label.into()), colour, shape }
+    }
+
+    /// A line with a name.
+    pub fn line(label: impl Into<String>, colour: Colour, points: Vec<(f64, f64)>, stroke: Stroke) -> Self {
+        Self::new(label, colour, Shape::Line(points, stroke))
     }
 
     /// A layer without a name.
@@ -150,43 +175,29 @@ impl Colour {
 
     /// Red, green and blue on white paper. No two are equal, as a page finds them by these.
     pub const fn rgb(self) -> [u8; 3] {
-        match self {
-            Self::Ink => [0x22, 0x22, 0x26],
-            Self::Grid => [0xE4, 0xE4, 0xE8],
-            Self::Paper => [0xFF, 0xFF, 0xFF],
-            Self::Blue => [0x00, 0x72, 0xB2],
-            Self::Vermilion => [0xD5, 0x5E, 0x00],
-            Self::Green => [0x00, 0x9E, 0x73],
-            Self::Purple => [0xCC, 0x79, 0xA7],
-            Self::Orange => [0xE6, 0x9F, 0x00],
-        }
+        self.look().0
     }
 
     /// The same on a dark screen.
     pub const fn dark_rgb(self) -> [u8; 3] {
-        match self {
-            Self::Ink => [0xE6, 0xE6, 0xEA],
-            Self::Grid => [0x38, 0x39, 0x40],
-            Self::Paper => [0x16, 0x17, 0x1B],
-            Self::Blue => [0x56, 0xB4, 0xE9],
-            Self::Vermilion => [0xFF, 0x8F, 0x3F],
-            Self::Green => [0x2F, 0xC9, 0x9B],
-            Self::Purple => [0xE3, 0x9A, 0xC4],
-            Self::Orange => [0xF2, 0xB7, 0x33],
-        }
+        self.look().1
     }
 
     /// Name of its CSS variable.
     pub const fn variable(self) -> &'static str {
+        self.look().2
+    }
+
+    const fn look(self) -> ([u8; 3], [u8; 3], &'static str) {
         match self {
-            Self::Ink => "--ink",
-            Self::Grid => "--grid",
-            Self::Paper => "--paper",
-            Self::Blue => "--blue",
-            Self::Vermilion => "--vermilion",
-            Self::Green => "--green",
-            Self::Purple => "--purple",
-            Self::Orange => "--orange",
+            Self::Ink => ([0x22, 0x22, 0x26], [0xE6, 0xE6, 0xEA], "--ink"),
+            Self::Grid => ([0xE4, 0xE4, 0xE8], [0x38, 0x39, 0x40], "--grid"),
+            Self::Paper => ([0xFF, 0xFF, 0xFF], [0x16, 0x17, 0x1B], "--paper"),
+            Self::Blue => ([0x00, 0x72, 0xB2], [0x56, 0xB4, 0xE9], "--blue"),
+            Self::Vermilion => ([0xD5, 0x5E, 0x00], [0xFF, 0x8F, 0x3F], "--vermilion"),
+            Self::Green => ([0x00, 0x9E, 0x73], [0x2F, 0xC9, 0x9B], "--green"),
+            Self::Purple => ([0xCC, 0x79, 0xA7], [0xE3, 0x9A, 0xC4], "--purple"),
+            Self::Orange => ([0xE6, 0x9F, 0x00], [0xF2, 0xB7, 0x33], "--orange"),
         }
     }
 }

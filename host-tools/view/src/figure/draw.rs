@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use plotters::{
-    coord::{Shift, cartesian::Cartesian2d},
+    coord::{Shift, cartesian::Cartesian2d, ranged1d::Ranged},
     element::{Circle, DashedPathElement, PathElement, Polygon, Rectangle},
     prelude::{ChartBuilder, DrawingArea, DrawingBackend, IntoFont, RGBColor, TRANSPARENT, TextStyle},
     style::{
@@ -14,7 +14,7 @@ use plotters::{
 
 use super::{
     Colour, Figure, Layer, Panel, Scale, Shape, Stroke, WIDTH_PX, decimate,
-    scale::{Coordinate, around},
+    scale::{Coordinate, around, ends},
 };
 
 type Failure<DB> = plotters::drawing::DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>;
@@ -112,7 +112,6 @@ fn axes(panel: &Panel) -> [Coordinate; 2] {
 impl<DB: DrawingBackend> Drawing<'_, DB> {
     fn panel(&self, panel: &Panel, area: &DrawingArea<DB, Shift>) -> Result<(), Failure<DB>> {
         let pen = self.pen;
-        let [across, upwards] = ranges(panel);
         let [x, y] = axes(panel);
         let (legend, body) = area.split_vertically(pen.units(LEGEND_PX));
         self.legend(panel, &legend)?;
@@ -138,7 +137,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
             .draw()?;
         let plot = chart.plotting_area();
         for layer in &panel.layers {
-            self.layer(layer, panel, plot, [&(across.0..across.1), &(upwards.0..upwards.1)])?;
+            self.layer(layer, panel, plot, [&x.range(), &y.range()])?;
         }
         Ok(())
     }
@@ -286,7 +285,7 @@ fn ranges(panel: &Panel) -> [(f64, f64); 2] {
     let abscissas = || corners.iter().map(|(x, _)| *x).filter(|x| x.is_finite());
     let is_line = panel.layers.iter().any(|layer| matches!(layer.shape, Shape::Line(..)));
     let across = panel.x.range.unwrap_or_else(|| {
-        let ends = (abscissas().fold(f64::INFINITY, f64::min), abscissas().fold(f64::NEG_INFINITY, f64::max));
+        let ends = ends(abscissas());
         // Lines over time begin and end at the panel's edges.
         let tight = is_line && panel.x.scale == Scale::Linear && ends.0 < ends.1;
         if tight { ends } else { around(panel.x.scale, abscissas()) }

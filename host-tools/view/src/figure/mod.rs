@@ -17,6 +17,7 @@ mod scale;
 pub use description::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, WIDTH_PX, css};
 pub use output::{render_png, svg, svg_for_page};
 pub use scale::Scale;
+pub(crate) use scale::ends;
 
 #[cfg(test)]
 mod tests;

@@ -81,8 +81,7 @@ pub fn render_png(figure: &Figure, path: &Path, replace: bool) -> Result<(), Out
     let pixels = halved(&fine, (width * FINE) as usize);
     let encoder = PngEncoder::new(BufWriter::new(pending.open()?));
     encoder.write_image(&pixels, width, height, ColorType::Rgb8).map_err(|error| failed(&error))?;
-    pending.commit()?;
-    Ok(())
+    pending.commit().map(drop)
 }
 
 /// Each two by two pixels as their mean; `width` is that of a fine row.

@@ -154,11 +154,14 @@ impl Ranged for Coordinate {
     }
 }
 
+/// The least and the greatest of the values.
+pub(crate) fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
 /// From the least to the greatest of the values, with a little room; something to draw in any case.
 pub fn around(scale: Scale, values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let laid_out = values.map(|value| scale.apply(value)).filter(|value| value.is_finite());
-    let (low, high) =
-        laid_out.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) = ends(values.map(|value| scale.apply(value)).filter(|value| value.is_finite()));
     let (low, high) = match scale {
         _ if low > high => (0.0, 1.0),
         Scale::Linear if high - low <= 1e-9 * high.abs().max(low.abs()).max(1e-12) => {

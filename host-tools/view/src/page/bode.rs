@@ -18,6 +18,11 @@ const MOST_POINTS: usize = 60;
 /// no end.
 pub(crate) const MOST_TIMES: f64 = 3.0;
 
+/// What is shown of a response at a frequency.
+type Show<'a> = &'a dyn Fn(f64, Complex<f64>) -> f64;
+/// Half of the interval of what is shown of a point.
+pub(crate) type Half<'a> = &'a dyn Fn(f64, &response::Point) -> f64;
+
 /// Phase in degrees, from -90 to 270: that of an inertance, 180, lies in the middle.
 pub fn degrees(response: Complex<f64>) -> f64 {
     let degrees = response.arg() * 180.0 / PI;
@@ -43,7 +48,7 @@ pub(crate) fn measured(
     name: Option<&str>,
     (colour, stroke): (Colour, Stroke),
     show: &dyn Fn(&response::Point) -> f64,
-    half: &dyn Fn(f64, &response::Point) -> f64,
+    half: Half,
 ) -> Vec<Layer> {
     let all = response.points.iter().map(|point| {
         let value = show(point);
@@ -72,14 +77,9 @@ pub(super) fn bode(content: &Content) -> Made {
     }
     let (low_hz, high_hz) =
         if high_hz < 4.0 * low_hz { (low_hz / 8.0, high_hz * 8.0) } else { (low_hz / 1.3, high_hz * 1.3) };
-    let curve = |of: &dyn Fn(f64) -> Complex<f64>, show: &dyn Fn(f64, Complex<f64>) -> f64| {
+    let curve = |of: &dyn Fn(f64) -> Complex<f64>, show: Show| {
         let step = (high_hz / low_hz).powf(1.0 / 400.0);
-        let points = (0..=400).map(|n| low_hz * step.powi(n)).map(|f| (f, show(f, of(f)))).collect();
-        Shape::Line(points, Stroke::Dashed)
-    };
-    let solid = |shape: Shape| match shape {
-        Shape::Line(points, _) => Shape::Line(points, Stroke::Solid),
-        other => other,
+        (0..=400).map(|n| low_hz * step.powi(n)).map(|f| (f, show(f, of(f)))).collect()
     };
     let complete = |f: f64| model(&content.model, response.input, f);
     let rubbing = ModelParameters {
@@ -88,33 +88,29 @@ pub(super) fn bode(content: &Content) -> Made {
     };
     let with_friction = |f: f64| model(&rubbing, response.input, f);
     let perfect = |f: f64| ideal(content.model.inertance_kg, f);
-    let measured = |show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
+    let measured = |show: Show, half: Half| {
         let show = |point: &response::Point| show(point.frequency_hz, point.response);
         measured(response, Some("measured"), (Colour::Blue, Stroke::Wide), &show, half)
     };
     let has_friction = content.equivalent_viscous.is_some() && content.law.coulomb_n.abs() > 0.0;
-    let models = |show: &dyn Fn(f64, Complex<f64>) -> f64| {
+    let models = |show: Show| {
         let mut layers = vec![
-            Layer::new("ideal", Colour::Ink, solid(curve(&perfect, show))),
-            Layer::new("complete", Colour::Vermilion, curve(&complete, show)),
+            Layer::line("ideal", Colour::Ink, curve(&perfect, show), Stroke::Solid),
+            Layer::line("complete", Colour::Vermilion, curve(&complete, show), Stroke::Dashed),
         ];
         if has_friction {
-            layers.push(Layer::new("complete, with dry friction", Colour::Green, curve(&with_friction, show)));
+            let label = "complete, with dry friction";
+            layers.push(Layer::line(label, Colour::Green, curve(&with_friction, show), Stroke::Dashed));
         }
         layers
     };
-    let over = match response.input {
-        Input::Terminal => "x1",
-        Input::Screw => "x2",
+    let (over, displacement) = match response.input {
+        Input::Terminal => ("x1", "the terminal"),
+        Input::Screw => ("x2", "the screw, by the encoder"),
     };
-    let x = || Axis::log("Frequency [Hz]").within(low_hz, high_hz);
-    let panel =
-        |y: Axis, height_px, show: &dyn Fn(f64, Complex<f64>) -> f64, half: &dyn Fn(f64, &response::Point) -> f64| {
-            Panel { x: x(), y, height_px, layers: [measured(show, half), models(show)].concat() }
-        };
-    let unnamed = |panel: Panel| {
-        let layers = panel.layers.into_iter().map(|layer| Layer { label: None, ..layer }).collect();
-        Panel { layers, ..panel }
+    let panel = |y: Axis, height_px, show: Show, half: Half| {
+        let x = Axis::log("Frequency [Hz]").within(low_hz, high_hz);
+        Panel::new(x, y, height_px, [measured(show, half), models(show)].concat())
     };
     let relative = |value: f64, point: &response::Point| value * point.error;
     let kilonewtons = |_: f64, response: Complex<f64>| response.norm() / 1e3;
@@ -125,15 +121,12 @@ pub(super) fn bode(content: &Content) -> Made {
     let most_kg = most * content.model.inertance_kg.abs().max(1e-3);
     let panels = vec![
         panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),
-        unnamed(panel(
-            Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg),
-            LOW_PX,
-            &kilograms,
-            &relative,
-        )),
-        unnamed(panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &|_, point| {
+        panel(Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg), LOW_PX, &kilograms, &relative)
+            .unnamed(),
+        panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &|_, point| {
             point.phase_error_rad() * 180.0 / PI
-        })),
+        })
+        .unnamed(),
     ];
     let how = match response.method {
         Method::Tones => format!(
@@ -143,10 +136,6 @@ pub(super) fn bode(content: &Content) -> Made {
         Method::Welch { averages } => format!(
             "H1 of {averages:.0} independent pieces, with the 95 % interval; only where the coherence is above 0.8"
         ),
-    };
-    let displacement = match response.input {
-        Input::Terminal => "the terminal",
-        Input::Screw => "the screw, by the encoder",
     };
     let contact = if content.model.stiffness_n_per_m > 0.0 {
         ""

@@ -15,7 +15,7 @@ use super::{
     bode::bode,
     layout::{LOW_PX, Made, TALL_PX},
 };
-use crate::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
+use crate::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, ends};
 use inerter_analysis::rows::Row;
 
 /// Which figure.
@@ -82,10 +82,8 @@ pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
     let file = || content.run.name.clone();
     let machine = content.run.settings.machine;
     let words = |text: String| description(machine, &text);
-    let (caption, mut panels) = made.map_err(|reason| {
-        let reason = words(reason);
-        PageError::NotShown { file: file(), figure: kind.name(), reason }
-    })?;
+    let (caption, mut panels) =
+        made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason: words(reason) })?;
     for panel in &mut panels {
         for axis in [&mut panel.x, &mut panel.y] {
             axis.label = description(machine, &axis.label);
@@ -114,24 +112,24 @@ fn force(content: &Content) -> Made {
     let law = line(rows, |row| (row.t_s, row.law_n));
     let left = line(rows, |row| (row.t_s, row.force_n - row.law_n));
     let panels = vec![
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Force [N]"),
-            height_px: TALL_PX,
-            layers: vec![
-                Layer::new("measured", Colour::Blue, Shape::Line(measured, Stroke::Wide)),
-                Layer::new("mt a + cf v + fc sgn(v) + F0", Colour::Vermilion, Shape::Line(law, Stroke::Dashed)),
+        Panel::new(
+            "Time [s]",
+            "Force [N]",
+            TALL_PX,
+            vec![
+                Layer::line("measured", Colour::Blue, measured, Stroke::Wide),
+                Layer::line("mt a + cf v + fc sgn(v) + F0", Colour::Vermilion, law, Stroke::Dashed),
             ],
-        },
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Difference [N]"),
-            height_px: LOW_PX,
-            layers: vec![
+        ),
+        Panel::new(
+            "Time [s]",
+            "Difference [N]",
+            LOW_PX,
+            vec![
                 Layer::unnamed(Colour::Ink, Shape::Level(0.0, Stroke::Thin)),
-                Layer::new("measured minus law", Colour::Green, Shape::Line(left, Stroke::Solid)),
+                Layer::line("measured minus law", Colour::Green, left, Stroke::Solid),
             ],
-        },
+        ),
     ];
     let caption = format!(
         "Measured force and the law with the values fitted to all motion, both through the estimator's kernels, in the middle of the run. {}",
@@ -171,29 +169,30 @@ fn residual(content: &Content) -> Made {
     };
     let reach = bars.iter().map(|bar| bar.0.abs().max(bar.1.abs())).fold(4.0 * rms_n, f64::max);
     let panels = vec![
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Measured minus law [N]"),
-            height_px: LOW_PX + 20,
-            layers: vec![
+        Panel::new(
+            "Time [s]",
+            "Measured minus law [N]",
+            LOW_PX + 20,
+            vec![
                 Layer::unnamed(Colour::Green, Shape::Line(left, Stroke::Thin)),
                 Layer::new("± 2 rms", Colour::Ink, Shape::Level(2.0 * rms_n, Stroke::Dashed)),
                 Layer::unnamed(Colour::Ink, Shape::Level(-2.0 * rms_n, Stroke::Dashed)),
             ],
-        },
-        Panel {
-            x: Axis::new("Measured minus law [N]").within(-reach, reach),
-            y: Axis::new("Count"),
-            height_px: LOW_PX + 20,
-            layers: vec![
+        ),
+        Panel::new(
+            Axis::new("Measured minus law [N]").within(-reach, reach),
+            "Count",
+            LOW_PX + 20,
+            vec![
                 Layer::new("residuals", Colour::Green, Shape::Bars(bars)),
-                Layer::new(
+                Layer::line(
                     "normal distribution of the same rms",
                     Colour::Ink,
-                    Shape::Line((-100..=100).map(normal).collect(), Stroke::Solid),
+                    (-100..=100).map(normal).collect(),
+                    Stroke::Solid,
                 ),
             ],
-        },
+        ),
     ];
     let caption = format!(
         "Residual of the law while the screw moves, two values in each box of the kernel. Noise alone would follow the normal distribution; \
@@ -203,11 +202,21 @@ fn residual(content: &Content) -> Made {
     Ok((caption, panels))
 }
 
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values
+}
+
+/// The value that this part of all is not above; 0 of none.
+fn quantile(sorted: &[f64], part: f64) -> f64 {
+    sorted.get((sorted.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
+}
+
 /// Bars `(left, right, count)` of equal width after Freedman and Diaconis, and that width.
 fn histogram(values: &[f64]) -> (Vec<(f64, f64, f64)>, f64) {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = |part: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * part).round() as usize).copied().unwrap_or(0.0);
+    let sorted = sorted(values.iter().copied());
+    let at = |part| quantile(&sorted, part);
     let (low, high) = (at(0.0), at(1.0));
     let wanted = 2.0 * (at(0.75) - at(0.25)) / (sorted.len().max(1) as f64).cbrt();
     let count = ((high - low) / wanted).clamp(BARS.0, BARS.1).ceil();
@@ -227,28 +236,20 @@ fn histogram(values: &[f64]) -> (Vec<(f64, f64, f64)>, f64) {
 fn hysteresis(content: &Content) -> Made {
     let rows = &content.close;
     needs_rows(rows)?;
-    let known: Vec<f64> = rows.iter().map(|row| row.position_m).filter(|position| position.is_finite()).collect();
-    let (low, high) =
-        known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+    let (low, high) = ends(rows.iter().map(|row| row.position_m).filter(|position| position.is_finite()));
     let middle_m = (low + high) / 2.0;
     let millimetres = |row: &Row| (row.position_m - middle_m) * 1e3;
-    let panel = Panel {
-        x: Axis::new("Displacement of the screw about its middle [mm]"),
-        y: Axis::new("Force [N]"),
-        height_px: 360,
-        layers: vec![
-            Layer::new(
-                "measured",
-                Colour::Blue,
-                Shape::Line(line(rows, |row| (millimetres(row), row.force_n)), Stroke::Wide),
-            ),
-            Layer::new(
-                "law",
-                Colour::Vermilion,
-                Shape::Line(line(rows, |row| (millimetres(row), row.law_n)), Stroke::Dashed),
-            ),
+    let measured = line(rows, |row| (millimetres(row), row.force_n));
+    let law = line(rows, |row| (millimetres(row), row.law_n));
+    let panel = Panel::new(
+        "Displacement of the screw about its middle [mm]",
+        "Force [N]",
+        360,
+        vec![
+            Layer::line("measured", Colour::Blue, measured, Stroke::Wide),
+            Layer::line("law", Colour::Vermilion, law, Stroke::Dashed),
         ],
-    };
+    );
     let caption = "Force over displacement in the same stretch of time. An inertance tilts the loop down to the right, by mt w²; \
                    the area inside is the friction loss per cycle; Coulomb friction makes the steps at both ends.";
     Ok((caption.into(), vec![panel]))
@@ -259,24 +260,25 @@ fn hysteresis(content: &Content) -> Made {
 pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
     let machine = content.run.settings.machine;
     let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
-    let known = content.moments.iter().filter_map(|moment| Some((moment.t_s, of(moment)?.1.known())));
-    known
-        .map(|(t_s, known)| {
-            known.map_or((t_s, f64::NAN, f64::NAN), |known| (t_s, known.value.into(), known.u95.into()))
-        })
-        .collect()
+    content.moments.iter().filter_map(|moment| Some(timed(moment.t_s, of(moment)?.1.known(), 1.0))).collect()
+}
+
+/// Time, value and half width of the interval, `factor` bringing both to the unit shown.
+fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> (f64, f64, f64) {
+    let [value, u95] = known.map_or([f32::NAN; 2], |known| [known.value, known.u95]).map(f64::from);
+    (t_s, value * factor, u95 * factor)
+}
+
+/// Those with a value and an interval.
+pub(crate) fn known(points: &[(f64, f64, f64)]) -> impl Iterator<Item = &(f64, f64, f64)> {
+    points.iter().filter(|point| point.1.is_finite() && point.2.is_finite())
 }
 
 /// From where to where values lie once they have settled, with room for their intervals.
 pub(crate) fn settled(points: &[(f64, f64, f64)]) -> (f64, f64) {
-    let known = || points.iter().filter(|point| point.1.is_finite() && point.2.is_finite());
-    let middle = |mut values: Vec<f64>, part: f64| {
-        values.sort_by(f64::total_cmp);
-        values.get((values.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
-    };
-    let values = || known().map(|point| point.1).collect::<Vec<_>>();
-    let u95 = middle(known().map(|point| point.2).collect(), 0.5);
-    (middle(values(), 0.03) - 2.2 * u95, middle(values(), 0.97) + 2.2 * u95)
+    let values = sorted(known(points).map(|point| point.1));
+    let u95 = quantile(&sorted(known(points).map(|point| point.2)), 0.5);
+    (quantile(&values, 0.03) - 2.2 * u95, quantile(&values, 0.97) + 2.2 * u95)
 }
 
 fn parameters(content: &Content) -> Made {
@@ -286,8 +288,7 @@ fn parameters(content: &Content) -> Made {
     for (number, (linear, field)) in linear.zip(catalogue::fields(machine, Group::Parameter)).enumerate() {
         let points = over_run(content, number);
         // The offset is not worth a panel of its own.
-        let known = points.iter().filter(|point| point.1.is_finite() && point.2.is_finite()).count();
-        if known < 2 || field.symbol == "F0" {
+        if known(&points).count() < 2 || field.symbol == "F0" {
             continue;
         }
         let truth = truth_line(content, linear.path, 1.0);
@@ -300,17 +301,13 @@ fn parameters(content: &Content) -> Made {
     let widths: Vec<(f64, f64, f64)> = content
         .moments
         .iter()
-        .filter_map(|moment| Some((moment.t_s, moment.detail?.backlash)))
-        .map(|(t_s, backlash)| match backlash.known() {
-            None => (t_s, f64::NAN, f64::NAN),
-            Some(Interval { value, u95 }) => (t_s, f64::from(value) * 1e6, f64::from(u95) * 1e6),
-        })
+        .filter_map(|moment| Some(timed(moment.t_s, moment.detail?.backlash.known(), 1e6)))
         .collect();
     if widths.iter().filter(|point| point.1.is_finite()).count() > 1 {
         let text = format!(
             "Backlash so far, {} {}",
             backlash_text(&content.replayed.outcome.detail.backlash),
-            catalogue::unit(content.run.settings.machine, "µm")
+            catalogue::unit(machine, "µm")
         );
         let truth = truth_line(content, "backlash_m", 1e6);
         panels.push(over_time(content, "eps [µm]".into(), text, &widths, Colour::Purple, truth));
@@ -360,22 +357,19 @@ fn over_time(
     let band = points.iter().map(|(t_s, value, u95)| (*t_s, value - u95, value + u95)).collect();
     let mut layers = vec![
         Layer::unnamed(colour, Shape::Band(band)),
-        Layer::new(title, colour, Shape::Line(points.iter().map(|point| (point.0, point.1)).collect(), Stroke::Solid)),
+        Layer::line(title, colour, points.iter().map(|point| (point.0, point.1)).collect(), Stroke::Solid),
     ];
     if truth.iter().any(|(_, value)| (low..=high).contains(value)) {
-        layers.push(Layer::new("truth", Colour::Ink, Shape::Line(truth, Stroke::Dashed)));
+        layers.push(Layer::line("truth", Colour::Ink, truth, Stroke::Dashed));
     }
-    layers.extend(content.changes.iter().enumerate().map(|(number, (t_s, _))| {
-        let instant = Shape::Instant(*t_s, Stroke::Solid);
-        if number == 0 {
-            Layer::new("change found", Colour::Orange, instant)
-        } else {
-            Layer::unnamed(Colour::Orange, instant)
-        }
+    layers.extend(content.changes.iter().enumerate().map(|(number, (t_s, _))| Layer {
+        label: (number == 0).then(|| "change found".into()),
+        colour: Colour::Orange,
+        shape: Shape::Instant(*t_s, Stroke::Solid),
     }));
     let x = Axis::new("Time [s]").within(start, start + content.duration_s.max(1e-3));
-    let room = (high - low).max(1e-6);
-    Panel { x, y: Axis::new(label).within(low - 0.02 * room, high + 0.02 * room), height_px: LOW_PX - 10, layers }
+    let room = 0.02 * (high - low).max(1e-6);
+    Panel::new(x, Axis::new(label).within(low - room, high + room), LOW_PX - 10, layers)
 }
 
 fn backlash(content: &Content) -> Made {
@@ -393,9 +387,8 @@ fn backlash(content: &Content) -> Made {
         .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))
         .filter(|(_, value, error)| value.is_finite() && error.is_finite())
         .collect();
-    let mut sorted: Vec<f64> = micrometres.iter().map(|point| point.1).collect();
-    sorted.sort_by(f64::total_cmp);
-    let at = |part: f64| sorted.get(((sorted.len().max(1) - 1) as f64 * part).round() as usize).copied().unwrap_or(0.0);
+    let sorted = sorted(micrometres.iter().map(|point| point.1));
+    let at = |part| quantile(&sorted, part);
     // Outliers, which the estimate leaves out as well, would squeeze all others into one bar.
     let spread = (at(0.75) - at(0.25)).max(0.1);
     let (low, high) = (at(0.5) - 6.0 * spread, at(0.5) + 6.0 * spread);
@@ -419,18 +412,13 @@ fn backlash(content: &Content) -> Made {
         .map(|(t_s, value, error)| (*t_s, *value, value - error, value + error))
         .collect();
     let panels = vec![
-        Panel {
-            x: Axis::new("Backlash by one reversal [µm]"),
-            y: Axis::new("Reversals"),
-            height_px: LOW_PX + 30,
-            layers,
-        },
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Backlash [µm]").within(low, high),
-            height_px: LOW_PX + 10,
-            layers: vec![Layer::new("each reversal with its own 95 % interval", Colour::Purple, Shape::Points(points))],
-        },
+        Panel::new("Backlash by one reversal [µm]", "Reversals", LOW_PX + 30, layers),
+        Panel::new(
+            "Time [s]",
+            Axis::new("Backlash [µm]").within(low, high),
+            LOW_PX + 10,
+            vec![Layer::new("each reversal with its own 95 % interval", Colour::Purple, Shape::Points(points))],
+        ),
     ];
     let left_out = match outside.len() {
         0 => String::new(),

@@ -8,6 +8,7 @@ use inerter_data::{
     json::{Shown, bank_word},
     limits,
     names::description,
+    replay::Outcome,
     run::Run,
     text::{self, value_text},
     uncertainty::{parts, source_word},
@@ -22,7 +23,7 @@ use maud::{Markup, html as markup};
 use super::{Content, Kind, PageError, figures, limits::within_limits};
 use crate::{
     figure::Figure,
-    frame::{drawn, framed},
+    frame::{drawn, framed, head},
 };
 
 /// The whole page, and its figures; `within` is what is said of limits.
@@ -79,15 +80,15 @@ fn digits(value: f64) -> String {
 }
 
 fn results(content: &Content) -> Markup {
-    let estimate = &content.replayed.outcome.estimate;
+    let Outcome { estimate, law, detail, .. } = &content.replayed.outcome;
+    let settings = &content.run.settings;
     let simulated = content.run.truth.is_some();
     let truth = |name: &str, factor: f64| {
         let first = content.first_truth(name).map(|value| digits(value * factor)).unwrap_or_default();
         let later = content.later_truth(name).map(|(_, value)| format!(", then {}", digits(value * factor)));
         first + &later.unwrap_or_default()
     };
-    let law = content.replayed.outcome.law.status;
-    let machine = content.run.settings.machine;
+    let machine = settings.machine;
     let pairs = catalogue::parameters(machine, &estimate.recent)
         .zip(catalogue::parameters(machine, &estimate.whole_run))
         .zip(catalogue::fields(Machine::Linear, Group::Parameter));
@@ -98,14 +99,14 @@ fn results(content: &Content) -> Markup {
                 thead { tr {
                     th scope="col" { "Parameter" }
                     th scope="col" { "Unit" }
-                    th.number scope="col" { "Last " (content.run.settings.memory_s) " s" }
+                    th.number scope="col" { "Last " (settings.memory_s) " s" }
                     th.number scope="col" { "Whole run" }
                     @if simulated { th.number scope="col" { "Truth" } }
                     th scope="col" { "Status" }
                 } }
                 tbody {
                     @for (((field, recent), (_, whole)), linear) in pairs {
-                        @let (word, class) = status(Shown::of(field, &recent), law);
+                        @let (word, class) = status(Shown::of(field, &recent), law.status);
                         tr {
                             th scope="row" { (field.label) @if !field.symbol.is_empty() { " " i { (field.symbol) } } }
                             td { (field.unit) }
@@ -117,7 +118,7 @@ fn results(content: &Content) -> Markup {
                             td class=(class) { (word) }
                         }
                     }
-                    @for (label, unit, value, name, factor) in text::rows(&content.replayed.outcome.detail, &content.run.settings) {
+                    @for (label, unit, value, name, factor) in text::rows(detail, settings) {
                         tr {
                             th scope="row" { (label) }
                             td { (unit) }
@@ -154,6 +155,7 @@ fn budgets(content: &Content) -> Markup {
         .collect();
     let has_part = |source: &Source| rows.iter().any(|(_, budget)| parts(budget).any(|(other, _)| other == *source));
     let sources: Vec<Source> = Source::ALL.into_iter().filter(has_part).collect();
+    let columns: Vec<&str> = sources.iter().map(|source| source_word(*source)).chain(["all", "on one rig"]).collect();
     let part = |budget: &Budget, source: Source, factor: f32| {
         parts(budget).find(|(other, _)| *other == source).map(|(_, u95)| two_digits(factor * u95)).unwrap_or_default()
     };
@@ -161,13 +163,7 @@ fn budgets(content: &Content) -> Markup {
         section #budget {
             h2 { "Sources of the intervals" }
             table {
-                thead { tr {
-                    th scope="col" { "Parameter" }
-                    th scope="col" { "Unit" }
-                    @for source in &sources { th.number scope="col" { (source_word(*source)) } }
-                    th.number scope="col" { "all" }
-                    th.number scope="col" { "on one rig" }
-                } }
+                (head(&["Parameter", "Unit"], &columns, &[]))
                 tbody {
                     @for ((label, unit, factor), budget) in &rows {
                         tr {
@@ -269,7 +265,8 @@ fn section(machine: Machine, kind: Kind, figure: &Result<Figure, PageError>) -> 
 }
 
 fn conditions(content: &Content) -> Markup {
-    let (detail, counters) = (&content.replayed.outcome.detail, &content.replayed.outcome.counters);
+    let Outcome { estimate, law, detail, counters, .. } = &content.replayed.outcome;
+    let settings = &content.run.settings;
     let band =
         (detail.band.low_hz > 0.0).then(|| format!("{:.3} to {:.3} Hz", detail.band.low_hz, detail.band.high_hz));
     let reversal = detail
@@ -281,15 +278,14 @@ fn conditions(content: &Content) -> Markup {
         (0, _) => "none".to_string(),
         (places, lost) => format!("{} in {}", plural(lost, "sample"), plural(places.into(), "place")),
     };
-    let residual = content.residual().map_or_else(
-        || "nothing moved".to_string(),
-        |(rms_n, _)| text::force_text(content.run.settings.machine, rms_n) + " rms",
-    );
-    let seen_at = description(content.run.settings.machine, "Inertance was seen at");
+    let residual = content
+        .residual()
+        .map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| text::force_text(settings.machine, rms_n) + " rms");
+    let seen_at = description(settings.machine, "Inertance was seen at");
     let recorded = content.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
         ("Duration", duration_text(content.duration_s)),
-        ("Sample rate", format!("{} Hz", content.run.settings.sample_rate_hz)),
+        ("Sample rate", format!("{} Hz", settings.sample_rate_hz)),
         ("Samples", counters.samples.to_string()),
         ("Lost samples", lost),
         ("Saturated samples", counters.saturated.to_string()),
@@ -298,10 +294,10 @@ fn conditions(content: &Content) -> Markup {
         ("Friction", format!("{}{reversal}", text::regime_words(detail.friction.regime))),
         ("Changes of the device", detail.changes.to_string()),
         ("Residual of the law", residual),
-        ("Law", text::law_text(&content.replayed.outcome.law)),
+        ("Law", text::law_text(law)),
         ("Calibration of the rig", calibration_text(&content.run)),
-        ("Kernel bank", bank_word(content.replayed.outcome.estimate.bank).into()),
-        ("Updates", content.replayed.outcome.estimate.updates.to_string()),
+        ("Kernel bank", bank_word(estimate.bank).into()),
+        ("Updates", estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),
     ];
     markup! {
@@ -340,10 +336,7 @@ fn settings(settings: &Settings) -> Markup {
                 p { "All settings are the defaults." }
             } @else {
                 table {
-                    thead { tr {
-                        th scope="col" { "Setting" } th.number scope="col" { "Value" } th.number scope="col" { "Default" }
-                        th scope="col" { "Unit" } th scope="col" { "Meaning" }
-                    } }
+                    (head(&["Setting"], &["Value", "Default"], &["Unit", "Meaning"]))
                     tbody {
                         @for ((info, text), value) in &changed {
                             tr {
@@ -362,17 +355,19 @@ fn settings(settings: &Settings) -> Markup {
 }
 
 fn versions(hello: Option<&Hello>) -> Markup {
-    let mut rows = Vec::new();
-    if let Some(hello) = hello {
-        let git = if hello.git.is_empty() { String::new() } else { format!(", commit {}", hello.git) };
-        rows.push(("Firmware", format!("{}{git}", hello.firmware)));
-        rows.push(("Board", hello.board.to_string()));
-        rows.push(("Serial number", hello.serial.to_string()));
-        rows.push(("Sample clock", format!("{:?}", hello.clock).to_lowercase()));
-        rows.push(("Wire version of the device", hello.wire_version.to_string()));
-    } else {
-        rows.push(("Device", "not recorded in this file".into()));
-    }
+    let mut rows = match hello {
+        Some(hello) => {
+            let git = if hello.git.is_empty() { String::new() } else { format!(", commit {}", hello.git) };
+            vec![
+                ("Firmware", format!("{}{git}", hello.firmware)),
+                ("Board", hello.board.to_string()),
+                ("Serial number", hello.serial.to_string()),
+                ("Sample clock", format!("{:?}", hello.clock).to_lowercase()),
+                ("Wire version of the device", hello.wire_version.to_string()),
+            ]
+        }
+        None => vec![("Device", "not recorded in this file".into())],
+    };
     rows.push(("This program", format!("inerter {}, wire version {WIRE_VERSION}", env!("CARGO_PKG_VERSION"))));
     markup! {
         section #versions {

@@ -7,6 +7,8 @@ use inerter_data::{
 };
 use maud::{Markup, html as markup};
 
+use crate::frame::head;
+
 /// A verdict as a page shows it, and its class.
 pub(crate) const fn shown(verdict: Verdict) -> (&'static str, &'static str) {
     match verdict {
@@ -48,14 +50,7 @@ fn table(machine: Machine, all: &[Judged]) -> Markup {
     let limit = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
     markup! {
         table {
-            thead { tr {
-                th scope="col" { "Parameter" }
-                th scope="col" { "Unit" }
-                th.number scope="col" { "At least" }
-                th.number scope="col" { "At most" }
-                th.number scope="col" { "Measured" }
-                th scope="col" { "Verdict" }
-            } }
+            (head(&["Parameter", "Unit"], &["At least", "At most", "Measured"], &["Verdict"]))
             tbody {
                 @for judged in all {
                     @let field = field(machine, judged.parameter);

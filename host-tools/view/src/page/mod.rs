@@ -12,11 +12,11 @@ mod layout;
 mod limits;
 
 pub use bode::degrees;
-pub(crate) use bode::{MOST_TIMES, measured};
+pub(crate) use bode::{Half, MOST_TIMES, measured};
 pub use content::{Content, Moment};
 pub use error::PageError;
 pub use figures::{Kind, figure};
-pub(crate) use figures::{over_run, settled};
+pub(crate) use figures::{known, over_run, settled};
 pub use html::html;
 pub(crate) use html::{calibration_text, device_text, file_name, notes_of};
 pub(crate) use layout::{LOW_PX, TALL_PX};

@@ -31,21 +31,21 @@ fn force(test: &Test, name: &'static str) -> Figure {
     // At its slowest the force rings after each reversal, faster than dashes can show.
     let stroke = if test.plan.frequency_hz < 1.0 { Stroke::Thin } else { Stroke::Dashed };
     let panels = vec![
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Force [N]"),
-            height_px: 250,
-            layers: vec![
-                Layer::new("Fexp, measured", Colour::Blue, Shape::Line(line(|row| row.1), Stroke::Wide)),
-                Layer::new("Fth, calculated", Colour::Vermilion, Shape::Line(line(|row| row.2), stroke)),
+        Panel::new(
+            "Time [s]",
+            "Force [N]",
+            250,
+            vec![
+                Layer::line("Fexp, measured", Colour::Blue, line(|row| row.1), Stroke::Wide),
+                Layer::line("Fth, calculated", Colour::Vermilion, line(|row| row.2), stroke),
             ],
-        },
-        Panel {
-            x: Axis::new("Time [s]"),
-            y: Axis::new("Fexp − Fth [N]"),
-            height_px: 170,
-            layers: vec![Layer::unnamed(Colour::Green, Shape::Line(line(|row| row.1 - row.2), Stroke::Thin))],
-        },
+        ),
+        Panel::new(
+            "Time [s]",
+            "Fexp − Fth [N]",
+            170,
+            vec![Layer::unnamed(Colour::Green, Shape::Line(line(|row| row.1 - row.2), Stroke::Thin))],
+        ),
     ];
     let (rms_n, part) = test.residual();
     let caption = format!(
@@ -83,48 +83,31 @@ fn bode(paper: &Reproduction) -> Figure {
     };
     let complete = |f: f64| model(&paper.model, Input::Terminal, f);
     let perfect = |f: f64| ideal(paper.model.inertance_kg, f);
-    let measured = |show: fn(Complex<f64>) -> f64, half: fn(f64) -> f64| -> Vec<(f64, f64, f64, f64)> {
+    let measured = |show: fn(Complex<f64>) -> f64, half: fn(f64) -> f64| {
         let points = paper.tests.iter().filter_map(|test| test.response);
         let shown = points.map(|point| {
             let (value, half) = (show(point.response), half(point.error.min(0.99)));
             (point.frequency_hz * TAU, value, value - half, value + half)
         });
-        shown.collect()
+        Shape::Points(shown.collect())
     };
     let (from, to) = PUBLISHED_BAND_RAD_PER_S;
     let (good_from, good_to) = paper.band_rad_per_s.unwrap_or_default();
-    let bands = || {
-        [
-            Layer::new("the paper's band", Colour::Orange, Shape::Span(from, to)),
-            Layer::new(
-                "ideal to 1 dB, 5°",
-                Colour::Green,
-                Shape::Span(good_from.unwrap_or(low), good_to.unwrap_or(high)),
-            ),
-        ]
-    };
-    let lines = |show: fn(Complex<f64>) -> f64, half: fn(f64) -> f64| {
+    let layers = |show: fn(Complex<f64>) -> f64, half: fn(f64) -> f64| {
+        let good = Shape::Span(good_from.unwrap_or(low), good_to.unwrap_or(high));
         vec![
-            Layer::new("ideal", Colour::Ink, Shape::Line(curve(&perfect, show), Stroke::Solid)),
-            Layer::new("complete", Colour::Vermilion, Shape::Line(curve(&complete, show), Stroke::Dashed)),
-            Layer::new("tests", Colour::Blue, Shape::Points(measured(show, half))),
+            Layer::new("the paper's band", Colour::Orange, Shape::Span(from, to)),
+            Layer::new("ideal to 1 dB, 5°", Colour::Green, good),
+            Layer::line("ideal", Colour::Ink, curve(&perfect, show), Stroke::Solid),
+            Layer::line("complete", Colour::Vermilion, curve(&complete, show), Stroke::Dashed),
+            Layer::new("tests", Colour::Blue, measured(show, half)),
         ]
     };
     let x = || Axis::log("Angular frequency [rad/s]").within(low, high);
-    let unnamed = |layers: Vec<Layer>| layers.into_iter().map(|layer| Layer { label: None, ..layer }).collect();
+    let phase = Axis::new("Phase of F / x1 [°]").within(-20.0, 200.0);
     let panels = vec![
-        Panel {
-            x: x(),
-            y: Axis::new("|F / x1| [dB re 1 N/m]"),
-            height_px: 290,
-            layers: bands().into_iter().chain(lines(decibels, |part| 20.0 * (1.0 + part).log10())).collect(),
-        },
-        Panel {
-            x: x(),
-            y: Axis::new("Phase of F / x1 [°]").within(-20.0, 200.0),
-            height_px: 210,
-            layers: unnamed(bands().into_iter().chain(lines(degrees, |part| part.asin() * 180.0 / PI)).collect()),
-        },
+        Panel::new(x(), "|F / x1| [dB re 1 N/m]", 290, layers(decibels, |part| 20.0 * (1.0 + part).log10())),
+        Panel::new(x(), phase, 210, layers(degrees, |part| part.asin() * 180.0 / PI)).unnamed(),
     ];
     let caption = "The paper's figure 11, (a) magnitude and (b) phase of the force over the terminal's displacement: the ideal mass, and the complete model with the \
                    values that were found, without structure mass. The points are measured in the three tests, with the dry friction that neither curve has: \

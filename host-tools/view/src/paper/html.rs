@@ -5,7 +5,7 @@ use maud::{Markup, html as markup};
 
 use crate::{
     figure::Figure,
-    frame::{figure_section, framed},
+    frame::{figure_section, framed, head},
 };
 use inerter_analysis::paper::{Recovered, Reproduction};
 
@@ -48,10 +48,7 @@ fn parameters(paper: &Reproduction) -> Markup {
         section #parameters {
             h2 { "Recovered parameters beside the published ones" }
             table {
-                thead { tr {
-                    th scope="col" { "Parameter" } th scope="col" { "Unit" } th.number scope="col" { "Found, blindly" } th.number scope="col" { "Published" }
-                    th scope="col" { "Interval" } th scope="col" { "Found at" } th scope="col" { "Published value" }
-                } }
+                (head(&["Parameter", "Unit"], &["Found, blindly", "Published"], &["Interval", "Found at", "Published value"]))
                 tbody {
                     @for one in &paper.parameters {
                         tr {
