@@ -126,7 +126,7 @@ enum Shared {
 
 impl Shared {
     fn of(place: usize, source: Source) -> Self {
-        match (NAMES.get(place).copied().unwrap_or_default(), source) {
+        match (NAMES[place], source) {
             ("inertance_kg", _) | ("stiffness_n_per_m" | "contact_damping_n_s_per_m", Source::Gain) => Self::Positive,
             ("viscous_n_s_per_m" | "coulomb_n" | "offset_n", _) => Self::Signed,
             _ => Self::Nothing,
@@ -288,11 +288,6 @@ fn judge(rows: &mut [Row]) {
 }
 
 impl Difference {
-    /// Nothing is known of it.
-    const fn unknown(value: f64) -> Self {
-        Self { value, u95: f64::INFINITY, p: 1.0 }
-    }
-
     /// Of two runs, of the parameter at this place.
     fn of(place: usize, first: &Quantity, other: &Quantity, rig: &Rig) -> Self {
         let value = f64::from(other.value) - f64::from(first.value);
@@ -309,8 +304,9 @@ impl Difference {
             }
         });
         let square: f64 = squares.iter().sum();
+        let unknown = Self { value, u95: f64::INFINITY, p: 1.0 };
         if !(square.is_finite() && value.is_finite()) {
-            return Self::unknown(value);
+            return unknown;
         }
         // Welch and Satterthwaite: only what scatters has degrees of freedom.
         let scatters = [first, other]
@@ -319,7 +315,7 @@ impl Difference {
         // NaN where nothing is uncertain.
         let freedom = if freedom.is_finite() { freedom } else { MOST_FREEDOM };
         let standard = square.sqrt();
-        let Ok(student) = StudentsT::new(0.0, 1.0, freedom) else { return Self::unknown(value) };
+        let Ok(student) = StudentsT::new(0.0, 1.0, freedom) else { return unknown };
         let p = if value == 0.0 { 1.0 } else { 2.0 * student.sf(value.abs() / standard) };
         Self { value, u95: student.inverse_cdf(0.975) * standard, p }
     }

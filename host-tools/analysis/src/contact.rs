@@ -79,12 +79,13 @@ impl ContactLaw {
     /// it is.
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
         let Interval { value, u95 } = self.stiffness.fitted();
-        let (stiffness_n_per_m, stiffness_u95_n_per_m) = (borne(u95, value), borne(u95, u95));
-        let contact_damping_n_s_per_m = match self.damping.usable() {
-            None => settings.contact_damping_n_s_per_m,
-            Some(Interval { value, u95 }) => borne(u95, value),
-        };
-        Settings { stiffness_n_per_m, stiffness_u95_n_per_m, contact_damping_n_s_per_m, ..*settings }
+        let damping = self.damping.usable().map(|damping| borne(damping.u95, damping.value));
+        Settings {
+            stiffness_n_per_m: borne(u95, value),
+            stiffness_u95_n_per_m: borne(u95, u95),
+            contact_damping_n_s_per_m: damping.unwrap_or(settings.contact_damping_n_s_per_m),
+            ..*settings
+        }
     }
 }
 

@@ -11,8 +11,8 @@ mod expected;
 
 use inerter_core::constants::{BOXES_VARIANCE, CORRELATION_BOXES, EXACT, PIVOT_BITS, ROUNDING, UPDATES_PER_BOX};
 use inerter_core::{
-    Bank, Found, Interval, MoreSums, Motion, NORMAL_COVERAGE, Parameter, Parameters, Scatter, Settings, Source, Status,
-    Sums, Systematic,
+    Bank, Budget, Found, Interval, MoreSums, Motion, NORMAL_COVERAGE, Parameter, Parameters, Scatter, Settings, Source,
+    Spread, Status, Sums, Systematic,
 };
 use inerter_data::replay::Outcome;
 use miette::Diagnostic;
@@ -156,8 +156,7 @@ impl Products {
         mut sums: impl Iterator<Item = &'a i128>,
         updates: f64,
     ) -> Self {
-        let mut all = units.iter().chain(more_units);
-        let units: [f64; COUNT] = std::array::from_fn(|_| all.next().copied().unwrap_or_default());
+        let units: [f64; COUNT] = joined(units, more_units);
         let mut matrix = [[0.0; COUNT]; COUNT];
         for row in 0..COUNT {
             for column in 0..=row {
@@ -248,7 +247,7 @@ impl Products {
             values,
             per_skew: times(regressors.map(|place| self.sums[place][FORCE_RATE])),
             steps: [0.0; N],
-            scatter: Scatter::white(values.first().copied().unwrap_or_default() as f32, freedom as f32),
+            scatter: Scatter::white(values[0] as f32, freedom as f32),
             inverse,
             error_square: 0.0,
             residual_square: 0.0,
@@ -262,8 +261,7 @@ impl Products {
     /// stand still, and no averaging removes them.
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
-        let [inertance_kg, ..] = solution.values.as_slice() else { return Ok(solution) };
-        let inertance_kg = *inertance_kg;
+        let inertance_kg = solution.values[0];
         let steps = inertance_kg.powi(2) * self.steps_square(settings);
         let kept = settings.oversampling.recip();
         let code_n = settings.newtons_per_code.abs();
@@ -283,8 +281,7 @@ impl Products {
 
     /// Part of what scatters in the law's fit that the encoder's steps explain; none where there is no fit.
     pub(crate) fn steps_share(&self, settings: &Settings) -> f32 {
-        let [share, _] = self.fitted(LAW, settings).map_or([0.0; 2], |solution| solution.scatter.steps_share);
-        share
+        self.fitted(LAW, settings).map_or(0.0, |solution| solution.scatter.steps_share[0])
     }
 
     /// What part the encoder's steps have in what scatters.
@@ -297,11 +294,7 @@ impl Products {
         let acceleration_square = (self.mean_square(ACCELERATION) - steps_square).max(0.0);
         let rate_square = acceleration_square / self.mean_square(VELOCITY);
         let box_square = self.box_s(settings).powi(2);
-        let inertance_error = solution
-            .inverse
-            .first()
-            .and_then(|row| row.first())
-            .map_or(0.0, |inverse| (inverse * solution.error_square).max(0.0).sqrt());
+        let inertance_error = (solution.inverse[0][0] * solution.error_square).max(0.0).sqrt();
         solution.scatter.places = Systematic::of(settings).places(
             [inertance_kg as f32, coulomb_n as f32],
             inertance_error as f32,
@@ -321,8 +314,8 @@ impl Products {
         settings: &Settings,
     ) -> Result<(), FitError> {
         let steps_square = self.steps_square(settings);
-        let taken = solution.inverse.map(|row| row.first().map_or(0.0, |part| part * steps_square * self.updates));
-        let of_itself = taken.first().copied().unwrap_or_default();
+        let taken = solution.inverse.map(|row| row[0] * steps_square * self.updates);
+        let of_itself = taken[0];
         if of_itself > MOST_STEPS {
             return Err(FitError::Motion);
         }
@@ -371,15 +364,8 @@ pub(crate) struct Judge<'a> {
 
 impl Judge<'_> {
     fn parameter(&self, i: usize, found: &Found, value: f32, model_u95: f32) -> Parameter {
-        let systematic = Systematic::of(self.settings);
         let motion = &self.beside.motion;
-        let spread = self.scatter.in_motion(motion);
-        let budget = match i {
-            ACCELERATION => systematic.inertance(found, &spread, motion),
-            VELOCITY => systematic.viscous(found, &spread, motion),
-            SIGN => systematic.coulomb(found, &spread, motion),
-            _ => systematic.offset(found, &spread),
-        };
+        let budget = budget(i, &Systematic::of(self.settings), found, &self.scatter.in_motion(motion), motion);
         Parameter::new(Interval { value, u95: budget.and(Source::Model, model_u95).u95() }, Status::Ok)
     }
 
@@ -388,23 +374,38 @@ impl Judge<'_> {
         let screw_kg = inertance.value - self.settings.structure_mass_kg as f32;
         Parameters {
             inertance_kg: self.parameter(ACCELERATION, &inertance, screw_kg, self.beside.model_u95[ACCELERATION]),
-            viscous_n_s_per_m: self.viscous(&viscous),
-            coulomb_n: self.coulomb(&coulomb),
-            offset_n: self.offset(&offset),
+            viscous_n_s_per_m: self.own(VELOCITY, &viscous),
+            coulomb_n: self.own(SIGN, &coulomb),
+            offset_n: self.own(ONE, &offset),
         }
     }
 
-    fn viscous(&self, found: &Found) -> Parameter {
-        self.parameter(VELOCITY, found, found.value, self.beside.model_u95[VELOCITY])
+    /// One of friction and offset.
+    fn own(&self, i: usize, found: &Found) -> Parameter {
+        self.parameter(i, found, found.value, self.beside.model_u95[i])
     }
+}
 
-    fn coulomb(&self, found: &Found) -> Parameter {
-        self.parameter(SIGN, found, found.value, self.beside.model_u95[SIGN])
+/// What makes one of the four parameters uncertain.
+pub(crate) fn budget(i: usize, systematic: &Systematic, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
+    match i {
+        ACCELERATION => systematic.inertance(found, spread, motion),
+        VELOCITY => systematic.viscous(found, spread, motion),
+        SIGN => systematic.coulomb(found, spread, motion),
+        _ => systematic.offset(found, spread),
     }
+}
 
-    fn offset(&self, found: &Found) -> Parameter {
-        self.parameter(ONE, found, found.value, self.beside.model_u95[ONE])
-    }
+/// All four, in the order of the law.
+pub(crate) fn each(parameters: &Parameters) -> [Parameter; 4] {
+    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
+    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
+}
+
+/// Some, and then more.
+pub(crate) fn joined<T: Copy + Default, const N: usize>(some: &[T], more: &[T]) -> [T; N] {
+    let mut all = some.iter().chain(more).copied();
+    std::array::from_fn(|_| all.next().unwrap_or_default())
 }
 
 /// What a fit needs of a run in addition to its sums.
@@ -458,7 +459,7 @@ pub fn directions(
     let full = products.fitted([ACCELERATION, VELOCITY, SIGN, ONE, SPEED], settings)?;
     let judge = |scatter| Judge { settings, beside, scatter };
     let (alike, by_direction) = (judge(plain.scatter), judge(full.scatter));
-    let viscous = |side: f64| by_direction.viscous(&full.combined([0.0, 1.0, 0.0, 0.0, side]));
+    let viscous = |side: f64| by_direction.own(VELOCITY, &full.combined([0.0, 1.0, 0.0, 0.0, side]));
     let coulomb = |side: f64, offset_n: f64| {
         let found = full.combined([0.0, 0.0, 1.0, side, 0.0]);
         let found = Found { value: found.value - (side * offset_n) as f32, ..found };

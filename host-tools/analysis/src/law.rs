@@ -5,11 +5,19 @@
 //! taken out by whole samples, and what is left of it out of the force by its series.
 
 use inerter_core::constants::{FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, SIGN_TAPS};
-use inerter_core::{Bank, Settings};
+use inerter_core::{Bank, Parameter, Parameters, Settings};
 use inerter_data::series::Stretch;
+use nalgebra::DMatrix;
 
 /// Independent observations under which nothing is said of what may stand beside the law.
 pub(crate) const LEAST_OBSERVATIONS: f64 = 30.0;
+
+/// Velocities over which friction falls, in parts of the motion's rms.
+pub(crate) const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
+/// Distances over which friction turns, in parts of the motion's stroke.
+pub(crate) const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
+/// Friction per force beyond which a screw locks itself.
+pub(crate) const MOST_LOAD: f64 = 0.5;
 
 /// Values of the law.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -22,6 +30,19 @@ pub struct Law {
     pub coulomb_n: f64,
     /// Force offset \[N\].
     pub offset_n: f64,
+}
+
+impl Law {
+    /// What the estimator said of the whole run, the inertance with the structure's mass.
+    pub(crate) fn of_run(found: &Parameters, settings: &Settings) -> Self {
+        let value = |parameter: Parameter| f64::from(parameter.fitted().value);
+        Self {
+            inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
+            viscous_n_s_per_m: value(found.viscous_n_s_per_m),
+            coulomb_n: value(found.coulomb_n),
+            offset_n: value(found.offset_n),
+        }
+    }
 }
 
 /// The kernels of one bank, as taps that lie around a sample.
@@ -89,8 +110,8 @@ impl Kernels {
     /// Half of the longest kernel \[samples\].
     pub(crate) fn reach(&self) -> usize {
         [&self.force, &self.rate, &self.second, &self.third, &self.sign]
+            .iter()
             .map(|taps| taps.len() / 2)
-            .into_iter()
             .max()
             .unwrap_or(0)
     }
@@ -113,10 +134,30 @@ impl Kernels {
 
 /// Whether the screw stands while it goes through these positions \[m\].
 pub(crate) fn stands(positions: &[f64], settings: &Settings) -> bool {
-    let (low, high) =
-        positions.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+    let (low, high) = ends(positions.iter().copied());
     let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
     high - low <= still_m * (1.0 + 1e-6)
+}
+
+/// The mean; NaN of none.
+pub(crate) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The middle one; nothing of none.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The least and the greatest.
+pub(crate) fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// Marks so many samples from one on, as far as there are any.
+pub(crate) fn mark(samples: &mut [bool], from: usize, count: usize) {
+    samples.iter_mut().skip(from).take(count).for_each(|sample| *sample = true);
 }
 
 pub(crate) fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -132,15 +173,14 @@ pub(crate) fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
 /// Taps laid with their middle over one sample. All kernels are of odd length.
 pub(crate) fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
     let first = middle.saturating_sub(taps.len() / 2).min(data.len());
-    dot(taps, data.get(first..).unwrap_or_default())
+    dot(taps, &data[first..])
 }
 
 /// Sum of the products of two columns, as far as both go. Eight sums side by side, which the processor adds at once.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     const SIDE: usize = 8;
     let both = a.len().min(b.len());
-    let [a, b] = [a, b].map(|column| column.get(..both).unwrap_or_default());
-    let (a, b) = (a.chunks_exact(SIDE), b.chunks_exact(SIDE));
+    let (a, b) = (a[..both].chunks_exact(SIDE), b[..both].chunks_exact(SIDE));
     let rest = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let left = rest(a.remainder(), b.remainder());
     let mut sums = [0.0; SIDE];
@@ -148,6 +188,31 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
         sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
     left + sums.iter().sum::<f64>()
+}
+
+/// What is left of a column without these parts of others.
+pub(crate) fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
+    let mut left = column.to_vec();
+    for (other, part) in others.iter().zip(parts) {
+        left.iter_mut().zip(other).for_each(|(left, other)| *left -= part * other);
+    }
+    left
+}
+
+/// What makes the diagonal one.
+pub(crate) fn scales(gram: &DMatrix<f64>) -> Vec<f64> {
+    gram.diagonal().iter().map(|square| square.sqrt().recip()).collect()
+}
+
+/// Rows and columns in these units.
+pub(crate) fn scaled(matrix: &DMatrix<f64>, unit: &[f64]) -> DMatrix<f64> {
+    DMatrix::from_fn(unit.len(), unit.len(), |i, j| matrix[(i, j)] * unit[i] * unit[j])
+}
+
+/// Inverse of the sums of columns' products; nothing where the columns cannot be told apart.
+pub(crate) fn inverse(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let unit = scales(gram);
+    Some(scaled(&scaled(gram, &unit).cholesky()?.inverse(), &unit))
 }
 
 #[cfg(test)]

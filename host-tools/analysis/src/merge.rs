@@ -24,7 +24,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::{
     calibrate::student,
-    fit::{Beside, COUNT, Directions, FitError, Products, Weights, directions},
+    fit::{Beside, COUNT, Directions, FitError, Products, Weights, directions, each, joined},
+    law::ends,
 };
 
 /// Products of the regressors in [`Sums`] and [`MoreSums`] together.
@@ -120,15 +121,13 @@ impl Part {
     /// Exact sums of a bank.
     fn exact(&self, bank: Bank) -> [i128; PRODUCTS] {
         let (sums, more) = self.sums(bank);
-        let mut all = sums.sums.iter().chain(&more.sums);
-        std::array::from_fn(|_| all.next().copied().unwrap_or_default())
+        joined(&sums.sums, &more.sums)
     }
 
     /// What one unit of each regressor of a bank is in SI.
     fn units(&self, bank: Bank) -> [f64; COUNT] {
         let (sums, more) = self.sums(bank);
-        let mut all = sums.units.iter().chain(&more.units);
-        std::array::from_fn(|_| all.next().copied().unwrap_or_default())
+        joined(&sums.units, &more.units)
     }
 
     /// What no two runs have in common; of one in which nothing was summed, its name.
@@ -193,8 +192,7 @@ pub struct Merged {
 impl Runs {
     /// One run, as it came out of the estimator with these settings.
     pub fn of(name: &str, settings: &Settings, outcome: &Outcome) -> Self {
-        let values = outcome.estimate.whole_run;
-        let values = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
+        let values = each(&outcome.estimate.whole_run);
         let budgets = &outcome.budgets.whole_run;
         let Beside { motion, model_u95 } = Beside::of(outcome);
         let part = Part {
@@ -314,10 +312,12 @@ impl Runs {
     /// as on the device.
     fn bank(&self) -> Result<Bank, FitError> {
         // One in which nothing was summed has no say.
-        let told = || self.parts.values().filter(|part| part.sums(part.bank).0.updates > 0);
-        let is = |bank: Bank| told().all(|part| part.bank == bank);
-        if is(Bank::Fast) || is(Bank::Slow) {
-            return Ok(if is(Bank::Fast) { Bank::Fast } else { Bank::Slow });
+        let is_of_all = |bank: &Bank| {
+            let mut told = self.parts.values().filter(|part| part.sums(part.bank).0.updates > 0);
+            told.all(|part| part.bank == *bank)
+        };
+        if let Some(bank) = [Bank::Fast, Bank::Slow].into_iter().find(is_of_all) {
+            return Ok(bank);
         }
         let (settings, (fast, _)) = (self.settings(), self.products(Bank::Fast)?);
         let [acceleration, _] = fast.mean_squares();
@@ -329,11 +329,13 @@ impl Runs {
     fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
         // A tare moves the force's unit by powers of two: the finest is a whole part of each.
         let units = self.parts.values().map(|part| part.units(bank));
-        let finest = units.clone().reduce(|finest, units| std::array::from_fn(|i| finest[i].min(units[i])));
-        // To these some were rounded.
-        let coarsest =
-            units.fold([0.0_f64; COUNT], |coarsest, units| std::array::from_fn(|i| coarsest[i].max(units[i])));
-        let finest = finest.ok_or(FitError::TooShort { observations: 0.0 })?;
+        let of_all = |pick: fn(f64, f64) -> f64| {
+            units.clone().reduce(|one, other| std::array::from_fn(|i| pick(one[i], other[i])))
+        };
+        // To the coarsest some were rounded.
+        let (Some(finest), Some(coarsest)) = (of_all(f64::min), of_all(f64::max)) else {
+            return Err(FitError::TooShort { observations: 0.0 });
+        };
         let (mut all, mut updates) = ([0_i128; PRODUCTS], 0_u64);
         for part in self.parts.values() {
             let units = part.units(bank);
@@ -381,23 +383,25 @@ impl Runs {
     /// What is known of all motions beside the sums. Of one run it is that run's.
     fn motion(&self, shares: &[Share], products: &Products) -> Motion {
         let settings = self.settings();
-        let sum = |each: &dyn Fn(&Share, &Motion) -> f64| {
-            shares.iter().map(|share| each(share, &share.part.motion)).sum::<f64>() as f32
+        let sum = |part: fn(&Share) -> f64, own: fn(&Motion) -> f32| {
+            shares.iter().map(|share| part(share) * f64::from(own(&share.part.motion))).sum::<f64>() as f32
         };
         Motion {
-            repeats: sum(&|of, own| of.of_strokes * f64::from(own.repeats)),
-            apart: sum(&|of, own| of.of_squares[0] * f64::from(own.apart)),
-            frequency_squared: sum(&|of, own| of.of_squares[0] * f64::from(own.frequency_squared)),
-            low_squared: sum(&|of, own| of.of_squares[1] * f64::from(own.low_squared)),
-            acceleration_squared: sum(&|of, own| of.of_updates * f64::from(own.acceleration_squared)),
+            repeats: sum(|of| of.of_strokes, |own| own.repeats),
+            apart: sum(|of| of.of_squares[0], |own| own.apart),
+            frequency_squared: sum(|of| of.of_squares[0], |own| own.frequency_squared),
+            low_squared: sum(|of| of.of_squares[1], |own| own.low_squared),
+            acceleration_squared: sum(|of| of.of_updates, |own| own.acceleration_squared),
             readings: match shares {
                 [one] => one.part.motion.readings,
                 _ => products.readings(&settings) as f32,
             },
-            steady: sum(&|of, own| of.of_updates * f64::from(own.steady)),
-            reversals_again: sum(&|_, own| f64::from(own.reversals_again)),
-            friction_in_curvature: [0, 1]
-                .map(|i| sum(&|of, own| of.of_updates * f64::from(own.friction_in_curvature[i]))),
+            steady: sum(|of| of.of_updates, |own| own.steady),
+            reversals_again: sum(|_| 1.0, |own| own.reversals_again),
+            friction_in_curvature: [
+                sum(|of| of.of_updates, |own| own.friction_in_curvature[0]),
+                sum(|of| of.of_updates, |own| own.friction_in_curvature[1]),
+            ],
         }
     }
 
@@ -534,8 +538,8 @@ impl Spread {
         };
         let chance = ChiSquared::new(freedom as f64).ok()?.sf(statistic(0.0));
         // It falls with the variance between runs, and is too small where that is all of their squared range.
-        let range = |pick: fn(f64, f64) -> f64| own.iter().map(|(value, _)| *value).reduce(pick);
-        let (mut least, mut most) = (0.0, (range(f64::max)? - range(f64::min)?).powi(2));
+        let (low, high) = ends(own.iter().map(|(value, _)| *value));
+        let (mut least, mut most) = (0.0, (high - low).powi(2));
         if statistic(0.0) > freedom as f64 {
             for _ in 0..BISECTIONS {
                 let middle = 0.5 * (least + most);
@@ -558,15 +562,14 @@ impl Merged {
     /// What a person should know of it.
     pub fn remarks(&self, settings: &Settings) -> Vec<String> {
         let mut remarks = Vec::new();
+        let runs = |names: &[String]| format!("{} ({})", plural(names.len() as u64, "run"), names.join(", "));
         if !self.empty.is_empty() {
-            let runs = plural(self.empty.len() as u64, "run");
-            remarks.push(format!("nothing was summed in {runs} ({}): too little motion", self.empty.join(", ")));
+            remarks.push(format!("nothing was summed in {}: too little motion", runs(&self.empty)));
         }
         if !self.broken.is_empty() {
-            let runs = plural(self.broken.len() as u64, "run");
             remarks.push(format!(
-                "the law is broken in {runs} ({}): find the cause with `inerter diagnose`, or leave them out",
-                self.broken.join(", ")
+                "the law is broken in {}: find the cause with `inerter diagnose`, or leave them out",
+                runs(&self.broken)
             ));
         }
         for (i, apart) in self.apart.iter().enumerate().filter(|(i, _)| self.differs[*i]) {

@@ -10,7 +10,7 @@
 
 use std::f64::consts::TAU;
 
-use inerter_core::Parameter;
+use inerter_core::Interval;
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 use crate::{
@@ -194,10 +194,10 @@ fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>,
     let simulation = Simulation::of(plant, perfect).map_err(impossible)?;
     let series = Series::of(&test.run);
     let measured = series.stretches.iter().flat_map(|stretch| stretch.force_n.iter());
-    let both = measured.zip(simulation);
-    Ok(both
-        .map(|(measured, sample)| (sample.t_s, *measured, f64::from(sample.force_code) * perfect.newtons_per_code))
-        .collect())
+    let both = measured
+        .zip(simulation)
+        .map(|(measured, sample)| (sample.t_s, *measured, f64::from(sample.force_code) * perfect.newtons_per_code));
+    Ok(both.collect())
 }
 
 /// The complete model fitted to the three tests, stage by stage as in the paper, in place of what the instrument alone
@@ -218,14 +218,12 @@ fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recove
 
 /// What the instrument itself says after each test, stage by stage as in the paper.
 fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
-    let from = |figure: u32| tests.iter().find(|test| test.plan.figure == figure);
-    let parameter = |figure: u32, of: fn(&Outcome) -> Parameter| {
-        let known = from(figure).and_then(|test| of(&test.outcome).known());
-        (known.map(|found| f64::from(found.value)), known.map(|found| f64::from(found.u95)), source(from(figure)))
+    let known = |figure: u32, of: fn(&Outcome) -> Option<Interval>| {
+        let test = tests.iter().find(|test| test.plan.figure == figure);
+        let known = test.and_then(|test| of(&test.outcome));
+        let from = test.map(|test| format!("{} Hz", test.plan.frequency_hz)).unwrap_or_default();
+        (known.map(|found| f64::from(found.value)), known.map(|found| f64::from(found.u95)), from)
     };
-    let known = from(9).and_then(|test| test.outcome.detail.backlash.known());
-    let backlash =
-        (known.map(|known| f64::from(known.value)), known.map(|known| f64::from(known.u95)), source(from(9)));
     let weighed = (Some(device.structure_mass_kg), Some(0.0), "weighed, as in the paper".to_string());
     let one = |name, label, symbol, shown, truth, published, (value, u95, from): (Option<f64>, Option<f64>, String)| {
         Recovered { name, label, symbol, shown, value, u95, truth, published, from }
@@ -238,7 +236,7 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             ("kg", 1.0),
             device.inertance_kg,
             "calculated from the flywheel",
-            parameter(9, |outcome| outcome.estimate.whole_run.inertance_kg),
+            known(9, |outcome| outcome.estimate.whole_run.inertance_kg.known()),
         ),
         one(
             "viscous_n_s_per_m",
@@ -247,7 +245,7 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             ("N s/m", 1.0),
             device.viscous_n_s_per_m,
             "tuned at 3.2 Hz",
-            parameter(9, |outcome| outcome.estimate.whole_run.viscous_n_s_per_m),
+            known(9, |outcome| outcome.estimate.whole_run.viscous_n_s_per_m.known()),
         ),
         one(
             "coulomb_n",
@@ -256,7 +254,7 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             ("N", 1.0),
             device.coulomb_n,
             "missing: 50 N is our choice",
-            parameter(8, |outcome| outcome.estimate.whole_run.coulomb_n),
+            known(8, |outcome| outcome.estimate.whole_run.coulomb_n.known()),
         ),
         one(
             "stiffness_n_per_m",
@@ -265,7 +263,7 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             ("kN/m", 1e-3),
             device.stiffness_n_per_m,
             "tuned at 3.2 Hz",
-            parameter(9, |outcome| outcome.detail.stiffness_n_per_m),
+            known(9, |outcome| outcome.detail.stiffness_n_per_m.known()),
         ),
         one(
             "contact_damping_n_s_per_m",
@@ -274,13 +272,17 @@ fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
             ("N s/m", 1.0),
             device.contact_damping_n_s_per_m,
             "tuned at 3.2 Hz",
-            parameter(9, |outcome| outcome.detail.contact_damping_n_s_per_m),
+            known(9, |outcome| outcome.detail.contact_damping_n_s_per_m.known()),
         ),
-        one("backlash_m", "Backlash", "eps", ("µm", 1e6), device.backlash_m, "tuned at 3.2 Hz", backlash),
+        one(
+            "backlash_m",
+            "Backlash",
+            "eps",
+            ("µm", 1e6),
+            device.backlash_m,
+            "tuned at 3.2 Hz",
+            known(9, |outcome| outcome.detail.backlash.known()),
+        ),
         one("structure_mass_kg", "Structure mass", "mr", ("kg", 1.0), device.structure_mass_kg, "weighed", weighed),
     ]
-}
-
-fn source(test: Option<&Test>) -> String {
-    test.map(|test| format!("{} Hz", test.plan.frequency_hz)).unwrap_or_default()
 }

@@ -61,7 +61,7 @@ pub(crate) struct Reversal {
 }
 
 /// The motion of one stretch.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Turns {
     /// In order of time.
     pub reversals: Vec<Reversal>,
@@ -88,28 +88,17 @@ impl Turns {
         let crossings = crossings(&velocities);
         let around = Surroundings { stretch, period_s, law, friction };
         let half_width = ((HALF_WIDTH_S / period_s).round() as usize).max(LEAST_HALF_WIDTH);
-        let mut turns = Self {
-            reversals: Vec::with_capacity(crossings.len()),
-            signs: Vec::new(),
-            moments: Vec::new(),
-            near: Vec::new(),
-        };
+        let mut turns = Self::default();
         let mut ways = Vec::new();
         for (place, &(at, sign)) in crossings.iter().enumerate() {
             let neighbours = [place.wrapping_sub(1), place + 1].map(|other| crossings.get(other));
             let room = half_width as f64 + ROOM;
             let is_alone = neighbours.into_iter().flatten().all(|(other, _)| (other - at).abs() >= room);
-            match around.located(at, sign, half_width).filter(|_| is_alone) {
-                Some((at, position_m, way)) => {
-                    turns.reversals.push(Reversal { at, position_m, sign, is_located: true });
-                    ways.push(way);
-                }
-                None => {
-                    let position_m = line(&stretch.position_m, at);
-                    turns.reversals.push(Reversal { at, position_m, sign, is_located: false });
-                    ways.push(Way::default());
-                }
-            }
+            let located = around.located(at, sign, half_width).filter(|_| is_alone);
+            let is_located = located.is_some();
+            let (at, position_m, way) = located.unwrap_or_else(|| (at, line(&stretch.position_m, at), Way::default()));
+            turns.reversals.push(Reversal { at, position_m, sign, is_located });
+            ways.push(way);
         }
         let first_sign = crossings.first().map_or_else(|| overall(stretch), |(_, sign)| -sign);
         turns.walk(stretch, &velocities, first_sign);
@@ -178,9 +167,7 @@ impl Turns {
                         position_m: reversal.position_m + gone_m * reversal.sign,
                     }
                 };
-                if let Some(middle) = self.moments.get_mut(n) {
-                    *middle = moment(n as f64);
-                }
+                self.moments[n] = moment(n as f64);
                 // Parts end at the reversal.
                 let (start, end) = (n as f64 - 0.5, n as f64 + 0.5);
                 let split = reversal.at.clamp(start, end);
@@ -198,9 +185,7 @@ impl Turns {
     pub fn means(&self, value: impl Fn(&Moment) -> f64) -> Vec<f64> {
         let mut means: Vec<f64> = self.moments.iter().map(&value).collect();
         for (n, within) in &self.near {
-            if let Some(mean) = means.get_mut(*n) {
-                *mean = within.iter().map(|(weight, moment)| weight * value(moment)).sum();
-            }
+            means[*n] = within.iter().map(|(weight, moment)| weight * value(moment)).sum();
         }
         means
     }
@@ -332,7 +317,7 @@ impl Surroundings<'_> {
     /// Position at the reversal and velocity \[m/s\] that the positions have beyond the motion that is given: a
     /// straight line through what that leaves over.
     fn line_through(&self, at: f64, sign: f64, way: &Way, first: usize, last: usize) -> (f64, f64) {
-        let samples = self.stretch.position_m.get(first..=last).unwrap_or_default();
+        let samples = &self.stretch.position_m[first..=last];
         let [mut count, mut sum_t, mut sum_tt, mut sum_x, mut sum_tx] = [0.0; 5];
         for (n, position) in (first..).zip(samples) {
             let t = n as f64 - at;
@@ -380,21 +365,42 @@ fn crossings(velocities: &[f64]) -> Vec<(f64, f64)> {
     crossings
 }
 
-/// Velocities halfway between the samples \[m/s\] by a triangular kernel, from which what Coulomb friction makes of it
-/// is taken; NaN where there are too few samples around.
+/// The estimator's short kernel, a triangle, over the steps from sample to sample.
+pub(crate) struct Short {
+    /// Half of its length \[samples\].
+    pub half: usize,
+    /// Of its taps.
+    pub sum: f64,
+    /// Sum of its taps, each as often as it is samples from the middle.
+    pub moment: f64,
+    /// Velocities halfway between the samples \[m/s\]; NaN where there are too few samples around.
+    pub velocities: Vec<f64>,
+}
+
+impl Short {
+    /// Of a stretch.
+    pub fn of(stretch: &Stretch, period_s: f64) -> Self {
+        let half = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
+        let taps = convolved(&vec![1.0; half], &vec![1.0; half]);
+        let sum: f64 = taps.iter().sum();
+        let moment = taps.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (half - 1) as f64).abs()).sum();
+        let steps: Vec<f64> = stretch.position_m.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let is_known = |at: usize| at + 1 >= half && at + half <= steps.len();
+        let velocity = |at| if is_known(at) { around(&taps, &steps, at) / sum / period_s } else { f64::NAN };
+        Self { half, sum, moment, velocities: (0..steps.len()).map(velocity).collect() }
+    }
+}
+
+/// Velocities halfway between the samples \[m/s\] by the short kernel, from which what Coulomb friction makes of it is
+/// taken; NaN where there are too few samples around.
 fn velocities(stretch: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
-    let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
-    let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
-    let sum: f64 = triangle.iter().sum();
-    let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();
+    let Short { sum, moment, velocities, .. } = Short::of(stretch, period_s);
     let kink = if law.inertance_kg > 0.0 { moment / sum * period_s * law.coulomb_n / law.inertance_kg } else { 0.0 };
-    let steps: Vec<f64> =
-        stretch.position_m.iter().zip(stretch.position_m.iter().skip(1)).map(|(a, b)| b - a).collect();
-    let velocity = |at: usize| {
+    let corrected = |(at, velocity): (usize, f64)| {
         let force = stretch.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
-        around(&triangle, &steps, at) / sum / period_s + kink * force.signum()
+        velocity + kink * force.signum()
     };
-    (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) }).collect()
+    velocities.into_iter().enumerate().map(corrected).collect()
 }
 
 /// Noise that the encoder's steps leave in these velocities \[m/s\].

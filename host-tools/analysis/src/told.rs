@@ -6,7 +6,10 @@ use inerter_data::{
     replay::Outcome,
 };
 
-use crate::diagnose::{Judged, is_suspect};
+use crate::{
+    diagnose::{Judged, is_suspect},
+    fit::each,
+};
 
 /// A parameter by a whole run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,15 +31,14 @@ impl Told {
     /// Of a run with this outcome; `are_wrong` says that samples were wrong.
     pub fn new(outcome: &Outcome, judged: &[Judged; 4], are_wrong: bool) -> Self {
         let Outcome { estimate, detail, budgets, law, .. } = outcome;
-        let values = estimate.whole_run;
-        let of_law = [values.inertance_kg, values.viscous_n_s_per_m, values.coulomb_n, values.offset_n];
         let contact = budgets.contact;
         let of_contact = [
             (detail.backlash.known().map(|known| known.value), contact.backlash_m),
             (detail.stiffness_n_per_m.value(), contact.stiffness_n_per_m),
             (detail.contact_damping_n_s_per_m.value(), contact.damping_n_s_per_m),
         ];
-        let of_law = of_law.iter().zip(judged).map(|(found, judged)| (found.value(), Some(judged.budget)));
+        let of_law = each(&estimate.whole_run).into_iter().zip(judged);
+        let of_law = of_law.map(|(found, judged)| (found.value(), Some(judged.budget)));
         let mut all = of_law.chain(of_contact).map(|(value, budget)| Some(Quantity { value: value?, budget: budget? }));
         Self {
             found: std::array::from_fn(|_| all.next().flatten()),

@@ -52,21 +52,15 @@ pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, 
         return Ok(finding);
     }
     let settings = &run.settings;
-    let which = match known {
+    let (which, value, other) = match known {
         Known { force: true, position: true } => {
-            return {
-                let text = "force and position have opposite positive directions, though both were calibrated: the positive \
-                            direction of the loads or of the displacement was stated wrongly. Repeat one of the two";
-                finding.remark(Level::Bad, "reversed", text);
-                Ok(finding)
-            };
+            let text = "force and position have opposite positive directions, though both were calibrated: the positive \
+                        direction of the loads or of the displacement was stated wrongly. Repeat one of the two";
+            finding.remark(Level::Bad, "reversed", text);
+            return Ok(finding);
         }
-        Known { force: true, position: false } => "metres_per_count",
-        _ => "newtons_per_code",
-    };
-    let (value, other) = match which {
-        "metres_per_count" => (-settings.metres_per_count, "newtons_per_code"),
-        _ => (-settings.newtons_per_code, "metres_per_count"),
+        Known { force: true, position: false } => ("metres_per_count", -settings.metres_per_count, "newtons_per_code"),
+        _ => ("newtons_per_code", -settings.newtons_per_code, "metres_per_count"),
     };
     finding.set(which, value);
     let text = format!(

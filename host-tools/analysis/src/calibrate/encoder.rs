@@ -37,13 +37,8 @@ pub fn counts_per_revolution(counts: f64, revolutions: f64, lines: Option<f64>) 
         if (expected - per_revolution).abs() <= near.max(1.0) {
             return Ok(expected);
         }
-        return Err(CalibrateError::Counts {
-            counts,
-            revolutions,
-            per_revolution,
-            expected,
-            help: mismatch(per_revolution / expected),
-        });
+        let help = mismatch(per_revolution / expected);
+        return Err(CalibrateError::Counts { counts, revolutions, per_revolution, expected, help });
     }
     if per_revolution < 16.0 {
         return Err(CalibrateError::Unchanged {
@@ -121,15 +116,13 @@ pub fn displacement(
     let metres_per_count = 1.0 / line.slope;
     let mut finding = Finding::new(Step::Encoder);
     scale(&mut finding, rounded(metres_per_count, 7), u95, settings);
-    for (name, value) in [
+    finding.measure_all([
         ("scatter_u95", line.scatter_u95),
         ("nonlinearity", line.nonlinearity),
         ("hysteresis_m", line.hysteresis.map_or(f64::NAN, |part| 2.0 * part * extent)),
         ("zero_return_m", line.zero_return.map_or(f64::NAN, |part| part * extent)),
         ("gauge_u95_m", gauge_u95_m),
-    ] {
-        finding.measure(name, value);
-    }
+    ]);
     if let Some(counts) = per_revolution {
         let found = metres_per_count.abs() * counts;
         finding.measure("lead_m", found);
@@ -139,18 +132,24 @@ pub fn displacement(
             1e3 * found * u95
         ));
         if let Some(lead_m) = lead_m.filter(|lead_m| (found / lead_m - 1.0).abs() > u95 + 1e-3) {
-            let text = format!(
-                "the stated lead is {:.4} mm: check the gauge's scale, the revolutions, and whether the thread \
-                has several starts",
-                1e3 * lead_m
+            finding.remark(
+                Level::Bad,
+                "lead",
+                format!(
+                    "the stated lead is {:.4} mm: check the gauge's scale, the revolutions, and whether the thread \
+                     has several starts",
+                    1e3 * lead_m
+                ),
             );
-            finding.remark(Level::Bad, "lead", text);
         }
     }
     if line.hysteresis.is_some_and(|part| part > 1e-3) {
-        let text = "approaching from the other side changes the result by over 0.2 %: the gauge or the screw has play; \
-        approach each displacement from one side";
-        finding.remark(Level::Doubtful, "play", text);
+        finding.remark(
+            Level::Doubtful,
+            "play",
+            "approaching from the other side changes the result by over 0.2 %: the gauge or the screw has play; \
+             approach each displacement from one side",
+        );
     }
     Ok(finding)
 }
@@ -170,13 +169,19 @@ fn scale(finding: &mut Finding, metres_per_count: f64, u95: f64, settings: &Sett
     finding.measure("change_of_scale", metres_per_count / settings.metres_per_count - 1.0);
     finding.say(format!("{metres_per_count:.6e} {} per count ± {:.3} %", unit(settings.machine, "m"), 100.0 * u95));
     if metres_per_count * settings.metres_per_count < 0.0 {
-        let text = "the direction is opposite to that of the settings in use: A and B are swapped, or the other \
-                    direction is positive now; the sign of the scale corrects it";
-        finding.remark(Level::Note, "sign", text);
+        finding.remark(
+            Level::Note,
+            "sign",
+            "the direction is opposite to that of the settings in use: A and B are swapped, or the other \
+             direction is positive now; the sign of the scale corrects it",
+        );
     }
     if u95 > 5e-3 {
-        let text = "the uncertainty is over 0.5 %: a larger displacement or a better gauge reduces it";
-        finding.remark(Level::Doubtful, "wide", text);
+        finding.remark(
+            Level::Doubtful,
+            "wide",
+            "the uncertainty is over 0.5 %: a larger displacement or a better gauge reduces it",
+        );
     }
 }
 

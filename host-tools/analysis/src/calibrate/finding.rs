@@ -82,6 +82,11 @@ impl Finding {
         self.measured.insert(name.into(), value);
     }
 
+    /// Several figures.
+    pub fn measure_all(&mut self, figures: impl IntoIterator<Item = (&'static str, f64)>) {
+        figures.into_iter().for_each(|(name, value)| self.measure(name, value));
+    }
+
     /// A setting that follows.
     pub fn set(&mut self, name: &'static str, value: f64) {
         self.values.insert(name.into(), Value::from(value));

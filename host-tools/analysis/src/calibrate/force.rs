@@ -113,7 +113,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
     finding.set_with("newtons_per_code", newtons_per_code, u95 * newtons_per_code.abs());
     finding.set_with("force_zero_code", line.at_zero.round(), together([readings_u95, 0.475]));
     finding.set("force_gain_u95", rounded_up(u95).min(1.0));
-    for (name, value) in [
+    finding.measure_all([
         ("scatter_u95", line.scatter_u95),
         ("nonlinearity", line.nonlinearity),
         ("hysteresis", line.hysteresis.unwrap_or(f64::NAN)),
@@ -121,9 +121,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
         ("reading_u95", line.reading_u95),
         ("loads_u95", loads_u95),
         ("change_of_scale", newtons_per_code / settings.newtons_per_code - 1.0),
-    ] {
-        finding.measure(name, value);
-    }
+    ]);
     finding.say(format!(
         "{newtons_per_code:.6e} {} per code ± {:.2} %, code at no force {:.0}",
         unit(settings.machine, "N"),
@@ -146,12 +144,8 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
 /// Loads of either sign must move the code either way.
 fn refuse_both_ways(points: &[Point]) -> Result<(), CalibrateError> {
     let side = |sign: f64| {
-        let on: Vec<(f64, f64)> = points
-            .iter()
-            .filter(|point| point.applied * sign >= 0.0)
-            .map(|point| (point.applied, point.reading.value))
-            .collect();
-        Straight::through(&on).map(|line| line.slope)
+        let on = points.iter().filter(|point| point.applied * sign >= 0.0);
+        Straight::through(&on.map(Point::pair).collect::<Vec<_>>()).map(|line| line.slope)
     };
     let has = |sign: f64| points.iter().any(|point| point.applied * sign > 0.0);
     match (side(1.0), side(-1.0)) {
@@ -164,9 +158,12 @@ fn refuse_both_ways(points: &[Point]) -> Result<(), CalibrateError> {
 
 fn remarks(finding: &mut Finding, line: &Line, points: &[Point], u95: f64, newtons_per_code: f64, settings: &Settings) {
     if newtons_per_code * settings.newtons_per_code < 0.0 {
-        let text = "the sign is opposite to that of the settings in use: the cell's signal wires are swapped, or the \
-                    other direction is positive now. The sign of the scale corrects it; `inerter calibrate direction` checks it against the encoder";
-        finding.remark(Level::Note, "sign", text);
+        finding.remark(
+            Level::Note,
+            "sign",
+            "the sign is opposite to that of the settings in use: the cell's signal wires are swapped, or the other \
+             direction is positive now. The sign of the scale corrects it; `inerter calibrate direction` checks it against the encoder",
+        );
     } else if newtons_per_code < 0.0 {
         finding.remark(
             Level::Note,
@@ -175,8 +172,11 @@ fn remarks(finding: &mut Finding, line: &Line, points: &[Point], u95: f64, newto
         );
     }
     if !points.iter().any(|point| point.applied > 0.0) || !points.iter().any(|point| point.applied < 0.0) {
-        let text = "loads in one direction only: the other direction is assumed to have the same scale";
-        finding.remark(Level::Doubtful, "one_direction", text);
+        finding.remark(
+            Level::Doubtful,
+            "one_direction",
+            "loads in one direction only: the other direction is assumed to have the same scale",
+        );
     }
     match line.zero_return {
         None => finding.remark(
@@ -185,15 +185,20 @@ fn remarks(finding: &mut Finding, line: &Line, points: &[Point], u95: f64, newto
             "no return to zero was measured: end with the empty cell (--mass 0)",
         ),
         Some(back) if back > 1e-3 => {
-            let text =
-                format!("zero returns {:.2} % off: something rubs or creeps, or the cell was overloaded", 100.0 * back);
-            finding.remark(Level::Doubtful, "zero_return", text);
+            finding.remark(
+                Level::Doubtful,
+                "zero_return",
+                format!("zero returns {:.2} % off: something rubs or creeps, or the cell was overloaded", 100.0 * back),
+            );
         }
         Some(_) => {}
     }
     if u95 > DOUBTFUL_U95 {
-        let text = "over 1 % of uncertainty enters every inertance: more loads, or better known ones, reduce it";
-        finding.remark(Level::Doubtful, "wide", text);
+        finding.remark(
+            Level::Doubtful,
+            "wide",
+            "over 1 % of uncertainty enters every inertance: more loads, or better known ones, reduce it",
+        );
     }
 }
 

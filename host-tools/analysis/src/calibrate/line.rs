@@ -11,6 +11,13 @@ pub struct Point {
     pub reading: Mean,
 }
 
+impl Point {
+    /// What was applied, and what was read.
+    pub(super) fn pair(&self) -> (f64, f64) {
+        (self.applied, self.reading.value)
+    }
+}
+
 /// Reading against what was applied. All uncertainties are relative to the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
@@ -50,10 +57,6 @@ fn greatest(points: &[Point]) -> f64 {
     points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max)
 }
 
-fn pairs(points: &[Point]) -> Vec<(f64, f64)> {
-    points.iter().map(|point| (point.applied, point.reading.value)).collect()
-}
-
 fn spread(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (least, most, count) = values.fold((f64::INFINITY, f64::NEG_INFINITY, 0), |(least, most, count), value| {
         (least.min(value), most.max(value), count + 1)
@@ -73,17 +76,14 @@ impl Line {
         if points.len() < 3 || sizes.len() < 2 {
             return None;
         }
-        let straight = Straight::through(&pairs(points))?;
+        let straight = Straight::through(&points.iter().map(Point::pair).collect::<Vec<_>>())?;
         let full = straight.slope.abs() * greatest;
         let same = |point: &Point, size: f64| (point.applied - size).abs() <= SAME * greatest;
         let readings =
             |size: f64| points.iter().filter(move |point| same(point, size)).map(|point| point.reading.value);
         let off = |size: &f64| average(readings(*size)).map_or(0.0, |mean| (mean - straight.at(*size)).abs());
         let come = |size: f64, from_below: bool| {
-            let steps = points.windows(2).filter_map(|pair| match pair {
-                [before, point] => Some((before, point)),
-                _ => None,
-            });
+            let steps = points.iter().zip(points.iter().skip(1));
             average(
                 steps
                     .filter(|(before, point)| same(point, size) && !same(before, size))
@@ -118,10 +118,10 @@ impl Line {
 /// The point without which the others lie best on a line.
 fn worst(points: &[Point]) -> usize {
     let left_over = |without: usize| {
-        let rest: Vec<_> =
-            points.iter().enumerate().filter(|(place, _)| *place != without).map(|(_, point)| *point).collect();
-        let line = Straight::through(&pairs(&rest));
-        line.map_or(f64::INFINITY, |line| pairs(&rest).iter().map(|(x, y)| (y - line.at(*x)).powi(2)).sum::<f64>())
+        let others = points.iter().enumerate().filter(|(place, _)| *place != without);
+        let rest: Vec<_> = others.map(|(_, point)| point.pair()).collect();
+        let line = Straight::through(&rest);
+        line.map_or(f64::INFINITY, |line| rest.iter().map(|(x, y)| (y - line.at(*x)).powi(2)).sum())
     };
     (0..points.len()).min_by(|a, b| left_over(*a).total_cmp(&left_over(*b))).unwrap_or(0)
 }

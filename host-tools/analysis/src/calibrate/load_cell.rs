@@ -14,6 +14,7 @@ use super::{
     statistics::{Straight, student},
     timebase::Rate,
 };
+use crate::law::{ends, mean, median};
 
 /// Shortest stretch from which mains are told from their surroundings \[s\].
 pub const LEAST_S: f64 = 4.0;
@@ -87,25 +88,18 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
     if seconds < 0.99 * LEAST_S {
         return Err(CalibrateError::TooShort { seconds, needed: LEAST_S });
     }
-    let counts: Vec<f64> = run
-        .samples
-        .iter()
-        .map(|sample| {
-            let first = run.samples.first().map_or(0, |first| first.position_count);
-            f64::from(sample.position_count.wrapping_sub(first)) / settings.oversampling
-        })
-        .collect();
-    let turned = extent(&counts);
+    let first = run.samples.first().map_or(0, |first| first.position_count);
+    let counts = run.samples.iter().map(|sample| f64::from(sample.position_count.wrapping_sub(first)));
+    let turned = extent(counts.map(|counts| counts / settings.oversampling));
     // An encoder that stands at an edge jumps by one.
     if turned > 4.0 {
         return Err(CalibrateError::Moving { at: String::new(), counts: turned });
     }
-    let mean_code = codes.iter().sum::<f64>() / codes.len() as f64;
+    let mean_code = mean(&codes);
     let squares: f64 = codes.iter().map(|code| (code - mean_code).powi(2)).sum();
     let at_rail = |code: &&f64| **code <= settings.force_min_code || **code >= settings.force_max_code;
     let spectrum = Spectrum::of(&codes, settings.sample_rate_hz);
-    let mains = [50.0, 60.0].map(|frequency_hz| spectrum.mains(frequency_hz));
-    let [fifty, sixty] = mains;
+    let [fifty, sixty] = [50.0, 60.0].map(|frequency_hz| spectrum.mains(frequency_hz));
     Ok(Diagnosis {
         seconds,
         rate,
@@ -114,15 +108,16 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
         mean_code,
         noise_code: spectrum.noise(),
         total_rms_code: (squares / codes.len() as f64).sqrt(),
-        peak_to_peak_code: extent(&codes),
+        peak_to_peak_code: extent(codes.iter().copied()),
         drift_code_per_s: drift(&codes, settings.sample_rate_hz),
         saturated: codes.iter().filter(at_rail).count() as f64 / codes.len() as f64,
         mains: if fifty.amplitude_code() >= sixty.amplitude_code() { fifty } else { sixty },
     })
 }
 
-fn extent(values: &[f64]) -> f64 {
-    values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
+fn extent(values: impl Iterator<Item = f64>) -> f64 {
+    let (least, most) = ends(values);
+    most - least
 }
 
 /// Slope of the means of twelve blocks, so that what correlates within a block does not pass for knowledge.
@@ -132,7 +127,7 @@ fn drift(codes: &[f64], rate_hz: f64) -> (f64, f64) {
     let means: Vec<(f64, f64)> = blocks
         .map(|(place, block)| {
             let middle_s = (place as f64 + 0.5) * length as f64 / rate_hz;
-            (middle_s, block.iter().sum::<f64>() / length as f64)
+            (middle_s, mean(block))
         })
         .collect();
     let line = Straight::through(&means).unwrap_or_default();
@@ -149,7 +144,7 @@ struct Spectrum {
 impl Spectrum {
     fn of(codes: &[f64], rate_hz: f64) -> Self {
         let count = codes.len();
-        let mean = codes.iter().sum::<f64>() / count as f64;
+        let mean = mean(codes);
         let turn = std::f64::consts::TAU / count as f64;
         let window = |place: usize| 0.5 - 0.5 * (turn * place as f64).cos();
         let mut values: Vec<Complex<f64>> =
@@ -160,9 +155,7 @@ impl Spectrum {
         let density: Vec<f64> = values.iter().take(count / 2).map(|value| value.norm_sqr() * scale).collect();
         let spacing_hz = rate_hz / count as f64;
         let lowest = (LOWEST_HZ / spacing_hz).ceil() as usize;
-        let mut sorted: Vec<f64> = density.iter().skip(lowest).copied().collect();
-        sorted.sort_by(f64::total_cmp);
-        let floor = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) / std::f64::consts::LN_2;
+        let floor = median(density.iter().skip(lowest).copied().collect()).unwrap_or(0.0) / std::f64::consts::LN_2;
         Self { density, spacing_hz, floor }
     }
 
@@ -201,21 +194,23 @@ pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
     let (drift, drift_u95) = diagnosis.drift_code_per_s;
     let room = (diagnosis.mean_code - settings.force_min_code).min(settings.force_max_code - diagnosis.mean_code);
     let rate_hz = diagnosis.rate.map(|rate| settings.sample_rate_hz * (1.0 + rate.deviation));
-    finding.measure("sample_rate_hz", rate_hz.unwrap_or(f64::NAN));
-    finding.measure("stated_sample_rate_hz", settings.sample_rate_hz);
-    finding.measure("duration_s", diagnosis.seconds);
-    finding.measure("lost_samples", diagnosis.lost as f64);
-    finding.measure("saturated", diagnosis.saturated);
-    finding.measure("mean_code", diagnosis.mean_code);
-    finding.measure("noise_code", noise);
-    finding.measure("noise_n", noise * newtons);
-    finding.measure("rms_n", diagnosis.total_rms_code * newtons);
-    finding.measure("drift_n_per_s", drift * newtons);
-    finding.measure("drift_u95_n_per_s", drift_u95 * newtons);
-    finding.measure("mains_hz", if mains > 0.0 { diagnosis.mains.frequency_hz } else { f64::NAN });
-    finding.measure("mains_n", mains * newtons);
-    finding.measure("range_n", range_code * newtons);
-    finding.measure("peak_to_peak_of_range", diagnosis.peak_to_peak_code / range_code);
+    finding.measure_all([
+        ("sample_rate_hz", rate_hz.unwrap_or(f64::NAN)),
+        ("stated_sample_rate_hz", settings.sample_rate_hz),
+        ("duration_s", diagnosis.seconds),
+        ("lost_samples", diagnosis.lost as f64),
+        ("saturated", diagnosis.saturated),
+        ("mean_code", diagnosis.mean_code),
+        ("noise_code", noise),
+        ("noise_n", noise * newtons),
+        ("rms_n", diagnosis.total_rms_code * newtons),
+        ("drift_n_per_s", drift * newtons),
+        ("drift_u95_n_per_s", drift_u95 * newtons),
+        ("mains_hz", if mains > 0.0 { diagnosis.mains.frequency_hz } else { f64::NAN }),
+        ("mains_n", mains * newtons),
+        ("range_n", range_code * newtons),
+        ("peak_to_peak_of_range", diagnosis.peak_to_peak_code / range_code),
+    ]);
     let rate = rate_hz.map_or_else(String::new, |rate| format!(", {rate:.1} by this computer's clock"));
     finding.say(format!("{:.0} samples a second stated{rate}; {} lost", settings.sample_rate_hz, diagnosis.lost));
     let unit = unit(settings.machine, "N");
@@ -229,8 +224,7 @@ pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
         amount(0.5 * range_code, 0)
     ));
     finding.say(if mains > 0.0 {
-        let each = diagnosis.mains.amplitudes_code.iter().map(|code| amount(*code, 3));
-        let each: Vec<String> = each.collect();
+        let each: Vec<String> = diagnosis.mains.amplitudes_code.iter().map(|code| amount(*code, 3)).collect();
         let frequency = diagnosis.mains.frequency_hz;
         format!(
             "mains {} {unit} in amplitude at {frequency:.0} Hz and harmonics ({} {unit})",
@@ -253,59 +247,68 @@ fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, ro
     let (noise, mains) = (diagnosis.noise_code, diagnosis.mains.amplitude_code());
     let (drift, drift_u95) = diagnosis.drift_code_per_s;
     if diagnosis.saturated > 0.0 {
-        let text = "the code is at its limit: a wire of the cell is loose, the cell is overloaded, or the gain \
-        is too high";
-        return finding.remark(Level::Bad, "saturated", text);
+        return finding.remark(
+            Level::Bad,
+            "saturated",
+            "the code is at its limit: a wire of the cell is loose, the cell is overloaded, or the gain is too high",
+        );
     }
     if diagnosis.peak_to_peak_code == 0.0 {
-        let text = "the code never changes: the converter does not run, or its input is shorted";
-        return finding.remark(Level::Bad, "dead", text);
+        return finding.remark(
+            Level::Bad,
+            "dead",
+            "the code never changes: the converter does not run, or its input is shorted",
+        );
     }
     if let Some(rate) = diagnosis.rate.filter(|rate| rate.deviation.abs() > 1e-3 + rate.scatter_u95) {
-        let text = format!(
+        finding.remark(Level::Bad, "rate", format!(
             "the sample rate is {:.2} % off that stated: sample_rate_hz is not the device's, or its crystal does not run",
             100.0 * rate.deviation
-        );
-        finding.remark(Level::Bad, "rate", text);
+        ));
     }
     if diagnosis.lost > 0 {
-        let text = format!("{} samples were lost: shorten the cable, use USB, or close other programs", diagnosis.lost);
-        finding.remark(Level::Doubtful, "lost", text);
+        finding.remark(
+            Level::Doubtful,
+            "lost",
+            format!("{} samples were lost: shorten the cable, use USB, or close other programs", diagnosis.lost),
+        );
     }
     if noise > NOISE_OF_RANGE * range_code {
-        let text = format!(
+        finding.remark(Level::Bad, "noise", format!(
             "noise is {:.2} % of the range; 0.2 % is usual: check the cable's screen, the ground and the cell's supply",
             100.0 * noise / range_code
-        );
-        finding.remark(Level::Bad, "noise", text);
+        ));
     }
     if noise < STEPS * settings.oversampling.sqrt() {
-        let text = format!(
+        finding.remark(Level::Doubtful, "gain", format!(
             "the noise is below one step of the converter ({} {}): the gain is too low, and the steps limit the resolution",
             amount_text(newtons, 4),
             unit(settings.machine, "N")
-        );
-        finding.remark(Level::Doubtful, "gain", text);
+        ));
     }
-    let harmful = mains > HARMLESS_MAINS * noise && mains > STEPS;
-    if mains > MAINS_OF_RANGE * range_code || harmful {
-        let level = if mains > MAINS_OF_RANGE * range_code { Level::Bad } else { Level::Doubtful };
-        let text = format!(
+    let takes_room = mains > MAINS_OF_RANGE * range_code;
+    if takes_room || mains > HARMLESS_MAINS * noise && mains > STEPS {
+        let level = if takes_room { Level::Bad } else { Level::Doubtful };
+        finding.remark(level, "mains", format!(
             "mains pickup is {:.1} times the noise (up to {HARMLESS_MAINS:.0} is harmless): ground the cable's screen at \
              one end only, keep it away from drives, and use a USB isolator where grounds differ",
             mains / noise
-        );
-        finding.remark(level, "mains", text);
+        ));
     }
     if drift.abs() > HARMLESS_DRIFT_PER_S * noise + drift_u95 {
-        let text = "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
-        slow motion is affected first";
-        finding.remark(Level::Doubtful, "drift", text);
+        finding.remark(
+            Level::Doubtful,
+            "drift",
+            "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
+             slow motion is affected first",
+        );
     }
     if room < ROOM {
-        let text =
-            format!("only {:.0} % of the range is left on one side: adjust the amplifier's offset", 100.0 * room);
-        finding.remark(Level::Doubtful, "off_centre", text);
+        finding.remark(
+            Level::Doubtful,
+            "off_centre",
+            format!("only {:.0} % of the range is left on one side: adjust the amplifier's offset", 100.0 * room),
+        );
     }
 }
 

@@ -23,5 +23,5 @@ pub use direction::refuse_saturated;
 pub use error::CalibrateError;
 pub use finding::{Finding, Level, Remark, Step};
 pub use line::{Line, Point};
-pub(crate) use statistics::student;
 pub use statistics::{Mean, rounded_up};
+pub(crate) use statistics::{student, together};

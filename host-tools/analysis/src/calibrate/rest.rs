@@ -14,6 +14,7 @@ use super::{
     finding::Level as Rank,
     statistics::{Mean, mean_of_blocks, together},
 };
+use crate::law::ends;
 
 /// Blocks in a window: at 3 s each is 0.2 s, whole cycles of 50 and of 60 Hz.
 const BLOCKS: usize = 15;
@@ -121,23 +122,24 @@ impl Watch {
         if self.taken == 0 {
             self.now = Block { least_count: count, most_count: count, ..Block::default() };
         }
-        self.now.code += code;
-        self.now.count += count;
-        self.now.least_count = self.now.least_count.min(count);
-        self.now.most_count = self.now.most_count.max(count);
-        self.now.differences += self.last_code.replace(code).map_or(0.0, |last| (code - last).powi(2));
-        self.now.saturated += usize::from(code <= self.settings.force_min_code || code >= self.settings.force_max_code);
+        let now = &mut self.now;
+        now.code += code;
+        now.count += count;
+        now.least_count = now.least_count.min(count);
+        now.most_count = now.most_count.max(count);
+        now.differences += self.last_code.replace(code).map_or(0.0, |last| (code - last).powi(2));
+        now.saturated += usize::from(code <= self.settings.force_min_code || code >= self.settings.force_max_code);
         self.taken += 1;
         if self.taken < self.per_block {
             return false;
         }
         let samples = self.taken as f64;
-        self.now.code /= samples;
-        self.now.count /= samples;
+        now.code /= samples;
+        now.count /= samples;
         if self.blocks.len() == BLOCKS {
             self.blocks.pop_front();
         }
-        self.blocks.push_back(self.now);
+        self.blocks.push_back(*now);
         self.taken = 0;
         true
     }
@@ -157,29 +159,31 @@ impl Watch {
         if saturated > 0 && self.of == Of::Force {
             return Standing::Saturated { share: saturated as f64 / samples };
         }
-        let range = |of: fn(&Block) -> f64, to: fn(&Block) -> f64| {
-            let most = self.blocks.iter().map(to).fold(f64::NEG_INFINITY, f64::max);
-            most - self.blocks.iter().map(of).fold(f64::INFINITY, f64::min)
+        let range = |of: fn(&Block) -> [f64; 2]| {
+            let (least, most) = ends(self.blocks.iter().flat_map(of));
+            most - least
         };
-        let counts = range(|block| block.least_count, |block| block.most_count);
+        let counts = range(|block| [block.least_count, block.most_count]);
         if counts > MOST_COUNTS {
             return Standing::Turns { counts };
         }
         let differences: f64 = self.blocks.iter().map(|block| block.differences).sum();
         let noise_code = (0.5 * differences / samples).sqrt();
-        let means: Vec<f64> = self.blocks.iter().map(|block| block.code).collect();
-        let code = mean_of_blocks(&means);
+        let mean = |of: fn(&Block) -> f64| mean_of_blocks(&self.blocks.iter().map(of).collect::<Vec<_>>());
+        let code = mean(|block| block.code);
         let load = (code.value - self.settings.force_zero_code).abs();
         let by_noise = NOISE_FACTOR * noise_code / (self.per_block as f64).sqrt();
         let allowed_code = together([by_noise, LOAD_PART * load]) + 1.0;
-        let wander_code = range(|block| block.code, |block| block.code);
+        let wander_code = range(|block| [block.code; 2]);
         if wander_code > allowed_code && self.of == Of::Force {
             return Standing::Wanders { wander_code, allowed_code };
         }
-        let places: Vec<f64> = self.blocks.iter().map(|block| block.count).collect();
-        let count = mean_of_blocks(&places);
-        let seconds = samples / self.settings.sample_rate_hz;
-        Standing::Steady(Level { code, count, noise_code, seconds })
+        Standing::Steady(Level {
+            code,
+            count: mean(|block| block.count),
+            noise_code,
+            seconds: samples / self.settings.sample_rate_hz,
+        })
     }
 }
 
@@ -225,10 +229,12 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
     let newtons = settings.newtons_per_code.abs();
     let shift = zero - settings.force_zero_code;
     finding.set_with("force_zero_code", zero, u95);
-    finding.measure("mean_code", level.code.value);
-    finding.measure("zero_u95_n", u95 * newtons);
-    finding.measure("shift_n", shift * newtons);
-    finding.measure("noise_code", level.noise_code);
+    finding.measure_all([
+        ("mean_code", level.code.value),
+        ("zero_u95_n", u95 * newtons),
+        ("shift_n", shift * newtons),
+        ("noise_code", level.noise_code),
+    ]);
     finding.say(format!("code at no force {zero:.0} ± {u95:.1}, over {:.1} s", level.seconds));
     finding.say(format!(
         "that is {} {unit} from the zero in use, ± {} {unit}, by the force scale in use",

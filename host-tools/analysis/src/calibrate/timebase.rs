@@ -11,6 +11,7 @@ use super::{
     finding::Level,
     statistics::{Straight, rounded_up, together},
 };
+use crate::law::ends;
 
 /// Uncertainty of a host's clock when nothing is known of it: the crystal of a computer over its range of temperatures.
 pub const HOST_PPM: f64 = 50.0;
@@ -67,9 +68,7 @@ pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, Calibrate
     }
     let line = Straight::through(&earliest).ok_or(short)?;
     // Delays have a memory: what is left is no white noise, and its whole range over the time is the better bound.
-    let left = |(at, late): &(f64, f64)| late - line.at(*at);
-    let most = earliest.iter().map(left).fold(f64::NEG_INFINITY, f64::max);
-    let least = earliest.iter().map(left).fold(f64::INFINITY, f64::min);
+    let (least, most) = ends(earliest.iter().map(|(at, late)| late - line.at(*at)));
     let scatter_u95 = line.slope_u95.max((most - least) / seconds);
     // Arriving ever later means that the device is slow.
     Ok(Rate { deviation: 1.0 / (1.0 + line.slope) - 1.0, scatter_u95, seconds })
@@ -83,11 +82,13 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
     // The rate is not corrected, so all of the deviation is left. Never below the clock it was compared with.
     let claim = rounded_up(rate.deviation.abs() + u95).max(host);
     let ppm = |relative: f64| relative * 1e6;
-    finding.measure("deviation_ppm", ppm(rate.deviation));
-    finding.measure("deviation_u95_ppm", ppm(u95));
-    finding.measure("scatter_u95_ppm", ppm(rate.scatter_u95));
-    finding.measure("host_clock_ppm", host_ppm);
-    finding.measure("duration_s", rate.seconds);
+    finding.measure_all([
+        ("deviation_ppm", ppm(rate.deviation)),
+        ("deviation_u95_ppm", ppm(u95)),
+        ("scatter_u95_ppm", ppm(rate.scatter_u95)),
+        ("host_clock_ppm", host_ppm),
+        ("duration_s", rate.seconds),
+    ]);
     finding.say(format!(
         "the device's clock is {:.1} ppm {} than this computer's, ± {:.1} ppm: {:.1} from {:.0} s of arrival times, \
         {host_ppm:.1} from this computer's clock",
@@ -98,7 +99,6 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
         rate.seconds,
     ));
     let in_use = settings.timebase_u95;
-    let contradicts = rate.deviation.abs() - u95 > in_use;
     if rate.deviation.abs() > ODD + u95 {
         finding.remark(
             Level::Bad,
@@ -106,7 +106,7 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
             "no crystal is that far off: it does not run (see the LED and `inerter monitor`), or sample_rate_hz is not \
             the device's",
         );
-    } else if contradicts || claim < in_use {
+    } else if rate.deviation.abs() - u95 > in_use || claim < in_use {
         finding.set("timebase_u95", claim);
         finding
             .say(format!("timebase_u95 = {claim:?}: the deviation and its uncertainty, as the rate is not corrected"));

@@ -5,7 +5,10 @@ use std::f64::consts::TAU;
 use inerter_core::Settings;
 
 use super::kind::Kind;
-use crate::{law::Law, reversals::Moment};
+use crate::{
+    law::{FALLS, Law, MOST_LOAD, TURNS},
+    reversals::Moment,
+};
 
 /// Encoder counts per turn that are in use; each has its own lead.
 const COUNTS_PER_TURN: [f64; 22] = [
@@ -16,12 +19,6 @@ const COUNTS_PER_TURN: [f64; 22] = [
 const LEAST_TURNS: f64 = 0.3;
 /// Counts in a period of the encoder's lines, where nothing is said.
 const COUNTS_PER_LINE: f64 = 4.0;
-/// Velocities over which friction falls, in parts of the motion's rms.
-const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
-/// Distances over which friction turns, in parts of the motion's stroke.
-const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
-/// Friction per force beyond which a screw locks itself.
-const MOST_LOAD: f64 = 0.5;
 /// Friction at rest beyond that in motion, in parts of it.
 const MOST_SURPLUS: f64 = 2.0;
 /// What turns over a distance, in parts of what the law found of Coulomb friction, which may be little.
@@ -262,19 +259,17 @@ impl Candidate {
         let count_m = settings.metres_per_count.abs();
         let known = encoder.counts_per_turn.as_ref().map_or(&COUNTS_PER_TURN[..], std::slice::from_ref);
         for lead_m in known.iter().map(|counts| counts * count_m).filter(|lead| span.stroke_m > LEAST_TURNS * lead) {
-            all.push(one(Kind::PositionPeriodic, Term::Ripple(lead_m)));
-            all.push(one(Kind::PositionPeriodic, Term::Uneven(lead_m)));
+            let periodic = [Term::Ripple(lead_m), Term::Uneven(lead_m)];
+            all.extend(periodic.map(|term| one(Kind::PositionPeriodic, term)));
             all.push(one(Kind::EncoderError, Term::Wobble(lead_m)));
         }
         let line_m = encoder.counts_per_line.unwrap_or(COUNTS_PER_LINE) * count_m;
         all.push(one(Kind::EncoderError, Term::Wobble(line_m)));
         for velocity in FALLS.map(|part| part * span.velocity_rms) {
-            all.push(one(Kind::Stribeck, Term::Falling(velocity)));
-            all.push(one(Kind::Stribeck, Term::Bell(velocity)));
+            all.extend([Term::Falling(velocity), Term::Bell(velocity)].map(|term| one(Kind::Stribeck, term)));
         }
         for distance in TURNS.map(|part| part * span.stroke_m) {
-            all.push(one(Kind::Presliding, Term::Turning(distance)));
-            all.push(one(Kind::Presliding, Term::Bending(distance)));
+            all.extend([Term::Turning(distance), Term::Bending(distance)].map(|term| one(Kind::Presliding, term)));
         }
         all.extend([one(Kind::QuadraticFriction, Term::Square), one(Kind::Spring, Term::Spring(span.middle_m))]);
         let relaxes = RELAXES.map(|part| Term::Relaxing(part * span.stroke_m / span.velocity_rms));

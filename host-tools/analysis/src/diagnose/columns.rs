@@ -12,7 +12,7 @@ pub(super) use super::candidate::{Candidate, Span, Term};
 use super::candidate::{HYSTERESIS, Shape};
 use super::filter::Filter;
 use crate::{
-    law::{Kernels, Law, around, stands},
+    law::{Kernels, Law, around, mark, mean, stands},
     reversals::{Moment, Reversal, Turns, velocity_noise},
 };
 
@@ -37,7 +37,7 @@ struct Piece<'a> {
 impl Piece<'_> {
     /// Samples in the middle of the rows.
     fn middles(&self) -> impl Iterator<Item = usize> {
-        self.rows.iter().filter_map(|row| self.grid.get(*row).copied())
+        self.rows.iter().map(|row| self.grid[*row])
     }
 }
 
@@ -99,13 +99,12 @@ impl<'a> Located<'a> {
     /// How often each stroke has come again, sample by sample, as the device counts it.
     pub fn repeats(&self, settings: &Settings) -> f64 {
         let code_m = settings.metres_per_count / settings.oversampling;
-        let codes_of = |position_m: f64| (position_m / code_m).round() as i64 as i32;
         let mut repeats = Repeats::new();
         for (stretch, turns) in &self.pieces {
             let mut next = turns.reversals.iter().map(|reversal| reversal.at.round() as usize).peekable();
             let mut sum = 0_i32;
             for (n, position) in stretch.position_m.iter().enumerate() {
-                let codes = codes_of(*position);
+                let codes = (position / code_m).round() as i64 as i32;
                 sum = sum.wrapping_add(codes);
                 if next.next_if_eq(&n).is_some() {
                     repeats.push(n as u32, codes, sum, settings.oversampling as u32);
@@ -120,8 +119,7 @@ impl<'a> Located<'a> {
 impl<'a> Rows<'a> {
     /// Of all samples in motion, through the kernels of a bank, with signs placed by this law.
     pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law, noise_n: f64) -> Self {
-        let box_samples = kernels.box_samples;
-        let spacing = (box_samples / 2).max(1).max(series.len() / MOST_ROWS);
+        let spacing = (kernels.box_samples / 2).max(1).max(series.len() / MOST_ROWS);
         Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing, settings, &law, noise_n))
     }
 
@@ -153,19 +151,18 @@ impl<'a> Rows<'a> {
                 (middle_reach..length.saturating_sub(middle_reach)).step_by(filter.spacing).collect();
             let mut rows = Vec::new();
             for place in (wide..grid.len().saturating_sub(wide)).step_by(thinned) {
-                let Some(&middle) = grid.get(place) else { break };
+                let middle = grid[place];
                 could += 1;
                 let ends = [middle.saturating_sub(reach), (middle + reach).min(length)].map(|end| rests.get(end));
                 if ends[0] != ends[1] {
                     continue;
                 }
                 rows.push(place);
-                if let Some(moment) = turns.moments.get(middle) {
-                    (low, high) = (low.min(moment.position_m), high.max(moment.position_m));
-                    square += moment.velocity * moment.velocity;
-                    count += 1;
-                    span.force_n = span.force_n.max((moment.force_n - law.offset_n).abs());
-                }
+                let moment = &turns.moments[middle];
+                (low, high) = (low.min(moment.position_m), high.max(moment.position_m));
+                square += moment.velocity * moment.velocity;
+                count += 1;
+                span.force_n = span.force_n.max((moment.force_n - law.offset_n).abs());
             }
             Piece { stretch, turns, grid, rows }
         });
@@ -248,12 +245,15 @@ impl<'a> Rows<'a> {
     pub fn columns(&self, term: Term) -> Vec<Vec<f64>> {
         let Law { inertance_kg, viscous_n_s_per_m, .. } = self.law;
         let kernels = &self.filter.kernels;
-        match term {
-            Term::Ripple(lead_m) => self.waves(lead_m, |wave, middle| around(&kernels.force, wave, middle)),
-            Term::Wobble(lead_m) => self.waves(lead_m, |wave, middle| {
-                let inertia = inertance_kg * around(&kernels.second, wave, middle);
-                -inertia - viscous_n_s_per_m * around(&kernels.rate, wave, middle)
-            }),
+        let by_force = |signal: &[f64], middle: usize| around(&kernels.force, signal, middle);
+        // What the law makes of a position that is wrong.
+        let as_position = |signal: &[f64], middle: usize| {
+            let inertia = inertance_kg * around(&kernels.second, signal, middle);
+            -inertia - viscous_n_s_per_m * around(&kernels.rate, signal, middle)
+        };
+        let column = match term {
+            Term::Ripple(lead_m) => return self.waves(lead_m, by_force),
+            Term::Wobble(lead_m) => return self.waves(lead_m, as_position),
             Term::Uneven(lead_m) => {
                 let wave = |function: fn(f64) -> f64| {
                     self.signal(|piece| {
@@ -261,54 +261,46 @@ impl<'a> Rows<'a> {
                         waves.zip(&piece.turns.signs).map(|(wave, sign)| wave * sign).collect()
                     })
                 };
-                vec![wave(f64::sin), wave(f64::cos)]
+                return vec![wave(f64::sin), wave(f64::cos)];
             }
-            Term::Bent => vec![self.filtered(|_, piece, middle| {
-                let force = &piece.stretch.force_n;
-                let inertia = inertance_kg * around(&kernels.second, force, middle);
-                -inertia - viscous_n_s_per_m * around(&kernels.rate, force, middle)
-            })],
+            Term::Bent => self.filtered(|_, piece, middle| as_position(&piece.stretch.force_n, middle)),
             Term::Structure(time_s) => {
                 let third = self.filtered(|_, piece, middle| around(&kernels.third, &piece.stretch.force_n, middle));
-                let column = self.curvature().into_iter().zip(third).map(|(second, third)| second - time_s * third);
-                vec![column.collect()]
+                self.curvature().into_iter().zip(third).map(|(second, third)| second - time_s * third).collect()
             }
-            Term::Spring(middle_m) => vec![self.through_kernel(
-                |piece| piece.stretch.position_m.iter().map(|x| x - middle_m).collect(),
-                |position, middle| around(&kernels.force, position, middle),
-            )],
-            Term::Relaxing(time_s) => vec![self.through_kernel(
+            Term::Spring(middle_m) => {
+                self.through_kernel(|piece| piece.stretch.position_m.iter().map(|x| x - middle_m).collect(), by_force)
+            }
+            Term::Relaxing(time_s) => self.through_kernel(
                 |piece| relaxing(&piece.stretch.position_m, time_s / self.period_s).collect(),
-                |position, middle| around(&kernels.force, position, middle),
-            )],
-            Term::Told(Shape::Hysteresis, most_n) => vec![self.through_kernel(
+                by_force,
+            ),
+            Term::Told(Shape::Hysteresis, most_n) => self.through_kernel(
                 |piece| lagging(&piece.stretch.force_n, HYSTERESIS * most_n).map(|lag| lag / HYSTERESIS).collect(),
-                |lag, middle| around(&kernels.force, lag, middle),
-            )],
-            Term::Told(shape, most_n) => vec![self.through_kernel(
+                by_force,
+            ),
+            Term::Told(shape, most_n) => self.through_kernel(
                 |piece| {
-                    let part = |force: &f64| (force - self.law.offset_n) / most_n;
-                    piece.stretch.force_n.iter().map(|force| most_n * shape.of(part(force))).collect()
+                    let forces = piece.stretch.force_n.iter();
+                    forces.map(|force| most_n * shape.of((force - self.law.offset_n) / most_n)).collect()
                 },
-                |told, middle| around(&kernels.force, told, middle),
-            )],
+                by_force,
+            ),
             Term::Load | Term::Falling(_) | Term::Bell(_) | Term::Square => {
-                vec![self.signal(|piece| piece.turns.means(|moment| term.at(moment, &self.law, 0.0, 0.0)[0]))]
+                self.signal(|piece| piece.turns.means(|moment| term.at(moment, &self.law, 0.0, 0.0)[0]))
             }
-            Term::Turning(_) | Term::Bending(_) => vec![self.signal(|piece| {
+            Term::Turning(_) | Term::Bending(_) => self.signal(|piece| {
                 let turned = turned(&piece.turns.reversals, term);
                 piece.turns.means(|moment| {
                     let turned = turned.get(moment.stroke).copied().unwrap_or(moment.sign);
                     term.at(moment, &self.law, 0.0, turned)[0]
                 })
-            })],
-            Term::Drift => vec![self.timed(&self.base[3])],
-            Term::Warming => vec![self.timed(&self.base[2])],
-            Term::Thinning => vec![self.timed(&self.base[1])],
-            Term::Skew => {
-                vec![self.filtered(|_, piece, middle| -around(&kernels.rate, &piece.stretch.force_n, middle))]
-            }
-            Term::Speed => vec![self.through_kernel(
+            }),
+            Term::Drift => self.timed(&self.base[3]),
+            Term::Warming => self.timed(&self.base[2]),
+            Term::Thinning => self.timed(&self.base[1]),
+            Term::Skew => self.filtered(|_, piece, middle| -around(&kernels.rate, &piece.stretch.force_n, middle)),
+            Term::Speed => self.through_kernel(
                 |piece| {
                     let positions = &piece.stretch.position_m;
                     let steps = positions.iter().zip(positions.iter().skip(1)).zip(piece.turns.signs.windows(2));
@@ -319,14 +311,15 @@ impl<'a> Rows<'a> {
                     std::iter::once(0.0).chain(further).collect()
                 },
                 |path, middle| around(&kernels.rate, path, middle),
-            )],
-        }
+            ),
+        };
+        vec![column]
     }
 
     /// A signal of each stretch through a kernel.
     fn through_kernel(&self, signal: impl Fn(&Piece) -> Vec<f64>, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<f64> {
         let signals: Vec<Vec<f64>> = self.pieces.iter().map(signal).collect();
-        self.filtered(|number, _, middle| signals.get(number).map_or(0.0, |signal| kernel(signal, middle)))
+        self.filtered(|number, _, middle| kernel(&signals[number], middle))
     }
 
     /// A signal that is a mean over each sample, as the sign is.
@@ -376,12 +369,11 @@ fn lagging(signal: &[f64], play: f64) -> impl Iterator<Item = f64> {
 /// What has turned of a friction when each stroke begins.
 fn turned(reversals: &[Reversal], term: Term) -> Vec<f64> {
     let Some(first) = reversals.first() else { return Vec::new() };
-    let mut turned = vec![-first.sign];
     let mut now = -first.sign;
-    for (place, reversal) in reversals.iter().enumerate() {
-        if let Some(before) = place.checked_sub(1).and_then(|before| reversals.get(before)) {
-            now = term.turned(before.sign, now, (reversal.position_m - before.position_m).abs());
-        }
+    // Before the first, and from there on.
+    let mut turned = vec![now; 2];
+    for (before, reversal) in reversals.iter().zip(&reversals[1..]) {
+        now = term.turned(before.sign, now, (reversal.position_m - before.position_m).abs());
         turned.push(now);
     }
     turned
@@ -405,16 +397,15 @@ fn still(
     let mut rest_n = rest_n;
     for (at, (seen, force)) in positions.windows(window + 1).zip(stretch.force_n.windows(window + 1)).enumerate() {
         if stands(seen, settings) {
-            still.iter_mut().skip(at.saturating_sub(window / 2)).take(2 * window).for_each(|still| *still = true);
-            rest_n = rest_n.max((force.iter().sum::<f64>() / force.len() as f64 - offset_n).abs());
+            mark(&mut still, at.saturating_sub(window / 2), 2 * window);
+            rest_n = rest_n.max((mean(force) - offset_n).abs());
         }
     }
     for (at, seen) in positions.windows(window + 1).enumerate() {
-        let travel = seen.last().zip(seen.first()).map_or(0.0, |(last, first)| (last - first).abs());
         let middle = at + window / 2;
-        let force = stretch.force_n.get(middle).map_or(0.0, |force| (force - offset_n).abs());
-        if travel <= GRAZING_COUNTS * count_m && force < WEAK * rest_n {
-            still.iter_mut().skip(middle).take(1).for_each(|still| *still = true);
+        let force = (stretch.force_n[middle] - offset_n).abs();
+        if (seen[window] - seen[0]).abs() <= GRAZING_COUNTS * count_m && force < WEAK * rest_n {
+            still[middle] = true;
         }
     }
     // Where friction can hold a screw that reverses, or hardly moves, it may have stuck for a moment.
@@ -424,8 +415,7 @@ fn still(
         *still |= may_stick && (moment.force_n - offset_n).abs() < 0.5 * WEAK * rest_n;
     }
     for reversal in turns.reversals.iter().filter(|reversal| !reversal.is_located) {
-        let first = reversal.at.floor().max(0.0) as usize;
-        still.iter_mut().skip(first).take(2).for_each(|still| *still = true);
+        mark(&mut still, reversal.at.floor().max(0.0) as usize, 2);
     }
     still
 }
@@ -434,12 +424,12 @@ fn still(
 /// still as at rest, and is no noise. In faster motion than the slow bank's no velocity lasts so long.
 fn keep_step(stretch: &Stretch, box_samples: usize, count_m: f64, still: &mut [bool]) {
     for (at, seen) in stretch.position_m.windows(box_samples + 1).enumerate() {
-        let Some((first, last)) = seen.first().zip(seen.last()) else { continue };
+        let (first, last) = (seen[0], seen[box_samples]);
         let each = ((last - first) / (count_m * box_samples as f64)).round();
         let off = |(n, position): (usize, &f64)| (position - first) / count_m - each * n as f64;
         let is_near = |off: f64| off.abs() < 1.5;
-        if each != 0.0 && is_near(off((box_samples, last))) && seen.iter().enumerate().map(off).all(is_near) {
-            still.iter_mut().skip(at).take(box_samples).for_each(|still| *still = true);
+        if each != 0.0 && is_near(off((box_samples, &last))) && seen.iter().enumerate().map(off).all(is_near) {
+            mark(still, at, box_samples);
         }
     }
 }

@@ -13,7 +13,7 @@ use inerter_core::{
 };
 use inerter_data::series::Series;
 
-use crate::law::{Kernels, Law};
+use crate::law::{Kernels, Law, median};
 
 /// Box of the rows in which causes are sought \[s\].
 const BOX_S: f64 = 0.004;
@@ -147,32 +147,22 @@ fn whitening(alike_hz: f64, spacing_s: f64, widest_s: f64) -> Vec<f64> {
     let top_hz = 0.5 / spacing_s;
     let frequencies = (0..FREQUENCIES).map(|k| (k as f64 + 0.5) * top_hz / FREQUENCIES as f64);
     let gains: Vec<(f64, f64)> = frequencies.map(|f| (f, 1.0 / (1.0 + (f / alike_hz).powi(4)).sqrt())).collect();
-    let taps = (-half..=half).map(|place| {
+    let tap = |place: i32| {
         let t = f64::from(place) * spacing_s;
         let window = 0.5 * (1.0 + (PI * f64::from(place) / f64::from(half + 1)).cos());
         window * gains.iter().map(|(f, gain)| gain * (TAU * f * t).cos()).sum::<f64>()
-    });
-    let taps: Vec<f64> = taps.collect();
+    };
+    let taps: Vec<f64> = (-half..=half).map(tap).collect();
     let sum: f64 = taps.iter().sum();
     taps.into_iter().map(|tap| tap / sum).collect()
 }
 
 /// Noise of the force \[N\], by its fourth differences, which no motion moves much; not less than its codes round.
 pub(super) fn force_noise_n(series: &Series, settings: &Settings) -> f64 {
-    let mut differences: Vec<f64> = Vec::new();
-    for stretch in &series.stretches {
-        differences.extend(stretch.force_n.windows(5).filter_map(|five| match five {
-            [a, b, c, d, e] => Some((a - 4.0 * b + 6.0 * c - 4.0 * d + e).abs()),
-            _ => None,
-        }));
-    }
-    let middle = differences.len() / 2;
+    let fives = series.stretches.iter().flat_map(|stretch| stretch.force_n.windows(5));
+    let difference = |five: &[f64]| (five[0] - 4.0 * five[1] + 6.0 * five[2] - 4.0 * five[3] + five[4]).abs();
     let least = settings.newtons_per_code.abs() * ROUNDING.sqrt();
-    if differences.is_empty() {
-        return least;
-    }
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    (*median / MEDIAN_DIFFERENCE).max(least)
+    median(fives.map(difference).collect()).map_or(least, |median| (median / MEDIAN_DIFFERENCE).max(least))
 }
 
 #[cfg(test)]

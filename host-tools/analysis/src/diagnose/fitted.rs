@@ -118,7 +118,7 @@ fn other_turns<'a>(
         let is_other = |term: Term| term != own && std::mem::discriminant(&term) == std::mem::discriminant(&own);
         for candidate in all.iter().filter(|other| other.term.period_m().is_some() && is_other(other.term)) {
             let mut with = found.to_vec();
-            with.iter_mut().skip(place).take(1).for_each(|one| one.candidate = *candidate);
+            with[place].candidate = *candidate;
             others.extend(model(rows, &with).filter(|other| other.left() <= most));
         }
     }
@@ -138,11 +138,11 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
         value: law.value(i) as f32,
         error: errors[i] as f32,
         // The column of a skew is the force's rate turned round.
-        per_skew: -moved.get(i).copied().unwrap_or_default() as f32,
-        steps: steps.get(i).copied().unwrap_or_default().abs() as f32,
+        per_skew: -moved[i] as f32,
+        steps: steps[i].abs() as f32,
     });
     // What breaks the law is in the fit, and steps that repeat are in its errors.
-    let friction_in_curvature = [1, 2].map(|i| of_curvature.get(i).copied().unwrap_or_default() as f32);
+    let friction_in_curvature = [1, 2].map(|i| of_curvature[i] as f32);
     let motion = Motion::of(detail, 1.0);
     let [accelerations, ..] = &rows.base;
     let square = accelerations.iter().map(|a| a * a).sum::<f64>() / accelerations.len() as f64;
@@ -155,18 +155,20 @@ fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, err
 
 fn cause(found: &Found, size: f64, u95: f64, scale_u95: f64) -> Cause {
     let Candidate { kind, term } = found.candidate;
-    let (value, u95, unit) = match term {
-        Term::Load | Term::Told(..) => (size, u95, "1"),
-        Term::Square => (size, u95, "N s2/m2"),
-        Term::Spring(_) | Term::Relaxing(_) => (size, u95, "N/m"),
-        Term::Bent => (size, u95, "m/N"),
-        Term::Structure(_) => (size, u95, "s2"),
-        Term::Wobble(_) => (size, u95, "m"),
-        Term::Ripple(_) | Term::Uneven(_) => (size, u95, "N"),
-        Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => (size, u95, "N"),
-        Term::Turning(distance) | Term::Bending(distance) => (distance, scale_u95 * distance, "m"),
-        Term::Thinning | Term::Speed => (size, u95, "N s/m"),
-        Term::Skew => (size, u95, "s"),
+    let (value, u95) = match term {
+        Term::Turning(distance) | Term::Bending(distance) => (distance, scale_u95 * distance),
+        _ => (size, u95),
+    };
+    let unit = match term {
+        Term::Load | Term::Told(..) => "1",
+        Term::Square => "N s2/m2",
+        Term::Spring(_) | Term::Relaxing(_) => "N/m",
+        Term::Bent => "m/N",
+        Term::Structure(_) => "s2",
+        Term::Wobble(_) | Term::Turning(_) | Term::Bending(_) => "m",
+        Term::Ripple(_) | Term::Uneven(_) | Term::Falling(_) | Term::Bell(_) | Term::Drift | Term::Warming => "N",
+        Term::Thinning | Term::Speed => "N s/m",
+        Term::Skew => "s",
     };
     Cause {
         kind,

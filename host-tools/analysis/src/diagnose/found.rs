@@ -46,9 +46,10 @@ pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>
     let mut columns: Vec<Vec<f64>> = rows.base.to_vec();
     for one in found {
         let new = rows.columns(one.candidate.term);
-        match (one.is_whole, new.as_slice(), columns.get_mut(SIGN)) {
-            (true, [turned], Some(sign)) => sign.iter_mut().zip(turned).for_each(|(sign, turned)| *sign += turned),
-            _ => columns.extend(new),
+        if one.is_whole {
+            columns[SIGN].iter_mut().zip(&new[0]).for_each(|(sign, turned)| *sign += turned);
+        } else {
+            columns.extend(new);
         }
     }
     Model::of(rows, columns)
@@ -78,7 +79,7 @@ pub(super) fn known(found: &[Found]) -> Vec<Known> {
 /// Seeks velocities and distances anew, each beside all others, by either law that it may go by.
 pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
     for place in 0..found.len() {
-        let Some(Found { candidate: Candidate { term, .. }, .. }) = found.get(place).copied() else { continue };
+        let term = found[place].candidate.term;
         if term.scale().is_none() {
             continue;
         }
@@ -101,8 +102,8 @@ pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
                 }
             }
         }
-        if let (Some((_, term, is_whole)), Some(one)) = (best, found.get_mut(place)) {
-            (one.candidate.term, one.is_whole) = (term, is_whole);
+        if let Some((_, term, is_whole)) = best {
+            (found[place].candidate.term, found[place].is_whole) = (term, is_whole);
         }
     }
 }

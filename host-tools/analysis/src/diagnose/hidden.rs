@@ -19,7 +19,10 @@ use super::{
     columns::{Candidate, Rows},
     kind::Kind,
     search::rows_of,
-    selection::dot,
+};
+use crate::{
+    fit::each,
+    law::{dot, inverse, less},
 };
 
 /// Part of a column's square that the law must leave over, for the run to tell of it; and for it to tell of what is
@@ -67,17 +70,13 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Opti
         let words: Vec<String> = words.collect();
         format!(" {}: {}.", parameter(machine, place).label, description(machine, &words.join(", ")))
     });
-    let told: String = told.collect();
-    let head = "This motion cannot separate some causes from a parameter, which is right only in their absence.";
-    (!told.is_empty()).then(|| format!("{head}{told}"))
+    headed("This motion cannot separate some causes from a parameter, which is right only in their absence.", told)
 }
 
 /// A sentence on the intervals that the samples make wider than those of the device; nothing if they make
 /// none.
 pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> Option<String> {
-    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = whole_run;
-    let own = [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].into_iter();
-    let told = own.zip(all).enumerate().filter_map(|(place, (parameter_found, judged))| {
+    let told = each(whole_run).into_iter().zip(all).enumerate().filter_map(|(place, (parameter_found, judged))| {
         let (u95, wider) = (parameter_found.known()?.u95, judged.budget.u95());
         if !wider.is_finite() || wider <= WORTH_A_WORD * u95 {
             return None;
@@ -89,8 +88,12 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
         });
         Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
     });
+    headed("The samples show more than the law explains, or cannot rule it out. This widens 95 % intervals.", told)
+}
+
+/// All that is told of the parameters under one head; nothing of none.
+fn headed(head: &str, told: impl Iterator<Item = String>) -> Option<String> {
     let told: String = told.collect();
-    let head = "The samples show more than the law explains, or cannot rule it out. This widens 95 % intervals.";
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
@@ -116,8 +119,10 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     for candidate in Candidate::all_for(&rows.span, settings) {
         let moves = law.with(&rows, candidate);
         for (i, one) in all.iter_mut().enumerate() {
-            let Some(Move { moved, grows }) = moves.of(i) else { continue };
             let [own, of_differences] = squares[i];
+            let moved = moves.moved[i];
+            // Standard error with it over that without.
+            let grows = (1.0 + moves.squares[i] / moves.before[i]).sqrt();
             let chance = ((grows * grows - 1.0) * of_differences).sqrt();
             let is_told = moves.are_told && own + chance * chance <= TOLD * TOLD * own;
             if !is_told && NAMED * chance > half_widths[i] && !one.assumes.contains(&candidate.kind) {
@@ -180,28 +185,10 @@ struct Moves {
     can_be: bool,
 }
 
-/// The same for one of them.
-struct Move {
-    moved: f64,
-    /// Standard error with it over that without.
-    grows: f64,
-}
-
-impl Moves {
-    fn of(&self, i: usize) -> Option<Move> {
-        let (moved, square, before) = (*self.moved.get(i)?, *self.squares.get(i)?, *self.before.get(i)?);
-        Some(Move { moved, grows: (1.0 + square / before).sqrt() })
-    }
-}
-
 impl Law {
     fn of(rows: &Rows) -> Option<Self> {
-        let scales: Vec<f64> = rows.base.iter().map(|column| dot(column, column).sqrt().recip()).collect();
-        let scale = |i: usize| scales.get(i).copied().unwrap_or_default();
         let count = rows.base.len();
-        let gram = DMatrix::from_fn(count, count, |i, j| dot(&rows.base[i], &rows.base[j]) * scale(i) * scale(j));
-        let unit = gram.cholesky()?.inverse();
-        let inverse = DMatrix::from_fn(count, count, |i, j| unit[(i, j)] * scale(i) * scale(j));
+        let inverse = inverse(&DMatrix::from_fn(count, count, |i, j| dot(&rows.base[i], &rows.base[j])))?;
         let values = &inverse * DVector::from_fn(count, |i, _| dot(&rows.base[i], &rows.force));
         let residual = less(&rows.force, &rows.base, values.as_slice());
         let freedom = rows.force.len() as f64 / rows.per_observation - count as f64;
@@ -237,13 +224,4 @@ impl Law {
         let [are_told, are_hardly_told] = [LEAST_LEFT, LITTLE_LEFT].map(leaves);
         Moves { moved: &along * sizes, squares, before, are_told, are_hardly_told, can_be }
     }
-}
-
-/// What is left of a column without these parts of others.
-fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
-    let mut left = column.to_vec();
-    for (other, part) in others.iter().zip(parts) {
-        left.iter_mut().zip(other).for_each(|(left, other)| *left -= part * other);
-    }
-    left
 }

@@ -1,6 +1,6 @@
 //! The search: what explains most is added first, and judged again beside all that came after it.
 
-use inerter_core::{Law as LawState, LawStatus, Parameter, Parameters, Published, Settings};
+use inerter_core::{Law as LawState, LawStatus, Parameters, Published, Settings};
 use inerter_data::{gated::Gated, series::Series};
 
 use super::{
@@ -116,12 +116,11 @@ pub fn diagnose(
     encoder: Encoder,
     tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
-    let all = Kind::ALL.to_vec();
-    let found = searched(series, settings, published, encoder, &all, tick)?;
+    let found = searched(series, settings, published, encoder, &Kind::ALL, tick)?;
     // What others explain as well, once they were found, was no skew.
     let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
     if found.causes.iter().any(is_weak) {
-        let others: Vec<Kind> = all.into_iter().filter(|kind| *kind != Kind::Skew).collect();
+        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
         return searched(series, settings, published, encoder, &others, tick);
     }
     Ok(found)
@@ -144,13 +143,13 @@ fn searched(
         sights: Sight::all(published.estimate.bank),
         settings: *settings,
         noise_n: force_noise_n(series, settings),
-        law: law_of(settings, published),
+        law: Law::of_run(&published.estimate.whole_run, settings),
         found: Vec::new(),
         greatest_left: 0.0,
     };
     let unsearched = search.clone();
     for _ in 0..MOST_UNDONE {
-        search.seek(&series.aligned(&search.settings.clone()))?;
+        search.seek(&series.aligned(&search.settings))?;
         let left_s = search.skew_s();
         if left_s.abs() <= UNDONE_S.max(UNDONE * (search.settings.skew_s - settings.skew_s).abs()) {
             break;
@@ -164,19 +163,7 @@ fn searched(
     alone.settle(&rows)?;
     let rows = alone.rows(&aligned)?;
     let alone_n = alone.settle(&rows)?.residual_rms();
-    search.told(&series.aligned(&search.settings.clone()), settings, alone_n)
-}
-
-/// What the estimator said of the whole run.
-fn law_of(settings: &Settings, published: &Published) -> Law {
-    let found = published.estimate.whole_run;
-    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
-    Law {
-        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
-        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
-        coulomb_n: value(found.coulomb_n),
-        offset_n: value(found.offset_n),
-    }
+    search.told(&series.aligned(&search.settings), settings, alone_n)
 }
 
 /// The rows of a run, with signs placed by what the estimator said of the whole of it.
@@ -186,8 +173,8 @@ pub(super) fn rows_of<'a>(
     published: &Published,
 ) -> Result<Rows<'a>, FitError> {
     let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
-    let noise_n = force_noise_n(aligned, settings);
-    enough(Rows::of(aligned, settings, kernels, law_of(settings, published), noise_n))
+    let law = Law::of_run(&published.estimate.whole_run, settings);
+    enough(Rows::of(aligned, settings, kernels, law, force_noise_n(aligned, settings)))
 }
 
 fn enough(rows: Rows) -> Result<Rows, FitError> {
@@ -222,11 +209,8 @@ impl Search<'_> {
             (self.tick)();
             let located = Located::of(aligned, self.law, &known(&self.found));
             let repeats = located.repeats(&self.settings);
-            let (sight, worse) = match self.sights {
-                [sight, worse @ ..] => (*sight, worse),
-                [] => return Err(FitError::Motion),
-            };
-            let filter = Filter::of(sight, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats);
+            let [sight, worse @ ..] = self.sights else { return Err(FitError::Motion) };
+            let filter = Filter::of(*sight, aligned.period_s, &self.settings, &self.law, self.noise_n, repeats);
             let rows = Rows::through(located, &self.settings, filter);
             let is_fit = || rows.kept >= LEAST_KEPT && Model::new(&rows, []).is_some_and(|law| law.steps <= MOST_STEPS);
             if worse.is_empty() || is_fit() {
@@ -418,13 +402,12 @@ impl Search<'_> {
             Some(Fitted { causes, corrected, residual_rms_n }) => (causes, Some(corrected), residual_rms_n),
             None => (Vec::new(), None, alone_n),
         };
-        let noise_rms_n = (rows.filter.noise_square + rows.filter.steps_square).sqrt();
         Ok(Diagnosis {
             causes,
             corrected,
             greatest_left: self.greatest_left,
             residual_rms_n: [alone_n, with_causes_n],
-            noise_rms_n,
+            noise_rms_n: (rows.filter.noise_square + rows.filter.steps_square).sqrt(),
         })
     }
 }

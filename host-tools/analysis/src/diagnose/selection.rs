@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::Rows;
-pub(super) use crate::law::dot;
+use crate::law::{dot, inverse, less, scaled, scales};
 
 /// Place of the sign among the columns.
 pub(super) const SIGN: usize = 2;
@@ -49,7 +49,7 @@ impl Covariance {
     pub fn of(&self, sum: &[(usize, f64)]) -> f64 {
         let variance = |matrix: &DMatrix<f64>| {
             let pairs = sum.iter().flat_map(|(i, a)| sum.iter().map(move |(j, b)| (*i, *j, a * b)));
-            pairs.map(|(i, j, weight)| matrix.get((i, j)).map_or(f64::INFINITY, |value| weight * value)).sum::<f64>()
+            pairs.map(|(i, j, weight)| weight * matrix[(i, j)]).sum::<f64>()
         };
         variance(&self.by_noise).max(variance(&self.by_scatter)).max(0.0)
     }
@@ -73,22 +73,18 @@ impl<'a> Model<'a> {
     /// Of all these columns, the first of which is the acceleration.
     pub fn of(rows: &'a Rows<'a>, columns: Vec<Vec<f64>>) -> Option<Self> {
         let count = columns.len();
-        let gram = DMatrix::from_fn(count, count, |i, j| {
-            if i < j { 0.0 } else { columns.get(i).zip(columns.get(j)).map_or(0.0, |(a, b)| dot(a, b)) }
-        });
-        let gram = DMatrix::from_fn(count, count, |i, j| gram[(i.max(j), i.min(j))]);
-        let right = DVector::from_fn(count, |i, _| columns.get(i).map_or(0.0, |column| dot(column, &rows.force)));
+        let mut gram = DMatrix::from_fn(count, count, |i, j| if i < j { 0.0 } else { dot(&columns[i], &columns[j]) });
+        gram.fill_upper_triangle_with_lower_triangle();
+        let right = products(&columns, &rows.force);
         let values = solved(&gram, &right)?;
-        let mut residual = rows.force.clone();
-        for (column, value) in columns.iter().zip(values.iter()) {
-            residual.iter_mut().zip(column).for_each(|(left, term)| *left -= value * term);
-        }
-        let unit = DVector::from_fn(count, |i, _| f64::from(u8::from(i == 0)));
-        let acceleration_left = solved(&gram, &unit)?.iter().next()?.recip();
+        let residual = less(&rows.force, &columns, values.as_slice());
+        let mut unit = DVector::<f64>::zeros(count);
+        unit[0] = 1.0;
+        let acceleration_left = solved(&gram, &unit)?[0].recip();
         let steps = rows.filter.acceleration_square * rows.force.len() as f64;
         // Where they are more of what is left of it, nothing is known.
-        let taken = TAKEN.map(|part| part * steps).into_iter().filter(|taken| *taken <= MOST_TAKEN * acceleration_left);
-        let taken = taken.collect();
+        let taken = TAKEN.map(|part| part * steps).into_iter();
+        let taken = taken.filter(|taken| *taken <= MOST_TAKEN * acceleration_left).collect();
         Some(Self { rows, columns, gram, right, taken, steps: steps / acceleration_left, values, residual })
     }
 
@@ -99,14 +95,13 @@ impl<'a> Model<'a> {
 
     /// A coefficient by its place.
     pub fn value(&self, place: usize) -> f64 {
-        self.values.get(place).copied().unwrap_or_default()
+        self.values[place]
     }
 
     /// What the encoder's steps, as white noise, take from each coefficient; nothing where they may take all.
     pub fn taken_by_steps(&self) -> Option<DVector<f64>> {
         let mut gram = self.gram.clone();
-        let own = gram.get_mut((0, 0))?;
-        *own -= self.rows.filter.acceleration_square * self.residual.len() as f64;
+        gram[(0, 0)] -= self.rows.filter.acceleration_square * self.residual.len() as f64;
         Some(solved(&gram, &self.right)? - &self.values)
     }
 
@@ -117,13 +112,12 @@ impl<'a> Model<'a> {
 
     /// How much of each column there is in this one.
     pub fn along(&self, column: &[f64]) -> Option<DVector<f64>> {
-        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|own| dot(own, column)));
-        solved(&self.gram, &right)
+        solved(&self.gram, &products(&self.columns, column))
     }
 
     /// Root mean square of what is left over.
     pub fn residual_rms(&self) -> f64 {
-        (dot(&self.residual, &self.residual) / self.residual.len() as f64).sqrt()
+        (self.left() / self.residual.len() as f64).sqrt()
     }
 
     /// Observations that are free, with so many columns more.
@@ -139,7 +133,7 @@ impl<'a> Model<'a> {
     /// The same if a column came to it: by itself, or added to the sign's.
     pub fn left_with(&self, new: &[f64], to_sign: bool) -> Option<f64> {
         let count = self.columns.len();
-        let across = DVector::from_iterator(count, self.columns.iter().map(|own| dot(own, new)));
+        let across = products(&self.columns, new);
         let (own, right) = (dot(new, new), dot(new, &self.rows.force));
         let (gram, right) = if to_sign {
             let (mut gram, mut rights) = (self.gram.clone(), self.right.clone());
@@ -171,9 +165,7 @@ impl<'a> Model<'a> {
     /// Covariance of the coefficients: by the noise of an observation, of which the part that repeats counts as what it
     /// is, or by how the parts of the run differ, whichever makes the sum of so many coefficients less certain.
     pub fn covariance(&self) -> Option<Covariance> {
-        let unit = scales(&self.gram);
-        let inverse = scaled(&self.gram, &unit).cholesky()?.inverse();
-        let inverse = DMatrix::from_fn(unit.len(), unit.len(), |i, j| inverse[(i, j)] * unit[i] * unit[j]);
+        let inverse = inverse(&self.gram)?;
         let scatter = &inverse * self.scatter(&self.columns, &self.residual) * &inverse;
         Some(Covariance { by_noise: inverse * self.square(), by_scatter: scatter })
     }
@@ -194,8 +186,8 @@ impl<'a> Model<'a> {
         let length = residual.len().div_ceil(PARTS).max(1);
         let of_part = |part: usize| {
             let within = (part * length).min(residual.len())..((part + 1) * length).min(residual.len());
-            let left = residual.get(within.clone()).unwrap_or_default();
-            let products = columns.iter().map(|column| dot(column.get(within.clone()).unwrap_or_default(), left));
+            let left = &residual[within.clone()];
+            let products = columns.iter().map(|column| dot(&column[within.clone()], left));
             DVector::from_iterator(columns.len(), products)
         };
         (0..PARTS).map(of_part).collect()
@@ -212,11 +204,9 @@ impl<'a> Model<'a> {
     ) -> Option<Evidence> {
         let (count, width) = (self.columns.len(), group.len());
         let rows = self.residual.len() as f64;
-        let across = DMatrix::from_fn(count, width, |i, k| {
-            self.columns.get(i).zip(group.get(k)).map_or(0.0, |(column, new)| dot(column, new))
-        });
-        let own = DMatrix::from_fn(width, width, |k, l| group.get(k).zip(group.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
-        let right = DVector::from_fn(width, |k, _| group.get(k).map_or(0.0, |new| dot(new, &self.rows.force)));
+        let across = DMatrix::from_fn(count, width, |i, k| dot(&self.columns[i], &group[k]));
+        let own = DMatrix::from_fn(width, width, |k, l| dot(&group[k], &group[l]));
+        let right = products(group, &self.rows.force);
         let mut least: Option<(f64, DVector<f64>, DMatrix<f64>)> = None;
         for taken in &self.taken {
             let mut gram = self.gram.clone();
@@ -250,39 +240,24 @@ impl<'a> Model<'a> {
     fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
         let width = group.len();
         // What the others leave of the columns, and what these leave of the force.
-        let mut own = group.to_vec();
-        for (k, new) in own.iter_mut().enumerate() {
-            for (i, column) in self.columns.iter().enumerate() {
-                add(new, column, -along[(i, k)]);
-            }
-        }
-        let mut after = self.residual.clone();
-        own.iter().zip(sizes.iter()).for_each(|(new, size)| add(&mut after, new, -size));
+        let left_of = |(k, new): (usize, &Vec<f64>)| less(new, &self.columns, along.column(k).as_slice());
+        let own: Vec<Vec<f64>> = group.iter().enumerate().map(left_of).collect();
+        let after = less(&self.residual, &own, sizes.as_slice());
         let said: Vec<f64> = self.scores(&own, &self.residual).iter().map(|score| score.dot(sizes)).collect();
         let explained: f64 = said.iter().sum();
         let most = said.windows(2).map(|pair| pair.iter().sum::<f64>()).fold(0.0, f64::max);
         let lasting = ((explained - most).max(0.0) / explained * PARTS as f64 / (PARTS - 2) as f64).min(1.0);
         let scatter = self.scatter(&own, &after);
-        let left = DMatrix::from_fn(width, width, |k, l| own.get(k).zip(own.get(l)).map_or(0.0, |(a, b)| dot(a, b)));
+        let left = DMatrix::from_fn(width, width, |k, l| dot(&own[k], &own[l]));
         let against = &left * sizes;
-        let by_scatter = part_of(&scatter, &DMatrix::from_column_slice(width, 1, against.as_slice()))
-            .map_or(0.0, |part| part.column(0).dot(&against));
+        let by_scatter = solved(&scatter, &against).map_or(0.0, |part| part.dot(&against));
         lasting * strength.min(by_scatter)
     }
 }
 
-/// Adds a part of a column to another.
-fn add(column: &mut [f64], other: &[f64], part: f64) {
-    column.iter_mut().zip(other).for_each(|(value, other)| *value += part * other);
-}
-
-/// What makes the diagonal one.
-fn scales(gram: &DMatrix<f64>) -> Vec<f64> {
-    gram.diagonal().iter().map(|square| square.sqrt().recip()).collect()
-}
-
-fn scaled(gram: &DMatrix<f64>, unit: &[f64]) -> DMatrix<f64> {
-    DMatrix::from_fn(unit.len(), unit.len(), |i, j| gram[(i, j)] * unit[i] * unit[j])
+/// Products of columns with one.
+fn products(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
 
 /// Least squares by their normal equations.

@@ -28,11 +28,6 @@ impl Products {
         self.updates * self.box_s(settings) / 2.0 * settings.sample_rate_hz * settings.oversampling
     }
 
-    /// Nothing, of the same bank.
-    pub(crate) fn none(&self) -> Self {
-        self.times(0.0)
-    }
-
     /// Mean squares of the acceleration \[m^2/s^4\] and of the velocity \[m^2/s^2\].
     pub(crate) fn mean_squares(&self) -> [f64; 2] {
         [self.mean_square(ACCELERATION), self.mean_square(VELOCITY)]
@@ -72,8 +67,7 @@ impl Products {
         solution.rest_on(times * self.explained(inertance_kg, force_noise_n, settings));
         self.weigh_steps(&mut solution, LAW, settings);
         if self.correct_for_steps(&mut solution, inertance_kg, settings).is_err() {
-            let [of_inertance, ..] = &mut solution.steps;
-            *of_inertance = f64::INFINITY;
+            solution.steps[ACCELERATION] = f64::INFINITY;
         }
         // What is true is not corrected.
         solution.values = law;

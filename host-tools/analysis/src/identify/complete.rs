@@ -13,7 +13,7 @@ use super::{
     Parameters,
     model::{Input, Node, Response, Start, delayed, load_cell, simpson, simulate},
     name::{Name, SHARED},
-    prepared::{Prepared, SETTLING_S},
+    prepared::Prepared,
     spectrum::Whitening,
 };
 
@@ -35,7 +35,7 @@ struct Weighed<'a> {
 pub type Known = (f64, f64);
 
 /// What is fitted.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Task {
     /// Which of [`SHARED`] are fitted.
     pub free: [bool; 8],
@@ -46,16 +46,12 @@ pub struct Task {
 impl Task {
     /// What is known of a parameter beforehand.
     pub fn known_of(&self, name: Name) -> Option<Known> {
-        SHARED.iter().zip(self.known).find(|(other, _)| **other == name).and_then(|(_, known)| known)
+        self.known[name as usize]
     }
 
     /// With a parameter fitted or not, and what is known of it.
     pub fn with(mut self, name: Name, free: bool, known: Option<Known>) -> Self {
-        for ((other, slot), knowing) in SHARED.iter().zip(&mut self.free).zip(&mut self.known) {
-            if *other == name {
-                (*slot, *knowing) = (free, known);
-            }
-        }
+        (self.free[name as usize], self.known[name as usize]) = (free, known);
         self
     }
 }
@@ -134,34 +130,27 @@ impl Problem<'_> {
     }
 
     fn zero(&self, stretch: usize) -> f64 {
-        self.values.get(self.free.len() + self.files + stretch).copied().unwrap_or_default()
+        self.values[self.free.len() + self.files + stretch]
     }
 
     fn rows(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.whitening.rows()).sum::<usize>() + SHARED.len()
     }
 
-    fn priors(&self) -> impl Iterator<Item = (usize, Name, Option<Known>)> {
-        SHARED.iter().enumerate().map(|(place, name)| (place, *name, self.task.known.get(place).copied().flatten()))
-    }
-
     /// Derivatives of the whitened residual of one stretch by one column.
     fn column(&self, stretch: usize, column: usize, rows: &mut [f64]) {
-        let Some(weighed) = self.stretches.get(stretch) else { return };
+        let weighed = &self.stretches[stretch];
         let shared = self.free.len();
         let count = weighed.prepared.force.len();
         let none = || std::iter::repeat_n(0.0, count);
         let period_s = weighed.prepared.period_s;
         if let Some(&name) = self.free.get(column) {
             let device = self.decoded(&self.values);
-            let step = SHARED.iter().zip(self.steps).find(|(other, _)| **other == name).map_or(1.0, |(_, step)| step);
-            let value = self.values.get(column).copied().unwrap_or_default();
+            let (step, value) = (self.steps[name as usize], self.values[column]);
             let down = if name.has_floor() && value < step { 0.0 } else { step };
             let at = |change: f64| {
                 let mut values = self.values.clone();
-                if let Some(slot) = values.get_mut(column) {
-                    *slot = if name.has_floor() { slot.max(0.0) + change } else { *slot + change };
-                }
+                values[column] = if name.has_floor() { value.max(0.0) + change } else { value + change };
                 self.decoded(&values)
             };
             if name == Name::Structure {
@@ -207,8 +196,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let mut rows = DVector::zeros(self.rows());
         let mut rest = rows.as_mut_slice();
         for (number, weighed) in self.stretches.iter().enumerate() {
-            let (mine, others) = rest.split_at_mut_checked(weighed.whitening.rows())?;
-            rest = others;
+            let mine = rest.split_off_mut(..weighed.whitening.rows())?;
             let response = simulate(&device, &weighed.input, weighed.start);
             let device = Parameters { offset_n: self.offset(weighed.prepared.file), ..device };
             let cell = mean_cell(&device, &response, &weighed.acceleration, weighed.prepared.period_s);
@@ -219,7 +207,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             let force = weighed.prepared.mean_force.iter().zip(predicted).map(|(f, predicted)| f - predicted);
             weighed.whitening.whitened(position, force, mine);
         }
-        for (slot, (_, name, known)) in rest.iter_mut().zip(self.priors()) {
+        for (slot, (name, known)) in rest.iter_mut().zip(SHARED.into_iter().zip(self.task.known)) {
             if let (Some((value, deviation)), true) = (known, self.free.contains(&name)) {
                 *slot = (name.of(&device) - value) / deviation;
             }
@@ -228,32 +216,25 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let mut jacobian = DMatrix::zeros(self.rows(), self.values.len());
-        let mut work = Vec::new();
         let rows = self.rows();
+        let mut jacobian = DMatrix::zeros(rows, self.values.len());
+        let mut work = Vec::new();
         for (number, column) in jacobian.as_mut_slice().chunks_mut(rows).enumerate() {
             let mut rest = column;
             for (stretch, weighed) in self.stretches.iter().enumerate() {
-                let (mine, others) = rest.split_at_mut_checked(weighed.whitening.rows())?;
-                rest = others;
-                work.push((number, stretch, mine));
+                work.push((number, stretch, rest.split_off_mut(..weighed.whitening.rows())?));
             }
-            if let Some(name) = self.free.get(number) {
-                let device = self.decoded(&self.values);
-                for (slot, (_, other, known)) in rest.iter_mut().zip(self.priors()) {
-                    if let (Some((_, deviation)), true) = (known, other == *name) {
-                        *slot = if name.is_logarithmic() { name.of(&device) } else { 1.0 } / deviation;
-                    }
-                }
+            if let Some(&name) = self.free.get(number)
+                && let Some((_, deviation)) = self.task.known_of(name)
+            {
+                rest[name as usize] = name.scale(&self.decoded(&self.values)) / deviation;
             }
         }
         // Columns are independent: as many at once as the machine has cores.
-        let cores = thread::available_parallelism().map_or(1, |cores| cores.get()).min(4);
+        let cores = thread::available_parallelism().map_or(1, usize::from).min(4);
         let mut shares: Vec<Vec<_>> = (0..cores).map(|_| Vec::new()).collect();
         for (number, piece) in work.into_iter().enumerate() {
-            if let Some(share) = shares.get_mut(number % cores) {
-                share.push(piece);
-            }
+            shares[number % cores].push(piece);
         }
         thread::scope(|scope| {
             for share in shares {
@@ -359,11 +340,17 @@ fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool
                 (less(&other.position_m, &response.position_m), less(&other_cell, &cell))
             })
             .collect();
-        let skipped = (SETTLING_S / period_s).min(0.1 * prepared.force.len() as f64) as usize;
         let left_out = beside(&jumps, JUMP * prepared.noise.force);
         let highest_hz = highest_hz(prepared, device);
-        let whitening =
-            Whitening::new(input.len(), period_s, skipped, highest_hz, prepared.noise, left_out, &disturbed);
+        let whitening = Whitening::new(
+            input.len(),
+            period_s,
+            prepared.settling(),
+            highest_hz,
+            prepared.noise,
+            left_out,
+            &disturbed,
+        );
         Weighed { prepared, acceleration, input, jumps, disturbed, whitening, start }
     };
     stretches.iter().zip(&state.zeros).map(weigh).collect()
@@ -436,11 +423,10 @@ pub fn fit(
 ) -> Option<Fitted> {
     let mut state = start.clone();
     let rounds: &[(f64, bool)] = if is_near { &[(1.0, true)] } else { &[(CAUTION, false), (1.0, false), (1.0, true)] };
-    let last = rounds.last().copied().unwrap_or((1.0, true));
     let first = first_steps(stretches, &start.parameters);
     let (mut steps, mut before) = (first, f64::INFINITY);
     for (number, (caution, jumps)) in
-        rounds.iter().copied().chain(std::iter::repeat(last)).take(MOST_ROUNDS).enumerate()
+        rounds.iter().copied().chain(std::iter::repeat((1.0, true))).take(MOST_ROUNDS).enumerate()
     {
         let weighed = weigh(stretches, &state, caution, jumps);
         let (problem, cost, converged) = minimised(&weighed, task, &state, steps);
@@ -448,24 +434,22 @@ pub fn fit(
         let jacobian = problem.jacobian()?;
         let (moved, errors) = problem.moved_from(&state, &jacobian);
         // Once the errors are known, so are steps over which the device is nearly linear.
-        for ((name, step), first) in SHARED.iter().zip(&mut steps).zip(first) {
-            if let Some((_, error)) = errors.iter().find(|(other, _)| other == name) {
-                *step = (STEP * error).clamp(1e-2 * first, first);
-            }
+        for (name, error) in errors {
+            let first = first[name as usize];
+            steps[name as usize] = (STEP * error).clamp(1e-2 * first, first);
         }
         let stands = (before - cost).abs() < STANDS * cost;
         before = cost;
         let residual = problem.residuals()?;
-        let free = problem.free.clone();
         state = problem.state();
+        let free = problem.free;
         if number + 1 < MOST_ROUNDS && (number + 1 < rounds.len() || moved > SETTLED && !stands) {
             continue;
         }
         let (mut power, mut white) = (Vec::with_capacity(residual.len()), Vec::new());
         let mut rest = residual.as_slice();
         for weighed in &weighed {
-            let (mine, others) = rest.split_at_checked(weighed.whitening.rows())?;
-            rest = others;
+            let mine = rest.split_off(..weighed.whitening.rows())?;
             power.extend(weighed.whitening.power(mine));
             white.extend(weighed.whitening.force_in_time(mine));
         }
@@ -488,31 +472,30 @@ pub fn cost_with(stretches: &[Prepared], task: &Task, best: &State, held: Option
     let (mut task, mut state) = (task.clone(), best.clone());
     if let Some((name, value)) = held {
         name.set(&mut state.parameters, value);
-        task.free.iter_mut().zip(SHARED).filter(|(_, other)| *other == name).for_each(|(free, _)| *free = false);
+        task.free[name as usize] = false;
     }
     let (_, cost, _) = minimised(&weighed, &task, &state, first_steps(stretches, &best.parameters));
     cost.is_finite().then_some(cost)
 }
 
-/// What the model says of a stretch: displacement as the encoder reads it \[m\], and the cell's force \[N\].
-pub fn prediction(state: &State, stretches: &[Prepared], number: usize) -> Option<(Vec<f64>, Vec<f64>)> {
-    let prepared = stretches.get(number)?;
-    let zero = state.zeros.get(number).copied()?;
-    let offset_n = state.offsets.get(prepared.file).copied().unwrap_or(state.parameters.offset_n);
-    let device = Parameters { offset_n, ..state.parameters };
+/// What the model says of a stretch, which has this number: displacement as the encoder reads it \[m\], and the cell's
+/// force \[N\].
+pub fn prediction(state: &State, number: usize, prepared: &Prepared) -> Columns {
+    let zero = state.zeros[number];
+    let device = Parameters { offset_n: state.offsets[prepared.file], ..state.parameters };
     let input = Input::new(&prepared.smooth.nodes, prepared.period_s, &device);
     let start = Start { position_m: prepared.begun.position_m - zero, ..prepared.begun };
     let response = simulate(&device, &input, start);
     let acceleration = delayed(&input.acceleration, device.skew_s / prepared.period_s);
     let cell = load_cell(&device, &response.force_n, &acceleration);
-    Some((response.position_m.iter().map(|x| x + zero).collect(), cell))
+    (response.position_m.iter().map(|x| x + zero).collect(), cell)
 }
 
 /// Samples of a stretch that count in full.
 pub fn counting(prepared: &Prepared) -> std::ops::Range<usize> {
-    let skipped = (SETTLING_S / prepared.period_s).min(0.1 * prepared.force.len() as f64) as usize;
-    let end = (0.1 / prepared.period_s) as usize;
-    skipped + end.min(prepared.force.len() / 8)..prepared.force.len() - end.min(prepared.force.len() / 8)
+    let count = prepared.force.len();
+    let end = ((0.1 / prepared.period_s) as usize).min(count / 8);
+    prepared.settling() + end..count - end
 }
 
 /// Displacement and force of each sample.
@@ -537,8 +520,7 @@ fn whitened_rows<'a>(
     let mut rows = DVector::zeros(count);
     let mut rest = rows.as_mut_slice();
     for (whitening, columns) in stretches {
-        let Some((mine, others)) = rest.split_at_mut_checked(whitening.rows()) else { break };
-        rest = others;
+        let Some(mine) = rest.split_off_mut(..whitening.rows()) else { break };
         if let Some((position, force)) = columns {
             whitening.whitened(position.iter().copied(), force.iter().copied(), mine);
         }

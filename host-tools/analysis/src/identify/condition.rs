@@ -11,6 +11,7 @@ use inerter_plant::Excitation;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::model::Node;
+use crate::law::{mean, median};
 
 /// Length of a spectrum \[s\].
 const WINDOW_S: f64 = 2.0;
@@ -105,18 +106,13 @@ pub fn white_noise(samples: &[f64]) -> f64 {
     const MEDIAN: f64 = 0.6745;
     /// Sum of the squares of the binomial coefficients of six.
     const GAIN: f64 = 924.0;
-    let mut differences: Vec<f64> = samples
+    let differences: Vec<f64> = samples
         .windows(7)
         .map(|window| {
             window.iter().zip([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0]).map(|(x, c)| x * c).sum::<f64>().abs()
         })
         .collect();
-    if differences.is_empty() {
-        return 0.0;
-    }
-    let middle = differences.len() / 2;
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / MEDIAN / GAIN.sqrt()
+    median(differences).map_or(0.0, |median| median / MEDIAN / GAIN.sqrt())
 }
 
 /// Highest frequency whose spectrum stands clear of the noise in any window, with some room \[Hz\].
@@ -133,7 +129,7 @@ fn band_hz(samples: &[f64], period_s: f64, noise: f64) -> f64 {
     let mut highest = half;
     for start in (0..=samples.len() - count.min(samples.len())).step_by((count / 2).max(1)) {
         let part: Vec<f64> = samples.iter().copied().skip(start).take(count).collect();
-        let mean = part.iter().sum::<f64>() / count as f64;
+        let mean = mean(&part);
         let window = |place: usize| (0.5 - 0.5 * (TAU * (place as f64 + 0.5) / count as f64).cos()).powi(2);
         let mut spectrum: Vec<Complex<f64>> =
             part.iter().enumerate().map(|(place, x)| Complex::new((x - mean) * window(place), 0.0)).collect();
@@ -157,8 +153,8 @@ fn smoothed(samples: &[f64], period_s: f64, band_hz: f64) -> Vec<Node> {
     let mut signal: Vec<f64> = before.chain(samples.iter().copied()).chain(after).collect();
     // What is left at the ends of the mirrors is a straight line.
     let count = signal.len();
-    let start = signal.first().copied().unwrap_or_default();
-    let slope = (signal.last().copied().unwrap_or_default() - start) / (count - 1).max(1) as f64;
+    let start = signal[0];
+    let slope = (signal[count - 1] - start) / (count - 1).max(1) as f64;
     signal.iter_mut().enumerate().for_each(|(place, x)| *x -= start + slope * place as f64);
     let mut planner = FftPlanner::new();
     let mut spectrum: Vec<Complex<f64>> = signal.iter().map(|x| Complex::new(*x, 0.0)).collect();

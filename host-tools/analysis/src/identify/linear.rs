@@ -18,20 +18,12 @@ use crate::fit::{Beside, Directions, FitError, Products, directions};
 #[derive(Clone, Copy)]
 struct Mark {
     t_s: f64,
-    fast: (Sums, MoreSums),
-    slow: (Sums, MoreSums),
+    banks: [(Sums, MoreSums); 2],
 }
 
 impl Mark {
     fn of(replay: &Replay) -> Self {
-        Self { t_s: replay.time_s(), fast: replay.sums(Bank::Fast), slow: replay.sums(Bank::Slow) }
-    }
-
-    fn sums(&self, bank: Bank) -> &(Sums, MoreSums) {
-        match bank {
-            Bank::Fast => &self.fast,
-            Bank::Slow => &self.slow,
-        }
+        Self { t_s: replay.time_s(), banks: [Bank::Fast, Bank::Slow].map(|bank| replay.sums(bank)) }
     }
 }
 
@@ -74,29 +66,30 @@ pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, 
         }
         replay.step(sample).for_each(drop);
     }
-    marks.push(Mark::of(&replay));
+    let end = Mark::of(&replay);
+    marks.push(end);
     let outcome = replay.outcome();
-    let bank = outcome.estimate.bank;
+    let bank = outcome.estimate.bank as usize;
     let products = |from: &Mark, to: &Mark| {
-        let (sums, more) = grown(from.sums(bank), to.sums(bank));
+        let (sums, more) = grown(&from.banks[bank], &to.banks[bank]);
         Products::of(&sums, &more)
     };
-    let (first, end) = (marks.first().copied().unwrap_or(start), marks.last().copied().unwrap_or(start));
     let segments = marks
         .iter()
         .zip(marks.iter().skip(1))
         .map(|(from, to)| {
             let fit = products(from, to)
                 .and_then(|products| directions(&products, &run.settings, &Beside::of(&outcome), None));
-            let (from_s, to_s) = (from.t_s, to.t_s);
-            match fit {
-                Ok(fit) => SegmentFit { from_s, to_s, fit: Some(by_segment(&fit)), reason: None },
-                Err(error) => SegmentFit { from_s, to_s, fit: None, reason: Some(error.to_string()) },
+            SegmentFit {
+                from_s: from.t_s,
+                to_s: to.t_s,
+                fit: fit.as_ref().ok().map(by_segment),
+                reason: fit.err().map(|error| error.to_string()),
             }
         })
         .collect();
-    let split = split.and_then(|middle| Some((products(&middle, &end).ok()?, products(&first, &middle).ok()?)));
-    Ok(Linear { whole: products(&first, &end), outcome, split, segments })
+    let split = split.and_then(|middle| Some((products(&middle, &end).ok()?, products(&start, &middle).ok()?)));
+    Ok(Linear { whole: products(&start, &end), outcome, split, segments })
 }
 
 /// What sums have grown by; all of them where they began anew in between.

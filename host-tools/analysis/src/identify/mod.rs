@@ -22,10 +22,10 @@ mod validation;
 mod whiteness;
 
 use inerter_core::constants::{FAST_BOX_S, STRUCTURE_MODEL_U95};
-use inerter_core::{Backlash, BacklashSize, Interval, Parameter, Regime, Settings};
+use inerter_core::{BacklashSize, Interval, Parameter, Regime, Settings};
 use inerter_plant::Excitation;
 
-use complete::{Fitted, Known, State, Task, counting, prediction};
+use complete::{Fitted, State, Task, counting, prediction};
 use condition::Smooth;
 pub use error::IdentifyError;
 use inerter_data::{
@@ -39,11 +39,15 @@ pub use result::{
     Correlation, Found, FoundParameters, FoundStatus, Identified, Model, Parameters, SegmentFit, SegmentParameters,
     Validation, Whiteness,
 };
+use stages::Stages;
 use uncertainty::Errors;
 use validation::{judged, over_noise};
 use whiteness::whiteness;
 
-use crate::fit::{Beside, FitError, Products, directions};
+use crate::{
+    fit::{Beside, FitError, Products, directions},
+    law::mean,
+};
 
 /// Shortest stretch that the complete model is fitted to \[s\].
 const SHORTEST_S: f64 = 2.0;
@@ -111,15 +115,14 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     };
     let task = task(runs, options);
     let start = if start.stiffness_n_per_m > 0.0 { start } else { scanned(&stretches, &start) };
-    let (fitted, task, stretches, validation) = if options.staged {
-        let stages = stages::fit(runs, &stretches, &task, &start, &mut tick)?;
-        (stages.fitted, stages.task, stages.stretches, stages.validation)
+    let Stages { fitted, task, stretches, validation } = if options.staged {
+        stages::fit(runs, &stretches, &task, &start, &mut tick)?
     } else {
         let state = State::new(&stretches, &start);
         let fitted = complete::fit(&stretches, &task, &state, false, &mut tick).ok_or(IdentifyError::Diverged)?;
         let fitted = elsewhere(&stretches, &task, fitted, &mut tick);
         let validation = validated(&stretches, &task, &fitted.state, &mut tick);
-        (fitted, task, stretches, validation)
+        Stages { fitted, task, stretches, validation }
     };
     let identified = complete_result(runs, lines, &fitted, &task, &stretches, options, notes, &mut tick)?;
     progress(1.0);
@@ -136,9 +139,9 @@ pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
         let simulated = (!stretch.terminal_m.is_empty() && parameters.stiffness_n_per_m > 0.0).then(|| {
             let smooth = Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * own_hz(parameters));
             let stretches = [Prepared::new(0, stretch, smooth, series.period_s, &Settings::default())];
-            prediction(&State::new(&stretches, parameters), &stretches, 0).map(|(_, force)| force)
+            prediction(&State::new(&stretches, parameters), 0, &stretches[0]).1
         });
-        force.extend(simulated.flatten().unwrap_or_else(|| by_law(parameters, stretch, series.period_s)));
+        force.extend(simulated.unwrap_or_else(|| by_law(parameters, stretch, series.period_s)));
     }
     force
 }
@@ -182,6 +185,11 @@ fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     notes
 }
 
+/// The settings of all: those of the first run.
+fn first_settings(runs: &[Run]) -> Settings {
+    runs.first().map(|run| run.settings).unwrap_or_default()
+}
+
 /// Stretches that the complete model is fitted to.
 fn prepared(
     runs: &[Run],
@@ -191,10 +199,10 @@ fn prepared(
     notes: &mut Vec<String>,
 ) -> Result<Vec<Prepared>, IdentifyError> {
     let mut stretches = Vec::new();
-    let (mut samples, mut left_out) = (0, 0);
+    let mut left_out = 0;
     for (number, (run, _)) in runs.iter().zip(known).filter(|(_, known)| **known).enumerate() {
         let series = Series::of(run);
-        let needed = (SHORTEST_S / series.period_s) as usize;
+        let (mut samples, needed) = (0, (SHORTEST_S / series.period_s) as usize);
         let length = |stretch: &Stretch| stretch.force_n.len();
         let longest = series.stretches.iter().map(length).max().unwrap_or(0);
         if longest < needed {
@@ -225,7 +233,6 @@ fn prepared(
             };
             stretches.push(Prepared::new(number, &stretch, smooth, series.period_s, &run.settings));
         }
-        samples = 0;
     }
     if left_out > 0 {
         notes
@@ -249,10 +256,10 @@ pub fn known_skew_s(settings: &Settings) -> (f64, f64) {
 
 /// What is fitted and what is known beforehand.
 fn task(runs: &[Run], options: &Options) -> Task {
-    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
-    let mass: Option<Known> = known_structure_mass_kg(&settings).filter(|_| !options.free_structure_mass);
-    let skew: Option<Known> = (!options.free_skew).then(|| known_skew_s(&settings));
-    Task { free: [true; SHARED.len()], known: [None; SHARED.len()] }
+    let settings = first_settings(runs);
+    let mass = known_structure_mass_kg(&settings).filter(|_| !options.free_structure_mass);
+    let skew = (!options.free_skew).then(|| known_skew_s(&settings));
+    Task { free: [true; SHARED.len()], ..Task::default() }
         .with(Name::Structure, options.free_structure_mass || mass.is_some(), mass)
         .with(Name::Skew, true, skew)
 }
@@ -263,7 +270,7 @@ fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
         let known = lines.iter().filter_map(of).filter(|known| known.value.is_finite());
         known.min_by(|a, b| (a.u95 / a.value.abs()).total_cmp(&(b.u95 / b.value.abs()))).map(|p| f64::from(p.value))
     };
-    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let settings = first_settings(runs);
     let set = |value: f64| Some(value).filter(|value| *value > 0.0);
     let backlash =
         lines.iter().filter_map(|line| line.outcome.detail.backlash.known()).min_by(|a, b| a.u95.total_cmp(&b.u95));
@@ -309,12 +316,11 @@ fn rough_inertance_kg(run: &Run) -> Option<f64> {
 fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
     let left = |device: &Parameters| -> f64 {
         let state = State::new(stretches, device);
-        let one = |number: usize| {
-            let (_, force) = prediction(&state, stretches, number)?;
-            let prepared = stretches.get(number)?;
-            Some(prepared.force.iter().zip(&force).map(|(a, b)| (a - b).powi(2)).sum::<f64>())
+        let one = |(number, prepared): (usize, &Prepared)| {
+            let (_, force) = prediction(&state, number, prepared);
+            prepared.force.iter().zip(&force).map(|(a, b)| (a - b).powi(2)).sum::<f64>()
         };
-        (0..stretches.len()).filter_map(one).sum()
+        stretches.iter().enumerate().map(one).sum()
     };
     let devices = (16..=40).map(|quarter| {
         let stiffness = 10f64.powf(f64::from(quarter) / 4.0);
@@ -353,28 +359,22 @@ fn validated(stretches: &[Prepared], task: &Task, best: &State, tick: &mut dyn F
 
 /// The result where only encoder and force are known.
 fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<Identified, IdentifyError> {
-    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
-    let mut whole: Option<(Products, Beside)> = None;
-    for line in &lines {
-        let products = line.whole?;
-        whole = Some(match whole {
-            None => (products, Beside::of(&line.outcome)),
-            Some((before, beside)) => (products.and(&before), beside),
-        });
-    }
-    let Some((whole, beside)) = whole else { return Err(FitError::TooShort { observations: 0.0 }.into()) };
-    let law = directions(&whole, &settings, &beside, None)?.symmetric;
+    let settings = first_settings(runs);
+    let wholes = lines.iter().map(|line| line.whole).collect::<Result<Vec<Products>, _>>()?;
+    let whole = wholes.into_iter().reduce(|before, products| products.and(&before));
+    let Some((whole, first)) = whole.zip(lines.first()) else {
+        return Err(FitError::TooShort { observations: 0.0 }.into());
+    };
+    let law = directions(&whole, &settings, &Beside::of(&first.outcome), None)?.symmetric;
     let found = |parameter: Parameter, symbol: &str| match parameter.known() {
         None => Found::unknown(format!("this motion hardly depends on {symbol}")),
         Some(Interval { value, u95 }) => Found::known(value.into(), u95.into()),
     };
     let no_terminal = || Found::unknown("needs the terminal's displacement, or a stated motion (--excite)");
     let sizes = lines.iter().map(|line| line.outcome.detail.backlash);
-    let narrowest = sizes.filter(|backlash| backlash.known().is_some()).min_by(|a, b| {
-        let u95 = |backlash: &Backlash| backlash.known().map_or(f32::INFINITY, |known| known.u95);
-        u95(a).total_cmp(&u95(b))
-    });
-    let backlash = match narrowest.map(|backlash| backlash.size) {
+    let known = sizes.filter_map(|backlash| Some((backlash.size, backlash.known()?.u95)));
+    let narrowest = known.min_by(|(_, a), (_, b)| a.total_cmp(b));
+    let backlash = match narrowest.map(|(size, _)| size) {
         Some(BacklashSize::Ok(Interval { value, u95 })) => Found::known(value.into(), u95.into()),
         Some(BacklashSize::BelowU95(Interval { value, u95 })) => {
             Found { status: FoundStatus::BelowU95, ..Found::known(value.into(), u95.into()) }
@@ -423,7 +423,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
         segments: lines.into_iter().map(|line| line.segments).collect(),
         notes,
     };
-    let residual = runs.first().map(|run| law_residual(&identified.model(), run)).unwrap_or_default();
+    let residual = law_residual(&identified.model(), &runs[0]);
     Ok(Identified { whiteness: whiteness(&residual), ..identified })
 }
 
@@ -434,7 +434,7 @@ fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
     let measured = series.stretches.iter().flat_map(|stretch| &stretch.force_n);
     let left: Vec<f64> = measured.zip(&force).map(|(measured, predicted)| measured - predicted).collect();
     let length = ((FAST_BOX_S / series.period_s) as usize).max(1);
-    left.chunks(length).map(|part| part.iter().sum::<f64>() / part.len() as f64).collect()
+    left.chunks(length).map(mean).collect()
 }
 
 /// The result of the complete model.
@@ -449,21 +449,17 @@ fn complete_result(
     mut notes: Vec<String>,
     tick: &mut dyn FnMut(),
 ) -> Result<Identified, IdentifyError> {
-    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
+    let settings = first_settings(runs);
     let errors = Errors::of(fitted, stretches, &settings).ok_or(IdentifyError::Diverged)?;
-    let mut found: Vec<Found> = SHARED.iter().map(|name| errors.judged(*name, fitted, task, stretches)).collect();
+    let mut found = SHARED.map(|name| errors.judged(name, fitted, task, stretches));
     if !options.no_profiles {
         for name in errors.weak(fitted) {
-            let place = SHARED.iter().position(|other| *other == name);
-            if let Some(found) = place.and_then(|place| found.get_mut(place)) {
-                found.profile = errors.profile(name, fitted, stretches, task);
-            }
+            found[name as usize].profile = errors.profile(name, fitted, stretches, task);
             tick();
         }
     }
-    let gain = settings.force_gain_u95;
-    let offset = fitted.state.parameters.offset_n;
-    let offset = Found::known(offset, errors.offset_u95(0, gain, offset).unwrap_or(f64::NAN));
+    let offset_n = fitted.state.parameters.offset_n;
+    let offset_u95 = errors.offset_u95(0, settings.force_gain_u95, offset_n).unwrap_or(f64::NAN);
     let ratio = over_noise(fitted);
     if ratio > DOUBTFUL {
         notes.push(format!(
@@ -479,30 +475,37 @@ fn complete_result(
             "the structure mass is taken as 0: state it (--set structure_mass_kg=..) or fit it (--free mr)".into(),
         );
     }
-    let rms = |of: &dyn Fn(usize) -> Option<Vec<f64>>| {
-        let all: Vec<f64> = (0..stretches.len()).filter_map(of).flatten().collect();
+    let rms = |of_force: bool| {
+        let left = |(number, prepared): (usize, &Prepared)| -> Vec<f64> {
+            let (position, force) = prediction(&fitted.state, number, prepared);
+            let range = counting(prepared);
+            let (measured, predicted) =
+                if of_force { (&prepared.force, force) } else { (&prepared.position, position) };
+            measured.iter().zip(&predicted).take(range.end).skip(range.start).map(|(a, b)| a - b).collect()
+        };
+        let all: Vec<f64> = stretches.iter().enumerate().flat_map(left).collect();
         (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt()
     };
-    let left = |number: usize, force: bool| -> Option<Vec<f64>> {
-        let prepared = stretches.get(number)?;
-        let (position_predicted, force_predicted) = prediction(&fitted.state, stretches, number)?;
-        let range = counting(prepared);
-        let (measured, predicted) =
-            if force { (&prepared.force, force_predicted) } else { (&prepared.position, position_predicted) };
-        Some(measured.iter().zip(&predicted).take(range.end).skip(range.start).map(|(a, b)| a - b).collect())
-    };
-    let mut found = found.into_iter();
-    let mut next = || found.next().unwrap_or_else(|| Found::unknown("not fitted"));
+    let [
+        inertance_kg,
+        viscous_n_s_per_m,
+        coulomb_n,
+        stiffness_n_per_m,
+        contact_damping_n_s_per_m,
+        backlash_m,
+        structure_mass_kg,
+        skew_s,
+    ] = found;
     let parameters = FoundParameters {
-        inertance_kg: next(),
-        viscous_n_s_per_m: next(),
-        coulomb_n: next(),
-        stiffness_n_per_m: next(),
-        contact_damping_n_s_per_m: next(),
-        backlash_m: next(),
-        structure_mass_kg: next(),
-        skew_s: next(),
-        offset_n: offset,
+        inertance_kg,
+        viscous_n_s_per_m,
+        coulomb_n,
+        stiffness_n_per_m,
+        contact_damping_n_s_per_m,
+        backlash_m,
+        structure_mass_kg,
+        offset_n: Found::known(offset_n, offset_u95),
+        skew_s,
     };
     Ok(Identified {
         model: Model::Complete,
@@ -510,8 +513,8 @@ fn complete_result(
         start: None,
         offsets_n: fitted.state.offsets.iter().copied().map(Some).collect(),
         correlation: Some(errors.correlation()),
-        residual_rms_n: rms(&|number| left(number, true)),
-        residual_rms_m: Some(rms(&|number| left(number, false))),
+        residual_rms_n: rms(true),
+        residual_rms_m: Some(rms(false)),
         residual_over_noise: Some(ratio),
         whiteness: whiteness(&fitted.white),
         validation: None,

@@ -119,7 +119,6 @@ pub fn simulate(device: &Parameters, input: &Input, start: Start) -> Response {
     let mut response = Response::default();
     let Some(first) = input.cells.first() else { return response };
     response.position_m.reserve(input.len());
-    response.force_n.reserve(input.len());
     let mut screw = Screw::new(device, first, input.cell_s, start);
     let sample_s = input.cell_s * input.cells_per_sample as f64;
     let late = device.skew_s / sample_s;

@@ -2,7 +2,7 @@
 
 use super::Parameters;
 
-/// Parameters that all stretches share, in the order of their columns.
+/// Parameters that all stretches share, in the order of their columns, each at its own place: `name as usize`.
 pub const SHARED: [Name; 8] = [
     Name::Inertance,
     Name::Viscous,
@@ -29,33 +29,38 @@ pub enum Name {
 
 impl Name {
     pub fn key(self) -> &'static str {
+        self.names().0
+    }
+
+    /// For a person.
+    pub fn words(self) -> &'static str {
+        self.names().1
+    }
+
+    fn names(self) -> (&'static str, &'static str) {
         match self {
-            Self::Inertance => "inertance_kg",
-            Self::Viscous => "viscous_n_s_per_m",
-            Self::Coulomb => "coulomb_n",
-            Self::Stiffness => "stiffness_n_per_m",
-            Self::Damping => "contact_damping_n_s_per_m",
-            Self::Backlash => "backlash_m",
-            Self::Structure => "structure_mass_kg",
-            Self::Skew => "skew_s",
+            Self::Inertance => ("inertance_kg", "inertance"),
+            Self::Viscous => ("viscous_n_s_per_m", "viscous friction"),
+            Self::Coulomb => ("coulomb_n", "Coulomb friction"),
+            Self::Stiffness => ("stiffness_n_per_m", "contact stiffness"),
+            Self::Damping => ("contact_damping_n_s_per_m", "contact damping"),
+            Self::Backlash => ("backlash_m", "backlash"),
+            Self::Structure => ("structure_mass_kg", "structure mass"),
+            Self::Skew => ("skew_s", "skew"),
         }
     }
 
     pub fn of(self, p: &Parameters) -> f64 {
-        match self {
-            Self::Inertance => p.inertance_kg,
-            Self::Viscous => p.viscous_n_s_per_m,
-            Self::Coulomb => p.coulomb_n,
-            Self::Stiffness => p.stiffness_n_per_m,
-            Self::Damping => p.contact_damping_n_s_per_m,
-            Self::Backlash => p.backlash_m,
-            Self::Structure => p.structure_mass_kg,
-            Self::Skew => p.skew_s,
-        }
+        let mut p = *p;
+        *self.slot(&mut p)
     }
 
     pub fn set(self, p: &mut Parameters, value: f64) {
-        let slot = match self {
+        *self.slot(p) = value;
+    }
+
+    fn slot(self, p: &mut Parameters) -> &mut f64 {
+        match self {
             Self::Inertance => &mut p.inertance_kg,
             Self::Viscous => &mut p.viscous_n_s_per_m,
             Self::Coulomb => &mut p.coulomb_n,
@@ -64,21 +69,6 @@ impl Name {
             Self::Backlash => &mut p.backlash_m,
             Self::Structure => &mut p.structure_mass_kg,
             Self::Skew => &mut p.skew_s,
-        };
-        *slot = value;
-    }
-
-    /// For a person.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Inertance => "inertance",
-            Self::Viscous => "viscous friction",
-            Self::Coulomb => "Coulomb friction",
-            Self::Stiffness => "contact stiffness",
-            Self::Damping => "contact damping",
-            Self::Backlash => "backlash",
-            Self::Structure => "structure mass",
-            Self::Skew => "skew",
         }
     }
 

@@ -10,6 +10,7 @@ use super::{
     model::{Start, simpson},
     spectrum::Noise,
 };
+use crate::law::ends;
 
 /// One stretch, ready to be fitted.
 #[derive(Clone)]
@@ -33,7 +34,7 @@ pub struct Prepared {
 }
 
 /// Time after the beginning of a stretch that does not count, as the state there is only estimated \[s\].
-pub const SETTLING_S: f64 = 0.5;
+const SETTLING_S: f64 = 0.5;
 /// Samples from which the state at the beginning is taken.
 const BEGINNING: usize = 21;
 
@@ -59,11 +60,9 @@ impl Prepared {
         }
     }
 
-    /// Sums of the squares of velocity and displacement.
-    pub fn motion(&self) -> (f64, f64) {
-        let nodes = &self.smooth.nodes;
-        let mean = nodes.iter().map(|[x, _, _]| x).sum::<f64>() / nodes.len().max(1) as f64;
-        nodes.iter().fold((0.0, 0.0), |(v, x), node| (v + node[1] * node[1], x + (node[0] - mean).powi(2)))
+    /// Samples after the beginning that do not count.
+    pub fn settling(&self) -> usize {
+        (SETTLING_S / self.period_s).min(0.1 * self.force.len() as f64) as usize
     }
 
     /// The same, of a file with another number.
@@ -88,11 +87,21 @@ impl Prepared {
     }
 }
 
+/// Sums of the squares of velocity and displacement of all.
+pub fn motion<'a>(stretches: impl Iterator<Item = &'a Prepared>) -> (f64, f64) {
+    let of_one = |prepared: &Prepared| {
+        let nodes = &prepared.smooth.nodes;
+        let mean = nodes.iter().map(|[x, _, _]| x).sum::<f64>() / nodes.len().max(1) as f64;
+        nodes.iter().fold((0.0, 0.0), |(v, x), node| (v + node[1] * node[1], x + (node[0] - mean).powi(2)))
+    };
+    stretches.map(of_one).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx))
+}
+
 /// Straight line through the first samples; at rest where the encoder stays within a count.
 fn begun(position: &[f64], period_s: f64, count_m: f64) -> Start {
     let first: Vec<f64> = position.iter().copied().take(BEGINNING).collect();
     let count = first.len().max(1) as f64;
-    let (low, high) = first.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    let (low, high) = ends(first.iter().copied());
     let mean = first.iter().sum::<f64>() / count;
     if high - low < 1.5 * count_m {
         return Start { position_m: mean, velocity_m_per_s: 0.0 };

@@ -72,7 +72,7 @@ impl Whitening {
         }
         let root = power.sqrt();
         for (bin, slot) in whitening.factors.iter_mut().enumerate() {
-            let around = terminal.get(bin.saturating_sub(SMEARED)..(bin + SMEARED + 1).min(bins)).unwrap_or_default();
+            let around = &terminal[bin.saturating_sub(SMEARED)..(bin + SMEARED + 1).min(bins)];
             let per = 1.0 / (power * (around.len() * disturbed.len()).max(1) as f64);
             let (xx, fx, ff) = around
                 .iter()
@@ -151,15 +151,13 @@ impl Whitening {
         let bins = self.factors.len();
         let channel = |offset: usize| -> Vec<f64> {
             let square = |bin: usize| match bin {
-                0 => rows.get(offset).map_or(1.0, |x| x * x),
+                0 => rows[offset] * rows[offset],
                 _ => {
                     let place = 2 + 4 * (bin - 1) + 2 * offset;
-                    let part = |place: usize| rows.get(place).map_or(1.0, |x| x * x);
-                    0.5 * (part(place) + part(place + 1))
+                    0.5 * (rows[place] * rows[place] + rows[place + 1] * rows[place + 1])
                 }
             };
-            let mut sums = vec![0.0];
-            let mut sum = 0.0;
+            let (mut sums, mut sum) = (vec![0.0], 0.0);
             for bin in 0..bins {
                 sum += square(bin);
                 sums.push(sum);
@@ -167,8 +165,7 @@ impl Whitening {
             (0..bins)
                 .map(|bin| {
                     let (low, high) = (bin.saturating_sub(AROUND), (bin + AROUND + 1).min(bins));
-                    let at = |place: usize| sums.get(place).copied().unwrap_or(sum);
-                    (at(high) - at(low)) / (high - low).max(1) as f64
+                    (sums[high] - sums[low]) / (high - low).max(1) as f64
                 })
                 .collect()
         };
@@ -191,15 +188,8 @@ impl Whitening {
         let mut spectrum = vec![C::default(); count];
         for bin in 1..bins {
             let place = 2 + 4 * (bin - 1) + 2;
-            if let (Some(re), Some(im)) = (rows.get(place), rows.get(place + 1)) {
-                let value = C::new(*re, *im);
-                if let Some(slot) = spectrum.get_mut(bin) {
-                    *slot = value;
-                }
-                if let Some(slot) = spectrum.get_mut(count - bin) {
-                    *slot = value.conj();
-                }
-            }
+            let value = C::new(rows[place], rows[place + 1]);
+            (spectrum[bin], spectrum[count - bin]) = (value, value.conj());
         }
         FftPlanner::new().plan_fft_inverse(count).process(&mut spectrum);
         // The ends, where the window is nothing, would look like silence.

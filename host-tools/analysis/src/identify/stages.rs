@@ -6,8 +6,8 @@ use super::{
     IdentifyError, Validation,
     complete::{self, Fitted, State, Task},
     judged,
-    name::{Name, SHARED},
-    prepared::Prepared,
+    name::Name,
+    prepared::{Prepared, motion},
     uncertainty::Errors,
 };
 use crate::identify::Parameters;
@@ -47,8 +47,8 @@ pub fn fit(
         chosen.map(|prepared| prepared.clone().renumbered(place(prepared.file))).collect()
     };
     let slow = of(&[slowest]);
-    let mut only = Task { free: [false; SHARED.len()], known: [None; SHARED.len()] }.with(Name::Coulomb, true, None);
-    only.known = task.known;
+    let only = Task::default().with(Name::Coulomb, true, None);
+    let only = Task { known: task.known, ..only };
     let state = State::new(&slow, start);
     let friction = complete::fit(&slow, &only, &state, false, tick).ok_or(IdentifyError::Diverged)?;
     let settings = runs.first().map(|run| run.settings).unwrap_or_default();
@@ -62,9 +62,9 @@ pub fn fit(
     let validation = last.and_then(|last| {
         let stretches = of(&[last]);
         // Offset and zero are the rig's at that time, not the device's.
-        let none = Task { free: [false; SHARED.len()], known: [None; SHARED.len()] };
         let state = State::new(&stretches, &fitted.state.parameters);
-        let state = complete::fit(&stretches, &none, &state, true, tick).map_or(state, |fitted| fitted.state);
+        let state =
+            complete::fit(&stretches, &Task::default(), &state, true, tick).map_or(state, |fitted| fitted.state);
         judged(&stretches, &state, 0.0)
     });
     Ok(Stages { fitted, task, stretches: rest, validation })
@@ -72,7 +72,6 @@ pub fn fit(
 
 /// Where the motion of a file is: velocity over displacement \[Hz\].
 fn frequency_hz(stretches: &[Prepared], file: usize) -> f64 {
-    let of = stretches.iter().filter(|prepared| prepared.file == file);
-    let (v, x) = of.map(Prepared::motion).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx));
+    let (v, x) = motion(stretches.iter().filter(|prepared| prepared.file == file));
     if x > 0.0 { (v / x).sqrt() / std::f64::consts::TAU } else { 0.0 }
 }

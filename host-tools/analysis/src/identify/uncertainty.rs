@@ -17,9 +17,10 @@ use super::{
     complete::{Fitted, Task, cost_with, counting, error_rows, prediction},
     name::Name,
     over_noise,
-    prepared::Prepared,
+    prepared::{Prepared, motion},
     result::{Correlation, Found, FoundStatus},
 };
+use crate::law::ends;
 
 /// Places within a count that are tried.
 const PHASES: usize = 8;
@@ -89,19 +90,18 @@ impl Errors {
             terminal += moved(rows.clone()).map(|step| step * step) / fitted.disturbed.len() as f64;
         }
         let variance = covariance.diagonal().iter().zip(&terminal).map(|(a, b)| a.max(*b)).collect();
-        let predictions: Vec<Vec<f64>> = (0..stretches.len())
-            .map(|number| {
-                prediction(&fitted.state, stretches, number).map(|(position, _)| position).unwrap_or_default()
-            })
-            .collect();
-        let mut pattern = DVector::zeros(lengths.len());
+        let predicted = |(number, prepared): (usize, &Prepared)| prediction(&fitted.state, number, prepared).0;
+        let predictions: Vec<Vec<f64>> = stretches.iter().enumerate().map(predicted).collect();
+        let mut pattern = DVector::<f64>::zeros(lengths.len());
         for phase in 0..PHASES {
             let phase = phase as f64 / PHASES as f64;
             let steps = moved(error_rows(stretches, fitted, &|number, prepared| {
-                let position = predictions.get(number).map(Vec::as_slice).unwrap_or_default();
                 let count = prepared.step_m;
                 (
-                    position.iter().map(|x| ((x / count + phase).floor() + 0.5 - phase) * count - x).collect(),
+                    predictions[number]
+                        .iter()
+                        .map(|x| ((x / count + phase).floor() + 0.5 - phase) * count - x)
+                        .collect(),
                     still(prepared),
                 )
             }));
@@ -112,7 +112,6 @@ impl Errors {
             .iter()
             .enumerate()
             .map(|(place, name)| {
-                let at = |of: &DVector<f64>| of.get(place).copied().unwrap_or_default();
                 let scale = name.scale(&fitted.state.parameters);
                 let clock = match name {
                     Name::Inertance => 2.0,
@@ -120,12 +119,11 @@ impl Errors {
                     _ => 0.0,
                 };
                 let clock = clock * settings.timebase_u95 * name.of(&fitted.state.parameters);
-                let squares = at(&gain).powi(2) + at(&lead).powi(2) + 4.0 * at(&pattern);
+                let squares = gain[place].powi(2) + lead[place].powi(2) + 4.0 * pattern[place];
                 (scale * scale * squares + clock * clock).sqrt()
             })
             .collect();
-        let names = fitted.free.clone();
-        Some(Self { names, naive: inverse.diagonal(), covariance, variance, systematic })
+        Some(Self { names: fitted.free.clone(), naive: inverse.diagonal(), covariance, variance, systematic })
     }
 
     fn place(&self, name: Name) -> Option<usize> {
@@ -133,34 +131,30 @@ impl Errors {
     }
 
     /// Standard error in the parameter's unit.
-    fn error(&self, place: usize, fitted: &Fitted) -> Option<f64> {
-        let scale = self.names.get(place)?.scale(&fitted.state.parameters);
-        Some(scale * self.variance.get(place)?.max(0.0).sqrt())
+    fn error(&self, place: usize, fitted: &Fitted) -> f64 {
+        self.names[place].scale(&fitted.state.parameters) * self.variance[place].max(0.0).sqrt()
     }
 
     /// Half width of the interval.
     pub fn u95(&self, name: Name, fitted: &Fitted) -> Option<f64> {
         let place = self.place(name)?;
-        let systematic = self.systematic.get(place)?;
-        let model = model_u95(name, fitted);
         let impacts = if fitted.state.parameters.backlash_m > LEAST_BACKLASH_M { IMPACTS } else { 1.0 };
         // What the noise does not explain is no noise: it need not average out.
         let doubt = over_noise(fitted).powi(2).max(1.0);
-        let chance = (impacts * COVERAGE * self.error(place, fitted)?).hypot(model);
-        Some((doubt * chance).hypot(*systematic))
+        let chance = (impacts * COVERAGE * self.error(place, fitted)).hypot(model_u95(name, fitted));
+        Some((doubt * chance).hypot(self.systematic[place]))
     }
 
     /// Half width of the interval of a file's offset.
     pub fn offset_u95(&self, file: usize, gain: f64, value: f64) -> Option<f64> {
-        let place = self.names.len() + file;
-        let error = self.variance.get(place)?.max(0.0).sqrt();
+        let error = self.variance.get(self.names.len() + file)?.max(0.0).sqrt();
         Some((COVERAGE * error).hypot(gain * value))
     }
 
     /// Correlations of the shared parameters.
     pub fn correlation(&self) -> Correlation {
         let count = self.names.len();
-        let at = |row: usize, column: usize| self.covariance.get((row, column)).copied().unwrap_or_default();
+        let at = |row: usize, column: usize| self.covariance[(row, column)];
         let matrix = (0..count)
             .map(|row| {
                 (0..count)
@@ -178,8 +172,7 @@ impl Errors {
     fn partner(&self, name: Name) -> Option<(Name, f64)> {
         let place = self.place(name)?;
         let correlation = self.correlation();
-        let row = correlation.matrix.get(place)?;
-        let others = self.names.iter().zip(row).filter(|(other, _)| **other != name);
+        let others = self.names.iter().zip(&correlation.matrix[place]).filter(|(other, _)| **other != name);
         let most = others.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
         (most.1.abs() > TOGETHER).then_some((*most.0, *most.1))
     }
@@ -207,7 +200,7 @@ impl Errors {
                 "the motion is too slow for {symbol}: the contact's force changes only where the screw reverses"
             )),
             Name::Structure | Name::Skew => match known {
-                Some((_, deviation)) if self.error(self.place(name).unwrap_or(0), fitted) > Some(0.7 * deviation) => {
+                Some((_, deviation)) if self.place(name).is_some_and(|at| self.error(at, fitted) > 0.7 * deviation) => {
                     Found { status: FoundStatus::Given, ..found }
                 }
                 Some(_) => found,
@@ -215,12 +208,12 @@ impl Errors {
                 None => self.bound(name, found, cannot),
             },
             Name::Backlash => {
-                let steps = stretches.iter().fold(0.0, |most: f64, prepared| most.max(prepared.step_m));
+                let steps = stretches.iter().map(|prepared| prepared.step_m).fold(0.0, f64::max);
                 let u95 = if slow { u95.hypot(steps) } else { u95 };
                 let found = Found::known(value, u95);
-                let span = span(stretches);
-                let reverses = span.0 < 0.0 && span.1 > 0.0;
-                let stretch = (span.1 - span.0) / fitted.state.parameters.stiffness_n_per_m;
+                let (low, high) = span(stretches);
+                let reverses = low < 0.0 && high > 0.0;
+                let stretch = (high - low) / fitted.state.parameters.stiffness_n_per_m;
                 match () {
                     () if !reverses => Found::unknown("the force never changes sign: one flank carries all the force"),
                     () if u95 > 0.5 * stretch && u95 > value => cannot(),
@@ -259,9 +252,8 @@ impl Errors {
     pub fn profile(&self, name: Name, fitted: &Fitted, stretches: &[Prepared], task: &Task) -> Option<[f64; 2]> {
         let place = self.place(name)?;
         let value = name.of(&fitted.state.parameters);
-        let error = self.error(place, fitted)?;
-        let systematic = self.systematic.get(place).copied()?;
-        let coloured = self.variance.get(place)? / self.naive.get(place)?;
+        let error = self.error(place, fitted);
+        let coloured = self.variance[place] / self.naive[place];
         let wanted = COVERAGE * COVERAGE * coloured;
         let least = cost_with(stretches, task, &fitted.state, None)?;
         let end = |side: f64| -> Option<f64> {
@@ -279,7 +271,7 @@ impl Errors {
                     break;
                 }
             }
-            Some((value + side * distance.hypot(systematic)).max(0.0))
+            Some((value + side * distance.hypot(self.systematic[place])).max(0.0))
         };
         Some([end(-1.0)?, end(1.0)?])
     }
@@ -302,15 +294,14 @@ fn model_u95(name: Name, fitted: &Fitted) -> f64 {
 
 /// Whether the motion is far slower than the device.
 fn is_slow(fitted: &Fitted, stretches: &[Prepared]) -> bool {
-    let (v, x) = stretches.iter().map(Prepared::motion).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx));
+    let (v, x) = motion(stretches.iter());
     let p = &fitted.state.parameters;
     v < SLOWEST * SLOWEST * x * p.stiffness_n_per_m / p.inertance_kg
 }
 
 /// Least and greatest force of the contact, roughly.
 fn span(stretches: &[Prepared]) -> (f64, f64) {
-    let forces = stretches.iter().flat_map(|prepared| {
+    ends(stretches.iter().flat_map(|prepared| {
         prepared.force.iter().skip(counting(prepared).start).take(counting(prepared).len()).copied()
-    });
-    forces.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), force| (low.min(force), high.max(force)))
+    }))
 }

@@ -15,10 +15,10 @@ pub(super) fn over_noise(fitted: &Fitted) -> f64 {
 pub(super) fn judged(stretches: &[Prepared], state: &State, fitted: f64) -> Option<Validation> {
     let (mut left, mut all, mut count) = (0.0, 0.0, 0usize);
     for (number, prepared) in stretches.iter().enumerate() {
-        let (_, force) = prediction(state, stretches, number)?;
+        let (_, force) = prediction(state, number, prepared);
         let range = counting(prepared);
         let from = range.start.max((fitted * prepared.force.len() as f64) as usize);
-        let offset_n = state.offsets.get(prepared.file).copied().unwrap_or_default();
+        let offset_n = state.offsets[prepared.file];
         let pairs = prepared.force.iter().zip(&force).take(range.end).skip(from);
         for (measured, predicted) in pairs {
             left += (measured - predicted).powi(2);

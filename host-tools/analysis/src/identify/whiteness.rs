@@ -3,6 +3,7 @@
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::result::Whiteness;
+use crate::law::mean;
 
 /// Delays that are looked at.
 const LAGS: usize = 20;
@@ -15,7 +16,7 @@ pub fn whiteness(residual: &[f64]) -> Option<Whiteness> {
     if count < LEAST {
         return None;
     }
-    let mean = residual.iter().sum::<f64>() / count as f64;
+    let mean = mean(residual);
     let square: f64 = residual.iter().map(|x| (x - mean).powi(2)).sum();
     let statistic: f64 = (1..=LAGS)
         .map(|lag| {

@@ -1,13 +1,16 @@
 //! Which motion would have shown what a run could not.
 
-use inerter_core::{Interval, Machine, Parameter, Parameters, Settings};
+use inerter_core::{Interval, Machine, Parameter, Settings};
 use inerter_data::{
     names::parameter,
     replay::Outcome,
     words::{duration_text, listed},
 };
 
-use crate::diagnose::{is_reversed, is_suspect};
+use crate::{
+    diagnose::{is_reversed, is_suspect},
+    fit::each,
+};
 
 use super::{
     design::{Sketch, sketch},
@@ -33,11 +36,9 @@ pub struct Advice {
 /// What to do about what a run could not show; nothing where it showed all, or where more breaks the law than chance: a
 /// plan rests on it, and no motion helps.
 pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<Advice> {
-    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = &outcome.estimate.whole_run;
-    let three = [inertance_kg, viscous_n_s_per_m, coulomb_n];
+    let found = each(&outcome.estimate.whole_run);
     let lacks = |parameter: &Parameter| parameter.known().is_none_or(|Interval { value, u95 }| value.abs() < u95);
-    let lacking: Vec<usize> =
-        three.iter().enumerate().filter(|(_, parameter)| lacks(parameter)).map(|(place, _)| place).collect();
+    let lacking: Vec<usize> = (0..3).filter(|place| lacks(&found[*place])).collect();
     let is_lawful = !is_suspect(&outcome.law) && !is_reversed(&outcome.published());
     if lacking.is_empty() || !is_lawful {
         return None;
@@ -46,8 +47,8 @@ pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<A
         .and_then(|(expected, limits)| Ok((sketch(&expected, limits)?, limits.checked(&expected)?)));
     let motion = planned.ok();
     let is_told = |place: &usize| {
-        let before = three.get(*place).map_or(f64::INFINITY, |parameter| f64::from(parameter.u95()));
-        motion.as_ref().is_some_and(|(sketch, _)| sketch.u95.get(*place).is_some_and(|u95| *u95 < WORTH_IT * before))
+        let before = f64::from(found[*place].u95());
+        motion.as_ref().is_some_and(|(sketch, _)| sketch.u95[*place] < WORTH_IT * before)
     };
     let told = lacking.iter().copied().filter(is_told).collect();
     Some(Advice { lacking, motion, told })
@@ -68,7 +69,7 @@ impl Advice {
         let time = duration_text(limits.duration_s);
         let of = |places: &[usize]| {
             let each = places.iter().map(|place| {
-                let u95 = sketch.u95.get(*place).copied().unwrap_or(f64::INFINITY);
+                let u95 = sketch.u95[*place];
                 if u95.is_finite() {
                     interval_of(machine, *place, u95)
                 } else {

@@ -69,11 +69,9 @@ impl Asked {
             None => (self.stated()?, Limits::default()),
         };
         let limits = self.limits(known);
-        let [mt, cf, fc, offset] = expected.law();
-        let values = [mt - expected.settings.structure_mass_kg, cf, fc, offset];
         let wants = match self.wants.as_str() {
             "" => Vec::new(),
-            wanted => wants::parse(wanted, expected.settings.machine, values).map_err(PlanError::from)?,
+            wanted => wants::parse(wanted, expected.settings.machine, expected.own()).map_err(PlanError::from)?,
         };
         Ok(match &self.motion {
             Some((text, seed)) => self.given_motion(expected, limits, text, *seed)?,

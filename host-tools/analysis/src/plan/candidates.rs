@@ -7,15 +7,12 @@ use inerter_plant::{Excitation, Tone};
 
 use super::{
     error::PlanError,
-    expected::{Expected, Look},
+    expected::{Expected, GOLDEN, Look},
     information::Information,
     limits::Limits,
     peaks::Peaks,
 };
 
-/// Part of a sample by which a period misses whole samples: strokes that never come again average the encoder's steps
-/// out.
-const GOLDEN: f64 = 0.618_033_988_749_895;
 /// Amplitudes of a tone beside the greatest one.
 const LOWER: [f64; 1] = [0.4];
 /// Tones of a multisine.
@@ -103,7 +100,8 @@ fn shapes(expected: &Expected, limits: &Limits, effort: Effort) -> Vec<Vec<Tone>
     shapes
 }
 
-/// A frequency near by whose period is no whole number of samples.
+/// A frequency near by whose period is no whole number of samples: strokes that never come again average the encoder's
+/// steps out.
 fn incommensurate(frequency_hz: f64, rate_hz: f64) -> f64 {
     rate_hz / ((rate_hz / frequency_hz).floor() + GOLDEN)
 }
@@ -173,7 +171,8 @@ fn scaled(tones: &[Tone], factor: f64) -> Vec<Tone> {
 
 /// As large as the limits allow: by the terminal's motion alone first, then by the force that the device makes of it.
 fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
-    let unit = if tones.len() == 1 { scaled_to_unit(tones) } else { tones };
+    let of_unit_speed = |tone: Tone| Tone { amplitude_m: (TAU * tone.frequency_hz).recip(), ..tone };
+    let unit = if tones.len() == 1 { tones.into_iter().map(of_unit_speed).collect() } else { tones };
     let mut kinematic = Peaks::default();
     for (x, v) in times(&unit).map(|t_s| at(&unit, t_s)) {
         kinematic = kinematic.and(Peaks { stroke_m: x.abs(), speed_m_per_s: v.abs(), ..Peaks::default() });
@@ -207,10 +206,6 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
             .min(limits.room(&kinematic) * NEAR);
     }
     Ok(best)
-}
-
-fn scaled_to_unit(tones: Vec<Tone>) -> Vec<Tone> {
-    tones.into_iter().map(|tone| Tone { amplitude_m: (TAU * tone.frequency_hz).recip(), ..tone }).collect()
 }
 
 /// What tones of this size tell; nothing where the estimator takes in nothing of them.

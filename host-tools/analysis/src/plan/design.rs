@@ -1,6 +1,6 @@
 //! The motion itself: parts with their shares of the time, as long as what is wanted takes.
 
-use inerter_core::{Bank, Found, Motion, NORMAL_COVERAGE, Scatter, Source, Systematic};
+use inerter_core::{Bank, Detail, Found, Motion, NORMAL_COVERAGE, Scatter, Source, Systematic};
 use inerter_data::wants::Want;
 use inerter_plant::Excitation;
 
@@ -14,6 +14,7 @@ use super::{
     predict::{Predicted, Prediction, predict},
     search::{Choice, times, together},
 };
+use crate::{calibrate, fit::budget};
 
 /// Effort of a design that is rehearsed, and of one that is not.
 const THOROUGH: Effort = Effort { frequencies: 12, varied: true };
@@ -77,20 +78,18 @@ impl Plan {
 
     /// The predicted interval for a wanted one, or the scatter if that is wider; infinite if there will be none.
     pub fn reached(&self, want: &Want) -> f64 {
-        self.of(want).map_or(f64::INFINITY, Predicted::half_width)
+        self.of(want).half_width()
     }
 
     /// The same for an endless motion: what no duration averages out.
     pub fn floor(&self, want: &Want) -> f64 {
-        let Some(predicted) = self.of(want) else { return f64::INFINITY };
-        let u95 = predicted.half_width();
+        let predicted = self.of(want);
         let part = |source| {
             let parts = predicted.budget.parts().into_iter();
             parts.filter(|(of, _)| *of == source).map(|(_, part)| f64::from(part)).sum::<f64>()
         };
-        let chance = self.chance.get(want.place).copied().unwrap_or_default();
-        let averaged = part(Source::Noise).powi(2) + part(Source::Model).min(chance).powi(2);
-        (u95 * u95 - averaged).max(0.0).sqrt()
+        let averaged = part(Source::Noise).powi(2) + part(Source::Model).min(self.chance[want.place]).powi(2);
+        (predicted.half_width().powi(2) - averaged).max(0.0).sqrt()
     }
 
     /// How long the same motion would have to last for this \[s\]; none where no time is enough.
@@ -100,8 +99,8 @@ impl Plan {
         (reached.is_finite() && left > 0.0).then(|| self.duration_s() * of_time / left)
     }
 
-    fn of(&self, want: &Want) -> Option<&Predicted> {
-        self.prediction.parameters.get(want.place)
+    fn of(&self, want: &Want) -> &Predicted {
+        &self.prediction.parameters[want.place]
     }
 }
 
@@ -317,29 +316,15 @@ fn same_rig_half_width(predicted: &Predicted) -> f64 {
 
 /// The interval that gain, lead and timebase alone leave of what is wanted, whatever the motion.
 fn calibration(expected: &Expected, want: &Want) -> f64 {
-    let value = expected.law().get(want.place).copied().unwrap_or_default();
+    let value = expected.law()[want.place];
     let found = Found { value: value as f32, error: 0.0, per_skew: 0.0, steps: 0.0 };
     let scatter = Scatter::white(value as f32, f32::INFINITY);
-    let motion = Motion {
-        repeats: 1.0,
-        apart: 0.0,
-        frequency_squared: 0.0,
-        low_squared: 0.0,
-        acceleration_squared: f32::INFINITY,
-        readings: f32::INFINITY,
-        steady: 0.0,
-        reversals_again: 0.0,
-        friction_in_curvature: [0.0; 2],
-    };
-    let (systematic, spread) = (Systematic::of(&expected.settings), scatter.in_motion(&motion));
-    let budget = match want.place {
-        0 => systematic.inertance(&found, &spread, &motion),
-        1 => systematic.viscous(&found, &spread, &motion),
-        2 => systematic.coulomb(&found, &spread, &motion),
-        _ => systematic.offset(&found, &spread),
-    };
-    let shared = [Source::Gain, Source::Lead, Source::Timebase].map(|source| f64::from(budget.given_u95(source)));
-    shared.iter().map(|u95| u95 * u95).sum::<f64>().sqrt()
+    // Of any motion: none of the three depends on it.
+    let motion = Motion::of(&Detail::default(), 1.0);
+    let budget = budget(want.place, &Systematic::of(&expected.settings), &found, &scatter.in_motion(&motion), &motion);
+    calibrate::together(
+        [Source::Gain, Source::Lead, Source::Timebase].map(|source| f64::from(budget.given_u95(source))),
+    )
 }
 
 /// The same without rehearsals and with fewer candidates: what a motion of this length could tell, in a moment.
@@ -347,11 +332,8 @@ pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> 
     let limits = limits.checked(expected)?;
     let found = candidates(expected, &limits, QUICK, |_| ())?;
     let search = Search { expected, limits: &limits, wants: &[], found: &found };
-    let Some((lasting, told)) =
-        search.lasting(limits.duration_s, Way { criterion: Criterion::DOptimal, bank: None, highest: 1.0 })
-    else {
-        return Err(nothing(expected, &limits, &found));
-    };
+    let (lasting, told) =
+        search.lasting(limits.duration_s, search.ways().0).ok_or_else(|| nothing(expected, &limits, &found))?;
     Ok(Sketch { parts: search.parts(&lasting)?, u95: told.budgets.map(|budget| f64::from(budget.u95())) })
 }
 
@@ -365,8 +347,7 @@ pub(super) fn choice<'a>(one: &'a Candidate, limits: &Limits) -> Choice<'a> {
 
 /// The widest interval over what is wanted.
 fn widest(told: &Told, wants: &[Want]) -> f64 {
-    let u95 = |want: &Want| told.budgets.get(want.place).map_or(f64::INFINITY, |budget| f64::from(budget.u95()));
-    wants.iter().map(|want| u95(want) / want.u95).fold(0.0, f64::max)
+    wants.iter().map(|want| f64::from(told.budgets[want.place].u95()) / want.u95).fold(0.0, f64::max)
 }
 
 /// The least time for which it is enough, within two percent; the longest where none is.

@@ -8,7 +8,7 @@ use super::{error::PlanError, peaks::Peaks, speeds::Speeds};
 use crate::fit::Products;
 
 /// Part of a turn of the golden ratio: phases that are so far apart fill a count evenly.
-const GOLDEN: f64 = 0.618_033_988_749_895;
+pub(super) const GOLDEN: f64 = 0.618_033_988_749_895;
 
 /// A device that is expected, on a rig whose settings and noise are known.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +55,12 @@ impl Expected {
         [inertance_kg + self.settings.structure_mass_kg, viscous_n_s_per_m, coulomb_n, 0.0 - constant_force_n]
     }
 
+    /// The same of the device alone: the inertance without the structure.
+    pub(super) fn own(&self) -> [f64; 4] {
+        let [mt, cf, fc, offset] = self.law();
+        [mt - self.settings.structure_mass_kg, cf, fc, offset]
+    }
+
     /// The three parameters of the device.
     pub fn three(&self) -> [f64; 3] {
         [self.device.inertance_kg, self.device.viscous_n_s_per_m, self.device.coulomb_n]
@@ -62,20 +68,19 @@ impl Expected {
 
     /// The rig's instruments with their noise; each seed has its own, and its own place within an encoder count.
     pub fn sensors(&self, seed: u64) -> Sensors {
-        let Settings { oversampling, .. } = self.settings;
-        let code = |code: f64| (code / oversampling).trunc();
+        let reading = self.at_once().settings;
         Sensors {
-            sample_rate_hz: self.settings.sample_rate_hz,
-            oversampling,
-            metres_per_count: self.settings.metres_per_count,
+            sample_rate_hz: reading.sample_rate_hz,
+            oversampling: self.settings.oversampling,
+            metres_per_count: reading.metres_per_count,
             encoder_phase_count: (seed as f64 * GOLDEN).fract(),
-            newtons_per_code: self.settings.newtons_per_code * oversampling,
-            force_zero_code: code(self.settings.force_zero_code),
-            force_min_code: code(self.settings.force_min_code),
-            force_max_code: code(self.settings.force_max_code),
+            newtons_per_code: reading.newtons_per_code,
+            force_zero_code: reading.force_zero_code,
+            force_min_code: reading.force_min_code,
+            force_max_code: reading.force_max_code,
             force_noise_n: self.force_noise_n,
-            delay_s: self.settings.skew_s,
-            metres_per_terminal_code: self.settings.metres_per_terminal_code,
+            delay_s: reading.skew_s,
+            metres_per_terminal_code: reading.metres_per_terminal_code,
             seed,
             ..Sensors::default()
         }
@@ -120,12 +125,9 @@ impl Expected {
             }
         }
         let after = products(&replay);
-        let since = |bank: usize| match (after.get(bank).copied().flatten(), before.as_ref()) {
-            (Some(after), Some(before)) => Some(match before.get(bank).copied().flatten() {
-                Some(before) => after.since(&before),
-                None => after,
-            }),
-            _ => None,
+        let since = |bank: usize| {
+            let (after, before) = (after[bank]?, before?[bank]);
+            Some(before.map_or(after, |before| after.since(&before)))
         };
         let [Some(fast), Some(slow)] = [since(0), since(1)] else {
             return Err(PlanError::Nothing { why: "the motion is too short".into() });

@@ -7,7 +7,7 @@ use super::{
     expected::{Expected, Seen},
     speeds::Speeds,
 };
-use crate::fit::{Products, Solution};
+use crate::fit::{Products, budget};
 
 /// Mean square by which a normal deviation exceeds its own variance, where it does: `E max(0, z^2 - 1)`.
 const BEYOND_CHANCE: f64 = 0.484;
@@ -101,7 +101,7 @@ impl Together {
             let [_, velocity_square] = products.mean_squares();
             let slowest = NEAR_REST * velocity_square.max(0.0).sqrt();
             let faster =
-                parts.clone().filter_map(|(seconds, part)| Some(part.speeds.get(bank)?.above(slowest)?.times(seconds)));
+                parts.clone().filter_map(|(seconds, part)| Some(part.speeds[bank].above(slowest)?.times(seconds)));
             *away = faster.reduce(|all, one| all.and(&one));
         }
         Some(all)
@@ -202,15 +202,9 @@ impl Together {
         let spread = solution.scatter.in_motion(&motion);
         let systematic = Systematic::of(settings);
         let each: [Found; 4] = solution.each();
-        let [inertance, viscous, coulomb, offset] = &each;
-        let mut budgets = [
-            systematic.inertance(inertance, &spread, &motion),
-            systematic.viscous(viscous, &spread, &motion),
-            systematic.coulomb(coulomb, &spread, &motion),
-            systematic.offset(offset, &spread),
-        ];
+        let mut budgets: [Budget; 4] = std::array::from_fn(|i| budget(i, &systematic, &each[i], &spread, &motion));
         if let Some(away) = self.away[place].as_ref().and_then(solved) {
-            let moved = moved_by_chance(&solution, &away, coulomb, &budgets[2]);
+            let moved = moved_by_chance(&each, &away.each(), &budgets[2]);
             for (budget, moved) in budgets.iter_mut().zip(moved) {
                 *budget = budget.and(Source::Model, moved);
             }
@@ -227,15 +221,11 @@ impl Together {
 
 /// What inertance, viscous and Coulomb friction will move by between the fits to all and away from rest, by chance
 /// alone, as the half width that the estimator makes of it.
-fn moved_by_chance(all: &Solution<4>, away: &Solution<4>, coulomb: &Found, budget: &Budget) -> [f32; 3] {
-    let scatter = f64::from(budget.fit_square()) / f64::from(coulomb.error).powi(2);
+fn moved_by_chance(all: &[Found; 4], away: &[Found; 4], coulomb: &Budget) -> [f32; 3] {
+    let scatter = f64::from(coulomb.fit_square()) / f64::from(all[2].error).powi(2);
     let per_square = MOVED.powi(2) * BEYOND_CHANCE * scatter;
-    let (of_all, of_away): ([Found; 4], [Found; 4]) = (all.each(), away.each());
-    let mut pairs = of_all.into_iter().zip(of_away);
-    std::array::from_fn(|_| {
-        pairs.next().map_or(0.0, |(all, away)| {
-            let grown = f64::from(away.error).powi(2) - f64::from(all.error).powi(2);
-            (per_square * grown).max(0.0).sqrt() as f32
-        })
+    std::array::from_fn(|i| {
+        let grown = f64::from(away[i].error).powi(2) - f64::from(all[i].error).powi(2);
+        (per_square * grown).max(0.0).sqrt() as f32
     })
 }

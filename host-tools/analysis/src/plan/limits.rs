@@ -106,8 +106,7 @@ impl Limits {
                 help: "allow more time, or a higher lowest frequency",
             });
         }
-        let Settings { metres_per_count, .. } = expected.settings;
-        let counts = 2.0 * self.stroke_m / metres_per_count.abs();
+        let counts = 2.0 * self.stroke_m / expected.settings.metres_per_count.abs();
         if counts < FEWEST_COUNTS {
             return Err(PlanError::Conflict {
                 one: "--stroke-m",
@@ -132,12 +131,12 @@ impl Limits {
                 help: "allow a larger force, or expect less friction",
             });
         }
-        let Settings { full_scale_velocity_m_per_s, full_scale_acceleration_m_per_s2, .. } = expected.settings;
+        let full = &expected.settings;
         Ok(Self {
             force_n,
             lowest_hz,
-            speed_m_per_s: self.speed_m_per_s.min(CLEAR * full_scale_velocity_m_per_s),
-            acceleration_m_per_s2: self.acceleration_m_per_s2.min(CLEAR * full_scale_acceleration_m_per_s2),
+            speed_m_per_s: self.speed_m_per_s.min(CLEAR * full.full_scale_velocity_m_per_s),
+            acceleration_m_per_s2: self.acceleration_m_per_s2.min(CLEAR * full.full_scale_acceleration_m_per_s2),
             ..self
         })
     }

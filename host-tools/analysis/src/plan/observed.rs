@@ -71,14 +71,8 @@ impl Reach {
             let first = self.latest.pop_front();
             self.greatest_step = self.greatest_step.max(first.map_or(0, |(_, first)| (count - first).abs()));
         }
-        let wider = |range: Option<(i64, i64)>, value: i64| match range {
-            Some((least, greatest)) => Some((least.min(value), greatest.max(value))),
-            None => Some((value, value)),
-        };
-        self.counts = wider(self.counts, count);
-        let codes = self.codes.map(|(least, greatest)| (i64::from(least), i64::from(greatest)));
-        self.codes =
-            wider(codes, i64::from(sample.force_code)).map(|(least, greatest)| (least as i32, greatest as i32));
+        self.counts = Some(wider(self.counts, count));
+        self.codes = Some(wider(self.codes, sample.force_code));
     }
 
     /// Keeps a fourth difference of the force now and then: motion hardly has a part in it.
@@ -135,6 +129,11 @@ impl Reach {
     }
 }
 
+/// The least and the greatest so far, with one more.
+fn wider<T: Copy + Ord>(range: Option<(T, T)>, value: T) -> (T, T) {
+    range.map_or((value, value), |(least, greatest)| (least.min(value), greatest.max(value)))
+}
+
 /// The device that a run makes one expect, its rig's noise, and the limits within which it stayed.
 pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result<(Expected, Limits), PlanError> {
     let found = &outcome.estimate.whole_run;
@@ -148,7 +147,7 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     let viscous = Some(&found.viscous_n_s_per_m).filter(|viscous| viscous.fitted().u95 < viscous.fitted().value);
     let offset_n = f64::from(found.offset_n.fitted().value);
     let backlash_m = match outcome.detail.backlash.size {
-        BacklashSize::Ok(Interval { value, .. }) => f64::from(value).max(0.0),
+        BacklashSize::Ok(found) => f64::from(found.value).max(0.0),
         BacklashSize::BelowU95(_) | BacklashSize::NotIdentifiable(_) => 0.0,
     };
     let device = Inerter {
@@ -162,9 +161,8 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     let seen = outcome.detail.stiffness_n_per_m.usable().map(|found| f64::from(found.value));
     let stiffness = Some(settings.stiffness_n_per_m).filter(|stiffness| *stiffness > 0.0).or(seen);
     let device = with_contact(device, stiffness, Some(settings.contact_damping_n_s_per_m));
-    let force_noise_n = reach.noise_n();
     let seconds = outcome.estimate.elapsed_samples as f64 / settings.sample_rate_hz;
-    Ok((Expected { device, settings: *settings, force_noise_n }, reach.limits(offset_n, seconds)))
+    Ok((Expected { device, settings: *settings, force_noise_n: reach.noise_n() }, reach.limits(offset_n, seconds)))
 }
 
 /// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. Where the stiffness is not known, or so great that

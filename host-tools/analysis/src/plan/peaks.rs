@@ -18,10 +18,12 @@ pub struct Peaks {
 impl Peaks {
     /// With one more state, of a device with this structure mass \[kg\].
     pub(super) fn take(&mut self, truth: &Truth, structure_mass_kg: f64) {
-        self.stroke_m = self.stroke_m.max(truth.x1_m.abs());
-        self.speed_m_per_s = self.speed_m_per_s.max(truth.v1_m_per_s.abs());
-        self.force_n = self.force_n.max((truth.force_n + structure_mass_kg * truth.a1_m_per_s2).abs());
-        self.acceleration_m_per_s2 = self.acceleration_m_per_s2.max(truth.a2_m_per_s2.abs());
+        *self = self.and(Self {
+            stroke_m: truth.x1_m.abs(),
+            speed_m_per_s: truth.v1_m_per_s.abs(),
+            force_n: (truth.force_n + structure_mass_kg * truth.a1_m_per_s2).abs(),
+            acceleration_m_per_s2: truth.a2_m_per_s2.abs(),
+        });
     }
 
     /// The greater of both.

@@ -110,10 +110,10 @@ impl Planned {
 
     /// Wanted intervals that are out of reach, and why; nothing if there are none.
     pub fn missed(&self) -> Option<PlanError> {
-        let wants = self.plan.iter().flat_map(|plan| &plan.wants);
-        let missed: Vec<Want> = wants.copied().filter(|want| self.reached(want) > want.u95).collect();
-        let first = self.most(missed.first()?).unwrap_or(Source::Noise);
-        let all: Vec<String> = missed.iter().map(|want| self.missed_text(want)).collect();
+        let missed: Vec<_> = self.wanted().filter(|(plan, want)| plan.reached(want) > want.u95).collect();
+        let (plan, want) = missed.first()?;
+        let first = self.most(plan, want).unwrap_or(Source::Noise);
+        let all: Vec<String> = missed.iter().map(|(plan, want)| self.missed_text(plan, want)).collect();
         Some(PlanError::Missed {
             what: format!("not within reach: {}", all.join("; ")),
             help: format!("the largest part is {}", source_words(self.machine(), first)),
@@ -121,11 +121,11 @@ impl Planned {
     }
 
     /// What of what is wanted cannot be had.
-    fn missed_text(&self, want: &Want) -> String {
-        let reached = self.reached(want);
+    fn missed_text(&self, plan: &Plan, want: &Want) -> String {
+        let reached = plan.reached(want);
         let wanted = interval_of(self.machine(), want.place, want.u95);
         let symbol = parameter(self.machine(), want.place).symbol;
-        match self.enough_s(want) {
+        match plan.enough_s(want) {
             _ if !reached.is_finite() => format!("{wanted}: no value at all"),
             Some(seconds) => format!(
                 "{wanted}: ± {} is the best within {}, about {} would suffice",
@@ -134,32 +134,21 @@ impl Planned {
                 duration_text(seconds)
             ),
             None => {
-                let floor = self.floor(want);
-                let floor = rounded_text(floor, floor);
+                let floor = rounded_text(plan.floor(want), plan.floor(want));
                 format!("{wanted}: no duration suffices, as ± {floor} of {symbol} does not average out")
             }
         }
     }
 
-    /// The interval that will be had of what is wanted.
-    fn reached(&self, want: &Want) -> f64 {
-        self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.reached(want))
-    }
-
-    /// What no time takes away of it.
-    fn floor(&self, want: &Want) -> f64 {
-        self.plan.as_ref().map_or(f64::INFINITY, |plan| plan.floor(want))
-    }
-
-    /// How long the motion would have to last for it \[s\].
-    fn enough_s(&self, want: &Want) -> Option<f64> {
-        self.plan.as_ref().and_then(|plan| plan.enough_s(want))
+    /// What is wanted of a plan, with the plan.
+    fn wanted(&self) -> impl Iterator<Item = (&Plan, &Want)> {
+        self.plan.iter().flat_map(|plan| plan.wants.iter().map(move |want| (plan, want)))
     }
 
     /// The source that its interval comes from most; where no time is enough, of what does not average out.
-    fn most(&self, want: &Want) -> Option<Source> {
-        let predicted = self.prediction.parameters.get(want.place)?;
-        if self.enough_s(want).is_some() {
+    fn most(&self, plan: &Plan, want: &Want) -> Option<Source> {
+        let predicted = &self.prediction.parameters[want.place];
+        if plan.enough_s(want).is_some() {
             return Some(predicted.most());
         }
         let parts = predicted.budget.parts().into_iter().filter(|(source, _)| *source != Source::Noise);
@@ -250,13 +239,13 @@ impl Planned {
         let backlash = expected.device.backlash_m * 1e6;
         text.push(format!(
             "{:<20} {:<6} {:<10} {}",
-            parameter_label(machine),
+            description(machine, "Backlash"),
             unit(machine, "µm"),
             three_digits(backlash),
             backlash_words(&self.prediction.backlash)
         ));
-        for want in self.plan.iter().flat_map(|plan| &plan.wants) {
-            let reached = self.reached(want);
+        for (plan, want) in self.wanted() {
+            let reached = plan.reached(want);
             let verdict = match (reached <= want.u95, reached.is_finite()) {
                 (true, _) => format!("reached, ± {}", rounded_text(reached, reached)),
                 (false, true) => format!("not reached, ± {}", rounded_text(reached, reached)),
@@ -277,28 +266,20 @@ impl Planned {
         let predicted: Map<String, Value> = parameters
             .iter()
             .enumerate()
-            .map(|(place, predicted)| {
-                Ok((name(place).to_string(), serde_json::to_value(PredictedJson::of(place, predicted))?))
-            })
-            .collect::<Result<_, serde_json::Error>>()
-            .unwrap_or_default();
-        let wants: Vec<Value> = self
-            .plan
-            .iter()
-            .flat_map(|plan| &plan.wants)
-            .map(|want| {
-                json!({
-                    "parameter": name(want.place), "wanted": want.u95, "reached": finite(self.reached(want)),
-                    "is_reached": self.reached(want) <= want.u95, "floor": finite(self.floor(want)), "enough_s": self.enough_s(want),
-                })
-            })
+            .map(|(place, predicted)| (name(place).to_string(), json!(PredictedJson::of(place, predicted))))
             .collect();
+        let want = |(plan, want): (&Plan, &Want)| {
+            json!({
+                "parameter": name(want.place), "wanted": want.u95, "reached": finite(plan.reached(want)),
+                "is_reached": plan.reached(want) <= want.u95, "floor": finite(plan.floor(want)), "enough_s": plan.enough_s(want),
+            })
+        };
         let device: Map<String, Value> = Inerter::TABLE
             .iter()
             .zip(expected.device.values())
             .map(|(field, value)| (field.name.to_string(), value.into()))
             .collect();
-        let Peaks { stroke_m: peak_m, speed_m_per_s: peak_m_per_s, force_n: peak_n, .. } = self.peaks();
+        let peaks = self.peaks();
         json!({
             "kind": "plan",
             "criterion": match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
@@ -313,7 +294,7 @@ impl Planned {
                 "stroke_m": finite(stroke_m), "speed_m_per_s": finite(speed_m_per_s), "force_n": finite(force_n),
                 "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
             },
-            "peaks": { "stroke_m": peak_m, "speed_m_per_s": peak_m_per_s, "force_n": peak_n },
+            "peaks": { "stroke_m": peaks.stroke_m, "speed_m_per_s": peaks.speed_m_per_s, "force_n": peaks.force_n },
             "expected": device,
             "force_noise_n": expected.force_noise_n,
             "predicted": predicted,
@@ -321,7 +302,7 @@ impl Planned {
             "bank": format!("{bank:?}").to_lowercase(),
             "band_hz": band_hz,
             "broken": broken,
-            "wants": wants,
+            "wants": self.wanted().map(want).collect::<Vec<_>>(),
             "files": files,
         })
     }
@@ -389,10 +370,6 @@ fn row(machine: Machine, place: usize, predicted: &Predicted) -> String {
         format!("± {}", digits(predicted.same_rig_u95())),
         digits(predicted.scatter),
     )
-}
-
-fn parameter_label(machine: Machine) -> String {
-    description(machine, "Backlash")
 }
 
 /// What will be told of the backlash: its interval, or why there is none.

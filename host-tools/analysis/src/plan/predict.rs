@@ -9,9 +9,7 @@
 
 use std::thread;
 
-use inerter_core::{
-    Backlash, Bank, Budget, Detail, Interval, LawStatus, NORMAL_COVERAGE, Parameter, Parameters, Source,
-};
+use inerter_core::{Backlash, Bank, Budget, Detail, LawStatus, NORMAL_COVERAGE, Source};
 use inerter_plant::Excitation;
 
 use super::{
@@ -20,6 +18,7 @@ use super::{
     information::{Together, Told},
     peaks::Peaks,
 };
+use crate::{fit::each, law::median};
 
 /// Rehearsals of a prediction: their scatter is known to a tenth.
 pub const REHEARSALS: u64 = 48;
@@ -104,28 +103,29 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
     let bank = if in_fast >= 0.5 * count { Bank::Fast } else { Bank::Slow };
     // A memory that begins anew on the way is no average of others: the middle one stands for all.
     let sums: Vec<Together> = seen.iter().map(Together::of).collect();
-    let beyond = median(sums.iter().filter_map(|sums| sums.beyond_explained(bank, expected)).collect());
+    let beyond = median(sums.iter().filter_map(|sums| sums.beyond_explained(bank, expected)).collect()).unwrap_or(1.0);
     let told = |times: f64| {
         let mut each: Vec<Told> = sums.iter().filter_map(|sums| sums.told_by(bank, expected, times)).collect();
         each.sort_by(|a, b| a.log_det.total_cmp(&b.log_det));
         each.get(each.len() / 2).copied()
     };
     let (theory, told) = (told(1.0), told(beyond));
-    let [mt, cf, fc, offset] = expected.law();
-    let values = [mt - expected.settings.structure_mass_kg, cf, fc, offset];
+    let values = expected.own();
     let predicted = |place: usize| {
         let [alone, stated] = [&theory, &told].map(|told| told.map_or(Budget::UNKNOWN, |told| told.budgets[place]));
         let value = values[place];
-        let model = mean_square(seen.iter().map(|seen| model_u95(seen, place)));
-        let errors = seen.iter().filter_map(|seen| parameter(seen, place).known());
-        let errors = errors.map(|Interval { value: found, .. }| f64::from(found) - value);
-        let given = seen.iter().filter(|seen| parameter(seen, place).known().is_some()).count() as f64 / count;
+        // What each says of a law that may not hold.
+        let model_u95 = |seen: &Seen| f64::from(seen.outcome.budgets.whole_run[place].given_u95(Source::Model));
+        let model = mean_square(seen.iter().map(model_u95));
+        let known: Vec<_> =
+            seen.iter().filter_map(|seen| each(&seen.outcome.estimate.whole_run)[place].known()).collect();
+        let errors = known.iter().map(|found| f64::from(found.value) - value);
         Predicted {
             value,
             budget: stated.and(Source::Model, model.sqrt() as f32),
             theory_u_a: f64::from(alone.standard_error()),
             scatter: mean_square(errors).sqrt(),
-            given,
+            given: known.len() as f64 / count,
         }
     };
     let first = seen.first().ok_or_else(|| PlanError::Nothing { why: "nothing was rehearsed".into() })?;
@@ -142,7 +142,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
 
 /// All rehearsals, on as many cores as there are.
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
-    let cores = thread::available_parallelism().map_or(1, |cores| cores.get()) as u64;
+    let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
     let run = |number: u64| {
         let look = Look { seed: BEFORE_FIRST + number, from_s: 0.0, sums_readings: true, by_speed: false };
         expected.see(motion, duration_s, look).map(|seen| (number, seen))
@@ -158,23 +158,6 @@ fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Resul
     })?;
     seen.sort_by_key(|(number, _)| *number);
     Ok(seen.into_iter().map(|(_, seen)| seen).collect())
-}
-
-fn parameter(seen: &Seen, place: usize) -> Parameter {
-    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = seen.outcome.estimate.whole_run;
-    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].get(place).copied().unwrap_or_default()
-}
-
-/// What a rehearsal says of a law that may not hold, where it gave a value.
-fn model_u95(seen: &Seen, place: usize) -> f64 {
-    let budget = seen.outcome.budgets.whole_run.get(place);
-    budget.map_or(0.0, |budget| f64::from(budget.given_u95(Source::Model)))
-}
-
-/// The middle one; 1 of none.
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// Mean square of those that are finite; 0 of none.

@@ -37,8 +37,8 @@ type Times = (Vec<f64>, f64);
 pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Together) -> f64) -> Option<Times> {
     let alone = (0..choices.len()).filter_map(|place| {
         let mut times = vec![0.0; choices.len()];
-        *times.get_mut(place)? = seconds;
-        let is_long_enough = choices.get(place)?.shortest_s <= seconds;
+        times[place] = seconds;
+        let is_long_enough = choices[place].shortest_s <= seconds;
         let score = score(&together(choices, &times)?);
         (is_long_enough && !score.is_nan()).then_some((times, score))
     });
@@ -77,11 +77,11 @@ fn exchanged(choices: &[Choice<'_>], start: Times, seconds: f64, score: &impl Fn
 
 /// The times after one motion has given another so much of its own; all of it where too little would be left.
 fn given(choices: &[Choice<'_>], times: &[f64], giver: usize, taker: usize, seconds: f64) -> Option<Vec<f64>> {
-    let (has, takes) = (*times.get(giver)?, *times.get(taker)?);
+    let (has, takes) = (times[giver], times[taker]);
     if giver == taker || has <= 0.0 {
         return None;
     }
-    let (from, to) = (choices.get(giver)?, choices.get(taker)?);
+    let (from, to) = (&choices[giver], &choices[taker]);
     let mut moved = seconds.max(to.shortest_s - takes);
     if has - moved < from.shortest_s {
         moved = has;
@@ -92,7 +92,7 @@ fn given(choices: &[Choice<'_>], times: &[f64], giver: usize, taker: usize, seco
         return None;
     }
     let mut times = times.to_vec();
-    *times.get_mut(giver)? -= moved;
-    *times.get_mut(taker)? += moved;
+    times[giver] -= moved;
+    times[taker] += moved;
     Some(times)
 }

@@ -26,12 +26,11 @@ impl Speeds {
     /// Takes what the sums grew by in one update.
     pub fn push(&mut self, update: &Products) {
         if self.by_speed.is_empty() {
-            self.by_speed = vec![update.none(); (HIGHEST - LOWEST + 1) as usize];
+            self.by_speed = vec![update.times(0.0); (HIGHEST - LOWEST + 1) as usize];
         }
         let [_, square] = update.mean_squares();
-        if let Some(sums) = self.by_speed.get_mut(place(square.max(0.0).sqrt())) {
-            *sums = sums.and(update);
-        }
+        let sums = &mut self.by_speed[place(square.max(0.0).sqrt())];
+        *sums = sums.and(update);
     }
 
     /// So many times the sums.

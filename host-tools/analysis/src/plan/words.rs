@@ -40,14 +40,12 @@ pub fn part_text(machine: Machine, part: &Part) -> String {
 
 /// What a motion takes of a rig: `±7.08 mm, 0.0970 m/s and 597 N`.
 pub fn peaks_text(machine: Machine, peaks: &Peaks) -> String {
-    let Peaks { stroke_m, speed_m_per_s, force_n, .. } = *peaks;
-    reach_text(machine, stroke_m, speed_m_per_s, force_n)
+    reach_text(machine, peaks.stroke_m, peaks.speed_m_per_s, peaks.force_n)
 }
 
 /// What a rig allows, but for what it does not limit.
 pub fn limits_text(machine: Machine, limits: &Limits) -> String {
-    let Limits { stroke_m, speed_m_per_s, force_n, .. } = *limits;
-    reach_text(machine, stroke_m, speed_m_per_s, force_n)
+    reach_text(machine, limits.stroke_m, limits.speed_m_per_s, limits.force_n)
 }
 
 fn reach_text(machine: Machine, stroke_m: f64, speed_m_per_s: f64, force_n: f64) -> String {

@@ -82,16 +82,12 @@ pub fn ideal_band(parameters: &ModelParameters, within: Agreement) -> Option<(Op
     let count = ((SEARCH_HZ.1 / SEARCH_HZ.0).log10() * f64::from(PER_DECADE)).round() as i32;
     let frequency = |number: i32| SEARCH_HZ.0 * decade.powi(number);
     let good: Vec<bool> = (0..=count).map(|number| within.holds(parameters, frequency(number))).collect();
-    let mut bands = Vec::new();
-    let mut number = 0;
-    for run in good.chunk_by(|a, b| a == b) {
-        let (first, next) = (number, number + run.len() as i32);
-        number = next;
-        if run.first() == Some(&true) {
-            bands.push((first, next - 1));
-        }
-    }
-    let (first, last) = bands.into_iter().max_by_key(|(first, last)| last - first)?;
+    let bands = good.chunk_by(|a, b| a == b).scan(0, |next, run| {
+        let first = *next;
+        *next += run.len() as i32;
+        Some((run[0], first, *next - 1))
+    });
+    let (_, first, last) = bands.filter(|(is_good, ..)| *is_good).max_by_key(|(_, first, last)| last - first)?;
     let edge = |good: i32, bad: i32| {
         let (mut good, mut bad) = (frequency(good), frequency(bad));
         while (good / bad - 1.0).abs() > 1e-7 {
@@ -114,6 +110,5 @@ pub fn equivalent_viscous(series: &Series, coulomb_n: f64) -> Option<f64> {
     });
     let (sum, squares, count) =
         velocities.fold((0.0, 0.0, 0.0), |(sum, squares, count), v| (sum + v.abs(), squares + v * v, count + 1.0));
-    let moves = count > 0.0 && (squares / count).sqrt() > 1e-6;
-    moves.then(|| coulomb_n * sum / squares)
+    (count > 0.0 && (squares / count).sqrt() > 1e-6).then(|| coulomb_n * sum / squares)
 }

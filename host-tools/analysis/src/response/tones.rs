@@ -39,7 +39,7 @@ pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> Option<Vec<Point>
 
 /// Frequencies of the tones \[Hz\], rising.
 fn tones(input: &[f64], period_s: f64) -> Option<Vec<f64>> {
-    let input = input.get(..input.len().min(MOST_SEARCHED))?;
+    let input = &input[..input.len().min(MOST_SEARCHED)];
     if input.len() < 64 {
         return None;
     }
@@ -114,9 +114,8 @@ fn point(input: &[f64], force: &[f64], period_s: f64, tone_hz: f64) -> Option<Po
     let cross: Complex<f64> = lines.iter().map(|line| line.0.conj() * line.1).sum();
     let response = cross / inputs;
     let scatter: f64 = lines.iter().map(|line| (line.1 - line.0 * response).norm_sqr()).sum::<f64>() / inputs;
-    let n = count as f64;
     // Of one of the two components; the pieces' powers sum in `inputs`, so this is the mean's already.
-    let error = (scatter / (2.0 * (n - 1.0))).sqrt();
+    let error = (scatter / (2.0 * (count as f64 - 1.0))).sqrt();
     Some(Point {
         frequency_hz,
         response,
@@ -127,13 +126,7 @@ fn point(input: &[f64], force: &[f64], period_s: f64, tone_hz: f64) -> Option<Po
 
 /// Half width of a 95 % interval in standard errors, by Student's distribution of `2 (pieces - 1)` degrees of freedom.
 fn student(pieces: usize) -> Option<f64> {
-    match pieces {
-        0..3 => None,
-        3 => Some(2.776),
-        4 => Some(2.447),
-        5 => Some(2.306),
-        6 => Some(2.228),
-        7 => Some(2.179),
-        _ => Some(2.145),
-    }
+    /// From three pieces on, up to the most.
+    const FROM_THREE: [f64; PIECES - 2] = [2.776, 2.447, 2.306, 2.228, 2.179, 2.145];
+    FROM_THREE.get(pieces.checked_sub(3)?).copied()
 }

@@ -24,9 +24,7 @@ pub struct CompareJson {
 impl CompareJson {
     /// Of these runs; `within` has the verdicts of each on limits.
     pub fn new(sides: &[Side], rigs: &[Rig], rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
-        let of_row = |row: &Row| {
-            (NAMES.get(row.place).copied().unwrap_or_default(), row.runs.iter().map(RunJson::from).collect())
-        };
+        let of_row = |row: &Row| (NAMES[row.place], row.runs.iter().map(RunJson::from).collect());
         Self {
             kind: "compare",
             files: sides.iter().map(|side| side.name.clone()).collect(),

@@ -133,8 +133,8 @@ fn corrected(outcome: &Outcome, gated: &Gated, found: &Result<Diagnosis, Unsough
         // The estimator takes samples in until it sees what they are, and some beside those that it then leaves out.
         return found.corrected.filter(|_| found.is_explained());
     }
-    let holds = outcome.law.misfit.is_some_and(|misfit| misfit.ratio <= misfit.limit);
-    holds.then_some(outcome.estimate.whole_run)
+    let misfit = outcome.law.misfit?;
+    (misfit.ratio <= misfit.limit).then_some(outcome.estimate.whole_run)
 }
 
 impl Diagnosed {

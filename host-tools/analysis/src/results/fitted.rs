@@ -45,12 +45,6 @@ struct ApartJson {
     offset_n: Option<f32>,
 }
 
-impl ApartJson {
-    fn of([inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [Option<f32>; 4]) -> Self {
-        Self { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n }
-    }
-}
-
 #[derive(Clone, Debug, Serialize)]
 struct DirectionsJson {
     inertance_kg: ParameterJson,
@@ -72,6 +66,7 @@ impl FitJson {
         let name = |i: usize| parameter(Machine::Linear, i).path;
         let differing = differs.iter().enumerate().filter(|(_, differs)| **differs).map(|(i, _)| name(i)).collect();
         let are_several = names.len() > 1;
+        let [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_apart_n] = *apart;
         let (file, files) = match names.as_slice() {
             [one] => (Some(one.clone()), Vec::new()),
             _ => (None, names.clone()),
@@ -95,7 +90,12 @@ impl FitJson {
                 difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
             },
             residual_rms_n: fit.residual_rms_n,
-            apart: are_several.then(|| ApartJson::of(*apart)),
+            apart: are_several.then_some(ApartJson {
+                inertance_kg,
+                viscous_n_s_per_m,
+                coulomb_n,
+                offset_n: offset_apart_n,
+            }),
             differs: are_several.then_some(differing),
             law_broken: broken.clone(),
             nothing_summed: empty.clone(),

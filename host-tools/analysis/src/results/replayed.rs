@@ -18,7 +18,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    diagnose::{Cause, Judged, Latest, judged, suspected},
+    diagnose::{Cause, Judged, Kind, Latest, judged, suspected},
     fit::Products,
     plan::{Advice, Part, Reach, advice, duration_s},
     told::Told,
@@ -132,8 +132,7 @@ impl Replayed {
         let (sums, more) = self.outcome.sums();
         let correlation = Products::of(sums, more).and_then(|products| products.correlation()).ok();
         let budgets = self.judged.each_ref().map(|Judged { budget, moved_by, assumes }| {
-            let assumes = assumes.iter().map(|kind| kind.name()).collect();
-            BudgetJson::new(budget, moved_by.map(|kind| kind.name()), assumes)
+            BudgetJson::new(budget, moved_by.map(Kind::name), assumes.iter().map(|kind| kind.name()).collect())
         });
         UncertaintyJson::new(budgets, &self.outcome.budgets.contact, correlation)
     }
@@ -191,8 +190,7 @@ impl AdviceJson {
         let name = |place: &usize| parameter(Machine::Linear, *place).path;
         let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
         let u95 = |(place, u95): (usize, &f64)| {
-            let known = Some(*u95).filter(|u95| u95.is_finite());
-            (name(&place).to_string(), json!({ "u95": known }))
+            (name(&place).to_string(), json!({ "u95": Some(u95).filter(|u95| u95.is_finite()) }))
         };
         Self {
             lacking: advice.lacking.iter().map(name).collect(),

@@ -6,11 +6,10 @@
 
 use inerter_core::{Bank, Settings};
 use inerter_data::series::Series;
-use nalgebra::DVector;
 
 use super::{
     rows::Rows,
-    squares::{dot, inverse},
+    squares::{dot, inverse, products},
 };
 use crate::law::Law;
 
@@ -27,16 +26,12 @@ pub(super) fn delay_s(series: &Series, settings: &Settings, bank: Bank) -> Optio
     let inverse = inverse(&columns)?;
     let left = |late: isize| {
         let force = rows.force_late_by(late);
-        let right = DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, &force)));
+        let right = products(&columns, &force);
         let values = &inverse * &right;
         // As a part of the force, which differs with the samples that it is taken from.
-        (late, 1.0 - values.dot(&right) / dot(&force, &force), values[0])
+        (values[0] > 0.0).then(|| (late, 1.0 - values.dot(&right) / dot(&force, &force)))
     };
-    let forward: Vec<(isize, f64)> = (-most..=most)
-        .map(left)
-        .filter(|(.., inertance)| *inertance > 0.0)
-        .map(|(late, part, _)| (late, part))
-        .collect();
+    let forward: Vec<(isize, f64)> = (-most..=most).filter_map(left).collect();
     let (place, (late, here)) = forward.iter().copied().enumerate().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1))?;
     let of = |place: usize| forward.get(place).map(|(_, part)| *part);
     let part = match (place.checked_sub(1).and_then(of), of(place + 1)) {

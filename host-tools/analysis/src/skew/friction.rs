@@ -1,9 +1,12 @@
 //! Friction that is not the law's, as far as a run shows it: taken in beside the law, or what it may have moved.
 
+use std::mem::discriminant;
+
 use super::{
     rows::{Friction, Rows},
     squares::Squares,
 };
+use crate::law::{FALLS, MOST_LOAD, TURNS};
 
 /// F statistic from which on friction is taken in. Of some twenty that are tried none reaches the first by chance, but
 /// friction of another shape may, which the interval of what acts at the reversals holds, and that of the others does
@@ -12,12 +15,6 @@ const LIMIT_AT_REVERSALS: f64 = 30.0;
 const LIMIT: f64 = 150.0;
 /// Part of a column's square that the others must leave over, for the run to tell of it.
 const LEAST_LEFT: f64 = 0.05;
-/// Friction per force beyond which a screw locks itself.
-const MOST_LOAD: f64 = 0.5;
-/// Velocities over which friction falls, in parts of the motion's rms.
-const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
-/// Distances over which friction turns, in parts of the motion's stroke.
-const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
 /// Steps by which a velocity or a distance is made more exact, on either side, and how many of them.
 const FINER: [f64; 2] = [1.5, 1.15];
 const MOST_STEPS: usize = 3;
@@ -27,16 +24,12 @@ const CHANCE: f64 = 2.0;
 const MOVED: f64 = 1.4;
 
 impl Friction {
-    /// All that is tried.
-    fn all(rows: &Rows) -> Vec<Self> {
+    /// All that is tried, but for the kinds that were taken in.
+    fn others(rows: &Rows, taken: &[Self]) -> Vec<Self> {
         let falls = FALLS.map(|part| Self::Falling(part * rows.velocity_rms()));
         let turns = TURNS.map(|part| Self::Turning(part * rows.stroke_m));
-        [Self::Load, Self::Direction].into_iter().chain(falls).chain(turns).collect()
-    }
-
-    /// Whether two are of one kind.
-    fn is_like(self, other: Self) -> bool {
-        std::mem::discriminant(&self) == std::mem::discriminant(&other)
+        let all = [Self::Load, Self::Direction].into_iter().chain(falls).chain(turns);
+        all.filter(|one| taken.iter().all(|other| discriminant(one) != discriminant(other))).collect()
     }
 
     /// Whether it acts at the reversals, by a shape that is only near to the machine's.
@@ -70,7 +63,6 @@ impl Friction {
 
 /// Takes friction in beside columns, the strongest first.
 pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> {
-    let all = Friction::all(rows);
     let mut taken: Vec<Friction> = Vec::new();
     let mut columns = columns.to_vec();
     loop {
@@ -82,8 +74,10 @@ pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> 
             let is_told = more.left > LEAST_LEFT && friction.can_be(more.size) && freedom > 1.0;
             if is_told { more.explained / left.max(f64::MIN_POSITIVE) * freedom } else { 0.0 }
         };
-        let others = all.iter().copied().filter(|one| !taken.iter().any(|other| one.is_like(*other)));
-        let best = others.map(|one| (one, strength(one))).max_by(|(_, a), (_, b)| a.total_cmp(b));
+        let best = Friction::others(rows, &taken)
+            .into_iter()
+            .map(|one| (one, strength(one)))
+            .max_by(|(_, a), (_, b)| a.total_cmp(b));
         let Some((mut best, mut most)) = best.filter(|(best, most)| *most > best.limit()) else { return Some(taken) };
         for step in FINER {
             for _ in 0..MOST_STEPS {
@@ -115,6 +109,5 @@ pub(super) fn reach(rows: &Rows, squares: &Squares, place: usize, taken: &[Frict
         let beyond = moved * moved - CHANCE * CHANCE * chance * error_square * again;
         if is_told { MOVED * beyond.max(0.0).sqrt() } else { 0.0 }
     };
-    let others = Friction::all(rows).into_iter().filter(|one| !taken.iter().any(|other| one.is_like(*other)));
-    others.map(of).fold(0.0, f64::max)
+    Friction::others(rows, taken).into_iter().map(of).fold(0.0, f64::max)
 }

@@ -7,7 +7,7 @@
 //! - what neither noise and steps nor friction explain;
 //! - the sampling.
 
-use inerter_core::{MOST_REPEATS, Parameter, Settings, constants};
+use inerter_core::{MOST_REPEATS, Settings, constants};
 use inerter_data::{replay::Outcome, series::Series};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -17,8 +17,9 @@ use super::{
     squares::{Squares, dot},
 };
 use crate::{
+    calibrate::together,
     fit::FitError,
-    law::{LEAST_OBSERVATIONS, Law},
+    law::{LEAST_OBSERVATIONS, Law, mean},
 };
 
 /// Part of what neither noise and steps nor friction explain that may be alike to the force's rate: 0.17 is seen with
@@ -55,7 +56,8 @@ impl Round {
     /// Of a run that the estimator took with these settings.
     pub fn of(outcome: &Outcome, series: &Series, settings: &Settings) -> Result<Self, FitError> {
         let aligned = series.aligned(settings);
-        let rows = Rows::of(&aligned, settings, outcome.estimate.bank, law_of(outcome, settings), 0);
+        let law = Law::of_run(&outcome.estimate.whole_run, settings);
+        let rows = Rows::of(&aligned, settings, outcome.estimate.bank, law, 0);
         let observations = rows.observations();
         if observations < LEAST_OBSERVATIONS {
             return Err(FitError::TooShort { observations });
@@ -117,12 +119,12 @@ impl Round {
         let reach_s = reach(&rows, &squares, place, &frictions, again);
 
         let parts = [scatter_s, 0.5 * by_steps_s, shape_s, reach_s, alike_s, SAMPLING * series.period_s];
-        let mean_n = rows.force.iter().sum::<f64>() / count;
+        let mean_n = mean(&rows.force);
         let force_rms_n = (dot(&rows.force, &rows.force) / count - mean_n * mean_n).max(0.0).sqrt();
         let rate_square = dot(&late, &late) / count;
         Ok(Self {
             left_s: squares.values[place] + by_steps_s * 0.5 * (1.0 + kept),
-            u95_s: parts.iter().map(|part| part * part).sum::<f64>().sqrt(),
+            u95_s: together(parts),
             left: alone / count / rate_square * (1.0 - noise),
             noise,
             residual_rms_n: residual_square.sqrt(),
@@ -132,23 +134,11 @@ impl Round {
     }
 }
 
-/// What the estimator said of the whole run.
-fn law_of(outcome: &Outcome, settings: &Settings) -> Law {
-    let found = outcome.estimate.whole_run;
-    let value = |parameter: Parameter| f64::from(parameter.fitted().value);
-    Law {
-        inertance_kg: value(found.inertance_kg) + settings.structure_mass_kg,
-        viscous_n_s_per_m: value(found.viscous_n_s_per_m),
-        coulomb_n: value(found.coulomb_n),
-        offset_n: value(found.offset_n),
-    }
-}
-
 /// Half width of the 95 % interval of a sum, by the scatter of its stretches of so many parts.
 fn half_width(parts: &[f64], length: usize) -> f64 {
     let sums: Vec<f64> = parts.chunks(length).map(|stretch| stretch.iter().sum()).collect();
     let count = sums.len() as f64;
-    let mean = sums.iter().sum::<f64>() / count;
+    let mean = mean(&sums);
     let square = sums.iter().map(|sum| (sum - mean).powi(2)).sum::<f64>() * count / (count - 1.0);
     let student = StudentsT::new(0.0, 1.0, count - 1.0).map_or(f64::INFINITY, |student| student.inverse_cdf(0.975));
     student * square.sqrt()

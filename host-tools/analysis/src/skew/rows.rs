@@ -10,7 +10,7 @@ use super::{
     signs::{sign, velocities},
     squares::dot,
 };
-use crate::law::{Kernels, Law, around, stands};
+use crate::law::{Kernels, Law, around, mark, stands};
 
 /// Travel across a window of rest \[counts\] and force per Coulomb friction under which a reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
@@ -87,7 +87,7 @@ impl<'a> Rows<'a> {
                 let sign = around(&kernels.sign, &signs, middle);
                 let row = [measured.acceleration, measured.velocity, sign, 1.0];
                 base.iter_mut().zip(row).for_each(|(column, value)| column.push(value));
-                let position = stretch.position_m.get(middle).copied().unwrap_or(0.0);
+                let position = stretch.position_m[middle];
                 (low, high) = (low.min(position), high.max(position));
             }
             pieces.push(Piece { stretch, velocities, signs, middles });
@@ -165,11 +165,10 @@ impl<'a> Rows<'a> {
 
     /// A signal of each stretch through a kernel.
     fn through(&self, signal: impl Fn(&Piece) -> Vec<f64>, taps: impl Fn(&Kernels) -> &[f64]) -> Vec<f64> {
+        let taps = taps(&self.kernels);
         let each = self.pieces.iter().flat_map(|piece| {
             let signal = signal(piece);
-            let rows: Vec<f64> =
-                piece.middles.iter().map(|middle| around(taps(&self.kernels), &signal, *middle)).collect();
-            rows
+            piece.middles.iter().map(move |middle| around(taps, &signal, *middle))
         });
         each.collect()
     }
@@ -178,13 +177,11 @@ impl<'a> Rows<'a> {
 /// Travel whatever its direction \[m\].
 fn path(piece: &Piece) -> Vec<f64> {
     let positions = &piece.stretch.position_m;
-    let mut path = 0.0;
-    let steps = positions.iter().zip(positions.iter().skip(1)).zip(&piece.signs);
-    let further = steps.map(|((a, b), sign)| {
-        path += (b - a) * sign;
-        path
-    });
-    std::iter::once(0.0).chain(further).collect()
+    let mut path = vec![0.0];
+    for ((a, b), sign) in positions.iter().zip(positions.iter().skip(1)).zip(&piece.signs) {
+        path.push(path[path.len() - 1] + (b - a) * sign);
+    }
+    path
 }
 
 /// How much of the way since the last reversal is still to go, as an exponential.
@@ -207,16 +204,15 @@ fn still(stretch: &Stretch, signs: &[f64], period_s: f64, settings: &Settings, l
     let count_m = settings.metres_per_count.abs();
     let window = (REST_WINDOW_S / period_s).ceil() as usize;
     let weak_n = WEAK * law.coulomb_n.abs();
-    let force_n = |at: usize| stretch.force_n.get(at).map_or(0.0, |force| (force - law.offset_n).abs());
+    let force_n = |at: usize| (stretch.force_n[at] - law.offset_n).abs();
     let mut still = vec![false; stretch.position_m.len()];
     for (at, seen) in stretch.position_m.windows(window + 1).enumerate() {
         if stands(seen, settings) {
-            still.iter_mut().skip(at.saturating_sub(window / 2)).take(2 * window).for_each(|still| *still = true);
+            mark(&mut still, at.saturating_sub(window / 2), 2 * window);
         }
-        let travel = seen.last().zip(seen.first()).map_or(0.0, |(last, first)| (last - first).abs());
         let middle = at + window / 2;
-        if travel <= GRAZING_COUNTS * count_m && force_n(middle) < weak_n {
-            still.iter_mut().skip(middle).take(1).for_each(|still| *still = true);
+        if (seen[window] - seen[0]).abs() <= GRAZING_COUNTS * count_m && force_n(middle) < weak_n {
+            still[middle] = true;
         }
     }
     // A reversal that friction can hold is one that may have stuck for a moment.

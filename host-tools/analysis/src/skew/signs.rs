@@ -1,9 +1,9 @@
 //! Where the screw reverses, by what is known of it: the sign of each sample, and its velocity.
 
-use inerter_core::{Settings, constants::SIGN_KERNEL_S};
+use inerter_core::Settings;
 use inerter_data::series::Stretch;
 
-use crate::law::{Law, around, convolved};
+use crate::{law::Law, reversals::Short};
 
 /// Mean sign of the velocity over a sample's own period, by a straight line through velocities half a sample before and
 /// after.
@@ -22,13 +22,9 @@ pub(super) fn sign((before, after): (f64, f64)) -> f64 {
 /// 2); nothing of both without an inertance. The force is that of an aligned series. NaN where there are too few
 /// samples around.
 pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &Settings) -> Vec<(f64, f64)> {
-    let m = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
-    let triangle = convolved(&vec![1.0; m], &vec![1.0; m]);
-    let sum: f64 = triangle.iter().sum();
-    let moment: f64 = triangle.iter().enumerate().map(|(at, tap)| tap * (at as f64 - (m - 1) as f64).abs()).sum();
+    let Short { half: m, sum, moment, velocities } = Short::of(piece, period_s);
     let per_force = if law.inertance_kg > 0.0 { period_s / law.inertance_kg } else { 0.0 };
     let kink = per_force * moment / sum * law.coulomb_n;
-    let steps: Vec<f64> = piece.position_m.iter().zip(piece.position_m.iter().skip(1)).map(|(a, b)| b - a).collect();
     // Of the force's integral: all samples beyond `i` from the middle see their difference.
     let weights: Vec<f64> = (1..m).map(|i| ((m - i) * (m - i + 1)) as f64 / 2.0 / sum).collect();
     let lost = |at: usize| -> f64 {
@@ -38,15 +34,14 @@ pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &S
     // What whole samples leave of the skew moves it.
     let late = settings.skew_parts().1 / period_s;
     let bend = |at: usize| lost(at) + late * 0.5 * (lost(at + 1) - lost(at.saturating_sub(1)));
-    let velocity = |at: usize| {
-        let plain = around(&triangle, &steps, at) / sum / period_s;
-        if per_force == 0.0 {
+    let corrected = |(at, plain): (usize, f64)| {
+        if per_force == 0.0 || plain.is_nan() {
             return plain;
         }
         let force = piece.force_n.iter().skip(at).take(2).sum::<f64>() - 2.0 * law.offset_n;
         plain + kink * force.signum() + per_force * bend(at)
     };
-    let known = (0..steps.len()).map(|at| if at + 1 < m || at + m > steps.len() { f64::NAN } else { velocity(at) });
+    let known = velocities.into_iter().enumerate().map(corrected);
     let between: Vec<f64> = std::iter::once(f64::NAN).chain(known).chain(std::iter::once(f64::NAN)).collect();
     between.iter().copied().zip(between.iter().copied().skip(1)).collect()
 }

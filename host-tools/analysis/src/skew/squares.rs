@@ -2,6 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::law::{self, less};
+
 /// A fit.
 pub(super) struct Squares {
     pub columns: Vec<Vec<f64>>,
@@ -29,7 +31,7 @@ impl Squares {
     /// Fits the columns; nothing where they cannot be told apart.
     pub fn of(force: &[f64], columns: Vec<Vec<f64>>) -> Option<Self> {
         let inverse = inverse(&columns)?;
-        let values = &inverse * DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, force)));
+        let values = &inverse * products(&columns, force);
         let residual = less(force, &columns, values.as_slice());
         Some(Self { columns, inverse, values, residual })
     }
@@ -51,8 +53,7 @@ impl Squares {
 
     /// With a column more.
     pub fn with(&self, column: &[f64]) -> More {
-        let count = self.columns.len();
-        let along = &self.inverse * DVector::from_iterator(count, self.columns.iter().map(|one| dot(one, column)));
+        let along = &self.inverse * products(&self.columns, column);
         let alone = less(column, &self.columns, along.as_slice());
         let (square, all) = (dot(&alone, &alone), dot(column, column));
         let said = dot(&alone, &self.residual);
@@ -70,20 +71,13 @@ impl More {
 
 /// Inverse of the sums of the columns' products; nothing where they cannot be told apart.
 pub(super) fn inverse(columns: &[Vec<f64>]) -> Option<DMatrix<f64>> {
-    let scales: Vec<f64> = columns.iter().map(|column| dot(column, column).sqrt().recip()).collect();
     let count = columns.len();
-    let gram = DMatrix::from_fn(count, count, |i, j| dot(&columns[i], &columns[j]) * scales[i] * scales[j]);
-    let inverse = gram.cholesky()?.inverse();
-    Some(DMatrix::from_fn(count, count, |i, j| inverse[(i, j)] * scales[i] * scales[j]))
+    law::inverse(&DMatrix::from_fn(count, count, |i, j| dot(&columns[i], &columns[j])))
 }
 
-/// What is left of a column without these parts of others.
-fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
-    let mut left = column.to_vec();
-    for (other, part) in others.iter().zip(parts) {
-        left.iter_mut().zip(other).for_each(|(left, other)| *left -= part * other);
-    }
-    left
+/// Products of columns with one.
+pub(super) fn products(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
+    DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
