@@ -16,10 +16,7 @@ mod error;
 pub use error::ConfigError;
 use error::VARIABLE;
 
-use std::{
-    ffi::{OsStr, OsString},
-    path::{Path, PathBuf},
-};
+use std::{ffi::OsString, path::PathBuf};
 
 use clap::{Arg, ArgAction, Command};
 use inerter_data::{settings::text_of, words::nearest};
@@ -89,7 +86,7 @@ pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString], rules: &Ru
         ConfigError::Toml { path: path.into(), line, message: error.message().into() }
     })?;
     let chosen = chosen(command, typed);
-    let mut reader = Reader { file, rules, path, typed, chosen: &chosen, flags: Vec::new() };
+    let mut reader = Reader { file, rules, typed, chosen: &chosen, flags: Vec::new() };
     // Below first: what stands there for one command wins over what stands above for all.
     for (name, value) in table.iter().filter(|(_, value)| value.is_table()) {
         reader.table(command, &[], name, value)?;
@@ -132,7 +129,6 @@ fn chosen<'a>(command: &'a Command, typed: &[OsString]) -> Chosen<'a> {
 struct Reader<'a> {
     file: &'a FlagsFile,
     rules: &'a Rules<'a>,
-    path: &'a Path,
     typed: &'a [OsString],
     chosen: &'a Chosen<'a>,
     /// Name and form as typed.
@@ -144,8 +140,7 @@ impl Reader<'_> {
     fn shared(&mut self, command: &Command, name: &str, value: &Value) -> Result<(), ConfigError> {
         let holders = holders(command, name);
         if holders.is_empty() {
-            let names = all_flags(command);
-            return Err(self.unknown("flag", name, names.iter().map(String::as_str)));
+            return Err(self.unknown("flag", name, all_flags(command)));
         }
         for arg in holders {
             self.check(arg, name, value)?;
@@ -160,22 +155,16 @@ impl Reader<'_> {
     fn table(&mut self, command: &Command, above: &[&str], name: &str, value: &Value) -> Result<(), ConfigError> {
         let what = if above.is_empty() { "command".into() } else { format!("flag or command of {}", above.join(" ")) };
         let Some(command) = command.find_subcommand(name) else {
-            return Err(self.unknown(&what, name, command.get_subcommands().map(Command::get_name)));
+            return Err(self.unknown(&what, name, command.get_subcommands().map(Command::get_name).collect()));
         };
         let path: Vec<&str> = above.iter().copied().chain([name]).collect();
-        let entries = value.as_table().into_iter().flatten();
-        for (entry, value) in entries {
+        for (entry, value) in value.as_table().into_iter().flatten() {
             if value.is_table() {
                 self.table(command, &path, entry, value)?;
                 continue;
             }
             let Some(arg) = flag(command, entry) else {
-                let names = flags(command);
-                return Err(self.unknown(
-                    &format!("flag of {}", path.join(" ")),
-                    entry,
-                    names.iter().map(String::as_str),
-                ));
+                return Err(self.unknown(&format!("flag of {}", path.join(" ")), entry, flags(command)));
             };
             self.check(arg, &format!("{}.{entry}", path.join(".")), value)?;
             if self.chosen.path == path {
@@ -185,15 +174,19 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn unknown<'n>(&self, what: &str, name: &str, candidates: impl Iterator<Item = &'n str>) -> ConfigError {
-        let help = suggestion(name, candidates);
-        ConfigError::Unknown { path: self.path.into(), what: what.into(), name: name.into(), help }
+    fn unknown(&self, what: &str, name: &str, candidates: Vec<&str>) -> ConfigError {
+        let candidates: Vec<String> = candidates.iter().map(|candidate| candidate.replace('-', "_")).collect();
+        let help = match nearest(name, candidates.iter().map(String::as_str)) {
+            Some(nearest) => format!("did you mean `{nearest}`?"),
+            None => "`inerter help` lists the commands, `inerter COMMAND --help` the flags of each".into(),
+        };
+        ConfigError::Unknown { path: self.file.path.clone(), what: what.into(), name: name.into(), help }
     }
 
     /// Whether the flag takes this value.
     fn check(&self, arg: &Arg, key: &str, value: &Value) -> Result<(), ConfigError> {
         let wrong = |message: String| ConfigError::Value {
-            path: self.path.into(),
+            path: self.file.path.clone(),
             key: key.into(),
             message,
             help: format!("write what would follow --{} on the command line", long(arg)),
@@ -201,7 +194,7 @@ impl Reader<'_> {
         let is_address = arg.get_value_names().is_some_and(|names| names.iter().any(|name| name == "HOST:PORT"));
         let elsewhere = || texts(value).is_ok_and(|places| !places.iter().all(|place| (self.rules.is_here)(place)));
         if !self.file.is_named && (self.rules.grave.contains(&long(arg)) || is_address && elsewhere()) {
-            return Err(ConfigError::Found { path: self.path.into(), key: key.into() });
+            return Err(ConfigError::Found { path: self.file.path.clone(), key: key.into() });
         }
         if is_switch(arg) {
             return if value.is_bool() { Ok(()) } else { Err(wrong("this flag takes true or false".into())) };
@@ -215,24 +208,21 @@ impl Reader<'_> {
 
     /// Adds the flag, unless something was typed that it does not go with, itself included.
     fn put(&mut self, arg: &Arg, value: &Value) {
-        let name = long(arg).to_string();
-        let command = self.chosen.command;
+        let (name, command) = (long(arg), self.chosen.command);
         let told = |other: &Arg| self.typed.iter().filter_map(|typed| typed.to_str()).any(|typed| says(typed, other));
-        let excluded =
-            command.get_arguments().any(|other| (other == arg || excludes(command, arg, other)) && told(other));
-        let is_set = self
-            .flags
-            .iter()
-            .any(|(set, _)| *set == name || flag(command, set).is_some_and(|other| excludes(command, arg, other)));
-        if excluded || is_set || value.as_bool() == Some(false) && is_switch(arg) {
+        let clashes = |other: &Arg| other == arg || excludes(command, arg, other);
+        let excluded = command.get_arguments().any(|other| clashes(other) && told(other));
+        let is_set = self.flags.iter().any(|(set, _)| flag(command, set).is_some_and(clashes));
+        if excluded || is_set {
             return;
         }
-        if is_switch(arg) {
-            self.flags.push((name.clone(), format!("--{name}").into()));
-            return;
-        }
-        for text in texts(value).unwrap_or_default() {
-            self.flags.push((name.clone(), format!("--{name}={text}").into()));
+        match value.as_bool().filter(|_| is_switch(arg)) {
+            Some(false) => {}
+            Some(true) => self.flags.push((name.into(), format!("--{name}").into())),
+            None => {
+                let texts = texts(value).unwrap_or_default();
+                self.flags.extend(texts.iter().map(|text| (name.into(), format!("--{name}={text}").into())));
+            }
         }
     }
 }
@@ -262,13 +252,10 @@ fn is_switch(arg: &Arg) -> bool {
 fn readable(arg: &Arg, value: &str) -> Result<(), String> {
     let alone = Arg::new("value").long("value").allow_hyphen_values(true).value_parser(arg.get_value_parser().clone());
     let command = Command::new("").no_binary_name(true).arg(alone);
-    match command.try_get_matches_from([format!("--value={value}")]) {
-        Ok(_) => Ok(()),
-        Err(error) => {
-            let reason = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();
-            Err(format!("`{value}` cannot be used{reason}"))
-        }
-    }
+    command.try_get_matches_from([format!("--value={value}")]).map(drop).map_err(|error| {
+        let reason = std::error::Error::source(&error).map(|source| format!(": {source}")).unwrap_or_default();
+        format!("`{value}` cannot be used{reason}")
+    })
 }
 
 /// What would be typed.
@@ -278,9 +265,7 @@ fn texts(value: &Value) -> Result<Vec<String>, String> {
         Value::Integer(number) => vec![number.to_string()],
         Value::Float(number) => vec![format!("{number:?}")],
         Value::Boolean(yes) => vec![yes.to_string()],
-        Value::Array(values) => {
-            values.iter().map(texts).collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect()
-        }
+        Value::Array(values) => values.iter().map(texts).collect::<Result<Vec<_>, _>>()?.concat(),
         Value::Datetime(_) | Value::Table(_) => return Err("a string, a number, true or false is needed".into()),
     })
 }
@@ -298,14 +283,12 @@ fn flag<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
 /// These say what to do, not how.
 const BUILT_IN: [&str; 3] = ["help", "version", "config"];
 
-fn flags(command: &Command) -> Vec<String> {
-    let longs = command.get_arguments().filter_map(Arg::get_long).filter(|long| !BUILT_IN.contains(long));
-    longs.map(str::to_string).collect()
+fn flags(command: &Command) -> Vec<&str> {
+    command.get_arguments().filter_map(Arg::get_long).filter(|long| !BUILT_IN.contains(long)).collect()
 }
 
-fn all_flags(command: &Command) -> Vec<String> {
-    let below = command.get_subcommands().flat_map(all_flags);
-    flags(command).into_iter().chain(below).collect()
+fn all_flags(command: &Command) -> Vec<&str> {
+    flags(command).into_iter().chain(command.get_subcommands().flat_map(all_flags)).collect()
 }
 
 /// The flags of this name of all commands.
@@ -313,21 +296,10 @@ fn holders<'a>(command: &'a Command, name: &str) -> Vec<&'a Arg> {
     flag(command, name).into_iter().chain(command.get_subcommands().flat_map(|below| holders(below, name))).collect()
 }
 
-fn suggestion<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> String {
-    let candidates: Vec<String> = candidates.map(|candidate| candidate.replace('-', "_")).collect();
-    match nearest(name, candidates.iter().map(String::as_str)) {
-        Some(nearest) => format!("did you mean `{nearest}`?"),
-        None => "`inerter help` lists the commands, `inerter COMMAND --help` the flags of each".into(),
-    }
-}
-
 /// Whether something is said that the file of flags has no part in.
 pub fn is_about_the_program(arguments: &[OsString]) -> bool {
-    arguments
-        .get(1)
-        .map(OsString::as_os_str)
-        .and_then(OsStr::to_str)
-        .is_some_and(|first| ["completions", "man", "help", "-h", "--help", "-V", "--version"].contains(&first))
+    let first = arguments.get(1).and_then(|first| first.to_str());
+    first.is_some_and(|first| ["completions", "man", "help", "-h", "--help", "-V", "--version"].contains(&first))
 }
 
 #[cfg(test)]

@@ -135,13 +135,6 @@ fn asked(target: &Target) -> Check {
 
 /// Devices in update mode, and whether they may be opened.
 fn waiting() -> Vec<Check> {
-    let devices = match dfu::list() {
-        Ok(devices) => devices,
-        Err(error) => {
-            let check = Check::of("update mode", &error);
-            return vec![Check { condition: Condition::Warning, ..check }];
-        }
-    };
     let check = |device: &dfu::DfuDevice| match dfu::may_open(device) {
         Ok(()) => Check::warning(
             "update mode",
@@ -150,11 +143,14 @@ fn waiting() -> Vec<Check> {
         ),
         Err(error) => Check::of("update mode", &error),
     };
-    devices.iter().map(check).collect()
+    match dfu::list() {
+        Ok(devices) => devices.iter().map(check).collect(),
+        Err(error) => vec![Check { condition: Condition::Warning, ..Check::of("update mode", &error) }],
+    }
 }
 
 fn rule(folders: &[&Path]) -> Check {
-    let needed = [format!("{USB_VID:04x}"), format!("{ST_VID:04x}")];
+    let needed = [USB_VID, ST_VID].map(|vendor| format!("{vendor:04x}"));
     let files = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
     let found = files
         .filter_map(|file| Some((file.path(), fs::read_to_string(file.path()).ok()?)))

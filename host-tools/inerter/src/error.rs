@@ -82,7 +82,7 @@ pub enum Error {
         of: usize,
     },
     /// Files of a store are not as they were written.
-    #[error("{files} in the store {url} {} not as {} written", if *files == 1 { "is" } else { "are" }, if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
+    #[error("{files} in the store {url} {} not as {} written", is_or_are(*files), if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
     #[diagnostic(
         code(inerter::store::verify),
         help(
@@ -304,9 +304,13 @@ const MOST_LETTERS: usize = 2000;
 #[derive(Debug)]
 pub struct Shown<E>(pub E);
 
+fn shown(text: &str) -> String {
+    printable(&shortened_to(MOST_LETTERS, text)).into_owned()
+}
+
 impl<E: Diagnostic> std::fmt::Display for Shown<E> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&printable(&shortened_to(MOST_LETTERS, &self.0.to_string())))
+        f.write_str(&shown(&self.0.to_string()))
     }
 }
 
@@ -318,8 +322,7 @@ impl<E: Diagnostic> Diagnostic for Shown<E> {
     }
 
     fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        let shown = |help: String| printable(&shortened_to(MOST_LETTERS, &help)).into_owned();
-        self.0.help().map(|help| Box::new(shown(help.to_string())) as Box<dyn std::fmt::Display>)
+        self.0.help().map(|help| Box::new(shown(&help.to_string())) as Box<dyn std::fmt::Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
@@ -347,12 +350,11 @@ fn is_or_are(count: usize) -> &'static str {
 
 /// What to do about runs that are not proven to be within limits.
 fn runs_help(are_files: bool) -> &'static str {
-    match are_files {
-        true => "`inerter replay FILE --limits ..` says what is wrong with one run, and which motion would decide",
-        false => {
-            "`inerter store get STORE RUN -o run.mcap`, then `inerter replay run.mcap --limits ..` says what is wrong, and which \
-             motion would decide"
-        }
+    if are_files {
+        "`inerter replay FILE --limits ..` says what is wrong with one run, and which motion would decide"
+    } else {
+        "`inerter store get STORE RUN -o run.mcap`, then `inerter replay run.mcap --limits ..` says what is wrong, and which \
+         motion would decide"
     }
 }
 

@@ -58,10 +58,9 @@ pub fn code(error: &Error) -> u8 {
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
         Error::SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
         Error::SelfTest(SelfTestError::SameName { .. }) | Error::Dialogue(_) | Error::StandardOutput => USAGE,
-        Error::Backup(_) => SETTINGS,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
-        Error::Merge(_) => SETTINGS,
+        Error::Backup(_) | Error::Merge(_) => SETTINGS,
         Error::LimitsFile(LimitsError::File { .. }) => INPUT,
         Error::LimitsFile(LimitsError::Form { .. }) => SETTINGS,
         Error::Limits { .. } | Error::LimitsOfRuns { .. } | Error::NothingHeld => NOT_PASSED,
@@ -72,21 +71,7 @@ pub fn code(error: &Error) -> u8 {
         Error::Page(PageError::Format { .. }) => USAGE,
         Error::Device(error) => device(error),
         Error::Simulate(error) => simulate(error),
-        Error::Calibrate(error) => match error {
-            CalibrateError::TooFewPoints { .. } | CalibrateError::Missing(..) => USAGE,
-            CalibrateError::TooShort { .. }
-            | CalibrateError::Saturated { .. }
-            | CalibrateError::FullScale { .. }
-            | CalibrateError::Unsteady { .. }
-            | CalibrateError::Moving { .. }
-            | CalibrateError::Unchanged { .. }
-            | CalibrateError::BothWays { .. }
-            | CalibrateError::Crooked { .. }
-            | CalibrateError::Counts { .. }
-            | CalibrateError::Ambiguous { .. }
-            | CalibrateError::NoMotion
-            | CalibrateError::Unfit { .. } => NOT_SHOWN,
-        },
+        Error::Calibrate(error) => calibrate(error),
         Error::Identify(error) => match error {
             IdentifyError::TooShort { .. } => INPUT,
             IdentifyError::Stages { .. } => USAGE,
@@ -94,17 +79,7 @@ pub fn code(error: &Error) -> u8 {
             IdentifyError::Fit(error) => fit(error),
             IdentifyError::Settings(_) => SETTINGS,
         },
-        Error::Plan(error) => match error {
-            PlanError::Unstated { .. } => USAGE,
-            PlanError::Device(_)
-            | PlanError::Motion(_)
-            | PlanError::Wants(_)
-            | PlanError::Settings(_)
-            | PlanError::Limit { .. }
-            | PlanError::Conflict { .. }
-            | PlanError::Rate { .. } => SETTINGS,
-            PlanError::Nothing { .. } | PlanError::Run { .. } | PlanError::Missed { .. } => NOT_SHOWN,
-        },
+        Error::Plan(error) => plan(error),
         Error::Monitor(error) => match error {
             MonitorError::BuiltWithout { .. }
             | MonitorError::NotLoopback { .. }
@@ -114,21 +89,7 @@ pub fn code(error: &Error) -> u8 {
             MonitorError::Random { .. } => OTHER,
         },
         Error::Update(error) => update(error),
-        Error::Flash(error) => match error {
-            FlashError::Program { .. } => DEVICE_LOST,
-            FlashError::Chip { .. } => USAGE,
-            FlashError::BuiltWithout
-            | FlashError::NoProbe
-            | FlashError::SeveralProbes { .. }
-            | FlashError::NoSuchProbe { .. }
-            | FlashError::Permission { .. }
-            | FlashError::Open { .. }
-            | FlashError::Attach { .. }
-            | FlashError::OtherChip { .. }
-            | FlashError::SmallFlash { .. }
-            | FlashError::SingleBank
-            | FlashError::NoStart => NO_DEVICE,
-        },
+        Error::Flash(error) => flash(error),
     }
 }
 
@@ -143,38 +104,36 @@ fn data(error: &inerter_data::Error) -> u8 {
 }
 
 fn store(error: &StoreError) -> u8 {
+    use StoreError::*;
     match error {
-        StoreError::Data(error) => data(error),
-        StoreError::Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,
-        StoreError::Foreign { .. } => OUTPUT,
-        StoreError::OtherBatch { .. }
-        | StoreError::Address { .. }
-        | StoreError::Batch { .. }
-        | StoreError::Ambiguous { .. }
-        | StoreError::Condition { .. } => USAGE,
+        Data(error) => data(error),
+        Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,
+        Foreign { .. } => OUTPUT,
+        OtherBatch { .. } | Address { .. } | Batch { .. } | Ambiguous { .. } | Condition { .. } => USAGE,
         StoreError::None { .. }
-        | StoreError::Newer { .. }
-        | StoreError::Access { .. }
-        | StoreError::Damaged { .. }
-        | StoreError::NoRun { .. }
-        | StoreError::NoRecording { .. }
-        | StoreError::Changed { .. } => INPUT,
+        | Newer { .. }
+        | Access { .. }
+        | Damaged { .. }
+        | NoRun { .. }
+        | NoRecording { .. }
+        | Changed { .. } => INPUT,
     }
 }
 
 fn recording(error: &RecordingError) -> u8 {
+    use RecordingError::*;
     match error {
-        RecordingError::ForeignVersion { .. } => WIRE_VERSION,
-        RecordingError::Read { .. }
-        | RecordingError::WrongKind { .. }
-        | RecordingError::NoChannel { .. }
-        | RecordingError::Compressed { .. }
-        | RecordingError::NoSamples { .. }
-        | RecordingError::NoSettings { .. }
-        | RecordingError::EmptyRange { .. }
-        | RecordingError::OtherDevice { .. }
-        | RecordingError::OtherSetting { .. }
-        | RecordingError::Overlap { .. } => INPUT,
+        ForeignVersion { .. } => WIRE_VERSION,
+        Read { .. }
+        | WrongKind { .. }
+        | NoChannel { .. }
+        | Compressed { .. }
+        | NoSamples { .. }
+        | NoSettings { .. }
+        | EmptyRange { .. }
+        | OtherDevice { .. }
+        | OtherSetting { .. }
+        | Overlap { .. } => INPUT,
     }
 }
 
@@ -186,73 +145,107 @@ fn fit(error: &FitError) -> u8 {
 }
 
 fn skew(error: &SkewError) -> u8 {
+    use SkewError::*;
     match error {
-        SkewError::Fit(error) => fit(error),
-        SkewError::Settings(_) => SETTINGS,
-        SkewError::SingleTone { .. }
-        | SkewError::TooNoisy { .. }
-        | SkewError::Beyond { .. }
-        | SkewError::Backwards { .. } => NOT_SHOWN,
+        Fit(error) => fit(error),
+        Settings(_) => SETTINGS,
+        SingleTone { .. } | TooNoisy { .. } | Beyond { .. } | Backwards { .. } => NOT_SHOWN,
     }
 }
 
 fn device(error: &DeviceError) -> u8 {
+    use DeviceError::*;
     match error {
-        DeviceError::NoneFound { .. }
-        | DeviceError::SeveralFound { .. }
-        | DeviceError::Missing { .. }
-        | DeviceError::Permission { .. }
-        | DeviceError::Busy { .. }
-        | DeviceError::Open { .. }
-        | DeviceError::Connect { .. }
-        | DeviceError::TurnedAway { .. } => NO_DEVICE,
-        DeviceError::Silent { .. }
-        | DeviceError::NoReply { .. }
-        | DeviceError::Flood { .. }
-        | DeviceError::Vanished { .. }
-        | DeviceError::Refused { .. } => DEVICE_LOST,
-        DeviceError::WireVersion { .. } => WIRE_VERSION,
+        NoneFound { .. }
+        | SeveralFound { .. }
+        | Missing { .. }
+        | Permission { .. }
+        | Busy { .. }
+        | Open { .. }
+        | Connect { .. }
+        | TurnedAway { .. } => NO_DEVICE,
+        Silent { .. } | NoReply { .. } | Flood { .. } | Vanished { .. } | Refused { .. } => DEVICE_LOST,
+        WireVersion { .. } => WIRE_VERSION,
+        // With its path: a name alone would become a variable if the variant were renamed.
         DeviceError::Interrupted => INTERRUPTED,
     }
 }
 
 fn simulate(error: &SimulateError) -> u8 {
+    use SimulateError::*;
     match error {
-        SimulateError::Setup { .. }
-        | SimulateError::Rate { .. }
-        | SimulateError::Change { .. }
-        | SimulateError::Hand { .. } => SETTINGS,
-        SimulateError::Format { .. } => USAGE,
-        SimulateError::Endpoint { .. }
-        | SimulateError::NoImage
-        | SimulateError::NoQemu { .. }
-        | SimulateError::QemuEnded { .. } => NO_DEVICE,
-        SimulateError::Data(error) => data(error),
+        Setup { .. } | Rate { .. } | Change { .. } | Hand { .. } => SETTINGS,
+        Format { .. } => USAGE,
+        Endpoint { .. } | NoImage | NoQemu { .. } | QemuEnded { .. } => NO_DEVICE,
+        Data(error) => data(error),
     }
 }
 
 fn update(error: &UpdateError) -> u8 {
+    use UpdateError::*;
     match error {
-        UpdateError::NoDevice { .. }
-        | UpdateError::Several { .. }
-        | UpdateError::Usb { .. }
-        | UpdateError::Permission { .. }
-        | UpdateError::Open { .. }
-        | UpdateError::OtherChip { .. } => NO_DEVICE,
-        UpdateError::CannotEnter { .. }
-        | UpdateError::CannotAsk { .. }
-        | UpdateError::DidNotAppear { .. }
-        | UpdateError::SingleBank { .. }
-        | UpdateError::SmallFlash { .. }
-        | UpdateError::Lost { .. }
-        | UpdateError::Refused { .. }
-        | UpdateError::Stuck { .. }
-        | UpdateError::Verify { .. }
-        | UpdateError::NotBack { .. }
-        | UpdateError::StaysInDfu { .. }
-        | UpdateError::OtherVersion { .. } => DEVICE_LOST,
-        UpdateError::OtherBoard { .. } => INPUT,
+        NoDevice { .. } | Several { .. } | Usb { .. } | Permission { .. } | Open { .. } | OtherChip { .. } => NO_DEVICE,
+        CannotEnter { .. }
+        | CannotAsk { .. }
+        | DidNotAppear { .. }
+        | SingleBank { .. }
+        | SmallFlash { .. }
+        | Lost { .. }
+        | Refused { .. }
+        | Stuck { .. }
+        | Verify { .. }
+        | NotBack { .. }
+        | StaysInDfu { .. }
+        | OtherVersion { .. } => DEVICE_LOST,
+        OtherBoard { .. } => INPUT,
         UpdateError::Interrupted => INTERRUPTED,
-        UpdateError::Device(error) => device(error),
+        Device(error) => device(error),
+    }
+}
+
+fn calibrate(error: &CalibrateError) -> u8 {
+    use CalibrateError::*;
+    match error {
+        TooFewPoints { .. } | Missing(..) => USAGE,
+        TooShort { .. }
+        | Saturated { .. }
+        | FullScale { .. }
+        | Unsteady { .. }
+        | Moving { .. }
+        | Unchanged { .. }
+        | BothWays { .. }
+        | Crooked { .. }
+        | Counts { .. }
+        | Ambiguous { .. }
+        | NoMotion
+        | Unfit { .. } => NOT_SHOWN,
+    }
+}
+
+fn plan(error: &PlanError) -> u8 {
+    use PlanError::*;
+    match error {
+        Unstated { .. } => USAGE,
+        Device(_) | Motion(_) | Wants(_) | Settings(_) | Limit { .. } | Conflict { .. } | Rate { .. } => SETTINGS,
+        Nothing { .. } | Run { .. } | Missed { .. } => NOT_SHOWN,
+    }
+}
+
+fn flash(error: &FlashError) -> u8 {
+    use FlashError::*;
+    match error {
+        Program { .. } => DEVICE_LOST,
+        Chip { .. } => USAGE,
+        BuiltWithout
+        | NoProbe
+        | SeveralProbes { .. }
+        | NoSuchProbe { .. }
+        | Permission { .. }
+        | Open { .. }
+        | Attach { .. }
+        | OtherChip { .. }
+        | SmallFlash { .. }
+        | SingleBank
+        | NoStart => NO_DEVICE,
     }
 }

@@ -19,8 +19,8 @@ use std::{
     process::ExitCode,
 };
 
-use clap::{CommandFactory, Parser, Subcommand};
-use cmd::config;
+use clap::{CommandFactory, Parser};
+use cmd::{Command, config};
 use inerter_data::words::printable;
 use inerter_flags::ConfigError;
 
@@ -47,39 +47,8 @@ Exit codes: 0 done, 1 other failure, 2 wrong command line, 3 input file, 4 setti
 8 output not written, 9 the motion cannot identify what was asked, 10 a board failed its self-test
 or a device its limits, 130 interrupted.";
 
-#[derive(Subcommand)]
-enum Command {
-    Simulate(Box<cmd::simulate::Args>),
-    Monitor(cmd::monitor::Args),
-    Record(cmd::record::Args),
-    Replay(cmd::replay::Args),
-    Send(cmd::send::Args),
-    Export(Box<cmd::export::Args>),
-    Cut(cmd::cut::Args),
-    Merge(cmd::merge::Args),
-    Fit(cmd::fit::Args),
-    Compare(cmd::compare::Args),
-    Report(cmd::report::Args),
-    Plot(cmd::plot::Args),
-    ReproducePaper(cmd::reproduce_paper::Args),
-    Identify(cmd::identify::Args),
-    Diagnose(cmd::diagnose::Args),
-    Plan(Box<cmd::plan::Args>),
-    Calibrate(cmd::calibrate::Args),
-    Info(cmd::info::Args),
-    Ports(cmd::ports::Args),
-    Doctor(cmd::doctor::Args),
-    Settings(cmd::settings::Args),
-    Store(cmd::store::Args),
-    Selftest(cmd::selftest::Args),
-    Update(cmd::update::Args),
-    Flash(cmd::flash::Args),
-    Completions(cmd::completions::Args),
-    Man(cmd::completions::ManArgs),
-}
-
 fn main() -> ExitCode {
-    let is_terminal = std::io::stderr().is_terminal();
+    let is_terminal = io::stderr().is_terminal();
     // Outside a terminal lines are not wrapped, so that they can be searched.
     let options = miette::MietteHandlerOpts::new()
         .unicode(is_terminal)
@@ -89,49 +58,21 @@ fn main() -> ExitCode {
     let options = if is_terminal { options } else { options.color(false).width(10_000) };
     // Fails only when a hook is set already.
     miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
-    match run().and_then(|()| Ok(inerter_data::output::flush()?)) {
-        Ok(()) => ExitCode::from(exit::OK),
-        Err(error) if error.is_broken_pipe() => ExitCode::from(exit::OK),
-        Err(error) => {
+    match run() {
+        Err(error) if !error.is_broken_pipe() => {
             let code = exit::code(&error);
             // Nobody reads it where standard error is closed.
             let report = format!("{:?}", miette::Report::new(Shown(error)));
             writeln!(io::stderr(), "{}", report.trim_end()).ok();
             ExitCode::from(code)
         }
+        Ok(()) | Err(_) => ExitCode::from(exit::OK),
     }
 }
 
 fn run() -> Result<(), Error> {
-    match parse()?.command {
-        Command::Simulate(args) => cmd::simulate::run(&args),
-        Command::Monitor(args) => cmd::monitor::run(&args),
-        Command::Record(args) => cmd::record::run(&args),
-        Command::Replay(args) => cmd::replay::run(&args),
-        Command::Send(args) => cmd::send::run(&args),
-        Command::Export(args) => cmd::export::run(&args),
-        Command::Cut(args) => cmd::cut::run(&args),
-        Command::Merge(args) => cmd::merge::run(&args),
-        Command::Fit(args) => cmd::fit::run(&args),
-        Command::Compare(args) => cmd::compare::run(&args),
-        Command::Report(args) => cmd::report::run(&args),
-        Command::Plot(args) => cmd::plot::run(&args),
-        Command::ReproducePaper(args) => cmd::reproduce_paper::run(&args),
-        Command::Identify(args) => cmd::identify::run(&args),
-        Command::Diagnose(args) => cmd::diagnose::run(&args),
-        Command::Plan(args) => cmd::plan::run(&args),
-        Command::Calibrate(args) => cmd::calibrate::run(&args),
-        Command::Info(args) => cmd::info::run(&args),
-        Command::Ports(args) => cmd::ports::run(&args),
-        Command::Doctor(args) => cmd::doctor::run(&args),
-        Command::Settings(args) => cmd::settings::run(&args),
-        Command::Store(args) => cmd::store::run(&args),
-        Command::Selftest(args) => cmd::selftest::run(&args),
-        Command::Update(args) => cmd::update::run(&args),
-        Command::Flash(args) => cmd::flash::run(&args),
-        Command::Completions(args) => cmd::completions::run(&args, Cli::command()),
-        Command::Man(args) => cmd::completions::man(&args, Cli::command()),
-    }
+    parse()?.command.run(Cli::command)?;
+    Ok(inerter_data::output::flush()?)
 }
 
 /// The command line, with what `inerter.toml` says where nothing was typed.

@@ -186,11 +186,8 @@ async fn guard(request: Request, next: Next) -> Response {
 }
 
 fn from_here(headers: &HeaderMap) -> bool {
-    if local_host(headers).is_none() {
-        return false;
-    }
-    let host = single(headers, header::HOST).ok().flatten().unwrap_or_default();
-    comes_from(headers, |origin| origin == format!("http://{host}"))
+    let Ok(Some(host)) = single(headers, header::HOST) else { return false };
+    loopback(host).is_some() && comes_from(headers, |origin| origin == format!("http://{host}"))
 }
 
 /// Whether a request names no origin, or only one that is allowed. Browsers name it wherever it matters; curl does not.

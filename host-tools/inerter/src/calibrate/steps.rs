@@ -84,7 +84,6 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         at: &str,
     ) -> Result<Result<(rest::Level, i32), CalibrateError>, Error> {
         let mut watch = Watch::new(&self.settings, of, seconds, origin);
-        let limit_s = seconds + PATIENCE_S;
         let (dialogue, rate_hz) = (&mut *self.dialogue, self.settings.sample_rate_hz);
         let (mut taken, mut found) = (0_u64, None);
         each_batch(self.device, |_, samples| {
@@ -100,7 +99,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
             let listened_s = taken as f64 / rate_hz;
             let label = if listened_s < 2.0 * seconds { "measuring" } else { "waiting for rest" };
             dialogue.progress(label, (listened_s / seconds).min(0.99))?;
-            Ok(listened_s >= limit_s)
+            Ok(listened_s >= seconds + PATIENCE_S)
         })?;
         self.dialogue.progress("measuring", 1.0)?;
         let listened_s = taken as f64 / rate_hz;
@@ -191,8 +190,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
 
     /// The delay of the force that is left, under the settings as they would be.
     pub fn skew(&mut self, seconds: f64) -> Result<Finding, Error> {
-        let heard = self.listen(seconds)?;
-        skew_of(&heard.run)
+        skew_of(&self.listen(seconds)?.run)
     }
 
     /// The device's clock against this computer's.
@@ -249,19 +247,18 @@ pub struct EncoderPlan {
 impl EncoderPlan {
     /// Refuses a plan from which no scale can follow, before anybody turns anything.
     pub fn check(&self) -> Result<(), CalibrateError> {
-        if self.displacements_m.is_empty() && self.lead_m.is_none() {
-            return Err(CalibrateError::Missing(
+        match (self.lead_m, self.revolutions) {
+            _ if !self.displacements_m.is_empty() => Ok(()),
+            (None, _) => Err(CalibrateError::Missing(
                 "a lead or a displacement",
                 "give --displacement with what a gauge shows, or --lead from the screw's data sheet with --revolutions",
-            ));
-        }
-        if self.displacements_m.is_empty() && self.revolutions.is_none() {
-            return Err(CalibrateError::Missing(
+            )),
+            (_, None) => Err(CalibrateError::Missing(
                 "a turn by hand",
                 "give --revolutions: without it neither the counts nor the direction of the encoder are known",
-            ));
+            )),
+            _ => Ok(()),
         }
-        Ok(())
     }
 }
 

@@ -179,8 +179,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
             return self.retry();
         }
         let question = if finding.has_settings() { "accept it?" } else { "continue?" };
-        let choices = ["accept", "repeat", "skip"];
-        Ok(match self.rig.dialogue.choose(question, &choices)? {
+        Ok(match self.rig.dialogue.choose(question, &["accept", "repeat", "skip"])? {
             0 => Verdict::Accept,
             1 => Verdict::Repeat,
             _ => Verdict::Skip,
@@ -259,12 +258,12 @@ pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding, machine:
 pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
     let before = *device.settings();
     device.write_settings(settings)?;
-    if let Err(error) = device.save_settings() {
+    let saved = device.save_settings();
+    if saved.is_err() {
         // Only if the device is still there; the first error is the one to tell.
         device.write_settings(&before).ok();
-        return Err(error.into());
     }
-    Ok(())
+    Ok(saved?)
 }
 
 fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
@@ -330,30 +329,24 @@ fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
 }
 
 fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
-    let is_rotary = rig.settings.machine == Machine::Rotary;
     let dialogue = &mut *rig.dialogue;
     let lines = dialogue.ask_number("lines per revolution from the encoder's label (empty: unknown)", "", PLAIN)?;
-    let revolutions =
-        dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?.filter(|turns| turns.abs() >= 0.5);
-    if is_rotary {
+    let revolutions = dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?;
+    let mut plan = EncoderPlan {
+        revolutions: revolutions.filter(|turns| turns.abs() >= 0.5).or(Some(10.0)),
+        lines: lines.filter(|lines| *lines > 0.0),
+        ..EncoderPlan::default()
+    };
+    if rig.settings.machine == Machine::Rotary {
         // A turn is a turn: nothing is uncertain in it.
-        return rig.encoder(&EncoderPlan {
-            revolutions: revolutions.or(Some(10.0)),
-            lines: lines.filter(|lines| *lines > 0.0),
-            lead_m: Some(TAU),
-            ..EncoderPlan::default()
-        });
+        plan.lead_m = Some(TAU);
+        return rig.encoder(&plan);
     }
     let lead_mm =
         dialogue.ask_number("lead of the screw in mm from its data sheet (empty: unknown)", "", MILLIMETRES)?;
     let gauge_mm =
         dialogue.ask_number("displacement to move along a gauge, in mm (empty: no gauge)", "", MILLIMETRES)?;
-    let mut plan = EncoderPlan {
-        revolutions: revolutions.or(Some(10.0)),
-        lines: lines.filter(|lines| *lines > 0.0),
-        lead_m: lead_mm.map(|lead| 1e-3 * lead.abs()).filter(|lead| *lead > 0.0),
-        ..EncoderPlan::default()
-    };
+    plan.lead_m = lead_mm.map(|lead| 1e-3 * lead.abs()).filter(|lead| *lead > 0.0);
     match gauge_mm.filter(|gauge| *gauge != 0.0) {
         Some(gauge_mm) => {
             let far = 1e-3 * gauge_mm;

@@ -7,14 +7,16 @@ use std::{
 
 use inerter_data::{
     calibration::Calibration,
+    export::Source,
     output::{self, OutputError},
+    run::Run,
     settings::{self, Overrides, SettingsInputError},
     text::settings_note,
 };
 use inerter_device::{Clock, DEFAULT_BAUD, Device, Target, live::Live};
 use inerter_wire::Streams;
 
-use super::terminal::{interrupted, note};
+use super::terminal::{Progress, interrupted, note};
 use crate::{Error, monitor::address::exposed};
 
 /// Settings that override those of the run.
@@ -52,6 +54,27 @@ impl FileSettingsArgs {
         }
         Ok(overrides)
     }
+
+    /// The run of a file; says what there is to note of it.
+    pub fn open(&self, file: &Path) -> Result<Run, Error> {
+        opened(file, &self.overrides()?)
+    }
+
+    /// The same, with samples that are read when they are needed.
+    pub fn source(&self, file: &Path) -> Result<Source, Error> {
+        let mut bar = Progress::through("reading", file);
+        let source = Source::open(file, &self.overrides()?, |offset| bar.set(offset))?;
+        bar.done();
+        source.notes.iter().for_each(note);
+        Ok(source)
+    }
+}
+
+/// Reads a run and says what there is to note of it.
+pub fn opened(file: &Path, overrides: &Overrides) -> Result<Run, Error> {
+    let run = inerter_data::open(file, overrides)?;
+    run.notes.iter().for_each(note);
+    Ok(run)
 }
 
 /// Which device.
@@ -176,6 +199,11 @@ pub struct TimeArgs {
     /// If the device goes away, wait this many seconds for it to come back
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true, default_value = "10")]
     pub wait: Duration,
+}
+
+/// A number that is not smaller than this; else `wanted` says what is needed.
+pub fn at_least(text: &str, least: f64, wanted: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value: &f64| value.is_finite() && *value >= least).ok_or_else(|| wanted.into())
 }
 
 /// A time in seconds that makes sense.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use inerter_analysis::compare::{Rig, Row};
 use inerter_core::Machine;
-use inerter_data::{json::machine_json_line, limits::Judged, output};
+use inerter_data::{limits::Judged, output};
 use inerter_view::{
     compared::{Comparison, html},
     figure::render_png,
@@ -13,6 +13,7 @@ use inerter_view::{
 use super::{
     args::FileSettingsArgs,
     limits::{Held, LimitsArgs, heard, judged_line, prove},
+    print::print_machine_json,
     report::{content, make_folder},
     terminal,
 };
@@ -88,7 +89,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         .collect();
     args.limits.write(args.force, &held)?;
     let said = match args.json {
-        true => output::line(machine_json_line(machine, &comparison.json())).map_err(Error::from),
+        true => print_machine_json(machine, &comparison.json()),
         false => tell(&comparison, machine),
     };
     prove(&held).and(heard(said, true))

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use inerter_data::{json::json_line, output, recording, words::plural};
+use inerter_data::{recording, words::plural};
 use serde_json::json;
 
 use super::{
     args::{OutputArgs, RangeArgs},
+    print::print_json,
     terminal::{self, Progress},
 };
 use crate::Error;
@@ -37,14 +38,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bar = Progress::through("cutting", &args.file);
     let cut = recording::cut(&args.file, args.range.range_s(), path, args.output.force, |offset| {
         bar.set(offset);
-        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+        terminal::go_on()
     })?;
     bar.done();
     let (from_s, to_s) = cut.span_s;
     if args.json {
-        return Ok(output::line(json_line(&json!({
+        return print_json(&json!({
             "kind": "cut", "file": path, "samples": cut.samples, "frames": cut.frames, "from_s": from_s, "to_s": to_s,
-        })))?);
+        }));
     }
     terminal::say(format!(
         "{} from {from_s:.3} s to {to_s:.3} s written to {}",

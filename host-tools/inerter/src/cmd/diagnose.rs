@@ -7,10 +7,14 @@ use inerter_analysis::{
     results::{Diagnosed, diagnosed},
 };
 use inerter_core::{Machine, Parameters};
-use inerter_data::{json::machine_json_line, output, replay::Outcome, text::value_text};
+use inerter_data::{output, replay::Outcome, text::value_text};
 use inerter_wire::catalogue;
 
-use super::{args::FileSettingsArgs, terminal::note};
+use super::{
+    args::{FileSettingsArgs, at_least},
+    print::print_machine_json,
+    terminal::note,
+};
 use crate::Error;
 
 /// Identify what breaks the law of the estimator in a recording or a CSV file.
@@ -48,21 +52,17 @@ pub struct Args {
 }
 
 fn counts(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(counts) if counts.is_finite() && counts >= 4.0 => Ok(counts),
-        _ => Err("a number of counts is needed, 4 or more, for example 4096".into()),
-    }
+    at_least(text, 4.0, "a number of counts is needed, 4 or more, for example 4096")
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
-    run.notes.iter().for_each(note);
+    let run = args.settings.open(&args.file)?;
     let encoder = Encoder { counts_per_turn: args.counts_per_turn, counts_per_line: args.counts_per_line };
     let changed = |since_s| note(format!("the device changed at {since_s:.1} s: only the motion since then is used"));
     let diagnosed = diagnosed::<Error>(&run, encoder, changed, drop)?;
     let machine = run.settings.machine;
     if args.json {
-        return Ok(output::line(machine_json_line(machine, &diagnosed.json(machine)))?);
+        return print_machine_json(machine, &diagnosed.json(machine));
     }
     text(machine, &diagnosed)
 }

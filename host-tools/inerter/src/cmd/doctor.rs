@@ -1,10 +1,13 @@
 //! `inerter doctor`: why a device cannot be used on this machine.
 
-use inerter_data::{json::json_line, output};
+use inerter_data::output;
 use inerter_device::udev;
-use serde::Serialize;
 
-use super::{args::LinkArgs, terminal::note};
+use super::{
+    args::LinkArgs,
+    print::{Kind, print_json},
+    terminal::note,
+};
 use crate::{
     Error,
     doctor::{Check, Condition, examine},
@@ -27,13 +30,6 @@ pub struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct CheckJson<'a> {
-    kind: &'static str,
-    #[serde(flatten)]
-    check: &'a Check,
-}
-
 pub fn run(args: &Args) -> Result<(), Error> {
     if args.udev_rule {
         return Ok(output::text(udev::udev_rule())?);
@@ -46,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     for check in &checks {
         if args.json {
-            output::line(json_line(&CheckJson { kind: "check", check }))?;
+            print_json(&Kind { kind: "check", of: check })?;
             continue;
         }
         let mark = match check.condition {

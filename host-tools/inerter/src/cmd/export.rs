@@ -4,16 +4,15 @@ use std::path::PathBuf;
 
 use inerter_core::Machine;
 use inerter_data::{
-    export::{self, Column, EstimateTable, Format, Selection, Source},
-    json::json_line,
+    export::{self, Column, EstimateTable, Format, Selection},
     output, settings,
-    words::nearest,
-    words::plural,
+    words::{nearest, plural},
 };
 use serde_json::json;
 
 use super::{
     args::{FileSettingsArgs, RangeArgs},
+    print::print_json,
     terminal::{self, Progress},
 };
 use crate::Error;
@@ -110,19 +109,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let csv = targets.iter().find(|(format, _)| *format == Format::Csv).map(|(_, path)| path);
     if !args.force {
         let toml = csv.map(|csv| settings::beside(csv));
+        targets.iter().try_for_each(|(_, path)| output::refuse_existing(path))?;
         let tables =
             targets.iter().filter(|(format, _)| args.estimates && matches!(format, Format::Csv | Format::Parquet));
-        let beside = tables.map(|(_, path)| export::beside(path)).chain(toml);
-        targets
-            .iter()
-            .map(|(_, path)| path.clone())
-            .chain(beside)
-            .try_for_each(|path| output::refuse_existing(&path))?;
+        let mut beside = tables.map(|(_, path)| export::beside(path)).chain(toml);
+        beside.try_for_each(|path| output::refuse_existing(&path))?;
     }
-    let mut bar = Progress::through("reading", &args.file);
-    let source = Source::open(&args.file, &args.settings.overrides()?, |offset| bar.set(offset))?;
-    bar.done();
-    source.notes.iter().for_each(terminal::note);
+    let source = args.settings.source(&args.file)?;
     let selection = Selection { columns: args.columns.clone(), range_s: args.range.range_s() };
     let table = args.estimates.then(|| EstimateTable::collect(&source, &selection.range_s)).transpose()?;
     // From here on there is something to be taken away.
@@ -130,7 +123,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bar = Progress::new("exporting", 1000);
     let mut progress = |part: f64| {
         bar.set((part * 1000.0) as u64);
-        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+        terminal::go_on()
     };
     if args.to_stdout() {
         export::write_csv(&source, &selection, "standard output", std::io::stdout(), &mut progress)?;
@@ -147,10 +140,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if args.json {
         let outputs: Vec<_> =
             exported.files.iter().map(|(format, file)| json!({"format": word(*format), "file": file})).collect();
-        return Ok(output::line(json_line(&json!({
+        return print_json(&json!({
             "kind": "exported", "file": source.name, "samples": exported.rows, "estimates": exported.estimates,
             "outputs": outputs, "settings_file": toml,
-        })))?);
+        }));
     }
     let files: Vec<String> = exported.files.iter().map(|(_, file)| file.display().to_string()).collect();
     let beside = toml.as_ref().map(|toml| format!(", the settings to {}", toml.display())).unwrap_or_default();

@@ -6,7 +6,6 @@ use inerter_analysis::{calibrate::refuse_saturated, fit::Directions, merge::Runs
 use inerter_core::Parameter;
 use inerter_data::{
     causes::warning_words,
-    json::machine_json_line,
     names::description,
     output,
     replay::{Outcome, replay_all},
@@ -16,7 +15,7 @@ use inerter_data::{
 };
 use inerter_wire::{EstimatorEvent, catalogue};
 
-use super::{args::FileSettingsArgs, terminal::note};
+use super::{args::FileSettingsArgs, print::print_machine_json, terminal::note};
 use crate::Error;
 
 /// Refit recordings or CSV files, with friction that may differ by direction.
@@ -76,7 +75,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Err(error) => return Err(saturated.map_or_else(|| error.into(), Error::from)),
     };
     if args.json {
-        return Ok(output::line(machine_json_line(run.settings.machine, &FitJson::new(&merged, args.offset_n)))?);
+        return print_machine_json(run.settings.machine, &FitJson::new(&merged, args.offset_n));
     }
     text(args, &run, &merged.fit)?;
     match merged.names.as_slice() {

@@ -11,7 +11,7 @@ use inerter_device::{
 };
 
 use super::{
-    terminal::{Progress, interrupted, note, say},
+    terminal::{Bars, interrupted, note, say},
     update,
 };
 use crate::Error;
@@ -46,30 +46,20 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Error> {
     let mut probes = flash::probes()?;
     let image = Image::open(&args.file)?;
-    let mut bar: Option<(Work, Progress)> = None;
-    let mut progress = |work, done, all| {
-        if bar.as_ref().is_none_or(|(before, _)| *before != work) {
-            if let Some((_, bar)) = bar.take() {
-                bar.done();
-            }
-            let label = match work {
-                Work::Erasing => "erasing",
-                Work::Writing => "writing",
-                Work::Checking => "reading back",
-            };
-            bar = Some((work, Progress::new(label, all)));
-        }
-        if let Some((_, bar)) = &mut bar {
-            bar.set(done);
-        }
+    let mut bars = Bars::default();
+    let mut progress = |work: Work, done, all| {
+        let label = match work {
+            Work::Erasing => "erasing",
+            Work::Writing => "writing",
+            Work::Checking => "reading back",
+        };
+        bars.set(label, done, all);
     };
     let mut tell = |probe: &flash::Probe| {
         say(format!("writing {}, {}, through {probe}", image.identity, update::size(&image)));
     };
     let flashed = flash::flash(&mut probes, args.probe.as_deref(), &args.chip, &image, &mut tell, &mut progress)?;
-    if let Some((_, bar)) = bar.take() {
-        bar.done();
-    }
+    bars.done();
     say("written and read back; starting it");
     if args.no_check {
         note(format!("the board (serial {}) was not asked what it runs", flashed.serial));

@@ -9,7 +9,7 @@ use inerter_analysis::{
 };
 use inerter_core::Machine;
 use inerter_data::{
-    json::{ParameterJson, machine_json_line},
+    json::ParameterJson,
     names::description,
     output,
     run::Run,
@@ -20,7 +20,8 @@ use inerter_simulate::SimulateError;
 use inerter_wire::catalogue;
 
 use super::{
-    args::FileSettingsArgs,
+    args::{FileSettingsArgs, at_least},
+    print::print_machine_json,
     terminal::{Progress, note},
 };
 use crate::Error;
@@ -89,10 +90,7 @@ enum Free {
 }
 
 fn segment(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(seconds) if seconds.is_finite() && seconds >= 0.5 => Ok(seconds),
-        _ => Err("a number of seconds is needed, 0.5 or more, for example 10".into()),
-    }
+    at_least(text, 0.5, "a number of seconds is needed, 0.5 or more, for example 10")
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
@@ -115,7 +113,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if args.json {
         let files: Vec<String> = args.files.iter().map(|file| file.display().to_string()).collect();
         let line = IdentifyJson::new(files, &runs, &found);
-        return Ok(output::line(machine_json_line(machine(&runs), &line))?);
+        return print_machine_json(machine(&runs), &line);
     }
     found.notes.iter().for_each(note);
     text(args, &runs, &found)?;

@@ -1,16 +1,12 @@
 //! `inerter info`: what a file holds.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use inerter_core::Settings;
 use inerter_data::{
     calibration::Calibration,
     csv,
-    json::rounded_s,
-    json::{EstimateJson, json_line, machine_json_line},
+    json::{EstimateJson, rounded_s},
     output,
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
@@ -22,6 +18,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     args::FileSettingsArgs,
+    print::{print_json, print_machine_json},
     terminal::{Progress, note},
 };
 use crate::Error;
@@ -60,10 +57,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let (calibration, trouble) = recording::calibration(&args.file, &summary, &overrides);
     trouble.iter().for_each(note);
     if args.json {
-        return Ok(output::line(machine_json_line(
+        return print_machine_json(
             settings.machine,
             &recording_json(&args.file, &summary, &settings, calibration.as_ref()),
-        ))?);
+        );
     }
     summary.notes.iter().for_each(note);
     text(&args.file, &summary, &settings, calibration.as_ref())
@@ -84,85 +81,59 @@ fn ending_word(ending: &Ending) -> &'static str {
 
 /// A recording in JSON; `null` where the file does not say.
 #[derive(Serialize)]
-struct RecordingJson<'a> {
-    kind: &'static str,
-    file: String,
-    ending: &'static str,
-    reason: Option<&'a String>,
-    duration_s: f64,
-    sample_rate_hz: f64,
-    samples: u64,
-    discontinuities: u64,
-    lost_samples: u64,
-    frames: u32,
-    lost_frames: u32,
-    damaged_frames: u32,
-    records: &'a BTreeMap<&'static str, u64>,
-    first_ns: Option<u64>,
-    last_ns: Option<u64>,
-    markers: Vec<MarkerJson<'a>>,
-    device: Option<&'a BTreeMap<String, String>>,
-    settings: Option<Map<String, Value>>,
-    calibration: Option<BTreeMap<String, String>>,
-    truth: Option<Map<String, Value>>,
+struct RecordingJson {
+    #[serde(flatten)]
+    about: Value,
+    /// Apart, as a `Value` would give its 32-bit numbers the digits of 64-bit ones.
     estimate: Option<EstimateJson>,
 }
 
-/// A marker in JSON.
-#[derive(Serialize)]
-struct MarkerJson<'a> {
-    t_s: f64,
-    t_ns: u64,
-    text: &'a str,
-}
-
-fn recording_json<'a>(
+fn recording_json(
     file: &Path,
-    summary: &'a Summary,
+    summary: &Summary,
     settings: &Settings,
     calibration: Option<&Calibration>,
-) -> RecordingJson<'a> {
+) -> RecordingJson {
     let contents = &summary.contents;
-    let known_settings = summary.settings.map(|_| {
+    let known_settings = summary.settings.map(|_| -> Map<String, Value> {
         let values = Settings::TABLE.iter().zip(settings.values());
         values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
     });
-    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| {
+    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| -> Map<String, Value> {
         let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), |number| json!(number));
         truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
+    });
+    let marker = |marker: &recording::Marker| {
+        let t_s = rounded_s(marker.periods as f64 / settings.sample_rate_hz);
+        json!({ "t_s": t_s, "t_ns": marker.time_ns, "text": marker.text })
+    };
+    let about = json!({
+        "kind": "recording",
+        "file": file.display().to_string(),
+        "ending": ending_word(&contents.ending),
+        "reason": contents.metadata.get(recording::END_METADATA).and_then(|end| end.get("reason")),
+        "duration_s": duration_s(summary, settings),
+        "sample_rate_hz": settings.sample_rate_hz,
+        "samples": summary.extent.samples,
+        "discontinuities": summary.extent.discontinuities,
+        "lost_samples": summary.extent.missing,
+        "frames": contents.counts.messages,
+        "lost_frames": contents.counts.lost,
+        "damaged_frames": contents.counts.corrupt(),
+        "records": summary.records,
+        "first_ns": contents.span_ns.map(|(first, _)| first),
+        "last_ns": contents.span_ns.map(|(_, last)| last),
+        "markers": summary.markers.iter().map(marker).collect::<Vec<_>>(),
+        "device": contents.metadata.get(recording::HELLO_METADATA),
+        "settings": known_settings,
+        "calibration": calibration.map(Calibration::texts),
+        "truth": truth,
     });
     let live = |estimated: &Estimated| {
         let t_s = text::elapsed_s(&estimated.estimate, settings.sample_rate_hz);
         EstimateJson::live(t_s, estimated, settings)
     };
-    let marker = |marker: &'a recording::Marker| MarkerJson {
-        t_s: rounded_s(marker.periods as f64 / settings.sample_rate_hz),
-        t_ns: marker.time_ns,
-        text: &marker.text,
-    };
-    RecordingJson {
-        kind: "recording",
-        file: file.display().to_string(),
-        ending: ending_word(&contents.ending),
-        reason: contents.metadata.get(recording::END_METADATA).and_then(|end| end.get("reason")),
-        duration_s: duration_s(summary, settings),
-        sample_rate_hz: settings.sample_rate_hz,
-        samples: summary.extent.samples,
-        discontinuities: summary.extent.discontinuities,
-        lost_samples: summary.extent.missing,
-        frames: contents.counts.messages,
-        lost_frames: contents.counts.lost,
-        damaged_frames: contents.counts.corrupt(),
-        records: &summary.records,
-        first_ns: contents.span_ns.map(|(first, _)| first),
-        last_ns: contents.span_ns.map(|(_, last)| last),
-        markers: summary.markers.iter().map(marker).collect(),
-        device: contents.metadata.get(recording::HELLO_METADATA),
-        settings: known_settings,
-        calibration: calibration.map(Calibration::texts),
-        truth,
-        estimate: summary.estimated.as_ref().map(live),
-    }
+    RecordingJson { about, estimate: summary.estimated.as_ref().map(live) }
 }
 
 fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option<&Calibration>) -> Result<(), Error> {
@@ -225,7 +196,7 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     let timebase = csv::timebase::find(&table.file, &table.t_s, table.time_decimals)?;
     let samples = table.t_s.len() as u64;
     if json {
-        return Ok(output::line(json_line(&json!({
+        return print_json(&json!({
             "kind": "csv",
             "file": table.file,
             "sample_rate_hz": timebase.rate_hz,
@@ -234,7 +205,7 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
             "lost_samples": timebase.missing,
             "irregular_intervals": timebase.irregular,
             "has_terminal": !table.terminal_m.is_empty(),
-        })))?);
+        }));
     }
     table.notes.iter().for_each(note);
     let duration = table.t_s.last().zip(table.t_s.first()).map_or(0.0, |(last, first)| last - first);
@@ -245,8 +216,7 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     let (_, terminal) = csv::column_names(table.machine);
     let there =
         if table.terminal_m.is_empty() { format!("no {terminal} column") } else { format!("{terminal} is there") };
-    row("terminal", there)?;
-    Ok(())
+    Ok(row("terminal", there)?)
 }
 
 fn missing_text(places: u64, samples: u64) -> String {

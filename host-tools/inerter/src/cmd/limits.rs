@@ -82,6 +82,7 @@ impl LimitsArgs {
 pub fn prove(runs: &[Held]) -> Result<(), Error> {
     let count = |held: &Held, wanted: Verdict| held.judged.iter().filter(|judged| judged.verdict == wanted).count();
     let unproven: Vec<&Held> = runs.iter().filter(|held| verdict(held.judged) != Verdict::Pass).collect();
+    let runs_with = |wanted: Verdict| unproven.iter().filter(|held| verdict(held.judged) == wanted).count();
     match unproven.as_slice() {
         [] => Ok(()),
         [held] if runs.len() == 1 && held.is_file => Err(Error::Limits {
@@ -92,8 +93,8 @@ pub fn prove(runs: &[Held]) -> Result<(), Error> {
             wants: held.judged.iter().filter_map(|judged| judged.want(held.machine)).collect::<Vec<_>>().join(", "),
         }),
         _ => Err(Error::LimitsOfRuns {
-            fail: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Fail).count(),
-            undecided: unproven.iter().filter(|held| verdict(held.judged) == Verdict::Undecided).count(),
+            fail: runs_with(Verdict::Fail),
+            undecided: runs_with(Verdict::Undecided),
             of: runs.len(),
             are_files: unproven.iter().all(|held| held.is_file),
         }),
@@ -145,9 +146,10 @@ fn suite(held: &Held) -> TestSuite {
 
 /// A row for each parameter of each run.
 fn csv(runs: &[Held]) -> Vec<u8> {
+    fn number(number: Option<impl ToString>) -> String {
+        number.map(|number| number.to_string()).unwrap_or_default()
+    }
     let mut table = csv::Writer::from_writer(Vec::new());
-    let limit = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
-    let number = |number: Option<f32>| number.map(|number| number.to_string()).unwrap_or_default();
     let head =
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
     let all = runs.iter().flat_map(|held| held.judged.iter().map(move |judged| (held, judged)));
@@ -157,8 +159,8 @@ fn csv(runs: &[Held]) -> Vec<u8> {
             judged.name(held.machine).into(),
             number(judged.value),
             number(judged.u95),
-            limit(judged.min),
-            limit(judged.max),
+            number(judged.min),
+            number(judged.max),
             judged.verdict.to_string().to_lowercase(),
             number(judged.needed_u95),
             judged.reason.unwrap_or_default().into(),

@@ -11,15 +11,17 @@ use std::{
 
 use inerter_core::{Machine, Settings};
 use inerter_data::{
-    json::rounded_s,
-    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line},
-    output::{self, OutputError},
+    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line, rounded_s},
+    output::OutputError,
     text::{self, event_words},
     words::plural,
 };
 use serde_json::json;
 
-use super::terminal::{self, note};
+use super::{
+    print::print_now,
+    terminal::{self, note},
+};
 use crate::{
     Error,
     monitor::{
@@ -53,8 +55,8 @@ impl Printer {
         let left_out = Arc::new(AtomicU64::new(0));
         let counted = left_out.clone();
         let thread = thread::Builder::new().name("printer".into()).spawn(move || print(view, &waiting, &counted));
-        let thread = thread.map_err(|source| OutputError::write("standard output", source))?;
-        Ok(Self { items: Some(items), left_out, thread: Some(thread) })
+        let failed = |source| OutputError::write("standard output", source);
+        Ok(Self { items: Some(items), left_out, thread: Some(thread.map_err(failed)?) })
     }
 }
 
@@ -75,13 +77,13 @@ impl Viewer for Printer {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         let Some(items) = self.items.as_ref().filter(|_| !matches!(item, Item::Samples(_))) else { return Ok(()) };
         match items.try_send(item.clone()) {
-            Ok(()) => Ok(()),
+            Err(TrySendError::Disconnected(_)) => return self.end(),
             Err(TrySendError::Full(_)) => {
                 self.left_out.fetch_add(1, Ordering::Relaxed);
-                Ok(())
             }
-            Err(TrySendError::Disconnected(_)) => self.end(),
+            Ok(()) => {}
         }
+        Ok(())
     }
 
     fn pause(&mut self) -> Result<(), Error> {
@@ -106,7 +108,8 @@ pub struct Json {
 
 impl Viewer for Json {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
-        let line = match item {
+        let machine = self.settings.machine;
+        print_now(match item {
             Item::Device { port, hello, settings } => {
                 self.settings = *settings;
                 json_line(&json!({
@@ -129,34 +132,28 @@ impl Viewer for Json {
             }
             Item::Samples(_) => return Ok(()),
             Item::Estimate { t_s, estimated, .. } => {
-                machine_json_line(self.settings.machine, &EstimateJson::live(*t_s, estimated, &self.settings))
+                machine_json_line(machine, &EstimateJson::live(*t_s, estimated, &self.settings))
             }
-            Item::Reversal { t_s, reversal } => {
-                machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
-            }
+            Item::Reversal { t_s, reversal } => machine_json_line(machine, &ReversalJson::new(*t_s, reversal)),
             Item::Health(health) => json_line(&health_json(health)),
             Item::Event { t_s, event, .. } => {
-                let machine = self.settings.machine;
                 machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
             }
             Item::Cause { t_s, index, cause, .. } => {
-                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(self.settings.machine)))
+                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(machine)))
             }
             Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
             Item::UnknownFrames(count) => json_line(&json!({ "kind": "link", "unknown_frames": count })),
             Item::Marker { t_s, text, .. } => {
                 json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
             }
-        };
-        output::line(line)?;
-        Ok(output::flush()?)
+        })
     }
 }
 
 impl Printed for Json {
     fn left_out(&mut self, count: u64) -> Result<(), Error> {
-        output::line(json_line(&json!({ "kind": "link", "left_out_lines": count })))?;
-        Ok(output::flush()?)
+        print_now(json_line(&json!({ "kind": "link", "left_out_lines": count })))
     }
 }
 
@@ -177,13 +174,9 @@ impl Viewer for Lines {
                     "{}, serial {}, {} Hz, {} at {port}",
                     hello.board, hello.serial, hello.sample_rate_hz, hello.firmware
                 ));
-                output::line(text::row_header(self.machine))?;
-                output::flush()?;
+                print_now(text::row_header(self.machine))?;
             }
-            Item::Estimate { t_s, estimated, .. } => {
-                output::line(text::row(*t_s, estimated))?;
-                output::flush()?;
-            }
+            Item::Estimate { t_s, estimated, .. } => print_now(text::row(*t_s, estimated))?,
             Item::Health(health) => {
                 let told = self.losses.problems();
                 self.losses.health(*health);

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use inerter_data::{
-    json::json_line,
-    output, recording,
+    recording,
     words::{duration_text, plural},
 };
 use serde_json::json;
 
 use super::{
     args::OutputArgs,
+    print::print_json,
     terminal::{self, Progress},
 };
 use crate::Error;
@@ -41,14 +41,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut bar = Progress::new("merging", size);
     let merged = recording::merge(&args.files, path, args.output.force, |offset| {
         bar.set(offset);
-        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+        terminal::go_on()
     })?;
     bar.done();
     if args.json {
-        return Ok(output::line(json_line(&json!({
+        return print_json(&json!({
             "kind": "merged", "file": path, "files": args.files, "samples": merged.samples, "frames": merged.frames,
             "duration_s": merged.duration_s,
-        })))?);
+        }));
     }
     let (samples, duration) = (plural(merged.samples, "sample"), duration_text(merged.duration_s));
     terminal::say(format!(

@@ -1,37 +1,106 @@
 //! The commands, one file each with its manual, and what they share.
 
-pub mod calibrate;
-pub mod compare;
-pub mod completions;
+mod calibrate;
+mod compare;
+mod completions;
 pub mod config;
-pub mod cut;
-pub mod diagnose;
-pub mod doctor;
-pub mod export;
-pub mod fit;
-pub mod flash;
-pub mod identify;
-pub mod info;
-pub mod merge;
-pub mod monitor;
-pub mod plan;
-pub mod plot;
-pub mod ports;
-pub mod record;
-pub mod replay;
-pub mod report;
-pub mod reproduce_paper;
-pub mod selftest;
-pub mod send;
-pub mod settings;
-pub mod simulate;
-pub mod store;
-pub mod update;
+mod cut;
+mod diagnose;
+mod doctor;
+mod export;
+mod fit;
+mod flash;
+mod identify;
+mod info;
+mod merge;
+mod monitor;
+mod plan;
+mod plot;
+mod ports;
+mod record;
+mod replay;
+mod report;
+mod reproduce_paper;
+mod selftest;
+mod send;
+mod settings;
+mod simulate;
+mod store;
+mod update;
 
 mod args;
 mod limits;
 mod lines;
 mod plant;
+mod print;
 mod screen;
 mod shard;
 mod terminal;
+
+use crate::Error;
+
+#[derive(clap::Subcommand)]
+pub enum Command {
+    Simulate(Box<simulate::Args>),
+    Monitor(monitor::Args),
+    Record(record::Args),
+    Replay(replay::Args),
+    Send(send::Args),
+    Export(Box<export::Args>),
+    Cut(cut::Args),
+    Merge(merge::Args),
+    Fit(fit::Args),
+    Compare(compare::Args),
+    Report(report::Args),
+    Plot(plot::Args),
+    ReproducePaper(reproduce_paper::Args),
+    Identify(identify::Args),
+    Diagnose(diagnose::Args),
+    Plan(Box<plan::Args>),
+    Calibrate(calibrate::Args),
+    Info(info::Args),
+    Ports(ports::Args),
+    Doctor(doctor::Args),
+    Settings(settings::Args),
+    Store(store::Args),
+    Selftest(selftest::Args),
+    Update(update::Args),
+    Flash(flash::Args),
+    Completions(completions::Args),
+    Man(completions::ManArgs),
+}
+
+impl Command {
+    /// Does what it is for; `line` makes the whole command line anew.
+    pub fn run(&self, line: fn() -> clap::Command) -> Result<(), Error> {
+        match self {
+            Self::Simulate(args) => simulate::run(args),
+            Self::Monitor(args) => monitor::run(args),
+            Self::Record(args) => record::run(args),
+            Self::Replay(args) => replay::run(args),
+            Self::Send(args) => send::run(args),
+            Self::Export(args) => export::run(args),
+            Self::Cut(args) => cut::run(args),
+            Self::Merge(args) => merge::run(args),
+            Self::Fit(args) => fit::run(args),
+            Self::Compare(args) => compare::run(args),
+            Self::Report(args) => report::run(args),
+            Self::Plot(args) => plot::run(args),
+            Self::ReproducePaper(args) => reproduce_paper::run(args),
+            Self::Identify(args) => identify::run(args),
+            Self::Diagnose(args) => diagnose::run(args),
+            Self::Plan(args) => plan::run(args),
+            Self::Calibrate(args) => calibrate::run(args),
+            Self::Info(args) => info::run(args),
+            Self::Ports(args) => ports::run(args),
+            Self::Doctor(args) => doctor::run(args),
+            Self::Settings(args) => settings::run(args),
+            Self::Store(args) => store::run(args),
+            Self::Selftest(args) => selftest::run(args),
+            Self::Update(args) => update::run(args),
+            Self::Flash(args) => flash::run(args),
+            Self::Completions(args) => completions::run(args, line()),
+            Self::Man(args) => completions::man(args, line()),
+        }
+    }
+}

@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use inerter_data::{json::json_line, output, recording::Recorder};
+use inerter_data::{output, recording::Recorder};
 use inerter_simulate::share::Share;
 use inerter_wire::Streams;
 use serde_json::json;
@@ -14,6 +14,7 @@ use serde_json::json;
 use super::{
     args::{LinkArgs, TimeArgs, calibration, note_exposed},
     lines::{Json, Lines, Printer},
+    print::print_json,
     screen,
     terminal::{self, say},
 };
@@ -99,7 +100,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     for (view, address) in &views {
         if args.json {
-            output::line(json_line(&json!({ "kind": "view", "view": view, "address": address })))?;
+            print_json(&json!({ "kind": "view", "view": view, "address": address }))?;
             output::flush()?;
         } else {
             say(format!("{view}: {address}"));

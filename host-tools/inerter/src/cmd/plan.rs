@@ -6,11 +6,12 @@ mod written;
 use std::path::PathBuf;
 
 use inerter_analysis::plan::Asked;
-use inerter_data::{export::Source, json::machine_json_line, output};
+use inerter_data::{export::Source, output};
 
 use super::{
     args::FileSettingsArgs,
     plant::ExpectedArgs,
+    print::print_machine_json,
     terminal::{self, Progress, note},
 };
 use crate::Error;
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     planned.remarks().iter().for_each(note);
     let machine = planned.expected().settings.machine;
     if args.json {
-        output::line(machine_json_line(machine, &planned.json(&written)))?;
+        print_machine_json(machine, &planned.json(&written))?;
     } else {
         let files = written.iter().map(|file| file.text(machine));
         planned.text().into_iter().chain(files).try_for_each(output::line)?;

@@ -3,14 +3,14 @@
 use std::{ffi::OsStr, path::PathBuf};
 
 use clap::builder::PossibleValuesParser;
-use inerter_data::{json::json_line, output};
+use inerter_data::output;
 use inerter_view::{
     figure::{render_png, svg},
     page::{Kind, PageError, figure},
 };
 use serde_json::json;
 
-use super::{args::FileSettingsArgs, report, terminal};
+use super::{args::FileSettingsArgs, print::print_json, report, terminal};
 use crate::Error;
 
 /// Draw one figure of a run, as SVG for print or as PNG.
@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     if args.json {
         let line = json!({ "kind": "plot", "file": path.display().to_string(), "source": args.file.display().to_string(), "figure": drawn.name, "caption": drawn.caption });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
     terminal::say(format!("{}: {}", path.display(), drawn.caption));
     Ok(())

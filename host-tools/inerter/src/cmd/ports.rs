@@ -2,8 +2,8 @@
 
 use inerter_data::{json::json_line, output};
 use inerter_device::{Port, dfu, list};
-use serde::Serialize;
 
+use super::{print::Kind, terminal::note};
 use crate::Error;
 
 /// List the serial ports of this machine, and devices in update mode.
@@ -20,34 +20,20 @@ pub struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct PortJson<'a> {
-    kind: &'static str,
-    #[serde(flatten)]
-    port: &'a Port,
-}
-
-#[derive(Serialize)]
-struct DfuJson<'a> {
-    kind: &'static str,
-    #[serde(flatten)]
-    device: &'a dfu::DfuDevice,
-}
-
 pub fn run(args: &Args) -> Result<(), Error> {
     let ports = list();
     // A machine on which USB devices cannot be listed still has its serial ports.
     let waiting = dfu::list().unwrap_or_default();
     for port in &ports {
-        let line = if args.json { json_line(&PortJson { kind: "port", port }) } else { port_line(port) };
+        let line = if args.json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
         output::line(line)?;
     }
     for device in &waiting {
-        let line = if args.json { json_line(&DfuJson { kind: "dfu", device }) } else { dfu_line(device) };
+        let line = if args.json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
         output::line(line)?;
     }
     if ports.is_empty() && waiting.is_empty() && !args.json {
-        super::terminal::note("this machine has no serial ports; `inerter simulate --pty` makes a simulated one");
+        note("this machine has no serial ports; `inerter simulate --pty` makes a simulated one");
     }
     Ok(())
 }
@@ -103,7 +89,7 @@ mod tests {
         let device = dfu::DfuDevice { product: None, serial: "205735883537".into(), vid: 0x0483, pid: 0xDF11 };
         let words = "+ in update mode       0483:df11 STM32                        205735883537";
         assert_eq!(dfu_line(&device), words);
-        let json = json_line(&DfuJson { kind: "dfu", device: &device });
+        let json = json_line(&Kind { kind: "dfu", of: &device });
         assert_eq!(json, r#"{"kind":"dfu","product":null,"serial":"205735883537","vid":1155,"pid":57105}"#);
     }
 }

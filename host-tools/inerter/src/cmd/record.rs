@@ -7,7 +7,6 @@ use std::{
 
 use inerter_core::Machine;
 use inerter_data::{
-    json::json_line,
     output,
     recording::{End, Recorder},
     text::{event_words, is_trouble},
@@ -19,6 +18,7 @@ use serde_json::json;
 
 use super::{
     args::{LinkArgs, OutputArgs, TimeArgs, calibration},
+    print::print_json,
     terminal::{self, Progress, Told, note},
 };
 use crate::Error;
@@ -139,12 +139,8 @@ fn is_end(frame: &Frame<Record>) -> bool {
 
 /// What is worth a line while it is recorded.
 fn trouble(machine: Machine, frame: &Frame<Record>) -> Option<String> {
-    match frame {
-        Frame::Message { message: Record::Event(event), .. } => {
-            Some(&event.kind).filter(|kind| is_trouble(kind)).map(|kind| event_words(machine, kind))
-        }
-        _ => None,
-    }
+    let Frame::Message { message: Record::Event(event), .. } = frame else { return None };
+    is_trouble(&event.kind).then(|| event_words(machine, &event.kind))
 }
 
 fn begin(args: &Args, device: &Device) -> Result<(), Error> {
@@ -155,7 +151,7 @@ fn begin(args: &Args, device: &Device) -> Result<(), Error> {
             "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board.as_str(),
             "serial": hello.serial.as_str(), "sample_rate_hz": hello.sample_rate_hz,
         });
-        output::line(json_line(&line))?;
+        print_json(&line)?;
         return Ok(output::flush()?);
     }
     let until = match args.time.duration {
@@ -178,7 +174,7 @@ fn end(args: &Args, duration_s: f64, frames: u32, lost_frames: u64) -> Result<()
         let line = json!({
             "kind": "recorded", "file": file, "duration_s": duration_s, "frames": frames, "lost_frames": lost_frames,
         });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
     let lost = if lost_frames == 0 { "none lost".into() } else { format!("{lost_frames} lost on the way") };
     terminal::say(format!("recorded {}: {}, {lost}", duration_text(duration_s), plural(frames.into(), "frame")));
@@ -188,13 +184,13 @@ fn end(args: &Args, duration_s: f64, frames: u32, lost_frames: u64) -> Result<()
 
 /// Says what the recording holds in spite of the failure.
 fn kept(error: DeviceError, file: &str, duration_s: f64) -> DeviceError {
+    let words = format!("the {} before that can be read in {file}", duration_text(duration_s));
     match error {
         DeviceError::Vanished { name, reason, .. } => {
-            let kept = format!("; the {} before that can be read in {file}", duration_text(duration_s));
-            DeviceError::Vanished { name, reason, kept }
+            DeviceError::Vanished { name, reason, kept: format!("; {words}") }
         }
         other => {
-            note(format!("the {} before that can be read in {file}", duration_text(duration_s)));
+            note(words);
             other
         }
     }

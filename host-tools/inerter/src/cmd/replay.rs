@@ -10,7 +10,7 @@ use inerter_core::Machine;
 use inerter_data::{
     causes::warning_words,
     export::Source,
-    json::{EstimateJson, EventJson, ReversalJson, machine_json_line},
+    json::{EstimateJson, EventJson, ReversalJson},
     limits::Judged,
     output,
     text::{self, change_words},
@@ -20,8 +20,9 @@ use inerter_wire::{EstimatorEvent, EventKind};
 use super::{
     args::FileSettingsArgs,
     limits::{Held, LimitsArgs, heard, judged_line, prove},
+    print::print_machine_json,
     shard::{self, StoreArgs},
-    terminal::{Progress, note},
+    terminal::Progress,
 };
 use crate::Error;
 
@@ -85,11 +86,9 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     let settings = args.settings.settings.settings.as_deref();
     let read: Vec<&Path> = [file].into_iter().chain(settings).collect();
     let checks = args.limits.check(&read, &[], args.force)?;
-    let mut reading = Progress::through("reading", file);
-    let run = Source::open(file, &args.settings.overrides()?, |offset| reading.set(offset))?;
-    reading.done();
-    run.notes.iter().for_each(note);
-    let limits = args.limits.read(run.settings.machine)?;
+    let run = args.settings.source(file)?;
+    let machine = run.settings.machine;
+    let limits = args.limits.read(machine)?;
     let mut progress = Progress::new("replaying", run.extent.samples);
     let every_s = args.every.map_or(run.duration_s() / ROWS, |every| every.as_secs_f64());
     let half_s = 0.5 / run.settings.publish_rate_hz;
@@ -100,14 +99,12 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
         run.samples()?.map(|sample| sample.map_err(Error::from)),
         |t_s, event| -> Result<(), Error> {
             let EstimatorEvent::Estimate(estimated) = event else {
-                return heard(tell(run.settings.machine, t_s, event, args.json, &mut header), limits.is_some());
+                return heard(tell(machine, t_s, event, args.json, &mut header), limits.is_some());
             };
             taken += 1;
             progress.set((taken as f64 * run.settings.sample_rate_hz / run.settings.publish_rate_hz) as u64);
-            let machine = run.settings.machine;
             let said = if args.json {
-                output::line(machine_json_line(machine, &EstimateJson::live(t_s, estimated, &run.settings)))
-                    .map_err(Error::from)
+                print_machine_json(machine, &EstimateJson::live(t_s, estimated, &run.settings))
             } else if t_s + half_s >= next_s {
                 while every_s > 0.0 && next_s <= t_s + half_s {
                     next_s += every_s;
@@ -120,7 +117,6 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
         },
     )?;
     progress.done();
-    let machine = run.settings.machine;
     let within = limits.map(|limits| replayed.told().within(&limits));
     let Some(judged) = &within else { return say(args, &run, &replayed, header, None) };
     let held = [Held { run: file.display().to_string(), is_file: true, machine, judged }];
@@ -133,7 +129,7 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
 fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Option<&[Judged]>) -> Result<(), Error> {
     let machine = run.settings.machine;
     if args.json {
-        return Ok(output::line(machine_json_line(machine, &replayed.json(within)))?);
+        return print_machine_json(machine, &replayed.json(within));
     }
     if !header {
         output::line("")?;
@@ -150,33 +146,21 @@ fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Opt
 
 /// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
 pub fn tell(machine: Machine, t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
-    match event {
+    let (index, kind, words) = match event {
         EstimatorEvent::Reversal(reversal) if json => {
-            output::line(machine_json_line(machine, &ReversalJson::new(Some(t_s), reversal)))?
+            return print_machine_json(machine, &ReversalJson::new(Some(t_s), reversal));
         }
-        EstimatorEvent::Changed(change) if json => {
-            output::line(machine_json_line(
-                machine,
-                &EventJson::new(Some(t_s), change.index, &EventKind::Changed(*change), machine),
-            ))?;
-        }
-        EstimatorEvent::Changed(change) => {
-            head(machine, header)?;
-            output::line(format!("{t_s:>9.2}  {}", change_words(machine, change)))?;
-        }
-        EstimatorEvent::Warned(warning) if json => {
-            output::line(machine_json_line(
-                machine,
-                &EventJson::new(Some(t_s), warning.index, &EventKind::Warned(*warning), machine),
-            ))?;
-        }
+        EstimatorEvent::Changed(change) => (change.index, EventKind::Changed(*change), change_words(machine, change)),
         EstimatorEvent::Warned(warning) => {
-            head(machine, header)?;
-            output::line(format!("{t_s:>9.2}  {}", warning_words(machine, warning.kind)))?;
+            (warning.index, EventKind::Warned(*warning), warning_words(machine, warning.kind))
         }
-        EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(..) => {}
+        EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(..) => return Ok(()),
+    };
+    if json {
+        return print_machine_json(machine, &EventJson::new(Some(t_s), index, &kind, machine));
     }
-    Ok(())
+    head(machine, header)?;
+    Ok(output::line(format!("{t_s:>9.2}  {words}"))?)
 }
 
 /// Heads the rows, once.

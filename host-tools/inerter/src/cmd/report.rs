@@ -6,10 +6,7 @@ use std::{
 };
 
 use inerter_analysis::results::LimitsJson;
-use inerter_data::{
-    json::machine_json_line,
-    output::{self, OutputError},
-};
+use inerter_data::output::{self, OutputError};
 use inerter_view::{
     figure::render_png,
     page::{Content, html},
@@ -18,7 +15,8 @@ use inerter_view::{
 use super::{
     args::FileSettingsArgs,
     limits::{Held, LimitsArgs, heard, judged_line, prove},
-    terminal::{self, Progress, note},
+    print::print_machine_json,
+    terminal::{self, Progress},
 };
 use crate::Error;
 
@@ -97,18 +95,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
     args.limits.write(args.force, &held)?;
     let file = args.output.display();
     if args.json {
-        let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();
-        let limits = within.as_deref().map(LimitsJson::new);
         let line = ReportJson {
             kind: "report",
             file: file.to_string(),
             source: args.file.display().to_string(),
-            figures: names,
+            figures: figures.iter().map(|figure| figure.name).collect(),
             png: images,
-            limits,
+            limits: within.as_deref().map(LimitsJson::new),
         };
-        let said = output::line(machine_json_line(machine, &line)).map_err(Error::from);
-        return prove(&held).and(heard(said, true));
+        return prove(&held).and(heard(print_machine_json(machine, &line), true));
     }
     terminal::say(format!("{file}: {} figures; open it in a browser, and print it from there", figures.len()));
     if let Some(folder) = &args.png {
@@ -120,8 +115,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 /// Reads a file and takes it through the estimator, with a bar.
 pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Error> {
-    let run = inerter_data::open(file, &settings.overrides()?)?;
-    run.notes.iter().for_each(note);
+    let run = settings.open(file)?;
     let mut progress = Progress::new("replaying", 1000);
     let content = Content::of(run, |part| progress.set((part * 1e3) as u64))?;
     progress.done();

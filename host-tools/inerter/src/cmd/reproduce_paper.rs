@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use inerter_analysis::paper::{PLANS, PUBLISHED_BAND_RAD_PER_S, Plan, Reproduction, reproduce};
-use inerter_data::{json::json_line, output, run::Run, settings::Overrides};
+use inerter_data::{output, run::Run, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_view::{
@@ -13,6 +13,7 @@ use inerter_view::{
 use serde_json::{Map, json};
 
 use super::{
+    print::print_json,
     report::make_folder,
     terminal::{self, Progress},
 };
@@ -64,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let file = page.display().to_string();
     if args.json {
         let names: Vec<&str> = figures.iter().map(|figure| figure.name).collect();
-        return Ok(output::line(json_line(&object(&paper, &file, &names)))?);
+        return print_json(&object(&paper, &file, &names));
     }
     output::lines(table(&paper))?;
     terminal::say(format!("{file}: the page; the figures are beside it as SVG and PNG"));

@@ -4,7 +4,7 @@
 use std::{
     io,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard,
         atomic::{AtomicBool, Ordering},
         mpsc::{Receiver, RecvTimeoutError, channel},
     },
@@ -24,6 +24,7 @@ use crate::{
         MonitorError,
         feed::Item,
         hub::{Hub, Viewer, Wish},
+        locked,
         state::{Action, Event, State},
         view::{self, Theme},
     },
@@ -42,7 +43,7 @@ struct Shared {
 
 impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.state)
     }
 }
 
@@ -81,14 +82,15 @@ pub fn run(
 
     terminal::has_screen(true);
     let restore = Restore;
-    let mut drawn = ratatui::try_init().map_err(|source| MonitorError::Terminal { source })?;
+    let failed = |source| MonitorError::Terminal { source };
+    let mut drawn = ratatui::try_init().map_err(failed)?;
     let stop = quit.clone();
     let device = thread::Builder::new().name("device".into()).spawn(move || {
         let measured = hub.run(|| stop.load(Ordering::Relaxed) || over());
         terminal::last_words();
         measured
     });
-    let device = device.map_err(|source| MonitorError::Terminal { source })?;
+    let device = device.map_err(failed)?;
     let shown = pictures(&mut drawn, &shared, theme, &|| device.is_finished(), &|action| match action {
         // The hub has ended when nobody takes the wish.
         Action::Mark(text) => drop(wishes.send(Wish::Mark(text))),
@@ -104,7 +106,7 @@ pub fn run(
     let measured = device.join();
     drop(restore);
     match measured {
-        Ok(result) => result.and(shown.map_err(|source| MonitorError::Terminal { source }.into())),
+        Ok(result) => result.and(shown.map_err(|error| failed(error).into())),
         Err(panic) => std::panic::resume_unwind(panic),
     }
 }

@@ -3,7 +3,6 @@
 mod jumpers;
 
 use std::{
-    io::{self, IsTerminal},
     path::{Path, PathBuf},
     thread,
     time::{Duration, Instant},
@@ -27,10 +26,10 @@ use inerter_wire::{
     Streams,
 };
 use miette::Diagnostic;
-use serde_json::json;
 
 use super::{
     args::LinkArgs,
+    print::{Kind, print_json},
     terminal::{self, interrupted, note, say},
 };
 use crate::{Error, error::SelfTestError};
@@ -193,7 +192,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         say(format!("{} and {}", files.page.display(), files.json.display()));
     }
     if args.json {
-        output::line(json_line(&test.json()))?;
+        print_json(&test.json())?;
     } else {
         let [passed, failed, skipped] =
             [Verdict::Pass, Verdict::Fail, Verdict::Skipped].map(|verdict| test.count(verdict));
@@ -245,13 +244,7 @@ impl Bench {
     fn add(&mut self, checks: impl IntoIterator<Item = Check>) -> Result<(), Error> {
         for check in checks {
             if self.json {
-                let mut line = json!({ "kind": "selftest_check" });
-                if let (Some(line), Ok(serde_json::Value::Object(fields))) =
-                    (line.as_object_mut(), serde_json::to_value(&check))
-                {
-                    line.extend(fields);
-                }
-                output::line(json_line(&line))?;
+                print_json(&Kind { kind: "selftest_check", of: &check })?;
             } else {
                 output::line(check.line())?;
             }
@@ -262,13 +255,11 @@ impl Bench {
 
     /// The board, reached again where it has restarted.
     fn device(&mut self) -> Result<&mut Device, DeviceError> {
-        if self.device.is_none() {
-            self.device = Some(self.reached(RETURN, interrupted)?);
-        }
-        match &mut self.device {
-            Some(device) => Ok(device),
-            None => Err(DeviceError::Interrupted),
-        }
+        let device = match self.device.take() {
+            Some(device) => device,
+            None => self.reached(RETURN, interrupted)?,
+        };
+        Ok(self.device.insert(device))
     }
 
     /// Lets the board measure, and keeps it. A board that says nothing has no figures.
@@ -331,10 +322,8 @@ impl Bench {
 
     fn noise(&mut self) -> Result<(), Error> {
         let heard = self.listen(Streams { samples: true, ..Streams::NONE }, QUIET_HZ)?;
-        for input in [judge::Input::Force, judge::Input::Terminal] {
-            self.add(judge::noise(input, &heard.samples, QUIET_HZ))?;
-        }
-        Ok(())
+        let inputs = [judge::Input::Force, judge::Input::Terminal];
+        inputs.into_iter().try_for_each(|input| self.add(judge::noise(input, &heard.samples, QUIET_HZ)))
     }
 
     fn work(&mut self) -> Result<(), Error> {
@@ -376,19 +365,17 @@ impl Bench {
 
     /// Saves other settings and reads them back; gives what must hold after a restart.
     fn keep(&mut self) -> Result<Option<Settings>, Error> {
-        const NAME: (&str, &str) = ("save", "Settings saved and read back");
+        const NAME: &str = "save";
+        const LABEL: &str = "Settings saved and read back";
+        let skipped = |reason: &str| Check::skipped(NAME, LABEL, reason);
         if !self.device()?.keeps_settings() {
-            self.add([Check::skipped(NAME.0, NAME.1, "the board keeps no settings")])?;
+            self.add([skipped("the board keeps no settings")])?;
             return Ok(None);
         }
         // One to save, and one to put back.
         let saves_left = self.test.measured.iter().rev().find_map(|measured| measured.get(Quantity::SavesLeft));
         if saves_left.is_some_and(|left| left < 2) {
-            self.add([Check::skipped(
-                NAME.0,
-                NAME.1,
-                "the flash was written often recently: try again in a few minutes",
-            )])?;
+            self.add([skipped("the flash was written often recently: try again in a few minutes")])?;
             return Ok(None);
         }
         let publish_rate_hz = if self.before.publish_rate_hz == 4.0 { 5.0 } else { 4.0 };
@@ -399,22 +386,13 @@ impl Bench {
         match self.device()?.save_settings() {
             Err(DeviceError::Refused { refusal: Refusal::Worn { wait_s }, .. }) => {
                 self.has_saved = false;
-                let reason = format!("the flash was written often recently: try again in {wait_s} s");
-                self.add([Check::skipped(NAME.0, NAME.1, reason)])?;
+                self.add([skipped(&format!("the flash was written often recently: try again in {wait_s} s"))])?;
                 return Ok(None);
             }
             result => result?,
         }
         let found = self.device()?.saved_settings()?;
-        let differ = backup::changes(&other, &found).len();
-        let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
-        self.add([Check::words(
-            NAME.0,
-            NAME.1,
-            "as written",
-            if differ == 0 { "as written" } else { "others" },
-            cause,
-        )])?;
+        self.add([same(NAME, LABEL, "as written", &other, &found)])?;
         Ok(Some(other))
     }
 
@@ -452,10 +430,9 @@ impl Bench {
             }
         }
         let uptime_s = match before.filter(|_| told.is_none()) {
-            Some((before_s, then)) => self.uptime()?.map(|(now_s, now)| {
-                let passed = now.duration_since(then);
-                (now_s, f64::from(before_s) + passed.as_secs_f64())
-            }),
+            Some((before_s, then)) => {
+                self.uptime()?.map(|(now_s, now)| (now_s, f64::from(before_s) + now.duration_since(then).as_secs_f64()))
+            }
             None => None,
         };
         let chip = self.measure(Measure::Chip)?;
@@ -467,10 +444,8 @@ impl Bench {
         let start = self.comes_back("to restart", Command::Reboot)?;
         self.add([judge::restart("restart", "Restart by command", ResetCause::Software, &start)])?;
         if let Some(kept) = kept {
-            let differ = backup::changes(&kept, self.device()?.settings()).len();
-            let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
-            let found = if differ == 0 { "as saved" } else { "others" };
-            self.add([Check::words("kept", "Settings after the restart", "as saved", found, cause)])?;
+            let check = same("kept", "Settings after the restart", "as saved", &kept, self.device()?.settings());
+            self.add([check])?;
         }
         Ok(())
     }
@@ -497,7 +472,7 @@ impl Bench {
         say("into update mode and back: Ctrl-C ends the test when the board is back");
         let visited = self.visit(true)?;
         self.add([there_and_back(DFU, visited)])?;
-        if !(io::stdin().is_terminal() && io::stderr().is_terminal()) {
+        if !terminal::can_ask() {
             return self.add([Check::skipped(DOUBLE.0, DOUBLE.1, "no terminal to ask for it")]);
         }
         say("press the board's reset button twice within half a second, in the next 15 s");
@@ -590,6 +565,13 @@ impl Bench {
             }
         }
     }
+}
+
+/// Whether settings are those that were saved.
+fn same(name: &'static str, label: &'static str, expected: &str, saved: &Settings, found: &Settings) -> Check {
+    let differ = backup::changes(saved, found).len();
+    let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
+    Check::words(name, label, expected, if differ == 0 { expected } else { "others" }, cause)
 }
 
 /// Names and labels of the visits to update mode.

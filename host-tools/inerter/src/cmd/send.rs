@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use inerter_analysis::results::{LastJson, warning};
 use inerter_data::{
-    json::{EstimateJson, machine_json_line},
+    json::EstimateJson,
     output, text,
     words::{duration_text, plural},
 };
@@ -13,8 +13,9 @@ use inerter_wire::EstimatorEvent;
 
 use super::{
     args::{FileSettingsArgs, LinkArgs},
+    print::print_machine_json,
     replay::tell,
-    terminal::{Progress, catch_interrupts, interrupted, note},
+    terminal::{Progress, catch_interrupts, go_on},
 };
 use crate::Error;
 
@@ -38,8 +39,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
-    let run = inerter_data::open(&args.file, &args.settings.overrides()?)?;
-    run.notes.iter().for_each(note);
+    let run = args.settings.open(&args.file)?;
+    let machine = run.settings.machine;
     // What the device would refuse is refused here, with more words.
     inerter_data::settings::validate(&run.settings)?;
     // The device's settings are put back even then.
@@ -51,41 +52,34 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let publish = |t_s: f64, event: &EstimatorEvent| -> Result<(), Error> {
         match event {
             EstimatorEvent::Estimate(estimated) if args.json => {
-                output::line(machine_json_line(
-                    run.settings.machine,
-                    &EstimateJson::live(t_s, estimated, &run.settings),
-                ))?;
+                print_machine_json(machine, &EstimateJson::live(t_s, estimated, &run.settings))
             }
-            EstimatorEvent::Estimate(..) => {}
+            EstimatorEvent::Estimate(..) => Ok(()),
             // No rows come, so none needs a head.
             _ => {
-                warnings.extend(warning(run.settings.machine, t_s, event));
-                tell(run.settings.machine, t_s, event, args.json, &mut false)?;
+                warnings.extend(warning(machine, t_s, event));
+                tell(machine, t_s, event, args.json, &mut false)
             }
         }
-        Ok(())
     };
     let advance = |taken| {
         progress.set(taken);
-        if interrupted() { Err(Error::INTERRUPTED) } else { Ok(()) }
+        go_on().map_err(Error::from)
     };
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
     let injected = inject_all(&mut device, &injection, publish, advance)?;
     progress.done();
     if args.json {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);
-        return Ok(output::line(machine_json_line(
-            run.settings.machine,
-            &LastJson { last, uncertainty: None, warnings, advice: None, limits: None },
-        ))?);
+        let line = LastJson { last, uncertainty: None, warnings, advice: None, limits: None };
+        return print_machine_json(machine, &line);
     }
     output::lines(text::table(&injected.estimated, &run.settings, run.truth.as_ref()).trim_end())?;
-    output::line(format!(
+    Ok(output::line(format!(
         "{} ({} of motion) sent to {} in {}",
         plural(injected.samples, "sample"),
         duration_text(run.duration_s()),
         device.name(),
         duration_text(started.elapsed().as_secs_f64())
-    ))?;
-    Ok(())
+    ))?)
 }

@@ -1,9 +1,6 @@
 //! `inerter settings`: the settings and the calibration of a live device.
 
-use std::{
-    io::{self, IsTerminal},
-    path::PathBuf,
-};
+use std::path::PathBuf;
 
 use inerter_core::Settings;
 use inerter_data::{
@@ -17,7 +14,7 @@ use crate::{Error, error::DialogueError};
 mod backup;
 mod common;
 
-use common::{Common, finish, print_changes, print_json};
+use common::{Common, finish, print_changes, print_settings};
 
 /// Show, change and save the settings and the calibration of a device.
 ///
@@ -113,7 +110,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 fn get(common: &Common) -> Result<(), Error> {
     let device = common.link.device()?;
     if common.json {
-        return print_json(&device);
+        return print_settings(&device);
     }
     for ((info, text), value) in Settings::described().zip(device.settings().values()) {
         let setting = format!("{} = {value:?}", info.name);
@@ -136,8 +133,7 @@ fn set(args: &SetArgs) -> Result<(), Error> {
 }
 
 fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
-    let can_ask = io::stdin().is_terminal() && io::stderr().is_terminal();
-    if !args.yes && !can_ask {
+    if !args.yes && !terminal::can_ask() {
         return Err(DialogueError::Unconfirmed.into());
     }
     let mut device = args.common.link.device()?;
@@ -150,7 +146,7 @@ fn factory_reset(args: &FactoryResetArgs) -> Result<(), Error> {
     let before = *device.settings();
     device.factory_reset()?;
     if args.common.json {
-        return print_json(&device);
+        return print_settings(&device);
     }
     print_changes(&before, device.settings())?;
     say("the board's defaults are in use; nothing is saved");

@@ -1,18 +1,15 @@
 //! Runs of a store through the estimator, all of them or a part: for Slurm and plain shells.
 
 use inerter_analysis::results::replayed;
-use inerter_data::{
-    export::Source,
-    json::{json_line, machine_json},
-    output,
-    settings::Overrides,
-    words::plural,
-};
+use inerter_data::{export::Source, json::machine_json, settings::Overrides, words::plural};
 use inerter_store::{Outcome, Place, Shard, Store, StoreError};
 use miette::Diagnostic;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::terminal::{self, Progress, say};
+use super::{
+    print::print_json,
+    terminal::{self, Progress, say},
+};
 use crate::Error;
 
 /// Runs of a store instead of a file.
@@ -38,8 +35,7 @@ pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) ->
     let store = Store::open(url)?;
     let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
     let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
-    let given: Map<String, Value> = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
-    let given = Value::Object(given);
+    let given: Value = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
     let kept = if args.again { Default::default() } else { store.kept(&args.batch, "replay", &given)? };
     let todo: Vec<&Place> = ours.iter().filter(|place| !kept.contains(place.name())).collect();
     let mut bar = Progress::new("replaying", todo.len() as u64);
@@ -57,9 +53,7 @@ pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) ->
         store.keep(&args.batch, place, &outcome)?;
         failed += usize::from(error.is_some());
         if as_json {
-            output::line(json_line(
-                &json!({"kind": "kept", "run": place.name(), "batch": args.batch, "error": error}),
-            ))?;
+            print_json(&json!({"kind": "kept", "run": place.name(), "batch": args.batch, "error": error}))?;
         } else if let Some(error) = error {
             say(format!("error: {}: {error}", place.name()));
         }
@@ -85,9 +79,7 @@ fn last_line(store: &Store, place: &Place, overrides: &Overrides) -> Result<Valu
     let recording = store.local(place)?;
     let source = Source::open(recording.path(), overrides, |_| ())?;
     let samples = source.samples()?.map(|sample| sample.map_err(Error::from));
-    let replayed = replayed(&source.settings, source.start_s, samples, |_, _| -> Result<(), Error> {
-        if terminal::interrupted() { Err(Error::INTERRUPTED) } else { Ok(()) }
-    })?;
+    let replayed = replayed(&source.settings, source.start_s, samples, |_, _| terminal::go_on().map_err(Error::from))?;
     // As it would be printed.
     Ok(serde_json::from_slice(&machine_json(source.settings.machine, &replayed.json(None))).unwrap_or_default())
 }

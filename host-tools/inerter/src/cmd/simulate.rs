@@ -7,7 +7,6 @@ use std::{
 };
 
 use inerter_data::{
-    json::json_line,
     output,
     words::{duration_text, plural},
 };
@@ -22,6 +21,7 @@ use serde_json::json;
 use super::{
     args::{SettingsArgs, note_exposed},
     plant::SimulatedArgs,
+    print::print_json,
     terminal::{self, Progress},
 };
 use crate::{Error, monitor::address::check_exposed};
@@ -156,16 +156,16 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
     terminal::catch_interrupts();
     let advance = |t_s: f64| {
         progress.set((t_s * 1e3) as u64);
-        if terminal::interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+        terminal::go_on()
     };
     let file = path.display();
     let settings = file::write(setup, path, args.force, advance)?;
     progress.done();
     let samples = (duration_s * setup.settings.sample_rate_hz).ceil() as u64;
     if args.json {
-        let line =
-            json!({ "kind": "simulated", "file": file.to_string(), "duration_s": duration_s, "truth": truth(setup) });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(
+            &json!({ "kind": "simulated", "file": file.to_string(), "duration_s": duration_s, "truth": truth(setup) }),
+        );
     }
     terminal::say(format!(
         "{file}: {} of motion `{}`, {} at {} Hz",
@@ -183,8 +183,11 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
 }
 
 fn truth(setup: &Setup) -> serde_json::Value {
-    let device = Inerter::TABLE.iter().zip(setup.parameters.values()).map(|(field, value)| (field.name, json!(value)));
-    let mut truth: serde_json::Map<_, _> = device.map(|(name, value)| (name.to_string(), value)).collect();
+    let device = Inerter::TABLE
+        .iter()
+        .zip(setup.parameters.values())
+        .map(|(field, value)| (field.name.to_string(), json!(value)));
+    let mut truth: serde_json::Map<_, _> = device.collect();
     if let Some((at_s, _)) = setup.later {
         truth.insert("change_at_s".into(), json!(at_s));
         truth.insert("changed".into(), setup.changes().map(|(name, value)| (name.to_string(), json!(value))).collect());
@@ -213,17 +216,17 @@ fn in_qemu(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Qemu, Err
 
 fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     terminal::catch_interrupts();
-    let image = if args.qemu { Some(find_image(args.image.as_deref())?) } else { None };
+    let image = args.qemu.then(|| find_image(args.image.as_deref())).transpose()?;
     let (mut running, bench) = match (&image, args.bench) {
-        (Some(image), true) => {
+        (Some(image), with_operator) => {
             let mut qemu = in_qemu(setup, image, endpoint)?;
-            let bench = qemu.play_with_operator(setup, args.speed)?;
-            (Running::Qemu(qemu), Some(bench))
-        }
-        (Some(image), false) => {
-            let mut qemu = in_qemu(setup, image, endpoint)?;
-            qemu.play(setup, args.speed)?;
-            (Running::Qemu(qemu), None)
+            let bench = if with_operator {
+                Some(qemu.play_with_operator(setup, args.speed)?)
+            } else {
+                qemu.play(setup, args.speed)?;
+                None
+            };
+            (Running::Qemu(qemu), bench)
         }
         (None, true) => {
             let (device, bench) = VirtualDevice::with_operator(setup, endpoint, args.speed)?;
@@ -247,7 +250,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
         Endpoint::Pty => ("port", "--port"),
     };
     if args.json {
-        output::line(json_line(&json!({ "kind": "ready", key: name, "truth": truth(setup) })))?;
+        print_json(&json!({ "kind": "ready", key: name, "truth": truth(setup) }))?;
     } else {
         let device = &setup.parameters;
         output::line(format!(

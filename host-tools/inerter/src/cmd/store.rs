@@ -1,10 +1,6 @@
 //! `inerter store`: runs kept in a folder or in S3, with tables that other programs query.
 
-use std::{
-    collections::BTreeSet,
-    io::{self, IsTerminal},
-    path::PathBuf,
-};
+use std::{collections::BTreeSet, io, path::PathBuf};
 
 use inerter_analysis::results::LimitsJson;
 use inerter_core::Machine;
@@ -19,6 +15,7 @@ use serde_json::{Value, json};
 
 use super::{
     limits::{Held, LimitsArgs, heard, judged_line, prove},
+    print::print_json,
     terminal::{self, Progress, say, tidy_at_interrupts},
 };
 use crate::{
@@ -207,7 +204,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 fn watched(bar: &mut Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
     |part| {
         bar.set((part * 1000.0) as u64);
-        if terminal::interrupted() { Err(inerter_data::Error::Interrupted.into()) } else { Ok(()) }
+        Ok(terminal::go_on()?)
     }
 }
 
@@ -224,7 +221,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
             Ok(added) => {
                 let (run, is_new) = (added.row.name(), added.is_new);
                 if args.json {
-                    output::line(json_line(&json!({"kind": "added", "file": name, "run": run, "new": is_new})))?;
+                    print_json(&json!({"kind": "added", "file": name, "run": run, "new": is_new}))?;
                 } else {
                     let how = if is_new { "added" } else { "already there" };
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
@@ -312,9 +309,9 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
     if args.json {
         let mut lines = rows.iter().enumerate().map(|(number, row)| {
             let mut line = json!(row);
-            if let (Some(judged), Some(columns)) = (judged(number), line.as_object_mut()) {
+            if let Some(judged) = judged(number) {
                 let limits = machine_json(row.machine(), &LimitsJson::new(judged));
-                columns.insert("limits".into(), serde_json::from_slice(&limits).unwrap_or_default());
+                line["limits"] = serde_json::from_slice(&limits).unwrap_or_default();
             }
             json_line(&line)
         });
@@ -356,9 +353,9 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
 
 /// What a person sees of a run in a list.
 fn cells(row: &Row) -> [String; 8] {
-    let value = |names: [&str; 2], intervals: [&str; 2], units: [&str; 2]| {
-        let known =
-            (0..2).find_map(|place| Some((row.number(names[place])?, row.number(intervals[place])?, units[place])));
+    // Of a linear machine, or of a rotary one.
+    let value = |columns: [(&str, &str, &str); 2]| {
+        let known = columns.into_iter().find_map(|(name, u95, unit)| Some((row.number(name)?, row.number(u95)?, unit)));
         known.map_or("-".into(), |(value, u95, unit)| format!("{} {unit}", interval_text(value, u95)))
     };
     [
@@ -366,13 +363,12 @@ fn cells(row: &Row) -> [String; 8] {
         row.device().to_string(),
         row.date().to_string(),
         row.number("duration_s").map_or("-".into(), |seconds| format!("{seconds:.1} s")),
-        value(["inertance_kg", "inertia_kg_m2"], ["inertance_u95_kg", "inertia_u95_kg_m2"], ["kg", "kg m²"]),
-        value(
-            ["viscous_n_s_per_m", "viscous_n_m_s"],
-            ["viscous_u95_n_s_per_m", "viscous_u95_n_m_s"],
-            ["N s/m", "N m s"],
-        ),
-        value(["coulomb_n", "coulomb_n_m"], ["coulomb_u95_n", "coulomb_u95_n_m"], ["N", "N m"]),
+        value([("inertance_kg", "inertance_u95_kg", "kg"), ("inertia_kg_m2", "inertia_u95_kg_m2", "kg m²")]),
+        value([
+            ("viscous_n_s_per_m", "viscous_u95_n_s_per_m", "N s/m"),
+            ("viscous_n_m_s", "viscous_u95_n_m_s", "N m s"),
+        ]),
+        value([("coulomb_n", "coulomb_u95_n", "N"), ("coulomb_n_m", "coulomb_u95_n_m", "N m")]),
         row.text("law").unwrap_or("-").to_string(),
     ]
 }
@@ -413,7 +409,7 @@ fn show(args: &ShowArgs) -> Result<(), Error> {
     let store = Store::open(&args.url)?;
     let row = store.row(&store.find(&args.run)?)?;
     if args.json {
-        return Ok(output::line(json_line(&row))?);
+        return print_json(&row);
     }
     let name_width = row.columns().map(str::len).max().unwrap_or(0);
     for name in row.columns().filter(|name| !is_object(name)) {
@@ -456,15 +452,13 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
     for damage in &damages {
         if args.json {
             let (run, file, problem) = (&damage.run, &damage.file, damage.problem);
-            output::line(json_line(&json!({"kind": "damage", "run": run, "file": file, "problem": problem})))?;
+            print_json(&json!({"kind": "damage", "run": run, "file": file, "problem": problem}))?;
         } else {
             output::line(format!("{:<10}  {}", damage.problem, damage.file))?;
         }
     }
     if args.json {
-        output::line(json_line(
-            &json!({"kind": "verified", "store": args.url, "runs": runs, "damages": damages.len()}),
-        ))?;
+        print_json(&json!({"kind": "verified", "store": args.url, "runs": runs, "damages": damages.len()}))?;
     } else if damages.is_empty() {
         output::line(format!("{}: every file is as it was written", plural(runs as u64, "run")))?;
     }
@@ -473,11 +467,10 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
 
 fn remove(args: &RemoveArgs) -> Result<(), Error> {
     tidy_at_interrupts();
-    let can_ask = io::stdin().is_terminal() && io::stderr().is_terminal();
     let store = Store::open(&args.url)?;
     // All of them, before the first one goes.
     let places = args.runs.iter().map(|run| store.find(run)).collect::<Result<BTreeSet<Place>, _>>()?;
-    if !args.yes && !can_ask {
+    if !args.yes && !terminal::can_ask() {
         return Err(DialogueError::UnconfirmedRemoval.into());
     }
     let question = format!("Remove {} and the recording with each? [y/N]", plural(places.len() as u64, "run"));

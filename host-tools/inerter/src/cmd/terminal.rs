@@ -94,6 +94,16 @@ pub fn interrupted() -> bool {
     interrupted
 }
 
+/// Fails when the user has pressed Ctrl-C.
+pub fn go_on() -> Result<(), inerter_data::Error> {
+    if interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
+}
+
+/// Whether somebody is there who can read a question and answer it.
+pub fn can_ask() -> bool {
+    io::stdin().is_terminal() && io::stderr().is_terminal()
+}
+
 /// A note to the user, apart from the results: one line.
 pub fn note(text: impl AsRef<str>) {
     say(format!("note: {}", text.as_ref()));
@@ -179,7 +189,7 @@ pub struct Progress {
 impl Progress {
     /// For work of this length.
     pub fn new(label: &'static str, length: u64) -> Self {
-        Self { label, length: Some(length), started: Instant::now(), bar: None }
+        Self { length: Some(length), ..Self::endless(label) }
     }
 
     /// For going through a file, by its bytes.
@@ -231,6 +241,27 @@ impl Progress {
     pub fn done(self) {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
+        }
+    }
+}
+
+/// Bars for stages of work, one after the other.
+#[derive(Default)]
+pub struct Bars(Option<Progress>);
+
+impl Bars {
+    /// Sets how much of a stage is done, whose bar takes the place of the one before.
+    pub fn set(&mut self, label: &'static str, position: u64, length: u64) {
+        if self.0.as_ref().is_some_and(|bar| bar.label != label) {
+            self.done();
+        }
+        self.0.get_or_insert_with(|| Progress::new(label, length)).set(position);
+    }
+
+    /// Takes the bar away.
+    pub fn done(&mut self) {
+        if let Some(bar) = self.0.take() {
+            bar.done();
         }
     }
 }

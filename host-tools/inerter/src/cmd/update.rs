@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use inerter_data::{json::json_line, output, words::plural};
+use inerter_data::{output, words::plural};
 use inerter_device::{
     Target,
     image::Image,
@@ -12,7 +12,8 @@ use serde_json::json;
 
 use super::{
     args::LinkArgs,
-    terminal::{self, Progress, say},
+    print::print_json,
+    terminal::{self, Bars, say},
 };
 use crate::Error;
 
@@ -47,7 +48,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     terminal::catch_interrupts();
     let mut machine = ThisMachine::new(args.link.target(), terminal::interrupted);
-    let mut bar: Option<(Stage, Progress)> = None;
+    let mut bars = Bars::default();
     let mut tell = |event: UpdateEvent| {
         match event {
             UpdateEvent::Found(running) => {
@@ -64,24 +65,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 say(format!("writing {what}, to the device in update mode (serial {})", device.serial));
             }
             UpdateEvent::Pages(stage, done, all) => {
-                if bar.as_ref().is_none_or(|(before, _)| *before != stage) {
-                    if let Some((_, bar)) = bar.take() {
-                        bar.done();
-                    }
-                    let label = match stage {
-                        Stage::Writing => "writing",
-                        Stage::Checking => "reading back",
-                    };
-                    bar = Some((stage, Progress::new(label, all as u64)));
-                }
-                if let Some((_, bar)) = &mut bar {
-                    bar.set(done as u64);
-                }
+                let label = match stage {
+                    Stage::Writing => "writing",
+                    Stage::Checking => "reading back",
+                };
+                bars.set(label, done as u64, all as u64);
             }
             UpdateEvent::Returning => {
-                if let Some((_, bar)) = bar.take() {
-                    bar.done();
-                }
+                bars.done();
                 say("written and read back; starting it");
             }
         }
@@ -103,10 +94,9 @@ pub fn report(image: &Image, back: &update::Back, kind: &str, json: bool) -> Res
             "kind": kind, "file": image.file, "firmware": identity.firmware, "git": identity.git,
             "board": identity.board, "serial": back.serial, "port": back.port,
         });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
-    output::line(format!("{kind}: {identity}, serial {}, at {}; settings kept", back.serial, back.port))?;
-    Ok(())
+    Ok(output::line(format!("{kind}: {identity}, serial {}, at {}; settings kept", back.serial, back.port))?)
 }
 
 /// How much there is to write.
@@ -123,13 +113,12 @@ fn dry_run(image: &Image, json: bool) -> Result<(), Error> {
             "kind": "image", "file": image.file, "firmware": identity.firmware, "git": identity.git,
             "board": identity.board, "bytes": image.length(), "pages": image.page_count(), "extents": extents,
         });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
     output::line(format!("{}: {identity}", image.file))?;
     output::line(format!("would erase and write {}:", size(image)))?;
     for (first, last) in extents {
         output::line(format!("  0x{first:08X} to 0x{last:08X}"))?;
     }
-    output::line("settings would be kept")?;
-    Ok(())
+    Ok(output::line("settings would be kept")?)
 }

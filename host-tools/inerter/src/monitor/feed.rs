@@ -172,12 +172,10 @@ pub struct Feed {
 impl Default for Feed {
     fn default() -> Self {
         let settings = Settings::default();
-        let converter = Converter::new(&settings);
-        let timeline = Timeline::default();
         Self {
             settings,
-            converter,
-            timeline,
+            converter: Converter::new(&settings),
+            timeline: Timeline::default(),
             pairing: Pairing::new(),
             estimate_ns: 0,
             latest: None,

@@ -58,15 +58,14 @@ pub struct Hub {
 impl Hub {
     /// For a device that is connected.
     pub fn new(live: Live, wait_s: f64) -> Self {
-        let (recorder, share, viewers) = (None, None, Vec::new());
         Self {
             live,
             feed: Feed::default(),
             causes: Causes::default(),
-            recorder,
-            share,
+            recorder: None,
+            share: None,
             asked: None,
-            viewers,
+            viewers: Vec::new(),
             wishes: channel(),
             wait_s,
         }

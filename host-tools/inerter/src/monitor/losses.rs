@@ -47,7 +47,7 @@ impl Losses {
         .filter(|(count, ..)| *count > 0)
         .map(|(count, thing, what)| format!("{} {what}", plural(count, thing)).trim_end().to_string())
         .collect();
-        if list.is_empty() { None } else { Some(list.join(", ")) }
+        (!list.is_empty()).then(|| list.join(", "))
     }
 
     /// Whether anything was lost or saturated, on the device or on the way.

@@ -22,3 +22,10 @@ pub mod view;
 mod web;
 
 pub use error::MonitorError;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What a mutex holds, whatever has become of a thread that held it.
+pub fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -13,7 +13,7 @@ use super::{
     feed::Item,
     history::{Entry, History},
     losses::{Losses, UNKNOWN_FRAMES},
-    trace::Traces,
+    trace::{Traces, keep},
 };
 
 /// Lines of events, and markers, that are kept.
@@ -211,11 +211,7 @@ impl State {
     fn item(&mut self, item: &Item) {
         match item {
             Item::Device { port, hello, settings } => {
-                let rate_differs = settings.sample_rate_hz != self.settings.sample_rate_hz;
-                if self.present.is_none() || rate_differs {
-                    self.traces = Traces::new(1.0 / settings.sample_rate_hz);
-                }
-                self.settings = *settings;
+                self.use_settings(settings, self.present.is_none());
                 self.values.losses.begin();
                 self.present = Some(Present { port: port.clone(), hello: hello.clone() });
             }
@@ -227,12 +223,7 @@ impl State {
                 self.away = None;
                 self.line(self.now_s, format!("the device is back at {port}"), LineKind::Plain);
             }
-            Item::Settings(settings) => {
-                if settings.sample_rate_hz != self.settings.sample_rate_hz {
-                    self.traces = Traces::new(1.0 / settings.sample_rate_hz);
-                }
-                self.settings = *settings;
-            }
+            Item::Settings(settings) => self.use_settings(settings, false),
             Item::Samples(samples) => {
                 for sample in samples {
                     self.traces.push(sample);
@@ -271,17 +262,24 @@ impl State {
             }
             Item::Refused { words } => self.line(self.now_s, words.clone(), LineKind::Trouble),
             Item::Marker { at, text, .. } => {
-                keep(&mut self.marks, (at.run_s, text.clone()));
+                keep(&mut self.marks, KEPT, (at.run_s, text.clone()));
                 self.line(at.run_s, format!("marker: {text}"), LineKind::Marker);
             }
         }
+    }
+
+    fn use_settings(&mut self, settings: &Settings, anew: bool) {
+        if anew || settings.sample_rate_hz != self.settings.sample_rate_hz {
+            self.traces = Traces::new(1.0 / settings.sample_rate_hz);
+        }
+        self.settings = *settings;
     }
 
     fn line(&mut self, run_s: f64, words: String, kind: LineKind) {
         // A bad line loses frames many times a second: one line says it.
         match self.lines.back_mut() {
             Some(last) if last.words == words => last.run_s = run_s,
-            _ => keep(&mut self.lines, Line { run_s, words, kind }),
+            _ => keep(&mut self.lines, KEPT, Line { run_s, words, kind }),
         }
     }
 
@@ -357,13 +355,6 @@ impl State {
         let (at_s, _) = self.paused.get_or_insert((now_s, self.values));
         *at_s = (*at_s + part * span_s).clamp(0.0, now_s);
     }
-}
-
-fn keep<T>(list: &mut VecDeque<T>, item: T) {
-    if list.len() >= KEPT {
-        list.pop_front();
-    }
-    list.push_back(item);
 }
 
 #[cfg(test)]

@@ -98,24 +98,15 @@ impl Traces {
             // A bucket over a hole would draw a line across it.
             self.close();
         }
-        let mut next = Some(Bucket::new(sample));
+        let mut bucket = Bucket::new(sample);
         for level in &mut self.levels {
-            let Some(bucket) = next.take() else { break };
-            if level.ring.len() == RING {
-                level.ring.pop_front();
-            }
-            level.ring.push_back(bucket);
-            next = match &mut level.open {
-                None => {
-                    level.open = Some((bucket, 1));
-                    None
-                }
-                Some((open, count)) => {
-                    open.join(&bucket);
-                    *count += 1;
-                    if *count == FACTOR { level.open.take().map(|(full, _)| full) } else { None }
-                }
-            };
+            keep(&mut level.ring, RING, bucket);
+            let (open, count) = level.open.get_or_insert((bucket, 0));
+            // The first one is joined to itself, which changes nothing.
+            open.join(&bucket);
+            *count += 1;
+            let Some((full, _)) = level.open.take_if(|(_, count)| *count == FACTOR) else { break };
+            bucket = full;
         }
     }
 
@@ -125,10 +116,7 @@ impl Traces {
         for level in &mut self.levels {
             let open = level.open.take().map(|(bucket, _)| bucket);
             if let Some(bucket) = carried {
-                if level.ring.len() == RING {
-                    level.ring.pop_front();
-                }
-                level.ring.push_back(bucket);
+                keep(&mut level.ring, RING, bucket);
             }
             carried = match (open, carried) {
                 (Some(mut open), Some(later)) => {
@@ -181,6 +169,14 @@ impl Traces {
         }
         buckets
     }
+}
+
+/// Adds to a list of so many, from which the oldest goes.
+pub fn keep<T>(list: &mut VecDeque<T>, most: usize, item: T) {
+    if list.len() >= most {
+        list.pop_front();
+    }
+    list.push_back(item);
 }
 
 #[cfg(test)]

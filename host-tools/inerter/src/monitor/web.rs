@@ -6,7 +6,7 @@
 
 mod messages;
 
-use std::sync::{Arc, Mutex, PoisonError, mpsc::Sender};
+use std::sync::{Arc, Mutex, mpsc::Sender};
 
 use axum::{
     Extension, Router,
@@ -27,6 +27,7 @@ use super::{
     address::{PAGE, resolve},
     feed::Item,
     hub::{Viewer, Wish},
+    locked,
 };
 use crate::Error;
 use messages::Messages;
@@ -92,7 +93,7 @@ impl Web {
 
 impl Viewer for Web {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
-        let mut messages = self.shared.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut messages = locked(&self.shared.messages);
         for message in messages.take(item) {
             // Nobody looking on is no fault.
             self.shared.sender.send(message.to_string().into()).ok();
@@ -140,33 +141,25 @@ async fn live(
     Extension(place): Extension<Place>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    limited(upgrade, MOST_FROM_PAGE).on_upgrade(move |socket| talk(socket, shared, place))
+    limited(upgrade, MOST_FROM_PAGE).on_upgrade(move |socket| async move {
+        talk(socket, shared, place).await;
+    })
 }
 
-/// Tells a page everything so far, then whatever comes, and takes what it asks for.
-async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
-    let mut receiver = match begin(&mut socket, &shared).await {
-        Some(receiver) => receiver,
-        None => return,
-    };
+/// Tells a page everything so far, then whatever comes, and takes what it asks for; until either end is gone.
+async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Option<()> {
+    let mut receiver = begin(&mut socket, &shared).await?;
     loop {
         tokio::select! {
             message = receiver.recv() => match message {
-                Ok(message) => {
-                    if send(&mut socket, Message::Text(message)).await.is_none() {
-                        return;
-                    }
-                }
+                Ok(message) => send(&mut socket, Message::Text(message)).await?,
                 // The page was too slow: it is told everything anew.
-                Err(broadcast::error::RecvError::Lagged(_)) => match begin(&mut socket, &shared).await {
-                    Some(anew) => receiver = anew,
-                    None => return,
-                },
-                Err(broadcast::error::RecvError::Closed) => return,
+                Err(broadcast::error::RecvError::Lagged(_)) => receiver = begin(&mut socket, &shared).await?,
+                Err(broadcast::error::RecvError::Closed) => return None,
             },
             message = socket.recv() => match message {
                 Some(Ok(Message::Text(text))) => asked(&text, &shared),
-                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return None,
                 Some(Ok(_)) => {}
             },
         }
@@ -177,7 +170,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
 async fn begin(socket: &mut WebSocket, shared: &Shared) -> Option<broadcast::Receiver<Utf8Bytes>> {
     let (all, receiver) = {
         // Nothing is sent to the receivers while this is held.
-        let messages = shared.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        let messages = locked(&shared.messages);
         (messages.all(), shared.sender.subscribe())
     };
     for message in all {
@@ -197,7 +190,7 @@ fn asked(text: &str, shared: &Shared) {
         // Not from our page.
         Ok(Asked::ResetEstimator(false)) | Err(_) => return,
     };
-    shared.wishes.lock().unwrap_or_else(PoisonError::into_inner).send(wish).ok();
+    locked(&shared.wishes).send(wish).ok();
 }
 
 #[cfg(test)]

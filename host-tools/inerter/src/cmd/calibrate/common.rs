@@ -4,21 +4,26 @@ use std::{path::PathBuf, time::Duration};
 
 use inerter_analysis::calibrate::{CalibrateError, Finding};
 use inerter_core::Machine;
-use inerter_data::{json::machine_json_line, names::description, output, run::Run, settings::SettingsInputError};
+use inerter_data::{names::description, output, run::Run, settings::SettingsInputError};
 use inerter_device::{Device, DeviceError};
 use inerter_wire::Refusal;
 use serde_json::{Value, json};
 
 use super::{
     super::{
-        args::{FileSettingsArgs, LinkArgs},
+        args::{FileSettingsArgs, LinkArgs, opened, seconds},
+        print::print_machine_json,
         terminal::{self, note},
     },
     person::Person,
 };
 use crate::{
     Error,
-    calibrate::{steps::Station, wizard},
+    calibrate::{
+        dialogue::{Units, number},
+        steps::Station,
+        wizard,
+    },
 };
 
 /// What every step at a device takes.
@@ -54,9 +59,7 @@ impl SourceArgs {
             }
             return Ok(None);
         };
-        let run = inerter_data::open(file, &overrides)?;
-        run.notes.iter().for_each(note);
-        Ok(Some(run))
+        opened(file, &overrides).map(Some)
     }
 }
 
@@ -67,11 +70,17 @@ pub fn listening_time(text: &str) -> Result<Duration, String> {
 
 /// A time that is not zero, and at most so long.
 pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
-    let duration = super::super::args::seconds(text)?;
+    let duration = seconds(text)?;
     if duration.is_zero() || duration.as_secs_f64() > most_s {
         return Err(format!("the time must be greater than 0, and at most {most_s} s"));
     }
     Ok(duration)
+}
+
+/// A number with one of these units or none that makes sense; `problem` says of others why they do not.
+pub fn number_where(text: &str, units: Units, makes_sense: impl Fn(f64) -> bool, problem: &str) -> Result<f64, String> {
+    let value = number(text, units).map_err(|error| error.to_string())?;
+    if makes_sense(value) { Ok(value) } else { Err(problem.into()) }
 }
 
 /// Connects; a device that cannot keep what --write wants is refused before anything is measured.
@@ -93,16 +102,17 @@ pub fn at_device(
     let mut device = connect(args)?;
     let mut person = Person::new(args.json);
     let settings = *device.settings();
-    let may_ask = Person::is_there() && !args.json;
+    let may_ask = terminal::can_ask() && !args.json;
     let finding = step(&mut Station { device: &mut device, dialogue: &mut person, settings, may_ask })?;
-    let written = args.write && finding.is_good() && finding.has_settings();
+    let is_of_use = finding.is_good() && finding.has_settings();
+    let written = args.write && is_of_use;
     if written {
         let settings =
             finding.adopted_by(device.settings()).map_err(|source| SettingsInputError::Refused { source })?;
         wizard::write(&mut device, &settings)?;
     }
     report(&finding, device.name(), settings.machine, args.json, written)?;
-    if !written && finding.is_good() && finding.has_settings() && !args.json {
+    if is_of_use && !written && !args.json {
         terminal::say("nothing was changed; --write applies it and saves it");
     }
     Ok(())
@@ -117,7 +127,7 @@ pub fn report(finding: &Finding, source: &str, machine: Machine, json: bool, wri
             object.insert("accepted".into(), finding.is_good().into());
             object.insert("written".into(), written.into());
         }
-        output::line(machine_json_line(machine, &object))?;
+        print_machine_json(machine, &object)?;
     } else {
         finding.text.iter().try_for_each(|text| output::line(description(machine, text)))?;
         for remark in &finding.remarks {

@@ -1,7 +1,7 @@
 //! `inerter calibrate encoder`: the scale of the position.
 
 use super::{
-    common::{StepArgs, at_device},
+    common::{StepArgs, at_device, number_where},
     force::part,
 };
 use crate::{
@@ -10,6 +10,7 @@ use crate::{
         dialogue::{METRES, PLAIN, Units, number},
         steps::EncoderPlan,
     },
+    error::DialogueError,
 };
 
 /// Find counts per revolution, metres per count and the direction of the encoder.
@@ -47,13 +48,12 @@ pub struct Args {
     step: StepArgs,
 }
 
-fn length(text: &str) -> Result<f64, String> {
-    number(text, METRES).map_err(|error| error.to_string())
+fn length(text: &str) -> Result<f64, DialogueError> {
+    number(text, METRES)
 }
 
 fn positive(text: &str, units: Units) -> Result<f64, String> {
-    let value = number(text, units).map_err(|error| error.to_string())?;
-    if value > 0.0 { Ok(value) } else { Err("it must be greater than 0".into()) }
+    number_where(text, units, |value| value > 0.0, "it must be greater than 0")
 }
 
 fn lead(text: &str) -> Result<f64, String> {
@@ -65,8 +65,7 @@ fn lines(text: &str) -> Result<f64, String> {
 }
 
 fn turns(text: &str) -> Result<f64, String> {
-    let value = number(text, PLAIN).map_err(|error| error.to_string())?;
-    if value.abs() >= 0.5 { Ok(value) } else { Err("half a revolution at least".into()) }
+    number_where(text, PLAIN, |turns| turns.abs() >= 0.5, "half a revolution at least")
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {

@@ -9,8 +9,11 @@ use inerter_analysis::calibrate::{
 };
 
 use super::{
-    super::{args::FileSettingsArgs, terminal::note},
-    common::{StepArgs, at_device, listening_time, report},
+    super::{
+        args::{FileSettingsArgs, opened},
+        terminal::note,
+    },
+    common::{StepArgs, at_device, listening_time, number_where, report},
 };
 use crate::{
     Error,
@@ -72,17 +75,14 @@ fn newtons(text: &str) -> Result<Recorded, String> {
 }
 
 fn load(text: &str, units: Units) -> Result<Recorded, String> {
-    let (size, file) = match text.split_once('=') {
-        Some((size, file)) => (size, Some(PathBuf::from(file))),
-        None => (text, None),
-    };
-    let size = number(size, units).map_err(|error| error.to_string())?;
-    Ok(Recorded { size, file })
+    let (size, file) = text.split_once('=').map_or((text, None), |(size, file)| (size, Some(file.into())));
+    Ok(Recorded { size: number(size, units).map_err(|error| error.to_string())?, file })
 }
 
-fn within(text: &str, units: Units, least: f64, most: f64) -> Result<f64, String> {
-    let value = number(text, units).map_err(|error| error.to_string())?;
-    if (least..=most).contains(&value) { Ok(value) } else { Err(format!("it must lie between {least} and {most}")) }
+/// A number that lies between these.
+pub fn within(text: &str, units: Units, least: f64, most: f64) -> Result<f64, String> {
+    let problem = format!("it must lie between {least} and {most}");
+    number_where(text, units, |value| (least..=most).contains(&value), &problem)
 }
 
 fn gravity(text: &str) -> Result<f64, String> {
@@ -128,8 +128,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let overrides = args.settings.overrides()?;
     let (mut readings, mut settings) = (Vec::new(), None);
     for (load, file) in loads.into_iter().zip(files) {
-        let run = inerter_data::open(file, &overrides)?;
-        run.notes.iter().for_each(note);
+        let run = opened(file, &overrides)?;
         let at = format!(" in {}", file.display());
         let level = rest::level(&run.samples, &run.settings, seconds, &at)?;
         settings.get_or_insert(run.settings);

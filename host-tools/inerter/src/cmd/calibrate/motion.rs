@@ -4,11 +4,11 @@ use std::{collections::BTreeMap, time::Duration};
 
 use inerter_analysis::calibrate::refuse_saturated;
 use inerter_core::Machine;
-use inerter_data::{json::machine_json_line, output, replay::Outcome, run::Run, settings::SettingsInputError};
+use inerter_data::{output, replay::Outcome, run::Run, settings::SettingsInputError};
 use serde::Serialize;
 
 use super::{
-    super::{fit::replayed, terminal},
+    super::{fit::replayed, print::print_machine_json, terminal},
     common::{SourceArgs, StepArgs, connect, listening_time},
     person::Person,
 };
@@ -98,7 +98,7 @@ fn report<J: Serialize>(
     if json {
         let values = values.iter().copied().collect();
         let line = ShownJson { kind: what, source, found, values, better: *better, written };
-        return Ok(output::line(machine_json_line(machine, &line))?);
+        return print_machine_json(machine, &line);
     }
     for (number, words) in words.iter().enumerate() {
         output::line(if number == 0 { format!("{source}: {words}") } else { words.clone() })?;

@@ -6,10 +6,13 @@ use std::{
     time::Duration,
 };
 
-use inerter_data::{json::json_line, output};
+use inerter_data::output;
 use serde_json::json;
 
-use super::super::terminal::{self, Progress};
+use super::super::{
+    print::print_json,
+    terminal::{self, Bars},
+};
 use crate::{Error, calibrate::Dialogue, error::DialogueError};
 
 /// Time between two looks for Ctrl-C while an answer is waited for.
@@ -19,42 +22,31 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Person {
     json: bool,
     lines: Option<Receiver<String>>,
-    bar: Option<(&'static str, Progress)>,
+    bars: Bars,
 }
 
 impl Person {
     /// With `json` questions are objects on standard output, for a program that answers.
     pub fn new(json: bool) -> Self {
-        Self { json, lines: None, bar: None }
-    }
-
-    /// Whether somebody can read and answer what was not planned.
-    pub fn is_there() -> bool {
-        io::stdin().is_terminal() && io::stderr().is_terminal()
-    }
-
-    fn done(&mut self) {
-        if let Some((_, bar)) = self.bar.take() {
-            bar.done();
-        }
+        Self { json, lines: None, bars: Bars::default() }
     }
 }
 
 impl Dialogue for Person {
     fn say(&mut self, text: &str) {
-        self.done();
+        self.bars.done();
         terminal::say(text);
     }
 
     fn ask(&mut self, question: &str, default: &str) -> Result<String, Error> {
-        self.done();
+        self.bars.done();
         let lines = self.lines.get_or_insert_with(answers);
         if io::stdin().is_terminal() {
             // What was typed before the question is no answer to it.
             while lines.try_recv().is_ok() {}
         }
         if self.json {
-            output::line(json_line(&json!({ "kind": "prompt", "question": question, "default": default })))?;
+            print_json(&json!({ "kind": "prompt", "question": question, "default": default }))?;
             output::flush()?;
         } else {
             let default = if default.is_empty() { String::new() } else { format!(" ({default})") };
@@ -62,9 +54,7 @@ impl Dialogue for Person {
             terminal::ask(format!("{question}{default}:")).ok();
         }
         loop {
-            if terminal::interrupted() {
-                return Err(Error::INTERRUPTED);
-            }
+            terminal::go_on()?;
             match lines.recv_timeout(LOOK) {
                 Ok(answer) if answer.trim().is_empty() => return Ok(default.into()),
                 Ok(answer) => return Ok(answer.trim().into()),
@@ -75,20 +65,13 @@ impl Dialogue for Person {
     }
 
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error> {
-        if terminal::interrupted() {
-            self.done();
-            return Err(Error::INTERRUPTED);
+        let goes_on = terminal::go_on();
+        if goes_on.is_err() || fraction >= 1.0 {
+            self.bars.done();
+        } else {
+            self.bars.set(label, (1000.0 * fraction) as u64, 1000);
         }
-        if fraction >= 1.0 {
-            self.done();
-            return Ok(());
-        }
-        if self.bar.as_ref().is_some_and(|(shown, _)| *shown != label) {
-            self.done();
-        }
-        let (_, bar) = self.bar.get_or_insert_with(|| (label, Progress::new(label, 1000)));
-        bar.set((1000.0 * fraction) as u64);
-        Ok(())
+        Ok(goes_on?)
     }
 }
 

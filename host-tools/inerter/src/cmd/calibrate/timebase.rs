@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use super::common::{StepArgs, at_device, time_within};
-use crate::{
-    Error,
-    calibrate::dialogue::{PPM, number},
+use super::{
+    common::{StepArgs, at_device, time_within},
+    force::within,
 };
+use crate::{Error, calibrate::dialogue::PPM};
 
 /// Compare the device's sample clock with this computer's clock.
 ///
@@ -34,8 +34,7 @@ fn up_to_a_day(text: &str) -> Result<Duration, String> {
 }
 
 fn ppm(text: &str) -> Result<f64, String> {
-    let value = number(text, PPM).map_err(|error| error.to_string())?;
-    if (1e-3..=1e4).contains(&value) { Ok(value) } else { Err("it must lie between 0.001 and 10000".into()) }
+    within(text, PPM, 1e-3, 1e4)
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {

@@ -10,7 +10,7 @@ use super::{
 use crate::{Error, calibrate::wizard::Wizard, error::DialogueError};
 
 pub fn run(link: &LinkArgs) -> Result<(), Error> {
-    if !Person::is_there() {
+    if !terminal::can_ask() {
         return Err(DialogueError::NoTerminal.into());
     }
     terminal::catch_interrupts();

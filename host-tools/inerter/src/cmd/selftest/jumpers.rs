@@ -8,7 +8,11 @@ use inerter_device::{Device, DeviceError, Received};
 use inerter_jumpers::{Board, JumperError, Measured, run};
 use inerter_wire::{Command, Done, Frame, Record};
 
-use crate::{Error, calibrate::Dialogue, cmd::calibrate::person::Person};
+use crate::{
+    Error,
+    calibrate::Dialogue,
+    cmd::{calibrate::person::Person, terminal::can_ask},
+};
 
 /// Name and label of the whole.
 pub const CHECK: (&str, &str) = ("jumpers", "Signals through jumpers");
@@ -68,7 +72,7 @@ impl Board for Wired<'_> {
 
 /// Asks whether the outputs may be driven; nobody there is a no.
 pub fn may_drive() -> Result<bool, Error> {
-    if !Person::is_there() {
+    if !can_ask() {
         return Ok(false);
     }
     let answer = Person::new(false).ask(QUESTION, "no")?;

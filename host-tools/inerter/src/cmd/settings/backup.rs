@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use inerter_core::Settings;
 use inerter_data::{
     backup::{self, values_of},
-    json::json_line,
     output,
     settings::validate,
 };
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::{
     super::{
         args::LinkArgs,
+        print::print_json,
         terminal::{say, tidy_at_interrupts},
     },
     Common, finish,
@@ -91,7 +91,7 @@ pub fn backup(args: &BackupArgs) -> Result<(), Error> {
     let (file, serial) = (args.file.display().to_string(), device.hello().serial.as_str());
     if args.common.json {
         let line = json!({ "kind": "settings_backup", "file": file, "serial": serial, "settings": Settings::COUNT, "saved": args.saved });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
     let which = if args.saved { "saved settings" } else { "settings" };
     say(format!("{} {which} of {} (serial {serial}) are in {file}", Settings::COUNT, device.hello().board));
@@ -128,9 +128,9 @@ pub fn diff(args: &DiffArgs) -> Result<(), Error> {
     let differences: Vec<_> = all.filter(|(_, (a, b))| bits(a) != bits(b)).collect();
     if args.json {
         let named = differences.iter().map(|(info, (a, b))| (info.name.to_string(), json!({ "a": a, "b": b })));
-        let named: Map<String, Value> = named.collect();
+        let named: Value = named.collect();
         let line = json!({ "kind": "settings_diff", "a": args.a, "b": args.b, "differences": named });
-        return Ok(output::line(json_line(&line))?);
+        return print_json(&line);
     }
     let text = |value: &Option<f64>| value.map_or_else(|| "(not given)".to_string(), |value| format!("{value:?}"));
     for (info, (a, b)) in &differences {

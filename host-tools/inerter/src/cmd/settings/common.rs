@@ -1,13 +1,13 @@
 //! What the commands on a device's settings share: how it is reached, and how the result is shown.
 
 use inerter_core::Settings;
-use inerter_data::{json::json_line, output};
+use inerter_data::{backup::changes, output};
 use inerter_device::Device;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::{
     Error,
-    cmd::{args::LinkArgs, terminal::say},
+    cmd::{args::LinkArgs, print::print_json, terminal::say},
 };
 
 /// Flags of every one of them.
@@ -26,7 +26,7 @@ pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) ->
         device.save_settings()?;
     }
     if json {
-        return print_json(device);
+        return print_settings(device);
     }
     let changed = print_changes(before, device.settings())?;
     say(match (save, changed) {
@@ -37,21 +37,18 @@ pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) ->
     Ok(())
 }
 
-pub fn print_json(device: &Device) -> Result<(), Error> {
+pub fn print_settings(device: &Device) -> Result<(), Error> {
     let values = Settings::TABLE.iter().zip(device.settings().values());
-    let settings: Map<String, Value> = values.map(|(info, value)| (info.name.into(), json!(value))).collect();
+    let settings: Value = values.map(|(info, value)| (info.name, value)).collect();
     let line = json!({ "kind": "settings", "serial": device.hello().serial.as_str(), "settings": settings });
-    Ok(output::line(json_line(&line))?)
+    print_json(&line)
 }
 
 /// Prints each setting that is another one than before; gives whether there were any.
 pub fn print_changes(before: &Settings, after: &Settings) -> Result<bool, Error> {
-    let mut any = false;
-    for ((info, before), after) in Settings::TABLE.iter().zip(before.values()).zip(after.values()) {
-        if before.to_bits() != after.to_bits() {
-            output::line(format!("{} = {after:?}   # was {before:?}", info.name))?;
-            any = true;
-        }
+    let changes = changes(before, after);
+    for (name, before, after) in &changes {
+        output::line(format!("{name} = {after:?}   # was {before:?}"))?;
     }
-    Ok(any)
+    Ok(!changes.is_empty())
 }

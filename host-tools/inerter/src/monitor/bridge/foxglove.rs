@@ -6,7 +6,7 @@
 
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
 };
 
 use axum::{
@@ -34,6 +34,7 @@ use crate::{
         address::{FOXGLOVE, resolve},
         feed::{Item, Moment},
         hub::Viewer,
+        locked,
     },
 };
 
@@ -62,21 +63,17 @@ enum Topic {
     Marker,
 }
 
-const TOPICS: [Topic; 6] =
-    [Topic::Samples, Topic::Estimate, Topic::Reversal, Topic::Health, Topic::Event, Topic::Marker];
+/// All of them with their names, in order.
+const TOPICS: [(Topic, &str); 6] = [
+    (Topic::Samples, "samples"),
+    (Topic::Estimate, "estimate"),
+    (Topic::Reversal, "reversal"),
+    (Topic::Health, "health"),
+    (Topic::Event, "event"),
+    (Topic::Marker, "marker"),
+];
 
 impl Topic {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Samples => "samples",
-            Self::Estimate => "estimate",
-            Self::Reversal => "reversal",
-            Self::Health => "health",
-            Self::Event => "event",
-            Self::Marker => "marker",
-        }
-    }
-
     /// What its messages hold, in the names of this machine.
     fn properties(self, machine: Machine) -> Map<String, Value> {
         let metre = catalogue::unit(machine, "m");
@@ -114,11 +111,11 @@ impl Channels {
     }
 
     fn advertise(&self) -> Value {
-        let channel = |topic: Topic| {
-            let name = format!("inerter.{}", topic.name());
-            let schema = json!({ "type": "object", "title": name, "properties": topic.properties(self.machine) });
+        let channel = |(topic, name): (Topic, &str)| {
+            let title = format!("inerter.{name}");
+            let schema = json!({ "type": "object", "title": title, "properties": topic.properties(self.machine) });
             json!({
-                "id": self.number(topic), "topic": format!("/{}", topic.name()), "encoding": "json", "schemaName": name,
+                "id": self.number(topic), "topic": format!("/{name}"), "encoding": "json", "schemaName": title,
                 "schema": machine_json_line(self.machine, &schema), "schemaEncoding": "jsonschema",
             })
         };
@@ -126,7 +123,7 @@ impl Channels {
     }
 
     fn unadvertise(&self) -> Value {
-        json!({ "op": "unadvertise", "channelIds": TOPICS.map(|topic| self.number(topic)) })
+        json!({ "op": "unadvertise", "channelIds": TOPICS.map(|(topic, _)| self.number(topic)) })
     }
 }
 
@@ -178,7 +175,7 @@ impl Foxglove {
 
     fn send(&self, topic: Topic, at: Moment, value: impl FnOnce() -> String) {
         if self.shared.sender.receiver_count() > 0 {
-            let channel = self.shared.channels.lock().unwrap_or_else(PoisonError::into_inner).number(topic);
+            let channel = locked(&self.shared.channels).number(topic);
             let message = Told::Message { channel, unix_ns: at.unix_ns, payload: value().into() };
             self.shared.sender.send(message).ok();
         }
@@ -186,7 +183,7 @@ impl Foxglove {
 
     /// Other names and units: other channels.
     fn turn_to(&self, machine: Machine) {
-        let mut channels = self.shared.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut channels = locked(&self.shared.channels);
         let before = channels.unadvertise();
         *channels = Channels { first: channels.first + TOPICS.len() as u32, machine };
         for message in [before, channels.advertise()] {
@@ -226,7 +223,9 @@ async fn live(
     if upgrade.selected_protocol().is_none() {
         return (StatusCode::BAD_REQUEST, "the WebSocket subprotocol foxglove.sdk.v1 is needed\n").into_response();
     }
-    upgrade.on_upgrade(move |socket| talk(socket, shared, place))
+    upgrade.on_upgrade(move |socket| async move {
+        talk(socket, shared, place).await;
+    })
 }
 
 /// What a client asks for.
@@ -252,10 +251,10 @@ struct Subscription {
 }
 
 /// Tells a client of the channels, then what comes on those that it subscribes to, until either end is gone.
-async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
+async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Option<()> {
     let (advertised, mut receiver) = {
         // Channels do not change while this is held.
-        let channels = shared.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        let channels = locked(&shared.channels);
         (channels.advertise(), shared.sender.subscribe())
     };
     let info = json!({
@@ -263,9 +262,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
         "metadata": {}, "sessionId": shared.session,
     });
     for message in [info, advertised] {
-        if send(&mut socket, Message::Text(message.to_string().into())).await.is_none() {
-            return;
-        }
+        send(&mut socket, Message::Text(message.to_string().into())).await?;
     }
     // Channel by subscription.
     let mut subscriptions: HashMap<u32, u32> = HashMap::new();
@@ -280,12 +277,10 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
                     }
                     // The client was too slow: the oldest are left out.
                     Err(broadcast::error::RecvError::Lagged(_)) => continue,
-                    Err(broadcast::error::RecvError::Closed) => return,
+                    Err(broadcast::error::RecvError::Closed) => return None,
                 };
                 for message in messages {
-                    if send(&mut socket, message).await.is_none() {
-                        return;
-                    }
+                    send(&mut socket, message).await?;
                 }
             }
             asked = socket.recv() => match asked {
@@ -295,14 +290,12 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) {
                         subscriptions.extend(new.iter().take(room).map(|new| (new.id, new.channel_id)));
                     }
                     Ok(Asked::Unsubscribe { subscription_ids }) => {
-                        subscription_ids.iter().for_each(|id| {
-                            subscriptions.remove(id);
-                        });
+                        subscriptions.retain(|id, _| !subscription_ids.contains(id));
                     }
                     // There is nothing else that this server offers.
                     Ok(Asked::Other) | Err(_) => {}
                 },
-                Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                Some(Ok(Message::Close(_)) | Err(_)) | None => return None,
                 Some(Ok(_)) => {}
             },
         }
@@ -353,9 +346,10 @@ fn estimate_fields(machine: Machine) -> Map<String, Value> {
 
 impl Viewer for Foxglove {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
+        let machine = self.settings.machine;
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => {
-                if settings.machine != self.settings.machine {
+                if settings.machine != machine {
                     self.turn_to(settings.machine);
                 }
                 self.settings = *settings;
@@ -365,7 +359,7 @@ impl Viewer for Foxglove {
                     self.latest = sample.at;
                     self.send(Topic::Samples, sample.at, || {
                         machine_json_line(
-                            self.settings.machine,
+                            machine,
                             &json!({
                                 "t_s": sample.at.run_s, "position_m": sample.position_m, "force_n": sample.force_n,
                                 "terminal_m": sample.terminal_m,
@@ -376,22 +370,19 @@ impl Viewer for Foxglove {
             }
             Item::Estimate { at, t_s, estimated } => {
                 self.latest = *at;
-                let line =
-                    || machine_json_line(self.settings.machine, &EstimateJson::live(*t_s, estimated, &self.settings));
+                let line = || machine_json_line(machine, &EstimateJson::live(*t_s, estimated, &self.settings));
                 self.send(Topic::Estimate, *at, line);
             }
-            Item::Reversal { t_s, reversal } => self.send(Topic::Reversal, self.latest, || {
-                machine_json_line(self.settings.machine, &ReversalJson::new(*t_s, reversal))
-            }),
+            Item::Reversal { t_s, reversal } => self
+                .send(Topic::Reversal, self.latest, || machine_json_line(machine, &ReversalJson::new(*t_s, reversal))),
             Item::Health(health) => self.send(Topic::Health, self.latest, || json_line(&health_json(health))),
             Item::Event { at, t_s, event } => {
                 self.send(Topic::Event, *at, || {
-                    let machine = self.settings.machine;
                     machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
                 });
             }
             Item::Cause { at, t_s, index, cause } => self.send(Topic::Event, *at, || {
-                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(self.settings.machine)))
+                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(machine)))
             }),
             Item::Marker { at, text, .. } => {
                 self.send(Topic::Marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));

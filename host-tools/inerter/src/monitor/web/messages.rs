@@ -133,10 +133,8 @@ impl Messages {
         let (t_s, estimated) = state.values.estimate?;
         // Plain numbers and texts: there is nothing that could fail.
         let mut value = serde_json::to_value(EstimateJson::live(t_s, &estimated, &state.settings)).unwrap_or_default();
-        if let Some(object) = value.as_object_mut() {
-            object.insert("run_s".into(), json!((run_s * 1e4).round() / 1e4));
-            object.insert("state".into(), json!(text::line(state.settings.machine, &estimated)));
-        }
+        value["run_s"] = json!((run_s * 1e4).round() / 1e4);
+        value["state"] = text::line(state.settings.machine, &estimated).into();
         Some(value)
     }
 
@@ -153,11 +151,9 @@ impl Messages {
     fn health(&self) -> Option<Value> {
         let losses = &self.state.values.losses;
         let mut value = health_json(&losses.health?);
-        if let Some(object) = value.as_object_mut() {
-            object.insert("lost_frames".into(), json!(losses.lost_frames));
-            object.insert("clean".into(), json!(losses.is_clean()));
-            object.insert("words".into(), json!(losses.line()));
-        }
+        value["lost_frames"] = losses.lost_frames.into();
+        value["clean"] = losses.is_clean().into();
+        value["words"] = losses.line().into();
         Some(value)
     }
 }
