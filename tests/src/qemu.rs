@@ -82,7 +82,9 @@ impl Machine {
             let target = Target::Tcp { address: self.address.clone() };
             match Device::connect(&target, Clock::new()) {
                 Ok(device) => return Ok(device),
-                Err(DeviceError::Connect { .. } | DeviceError::Vanished { .. }) if started.elapsed() < START_TIME => {
+                Err(DeviceError::Connect { .. } | DeviceError::TurnedAway { .. } | DeviceError::Vanished { .. })
+                    if started.elapsed() < START_TIME =>
+                {
                     if let Some(status) = self.child.try_wait()? {
                         return Err(format!("QEMU ended: {status}").into());
                     }
