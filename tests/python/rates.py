@@ -20,7 +20,7 @@ import pyarrow as pa
 
 PASSES = 5
 GOAL = 0.9
-"""Least rate of the package on one worker, as a part of the command line's."""
+"""Minimum rate of the package on one worker, as a fraction of the command line's."""
 BOX_S, SPACING_S, SOLUTION_S = 0.016, 0.008, 0.2
 """Length of the box, time between two updates, and between two solutions [s]."""
 

@@ -123,7 +123,7 @@ def main(program, folder, runs):
         ("runs", f"{runs}", ""),
         ("replay of a run without store and cluster", f"{1e3 * alone_s:.1f}", "ms"),
         ("one worker, a run", f"{1e3 * one / runs:.1f}", "ms"),
-        ("of it store and cluster (goal: under 20)", f"{1e3 * (one / runs - alone_s):.1f}", "ms"),
+        ("of which store and cluster (goal: under 20)", f"{1e3 * (one / runs - alone_s):.1f}", "ms"),
         ("two workers, a run", f"{1e3 * two / runs:.1f}", "ms"),
         ("two workers over one (goal: at least 1.8)", f"{one / two:.2f}", "times"),
         ("two processes over one, without store and cluster", f"{alone_s / both_s:.2f}", "times"),
@@ -138,7 +138,7 @@ def main(program, folder, runs):
     print("# What many runs cost\n")
     print(
         "`cargo xtask scale --update` writes this table: simulated runs of 20 s at 1 kHz in a store in a folder, replayed by the workers of a\n"
-        "Dask cluster on one machine of two processors, which the scheduler and the client share with them. Ratios mean something, times that machine. *Adding* is of 200 runs\n"
+        "Dask cluster on one machine of two processors, which the scheduler and the client share with them. Only the ratios carry over to other machines; the times are this machine's. *Adding* is of 200 runs\n"
         "to an empty store, by two processes at once. Memory is the most that a worker's process ever had.\n"
     )
     print("| figure | value | unit |\n|---|--:|---|")
@@ -155,8 +155,8 @@ def main(program, folder, runs):
         ("replaying all of them", f"{replays_h:.0f} processor hours", replays_h * PRICES["processor an hour"], ""),
         ("replaying them in S3: requests of `inerter replay --store`", *asked("by the program"), ""),
         ("replaying them in S3: requests of `inerter.batch.replay`", *asked("by a worker"), ""),
-        ("a look at the row of every run in a folder", f"{MILLION * listing / runs / 60:.0f} minutes by one process", None, ""),
-        ("a look at the row of every run in S3: requests", *asked("looked at"), ""),
+        ("reading the row of every run in a folder", f"{MILLION * listing / runs / 60:.0f} minutes by one process", None, ""),
+        ("reading the row of every run in S3: requests", *asked("looked at"), ""),
     ]
     print(f"\n## A million runs of {DURATION_S} s of {DEVICES // 1000} thousand devices, on paper\n")
     print(

@@ -168,8 +168,8 @@ pub fn identify(
     })
 }
 
-/// The line of `inerter plan --json` without its files, its remarks, what is out of reach, the points of the motion,
-/// and its figure.
+/// The line of `inerter plan --json` without its files, its remarks, what is out of reach, the points of the motion (time
+/// \[s\] and displacement \[m\]), and its figure.
 type Designed = (String, Vec<String>, Option<String>, Table, Drawn);
 
 /// The motion of a plan over time.
@@ -189,7 +189,7 @@ fn motion_figure(planned: &Planned) -> Figure {
     }
 }
 
-/// Designs a motion, or predicts what a given one tells: time \[s\] and displacement \[m\].
+/// Designs a motion, or predicts what a given one tells.
 #[pyfunction]
 #[pyo3(signature = (run, preset, given, force_noise_n, settings, wants, motion, limits, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]

@@ -118,6 +118,8 @@ impl Store {
         error: (String, String),
     ) -> PyResult<()> {
         self.work(py, move |store| {
+            // Settings that cannot be are the caller's fault, not the run's.
+            overrides(&given)?;
             let result = result.map(|text| serde_json::from_str(&text).unwrap_or_default()).ok_or(error);
             let outcome = Outcome { kind, given: serde_json::json!(given), result };
             Ok(store.keep(&batch, &store.find(&run)?, &outcome)?)

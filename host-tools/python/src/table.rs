@@ -67,8 +67,10 @@ impl Table {
     fn __getitem__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyList>> {
         let Ok(place) = self.schema.index_of(name) else { return Err(PyKeyError::new_err(name.to_string())) };
         let list = PyList::empty(py);
-        for batch in self.reader()? {
-            let batch = batch.map_err(|error| PyValueError::new_err(error.to_string()))?;
+        let mut batches = self.reader()?;
+        while let Some(batch) = py.detach(|| batches.next()) {
+            py.check_signals()?;
+            let batch = batch.map_err(failed)?;
             let column = batch.column(place);
             if let Some(values) = column.as_any().downcast_ref::<Float64Array>() {
                 values.iter().try_for_each(|value| list.append(value))?;
@@ -96,6 +98,16 @@ impl Table {
         drop(requested_schema);
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(self.reader()?), c"arrow_array_stream")
     }
+}
+
+/// Why a batch could not be read, with the code and the help of the file's own error.
+fn failed(error: ArrowError) -> PyErr {
+    let text = error.to_string();
+    let ours = match error {
+        ArrowError::ExternalError(error) => error.downcast::<inerter_data::Error>().ok(),
+        _ => None,
+    };
+    ours.map_or_else(|| PyValueError::new_err(text), |error| Failure::from(*error).into())
 }
 
 impl Table {

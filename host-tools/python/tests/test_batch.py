@@ -109,6 +109,10 @@ def test_a_run_that_fails_is_a_row_with_its_error(stored: Path, tmp_path: Path) 
     with pytest.raises(inerter.InerterError) as caught:
         inerter.batch.replay(store, batch="wrong", settings={"memory": 1.0})
     assert caught.value.code == "inerter::settings::unknown" and store.results("wrong") == []
+    done = store.results("replay")
+    with pytest.raises(inerter.InerterError, match="no setting `memory`"):
+        inerter.batch.replay(store, settings={"memory": 1.0}, again=True)
+    assert store.results("replay") == done
     # A batch is of one kind, with the same settings.
     for call, settings in ((inerter.batch.replay, {"memory_s": 5.0}), (inerter.batch.diagnose, None)):
         with pytest.raises(inerter.InerterError, match="was made by") as caught:

@@ -79,7 +79,8 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     let test = format!("import {imports}; print('complete')");
     let complete = |python: &Path| process::first_line(Command::new(python).args(["-c", &test])).is_some();
     let wanted = tree::text(requirements)?;
-    // What it was made for: a package that is raised, or that nothing imports, is missed otherwise.
+    // The requirements it was made from: without them a raised version, or a package that nothing imports, would go
+    // unnoticed.
     let made_for = folder.join("requirements.txt");
     let is_current = tree::text_if_there(&made_for)? == wanted;
     if is_current && python.is_file() && complete(&python) {

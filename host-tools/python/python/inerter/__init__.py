@@ -71,7 +71,7 @@ _MEANT = {"t": "t_s", "time": "t_s", "encoder": "encoder_count", "force": "force
 _UNITS = {"t_s": "s", "encoder_count": "counts", "force_n": "N", "torque_n_m": "N m", "terminal_m": "m", "terminal_rad": "rad"}
 _OTHER_UNIT = re.compile(
     r"(t|time|encoder|force|torque|terminal)_"
-    r"(n?s|[mu]s|min|h|[mk]?n|[mk]?n_?[mc]?m|kgf|lbf|[nucm]?m|in|inch|m?rad|deg|m?v|counts?|codes?)",
+    r"(n?s|[mu]s|min|h|[mk]?n|[mk]?n_?[mc]?m|kgf|lbf|[nuµμcm]?m|in|inch|m?rad|deg|m?v|counts?|codes?)",
     re.IGNORECASE,
 )
 """A column of ours in another unit, or with another name."""
@@ -142,7 +142,9 @@ def compare(
     if rigs not in (None, "one", "several"):
         raise ValueError(f"rigs must be 'one' or 'several', not {rigs!r}")
     named: Iterable[tuple[str | None, Source]] = runs.items() if isinstance(runs, Mapping) else ((None, run) for run in runs)
-    whole = [(name, _run(run, settings, metres_per_count)) for name, run in named]
+    whole = []
+    for name, run in named:
+        whole.append((name, _run(run, settings, metres_per_count)))
     is_one_rig = None if rigs is None else rigs == "one"
     line, words, loops = _inerter.compare(whole, is_one_rig, _path(path), replace, _path(limits), progress)
     return Comparison(json.loads(line), words, loops)
@@ -196,7 +198,9 @@ def identify(
         raise ValueError(f"free takes 'mr' and 'tau', not {', '.join(sorted(map(repr, unknown)))}")
     one = isinstance(runs, (Run, str, os.PathLike)) or _names(runs) is not None
     several: Iterable[Any] = [runs] if one else runs  # type: ignore[assignment]
-    whole = [_run(run, settings, metres_per_count) for run in several]
+    whole = []
+    for run in several:
+        whole.append(_run(run, settings, metres_per_count))
     line = _inerter.identify(whole, staged, segment_s, "mr" in free, "tau" in free, profiles, progress)
     return Identification(json.loads(line), whole[0] if whole else None)
 
@@ -465,7 +469,7 @@ def _refuse_other_units(names: list[str]) -> None:
         meant = _MEANT.get(of, _TERMINAL[rotary])
         is_there = any(force in names for force in _FORCE) if of in ("force", "torque") else meant in names
         if not is_there:
-            raise ValueError(f"the column {name} is not read: give {meant} [{_UNITS[meant]}] in its place, or leave it out")
+            raise ValueError(f"the column {name} has another unit or name: convert it to {meant} [{_UNITS[meant]}], or leave it out")
 
 
 def _from_columns(columns: Any, names: list[str], given: dict[str, float]) -> Run:

@@ -50,7 +50,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a run: `svg` is the document, `caption` says what it shows. A notebook draws it."""
+    """A figure of a run, a comparison or a plan: `svg` is the document, `caption` says what it shows. A notebook draws it."""
 
     name: str
     svg: str
@@ -77,7 +77,7 @@ class Result(Mapping[str, Any]):
 
     @property
     def figure(self) -> Figure | None:
-        """The figure that belongs to it, drawn on first use; None if there is none."""
+        """The figure that belongs to it; None if there is none."""
         if self._figure is None and self._run is not None and self._shows:
             try:
                 self._figure = Figure(self._shows, *_inerter.plot(self._run, self._shows, None, False))

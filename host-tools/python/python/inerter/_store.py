@@ -112,7 +112,10 @@ class Store:
         return [json.loads(row) for row in self._store.results(batch)]
 
     def get(self, run: str | Mapping[str, Any], path: str | os.PathLike[str], *, replace: bool = False) -> None:
-        """Writes the recording of a run into a file. Raises InerterError if it is damaged, or the file exists and may not be replaced."""
+        """Writes the recording of a run into a file.
+
+        Raises InerterError if there is no such run, it is damaged, or the file exists and may not be replaced.
+        """
         self._store.get(key(run), os.fspath(path), replace)
 
     def verify(
@@ -120,7 +123,8 @@ class Store:
     ) -> list[dict[str, str]]:
         """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
         `unreadable`, `unfinished` or `foreign`. With `repair`, what follows from intact recordings is rebuilt first; nobody may
-        add or remove runs meanwhile. `progress` is called with the part that is done, from 0 to 1.
+        add or remove runs meanwhile. `progress` is called with the part that is done, from 0 to 1; with `repair` it starts over for each
+        step.
 
         Raises InerterError if there is no store, or it cannot be read or, with `repair`, written, and KeyboardInterrupt on Ctrl-C.
         """
