@@ -510,7 +510,7 @@ def test_columns_in_another_unit_are_refused() -> None:
         columns = {column: values for column, values in good.items() if column != left_out}
         with pytest.raises(ValueError, match=words):
             inerter.replay({**columns, name: time_s}, **given)
-    with pytest.raises(ValueError, match=r"give terminal_rad \[rad\]"):
+    with pytest.raises(ValueError, match=r"convert it to terminal_rad \[rad\]"):
         inerter.replay({"t_s": time_s, "encoder_count": good["encoder_count"], "torque_n_m": time_s, "terminal_deg": time_s}, **given)
     # Other columns are left alone, also those in another unit beside ours.
     more = {**good, "force_kn": time_s, "torque_nm": time_s, "terminal_speed": time_s, "temperature_k": time_s}
