@@ -111,7 +111,7 @@ pub fn compare(
         // Nothing is written where nobody waits for it.
         progress.tell(1.0);
         path.iter().try_for_each(|path| output::write(path, replace, compared::html(&comparison).0))?;
-        let loops = compared::figures(&comparison).into_iter().find(|figure| figure.name == "loops");
+        let loops = compared::loops(&comparison);
         Ok((machine_json_line(machine, &comparison.json()), comparison.words(), loops.as_ref().map(drawn)))
     })
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use inerter_analysis::response::{Input, Point};
+use inerter_core::Machine;
 use inerter_data::names::{description, parameter};
 
 use super::comparison::{Comparison, DRAWN};
@@ -15,18 +16,24 @@ use crate::{
 const COLOURS: [Colour; DRAWN] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
 
 /// All figures that the runs show.
-pub fn figures(comparison: &Comparison) -> Vec<Figure> {
-    let machine = comparison.machine();
+pub(super) fn figures(comparison: &Comparison) -> Vec<Figure> {
     let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
-    let mut figures: Vec<Figure> = all.into_iter().filter(|figure| !figure.panels.is_empty()).collect();
-    for figure in &mut figures {
-        figure.title = description(machine, &figure.title);
-        figure.caption = description(machine, &figure.caption);
-        for axis in figure.panels.iter_mut().flat_map(|panel| [&mut panel.x, &mut panel.y]) {
-            axis.label = description(machine, &axis.label);
-        }
+    all.into_iter().filter_map(|figure| shown(figure, comparison.machine())).collect()
+}
+
+/// The figure of the loops, if the runs show any.
+pub fn loops(comparison: &Comparison) -> Option<Figure> {
+    shown(hysteresis(comparison), comparison.machine())
+}
+
+/// A figure in the words of this machine, unless nothing is in it.
+fn shown(mut figure: Figure, machine: Machine) -> Option<Figure> {
+    figure.title = description(machine, &figure.title);
+    figure.caption = description(machine, &figure.caption);
+    for axis in figure.panels.iter_mut().flat_map(|panel| [&mut panel.x, &mut panel.y]) {
+        axis.label = description(machine, &axis.label);
     }
-    figures
+    (!figure.panels.is_empty()).then_some(figure)
 }
 
 /// The runs that are laid over each other, each with its name and colour.

@@ -5,5 +5,5 @@ mod figures;
 mod html;
 
 pub use comparison::{Comparison, DRAWN};
-pub use figures::figures;
+pub use figures::loops;
 pub use html::html;
