@@ -31,6 +31,9 @@ pub struct Options {
     /// Seed of libFuzzer's random numbers; by default a new one each time, which the printed command shows
     #[arg(long, value_name = "N")]
     seed: Option<u32>,
+    /// Do not show comparisons to libFuzzer: more inputs a second, for long runs from a corpus that already has them
+    #[arg(long)]
+    fast: bool,
     /// Merge what was found, and the seeds, into the committed corpus
     #[arg(long)]
     keep: bool,
@@ -41,7 +44,7 @@ pub struct Options {
 
 impl Options {
     /// All targets from the committed corpora.
-    pub const USUAL: Self = Self { target: None, seconds: 30, seed: None, keep: false, input: None };
+    pub const USUAL: Self = Self { target: None, seconds: 30, seed: None, fast: false, keep: false, input: None };
 }
 
 /// A program of `tests/fuzz`.
@@ -70,9 +73,12 @@ const FLAGS: &[&str] = &[
     "-Cllvm-args=-sanitizer-coverage-level=4",
     "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
     "-Cllvm-args=-sanitizer-coverage-pc-table",
-    "-Cllvm-args=-sanitizer-coverage-trace-compares",
     "--cfg=fuzzing",
+    COMPARES,
 ];
+
+/// Half to four fifths of a target's time.
+const COMPARES: &str = "-Cllvm-args=-sanitizer-coverage-trace-compares";
 
 /// Longest time for one input \[s\], and most memory \[MB\].
 const LIMITS: [&str; 2] = ["-timeout=20", "-rss_limit_mb=2048"];
@@ -89,7 +95,7 @@ pub fn run(options: &Options) -> Result<()> {
             format!("there is no target `{name}`; the targets are {}", names.join(", "))
         })?],
     };
-    let programs = build(&chosen)?;
+    let programs = build(&chosen, options.fast)?;
     let folder = workspace::target()?.join("fuzz");
     if let (Some(input), [target]) = (&options.input, &chosen[..]) {
         return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
@@ -118,13 +124,14 @@ fn folder_of_targets() -> PathBuf {
 
 /// Compiles the targets with counters and returns their folder. Build scripts get no counters, as a target triple is
 /// given.
-fn build(targets: &[&Target]) -> Result<PathBuf> {
+fn build(targets: &[&Target], fast: bool) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
     command.args(["build", "--profile", "fuzz", "--locked", "--target", &host]);
     command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);
     command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
-    process::run(command.env("CARGO_ENCODED_RUSTFLAGS", FLAGS.join("\x1f")))?;
+    let flags: Vec<&str> = FLAGS.iter().copied().filter(|flag| !(fast && *flag == COMPARES)).collect();
+    process::run(command.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1f")))?;
     Ok(workspace::target()?.join(host).join("fuzz"))
 }
 

@@ -132,7 +132,12 @@ fn prepare(folder: &Path) {
 
 /// Each writer in a folder of its own, with what it writes.
 pub fn each_writer(device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
-    each(WRITERS, AT_ONCE, |writer| {
+    each_of(&WRITERS.iter().collect::<Vec<_>>(), device, act);
+}
+
+/// The same of some writers.
+pub fn each_of(writers: &[&Writer], device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
+    each(writers, AT_ONCE, |writer| {
         let folder = tempfile::tempdir().unwrap();
         prepare(folder.path());
         act(writer, folder.path(), &writer.whole(folder.path(), device));
