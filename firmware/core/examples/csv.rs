@@ -1,12 +1,12 @@
 //! Prints the estimates of a recording: `cargo run -p inerter-core --example csv -- FILE.csv [METRES_PER_COUNT]`.
 //!
-//! The file has the columns `t_s, encoder_count, force_n` and a line of names. Rows that are missing are recognised by their
+//! The file has the columns `t_s, encoder_count, force_n` and a line of names. Missing rows are recognised by their
 //! time.
 
 use inerter_core::{Output, Parameter, Published, RawSample, Settings, State};
 use std::error::Error;
 
-/// Force per code [N]: fine beside any load cell's noise.
+/// Force per code [N]: fine compared with any load cell's noise.
 const NEWTONS_PER_CODE: f64 = 1e-3;
 
 struct Row {

@@ -7,9 +7,9 @@ use inerter_core::{Interval, RawSample, Settings, SettingsError, State};
 
 /// What the loop needs of a board.
 pub trait Board {
-    /// Waits for the next sample: counts and codes latched by one trigger. Ends the loop with none.
+    /// Waits for the next sample: counts and codes latched by one trigger. `None` ends the loop.
     fn sample(&mut self) -> Option<RawSample>;
-    /// Takes the inertance \[kg\] while the motion shows it.
+    /// Takes the inertance \[kg\] while the motion identifies it.
     fn show(&mut self, inertance_kg: Option<Interval>);
     /// Learns that the device has changed.
     fn alarm(&mut self);

@@ -1,4 +1,4 @@
-//! Settings brought to the integers that the signal path runs on, once.
+//! The settings, quantised once to the integers that the signal path uses.
 
 use crate::backlash::active::BacklashActive;
 use crate::constants::{
@@ -14,9 +14,9 @@ use crate::plausible::{SLIP_COUNTS, SLIP_FACTOR};
 use crate::settings::{Settings, SettingsError};
 use crate::systematic::Systematic;
 
-/// Encoder travel in one sample at full scale [counts / oversampling]: keeps the comb of the velocity within 64 bits.
+/// Greatest encoder travel per sample at full scale [counts / oversampling]: keeps the velocity's comb within 64 bits.
 const GREATEST_TRAVEL: f64 = 64e6;
-/// Encoder counts across the window under which a weak reversal is grazing.
+/// A weak reversal grazes if the encoder moves less than this across the window [counts].
 const GRAZING_COUNTS: f64 = 4.0;
 
 /// Quantised settings: immutable, apart from the state.
@@ -51,22 +51,22 @@ pub(crate) struct Signal {
     pub force_max_code: i32,
     /// Half width of the sign's kernel [samples].
     pub sign_half_width: u8,
-    /// Half width of the kernel that locates a reversal anew [samples], and how far the zero may be moved [samples].
+    /// Half width of the kernel that relocates a reversal [samples], and how far the zero may move [samples].
     pub reversal_half_width: u8,
     pub reversal_reach: u8,
-    /// Rest is decided in windows of so many blocks as `gate::BLOCKS` [samples each].
+    /// Length of a block [samples]; rest is detected in windows of `gate::BLOCKS` of them.
     pub rest_block: u16,
     pub rest_limit: u32,
     pub grazing_limit: u32,
-    /// Position codes of a count.
+    /// Position codes per encoder count.
     pub codes_per_count: u32,
-    /// The velocity of that, through the sign's kernel.
+    /// Velocity of 4 counts per window, through the sign's kernel [2^-VELOCITY_BITS codes per sample, times m^2].
     pub creep_limit: u32,
-    /// Samples that wait until the gate knows their fate.
+    /// Samples that wait in the delay line until the gate has judged them.
     pub delay: u8,
     pub publish_samples: u32,
     pub newtons_per_code: f32,
-    /// Bend of the position within a sample that is no slip: by steps [codes], and by the force [codes kg per code].
+    /// Greatest bend of the position that is not a slip: by steps [codes], and by the force [codes kg per code].
     pub bend: (u32, f64),
 }
 
@@ -75,24 +75,24 @@ pub(crate) struct Signal {
 pub(crate) struct BankActive {
     /// Samples from update to update.
     pub spacing: u32,
-    /// Consecutive good samples that a kernel output rests on.
+    /// Consecutive good samples that a kernel output requires.
     pub support: u32,
     pub normaliser: Normaliser,
     /// Updates in the memory.
     pub memory: u32,
-    /// No update for so many samples is rest.
+    /// The device counts as at rest after this many samples without an update.
     pub hold_samples: u32,
     pub scales: Scales,
 }
 
-/// From regressors to SI.
+/// Conversion of regressors to SI.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     /// SI value of one unit of acceleration, velocity, sign, one and force.
     pub units: [f64; REGRESSORS],
     /// SI value of one unit of speed and force rate.
     pub more_units: [f64; MORE_REGRESSORS],
-    /// The force's unit over that of each other.
+    /// Unit of the force over the unit of each other regressor.
     pub force_per: [f32; UNKNOWNS],
     /// The force's unit [N].
     pub force: f32,
@@ -104,11 +104,11 @@ pub(crate) struct Scales {
     pub box_squared: f32,
     /// Mean square of the encoder's quantisation noise in the acceleration [regressor units^2].
     pub quantisation: f32,
-    /// Variance of white noise in the force through the kernel, over that in a sample [N^2 per code^2].
+    /// Variance of white force noise behind the kernel, over that in a sample [N^2 per code^2].
     pub noise: f32,
     /// Half a code of the force [N].
     pub half_code: f32,
-    /// The part of that quantisation which sums of independent readings keep.
+    /// Fraction of `quantisation` that sums of independent readings keep.
     pub quantisation_kept: f32,
     /// Unit of the jerk [m/s^3].
     pub jerk: f32,
@@ -117,7 +117,8 @@ pub(crate) struct Scales {
 }
 
 impl Settings {
-    /// Checks each setting and their agreement, and quantises them. Same integers on every machine.
+    /// Checks each setting alone and all of them together, and quantises them; returns the first error found. The
+    /// integers are the same on every machine.
     pub fn validate(&self) -> Result<Active, SettingsError> {
         for (info, value) in Self::TABLE.iter().zip(self.values()) {
             info.check(value)?;
@@ -174,7 +175,7 @@ impl Settings {
         let reversal_reach = rounded(rate * REVERSAL_REACH_S).max(1.0);
         // The window and a block on either side of it.
         let delay = rest_block * (BLOCKS as f64 + 2.0);
-        // The signs on both sides must have been found, and none of those that are moved may have left.
+        // The signs on both sides must be known, and those that are changed must still be in the delay line.
         let reversal_half_width = rounded(rate * REVERSAL_KERNEL_S)
             .min(delay - sign_half_width - reversal_reach - 2.0)
             .max(reversal_reach + 1.0);
@@ -234,16 +235,16 @@ impl Settings {
         let acceleration_shift = fit(acceleration * self.full_scale_acceleration_m_per_s2);
         let velocity_shift = fit(velocity * self.full_scale_velocity_m_per_s);
         let sign_shift = fit(sign);
-        // One bit of room for the corrections.
+        // One bit of headroom for the corrections.
         let force_shift = fit(12.0 * gain * greatest_code * 2.0);
-        // What goes through a box has a derivative of twice its greatest value over the box at most.
+        // Behind a box, a derivative is at most twice the greatest value over the length of the box.
         let steepest = 2.0 / (length * period);
         let force_rate_shift = fit(force_rate * newtons_per_code * greatest_code * steepest * 2.0);
         let curvature_shift = fit(curvature * newtons_per_code * greatest_code * steepest * steepest);
         let jerk_shift = fit(jerk * self.full_scale_acceleration_m_per_s2 * steepest);
         let down = |shift: i8| power_of_two(-i32::from(shift));
 
-        // What is left of the skew: F(t + skew) by its series. Structure mass: see docs/THEORY.md.
+        // The remaining skew: the series of F(t + skew). Structure mass: see docs/THEORY.md.
         let (compliance, lag) = if self.stiffness_n_per_m > 0.0 {
             (self.structure_mass_kg / self.stiffness_n_per_m, self.contact_damping_n_s_per_m / self.stiffness_n_per_m)
         } else {
@@ -269,10 +270,10 @@ impl Settings {
         let snap_term = term(self.structure_mass_kg * compliance * regressor_per_newton * snap_per_code);
 
         let memory = rounded(self.memory_s * rate / spacing).max(1.0) as u32;
-        // A sum over `length` triangles twice differenced: 8/3 M^3 of the single sample's variance.
+        // Two of the boxes remain, a triangle differenced twice: 8/3 M^3 of a single sample's variance.
         let step = self.oversampling * down(acceleration_shift);
         let quantisation = step * step / 12.0 * (8.0 / 3.0) * length * length * length;
-        // A box, averaged over two samples and three times differenced.
+        // One box remains, summed over two samples and differenced three times.
         let jerk_step = self.oversampling * down(jerk_shift);
         let jerk_quantisation = jerk_step * jerk_step / 12.0 * (80.0 * length - 70.0);
         BankActive {
@@ -316,9 +317,9 @@ impl Settings {
         }
     }
 
-    /// What friction and force do to the sign's velocity, times `mt`: the kink of the kernel at a reversal
-    /// [velocity codes per N and cube of the half width], and the velocity that a sum of the force makes
-    /// [velocity codes per force code]; and viscous friction [force codes per position code and sample, per N s/m].
+    /// What friction and force do to the sign's velocity. Times `mt`: the kernel's kink at a reversal [velocity codes
+    /// per N and cube of the half width], and the velocity due to a sum of the force [velocity codes per force code].
+    /// Then viscous friction [force codes per position code and sample, per N s/m].
     fn sign_effects(&self) -> (f64, f64, f64) {
         let period = 1.0 / self.sample_rate_hz;
         let per_impulse = period * period * self.codes_per_metre();
@@ -329,7 +330,7 @@ impl Settings {
     }
 }
 
-/// From the regressors' units per SI unit.
+/// From the number of regressor units per SI unit.
 fn scales(per_si: [f64; REGRESSORS], quantisation: f64) -> Scales {
     let units = per_si.map(|per_si| 1.0 / per_si);
     let [.., force] = units;
@@ -355,7 +356,7 @@ fn magnitude(value: f64) -> f64 {
     if value < 0.0 { -value } else { value }
 }
 
-/// Nearest whole number of a positive one.
+/// A positive value, rounded to the nearest whole number.
 fn rounded(value: f64) -> f64 {
     ((value + 0.5) as i64) as f64
 }

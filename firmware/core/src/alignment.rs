@@ -1,16 +1,17 @@
-//! Brings force and position of the same moment together by whole samples; what is left of the skew is the kernels' (docs/THEORY.md, 7).
+//! Pairs force and position of the same moment, to whole samples; the kernels correct the remaining skew
+//! (docs/THEORY.md, 7).
 
 use crate::backlash::flanks::Newest;
 
-/// Samples by which one may be behind the other: 5 ms at 5 kHz, and a power of two beyond.
+/// Samples that can wait: 5 ms at 5 kHz, rounded up to a power of two.
 const LONGEST: usize = 32;
 
-/// What comes early waits here for the other: position and terminal, or the force and whether it may be used.
+/// Delays the channel that is early: position and terminal, or the force and whether it may be used.
 #[derive(Clone, Debug)]
 pub(crate) struct Alignment {
     waiting: [(i32, i32); LONGEST],
     head: usize,
-    /// Samples from now on whose other half is from before a discontinuity.
+    /// Number of coming samples whose other half is from before a discontinuity.
     unpaired: u8,
 }
 
@@ -25,7 +26,8 @@ impl Alignment {
         (*head, *unpaired) = (0, 0);
     }
 
-    /// Gives a sample the position of so many samples ago, as the force is late by them; of a negative number the force.
+    /// Pairs the force with the position of `late` samples ago, because it is that late; if `late` is negative, the
+    /// position with the force of `-late` samples ago.
     #[cold]
     #[inline(never)]
     pub fn align(&mut self, late: i8, mut newest: Newest) -> Newest {
@@ -41,7 +43,7 @@ impl Alignment {
             let (force, good) = self.waiting[before];
             (newest.force, newest.good) = (force, good != 0);
         }
-        // The last of them is the one at which the half that waited jumps.
+        // The last of these is the one at which the delayed half jumps.
         if newest.broken {
             self.unpaired = samples + 1;
         }

@@ -1,4 +1,4 @@
-//! One kernel bank: its comb, and the memories of what went through it.
+//! One kernel bank: its comb, and the memories of its outputs.
 
 use crate::active::BankActive;
 use crate::kernel::{Cascades, Comb, REGRESSORS, Update};
@@ -7,7 +7,7 @@ use crate::near_rest::NearRest;
 use crate::qformat::Regressor;
 use crate::rls::{MORE_PRODUCTS, Moments, Totals, approach, more_products, products};
 
-/// Averages over the recent memory of what the law has no parameter for.
+/// Averages over the recent memory of a quantity for which the law has no parameter.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Aside {
     /// Its products with acceleration, velocity, sign and one.
@@ -19,7 +19,7 @@ pub(crate) struct Aside {
 impl Aside {
     pub const NONE: Self = Self { products: [0; UNKNOWNS], square: 0 };
 
-    /// Takes its value beside the regressors' at the gain of their averages.
+    /// Takes its value with the regressors of the same update, at the gain of their averages.
     #[inline]
     pub fn update(&mut self, value: Regressor, regressors: &[Regressor; REGRESSORS], gain: u32) {
         let value = i64::from(value);
@@ -65,7 +65,7 @@ impl BankState {
         }
     }
 
-    /// Forgets what was learnt, and nothing of the signals.
+    /// Forgets what was learnt, but not the signals.
     pub fn forget(&mut self) {
         self.recent = Moments::new();
         self.near_rest = NearRest::new();
@@ -82,7 +82,7 @@ impl BankState {
         (self.until_update, self.idle_samples) = (0, 0);
     }
 
-    /// Takes the cascades after a sample; false where an output is beyond full scale.
+    /// Takes the cascades after a sample; returns false if an output is beyond full scale.
     #[inline]
     pub fn advance(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
         self.idle_samples = self.idle_samples.saturating_add(1);
@@ -94,7 +94,7 @@ impl BankState {
         self.take(config, cascades, good_samples)
     }
 
-    /// By itself, so that the samples between updates, which are most, do not pay for its registers.
+    /// Out of line, so that the samples between updates, which are most, do not pay for its registers.
     #[inline(never)]
     fn take(&mut self, config: &BankActive, cascades: &Cascades, good_samples: u32) -> bool {
         let output = self.comb.push(cascades);

@@ -1,8 +1,9 @@
-//! What an interval is made of, after the Guide to the expression of uncertainty (JCGM 100).
+//! The sources of an interval's uncertainty, after the Guide to the expression of uncertainty (JCGM 100).
 //!
-//! `U95 = k sqrt(u_a^2 + sum u_i^2)`: `u_a` by the scatter of the fit with its degrees of freedom, `u_i` by what is stated or
-//! measured of everything that no averaging removes, and `k` of Student's distribution by the degrees of freedom of both
-//! together (Welch and Satterthwaite). Floats, as in `report`: basic arithmetic that gives the same bits on every machine.
+//! `U95 = k sqrt(u_a^2 + sum u_i^2)`. `u_a` is the scatter of the fit, with its degrees of freedom. The `u_i` are
+//! stated or measured, for everything that averaging does not remove. `k` is that of Student's distribution for the
+//! degrees of freedom of both together (Welch and Satterthwaite). Floats, as in `report`: basic arithmetic gives the
+//! same bits on every machine.
 
 use crate::ldl::UNKNOWNS;
 use crate::math::{sqrt, square};
@@ -15,11 +16,11 @@ pub const NORMAL_COVERAGE: f32 = 1.959_964;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Source {
-    /// Scatter of the fit: noise of the force, and the encoder's steps as if they were noise.
+    /// Scatter of the fit: noise of the force, and the encoder's steps treated as noise.
     Noise,
-    /// What the encoder's steps make of a motion that repeats itself, and their share in the acceleration.
+    /// The encoder's steps in a motion that repeats itself, and their bias through the acceleration.
     Encoder,
-    /// The delay of the force that is not known.
+    /// The unknown part of the force's delay.
     Skew,
     /// The force's scale.
     Gain,
@@ -29,15 +30,15 @@ pub enum Source {
     Timebase,
     /// The structure mass, and its motion across a backlash.
     Structure,
-    /// The contact's stiffness, by which the structure's motion follows from the screw's.
+    /// The contact's stiffness, which relates the structure's motion to the screw's.
     Stiffness,
-    /// A law that may not hold, by this run's own evidence. Of the contact: what higher degrees of the fit would change, and how far the noise of
-    /// the displacements weakens what it is multiplied by.
+    /// A law that may not hold, as far as this run shows it. For the contact: what higher degrees of the fit would
+    /// change, and how far the noise of the displacements lowers their coefficients.
     Model,
 }
 
 impl Source {
-    /// All, in the order of a budget.
+    /// All sources, in the order of a budget.
     pub const ALL: [Self; 9] = [
         Self::Noise,
         Self::Encoder,
@@ -50,7 +51,7 @@ impl Source {
         Self::Model,
     ];
 
-    /// Whether two runs on one rig share it, so that their difference is free of it.
+    /// Whether two runs on one rig share it, so that it cancels in their difference.
     pub const fn is_shared(self) -> bool {
         matches!(self, Self::Gain | Self::Lead | Self::Timebase)
     }
@@ -74,7 +75,7 @@ impl Budget {
         Self { squares, freedom: 1.0 }
     };
 
-    /// Of a fit with this standard error by so many degrees of freedom.
+    /// The budget of a fit with this standard error and these degrees of freedom.
     #[must_use]
     pub fn of_scatter(standard_error: f32, freedom: f32) -> Self {
         let mut squares = [0.0; Source::ALL.len()];
@@ -82,7 +83,7 @@ impl Budget {
         Self { squares, freedom: if freedom > 1.0 { freedom } else { 1.0 } }
     }
 
-    /// With an uncertainty more, given as the half width of its 95 % interval.
+    /// Adds an uncertainty, given as the half width of its 95 % interval.
     #[must_use]
     pub fn and(self, source: Source, u95: f32) -> Self {
         self.and_variance(source, square(u95 / NORMAL_COVERAGE))
@@ -95,7 +96,7 @@ impl Budget {
         self
     }
 
-    /// The same in a unit of which one of this is so many.
+    /// Converts the budget to another unit; `unit` is the size of the present unit in it.
     #[must_use]
     pub fn times(self, unit: f32) -> Self {
         Self { squares: self.squares.map(|variance| variance * square(unit)), ..self }
@@ -121,7 +122,7 @@ impl Budget {
         self.freedom
     }
 
-    /// Degrees of freedom of all together: infinite where nothing scatters.
+    /// Degrees of freedom of all together; infinite if nothing scatters.
     pub fn freedom(&self) -> f32 {
         self.freedom_of(self.square())
     }
@@ -137,13 +138,13 @@ impl Budget {
         self.u95_of(own.map(|(_, square)| square).sum())
     }
 
-    /// Part of the half width by each source: their squares add up to that of [`Self::u95`].
+    /// Each source's part of the half width; the squares of the parts add up to that of [`Self::u95`].
     pub fn parts(&self) -> [(Source, f32); Source::ALL.len()] {
         let factor = student(self.freedom());
         core::array::from_fn(|i| (Source::ALL[i], factor * sqrt(self.squares[i])))
     }
 
-    /// Square of the standard uncertainty by all together.
+    /// Square of the combined standard uncertainty.
     fn square(&self) -> f32 {
         self.squares.iter().sum()
     }
@@ -161,8 +162,8 @@ impl Budget {
     }
 }
 
-/// Standard deviations within which 95 % of Student's distribution lie: the series of Cornish and Fisher, within 0.4 % from 3
-/// degrees of freedom on.
+/// Standard deviations within which 95 % of Student's distribution lie: the series of Cornish and Fisher, within 0.4 %
+/// from 3 degrees of freedom on.
 fn student(freedom: f32) -> f32 {
     let part = 1.0 / freedom;
     NORMAL_COVERAGE + part * (2.3723 + part * (2.8225 + part * (2.5558 + part * 1.5895)))
@@ -180,11 +181,11 @@ pub struct Budgets {
     pub contact: ContactBudgets,
 }
 
-/// Budgets of the contact, where something is told of it.
+/// Budgets of the contact, where it has values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ContactBudgets {
-    /// Of the backlash \[m\], by the route that it is told by.
+    /// Of the backlash \[m\], by the route of its value.
     pub backlash_m: Option<Budget>,
     /// Of the stiffness \[N/m\], by the terminal's sensor.
     pub stiffness_n_per_m: Option<Budget>,

@@ -1,16 +1,17 @@
-//! Has the device itself changed: a flywheel swapped, a lubricant failing, a ratio moved?
+//! Detects changes of the device itself: a swapped flywheel, a failing lubricant, a changed ratio.
 //!
-//! Glossary: a *block* is half a second of motion (two seconds in the slow bank, and longer until it tells something),
-//! fitted by itself from what the exact sums grew by; the *reference* is the recent memory as it stood three blocks
-//! before. A block *deviates* in a parameter when it lies farther from the reference than
+//! Glossary: a *block* is half a second of motion (two seconds in the slow bank, and longer until it is informative),
+//! fitted by itself from the growth of the exact sums; the *reference* is the recent memory as it stood three blocks
+//! earlier. A block *deviates* in a parameter when it differs from the reference by more than
 //!
 //! - [`ERRORS`] standard errors of both together,
-//! - [`SCATTERS`] times what blocks have deviated by so far, which holds whatever the law leaves out of a real machine,
-//! - a part of the value that matters ([`LEAST_PART`]): less is drift, which the memory follows.
+//! - [`SCATTERS`] times what blocks have deviated by so far, which includes whatever the law leaves out of a real
+//!   machine,
+//! - a fraction of the value that matters ([`LEAST_PART`]): less is drift, which the memory follows.
 //!
-//! Two blocks in a row that deviate alike are a change: a knock deviates once. It is found within three blocks, and both
-//! memories begin anew, so that no estimate is an average over two devices.
-//! Floats, as in `report`: basic arithmetic that gives the same bits on every machine.
+//! Two blocks in a row that deviate alike are a change; a knock deviates once. A change is found within three blocks.
+//! Both memories then restart, so that no estimate is an average over two devices.
+//! Floats, as in `report`: basic arithmetic gives the same bits on every machine.
 
 use crate::active::{Active, Scales};
 use crate::bank::BankState;
@@ -24,23 +25,24 @@ use crate::rls::PRODUCTS;
 
 /// Length of a block in either bank [boxes]: 0.5 s and 2 s.
 const BLOCK_BOXES: u32 = 32;
-/// Standard errors within which a block agrees: its own are known from 15 observations only.
+/// Standard errors within which a block agrees: its own errors come from 15 observations only.
 const ERRORS: f32 = 6.0;
-/// Times the usual deviation of blocks, rms, within which one agrees.
+/// A block agrees within this many times the usual (rms) deviation of blocks.
 const SCATTERS: f32 = 6.0;
-/// What matters: parts of inertance, viscous and Coulomb friction, and for the offset a part of Coulomb friction.
+/// Least change that matters: fractions of inertance, viscous and Coulomb friction, and for the offset a fraction of
+/// Coulomb friction.
 const LEAST_PART: [f32; UNKNOWNS] = [0.02, 0.3, 0.1, 0.2];
-/// Times that part while fewer than [`EXPERIENCE`] blocks have told how blocks scatter.
+/// Factor on that fraction until [`EXPERIENCE`] blocks have shown how blocks scatter.
 const UNSURE: f32 = 3.0;
 /// Blocks after which their scatter is known.
 const EXPERIENCE: u16 = 6;
 /// Blocks over which the scatter is averaged.
 const LONGEST_EXPERIENCE: u16 = 64;
-/// Times what matters that a block's standard error may be; until it is less, the block grows.
+/// A block grows until its standard error is below this many times what matters.
 const SHARP: f32 = 2.0;
-/// Times its least length that a block may grow to.
+/// Longest block, in multiples of the least length.
 const LONGEST_BLOCK: u32 = 64;
-/// Memories kept: the block before last may already be half another device's, and what was learnt from it is not used.
+/// Memories kept: the block before last may already be half of another device, so what was learnt from it is not used.
 const LAG: usize = 3;
 
 /// The unknowns in their order.
@@ -53,26 +55,26 @@ pub(crate) struct Watch {
     /// Sums and updates at the start of this block.
     sums: [i128; PRODUCTS],
     updates: u32,
-    /// Updates of this block at which it is next looked at.
+    /// Updates of this block at which it is next examined.
     next_look: u32,
-    /// The memory at the ends of the last blocks, the latest last, and how many there are. All zeros at the start, as is
-    /// every part of the state: a board keeps it in memory that it need not fill from flash.
+    /// The memory at the ends of the last blocks, the latest last, and how many there are. All zeros at the start, as
+    /// is every part of the state: a board need not fill it from flash.
     references: [Fit; LAG],
     referenced: u8,
     /// Mean square of what blocks deviated by.
     scatter: [f32; UNKNOWNS],
-    /// Blocks that it is the mean of.
+    /// Number of blocks in that mean.
     blocks: u16,
     /// Deviation of the last block, where it was too great to agree.
     suspicion: [f32; UNKNOWNS],
-    /// The memories are forgotten with the next update: until then what they knew of the device before can be read.
+    /// The memories are forgotten with the next update; until then, what they knew of the device before can be read.
     begins_anew: bool,
     /// Changes since the reset.
     pub count: u32,
 }
 
 impl Watch {
-    /// Has seen nothing.
+    /// Nothing seen.
     pub const fn new() -> Self {
         Self {
             bank: Bank::Fast,
@@ -89,7 +91,7 @@ impl Watch {
         }
     }
 
-    /// Begins anew: what came before says nothing of what comes.
+    /// Restarts: what came before says nothing about what follows.
     pub fn forget(&mut self) {
         *self = Self { count: self.count, ..Self::new() };
     }
@@ -100,7 +102,7 @@ impl Watch {
         self.next_look = BLOCK_BOXES * UPDATES_PER_BOX;
     }
 
-    /// Compares a block with the reference; what changed most, its value before and since.
+    /// Compares a block with the reference; returns what changed most, its value before and since.
     fn compare(&mut self, block: &Fit) -> Option<(Changed, f32, f32)> {
         if usize::from(self.referenced) < LAG {
             return None;
@@ -132,20 +134,20 @@ impl Watch {
         if strongest.1.is_some() {
             return strongest.1;
         }
-        // What was suspected and did not come again is how this machine scatters.
+        // A suspicion that was not confirmed is part of how this machine scatters.
         self.blocks = (self.blocks + 1).min(LONGEST_EXPERIENCE);
         let alone = core::mem::replace(&mut self.suspicion, suspicion);
         let deviations = deviation.into_iter().zip(suspicion).zip(alone).zip(matters);
         for (scatter, (((deviation, suspicion), alone), matters)) in self.scatter.iter_mut().zip(deviations) {
             let agreed = if suspicion == 0.0 { deviation } else { 0.0 };
-            // Held to what matters: a block that lies across a change must not hide it.
+            // Limited to what matters: a block across a change must not hide the change.
             let [agreed, alone] = [agreed, alone].map(|value| magnitude(value).min(matters));
             *scatter += (agreed * agreed + alone * alone - *scatter) / f32::from(self.blocks);
         }
         None
     }
 
-    /// Whether a change was found at the last update, and the memories are to be forgotten.
+    /// Whether a change was found at the last update, so that the memories must be forgotten.
     pub fn begins_anew(&mut self) -> bool {
         let begins_anew = core::mem::take(&mut self.begins_anew);
         if begins_anew {
@@ -154,8 +156,8 @@ impl Watch {
         begins_anew
     }
 
-    /// Takes the memories of the published bank after an update; gives a change where the block that ends here shows one.
-    /// Estimate and sums are still those of before: the memories begin anew with the next update.
+    /// Takes the memories of the published bank after an update; returns a change if the block that ends here shows
+    /// one. Estimate and sums are still those of before: the memories restart with the next update.
     pub fn push(&mut self, active: &Active, bank: Bank, memories: &BankState, index: u32) -> Option<Change> {
         let length = memories.whole.updates().wrapping_sub(self.updates);
         let least = BLOCK_BOXES * UPDATES_PER_BOX;
@@ -183,14 +185,14 @@ impl Watch {
         })
     }
 
-    /// Looks at the block of `length` updates, and ends it where it tells something.
+    /// Examines the block of `length` updates, and ends it if it is informative.
     #[inline(never)]
     fn look(&mut self, scales: &Scales, memories: &BankState, length: u32) -> Option<(Changed, f32, f32)> {
         let least = BLOCK_BOXES * UPDATES_PER_BOX;
         self.next_look += least;
         let knowledge = Knowledge::between(&self.sums, memories.whole.sums(), length);
         let block = fit(&knowledge, scales)?;
-        // A block that lies across the change has a great residual, and ends all the same.
+        // A block across the change has a great residual, but must end all the same.
         let usual = self.references[LAG - 1].variance.min(block.variance);
         let part = if usual > 0.0 { sqrt(usual / block.variance) } else { 1.0 };
         if !tells(self.bank, &block, part) && length < LONGEST_BLOCK * least {
@@ -209,8 +211,8 @@ impl Watch {
     }
 }
 
-/// Whether what a bank is there for, inertance or friction, is known to less than [`SHARP`] times what matters of it, were
-/// the errors `part` of what they are.
+/// Whether the parameter for which a bank is used, inertance or friction, would be known to less than [`SHARP`] times
+/// what matters if the errors were `part` of what they are.
 fn tells(bank: Bank, fit: &Fit, part: f32) -> bool {
     let ([inertance, _, coulomb, _], [inertance_matters, _, coulomb_matters, _]) = (fit.errors, matters(fit));
     match bank {

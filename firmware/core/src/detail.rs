@@ -1,4 +1,5 @@
-//! What goes with an estimate: the band it holds for, backlash and contact, how friction behaves, what has changed.
+//! What is published with an estimate: the band it holds for, backlash and contact, the regime of friction, and
+//! changes.
 
 use crate::estimate::{Interval, Parameter};
 use crate::math::greater;
@@ -10,7 +11,7 @@ use crate::math::greater;
 pub struct Detail {
     /// Index of the sample at which it was computed.
     pub index: u32,
-    /// Where the recent inertance was seen: real inerters soften with frequency.
+    /// Frequencies at which the recent inertance was seen: real inerters soften with frequency.
     pub band: Band,
     /// Total backlash `eps` \[m\].
     pub backlash: Backlash,
@@ -27,7 +28,7 @@ pub struct Detail {
 }
 
 /// Frequencies between which an inertance was seen, weighted by the square of the acceleration: the harmonic and the
-/// quadratic mean, which enclose the centre and are one for a single tone. Zeros: nothing moved.
+/// quadratic mean, which enclose the centre and coincide for a single tone. Both are 0 if nothing moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -47,18 +48,18 @@ pub struct Backlash {
     pub size: BacklashSize,
     /// Where it comes from.
     pub route: Route,
-    /// Reversals that it rests on.
+    /// Reversals that it is based on.
     pub reversals: u32,
 }
 
-/// How great the backlash is.
+/// The size of the backlash.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BacklashSize {
     /// There is no value.
     NotIdentifiable(Reason),
-    /// Value and interval hold \[m\], and the backlash is smaller than the interval: it may be none.
+    /// Value and interval hold \[m\], and the backlash is smaller than the interval: there may be none.
     BelowU95(Interval),
     /// Value and interval hold \[m\].
     Ok(Interval),
@@ -77,14 +78,14 @@ impl Default for BacklashSize {
 pub enum BacklashStatus {
     /// There is no value.
     NotIdentifiable(Reason),
-    /// Value and interval hold, and the backlash is smaller than the interval: it may be none.
+    /// Value and interval hold, and the backlash is smaller than the interval: there may be none.
     BelowU95,
     /// Value and interval hold.
     Ok,
 }
 
 impl Backlash {
-    /// Value and interval \[m\]; none when not identifiable.
+    /// Value and interval \[m\]; `None` if not identifiable.
     pub const fn known(&self) -> Option<Interval> {
         match self.size {
             BacklashSize::NotIdentifiable(_) => None,
@@ -102,16 +103,16 @@ impl Backlash {
     }
 }
 
-/// Why there is no backlash. New ones go at the end.
+/// Why there is no value of the backlash. New ones go at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Reason {
     /// The force keeps its sign: one flank carries it all.
     ForceNeverReverses,
-    /// Fewer reversals than a scatter can be read from.
+    /// Too few reversals to estimate their scatter.
     TooFewReversals,
-    /// The flanks touch for too short a time beside their reversals.
+    /// The flanks touch for too short a time compared with their reversals.
     FlankTooShort,
     /// The contact stiffness is not known, and the force alone needs it.
     StiffnessUnknown,
@@ -139,13 +140,13 @@ pub enum Contact {
     /// Not enough seen.
     #[default]
     Unknown,
-    /// The load keeps to one flank.
+    /// The load stays on one flank.
     OneSided,
-    /// The force reverses, and no backlash is seen: tight or preloaded.
+    /// The force reverses without any sign of backlash: tight or preloaded.
     Closed,
     /// The flanks part and meet once at each reversal.
     Backlash,
-    /// The flanks bounce: several flights at a reversal, which do not count.
+    /// The flanks bounce: several flights at a reversal. Such reversals do not count.
     Bouncing,
 }
 
@@ -155,7 +156,7 @@ impl Contact {
         !matches!(self, Self::Closed | Self::OneSided)
     }
 
-    /// Gap that the flanks cross, at most \[m\]: 0 where they do not part, infinite where it is not known how far.
+    /// Greatest gap that the flanks cross \[m\]: 0 where they do not part, infinite where it is unknown.
     pub fn gap_m(self, backlash: &Backlash) -> f32 {
         match backlash.size {
             _ if !self.may_part() => 0.0,
@@ -172,13 +173,13 @@ impl Contact {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Friction {
-    /// How much of the kink that Coulomb's friction would give the velocity the reversals have shown: 1 is all of it.
+    /// How much of the kink that Coulomb friction would cause in the velocity the reversals have shown: 1 is all of it.
     pub reversal_ratio: Option<f32>,
-    /// What this looks like.
+    /// The regime that this indicates.
     pub regime: Regime,
 }
 
-/// What friction looks like. New ones go at the end.
+/// Regimes of friction. New ones go at the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -186,9 +187,9 @@ pub enum Regime {
     /// Not enough seen.
     #[default]
     Unknown,
-    /// Coulomb's and viscous, within the interval.
+    /// Coulomb and viscous friction, within the interval.
     Coulomb,
-    /// Turns over a distance: the screw creeps before it slips.
+    /// Friction reverses over a distance: the screw creeps before it slips.
     Presliding,
     /// Greater near rest than in motion.
     Stribeck,
@@ -203,18 +204,18 @@ pub struct Law {
     pub index: u32,
     /// Whether it holds.
     pub status: LawStatus,
-    /// What it is judged by; none before there is a fit and the force's noise is known.
+    /// What it is judged by; `None` before there is a fit and the force's noise is known.
     pub misfit: Option<Misfit>,
 }
 
-/// The residual beside what the force's noise and the encoder's steps make of it.
+/// The residual compared with what the force's noise and the encoder's steps explain.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Misfit {
-    /// Rms of the residual over what noise and steps explain: 1 where the law is all there is.
+    /// Rms of the residual over what noise and steps explain: 1 if the residual contains nothing else.
     pub ratio: f32,
-    /// What the ratio stays below where the law holds.
+    /// The ratio stays below this where the law holds.
     pub limit: f32,
 }
 
@@ -223,13 +224,14 @@ pub struct Misfit {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LawStatus {
-    /// Not enough seen, or the residual is larger than explained, up to a tenth of the force, and the flanks may part: their impacts are
-    /// shorter than what the samples resolve.
+    /// Not enough seen; or the residual is larger than explained, but under a tenth of the force, and the flanks may
+    /// part: their impacts are shorter than the samples resolve.
     #[default]
     Unknown,
     /// Noise and steps explain the residual.
     Holds,
-    /// They do not, and the flanks are closed, or more than a tenth of the force is left over, which impacts do not leave.
+    /// They do not, and the flanks are closed, or the residual exceeds a tenth of the force, which impacts do not
+    /// leave.
     Broken,
 }
 
@@ -242,11 +244,12 @@ pub struct Reversal {
     pub index: u32,
     /// Total backlash by this reversal alone \[m\].
     pub value_m: f32,
-    /// Its standard error \[m\]: by the noise of its own flanks; with the sensor also by encoder steps and the contact's law.
+    /// Its standard error \[m\]: by the noise of its own flanks, and with the sensor also by encoder steps and the
+    /// contact's law.
     pub error_m: f32,
     /// Where it comes from.
     pub route: Route,
-    /// From the negative to the positive flank.
+    /// Whether it goes from the negative to the positive flank.
     pub rising: bool,
 }
 
@@ -257,7 +260,7 @@ pub struct Reversal {
 pub struct Change {
     /// Sample at which it was found.
     pub index: u32,
-    /// What changed most, by its interval.
+    /// What changed most, relative to the limit for a change.
     pub parameter: Changed,
     /// Value before, SI.
     pub before: f32,
@@ -281,7 +284,7 @@ pub enum Changed {
     Offset,
 }
 
-/// Something about the samples that no device can be blamed for; those that show it are left out.
+/// Something in the samples that no device can cause; the samples that show it are left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -297,12 +300,12 @@ pub struct Warning {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum WarningKind {
-    /// The inertance is negative beyond its interval: force or position has the wrong sign, or no inertia is there.
+    /// The inertance is negative beyond its interval: force or position has the wrong sign, or there is no inertia.
     WrongSign,
-    /// The position has jumped by more than any force could move it: the encoder has lost counts.
+    /// The position jumped by more than any force could move it: the encoder lost counts.
     CountSlip,
     /// The force's codes pile up at an extreme below the rails: something before the converter clips it.
     ClippedForce,
-    /// The force has stood still while the screw went to and fro: a broken cable, a dead channel.
+    /// The force stood still while the screw went to and fro: a broken cable, a dead channel.
     DeadForce,
 }

@@ -1,4 +1,4 @@
-//! What the estimator says, in SI units, and when it declines to.
+//! The estimator's results in SI units, or a status that says why there is none.
 
 use crate::constants::{self, FAST_BOX_S, SLOW_BOX_S};
 use crate::math::magnitude;
@@ -8,7 +8,7 @@ use crate::math::magnitude;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Status {
-    /// The motion seen so far cannot show this parameter: there is no value.
+    /// The motion so far cannot identify this parameter: there is no value.
     #[default]
     NotIdentifiable,
     /// Nothing moves: the value is the last one from motion.
@@ -28,7 +28,7 @@ pub struct Interval {
     pub u95: f32,
 }
 
-/// What is known of a parameter that the motion cannot show: see [`Parameter::fitted`].
+/// What is known of a parameter that the motion cannot identify: see [`Parameter::fitted`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -44,7 +44,7 @@ impl Unresolved {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Parameter {
-    /// The motion seen so far cannot show this parameter: there is no value.
+    /// The motion so far cannot identify this parameter: there is no value.
     NotIdentifiable(Unresolved),
     /// Nothing moves: the value is the last one from motion.
     Held(Interval),
@@ -59,7 +59,8 @@ impl Default for Parameter {
 }
 
 impl Parameter {
-    /// What the least squares gave, with this status. An interval without end says that nothing is known, whatever the status.
+    /// The result of the least squares, with this status. An infinite interval means that nothing is known, whatever
+    /// the status.
     pub const fn new(interval: Interval, status: Status) -> Self {
         match status {
             _ if !(interval.value.is_finite() && interval.u95.is_finite()) => {
@@ -71,8 +72,9 @@ impl Parameter {
         }
     }
 
-    /// What the least squares gave, whatever the status; 0 within infinity where they gave nothing. Together with the other
-    /// parameters of the same fit it is the law that fits best; of one that is not identifiable it is no value by itself.
+    /// The result of the least squares, whatever the status; 0 with an infinite half width if there is none. With the
+    /// other parameters of the same fit it is the law that fits best. For a parameter that is not identifiable, it is
+    /// not a value by itself.
     pub const fn fitted(&self) -> Interval {
         match *self {
             Self::NotIdentifiable(Unresolved(None)) => Interval { value: 0.0, u95: f32::INFINITY },
@@ -80,7 +82,7 @@ impl Parameter {
         }
     }
 
-    /// Value and interval, of now or of the last motion; none when not identifiable.
+    /// Value and interval, of now or of the last motion; `None` if not identifiable.
     pub const fn known(&self) -> Option<Interval> {
         match *self {
             Self::NotIdentifiable(_) => None,
@@ -88,7 +90,7 @@ impl Parameter {
         }
     }
 
-    /// Value and interval while the device moves; none when held or not identifiable.
+    /// Value and interval while the device moves; `None` if held or not identifiable.
     pub const fn ok(&self) -> Option<Interval> {
         match *self {
             Self::NotIdentifiable(_) | Self::Held(_) => None,
@@ -96,18 +98,18 @@ impl Parameter {
         }
     }
 
-    /// Value and interval where the latter is less than half of the former: what others may go on with.
+    /// Value and interval if the half width is less than half of the value: accurate enough for further use.
     pub fn usable(&self) -> Option<Interval> {
         self.known().filter(|Interval { value, u95 }| *u95 < constants::WIDEST_INTERVAL as f32 * magnitude(*value))
     }
 
-    /// Value, of now or of the last motion; none when not identifiable.
+    /// Value, of now or of the last motion; `None` if not identifiable.
     pub fn value(&self) -> Option<f32> {
         self.known().map(|known| known.value)
     }
 
-    /// Half width of the 95 % interval. Of what is not identifiable it is more than its value allows, or infinite, as before
-    /// the first fit.
+    /// Half width of the 95 % interval. If the parameter is not identifiable, it is more than its value allows, or
+    /// infinite, as before the first fit.
     pub const fn u95(&self) -> f32 {
         self.fitted().u95
     }
@@ -150,7 +152,7 @@ pub enum Bank {
 }
 
 impl Bank {
-    /// Length of its box \[s\], of which the kernel holds four.
+    /// Length of its box \[s\]; the kernel consists of four.
     pub const fn box_s(self) -> f64 {
         match self {
             Self::Fast => FAST_BOX_S,
@@ -174,9 +176,9 @@ pub struct Estimate {
     pub moving: bool,
     /// With the memory of `memory_s`.
     pub recent: Parameters,
-    /// From all motion since the reset, nothing forgotten; never `Held`, as it speaks of the run and not of now.
+    /// From all motion since the reset, nothing forgotten; never `Held`, because it describes the whole run.
     pub whole_run: Parameters,
-    /// Root mean square of what the model leaves unexplained in the recent memory \[N\].
+    /// Rms of the residual in the recent memory \[N\].
     pub residual_rms_n: f32,
     /// Updates that the published bank has taken since the reset.
     pub updates: u32,

@@ -1,7 +1,7 @@
 //! The estimator itself: one call per sample, an estimate at the publish rate.
 //!
-//! Samples wait in a delay line until the gate knows whether they stood in a window of rest; then they enter the
-//! cascades, and a bank's kernel output becomes an update when every sample that it rests on was good. A gated output
+//! Samples wait in a delay line until the gate knows whether they lie in a window of rest. Then they enter the
+//! cascades. A kernel output becomes an update of its bank if every sample under the kernel was good. A gated output
 //! neither updates nor forgets.
 
 use crate::active::{Active, Signal};
@@ -17,9 +17,9 @@ use crate::sign;
 use crate::state::State;
 
 impl Active {
-    /// Takes one sample; gives what is due with it.
+    /// Takes one sample; returns what is due with it.
     ///
-    /// Integers up to what is published, which is the same to the bit on every machine. Never panics.
+    /// Integer arithmetic up to what is published, and results equal to the bit on every machine. Never panics.
     pub fn step(&self, state: &mut State, sample: &RawSample) -> Output {
         let signal = &self.signal;
         let newest = state.receive(signal, sample);
@@ -32,7 +32,7 @@ impl Active {
                 state.counters.saturated = state.counters.saturated.saturating_add(1);
             }
         }
-        // Only an update tells something new.
+        // Only an update brings something new.
         let change = if state.fast.idle_samples == 0 || state.slow.idle_samples == 0 {
             state.sample_noise(signal.delay);
             self.watch(state)
@@ -56,7 +56,7 @@ impl Active {
         Output { published: Some(published), reversal, warning: state.plausible.take(sample.index), change }
     }
 
-    /// Watches for a change of the device; both memories begin anew where there was one.
+    /// Watches for a change of the device; after one, both memories restart.
     fn watch(&self, state: &mut State) -> Option<Change> {
         if state.watch.begins_anew() {
             state.fast.forget();
@@ -72,7 +72,7 @@ impl Active {
 }
 
 impl State {
-    /// Enters the sample into the delay line, noticing discontinuities and saturation.
+    /// Enters the sample into the delay line; detects discontinuities and saturation.
     fn receive(&mut self, signal: &Signal, sample: &RawSample) -> Newest {
         let line = &mut self.line;
         let skipped = sample.index.wrapping_sub(line.last_index).wrapping_sub(1);
@@ -82,7 +82,7 @@ impl State {
         let broken = first || skipped != 0;
         if broken && !first {
             self.counters.discontinuities = self.counters.discontinuities.saturating_add(1);
-            // A counter that went back is a restart: nothing says how much was lost.
+            // A counter that went back is a restart: how much was lost is unknown.
             if skipped < 1 << 31 {
                 self.counters.lost_samples += u64::from(skipped);
             }
@@ -114,7 +114,7 @@ impl State {
         }
         let line = &mut self.line;
         if newest.broken {
-            // Signs up to half a kernel before the discontinuity would be located with positions from behind it.
+            // Signs up to half a kernel before the discontinuity would be located with positions from after it.
             line.spoil(signal.sign_half_width);
             line.break_off(newest.position);
             line.tainted = signal.sign_half_width + 1;
@@ -131,7 +131,7 @@ impl State {
         }
     }
 
-    /// What was learnt is not of the device, and neither is what waits.
+    /// Restarts all learning: neither what was learnt nor what waits describes the device.
     #[cold]
     fn begin_anew(&mut self, delay: u8) {
         self.line.spoil(delay);
@@ -164,18 +164,18 @@ impl State {
         }
     }
 
-    /// Gives the sample half a kernel ago its sign, and the reversal half a long kernel ago its place.
+    /// Gives the sample half a kernel ago its sign, and relocates the reversal half a long kernel ago.
     fn locate_sign(&mut self, signal: &Signal) {
         let m = signal.sign_half_width;
         let feedback = &self.feedback;
         let line = &mut self.line;
         let plain = line.smooth_velocity(0, m);
         let before = line.plain_velocity;
-        // A slow stroke stands within one count before it turns.
+        // A slow stroke stands within one count before it reverses.
         line.plain_velocity = if plain == 0 { before } else { plain };
-        // What is compared must not depend on what has been concluded.
+        // The comparison of reversals must not depend on its own conclusion: it uses the uncorrected velocity.
         let passes_zero = i64::from(line.plain_velocity) * i64::from(before) < 0;
-        // The correction is worth its cost only where the velocity could reach zero within the kernel.
+        // The correction is computed only where the velocity could reach zero within the kernel, to save time.
         let near = plain.unsigned_abs() <= plain.abs_diff(before).saturating_mul(u32::from(m));
         let lost = if feedback.coulomb_like && near { line.smoothed_away(0, m, feedback) } else { 0 };
         // Until friction is known, what hardly moves may stick or creep, and its sign is unreliable.
@@ -185,11 +185,11 @@ impl State {
         middle.passes_zero = passes_zero;
         middle.sign = self.sign.push(plain.saturating_add(lost));
         middle.bad |= creeps;
-        // A reversal that friction can hold is one that may have stuck for a moment.
+        // A reversal that friction can hold may have stuck for a moment.
         if feedback.coulomb_like && middle.reverses() {
             middle.bad |= middle.may_be_held(feedback);
         }
-        // Across lost or saturated samples neither velocity nor prediction is one.
+        // Across lost or saturated samples, neither the velocity nor the prediction is valid.
         if line.ago(2 * m).passes_zero && line.whole > 4 * m {
             self.pass_zero(signal, m);
         }
@@ -198,31 +198,31 @@ impl State {
         }
     }
 
-    /// Learns from a reversal, a long kernel's half after it: whether friction is what turned the screw, and whether the stroke
-    /// before has come again.
+    /// Evaluates a reversal, half a long kernel after it: whether it shows the kink of Coulomb friction, and whether
+    /// the stroke before it has recurred.
     #[cold]
     #[inline(never)]
     fn pass_zero(&mut self, signal: &Signal, m: u8) {
         let (line, feedback) = (&self.line, &self.feedback);
-        // A screw that stood is no blow to the velocity.
+        // A screw that stood still before the reversal shows no kink.
         if line.smooth_velocity(m + 1, m) != 0 {
             let narrow = line.smooth_velocity(m, m);
             let wide = line.smooth_velocity(0, 2 * m) >> 2;
             let predicted = line.smoothed_away(m, m, feedback) - (line.smoothed_away(0, 2 * m, feedback) >> 2);
-            // Where the force jumps with the friction, as under a shaker that keeps its path, most of the kink is not there, and
-            // what is predicted is the force's noise.
+            // Where the force jumps with the friction, as under a shaker that keeps its path, most of the kink is
+            // missing, and the prediction is only the force's noise.
             if 2 * u64::from(predicted.unsigned_abs()) >= feedback.kink(m).unsigned_abs() {
                 self.velocity_reversals.compare(predicted, wide - narrow, line.at(2 * m).may_be_held(feedback));
             }
         }
-        // Samples that are there, as the sum of positions has them: with the index a stroke with lost ones would change with the
-        // count at which it begins.
+        // Counts the samples received, as the sum of positions does. By the index, a stroke with lost samples would
+        // change with the count at which it begins.
         let place = (self.counters.samples as u32).wrapping_sub(2 * u32::from(m));
         let here = line.at(2 * m);
         self.repeats.push(place, here.position, here.position_sum, signal.codes_per_count);
     }
 
-    /// Takes the force's noise from the samples that have just left: under an update all are good.
+    /// Measures the force's noise on the samples that have just left: under an update all are good.
     #[cold]
     fn sample_noise(&mut self, delay: u8) {
         let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|before: u8| self.line.at(delay.wrapping_add(before)).force);
@@ -237,8 +237,8 @@ impl State {
         let before = line.at(signal.delay.wrapping_add(1));
         let sample = line.at(signal.delay);
         let travel = i64::from(sample.position.wrapping_sub(before.position));
-        // Signs are averages around the samples, travel is between them. Half of each sign's time lies in between, and
-        // outside of a reversal's sample both are one.
+        // Signs are averages around the samples; travel is between the samples. Half of each sign's time lies in
+        // between, and away from a reversal's sample both are the same.
         let between = i64::from((before.sign + sample.sign).clamp(-sign::ONE, sign::ONE));
         let travelled = shift_right(travel * between, sign::BITS as i8);
         let cascades = &mut self.cascades;
@@ -259,7 +259,8 @@ mod tests {
     use crate::{RawSample, Settings, State};
     use std::boxed::Box;
 
-    /// Strokes and their squares in a motion that begins at a position and nearly repeats, with a sample lost now and then.
+    /// Strokes and the sum of their squares, for a motion that begins at a position and nearly repeats, with a sample
+    /// lost now and then.
     fn strokes(start: i32) -> (u32, u64) {
         let active = Settings::default().validate().unwrap();
         let mut state = Box::new(State::new(&active));

@@ -1,4 +1,4 @@
-//! What the last estimate tells the signal path: integers, set once per publication.
+//! What the last estimate feeds back to the signal path: integers, set once per publication.
 
 use crate::qformat::Term;
 
@@ -15,11 +15,11 @@ pub(crate) struct Feedback {
     pub weak_force_code: u32,
     /// Viscous friction [force codes per position code and sample].
     pub viscous: Term,
-    /// Friction is known well enough to move a reversal by it.
+    /// Whether friction is known well enough to relocate a reversal with it.
     pub friction_known: bool,
-    /// What it would make the force jump by stands clear of the force's noise.
+    /// Whether the jump that friction would cause in the force is clear of the force's noise.
     pub jumps_are_clear: bool,
-    /// Whether the reversals seen so far look like Coulomb's friction.
+    /// Whether the reversals so far look like Coulomb friction.
     pub coulomb_like: bool,
 }
 
@@ -35,7 +35,8 @@ impl Feedback {
         coulomb_like: false,
     };
 
-    /// Kink of the sign's velocity at a reversal through boxes of `m` samples [2^-VELOCITY_BITS counts per sample, times m^2].
+    /// Kink of the sign's velocity at a reversal, through boxes of `m` samples [2^-VELOCITY_BITS counts per sample,
+    /// times m^2].
     #[inline]
     pub fn kink(&self, m: u8) -> i64 {
         self.kink.of(i64::from(m) * i64::from(m) * i64::from(m))

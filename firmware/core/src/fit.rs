@@ -1,6 +1,6 @@
 //! The law fitted to what a memory knows, with standard errors, in SI.
 //!
-//! Floats are allowed here, as everything is basic arithmetic that gives the same bits on every machine.
+//! Floats are allowed here: basic arithmetic gives the same bits on every machine.
 
 use crate::active::Scales;
 use crate::bank::{Aside, BankState};
@@ -15,11 +15,11 @@ use crate::solution::{Inverse, pivot};
 const CORRELATION_BOXES: f32 = constants::CORRELATION_BOXES as f32;
 const EXACT: f32 = constants::EXACT as f32;
 const ROUNDING: f32 = constants::ROUNDING as f32;
-/// Greatest error of a rounding over its rms.
+/// Greatest error of rounding over its rms.
 const ROOT_3: f32 = 1.732_050_8;
-/// Part of what the other regressors leave of the acceleration that may be the encoder's steps.
+/// Greatest fraction that the encoder's steps may be of what the other regressors leave of the acceleration.
 const MOST_STEPS: f32 = 0.5;
-/// Independent observations under which nothing is said: twice the unknowns, so that a residual is left.
+/// Fewest independent observations for a result: twice the unknowns, so that a residual is left.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 
 /// The law fitted to what is known, in SI.
@@ -27,19 +27,20 @@ const LEAST_OBSERVATIONS: f32 = 8.0;
 pub(crate) struct Fit {
     /// Inertance with the structure, viscous and Coulomb friction, offset.
     pub values: [f32; UNKNOWNS],
-    /// Standard error of each; infinite where the motion cannot show it.
+    /// Standard error of each; infinite if the motion cannot identify it.
     pub errors: [f32; UNKNOWNS],
-    /// That of the inertance, however much of the acceleration is the encoder's steps.
+    /// That of the inertance, even where the steps are too great a part of the acceleration to identify it.
     pub inertance_error: f32,
-    /// What a force that is late by a second more takes from each [its unit per second].
+    /// What each loses if the force is a second later [its unit per second].
     pub per_skew: [f32; UNKNOWNS],
-    /// Mean square of the force's rate that the law leaves over [N^2/s^2]: what a skew of a second would add to the residual's.
+    /// Mean square of the force's rate that the law does not explain [N^2/s^2]: a skew of a second would add this to
+    /// the residual's.
     pub late: f32,
-    /// Viscous and Coulomb friction that the force's second derivative is taken for [N s/m and N, per N/s^2].
+    /// Viscous and Coulomb friction for which the fit mistakes the force's second derivative [N s/m and N, per N/s^2].
     pub friction_in_curvature: [f32; 2],
-    /// Mean square of it that the law leaves over [N^2/s^4].
+    /// Mean square of that derivative that the law does not explain [N^2/s^4].
     pub curved: f32,
-    /// How far what is known of the encoder's steps leaves each undecided.
+    /// Uncertainty of each that remains after the correction for the encoder's steps.
     pub steps: [f32; UNKNOWNS],
     /// Variance of the residual [N^2].
     pub variance: f32,
@@ -47,7 +48,7 @@ pub(crate) struct Fit {
     pub frequency_squared: f32,
     /// Independent observations.
     pub observations: f32,
-    /// Nothing scatters but by rounding, which does not average out.
+    /// Whether nothing scatters but rounding, which does not average out.
     pub is_exact: bool,
 }
 
@@ -82,14 +83,15 @@ pub(crate) struct Knowledge {
     matrix: [i64; PRODUCTS],
     /// Average product per unit of the matrix.
     per_unit: f32,
-    /// Equally weighted updates that would know as much.
+    /// Number of equally weighted updates with the same information.
     updates: f32,
-    /// Of the force's rate and its second derivative, where they are wanted.
+    /// Averages with the force's rate and its second derivative, where they are needed.
     rate: Option<Beside>,
     curvature: Option<Beside>,
 }
 
-/// Average products of what the law has no parameter for with the unknowns' regressors, and its mean square.
+/// Average products of a quantity for which the law has no parameter with the unknowns' regressors, and its mean
+/// square.
 struct Beside {
     products: [f32; UNKNOWNS],
     square: f32,
@@ -149,7 +151,7 @@ impl Knowledge {
         Self { matrix, per_unit: power(shift as i32) / updates.max(1.0), updates, rate: None, curvature: None }
     }
 
-    /// Equally weighted updates that would know as much.
+    /// Number of equally weighted updates with the same information.
     pub fn updates(&self) -> f32 {
         self.updates
     }
@@ -160,7 +162,7 @@ impl Knowledge {
     }
 }
 
-/// Solves for the unknowns; nothing from too few observations.
+/// Solves for the unknowns; `None` with too few observations.
 pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     let observations = knowledge.updates / (CORRELATION_BOXES * UPDATES_PER_BOX as f32);
     if observations < LEAST_OBSERVATIONS {
@@ -169,7 +171,7 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
     let solution = solve(&knowledge.matrix);
     let residual_variance = pivot(&solution, UNKNOWNS) * observations / (observations - UNKNOWNS as f32);
     let force_shift = i32::from(solution.shifts[UNKNOWNS]);
-    // The matrix in Q62 is of regressors in Q31.
+    // The Q62 matrix is of Q31 regressors.
     let force_unit = scales.force * power(31 - force_shift);
     let variance = residual_variance * knowledge.per_unit * force_unit * force_unit;
     let acceleration = greater(knowledge.mean_square(0) - scales.quantisation, 0.0);
@@ -225,14 +227,14 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
 }
 
 impl Fit {
-    /// Gives back what the encoder's steps take, as noise in a regressor does: `taken` by each unit of inertance, to first
-    /// order. The readings that one sample sums share between `kept` and all of their error; and steps in a slow motion are not
-    /// as white as noise: half of it is uncertain.
+    /// Restores what the encoder's steps take away, as noise in a regressor does: `taken` per unit of inertance, to
+    /// first order. The readings that one sample sums share between `kept` and all of their error, so the mean of both
+    /// is restored. Steps in a slow motion are not as white as noise, so half of the full correction is uncertain.
     fn correct_for_steps(&mut self, taken: [f32; UNKNOWNS], kept: f32) {
         let [inertance, ..] = self.values;
         let [of_itself, ..] = taken;
         if of_itself > MOST_STEPS {
-            // What is seen of the acceleration is the encoder's.
+            // Most of what the others leave of the acceleration is the encoder's steps.
             self.errors[0] = f32::INFINITY;
             return;
         }
@@ -244,16 +246,16 @@ impl Fit {
     }
 }
 
-/// Standard error of the force that no averaging removes where a fit is exact \[N\]; nothing where it is not.
+/// Standard error of the force that averaging does not remove, where a fit is exact \[N\]; `None` where it is not.
 ///
-/// A residual under what rounding leaves of itself shows that the roundings follow the motion or stand still: then they add
-/// up. They are at most half a code, the encoder's steps as one, and half a unit of each regressor.
+/// A residual smaller than rounding leaves shows that the rounding errors follow the motion or are constant: then they
+/// add up. They are at most half a code, the peak of the encoder's steps, and half a unit of each regressor.
 fn rounding(fit: &Fit, scales: &Scales) -> Option<f32> {
     let [per_acceleration, ..] = scales.force_per;
     let [inertance, ..] = fit.values;
     let per_step = inertance / per_acceleration * scales.force;
     let steps = per_step * per_step * scales.quantisation;
-    // One whose residual is no number is not exact either.
+    // A residual that is NaN is not exact either.
     let is_exact = fit.variance < EXACT * (ROUNDING * scales.noise + steps * scales.quantisation_kept);
     if !is_exact {
         return None;

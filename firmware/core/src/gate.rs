@@ -1,8 +1,8 @@
-//! Which samples may teach the estimator something.
+//! Which samples the estimator may learn from.
 //!
 //! A sample is *stuck* when the encoder stayed within a small span for 24 ms around it: the model does not hold while
-//! dry friction carries the force, and nothing can be learnt from rest. The span is that of a window, not the
-//! difference of its ends, so that a quick reversal is not taken for rest and a flickering count is.
+//! dry friction carries the force, and rest contains no information. The span is that of the whole window, not the
+//! difference of its ends, so that a quick reversal does not count as rest and a flickering count does.
 
 use heapless::HistoryBuf;
 
@@ -21,12 +21,12 @@ impl Span {
     }
 }
 
-/// How the window stands that a block closes.
+/// State of the window that a block completes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
     /// Nothing moved in it.
     AtRest,
-    /// Something did, or it is too short to tell.
+    /// Something did, or there is not yet a whole window.
     Moving,
 }
 
@@ -36,24 +36,24 @@ pub struct Rest {
     blocks: HistoryBuf<Span, BLOCKS>,
     current: Option<Span>,
     filled: u16,
-    /// Where the present blocks count from: spans are of wrapping differences.
+    /// Zero of the present blocks' positions: spans are of wrapping differences.
     origin: i32,
 }
 
 impl Rest {
-    /// One that has seen nothing.
+    /// Nothing seen.
     pub const fn new() -> Self {
         Self { blocks: HistoryBuf::new(), current: None, filled: 0, origin: 0 }
     }
 
-    /// Forgets all: what follows is not joined to what came before.
+    /// Forgets everything: what follows is not joined to what came before.
     pub fn reset(&mut self) {
         *self = Self::new();
     }
 
-    /// Takes a position; tells of the window that it closes where a block ends here.
+    /// Takes a position; where a block ends here, returns the state of the window that it completes.
     ///
-    /// `block` is the block length in samples, `limit` the span [counts / oversampling] that still is rest.
+    /// `block` is the block length in samples, `limit` the greatest span [counts / oversampling] that counts as rest.
     pub fn push(&mut self, position_count: i32, block: u16, limit: u32) -> Option<Block> {
         if self.filled == 0 && self.blocks.is_empty() {
             self.origin = position_count;

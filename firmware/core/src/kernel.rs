@@ -1,9 +1,9 @@
 //! Matched kernels: force, its derivatives, velocity, acceleration and sign through one smoothing and one delay.
 //!
-//! Glossary: a *cascade* is a chain of running sums of one channel, wrapping and exact; a *tap* is the cascade's
-//! state read in the combination that a correction filter asks for; a *comb* is the fourth difference of taps one
-//! box apart. Cascade and comb together are a box of `M` samples applied four times (a CIC filter of order 4, the
-//! cubic B-spline), with as many backward differences taken out as the derivative asks for:
+//! Glossary: a *cascade* is a chain of running sums of one channel, wrapping and exact; a *tap* is the cascade's state
+//! read in the combination that a correction filter needs; a *comb* is the fourth difference of taps one box apart.
+//! Cascade and comb together are a box of `M` samples applied four times (a CIC filter of order 4, the cubic B-spline),
+//! with as many sums omitted as the order of the derivative:
 //!
 //! | output | cascade sum | correction taps | gain |
 //! |---|---|---|---|
@@ -39,7 +39,7 @@ impl Cascade {
         *fourth = fourth.wrapping_add(*third);
     }
 
-    /// Takes one input where the 0th derivative, which alone needs the 4th sum, is not asked for.
+    /// Takes one input where the 0th derivative, which alone needs the 4th sum, is not used.
     #[inline]
     pub fn push_for_derivatives(&mut self, input: i64) {
         let [value, first, second, third, _] = &mut self.0;
@@ -101,11 +101,11 @@ pub struct Cascades {
     pub force: Cascade,
     /// Sub-sample sign [2^-15].
     pub sign: Cascade,
-    /// Path: travel whatever its direction [counts / oversampling].
+    /// Path: travel regardless of direction [counts / oversampling].
     pub path: Cascade,
 }
 
-/// One reading of all cascades, and equally their combs.
+/// One reading of all cascades, and also one output of their combs.
 #[derive(Clone, Copy, Debug)]
 pub struct Taps {
     /// Force and its first to fourth derivative.
@@ -181,7 +181,7 @@ impl Taps {
     }
 }
 
-/// The last kernel's worth of taps of one bank.
+/// One kernel length of taps of one bank.
 #[derive(Clone, Debug)]
 pub struct Comb {
     history: [Taps; UPDATES_PER_KERNEL],
@@ -200,7 +200,7 @@ impl Comb {
         self.next = 0;
     }
 
-    /// Takes the taps of this update and gives the kernel outputs that end here.
+    /// Takes the taps of this update; returns the kernel outputs that end here.
     pub fn push(&mut self, cascades: &Cascades) -> Taps {
         let now = cascades.taps();
         let place = |updates_ago: u8| usize::from(self.next.wrapping_sub(updates_ago)) % UPDATES_PER_KERNEL;
@@ -252,14 +252,14 @@ pub struct Update {
     pub regressors: [Regressor; REGRESSORS],
     /// `[|v|, dF/dt]`.
     pub more: [Regressor; MORE_REGRESSORS],
-    /// Third derivative of the position; at its full scale when it is beyond.
+    /// Third derivative of the position, clamped to full scale.
     pub jerk: Regressor,
     /// Second derivative of the force, likewise.
     pub curvature: Regressor,
 }
 
 impl Normaliser {
-    /// The regressors, or nothing when one is beyond its full scale.
+    /// The regressors; `None` if one is beyond its full scale.
     pub fn update(&self, output: &Taps) -> Option<Update> {
         let [force, derivatives @ ..] = output.force;
         let [rate, higher @ ..] = derivatives;
@@ -281,12 +281,12 @@ impl Normaliser {
     }
 }
 
-/// The regressor of a kernel output; at its full scale when it is beyond.
+/// The regressor of a kernel output, clamped to full scale.
 fn held(value: i64, shift: i8) -> Regressor {
     shift_right(value, shift).clamp(-i64::from(Regressor::MAX), i64::from(Regressor::MAX)) as Regressor
 }
 
-/// A derivative of the force with what the higher ones add to it.
+/// A derivative of the force, corrected by the higher ones.
 fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
     let value = shift_right(value, shift);
     terms.iter().zip(higher).fold(value, |sum, (term, &higher)| sum.wrapping_add(term.of(higher)))

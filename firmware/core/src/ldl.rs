@@ -3,8 +3,8 @@
 //! Glossary: the *matrix* is the symmetric 5 x 5 of averaged products, the force last; a *pivot* is what is left of a
 //! column's own variance when the columns before it have explained what they can. The last pivot is the variance of
 //! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/4, 1).
-//! A column whose pivot is under 2^-20 of its own variance cannot be told from the others: it is left out, and the
-//! factorisation says which others its absence touches.
+//! A column whose pivot is under 2^-20 of its own variance cannot be distinguished from the others: it is left out, and
+//! the factorisation shows which others this affects.
 //! Source: Golub and Van Loan, Matrix Computations, 4th ed., 4.1.
 
 use crate::constants::PIVOT_BITS;
@@ -33,7 +33,7 @@ pub struct Solution {
     pub unknowns: [i64; UNKNOWNS],
 }
 
-/// Factorises and solves. Never fails: what cannot be solved for has pivot 0.
+/// Factorises and solves. Never fails: a column that cannot be solved for has pivot 0.
 #[expect(clippy::needless_range_loop, reason = "the equations are written by row and column")]
 pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
     let mut solution = Solution::default();
@@ -55,7 +55,7 @@ pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
         for row in column + 1..REGRESSORS {
             let factor = reciprocal.times(work[row][column]);
             solution.factors[row][column] = factor;
-            // Ends at `row`; said so that a compiler which saves space sees that no index leaves the matrix.
+            // Ends at `row`; written so that a compiler that optimises for size sees that no index leaves the matrix.
             for inner in column + 1..REGRESSORS {
                 if inner > row {
                     break;
@@ -79,7 +79,7 @@ pub fn solve(matrix: &[i64; PRODUCTS]) -> Solution {
     solution
 }
 
-/// An entry of the triangle. It is always there, which a compiler that saves space does not see.
+/// An entry of the triangle. It always exists, which a compiler that optimises for size does not see.
 fn entry(matrix: &[i64; PRODUCTS], row: usize, column: usize) -> i64 {
     matrix.get(place(row, column)).copied().unwrap_or_default()
 }
@@ -110,12 +110,13 @@ struct Reciprocal {
 }
 
 impl Reciprocal {
-    /// Of a positive pivot, to about 58 bits.
+    /// Of a positive pivot, accurate to about 58 bits.
     fn of(pivot: i64) -> Self {
         let pivot = pivot.max(1);
         let normalising = pivot.leading_zeros() - 1;
         let divisor = pivot << normalising;
-        // A 32-bit division gives 15 bits; each Newton step, x += x (1 - d x), doubles them. A 64-bit one costs more.
+        // A 32-bit division gives 15 bits; each Newton step, x += x (1 - d x), doubles them. A 64-bit division costs
+        // more.
         let seed = i64::from(u32::MAX / ((divisor >> 46) as u32).max(1)) << 46;
         let refine = |estimate: i64| {
             let (product, _) = widening_mul(divisor, estimate);
@@ -125,11 +126,11 @@ impl Reciprocal {
         Self { mantissa: refine(refine(seed)), normalising }
     }
 
-    /// `value / pivot` [Q50] of a value [Q62], rounded down; held at the ends of the format.
+    /// `value / pivot` [Q50] of a value [Q62], rounded down; clamped to +-2^62.
     fn times(&self, value: i64) -> i64 {
         const LIMIT: i64 = 1 << 62;
         let (high, low) = widening_mul(value, self.mantissa);
-        // 12 to 74.
+        // Between 12 and 74.
         let shift = 74 - self.normalising;
         if shift >= 64 {
             return high >> (shift - 64);
@@ -191,7 +192,7 @@ mod tests {
         assert!((value(3) - 2_f64.powi(-10)).abs() < 1e-9, "{}", value(3));
     }
 
-    /// A constant velocity cannot tell sign, constant and velocity apart.
+    /// At constant velocity, sign, constant and velocity cannot be distinguished.
     #[test]
     fn leaves_out_what_cannot_be_told_apart() {
         let regressors = [1 << 20, 1 << 24, 1 << 30, 1 << 30, 1 << 25];

@@ -4,7 +4,7 @@
 #[cfg(test)]
 extern crate std;
 
-// Integers only from the codes to the sums: those modules deny arithmetic with floats, except in tests.
+// From codes to sums all arithmetic is on integers: those modules deny float arithmetic, except in tests.
 mod active;
 mod alignment;
 mod backlash;

@@ -1,21 +1,21 @@
-//! The delay line: samples wait here until the gate knows their fate and their sign has been located.
+//! The delay line: samples wait here until the gate has judged them and their sign has been located.
 //!
-//! Glossary: the *plain* velocity is that through two boxes of `m` samples, which smooth the acceleration's jump at a
-//! reversal away and with it a part of the velocity; what is *lost* is that part, as the force tells it.
-//! Times are in samples before the newest; the velocity belongs to half a sample after the kernel's middle.
+//! Glossary: the *plain* velocity is that through two boxes of `m` samples, which smooth away the acceleration's jump
+//! at a reversal and with it a part of the velocity; what is *lost* is that part, as computed from the force. Times are
+//! in samples before the newest; the velocity belongs to half a sample after the kernel's middle.
 
 use crate::feedback::Feedback;
 use crate::sign::{self, ONE};
 
-/// Fraction bits of the velocity that the sign sees.
+/// Fraction bits of the velocity from which the sign is found.
 pub(crate) const VELOCITY_BITS: u32 = 8;
-/// Velocity beyond which it is cut off, far from any reversal.
+/// The velocity is clamped to this, far from any reversal.
 const VELOCITY_LIMIT: i32 = 1 << 21;
-/// Greatest correction of it.
+/// Greatest correction of the velocity.
 const VELOCITY_CLAMP: i64 = 1 << 27;
-/// Velocity from which a stop is one, and no roundings of a slow motion [counts in half a kernel].
+/// Least velocity from which a fall to zero is a stop, and not the rounding of a slow motion [counts in half a kernel].
 const STOP_COUNTS: u32 = 3;
-/// Samples around a reversal whose signs are its own.
+/// Samples around a reversal whose signs belong to it alone.
 const OWN_SAMPLES: u8 = 3;
 
 #[derive(Clone, Copy, Debug)]
@@ -25,12 +25,12 @@ pub(crate) struct Waiting {
     pub position_sum: i32,
     pub force: i32,
     pub sign: i32,
-    /// The velocity passes zero here, by its kernel alone.
+    /// Whether the plain velocity passes zero here.
     pub passes_zero: bool,
     pub bad: bool,
 }
 
-/// The last 256 samples; a `u8` indexes it, so that no index is ever out of bounds.
+/// The last 256 samples, indexed by a `u8`, so that no index is ever out of bounds.
 #[derive(Clone, Debug)]
 pub(crate) struct DelayLine {
     samples: [Waiting; 256],
@@ -38,20 +38,20 @@ pub(crate) struct DelayLine {
     pub filled: u16,
     pub last_index: u32,
     position_sum: i32,
-    /// The last velocity by the sign's kernel alone that was not 0.
+    /// The last plain velocity that was not 0.
     pub plain_velocity: i32,
-    /// How many samples from now on still have a velocity across a discontinuity.
+    /// Number of coming samples whose velocity still spans a discontinuity.
     pub tainted: u8,
     /// Samples since the last discontinuity or saturated force, up to 255.
     pub whole: u8,
-    /// How many waiting samples, counted from the newest, are known to stand in rest.
+    /// Number of waiting samples, counted from the newest, that are known to be at rest.
     pub resting: u16,
 }
 
 impl Waiting {
     const NONE: Self = Self { position: 0, position_sum: 0, force: 0, sign: 0, passes_zero: false, bad: false };
 
-    /// Whether the velocity goes through zero within this sample.
+    /// Whether the velocity passes zero within this sample.
     pub fn reverses(&self) -> bool {
         self.sign.abs() < ONE
     }
@@ -97,7 +97,8 @@ impl DelayLine {
         *self.ago(0) = Waiting { position, position_sum: self.position_sum, force, sign: 0, passes_zero: false, bad };
     }
 
-    /// Takes the screw to have stood here, where positions before say nothing of how it came: a jump would be a velocity.
+    /// Assumes that the screw stood here, because earlier positions do not show how it came: a jump would look like a
+    /// velocity.
     #[cold]
     #[inline(never)]
     pub fn break_off(&mut self, position: i32) {
@@ -109,14 +110,14 @@ impl DelayLine {
         }
     }
 
-    /// Leaves the newest samples out.
+    /// Marks the newest samples as bad.
     #[inline(never)]
     pub fn spoil(&mut self, samples: u8) {
         (0..=samples).for_each(|ago| self.ago(ago).bad = true);
     }
 
-    /// Leaves out what lies within `m` samples of one where the screw comes to a stop that friction can hold: it may stick there for
-    /// less than rest is seen in, and go on the same way.
+    /// Marks as bad what lies within `m` samples of one where the screw comes to a stop that friction can hold. It may
+    /// stick there for too short a time to count as rest, and then continue the same way.
     #[cold]
     #[inline(never)]
     pub fn hold(&mut self, m: u8, feedback: &Feedback) {
@@ -124,7 +125,7 @@ impl DelayLine {
             return;
         }
         let [velocity, earlier] = [0, m].map(|ago| self.smooth_velocity(ago, m));
-        // As fast again, and it stands within the kernel; by one count in `m` samples velocities may be wrong.
+        // If it slows as much again, it stands within the kernel. Velocities may be wrong by one count in `m` samples.
         if velocity.unsigned_abs() <= velocity.abs_diff(earlier)
             && earlier.unsigned_abs() > (STOP_COUNTS * u32::from(m)) << VELOCITY_BITS
         {
@@ -145,25 +146,25 @@ impl DelayLine {
     pub fn smooth_velocity(&self, ago: u8, m: u8) -> i32 {
         let [newest, middle, oldest] = [0, m, 2 * m].map(|back| self.at(ago + back).position_sum);
         let velocity = newest.wrapping_add(oldest).wrapping_sub(middle.wrapping_mul(2));
-        // Only the surroundings of zero matter, and there a count is coarse.
+        // Only values near zero matter, and there a count is coarse.
         velocity.clamp(-VELOCITY_LIMIT, VELOCITY_LIMIT) << VELOCITY_BITS
     }
 
-    /// What the kernel of [`Self::smooth_velocity`] takes from the velocity if friction is Coulomb's: what the force
-    /// makes of it, and the kink at a reversal.
+    /// What the kernel of [`Self::smooth_velocity`] takes from the velocity if friction is Coulomb friction: the effect
+    /// of the force, and the kink at a reversal.
     pub fn smoothed_away(&self, ago: u8, m: u8, feedback: &Feedback) -> i32 {
         let direction = self.direction(ago + m, feedback);
         let lost = self.pairs(ago, m).map(|(weight, later, earlier)| difference(weight, earlier.force, later.force));
         smoothed_away(lost.sum(), m, direction, feedback)
     }
 
-    /// Which way the force pushes.
+    /// Direction in which the force pushes.
     fn direction(&self, ago: u8, feedback: &Feedback) -> i32 {
         self.at(ago).force.saturating_sub(feedback.offset_code).signum()
     }
 
-    /// The samples after and before the kernel's time, in pairs from the ends, with the weight of their difference in
-    /// the velocity: of all positions beyond `i` samples, `(m - i) (m - i + 1) / 2`.
+    /// The samples after and before the kernel's time, in pairs from the ends inwards, with the weight of their
+    /// difference in the velocity: for all positions beyond `i` samples, `(m - i) (m - i + 1) / 2`.
     fn pairs(&self, ago: u8, m: u8) -> impl Iterator<Item = (i32, &Waiting, &Waiting)> {
         let mut weight = 0;
         (1..m).map(move |step| {
@@ -172,10 +173,11 @@ impl DelayLine {
         })
     }
 
-    /// Locates the reversal of the sample `ago + m` anew, through boxes of `m` samples and with the signs known on both
-    /// sides, and gives the samples up to `reach` around it their signs by that.
+    /// Relocates the reversal of the sample `ago + m`, through boxes of `m` samples and with the signs known on both
+    /// sides. Sets the signs of the samples up to `reach` around it accordingly.
     ///
-    /// Three times the length is a fifth of the noise. The first, short kernel finds reversals that lie close together.
+    /// A kernel three times as long has a fifth of the noise. The first, short kernel finds reversals that lie close
+    /// together.
     #[inline]
     pub fn relocate(&mut self, ago: u8, m: u8, reach: u8, feedback: &Feedback) {
         let middle = ago + m;
@@ -199,7 +201,7 @@ impl DelayLine {
             [Some(earlier), Some(later)] => sign::zero(earlier, later, direction, reach),
             _ => None,
         };
-        // Beyond a reversal's own samples may be those of another.
+        // Samples beyond a reversal's own may belong to another.
         let near = if zero.is_some() { reach + 1 } else { OWN_SAMPLES.min(reach + 1) };
         let (first, last) = (middle - near, middle + near);
         let least = feedback.weak_force_code as i32;
@@ -217,8 +219,9 @@ impl DelayLine {
         }
     }
 
-    /// Twice the force's change from the sample before, less its mean change on either side. Three quarters of friction's own jump in it
-    /// mean that nothing elastic lies between friction and load cell: then each sample has all of its sign, and no average of it.
+    /// Twice the amount by which the force's change from the sample before exceeds its mean change on either side. If
+    /// that amount is three quarters of friction's own jump, nothing elastic lies between friction and load cell: each
+    /// sample then has its full sign, not an average.
     #[inline(never)]
     fn jump(&self, ago: u8) -> i32 {
         let around = [ago - 1, ago, ago + 1, ago + 2].map(|ago| self.at(ago));
@@ -229,8 +232,8 @@ impl DelayLine {
         here.wrapping_sub(before).wrapping_mul(3).wrapping_sub(next.wrapping_sub(earlier))
     }
 
-    /// The velocity half a sample after `ago + m` with what the kernel took from it; nothing where a sample is bad or
-    /// another reversal under the same kernel.
+    /// The velocity half a sample after `ago + m`, with what the kernel took from it restored; `None` if a sample is
+    /// bad or another reversal lies under the same kernel.
     fn unsmoothed(&self, ago: u8, m: u8, direction: i32, feedback: &Feedback) -> Option<i32> {
         let (mut lost, mut bend) = (0_i64, 0_i64);
         let both = |later: &Waiting, earlier: &Waiting| later.position.wrapping_add(earlier.position);
@@ -255,7 +258,7 @@ fn difference(weight: i32, one: i32, other: i32) -> i64 {
     i64::from(weight) * (i64::from(one) - i64::from(other))
 }
 
-/// The velocity that a kernel of `m` took away, from its weighted sum of the force and the kink of one reversal.
+/// The velocity that a kernel of `m` took away: by the weighted sum of the force, and by the kink of one reversal.
 fn smoothed_away(lost: i64, m: u8, direction: i32, feedback: &Feedback) -> i32 {
     let kink = feedback.kink(m) * i64::from(direction);
     feedback.velocity_per_force.of(lost).saturating_add(kink).clamp(-VELOCITY_CLAMP, VELOCITY_CLAMP) as i32
@@ -283,8 +286,8 @@ mod tests {
         }
     }
 
-    /// How far from the truth the signs put the reversal of a screw that turns at `zero` samples from the middle of its
-    /// 40th, under a force that falls by 5 N in a sample [samples].
+    /// Error of the place of the reversal according to the signs [samples], for a screw that reverses at `zero` samples
+    /// from the middle of its 40th, under a force that falls by 5 N in a sample.
     fn error(zero: f64, direction: i32, phase: f64, relocates: bool) -> f64 {
         let (mut line, mut sign, feedback) = (DelayLine::new(), sign::Sign::new(), known());
         let (force, fall) = (600.0, 5000.0);
@@ -295,13 +298,13 @@ mod tests {
             let position = f64::from(direction) * x / COUNT_M + phase;
             line.push(position.floor() as i32, direction * ((force - fall * t) / CODE_N) as i32, false);
             let velocity = line.smooth_velocity(0, 5) + line.smoothed_away(0, 5, &feedback);
-            // Before the line has filled, its velocities are none.
+            // Before the line has filled, its velocities are invalid.
             line.ago(5).sign = if n < 12 { -direction * ONE } else { sign.push(velocity) };
             if relocates {
                 line.relocate(5, 15, 2, &feedback);
             }
         }
-        // Around a reversal the sum of the signs says where it is.
+        // The sum of the signs around a reversal gives its place.
         let sum: i32 = (20..=30).map(|ago| line.at(ago).sign).sum();
         -f64::from(direction * sum) / f64::from(2 * ONE) - zero
     }
@@ -322,8 +325,8 @@ mod tests {
         assert!(long.1 < 0.015 && long.1 < short.1 / 3.0, "{short:?} {long:?}");
     }
 
-    /// Whether each sample has all of its sign around a reversal at `zero` on a path that is kept, where the force follows the friction
-    /// within so many samples.
+    /// Whether each sample around a reversal at `zero` has its full sign, on an imposed path, where the force follows
+    /// the friction within `lag` samples.
     fn has_whole_signs(zero: f64, direction: i32, lag: f64, spoil: impl Fn(i32, &mut DelayLine)) -> bool {
         let (mut line, mut sign, feedback) = (DelayLine::new(), sign::Sign::new(), known());
         for n in 0..=65 {
@@ -348,13 +351,14 @@ mod tests {
         };
         let [jumps, follows] = [0.0, 4.0].map(|lag| whole(lag, |_, _| ()));
         assert!(jumps == 200 && follows < 10, "{jumps} and {follows} of 200");
-        // Under the long kernel, but not at the jump, a bad sample is no matter; there it may be what jumps.
+        // A bad sample under the long kernel does not matter away from the jump; at the jump, it may be what jumps.
         let far = whole(0.0, |n, line| line.ago(0).bad = n == 32);
         let there = whole(0.0, |n, line| line.ago(0).bad = (39..=41).contains(&n));
         assert!(far == 200 && there < 10, "{far} and {there} of 200");
     }
 
-    /// Another reversal under the long kernel, a bad sample or a force against the turn: the short kernel's place stays.
+    /// With another reversal under the long kernel, a bad sample, or a force against the reversal, the short kernel's
+    /// place stays.
     #[test]
     fn what_the_long_kernel_cannot_see_through_stays() {
         let changed = |spoil: fn(&mut Waiting)| {

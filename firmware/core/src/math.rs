@@ -1,6 +1,6 @@
 //! The few functions of a real number that reporting needs, the same to the bit on every machine.
 //!
-//! micromath gives the seed by name, never through method call syntax, which would pick std's function on a PC.
+//! micromath's seed is called by path, never as a method, which would pick std's function on a PC.
 
 use crate::qformat::Term;
 
@@ -10,13 +10,13 @@ pub fn sqrt(value: f32) -> f32 {
         if value == f32::INFINITY {
             return value;
         }
-        // micromath is up to 6 % too large: half of that on either side. A step of Newton's is too large by half the square, up to
-        // 4.5e-4: again half of that on either side, and the next is within 3e-8.
+        // micromath is up to 6 % too large; the factor puts half of that on either side. A Newton step is too large by
+        // half the square of the error, up to 4.5e-4, again halved by a factor; the next is within 3e-8.
         let seed = 0.97 * micromath::F32Ext::sqrt(value);
         let near = 0.499_89 * (seed + value / seed);
         return 0.5 * (near + value / near);
     }
-    // No number has none either.
+    // NaN has none either.
     0.0
 }
 
@@ -30,10 +30,12 @@ pub fn square(value: f32) -> f32 {
     value * value
 }
 
-/// `value` within two units in the last place, by words: a Cortex-M4F converts those itself. Its many callers have no flash for copies.
+/// `value` within two units in the last place, by 32-bit words, which a Cortex-M4F converts itself. Not inlined: it has
+/// many callers, and copies would cost flash.
 #[inline(never)]
 pub fn single(value: i64) -> f32 {
-    // The lower word with a sign, which the upper one makes up for: a small negative value is its lower word alone.
+    // The lower word is taken as signed, and the upper one makes up for it: a small negative value is its lower word
+    // alone.
     let lower = value as i32;
     let upper = (value >> 32) as i32 as f32 + (lower as u32 >> 31) as f32;
     upper * power(32) + lower as f32
@@ -51,7 +53,7 @@ pub fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The lesser of two; the first where the second is no number.
+/// The lesser of two; the first if the second is NaN.
 pub fn lesser(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
 }
@@ -79,7 +81,7 @@ pub fn exponent(value: f64) -> i32 {
     ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023
 }
 
-/// `factor` as mantissa and shift; nothing when it is 0.
+/// `factor` as mantissa and shift; the default if it is 0.
 pub fn term(factor: f64) -> Term {
     if factor == 0.0 {
         return Term::default();

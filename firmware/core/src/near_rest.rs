@@ -1,29 +1,29 @@
-//! Whether friction is Coulomb's and viscous, and what it costs where it is not.
+//! The averages near rest, which show whether friction is Coulomb and viscous, and what it costs where it is not.
 //!
 //! Glossary: an update is *near rest* when its velocity is under half of the rms of the memory, else *away*.
-//! Friction that creeps before it slips (presliding), or holds more than it rubs (Stribeck), departs from the law near
-//! rest. So the law fits better to the updates away from rest alone, and its parameters move. Where it is the law, both
-//! fits leave the same residual: with the reference device the ratio of the residual variances is 0.8 to 1.2, with
-//! 0.1 mm of backlash less, as the flanks part in motion; with Coulomb friction that differs by 40 % between the
-//! directions up to 1.5; with presliding over 20 um 1.7 and more, but in slow motion, where it does no harm; with
-//! Stribeck friction of 1.3 at 5 mm/s 1.3 to 2.4 (docs/tables/robustness.md). Friction that falls with the velocity
-//! everywhere leaves no residual but a negative viscous friction, which does not exist.
+//! Friction that creeps before it slips (presliding), or is greater near rest than in motion (Stribeck), departs from
+//! the law near rest. The law then fits the updates away from rest better, and its parameters move. Where the law
+//! holds, both fits leave the same residual. The ratio of the residual variances, all over away, is 0.8 to 1.2 with the
+//! reference device, and less with 0.1 mm of backlash, as the flanks part in motion; up to 1.5 with Coulomb friction
+//! that differs by 40 % between the directions; 1.7 and more with presliding over 20 um, except in slow motion, where
+//! it does no harm; 1.3 to 2.4 with Stribeck friction of 1.3 at 5 mm/s (docs/tables/robustness.md). Friction that falls
+//! with the velocity everywhere leaves no residual, but gives a negative viscous friction, which does not exist.
 //!
-//! State: the products of the updates near rest, averaged with the memory's own gain over all updates, so that what is
-//! left of the memory's averages is of the updates away from rest. Integers; `regime` concludes from them.
+//! State: the products of the updates near rest, averaged over all updates with the memory's own gain. The memory's
+//! averages less these are those of the updates away from rest. Integers; `regime` evaluates them.
 
 use crate::kernel::REGRESSORS;
 use crate::rls::{Moments, PRODUCTS, part, place};
 
-/// Velocity's own product.
+/// The velocity's product with itself.
 const VELOCITY: usize = place(1, 1);
 
 /// Part of a bank's averages that comes from updates near rest.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NearRest {
-    /// As they stood at the latest update near rest.
+    /// Averages as of the latest update near rest.
     averages: [i64; PRODUCTS],
-    /// Part of them that is forgotten since [2^-32]: weights need no more bits, as an update comes and goes as a whole.
+    /// Fraction of them forgotten since [2^-32]: weights need no more bits, as an update comes and goes as a whole.
     forgotten: u32,
 }
 
@@ -33,7 +33,7 @@ impl NearRest {
         Self { averages: [0; PRODUCTS], forgotten: 0 }
     }
 
-    /// Takes the products that the memory has just taken, or forgets as the memory does where they are from away.
+    /// Takes the products that the memory has just taken; if they are from away, only forgets as the memory does.
     #[inline]
     pub fn update(&mut self, products: &[i64; PRODUCTS], memory: &Moments, length: u32) {
         let gain = memory.gain(length);
@@ -55,7 +55,7 @@ impl NearRest {
     }
 }
 
-/// Product of the ones: the weight of the updates that averages are of.
+/// Product of the constant with itself: the weight of the updates in the averages.
 pub(crate) const WEIGHT: usize = place(3, 3);
 const _: () = assert!(WEIGHT < PRODUCTS && REGRESSORS == 5);
 
@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn near_and_away_add_up_to_the_memory() {
-        // One in four is a tenth of the others.
+        // One in four has a tenth of the others' velocity.
         let velocity = |n: i32| if n % 4 == 0 { 1 << 26 } else { 10 << 26 };
         for length in [50, 100_000] {
             let (memory, near) = fed(length, (1..4001).map(velocity));

@@ -1,21 +1,23 @@
-//! How much noise the force has in one sample, whatever the motion.
+//! Noise of the force in one sample, whatever the motion.
 //!
-//! The fourth difference of five samples is 8.4 times the rms of white noise, and leaves `(w T)^4` of a motion: 1e-4 of
-//! 16 Hz at 1 kHz, 1 % of mains pickup. Flanks that meet and friction that turns over leave far more, but in few
-//! samples. So the differences are counted by octaves of their magnitude, and the least quarter of them tells the noise:
-//! within 8 % after 4 s of white noise, 20 % too much with the impacts of 0.1 mm of backlash at 1 kHz. Of coloured noise
-//! and of drift it tells too little, below 500 Hz too much.
+//! The fourth difference of five samples is 8.4 times the rms of white noise, and passes `(w T)^4` of a motion: 1e-4 of
+//! 16 Hz at 1 kHz, 1 % of mains pickup. Flanks that meet and friction that reverses leave far more, but in few samples.
+//! So the differences are counted by octaves of their magnitude, and their lower quartile gives the noise: within 8 %
+//! after 4 s of white noise, 20 % too high with the impacts of 0.1 mm of backlash at 1 kHz. It is too low for coloured
+//! noise and for drift, and too high at sample rates below 500 Hz.
 //!
-//! State: counters, which forget a part of what they hold with each difference: 16 s of them, with one in 8 ms. What they
-//! hold is a sum of what came over what has passed since, so the same samples again leave the same counts.
+//! State: counters, which forget a fraction of their counts with each difference: a memory of 16 s at one difference in
+//! 8 ms. A count depends only on which differences came and how many have followed each, so the same samples again
+//! leave the same counts.
 
-/// Logarithm of the differences that are remembered.
+/// Logarithm of the number of differences that are remembered.
 const MEMORY_LOG2: u32 = 11;
-/// What one difference adds: the counts together are 2^31 at most, and what truncation never forgets is 2^-9 of one.
+/// Increment for one difference: the counts together are 2^31 at most, and what truncation never forgets is 2^-9 of a
+/// difference.
 const ONE: u32 = 1 << (31 - MEMORY_LOG2);
-/// Fewest differences that tell anything: the noise within 60 %.
+/// Fewest differences for a result: the noise is then within 60 %.
 const FEWEST: u32 = 32;
-/// Octaves of a magnitude of 32 bits, and nought.
+/// Octaves of a magnitude of 32 bits, and zero.
 const OCTAVES: usize = 33;
 
 /// Fourth differences of the force by the octaves of their magnitude.
@@ -45,25 +47,25 @@ impl Noise {
         }
     }
 
-    /// How many differences are remembered.
+    /// Number of differences remembered.
     pub fn differences(&self) -> u32 {
         self.octaves.iter().sum::<u32>() / ONE
     }
 
-    /// The magnitude [2^-FRACTION codes] that so many quarters of the fourth differences do not reach, on a straight line
-    /// within its octave; nothing from too few.
+    /// The magnitude [2^-FRACTION codes] below which this many quarters of the fourth differences lie, interpolated
+    /// linearly within its octave; `None` with too few differences.
     pub fn quantile(&self, quarters: u32) -> Option<u64> {
         let total: u32 = self.octaves.iter().sum();
-        // Each has lost some to those after it, all together less than one.
+        // Each difference has lost a little to those after it, all together less than one.
         if total <= (FEWEST - 1) * ONE {
             return None;
         }
         let mut missing = (total >> 2) * quarters;
-        // What rounds to the octave's least and greatest codes is its own.
+        // What rounds to an octave's least or greatest code belongs to the octave.
         let (mut from, mut to) = (0_u64, 1 << (Self::FRACTION - 1));
         for &count in &self.octaves {
             if count > missing {
-                // 2^40 at most of a straight line, in 2^-16.
+                // Linear interpolation over at most 2^40, in steps of 2^-16.
                 let along = (u64::from(missing) << 16) / u64::from(count);
                 return Some(from + (((to - from) * along) >> 16));
             }
@@ -78,7 +80,7 @@ impl Noise {
 mod tests {
     use super::*;
 
-    /// Normal enough for quartiles: the sum of twelve.
+    /// Normal enough for quartiles: the sum of twelve uniform numbers.
     fn normal(seed: &mut u64) -> f64 {
         (0..12).fold(-6.0, |sum, _| {
             *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -89,7 +91,7 @@ mod tests {
     /// Quartile of the fourth differences of normal noise, per its rms.
     const QUARTILE: f64 = 0.3186 * 8.3666;
 
-    /// The rms that is told of a force with noise of `rms` [codes], each five samples disturbed as told by their count.
+    /// The rms found for a force with noise of `rms` [codes], where each five samples are disturbed by their number.
     fn told(noise: &mut Noise, rms: f64, count: usize, disturbance: impl Fn(usize, usize) -> f64) -> f64 {
         let mut seed = 11;
         for n in 0..count {
@@ -101,7 +103,7 @@ mod tests {
 
     #[test]
     fn white_noise_is_told_at_any_strength() {
-        // From one code, under which the differences are too coarse, to what saturates.
+        // From one code, below which the differences are too coarse, to saturation.
         for rms in [1.0, 3.3, 70.0, 1000.0, 3e5] {
             let found = told(&mut Noise::new(), rms, 4000, |_, _| 0.0);
             let all = (rms * rms + 1.0 / 12.0_f64).sqrt();
@@ -137,7 +139,7 @@ mod tests {
         (1..FEWEST).for_each(|_| few.push([5; 5]));
         assert_eq!(few.quantile(1), None);
         few.push([5; 5]);
-        // No noise that can be told from none.
+        // Noise that cannot be distinguished from none.
         assert!(few.quantile(1).unwrap() < 128);
     }
 }

@@ -1,9 +1,9 @@
-//! What one sample brings.
+//! The result of one sample.
 
 use crate::detail::{Change, Detail, Law, Reversal, Warning};
 use crate::estimate::Estimate;
 
-/// What [`Active::step`](crate::Active::step) has to say; most samples bring nothing.
+/// The result of [`Active::step`](crate::Active::step); empty for most samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -11,11 +11,11 @@ use crate::estimate::Estimate;
 pub struct Output {
     /// The estimate with its detail, at the publish rate.
     pub published: Option<Published>,
-    /// A reversal of the flanks that this sample has concluded and that agrees with those before it.
+    /// A reversal of the flanks that this sample has completed and that agrees with those before it.
     pub reversal: Option<Reversal>,
-    /// Samples that no device can be blamed for.
+    /// A warning about samples that no device can cause.
     pub warning: Option<Warning>,
-    /// A change of the device. Estimate and sums are still those of before; both memories begin anew with the next update.
+    /// A change of the device. Estimate and sums are still those of before; both memories restart with the next update.
     pub change: Option<Change>,
 }
 

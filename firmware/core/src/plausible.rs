@@ -1,31 +1,31 @@
-//! Whether counts and force are what sensors can give, for a few instructions a sample.
+//! Whether counts and force are plausible, for a few instructions a sample.
 //!
-//! - *Slipped counts*: the position bends more than the greatest force could bend it, given the inertance, and than steps do.
-//! - *Clipped force*: codes pile up at an extreme of what was seen. A force that is not clipped leaves its extreme to the
-//!   noise: within half its rms of the greatest of many samples lies one in a hundred of those within eight rms. A clipped one
-//!   has lost its noise there.
+//! - *Slipped counts*: the position bends by more than steps and the greatest force could bend it, given the inertance.
+//! - *Clipped force*: codes pile up at an extreme of what was seen. A force that is not clipped leaves its extreme to
+//!   the noise: of the many samples within eight rms of the greatest, one in a hundred lies within half an rms. A
+//!   clipped force has lost its noise there.
 //! - *Dead force*: the code stands still while the screw goes to and fro.
-//! - *Wrong sign* is judged by the estimate (`report`).
+//! - *Wrong sign*: judged from the estimate (`report`).
 //!
-//! Samples that fail a gate are left out; where the gate needed a while to see it, the memories begin anew.
+//! Samples that fail a check are left out. Where the check needed a while to detect it, the memories restart.
 
 use crate::constants::{DEAD_REVERSALS, PILED_WITHIN, STILL_CODES};
 use crate::detail::{Warning, WarningKind};
 use crate::qformat::Term;
 use crate::sign::ONE;
 
-/// Bend of the position that steps and unequal lines of an encoder make of a steady velocity, at most [counts].
+/// Greatest bend of the position that steps and unequal lines of an encoder cause at a steady velocity [counts].
 pub(crate) const SLIP_COUNTS: f64 = 3.0;
-/// Room for the force that was not sampled, and for its delay.
+/// Margin for the force between samples, and for its delay.
 pub(crate) const SLIP_FACTOR: f64 = 2.0;
-/// Piled-up codes that tell something, and the part of the others that they must be.
+/// Fewest piled-up codes that count, and the fraction (one in this many) of the codes nearby that they must exceed.
 const FEWEST: u32 = 64;
 const PILED_PART: u32 = 2;
-/// Every so many samples the force is looked at.
+/// The force is examined once in this many samples.
 const LOOK: u8 = 4;
-/// Looks after which it does.
+/// Examinations without a change after which the force stands still.
 const STILL_LOOKS: u8 = 2;
-/// Estimates without the same cause until it is told again.
+/// Estimates without the cause of a warning after which the warning may be repeated.
 const QUIET: u8 = 10;
 
 /// One extreme of the force.
@@ -34,7 +34,7 @@ struct Extreme {
     greatest: i32,
     near: u32,
     wide: u32,
-    /// The greatest code of all less the least one that is clipped here; 0 where none is.
+    /// `i32::MAX` less the least code that is clipped here; 0 if none is.
     room: i32,
 }
 
@@ -47,12 +47,12 @@ impl Extreme {
         i32::MAX - self.room
     }
 
-    /// Takes a code; true when those at this extreme have piled up now.
+    /// Takes a code; returns true if the codes at this extreme have just been found to pile up.
     fn push(&mut self, code: i32, resolution: i32) -> bool {
         let above = code.saturating_sub(self.greatest);
         if above > 0 {
             if above >= resolution {
-                // Beyond what was taken for the extreme.
+                // Beyond what seemed to be the extreme.
                 *self = Self { greatest: code, ..Self::NONE };
             }
             self.greatest = code;
@@ -72,19 +72,19 @@ impl Extreme {
     }
 }
 
-/// What the gates remember.
+/// State of the checks.
 #[derive(Clone, Debug)]
 pub(crate) struct Plausible {
-    /// The last two positions, and how many in a row there are since they were lost, up to three.
+    /// The last two positions, and the number of consecutive positions since the last discontinuity, up to three.
     positions: [i32; 2],
     known: u8,
-    /// Bend of the position by steps alone, 0 before the inertance is known, and per force code.
+    /// Greatest bend of the position: by steps alone, 0 before the inertance is known, and per force code.
     bend: (u32, Term),
-    /// Greatest force, which is forgotten by a sixteenth with each estimate.
+    /// Greatest force; a sixteenth of it is forgotten with each estimate.
     strongest: u32,
     high: Extreme,
     low: Extreme,
-    /// Half of the force's noise [codes]; 0 where it is not known, or too little.
+    /// Half of the rms of the force's noise [codes]; 0 if it is unknown or too small.
     resolution: i32,
     until_look: u8,
     still_at: i32,
@@ -92,9 +92,9 @@ pub(crate) struct Plausible {
     reversals: u8,
     sign: i32,
     quiet: [u8; 4],
-    /// Estimates; each time that it comes round, half of what lies near the extremes is forgotten.
+    /// Number of estimates; each time that it wraps, half of the counts near the extremes is forgotten.
     estimates: u8,
-    /// What is to be told, if anything is.
+    /// Whether a warning is to be returned, and which.
     pending: (bool, WarningKind),
 }
 
@@ -103,9 +103,9 @@ pub(crate) struct Plausible {
 pub(crate) struct Doubt {
     /// The position has jumped.
     pub slipped: bool,
-    /// The force is none.
+    /// The force is invalid.
     pub no_force: bool,
-    /// It has been none for a while, and was not known to be.
+    /// It has been invalid for a while, and was not known to be.
     pub since_a_while: bool,
 }
 
@@ -131,7 +131,7 @@ impl Plausible {
         }
     }
 
-    /// Takes a sample: position and, where it is within its rails, force, in codes.
+    /// Takes a sample: the position and, if it is within its rails, the force, in codes.
     pub fn push(&mut self, position: i32, force: Option<i32>, broken: bool) -> Doubt {
         let mut doubt = Doubt::default();
         let [last, before] = self.positions;
@@ -145,7 +145,7 @@ impl Plausible {
         }
         let is_clipped = self.high.room | self.low.room != 0 && self.is_clipped(force);
         doubt.no_force = is_clipped || self.reversals >= DEAD_REVERSALS;
-        // A force that stands still may be none.
+        // A force that stands still may be dead.
         if bent > self.bend.0
             && self.known == 3
             && !is_clipped
@@ -159,7 +159,7 @@ impl Plausible {
         doubt
     }
 
-    /// Looks at a force; true when it has become clear that it is clipped.
+    /// Examines a force; returns true if it has just been found to be clipped.
     #[inline(never)]
     fn look(&mut self, force: i32) -> bool {
         self.strongest = self.strongest.max(force.unsigned_abs());
@@ -174,7 +174,7 @@ impl Plausible {
         force >= self.high.rail() || force.saturating_neg() >= self.low.rail()
     }
 
-    /// Whether the position bends by more than the force can do.
+    /// Whether the position bends by more than the force can cause.
     #[inline(never)]
     fn slips(&self, bent: u32, force: i32) -> bool {
         let (steps, per_code) = self.bend;
@@ -182,7 +182,7 @@ impl Plausible {
         steps > 0 && i64::from(bent) > i64::from(steps) + per_code.of(strongest)
     }
 
-    /// Takes a force into its extremes; true when it has become clear that it is clipped.
+    /// Takes a force into its extremes; returns true if it has just been found to be clipped.
     fn is_clipped_now(&mut self, force: i32) -> bool {
         let resolution = self.resolution;
         if self.high.push(force, resolution) | self.low.push(force.saturating_neg(), resolution) {
@@ -196,7 +196,7 @@ impl Plausible {
         false
     }
 
-    /// Which way the screw goes, in a sample that counts; true when the force has stood still for too long by now.
+    /// Takes the direction of the screw in a good sample; returns true if the force has now stood still for too long.
     pub fn goes(&mut self, sign: i32) -> bool {
         if sign.abs() != ONE || sign == self.sign {
             return false;
@@ -210,14 +210,14 @@ impl Plausible {
         dead
     }
 
-    /// After an estimate whose force pushes the screw the wrong way; one that stands still is not of any sign.
+    /// For an estimate whose force pushes the screw the wrong way. A force that stands still has no sign.
     pub fn backwards(&mut self) {
         if self.reversals < 2 {
             self.warn(WarningKind::WrongSign);
         }
     }
 
-    /// After an estimate: what bends the position, and the force's noise [codes, rms].
+    /// After an estimate: the limits of the position's bend, and the force's noise [codes, rms].
     pub fn learn(&mut self, bend: Option<(u32, Term)>, noise: Option<f32>) {
         self.bend = bend.unwrap_or_default();
         self.strongest -= self.strongest.div_ceil(16);
@@ -225,7 +225,7 @@ impl Plausible {
             Some(rms) => ((0.5 * rms) as i32).max(1),
             None => 0,
         };
-        // What was counted by half or twice the width is no count.
+        // Counts made with half or twice the width are invalid.
         if resolution > 2 * self.resolution || 2 * resolution < self.resolution {
             for extreme in [&mut self.high, &mut self.low] {
                 (extreme.near, extreme.wide) = (0, 0);
@@ -241,7 +241,7 @@ impl Plausible {
         self.quiet.iter_mut().for_each(|quiet| *quiet = quiet.saturating_sub(1));
     }
 
-    /// Something is wrong; told once, and again after it was right for a while.
+    /// Raises a warning: once, and again after the cause was absent for a while.
     #[cold]
     fn warn(&mut self, kind: WarningKind) {
         if let Some(quiet) = self.quiet.get_mut(kind as usize) {
@@ -252,7 +252,7 @@ impl Plausible {
         }
     }
 
-    /// What is to be told with this sample.
+    /// The warning to be returned with this sample.
     pub fn take(&mut self, index: u32) -> Option<Warning> {
         let (is_due, kind) = self.pending;
         self.pending.0 = false;
@@ -268,7 +268,7 @@ mod tests {
 
     use super::*;
 
-    /// Sums of twelve are normal enough.
+    /// Normal enough: the sum of twelve uniform numbers.
     fn normal(seed: &mut u64) -> f64 {
         (0..12).fold(-6.0, |sum, _| {
             *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -276,7 +276,8 @@ mod tests {
         })
     }
 
-    /// The warnings of a force by its sample and the noise of 20 codes that it has before it is clipped to +-`rail`.
+    /// The warnings for a force, given by the number of its sample, with noise of 20 codes before it is clipped to
+    /// +-`rail`.
     fn of_force(rail: f64, force: impl Fn(f64) -> f64) -> Vec<WarningKind> {
         let (mut plausible, mut seed) = (Plausible::new(), 5);
         let mut told = Vec::new();
@@ -285,7 +286,7 @@ mod tests {
                 plausible.learn(None, (n > 0).then_some(20.0));
             }
             let clipped = (force(f64::from(n)) + 20.0 * normal(&mut seed)).clamp(-rail, rail);
-            // What the converter adds.
+            // The noise that the converter adds.
             let code = (clipped + normal(&mut seed)).round() as i32;
             plausible.push(0, Some(code), false);
             told.extend(plausible.take(n).map(|warning| warning.kind));

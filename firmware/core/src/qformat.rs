@@ -30,7 +30,7 @@ pub fn shift_right(value: i64, shift: i8) -> i64 {
     }
 }
 
-/// As [`shift_right`], refusing what does not fit a [`Regressor`].
+/// As [`shift_right`]; `None` if the result does not fit a [`Regressor`].
 #[inline]
 pub fn to_regressor(value: i64, shift: i8) -> Option<Regressor> {
     if shift < 0 && value.unsigned_abs().leading_zeros() <= u32::from(shift.unsigned_abs()) {
@@ -55,7 +55,7 @@ pub fn widening_mul(a: i64, b: i64) -> (i64, u64) {
     (high, (low & 0xffff_ffff) | ((cross_b as u64) << 32))
 }
 
-/// `(a * b) >> shift` for `shift` in 1..=63, rounded down; what leaves 64 bits is cut off.
+/// `(a * b) >> shift` for `shift` in 1..=63, rounded down; bits beyond 64 are dropped.
 #[inline(always)]
 pub fn mul_shift(a: i64, b: i64, shift: u32) -> i64 {
     let (high, low) = widening_mul(a, b);
@@ -80,7 +80,7 @@ pub struct Term {
 }
 
 impl Term {
-    /// That multiple of `value`, rounded.
+    /// `value` times the factor, rounded as in [`scale`].
     #[inline]
     pub fn of(self, value: i64) -> i64 {
         if self.coefficient == 0 { 0 } else { scale(value, self.coefficient, self.shift) }

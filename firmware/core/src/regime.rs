@@ -1,18 +1,18 @@
-//! What the residual near rest says of friction, and by how much the intervals must grow for it.
+//! What the residual near rest shows of friction, and by how much the intervals must grow for it.
 //!
-//! Floats are allowed here: nothing flows back to the signal path.
+//! Floats are allowed here: nothing is fed back to the signal path.
 //!
-//! A law that fits worse by the variance `E^2` when the updates near rest are in carries an error of that size, which
-//! no averaging removes. Were all of it alike to a regressor, the parameter would be wrong by `Q = E sqrt(inv(A)_ii)`.
-//! The part that is alike grows with the share that the error has in friction, `Q_fc / fc`; its factors below, and
-//! twice what the parameter moves by between both fits, cover the simulated devices of docs/tables/robustness.md. A
-//! presliding screw is a spring while it creeps, which in a steady tone is inertance and nothing else: that part is
-//! of the size of `fc` over the acceleration.
+//! A law whose residual has `E^2` more variance when the updates near rest are included carries an error of that size,
+//! which averaging does not remove. If all of it resembled a regressor, the parameter would be wrong by
+//! `Q = E sqrt(inv(A)_ii)`. The part that resembles it grows with the share that the error has in friction,
+//! `Q_fc / fc`. The factors below, and twice what the parameter moves by between both fits, cover the simulated devices
+//! of docs/tables/robustness.md. A presliding screw is a spring while it creeps. In a steady tone that looks exactly
+//! like inertance; this part is of the size of `fc` over the acceleration.
 //!
-//! The residual that the force's noise and the encoder's steps do not explain has two causes. Where friction could
-//! hide in the other parameters, near and away fit alike, and what is not explained counts as friction. Where flanks
-//! part, it is their impacts, which repeat with a periodic motion, and so does the error that they make. Where it is not
-//! known whether they part, it may be either.
+//! A residual that the force's noise and the encoder's steps do not explain has two causes. Where friction could hide
+//! in the other parameters, near and away fit alike, and what is unexplained counts as friction. Where flanks part, it
+//! is their impacts, which repeat with a periodic motion, and so does the error that they cause. Where it is unknown
+//! whether they part, it may be either.
 
 use crate::budget::{Budget, Source};
 use crate::constants;
@@ -22,62 +22,67 @@ use crate::fit::Fit;
 use crate::ldl::UNKNOWNS;
 use crate::math::{magnitude, sqrt};
 
-/// Ratio of the residual variances, all over away, that Coulomb's friction does not reach.
+/// Ratio of the residual variances, all over away, that Coulomb friction does not reach.
 const RATIO: f32 = 1.5;
-/// Ratio of the residual's variance over what is explained that noise and steps do not reach, 1.4 in the grid; 2.3 and
+/// Ratio of the residual's variance to what is explained that noise and steps do not reach: 1.4 in the grid; 2.3 and
 /// more with presliding at 15.9 Hz.
 const UNEXPLAINED: f32 = 1.7;
 /// The same where flanks may part, and it is not known that they do.
 const UNEXPLAINED_IMPACTS: f32 = 1.4;
-/// Standard deviations of either ratio by chance alone, on top.
+/// Margin on either ratio for chance [standard deviations].
 const CHANCE: f32 = 3.0;
-/// Variance of the noise's variance by the quartile of its differences, times their number: `4 p (1 - p) / (q f(q))^2` with
-/// `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
+/// Relative variance of the noise's variance as found from the quartile of its differences, times their number:
+/// `4 p (1 - p) / (q f(q))^2` with `p` = 1/4, the quartile `q` of a normal magnitude and the density `f` there.
 const QUARTILE_CHANCE: f32 = 12.8;
-/// Observations away from rest under which nothing is said: twice those of a fit, as two residuals are compared.
+/// Fewest observations away from rest for a verdict: twice those of a fit, as two residuals are compared.
 pub(crate) const LEAST_OBSERVATIONS: f32 = 16.0;
-/// Least part of the error that counts as alike to a regressor, and its growth with the error's share in friction.
+/// Least fraction of the error that counts as resembling a regressor, and its growth with the error's share in
+/// friction.
 const ALIKE: (f32, f32) = (0.35, 1.3);
-/// Part of the error by which Stribeck's friction moves twice Coulomb's: 0.15 to 1.6 are seen, 0.06 with presliding.
+/// Twice the shift of Coulomb friction, as a fraction of the error, from which on it is Stribeck friction: that shows
+/// 0.15 to 1.6, presliding 0.06.
 const STRIBECK: f32 = 0.1;
 const MOVED: f32 = constants::MOVED as f32;
-/// Coulomb friction per residual beyond which an unlawful friction could hide in the others: 28 at 15.9 Hz, where a
-/// steady tone tells Coulomb from viscous friction by its beginning only, and over 6 from 1.2 s on; under 5 for the
-/// other motions of the grid.
+/// Error of Coulomb friction per residual beyond which unlawful friction could hide in the other parameters: 28 at 15.9
+/// Hz, where only the beginning of a steady tone distinguishes Coulomb from viscous friction, and over 6 from 1.2 s on;
+/// under 5 for the other motions of the grid.
 const HIDDEN: f32 = 6.0;
-/// Spring of a creeping screw taken for inertance, per share in friction and `fc` over the rms of the acceleration.
+/// Spring of a creeping screw mistaken for inertance, per share in friction and `fc` over the rms of the acceleration.
 const SPRING: f32 = 0.6;
-/// How far a parameter may be off where the law is broken, per error that all of the unlawful residual would make if it were
-/// alike to its regressor: the others take the rest of what breaks the law. Load-dependent friction reaches 3.1.
+/// How far a parameter may be off where the law is broken, per error that all of the unlawful residual would cause if
+/// it resembled its regressor: the other parameters absorb part of what breaks the law. Load-dependent friction reaches
+/// 3.1.
 const REACH: f32 = 3.1;
-/// Part of the force's mean square that impacts do not leave, as they act on the screw as well: less than 3 % of its rms even at a
-/// gap of 3 mm.
+/// Fraction of the force's mean square that impacts do not leave, as they act on the screw as well: they leave less
+/// than 3 % of its rms even at a gap of 3 mm.
 const BEYOND_IMPACTS: f32 = 0.1 * 0.1;
-/// Part of the impacts' error that counts as alike to a regressor: in a motion that repeats itself every 2 s viscous
-/// friction scatters by 0.17 of all, at 1 and at 4 kHz; in a random one by 0.06, which the interval holds anyway.
+/// Fraction of the impacts' error that counts as resembling a regressor: in a motion that repeats itself every 2 s,
+/// viscous friction scatters by 0.17 of all, at 1 and at 4 kHz; in a random one by 0.06, which the interval covers
+/// anyway.
 const IMPACTS: f32 = 0.4;
 
-/// What the force's noise, the encoder's steps and the settings' intervals explain of a residual.
+/// The part of a residual that the force's noise, the encoder's steps and the settings' intervals explain.
 pub(crate) struct Explained {
     /// Variance [N^2]; infinite before they are known.
     pub variance: f32,
-    /// Variance of the residual's own variance over that of a motion that never comes again: steps come again with it.
+    /// Variance of the residual's own variance, over that in a motion that never recurs: the steps recur with the
+    /// motion.
     pub scatter: f32,
 }
 
-/// What friction looks like, and the systematic error of inertance, viscous and Coulomb friction by it.
+/// The regime of friction, and the systematic error that it causes in inertance, viscous and Coulomb friction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Assessment {
     pub regime: Regime,
     pub errors: [f32; 3],
-    /// Enough was seen to say how friction behaves.
+    /// Whether enough was seen to judge friction.
     pub judged: bool,
 }
 
 impl Assessment {
-    /// From the fits to all updates and to those away from rest, the mean squares of acceleration \[m^2/s^4\] and velocity \[m^2/s^2\],
-    /// viscous friction as it would be published, what noise and steps explain of the residual, and
-    /// how the flanks behave; `scatter` is the variance of what moves over that of white noise.
+    /// From the fits to all updates and to those away from rest, the mean squares of acceleration \[m^2/s^4\] and
+    /// velocity \[m^2/s^2\], viscous friction as it would be published, what noise and steps explain of the residual,
+    /// and how the flanks behave. `scatter` is the variance of the parameters' shifts over that for white noise.
     pub fn of(
         all: &Fit,
         away: &Fit,
@@ -92,7 +97,7 @@ impl Assessment {
         let parts = matches!(contact, Contact::Backlash | Contact::Bouncing);
         let beside = (beyond > UNEXPLAINED && !parts).then_some(ratio);
         let mut assessment = Self::of_friction(all, away, squares, viscous, beside, scatter);
-        // Where flanks are known to part, whatever is not explained may be their impacts.
+        // Where flanks are known to part, whatever is unexplained may be their impacts.
         if parts && ratio > 1.0 || contact.may_part() && beyond > UNEXPLAINED_IMPACTS {
             let per_error = IMPACTS * error_per_standard_error(all, ratio);
             for (error, standard) in assessment.errors.iter_mut().zip(all.errors) {
@@ -102,7 +107,8 @@ impl Assessment {
         assessment
     }
 
-    /// What friction does, with the ratio of the residual's variance over what is explained where nothing else says why.
+    /// What friction does. `unexplained` is the residual's variance over what is explained, where there is no other
+    /// cause.
     fn of_friction(
         all: &Fit,
         away: &Fit,
@@ -119,7 +125,7 @@ impl Assessment {
         }
         let (mt_moved, cf_moved, fc_moved) = (2.0 * (mt - mt_away), 2.0 * (cf - cf_away), 2.0 * (fc - fc_away));
         if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {
-            // What falls with the velocity may as well be taken for inertance.
+            // Friction that falls with the velocity may also be mistaken for inertance.
             let inertance = length(mt_moved, viscous.value * sqrt(velocity / acceleration));
             return Self { regime: Regime::Stribeck, errors: [inertance, f32::INFINITY, f32::INFINITY], judged: true };
         }
@@ -139,12 +145,12 @@ impl Assessment {
         let (fc, fc_alike) = (magnitude(fc), fc_error * per_error);
         let (share, friction_n) = if fc_alike < fc { (fc_alike / fc, fc) } else { (1.0, fc_alike) };
         let alike = if ALIKE.0 > ALIKE.1 * share { ALIKE.0 } else { ALIKE.1 * share };
-        // Friction that falls with the velocity is alike to more of Coulomb's; friction that comes late is not, and its
-        // spring takes from the inertance.
+        // Friction that falls with the velocity looks like more Coulomb friction. Friction that reverses late does not,
+        // and its spring lowers the inertance.
         let falls = fc_moved > STRIBECK * fc_alike && mt_moved > -2.0 * STRIBECK * mt_error * per_error;
         let spring = SPRING * share * friction_n / sqrt(acceleration);
         let (regime, spring) = match () {
-            // Something is wrong, and what cannot be told.
+            // Something is wrong, but what it is cannot be identified.
             () if lawful => (Regime::Unknown, spring),
             () if falls => (Regime::Stribeck, 0.0),
             () => (Regime::Presliding, spring),
@@ -154,7 +160,7 @@ impl Assessment {
         Self { regime, errors, judged: true }
     }
 
-    /// The budgets with what this makes uncertain.
+    /// The budgets with these errors added.
     pub fn widen(&self, mut budgets: [Budget; UNKNOWNS]) -> [Budget; UNKNOWNS] {
         for (budget, error) in budgets.iter_mut().zip(self.errors) {
             *budget = budget.and(Source::Model, error);
@@ -163,9 +169,9 @@ impl Assessment {
     }
 }
 
-/// Whether the law holds, by what noise and steps explain of the residual, the number of differences that the
-/// noise was found from, how the flanks behave, and the mean square of the filtered force with its offset \[N^2\], which is asked for where
-/// they may part.
+/// Whether the law holds, judged by what noise and steps explain of the residual, the number of differences from which
+/// the noise was found, how the flanks behave, and the mean square of the filtered force with its offset \[N^2\], which
+/// is evaluated where they may part.
 pub(crate) fn law(
     fit: &Fit,
     explained: &Explained,
@@ -192,8 +198,8 @@ pub(crate) fn law(
     Law { status, misfit: Some(Misfit { ratio: sqrt(ratio), limit: sqrt(limit) }), ..Law::default() }
 }
 
-/// What the parameters move by between both fits beyond what they would by chance, where the law is true: the fit to a part
-/// of the data scatters around the fit to all by the difference of their variances (Hausman).
+/// What the parameters move by between both fits beyond chance, where the law is true: the fit to a part of the data
+/// scatters around the fit to all by the difference of their variances (Hausman).
 fn beyond_chance(all: &Fit, away: &Fit, scatter: f32) -> [f32; 3] {
     core::array::from_fn(|i| {
         let moved = all.values[i] - away.values[i];
@@ -202,7 +208,7 @@ fn beyond_chance(all: &Fit, away: &Fit, scatter: f32) -> [f32; 3] {
     })
 }
 
-/// How far what breaks the law may have moved each parameter \[standard errors\]; 0 where it is not broken.
+/// How far what breaks the law may have moved each parameter \[standard errors\]; 0 if it is not broken.
 pub(crate) fn reach(law: &Law, fit: &Fit) -> f32 {
     match law.misfit {
         Some(Misfit { ratio, .. }) if law.status == LawStatus::Broken => {
@@ -212,8 +218,8 @@ pub(crate) fn reach(law: &Law, fit: &Fit) -> f32 {
     }
 }
 
-/// What a parameter is wrong by when all of the unlawful part of the residual is alike to its regressor, per standard
-/// error; `ratio` is the residual's variance over that of its lawful part.
+/// Error of a parameter if all of the unlawful part of the residual resembles its regressor, per standard error;
+/// `ratio` is the residual's variance over that of its lawful part.
 fn error_per_standard_error(fit: &Fit, ratio: f32) -> f32 {
     sqrt(fit.observations * (1.0 - 1.0 / ratio))
 }
@@ -226,7 +232,7 @@ fn length(a: f32, b: f32) -> f32 {
 mod tests {
     use super::*;
 
-    /// Fit of the reference device's random motion, as moved by so much and with this residual \[N\].
+    /// Fit of the reference device's random motion, with the parameters moved by so much and with this residual \[N\].
     fn fit(moved: [f32; 3], residual: f32, observations: f32) -> Fit {
         let values = [299.5 + moved[0], 31.4 + moved[1], 50.0 + moved[2], 3.0];
         let error = residual / sqrt(observations);
@@ -262,7 +268,7 @@ mod tests {
         assert!(stribeck.errors[0] < 0.01 && stribeck.errors[1] > 11.8 && stribeck.errors[2] > 1.2);
         let falling = assessed(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
         assert_eq!((falling.regime, falling.errors[2]), (Regime::Stribeck, f32::INFINITY));
-        // The same ratio by chance, of few observations.
+        // The same ratio by chance, from few observations.
         assert_eq!(assessed(fit([0.0; 3], 0.5, 32.0), fit([0.0; 3], 0.38, 22.0)).regime, Regime::Coulomb);
         let early = assessed(fit([0.0; 3], 5.0, 50.0), fit([0.0; 3], 0.4, 15.0));
         assert_eq!(early, Assessment::default());
@@ -283,20 +289,22 @@ mod tests {
         };
         let unknown = Assessment { judged: true, ..Assessment::default() };
         assert_eq!(assessed_beside(tone(0.45), away(0.45), explained, Contact::Closed), unknown);
-        // Presliding over 50 um at 15.9 Hz takes 0.68 kg, gives 25 N s/m and takes 5 N.
+        // Presliding over 50 um at 15.9 Hz lowers the inertance by 0.68 kg, raises viscous friction by 25 N s/m and
+        // lowers Coulomb friction by 5 N.
         let hidden = assessed_beside(tone(0.76), away(0.76), explained, Contact::Closed);
         assert_eq!(hidden.regime, Regime::Unknown);
         let [inertance, viscous, coulomb] = hidden.errors;
         assert!((0.68..3.0).contains(&inertance) && viscous > 25.0 && (5.0..20.0).contains(&coulomb), "{hidden:?}");
-        // The same by parting flanks: there is no spring.
+        // The same with parting flanks: there is no spring.
         let parts = assessed_beside(tone(0.76), away(0.76), explained, Contact::Backlash);
         assert!(parts.errors[0] < 0.1 && parts.errors[1] > 20.0, "{parts:?}");
-        // Nothing known of the flanks, it may be both.
+        // If nothing is known of the flanks, it may be both.
         let both = assessed_beside(tone(0.76), away(0.76), explained, Contact::Unknown);
         for ((both, hidden), parts) in both.errors.into_iter().zip(hidden.errors).zip(parts.errors) {
             assert_eq!(both, length(hidden, parts));
         }
-        // Where friction cannot hide, only flanks count, by 0.17, 28 and 2.6 of a newton, times the part that is alike.
+        // Where friction cannot hide, only flanks count: by 0.17, 28 and 2.6 per newton, times the part that resembles
+        // the regressor.
         let lawful = Assessment { regime: Regime::Coulomb, judged: true, ..Assessment::default() };
         let random = |contact| assessed_beside(fit([0.0; 3], 1.7, 600.0), away(1.7), explained, contact);
         assert_eq!(random(Contact::Closed), lawful);
@@ -331,7 +339,7 @@ mod tests {
             [1.0, 9.0].map(|residual| status(residual, 600.0, Contact::Closed).status),
             [LawStatus::Holds, LawStatus::Broken]
         );
-        // Of few observations nothing is said but that.
+        // With few observations, nothing else is stated.
         for contact in [Contact::Unknown, Contact::Closed] {
             assert_eq!([1.0, 9.0].map(|residual| status(residual, 10.0, contact)), [Law::default(); 2]);
             assert_eq!(status(11.0, 10.0, contact).status, LawStatus::Broken);
@@ -344,11 +352,11 @@ mod tests {
         );
     }
 
-    /// Friction that moves both fits apart by what they scatter by says nothing; by more, it counts.
+    /// A shift of friction between both fits that is within their scatter does not count; a greater one does.
     #[test]
     fn what_moves_beyond_chance_counts() {
         let away = fit([0.0; 3], 0.39, 400.0);
-        // The standard deviation of what moves, were the law true.
+        // The standard deviation of the shift, if the law were true.
         let all = fit([0.0; 3], 0.39, 600.0);
         let usual = sqrt(away.errors[2] * away.errors[2] - all.errors[2] * all.errors[2]);
         let errors = |moved: f32| assessed(fit([0.0, 0.0, moved], 0.39, 600.0), away).errors;

@@ -1,20 +1,21 @@
-//! Whether the motion repeats itself sample by sample: then the encoder's steps repeat with it, and no average removes them.
+//! Whether the motion repeats itself sample by sample. The encoder's steps then repeat with it, and averaging does not
+//! remove them.
 //!
-//! Each stroke from one reversal to the next has a fingerprint: its samples, and the sum of its positions from where it began.
-//! Strokes of which more than one sample in [`FLIPS`] lies in another count differ in it; a screw that is shaken by
-//! another clock, or by anything that is not perfect, makes no two alike. A tone has strokes of one length whatever the clock: these are
-//! counted, too. Integers, once per reversal.
+//! Each stroke from one reversal to the next has a fingerprint: its number of samples, and the sum of its positions
+//! from where it began. Strokes of which more than one sample in [`FLIPS`] lies in another count have different
+//! fingerprints. A screw that is shaken by another clock, or by anything imperfect, never makes two strokes alike. The
+//! strokes of a tone have one length whatever the clock; these are counted, too. Integers, once per reversal.
 
 /// Fingerprints that are kept, each in its own place.
 const PLACES: usize = 128;
-/// Travel from reversal to reversal under which a stroke is a flicker [counts].
+/// Travel from reversal to reversal below which a stroke is a flicker [counts].
 const LEAST_TRAVEL: u32 = 8;
-/// Samples of a stroke to one that may lie in another count, where it is the same stroke again.
+/// A recurring stroke may have one sample in this many in another count.
 const FLIPS: u32 = 16;
-/// Counts by which two strokes of a steady tone differ in length at most: each end is a count.
+/// Greatest difference in length between two strokes of a steady tone [counts]: one for each end.
 const LENGTHS_APART: u32 = 2;
 
-/// Counts strokes that come again.
+/// Counts recurring strokes.
 #[derive(Clone, Debug)]
 pub struct Repeats {
     kept: [Kept; PLACES],
@@ -25,7 +26,7 @@ pub struct Repeats {
     length: u32,
     /// Strokes that were as long as the one before.
     steady: u32,
-    /// Where the stroke began: index, position and the running sum of positions; nothing before the first reversal.
+    /// Where the stroke began: index, position and the running sum of positions; `None` before the first reversal.
     begin: Option<[i32; 3]>,
 }
 
@@ -55,7 +56,7 @@ impl Repeats {
         (self.length, self.steady) = (0, 0);
     }
 
-    /// Takes a reversal at this sample; a count is `codes` of the position.
+    /// Takes a reversal at this sample; `codes` is the number of position codes in a count.
     pub fn push(&mut self, index: u32, position: i32, position_sum: i32, codes: u32) {
         let Some([before, start, sum]) = self.begin.replace([index as i32, position, position_sum]) else { return };
         let samples = (index as i32).wrapping_sub(before);
@@ -70,7 +71,7 @@ impl Repeats {
         self.strokes += 1;
         let before = core::mem::replace(&mut self.length, travel.unsigned_abs());
         self.steady += u32::from(before.abs_diff(self.length) <= LENGTHS_APART * codes);
-        // Areas are compared in cells of that width, and with the nearer one of the neighbouring cells.
+        // Areas are compared in cells of this width, and with the nearer one of the neighbouring cells.
         let width = (1 + samples.unsigned_abs() / FLIPS).saturating_mul(codes).clamp(1, 1 << 30) as i32;
         let (cell, within) = (area.div_euclid(width), area.rem_euclid(width));
         let other = if within < width / 2 { cell.wrapping_sub(1) } else { cell.wrapping_add(1) };
@@ -96,9 +97,9 @@ impl Repeats {
     }
 }
 
-/// Of so many samples and this cell; never 0.
+/// The fingerprint of so many samples and this cell; never 0.
 fn print(samples: i32, cell: i32) -> u32 {
-    // Odd constants of the golden ratio and of the square root of two spread what differs over all bits.
+    // Odd constants of the golden ratio and of the square root of two spread differences over all bits.
     ((samples as u32).wrapping_mul(0x9e37_79b1) ^ (cell as u32).wrapping_mul(0xb504_f335)).max(1)
 }
 
@@ -112,7 +113,7 @@ mod tests {
 
     const CODES: u32 = 64;
 
-    /// How often a stroke comes on average in so many turns of a period in samples.
+    /// How often a stroke comes on average, in `turns` periods of `period` samples.
     fn times(turns: u32, period: f64) -> f64 {
         let strokes = shaken(turns, period, |_| 400.3);
         let (count, squares) = strokes.strokes_and_squares();
@@ -120,7 +121,7 @@ mod tests {
         squares as f64 / f64::from(count)
     }
 
-    /// So many turns of a period in samples, with an amplitude in counts that is asked for by the sample.
+    /// `turns` periods of `period` samples, with the amplitude in counts at each sample.
     fn shaken(turns: u32, period: f64, amplitude: impl Fn(u32) -> f64) -> Repeats {
         let (mut repeats, mut sum, mut reversal) = (Repeats::new(), 0_i32, period / 4.0);
         for index in 0..(f64::from(turns) * period) as u32 {
@@ -137,7 +138,7 @@ mod tests {
 
     #[test]
     fn strokes_of_one_clock_come_again_and_those_of_two_do_not() {
-        // Up and down once a turn each.
+        // One stroke up and one down in each turn.
         assert!((times(40, 97.0) - 40.0).abs() < 2.0, "{}", times(40, 97.0));
         let golden = (1.0 + 5_f64.sqrt()) / 2.0;
         assert!(times(40, 96.0 + golden) < 4.0, "{}", times(40, 96.0 + golden));

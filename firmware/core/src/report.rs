@@ -1,7 +1,7 @@
-//! From moments to values in SI with their intervals: the edge of the fixed-point world.
+//! Converts moments to values in SI with their intervals: the edge of the fixed-point world.
 //!
-//! Floats are allowed here, as everything is basic arithmetic that gives the same bits on every machine, and nothing
-//! flows back but a few rounded integers (see [`Feedback`]).
+//! Floats are allowed here: basic arithmetic gives the same bits on every machine, and only a few rounded integers are
+//! fed back (see [`Feedback`]).
 
 use crate::active::{Active, Scales};
 use crate::backlash::report::Found as Backlash;
@@ -23,23 +23,24 @@ use crate::state::State;
 use crate::systematic::{Found, Motion, Scatter, Spread, apart};
 use crate::trial::Trial;
 
-// Single precision, as everything here.
+// Single precision, as everywhere here.
 const WIDEST_INTERVAL: f32 = constants::WIDEST_INTERVAL as f32;
 const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
-/// The same where the slow bank's kernel smooths away all but [`SMOOTHED`] of the acceleration's mean square, as of moves that are
-/// shorter than it. At 145 one value of the reference device in three lies beyond its interval, at 210 the friction of an axis.
-/// Of the whole run only: changes are judged by one bank, and a live estimate that turns from one to the other shows them later.
+/// The same where the slow bank's kernel smooths away all but [`SMOOTHED`] of the acceleration's mean square, as with
+/// moves that are shorter than the kernel. At 145, one value of the reference device in three lies outside its
+/// interval; at 210, so does the friction of an axis. For the whole run only: changes are judged by one bank, and a
+/// live estimate that switches from one bank to the other would show them later.
 const AMONG_STEPS: f32 = 500.0;
 const SMOOTHED: f32 = 0.1;
-/// Quartiles of the force's fourth differences with what they are per rms of its noise; the lower one by itself.
+/// Quartiles of the force's fourth differences, each with its ratio to the rms of the noise; the lower one by itself.
 const QUARTILES: [(u32, f32); 3] =
     [(1, QUARTILE), (2, constants::QUARTILES[1] as f32), (3, constants::QUARTILES[2] as f32)];
 const QUARTILE: f32 = constants::QUARTILES[0] as f32;
-/// Variance of the steps of the force [codes^2].
+/// Variance of rounding the force to codes [codes^2].
 const STEPS: f32 = constants::ROUNDING as f32;
-/// Part of Coulomb friction within which its interval must lie before reversals are placed by it.
+/// Relative interval of Coulomb friction below which reversals are relocated with it.
 const FRICTION_KNOWN: f32 = 0.1;
-/// Variance of the force's noise in what it jumps by in a sample (`line.rs`), times the square of four standard deviations.
+/// Variance of a jump of the force (`line.rs`) over that of its noise, times the square of four standard deviations.
 const NOISE_OF_JUMP: f32 = 20.0 * 16.0;
 
 /// The force's noise.
@@ -53,22 +54,22 @@ struct Heard {
 impl Heard {
     fn of(noise: &Noise) -> Self {
         let variance = noise_by(noise, 1, QUARTILE).map_or(f32::INFINITY, |rms| {
-            // Steps that swallow the noise are noise of their own.
+            // Rounding that is greater than the noise is a noise of its own.
             if rms * rms > STEPS { rms * rms } else { STEPS }
         });
         Self { variance, differences: noise.differences() }
     }
 }
 
-/// What one memory says.
+/// The result of one memory.
 struct Told {
     fit: Fit,
-    /// By everything but what breaks the law.
+    /// By everything except what breaks the law.
     budgets: [Budget; UNKNOWNS],
     law: Law,
 }
 
-/// What the recent memory of the published bank says.
+/// The result of the recent memory of the published bank.
 struct Recent {
     bank: Bank,
     told: Told,
@@ -77,12 +78,12 @@ struct Recent {
 }
 
 impl Active {
-    /// The estimate and what goes with it as they stand, at any time.
+    /// The estimate and what is published with it as they stand, at any time.
     pub fn publish(&self, state: &State) -> Published {
         self.publish_and_feed_back(state).0
     }
 
-    /// What the intervals of [`Self::publish`] are made of.
+    /// The budgets of the intervals of [`Self::publish`].
     pub fn budgets(&self, state: &State) -> Budgets {
         let found = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
@@ -95,7 +96,7 @@ impl Active {
         }
     }
 
-    /// What the intervals of the whole run know of its motion.
+    /// The motion on which the intervals of the whole run are based.
     pub fn motion(&self, state: &State) -> Motion {
         let found = self.backlash.found(&state.backlash, state.repeats());
         let recent = self.recent(state, &found, &Heard::of(&state.noise));
@@ -103,8 +104,8 @@ impl Active {
         self.motion_of_all(state, &found, &recent, bank, &knowledge)
     }
 
-    /// The same with what the next samples are told. That rests on the fit whether the law holds or not: what it takes away
-    /// with friction that is nearly right is more than what it adds.
+    /// The same, with the feedback to the next samples. The feedback uses the fit whether the law holds or not:
+    /// friction that is nearly right removes more error than it adds.
     pub(crate) fn publish_and_feed_back(&self, state: &State) -> (Published, Feedback) {
         let found = self.backlash.found(&state.backlash, state.repeats());
         let noise = Heard::of(&state.noise);
@@ -135,7 +136,7 @@ impl Active {
         }
         let status = match told.law.status {
             _ if fitted.are_backwards() => LawStatus::Broken,
-            // A reversal that was placed before friction was known may look like it.
+            // A reversal that was placed before friction was known may look the same.
             LawStatus::Broken if state.trial != Trial::Over => LawStatus::Unknown,
             status => status,
         };
@@ -164,20 +165,22 @@ impl Active {
         (Published { estimate, detail, law: Law { index, ..law } }, feedback)
     }
 
-    /// What bends the position: steps, and the force by the inertance, where that is known whether the law holds or not.
+    /// What bends the position: steps, and the force over the inertance; `None` unless the inertance is known, whether
+    /// the law holds or not.
     pub(crate) fn bend(&self, parameters: &Parameters) -> Option<(u32, Term)> {
         let Interval { value, u95 } = parameters.inertance_kg.fitted();
         let (steps, per_code) = self.signal.bend;
         (u95 < WIDEST_INTERVAL * value).then(|| (steps, term(per_code / f64::from(value))))
     }
 
-    /// The force's noise [codes, rms] between the samples that are clipped, if any are: they have none.
+    /// The force's noise [codes, rms] apart from clipped samples, which have none.
     pub(crate) fn noise_beside_clipped(&self, noise: &Noise) -> Option<f32> {
         let rms = |(quarters, per_rms)| noise_by(noise, quarters, per_rms);
         QUARTILES.into_iter().filter_map(rms).find(|rms| *rms >= constants::LEAST_NOISE as f32)
     }
 
-    /// What force noise, encoder steps, a skew and a stiffness within their intervals explain of the residual.
+    /// The part of the residual that force noise, encoder steps, and a skew and a stiffness within their intervals
+    /// explain.
     fn explained(&self, noise: &Heard, fit: &Fit, scales: &Scales, repeats: f32) -> Explained {
         let [inertance, ..] = fit.values;
         let steps = self.steps_variance(inertance, scales);
@@ -206,7 +209,7 @@ impl Active {
         let band = band(velocity, acceleration, jerk);
         let fitted = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
         let away = fit(&Knowledge::away(bank_state), scales).unwrap_or(Fit::UNKNOWN);
-        // Of the strokes of the whole run the memory holds a part.
+        // The memory holds a part of the strokes of the whole run.
         let held = knowledge.updates() / bank_state.whole.updates().max(1) as f32;
         let held = if held < 1.0 { held } else { 1.0 };
         let repeats = 1.0 + (state.repeats() - 1.0) * held;
@@ -231,12 +234,12 @@ impl Active {
         Recent { bank, told, assessment, band }
     }
 
-    /// The same of all since the reset, with what the recent memory says of friction.
+    /// The same for all data since the reset, with what the recent memory shows of friction.
     fn whole_run(&self, state: &State, found: &Backlash, noise: &Heard, recent: &Recent) -> Told {
         let (bank, knowledge) = self.choose(state, Knowledge::whole_run, AMONG_STEPS);
         let scales = &self.bank(state, bank).0.scales;
         let fit = fit(&knowledge, scales).unwrap_or(Fit::UNKNOWN);
-        // Known of the recent memory only.
+        // Known for the recent memory only.
         let Fit { friction_in_curvature, curved, .. } = recent.told.fit;
         let fit = Fit { friction_in_curvature, curved, ..fit };
         let explained = self.explained(noise, &fit, scales, state.repeats());
@@ -248,7 +251,7 @@ impl Active {
         Told { fit, budgets, law }
     }
 
-    /// What a bank has seen of the whole run's motion; what is known of the recent memory only is taken from there.
+    /// The motion of the whole run as a bank has seen it; what is known for the recent memory only is taken from there.
     fn motion_of_all(
         &self,
         state: &State,
@@ -263,7 +266,7 @@ impl Active {
         let own = acceleration / (knowledge.mean_square(1) * square(v as f32));
         let within = Motion::within(&recent.band, state.repeats(), recent.told.fit.friction_in_curvature);
         Motion {
-            // Of the band only the recent one is known.
+            // The band is known for the recent memory only.
             apart: apart(found.gap_m(), greater(own, within.frequency_squared), acceleration),
             acceleration_squared: acceleration,
             readings: self.readings(bank, knowledge.updates()),
@@ -273,7 +276,7 @@ impl Active {
         }
     }
 
-    /// Readings of the position in so many of a bank's updates.
+    /// Readings of the position in this many updates of a bank.
     fn readings(&self, bank: Bank, updates: f32) -> f32 {
         let spacing = match bank {
             Bank::Fast => self.fast.spacing,
@@ -282,8 +285,8 @@ impl Active {
         updates * spacing as f32 * self.settings.oversampling as f32
     }
 
-    /// The fast bank when its acceleration stands clear of the encoder's steps, or is `among` times them and the slow bank's kernel
-    /// smooths nearly all of it away; else the slow bank.
+    /// The fast bank if its acceleration is clear of the encoder's steps, or is `among` times them and the slow bank's
+    /// kernel smooths nearly all of it away; else the slow bank.
     fn choose(&self, state: &State, knowledge: impl Fn(&BankState) -> Knowledge, among: f32) -> (Bank, Knowledge) {
         let fast = knowledge(&state.fast);
         let times = |least: f32| fast.mean_square(0) > least * self.fast.scales.quantisation;
@@ -299,12 +302,12 @@ impl Active {
         }
     }
 
-    /// What the next samples are told: friction's kink at a reversal, the offset, and what a weak force is.
+    /// The feedback to the next samples: friction's kink at a reversal, the offset, and the limit of a weak force.
     fn feedback(&self, parameters: &Parameters, noise: &Heard, before: Feedback) -> Feedback {
         let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
         let codes = |newtons: f32| (newtons / self.signal.newtons_per_code) as i32;
         let mut feedback = before;
-        // An offset near zero is as good a finding as any other.
+        // An offset near zero is as good a result as any other.
         let offset = offset_n.ok();
         let [inertance, viscous, coulomb] = [inertance_kg, viscous_n_s_per_m, coulomb_n]
             .map(|parameter| parameter.ok().filter(|found| found.u95 < WIDEST_INTERVAL * magnitude(found.value)));
@@ -354,7 +357,7 @@ impl Active {
         }
     }
 
-    /// What no averaging removes beside what the scatter says.
+    /// The budgets: the scatter, and what averaging does not remove.
     fn budgets_of(&self, fit: &Fit, spread: &Spread, motion: &Motion) -> [Budget; UNKNOWNS] {
         let found = |i: usize| Found {
             value: fit.values[i],
@@ -385,12 +388,12 @@ impl Active {
 }
 
 impl Told {
-    /// With how far what breaks the law may have moved each.
+    /// The budgets, including how far what breaks the law may have moved each parameter.
     fn all_budgets(&self) -> [Budget; UNKNOWNS] {
         self.broken_by().unwrap_or(self.budgets)
     }
 
-    /// The same; nothing where the law is not broken.
+    /// The same; `None` if the law is not broken.
     fn broken_by(&self) -> Option<[Budget; UNKNOWNS]> {
         let reach = regime::reach(&self.law, &self.fit);
         let with = |(budget, error): (&Budget, f32)| budget.and(Source::Model, reach * error);
@@ -400,50 +403,50 @@ impl Told {
 }
 
 impl State {
-    /// How often each stroke of the motion has come again sample by sample, on average over all strokes: 1 where none did. The
-    /// variance of what they share is so many times what it would be.
+    /// How often each stroke of the motion has come, sample by sample, on average over all strokes: 1 if none recurred.
+    /// The variance of what the strokes share is this many times what it would be.
     pub fn repeats(&self) -> f32 {
         let (strokes, squares) = self.repeats.strokes_and_squares();
         if strokes == 0 { 1.0 } else { squares as f32 / strokes as f32 }
     }
 
-    /// Reversals, each as often as its stroke has come again.
+    /// Number of reversals, each weighted by how often its stroke has recurred.
     fn reversals_again(&self) -> f32 {
         let (strokes, squares) = self.repeats.strokes_and_squares();
         (squares - u64::from(strokes)) as f32
     }
 
-    /// Part of the strokes that were as long as the one before.
+    /// Fraction of the strokes that were as long as the one before.
     fn steadiness(&self) -> f32 {
         let (strokes, _) = self.repeats.strokes_and_squares();
         self.repeats.steady() as f32 / strokes.max(1) as f32
     }
 }
 
-/// Mean square of the acceleration without what the encoder's steps have in it [m^2/s^4].
+/// Mean square of the acceleration less that of the encoder's steps [m^2/s^4].
 fn mean_square_acceleration(knowledge: &Knowledge, scales: &Scales) -> f32 {
     (knowledge.mean_square(0) - scales.quantisation) * square(scales.units[0] as f32)
 }
 
-/// Frequencies at which a motion of these mean squares of velocity, acceleration and jerk saw the inertance.
+/// Frequencies at which a motion with these mean squares of velocity, acceleration and jerk showed the inertance.
 fn band(velocity: f32, acceleration: f32, jerk: f32) -> Band {
     if acceleration <= 0.0 || velocity <= 0.0 {
         return Band::default();
     }
     let low_hz = sqrt(acceleration / velocity) / core::f32::consts::TAU;
-    // Where the encoder's steps drown the third derivative, its remainder may be less than any motion's.
+    // Where the encoder's steps drown the third derivative, what is left of it may be less than any motion's.
     let high_hz = sqrt(jerk / acceleration) / core::f32::consts::TAU;
     Band { low_hz, high_hz: if high_hz > low_hz { high_hz } else { low_hz } }
 }
 
-/// The force's noise [codes, rms] by a quantile of its differences, where it is known.
+/// The force's noise [codes, rms] from a quantile of its differences; `None` if it is unknown.
 fn noise_by(noise: &Noise, quarters: u32, per_rms: f32) -> Option<f32> {
     noise.quantile(quarters).map(|quantile| quantile as f32 / (per_rms * (1 << Noise::FRACTION) as f32))
 }
 
 impl State {
-    /// How much of the kink that Coulomb friction would give the velocity the reversals have shown: 1 is all of it,
-    /// less where friction turns over a presliding distance. Nothing before the first reversal under known friction.
+    /// How much of the kink that Coulomb friction would cause in the velocity the reversals have shown: 1 is all of it,
+    /// less where friction reverses over a presliding distance. `None` before the first reversal under known friction.
     fn reversal_ratio(&self) -> Option<f32> {
         let (seen, predicted) = self.velocity_reversals.seen_and_predicted()?;
         Some(seen as f32 / predicted as f32)
@@ -461,14 +464,14 @@ impl Parameters {
         [&mut self.inertance_kg, &mut self.viscous_n_s_per_m, &mut self.coulomb_n, &mut self.offset_n]
     }
 
-    /// Nothing of it is true, or may be.
+    /// Withholds every value: none of them can be trusted.
     fn refuse(&mut self) {
         for parameter in self.each() {
             *parameter = Parameter::new(parameter.fitted(), Status::NotIdentifiable);
         }
     }
 
-    /// Nothing is left of what is known to less than half of it.
+    /// Withholds each value whose interval is more than half of it.
     fn refuse_what_is_wide(&mut self) {
         for parameter in self.each() {
             let Interval { value, u95 } = parameter.fitted();

@@ -1,9 +1,9 @@
 //! Recursive least squares in information form: averages of the products of the regressors.
 //!
 //! Input: `[a, v, s, 1, F]` normalised, all through one kernel. State: the 15 distinct products, averaged with a gain
-//! that falls with the count until the chosen memory is reached, and summed exactly since the reset.
-//! There is no covariance to lose its positive definiteness, one 32-bit division per update, and rounding is forgotten with
-//! the data. Nothing happens between updates, so rest of any length changes nothing.
+//! that falls with the count until the chosen memory is reached, and summed exactly since the reset. There is no
+//! covariance that could lose its positive definiteness, an update takes one 32-bit division, and rounding is forgotten
+//! with the data. Nothing happens between updates, so rest of any length changes nothing.
 //! Source: Ljung, System Identification, 2nd ed., 11.2.
 
 use crate::kernel::{MORE_REGRESSORS, REGRESSORS};
@@ -90,7 +90,7 @@ impl Moments {
     /// Takes one set of products with a gain of `1 / min(updates, memory)`: a plain average at first, an exponential
     /// one later.
     ///
-    /// Rounds half up, without which the averages would creep; cannot overflow, as an average lies between its inputs.
+    /// Rounds half up, without which the averages would drift; cannot overflow, as an average lies between its inputs.
     #[inline]
     pub fn update(&mut self, products: &[i64; PRODUCTS], memory: u32) {
         self.updates = self.updates.saturating_add(1);
@@ -107,7 +107,8 @@ impl Moments {
         self.weight += part(once, gain) - 2 * once + ((u64::from(gain) * u64::from(gain)) >> 2) as i64;
     }
 
-    /// Gain of the latest update: `2^32 / min(updates, memory)`, rounded down, which changes the memory and not the average.
+    /// Gain of the latest update: `2^32 / min(updates, memory)`, rounded down. The rounding changes the memory, not the
+    /// average.
     pub fn gain(&self, memory: u32) -> u32 {
         u32::MAX / self.updates.min(memory).max(1)
     }
@@ -122,7 +123,8 @@ impl Moments {
         self.updates
     }
 
-    /// Sum of the squared weights [2^-62]: its inverse is the number of equally weighted updates that know as much.
+    /// Sum of the squared weights [2^-62]: its inverse is the number of equally weighted updates with the same
+    /// information.
     pub fn weight(&self) -> i64 {
         self.weight
     }
@@ -162,7 +164,7 @@ impl<const N: usize> Totals<N> {
         Self { sums: [0; N], updates: 0 }
     }
 
-    /// Takes one set of products: 2^32 updates fit with room to spare, then it stops.
+    /// Takes one set of products. Has room for 2^32 updates, then stops.
     #[inline]
     pub fn update(&mut self, products: &[i64; N]) {
         if self.updates == u32::MAX {
@@ -190,7 +192,7 @@ pub fn scaled(sums: &[i128; PRODUCTS]) -> ([i64; PRODUCTS], u32) {
     // No sum of products is wider than the widest sum of squares.
     let squares: [i128; REGRESSORS] = core::array::from_fn(|i| sums[place(i, i)]);
     let shift = (128 - squares.iter().fold(0, |all, square| all | square).leading_zeros()).saturating_sub(62);
-    // By words: a 128-bit shift is a call on a Cortex-M4.
+    // By words: a 128-bit shift is a function call on a Cortex-M4.
     let scaled = sums.map(|sum| {
         let (high, low) = ((sum >> 64) as u64, sum as u64);
         match shift {

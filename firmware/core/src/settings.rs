@@ -1,8 +1,8 @@
 //! Settings in SI, and what makes them valid.
 //!
-//! Every setting is one number with a name that carries its unit, and a choice has a type of its own. The table below is the
-//! only place where a setting's name, unit, default and range are written; the wire, the host and the documents read it from
-//! here.
+//! Every setting is one number with a name that carries its unit; a choice has a type of its own. The table below is
+//! the only place where a setting's name, unit, default and range are written; the wire, the host and the documents
+//! read it from here.
 
 /// Why a set of settings was refused, naming the field.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +33,7 @@ pub enum SettingsError {
         /// The value that was refused.
         value: f64,
     },
-    /// The value must not be zero, nor under 1e-12: everything measured is multiplied by it.
+    /// The value must not be zero, nor under 1e-12 in magnitude: everything measured is multiplied by it.
     Zero {
         /// The setting's name.
         field: &'static str,
@@ -84,33 +84,34 @@ impl core::fmt::Display for SettingsError {
 
 impl core::error::Error for SettingsError {}
 
-/// What a person wants to know of a setting. Apart from [`SettingInfo`], as a device has no use for it and its flash is small.
+/// Unit and explanation of a setting, for people. Apart from [`SettingInfo`], as a device does not need it and its
+/// flash is small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingText {
     /// Unit for display; empty for a plain number.
     pub unit: &'static str,
-    /// One line.
+    /// Explanation in one line.
     pub help: &'static str,
 }
 
-/// What is known of a setting apart from its value.
+/// Name, default and limits of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingInfo {
     /// Name, ending in the unit where there is one.
     pub name: &'static str,
-    /// Value of a device that was never set up.
+    /// Value on a device that was never set up.
     pub default: f64,
     /// Least value accepted.
     pub min: f64,
     /// Greatest value accepted.
     pub max: f64,
-    /// What else the value must be.
+    /// Further restriction of the value.
     pub kind: Kind,
 }
 
-/// What a setting's value must be besides in range.
+/// Restriction of a setting's value besides its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -137,7 +138,7 @@ pub enum FrontEnd {
 
 /// What kind of machine the screw belongs to: what position, force and inertance are measured in.
 ///
-/// The arithmetic is the same for both; names and units of what people and programs see are not.
+/// The arithmetic is the same for both; only the names and units that people and programs see differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -152,7 +153,7 @@ pub enum Machine {
 /// A setting's type, as the number that tables, files and the wire hold.
 trait Number: Copy {
     fn number(self) -> f64;
-    /// Of a number that [`SettingInfo::check`] accepts.
+    /// From a number that [`SettingInfo::check`] accepts.
     fn of(number: f64) -> Self;
 }
 
@@ -271,7 +272,7 @@ settings! {
 }
 
 impl Settings {
-    /// The skew in whole samples, by which force and position are shifted against each other, and what is left of it \[s\].
+    /// The skew in whole samples, by which force and position are shifted against each other, and the remainder \[s\].
     pub fn skew_parts(&self) -> (i32, f64) {
         let samples = self.skew_s * self.sample_rate_hz;
         let half = if samples < 0.0 { -0.5 } else { 0.5 };
@@ -294,7 +295,8 @@ impl Settings {
         self.values().get(Self::find(name)?).copied()
     }
 
-    /// Replaces one value by its number in [`TABLE`](Self::TABLE), after checking it by itself.
+    /// Replaces the value with this number in [`TABLE`](Self::TABLE). Checks the value alone, not against the other
+    /// settings.
     pub fn set(&mut self, number: usize, value: f64) -> Result<(), SettingsError> {
         let info = Self::TABLE.get(number).ok_or(SettingsError::Unknown)?;
         info.check(value)?;
@@ -306,14 +308,14 @@ impl Settings {
         Ok(())
     }
 
-    /// Replaces one value by its name, after checking it by itself.
+    /// Replaces the value with this name. Checks the value alone, not against the other settings.
     pub fn set_by_name(&mut self, name: &str, value: f64) -> Result<(), SettingsError> {
         self.set(Self::find(name).ok_or(SettingsError::Unknown)?, value)
     }
 }
 
 impl SettingInfo {
-    /// Whether `value` may stand here, apart from the other settings.
+    /// Checks `value` alone, not against the other settings.
     pub fn check(&self, value: f64) -> Result<(), SettingsError> {
         let field = self.name;
         if !value.is_finite() {

@@ -5,20 +5,20 @@
 //! line locates its zero, and the sample gets the average of the sign over its own period.
 //!
 //! A symmetric kernel is exact for a steady acceleration only. Coulomb friction makes the acceleration jump by
-//! `2 fc / mt` at a reversal, and a changing force changes it: the kernel of first absolute moment `m1` sees the zero
-//! late by `m1 (fc / mt) sgn F`, and what the force makes of the velocity within the kernel follows from the force
-//! itself. The last estimate takes both out, but only where friction behaves like Coulomb's: in a real screw it often
-//! turns over a presliding distance, the acceleration has no jump, and the correction would be the error. So each
-//! reversal is tested ([`VelocityReversals`]): the same velocity through a kernel twice as wide differs from the first by what
-//! the correction predicts, or it does not.
+//! `2 fc / mt` at a reversal, and a changing force changes it. A kernel of first absolute moment `m1` sees the zero
+//! late, where the velocity is already `m1 (fc / mt) sgn F`. What the force does to the velocity within the kernel
+//! follows from the force itself. The last estimate removes both, but only where friction behaves like Coulomb
+//! friction: in a real screw it often reverses over a presliding distance, the acceleration has no jump, and the
+//! correction would be the error. So each reversal is tested ([`VelocityReversals`]) for whether the same velocity
+//! through a kernel twice as wide differs from the first by what the correction predicts.
 //!
-//! What remains is the encoder's noise, which moves a reversal by the velocity's noise over the acceleration: 53 us at
-//! 3.2 Hz, most of the inertance's scatter there. Once friction is known to a tenth, the delay line locates each
-//! reversal anew through a kernel three times as long, viscous friction taken out as well.
+//! What remains is the encoder's noise, which displaces a reversal by the velocity's noise over the acceleration: 53 us
+//! at 3.2 Hz, most of the inertance's scatter there. Once friction is known to a tenth, the delay line relocates each
+//! reversal through a kernel three times as long, with viscous friction removed as well.
 
 /// One, in units of the sign channel.
 pub const ONE: i32 = 1 << BITS;
-/// Fraction bits of it.
+/// Fraction bits of the sign.
 pub const BITS: u32 = 15;
 
 /// State of the sign of one channel.
@@ -29,14 +29,14 @@ pub struct Sign {
 }
 
 impl Sign {
-    /// One that has seen nothing.
+    /// Nothing seen.
     pub const fn new() -> Self {
         Self { velocity: 0, last: 0 }
     }
 
-    /// Average sign [2^-15] between the previous and this velocity, both in any one unit.
+    /// Average sign [2^-15] between the previous and this velocity, both in the same arbitrary unit.
     ///
-    /// A velocity of exactly zero keeps the sign that it had.
+    /// A velocity of exactly zero keeps the previous sign.
     pub fn push(&mut self, velocity: i32) -> i32 {
         let now = velocity.max(-i32::MAX);
         let before = core::mem::replace(&mut self.velocity, now);
@@ -60,8 +60,8 @@ impl Sign {
     }
 }
 
-/// Where a velocity that is `earlier` half a sample before and `later` half a sample after a sample's middle is zero
-/// [2^-15 samples from that middle]; nothing where it does not turn to `direction`, or not within `reach` samples.
+/// Zero of a velocity that is `earlier` half a sample before and `later` half a sample after a sample's middle [2^-15
+/// samples from that middle]; `None` if it does not turn to `direction`, or not within `reach` samples.
 pub fn zero(earlier: i32, later: i32, direction: i32, reach: u8) -> Option<i32> {
     let rise = i64::from(later) - i64::from(earlier);
     let rise = u32::try_from(rise * i64::from(direction)).ok().filter(|&rise| rise > 0)?;
@@ -69,18 +69,18 @@ pub fn zero(earlier: i32, later: i32, direction: i32, reach: u8) -> Option<i32> 
     if way > rise.saturating_mul(u32::from(reach)) {
         return None;
     }
-    // 16 bits of the rise will do; the way is up to `reach` times that, and 12 bits more fit.
+    // 16 bits of the rise suffice; the way is up to `reach` times that, and 12 more bits fit.
     let shift = 16_u32.saturating_sub(rise.leading_zeros());
     let samples = ((way >> shift) << 12) / (rise >> shift).max(1);
     let samples = (samples << (BITS - 12)) as i32;
     Some(if (earlier > 0) == (direction > 0) { -samples } else { samples } - ONE / 2)
 }
 
-/// Evidence from the reversals of the velocity whether friction turns like Coulomb's.
+/// Evidence from the velocity's reversals on whether friction reverses like Coulomb friction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct VelocityReversals {
     count: u16,
-    /// How many of them are of reversals that friction could not hold: none or all.
+    /// How many of them friction could not hold: none or all.
     free: u16,
     predicted_squared: i64,
     predicted_seen: i64,
@@ -92,14 +92,14 @@ impl VelocityReversals {
         Self { count: 0, free: 0, predicted_squared: 0, predicted_seen: 0 }
     }
 
-    /// Reversals after which the old ones count half.
+    /// Number of reversals at which the old ones are halved.
     const MANY: u16 = 256;
-    /// 256 squares of it fit.
+    /// Greatest value: 256 squares of it fit.
     const GREATEST: i32 = 1 << 27;
 
-    /// Takes what the two kernels should differ by and what they differ by, in any one unit up to 2^27, of a reversal at
-    /// which friction may hold the screw or not: one that sticks for a moment has no kink, so those that cannot are
-    /// all that counts where there are any.
+    /// Takes the predicted and the seen difference of the two kernels at a reversal, in the same arbitrary unit, up to
+    /// 2^27. A screw that sticks for a moment shows no kink, so reversals at which friction may hold it count only
+    /// while there are no others.
     pub fn compare(&mut self, predicted: i32, seen: i32, may_be_held: bool) {
         if predicted == 0 || may_be_held && self.free > 0 {
             return;
@@ -120,19 +120,19 @@ impl VelocityReversals {
         }
     }
 
-    /// What has been seen and what has been predicted, in one unit; nothing before the first reversal.
+    /// What has been seen and what has been predicted, in the same unit; `None` before the first reversal.
     pub fn seen_and_predicted(&self) -> Option<(i64, i64)> {
         self.have_told().then_some((self.predicted_seen, self.predicted_squared))
     }
 
-    /// Whether any reversal has told.
+    /// Whether any reversal has been compared.
     pub fn have_told(&self) -> bool {
         self.count > 0
     }
 
-    /// Whether at least half of the prediction has been seen; taken for granted until a reversal says otherwise.
+    /// Whether at least half of the prediction has been seen; assumed until a reversal shows otherwise.
     ///
-    /// On simulated Coulomb friction the ratio is 1.00 within 0.05, on the EMPS ball screw 0.24.
+    /// For simulated Coulomb friction the ratio is 1.00 within 0.05, for the EMPS ball screw 0.24.
     pub fn coulomb_like(&self) -> bool {
         2 * self.predicted_seen >= self.predicted_squared
     }
@@ -184,7 +184,8 @@ mod tests {
         }
     }
 
-    /// A screw that sticks where it turns has no kink. It counts only until one turns that friction could not hold.
+    /// A screw that sticks where it reverses has no kink. It counts only until there is a reversal that friction could
+    /// not hold.
     #[test]
     fn a_reversal_that_may_have_stuck_counts_where_there_is_no_other() {
         let mut reversals = VelocityReversals::new();
@@ -194,7 +195,7 @@ mod tests {
         assert_eq!(reversals.seen_and_predicted(), Some((9500, 10_000)));
         (0..300).for_each(|_| reversals.compare(100, 20, true));
         assert!(reversals.coulomb_like());
-        // For good, however many are forgotten.
+        // Permanently, however many are forgotten.
         (0..600).for_each(|_| reversals.compare(100, 40, false));
         reversals.compare(100, 95, true);
         assert!(!reversals.coulomb_like());

@@ -1,19 +1,19 @@
-//! What a factorisation says in real numbers: pivots and standard errors, in its equilibrated units.
+//! A factorisation in real numbers: pivots and standard errors, in its equilibrated units.
 
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS};
 use crate::math::{power, single, sqrt};
 
-/// Component of an unobservable direction that makes a parameter unobservable.
+/// Component in an unobservable direction from which on a parameter is unobservable.
 const TOUCHED: f32 = 0.02;
 
-/// What is left of an unknown's own variance, or of the force's, once those before it are out.
+/// What is left of an unknown's own variance, or of the force's, once those before it are removed.
 pub(crate) fn pivot(solution: &Solution, i: usize) -> f32 {
     single(solution.pivots[i]) * power(-(MATRIX_BITS as i32))
 }
 
 /// The inverse of the unknowns' own matrix, in equilibrated units: `sum of direction direction' / pivot`.
 pub(crate) struct Inverse {
-    /// Row by row of the inverse of the unit lower factor; each is the direction that its pivot measures.
+    /// Rows of the inverse of the unit lower factor; each is the direction that its pivot measures.
     directions: [[f32; UNKNOWNS]; UNKNOWNS],
     pivots: [f32; UNKNOWNS],
 }
@@ -37,8 +37,8 @@ impl Inverse {
         Self { directions, pivots: core::array::from_fn(|row| pivot(solution, row)) }
     }
 
-    /// Standard errors for a residual variance per observation of `variance`; nothing where an unobservable
-    /// direction has a part in the unknown.
+    /// Standard errors for a residual variance per observation of `variance`; `None` if an unobservable direction has a
+    /// part in the unknown.
     pub fn errors(&self, variance: f32) -> [Option<f32>; UNKNOWNS] {
         let mut diagonal = [0.0_f32; UNKNOWNS];
         for (direction, pivot) in self.directions.iter().zip(self.pivots) {
@@ -53,7 +53,7 @@ impl Inverse {
         diagonal.map(|square| square.is_finite().then(|| sqrt(square * variance)))
     }
 
-    /// One column of it, without the directions that are unobservable.
+    /// One column of the inverse, without the unobservable directions.
     pub fn column(&self, i: usize) -> [f32; UNKNOWNS] {
         let mut column = [0.0; UNKNOWNS];
         for (direction, pivot) in self.directions.iter().zip(self.pivots).filter(|(_, pivot)| *pivot > 0.0) {
@@ -63,7 +63,8 @@ impl Inverse {
         column
     }
 
-    /// Times a right-hand side, without the directions that are unobservable; and that product times the right-hand side.
+    /// The inverse times a right-hand side, without the unobservable directions; and that product times the right-hand
+    /// side.
     pub fn times(&self, right: [f32; UNKNOWNS]) -> ([f32; UNKNOWNS], f32) {
         let (mut product, mut square) = ([0.0; UNKNOWNS], 0.0);
         for (direction, pivot) in self.directions.iter().zip(self.pivots).filter(|(_, pivot)| *pivot > 0.0) {

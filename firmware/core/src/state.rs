@@ -66,7 +66,7 @@ impl Default for State {
 impl State {
     /// A state that has seen nothing and belongs to no settings yet: [`reset`](Self::reset) it before the first step.
     ///
-    /// Constant, so that it can lie in a `static` without costing stack.
+    /// Constant, so that a `static` can hold it without using stack.
     pub const fn empty() -> Self {
         Self {
             counters: Counters { samples: 0, discontinuities: 0, lost_samples: 0, saturated: 0 },

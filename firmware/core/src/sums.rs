@@ -26,11 +26,12 @@ pub struct Sums {
     pub sums: [i128; PRODUCTS],
 }
 
-/// Beside [`Sums`] of the same index and bank: the next rows of the triangle, for friction by direction and for the skew.
+/// Supplement to [`Sums`] of the same index and bank: the next rows of the triangle, for friction by direction and for
+/// the skew.
 ///
-/// Row 5 is the speed `|v|` with `a, v, s, 1, F, |v|`, row 6 the force's rate with `a, v, s, 1, F, |v|, dF/dt`. The rate
-/// is corrected for the present skew and the structure as the force is, and the path whose derivative the speed is turns
-/// with the sub-sample sign.
+/// Row 5 is the speed `|v|` with `a, v, s, 1, F, |v|`, row 6 the force's rate with `a, v, s, 1, F, |v|, dF/dt`. The
+/// rate is corrected for the present skew and the structure, as the force is. The path, whose derivative is the speed,
+/// reverses with the sub-sample sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -1,38 +1,39 @@
-//! Whether the memories begin anew, once, because the law seems broken by what was seen before friction was known.
+//! Whether the memories restart, once, because the law seems broken by what was seen before friction was known.
 //!
-//! Floats are allowed here: what flows back to the signal path is whether to forget.
+//! Floats are allowed here: only whether to forget is fed back to the signal path.
 
 use crate::detail::{Contact, Regime};
 use crate::output::Published;
 
-/// Updates after which the law is judged to begin anew or not: 1.6 s in the fast bank. A steady tone of 15.9 Hz hides
-/// friction from 1.2 s on.
+/// Updates after which the law is judged, and the memories may restart: 1.6 s in the fast bank. A steady tone of 15.9
+/// Hz hides friction from 1.2 s on.
 const JUDGED_UPDATES: u32 = 200;
-/// The same until which that waits for whether flanks part: later there is too much to be forgotten.
+/// Updates until which that waits to know whether flanks part: later there is too much to forget.
 const WAITED_UPDATES: u32 = 800;
-/// Growth of a residual's sum beyond which it goes on: what the beginning alone has left stays as it is.
+/// Growth of the summed residual from which on the law is broken: what the beginning alone has left stays as it is.
 const GROWS: f32 = 1.5;
 
-/// Whether the law is judged by what was seen before friction was known.
+/// Whether the law is judged with data from before friction was known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Trial {
-    /// By that too.
+    /// With that data; not judged yet.
     Ahead,
-    /// That is forgotten, as the law seemed broken, and there is too little else yet.
+    /// That data is forgotten, as the law seemed broken, and there is too little else yet.
     Open,
-    /// The law seemed broken, by so much in all, and the motion hides friction but in its beginning, or whether flanks part.
+    /// The law seemed broken, by this excess in all. The motion shows friction only at its beginning, or it is unknown
+    /// whether flanks part.
     Hidden { excess: f32 },
-    /// It is over.
+    /// The trial is over.
     Over,
 }
 
 impl Trial {
-    /// Goes on with what is published; true where the memories are to begin anew.
+    /// Continues with what is published; returns true if the memories must restart.
     ///
-    /// Until friction is known a reversal may have been placed where it was not. Where the first judgement is that the law
-    /// is broken, that may be why, and the memories begin anew. Where the motion hides friction they cannot, as its beginning is
-    /// all that tells of it: then nothing is known of the law while the residual may be of the beginning alone. So it is
-    /// for a while where it is not known whether flanks part, which break the law as well.
+    /// Until friction is known, a reversal may be misplaced. If the first judgement is that the law is broken, that may
+    /// be why, and the memories restart. They cannot where the motion hides friction, as only its beginning shows
+    /// friction: the law is then unknown while the residual may come from the beginning alone. The same applies for a
+    /// while where it is unknown whether flanks part, because that breaks the law as well.
     #[inline]
     pub(crate) fn judge(&mut self, Published { estimate, detail, law }: &Published) -> bool {
         let Some(misfit) = law.misfit else { return false };

@@ -1,4 +1,4 @@
-//! Settings of the backlash's two routes, brought to integers.
+//! Settings of the two backlash routes, quantised to integers.
 
 use crate::backlash::flanks::FlankActive;
 use crate::backlash::terminal::TerminalActive;
@@ -7,23 +7,23 @@ use crate::math::{power, term};
 use crate::qformat::Term;
 use crate::settings::Settings;
 
-/// Time left out on either side of a flight [s], and in lags of the contact: what an impact leaves is then under 1e-3.
+/// Time left out on either side of a flight [s], and in lags of the contact: less than 1e-3 of an impact is then left.
 const GUARD_S: f32 = 0.004;
 const GUARD_LAGS: f32 = 7.0;
-/// Most of it [samples]: the finest line must hold it beside the flanks.
+/// Longest guard [samples]: the finest line must hold it beside the flanks.
 const LONGEST_GUARD: u32 = 31;
-/// Time constant of the smoothed force [s]: short beside the guard.
+/// Time constant of the smoothed force [s]: short compared with the guard.
 const SMOOTHING_S: f32 = 0.001;
 /// Memory of the force's noise and of its peak [s].
 const NOISE_S: f32 = 0.125;
 const PEAK_S: f32 = 2.0;
-/// Travel that is motion [counts], and the time for which it counts as such [s].
+/// Travel that counts as motion [counts], and the time for which it does [s].
 const TRAVEL_COUNTS: f32 = 8.0;
 const MOVING_S: f32 = 0.25;
-/// Shortest flank that is looked at [s], and [samples].
+/// Shortest flank that is evaluated [s], and [samples].
 const LEAST_FLANK_S: f32 = 0.008;
 const LEAST_FLANK_SAMPLES: u32 = 8;
-/// A unit of length is this part of an encoder count, or 1 nm: 2^31 of them are 1 m at least.
+/// A unit of length is this fraction of an encoder count, and 1 nm at least: 2^31 of them are 1 m at least.
 const UNIT_COUNTS: f32 = 1.0 / 256.0;
 const LEAST_UNIT_M: f32 = 1e-9;
 /// Mean of the magnitude of white noise's second difference, over its rms: `sqrt(6) sqrt(2 / pi)`.
@@ -36,46 +36,46 @@ const STRETCH_BITS: i32 = 13;
 pub(crate) struct BacklashActive {
     pub flanks: FlankActive,
     pub terminal: TerminalActive,
-    /// Shortest flank that is looked at [samples].
+    /// Shortest flank that is evaluated [samples].
     pub least_flank: u32,
     /// Encoder count [units].
     pub count_units: u32,
-    /// Whether the stiffness is known: the force alone needs it.
+    /// Whether the stiffness is known: the route by the force alone needs it.
     pub stiffness_known: bool,
-    /// Whether the guard outlasts what an impact leaves.
+    /// Whether the guard outlasts the effect of an impact.
     pub lag_fits: bool,
     /// Length of a unit [m].
     pub unit_m: f32,
     pub scales: BacklashScales,
 }
 
-/// From sums to SI, and what no averaging removes.
+/// Factors from sums to SI, and uncertainties that averaging does not remove.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BacklashScales {
     /// Samples in a block of the terminal's route.
     pub block: f32,
-    /// Stretch in the memory [units].
+    /// One step of the stretch in the memory [units].
     pub stretch: f32,
     /// Relative 95 % uncertainties: of the stiffness, of the encoder's scale and of the force's.
     pub stiffness_u95: f32,
     pub lead_u95: f32,
     pub gain_u95: f32,
-    /// Rms of the force's noise [codes] by its mean bend as the flanks keep it.
+    /// Rms of the force's noise [codes] per mean bend as the flanks keep it.
     pub noise: f32,
-    /// Stiffness [N/m] and damping [N s/m] by a unit of the terminal's least squares.
+    /// Stiffness [N/m] and damping [N s/m] per unit of the terminal's least squares.
     pub stiffness: f32,
     pub damping: f32,
-    /// Damping that the skew adds, by the stiffness [s], and its uncertainty.
+    /// Damping that the skew adds, over the stiffness [s], and its uncertainty.
     pub skew_s: f32,
     pub skew_u95_s: f32,
-    /// Samples firm on one flank only that make a load one-sided.
+    /// Samples firm on one flank alone after which a load is one-sided.
     pub one_sided: u32,
 }
 
 impl Settings {
-    /// What the backlash needs.
+    /// Quantised settings of the backlash.
     pub(crate) fn backlash(&self) -> BacklashActive {
-        // Single precision will do: what must be exact are the sums of the lag's terms.
+        // Single precision suffices: only the sums of the lag's terms must be exact.
         let single = |value: f64| value as f32;
         let magnitude = |value: f64| if value < 0.0 { -value as f32 } else { value as f32 };
         let rate = single(self.sample_rate_hz);
@@ -147,7 +147,7 @@ impl Settings {
     }
 }
 
-/// As the signal path multiplies by it.
+/// The factor in the form in which the signal path multiplies by it.
 fn real(factor: f32) -> Term {
     term(f64::from(factor))
 }
@@ -157,8 +157,8 @@ fn exponent(value: f32) -> i32 {
     ((value.to_bits() >> 23) & 0xff) as i32 - 127
 }
 
-/// Of a first-order lag [samples] for a force that runs straight between samples: what is kept, and the parts of the
-/// new and the last force. A lead, which a skew may leave, is a straight line through both.
+/// A first-order lag [samples] of a force that is linear between samples: the fraction of the output that is kept, and
+/// the weights of the new and the last force. A lead, which a skew may leave, extrapolates the line through both.
 fn lag_terms(lag: f32) -> (f32, [f32; 2]) {
     if lag <= 0.0 {
         return (0.0, [1.0 - lag, lag]);
@@ -173,7 +173,7 @@ fn decay(x: f32) -> f32 {
     if x > 20.0 {
         return 0.0;
     }
-    // A sixteenth of the way by the series, and back by squaring.
+    // A sixteenth of the exponent by the series, then four squarings.
     let y = x / 16.0;
     let part = (1..=10).rev().fold(1.0, |sum, n| 1.0 - sum * y / n as f32);
     (0..4).fold(part, |value, _| value * value)
@@ -191,7 +191,7 @@ mod tests {
         }
     }
 
-    /// A ramp comes out late by the lag, and early by a lead.
+    /// A lag delays a ramp by itself; a lead advances it.
     #[test]
     fn ramps_are_shifted() {
         for lag in [-0.3, 0.0, 0.2, 0.57, 3.0] {

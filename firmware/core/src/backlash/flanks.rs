@@ -1,10 +1,10 @@
-//! The contact's stretch, and which samples touch which flank.
+//! The contact's stretch, and which flank each sample touches.
 //!
-//! The stretch is exact for a force that runs straight from sample to sample. A sample is firm when the smoothed
-//! force stands clear of an eighth of its peak over the last seconds of motion and of its noise, with and without the
+//! The stretch is exact for a force that is linear between samples. A sample is firm when the smoothed force exceeds
+//! both an eighth of its peak over the last seconds of motion and the limit of its noise, with and without the
 //! estimated offset: what the estimator calls an offset may be a load, and a load that keeps the screw on one flank
-//! must not pass for two. Classification waits for the guard: samples within 4 ms (or seven times the lag) of a change are
-//! neither.
+//! must not pass for two flanks. Classification waits for the guard: samples within 4 ms (or seven times the lag) of a
+//! change are on neither flank.
 
 use crate::qformat::{Term, shift_right};
 
@@ -13,7 +13,7 @@ const FRACTION: u32 = 12;
 /// Fraction bits of smoothed force, peak and noise: a force has 25 bits.
 const FORCE_BITS: u32 = 5;
 
-/// Greatest force that is told from any other [codes].
+/// Greatest magnitude of a force [codes]: it is clamped to this.
 const MOST: i32 = (1 << 24) - 1;
 
 /// One sample as it arrives, in the device's own direction.
@@ -23,35 +23,35 @@ pub(crate) struct Newest {
     pub index: u32,
     /// Encoder position [codes], wrapping.
     pub position: i32,
-    /// Force [codes], its zero taken off.
+    /// Force [codes], its zero subtracted.
     pub force: i32,
     /// Terminal displacement [codes].
     pub terminal: i32,
-    /// Whether the force is to be believed.
+    /// Whether the force can be trusted.
     pub good: bool,
     /// Whether samples are missing before this one.
     pub broken: bool,
-    /// Offset of the force [codes] as the last estimate has it.
+    /// Offset of the force [codes] from the last estimate.
     pub offset: i32,
 }
 
 /// Settings of the flanks.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FlankActive {
-    /// Stretch kept from the last sample.
+    /// Fraction of the stretch that is kept from the last sample.
     pub kept: Term,
-    /// Stretch [2^-FRACTION units] by this sample's force [codes], and by the last one's.
+    /// Stretch [2^-FRACTION units] per code of this sample's force, and of the last one's.
     pub by_force: [Term; 2],
     /// Right shift from position codes to units.
     pub position_shift: i8,
     /// Right shift of the stretch for the memory.
     pub stretch_shift: u8,
-    /// Part of a new force in the smoothed one [2^-16].
+    /// Weight of a new force in the smoothed one [2^-16].
     pub smoothing: i32,
     /// Right shifts of the noise's and the peak's memory.
     pub noise_shift: u8,
     pub peak_shift: u8,
-    /// Travel [codes] that is motion, and the samples for which it counts as such.
+    /// Travel [codes] that counts as motion, and the samples for which it does.
     pub travel: u32,
     pub moving: u32,
     /// Samples left out on either side of a change.
@@ -93,10 +93,10 @@ pub(crate) struct Flanks {
     mark: i32,
     moving: u32,
     has_moved: bool,
-    /// Flank of the newest sample, not yet classified, and for how many samples.
+    /// Flank of the newest sample before classification, and for how many samples it has been the same.
     side: i8,
     run: u32,
-    /// Last flank touched; 0 once the force has been clearly less since.
+    /// Last flank touched; 0 once the force has vanished since.
     held: i8,
 }
 
@@ -121,13 +121,13 @@ impl Flanks {
         }
     }
 
-    /// Samples are missing: what comes is not joined to what was.
+    /// Samples are missing: the next sample is not joined to the last.
     pub fn interrupt(&mut self) {
         self.started = false;
         (self.side, self.run) = (0, 0);
     }
 
-    /// What the force's noise makes of the stretch [units], twice its rms.
+    /// Twice the rms of the stretch's noise, as caused by the force's noise [units].
     pub fn stretch_noise(&self, active: &FlankActive) -> u32 {
         let [now, then] = active.by_force;
         let noise = i64::from(self.noise);
@@ -165,7 +165,7 @@ impl Flanks {
         self.noise += (bend - self.noise) >> active.noise_shift;
         let force = code << FORCE_BITS;
         self.smoothed += ((i64::from(force - self.smoothed) * i64::from(active.smoothing)) >> 16) as i32;
-        // At rest nothing tells how strong a firm contact would be.
+        // At rest nothing shows how strong a firm contact would be, so the peak does not decay.
         self.moving = self.moving.saturating_sub(1);
         if sample.position.wrapping_sub(self.mark).unsigned_abs() > active.travel {
             (self.mark, self.moving, self.has_moved) = (sample.position, active.moving, true);
@@ -175,7 +175,7 @@ impl Flanks {
         }
         self.peak = self.peak.max(force.abs() - 2 * self.noise);
 
-        // The mean bend of white noise is 1.95 of its rms.
+        // The mean bend of white noise is 1.95 times its rms.
         let clear = (self.peak >> 3).max(2 * self.noise).max(1 << FORCE_BITS);
         let without_offset = self.smoothed - (sample.offset.clamp(-MOST / 2, MOST / 2) << FORCE_BITS);
         let side = match () {
@@ -187,7 +187,8 @@ impl Flanks {
         let changed = side != self.side;
         self.run = if changed { 1 } else { self.run.saturating_add(1) };
         self.side = side;
-        // A slow force flickers about its limit, and a landing rings: it lands anew when the force has been gone.
+        // A slow force flickers around its limit, and a landing rings: a flank lands again only after the force has
+        // vanished.
         let landed = side != 0 && side != self.held;
         if side != 0 {
             self.held = side;

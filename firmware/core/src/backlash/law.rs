@@ -1,4 +1,4 @@
-//! The contact's law by the terminal's sensor, and the backlash of one reversal in SI.
+//! The contact's law from the terminal's sensor, and the backlash of one reversal in SI.
 
 use crate::backlash::active::BacklashActive;
 use crate::backlash::step::Fit;
@@ -10,27 +10,27 @@ use crate::math::{greater, power, sqrt, square};
 use crate::rls::{place, scaled};
 use crate::solution::{Inverse, pivot};
 
-/// The same of a single reversal with the sensor, as a standard error: a fifth of the steps' own rms on either
-/// flank.
+/// Standard error of a single reversal with the sensor by the encoder's steps [counts]: a fifth of the steps' own rms
+/// on either flank.
 const RECORD_COUNT_PART: f32 = 0.08;
-/// Part of the residual that may be taken for the stretch's noise and is not, or the other way.
+/// Fraction of the residual by which the variance taken for the stretch's noise may be wrong.
 const MODEL_OF_NOISE: f32 = 0.2;
-/// Noise in a regressor, as a part of what it says for itself, beyond which no compensation is trusted.
+/// Noise in a regressor, as a fraction of what the others leave of it, from which on it is not corrected for.
 const DROWNED: f32 = 0.5;
 /// Fewest blocks on either flank for the terminal's route.
 const FEWEST_BLOCKS: u32 = 16;
-/// Part of the blocks by which they grow until the contact's law is solved anew.
+/// The contact's law is solved again when the number of blocks has grown by one part in this many.
 const LAW_GROWTH: u32 = 4;
 
-/// What the contact's stretch and force have to do with each other, by the terminal's sensor, in its least squares' units.
+/// How the contact's stretch depends on the force, from the terminal's sensor, in the units of its least squares.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Law {
-    /// Blocks at which it is solved anew.
+    /// Number of blocks at which it is solved again.
     next: u32,
-    /// Damping by stiffness, 1 over the stiffness; 0 while nothing is known.
+    /// Damping over stiffness, and 1 over the stiffness; 0 while unknown.
     lag: f32,
     compliance: f32,
-    /// Variance of a block's stretch by what the law leaves, and of the compliance as a part of it.
+    /// Variance of a block's stretch by the residual of the law, and relative variance of the compliance.
     variance: f32,
     relative: f32,
 }
@@ -39,7 +39,7 @@ impl Law {
     /// Nothing is known.
     pub const UNKNOWN: Self = Self { next: 0, lag: 0.0, compliance: 0.0, variance: 0.0, relative: 0.0 };
 
-    /// Whether there are enough new blocks to solve for it anew.
+    /// Whether there are enough new blocks to solve it again.
     pub fn is_due(&self, terminal: &Terminal) -> bool {
         terminal.totals.updates() >= self.next
     }
@@ -49,13 +49,13 @@ impl Law {
 pub(crate) struct Solved {
     pub unknowns: [f32; UNKNOWNS],
     pub errors: [Option<f32>; UNKNOWNS],
-    /// Variance of what is left of a block's force [codes^2].
+    /// Residual variance of a block's force [codes^2].
     pub residual: f32,
 }
 
 impl Solved {
-    /// Of the sums less this much of the squares of `z'` and `z`; for the force, or for the encoder's travel in its
-    /// place.
+    /// Solves for the force, or if `travel` for the encoder's travel in its place, with `less` subtracted from the
+    /// squares of `z'` and `z`.
     pub fn of(terminal: &Terminal, less: [f32; 2], travel: bool) -> Self {
         let (mut matrix, shift) = scaled(terminal.totals.sums());
         let down = power(-(shift as i32));
@@ -77,22 +77,22 @@ impl Solved {
         Self {
             unknowns: core::array::from_fn(|i| solution.unknowns[i] as f32 * power(-(FACTOR_BITS as i32)) * unit(i)),
             errors: core::array::from_fn(|i| errors[i].map(|error| error * unit(i))),
-            // The matrix in Q62 is of sums shifted right.
+            // The Q62 matrix holds sums shifted right.
             residual: left * power(62 - last) * power(shift as i32 - last),
         }
     }
 }
 
-/// The terminal's least squares without the noise of the stretch.
+/// The terminal's least squares, corrected for the noise of the stretch.
 pub(crate) struct Freed {
     pub solved: Solved,
-    /// Taken off the squares of `z'` and `z`, and the most that it may be.
+    /// Subtracted from the squares of `z'` and `z`, and the most that it may be.
     pub noise: [f32; 2],
     pub most: [f32; 2],
-    /// What the squares of `z'` and `z` hold that the others do not explain.
+    /// What the other regressors leave of the squares of `z'` and `z`.
     pub own_rate: f32,
     pub own_stretch: f32,
-    /// Whether the noise leaves nothing of `z'`.
+    /// Whether the noise in `z'` is too great for a correction.
     pub damping_drowned: bool,
 }
 
@@ -101,7 +101,7 @@ impl Freed {
         let [damping, stiffness, ..] = self.solved.unknowns;
         let compliance = 1.0 / stiffness;
         let variance = self.solved.residual * square(compliance);
-        // The noise of the stretch weakens the stiffness by its part of what the stretch says for itself.
+        // The noise of the stretch lowers the stiffness by its fraction of what the others leave of the stretch.
         let ([_, least], [_, most]) = (self.noise, self.most);
         let weakened = (most - least) / (NORMAL_COVERAGE * self.own_stretch);
         let error = self.solved.errors[1].map_or(0.0, |error| error * compliance);
@@ -111,8 +111,8 @@ impl Freed {
 }
 
 impl BacklashActive {
-    /// The terminal's least squares, freed of the stretch's noise, or the reason there is no backlash by them; with the
-    /// force's noise as the flanks keep it.
+    /// The terminal's least squares, corrected for the stretch's noise, or the reason why they give no backlash.
+    /// `force_noise` is as the flanks keep it.
     pub fn solved(&self, terminal: &Terminal, force_noise: i32) -> Result<Freed, Reason> {
         let blocks = terminal.totals.updates();
         let [negative, positive] = terminal.sides;
@@ -127,14 +127,14 @@ impl BacklashActive {
         if stiffness <= 0.0 {
             return Err(Reason::FlankTooShort);
         }
-        // Noise of the stretch weakens what it is multiplied by. Its variance in a sample is what the residual holds
-        // beside the force's own noise.
+        // Noise in the stretch lowers its coefficients. Its variance in a sample is what the residual holds beyond the
+        // force's own noise.
         let block = self.scales.block;
         let force_noise = block * square(force_noise as f32 * self.scales.noise);
         let excess = greater(plain.residual - force_noise, 0.0);
         let noise_by = |excess: f32| excess / (block * square(stiffness) + 2.0 * square(damping)) * blocks as f32;
         let most = noise_by(MODEL_OF_NOISE * plain.residual + excess);
-        // What of a regressor the others do not explain is the residual over the square of its error.
+        // What the others leave of a regressor is the residual over the square of its error.
         let own = plain.errors.map(|error| error.map_or(0.0, |error| plain.residual / square(error)));
         let [own_rate, own_stretch, ..] = own;
         let drowned = |part: f32, own: f32| part * most >= DROWNED * own;
@@ -152,7 +152,7 @@ impl BacklashActive {
         Ok(Freed { solved, noise, most: parts(most), own_rate, own_stretch, damping_drowned })
     }
 
-    /// The law by all blocks so far.
+    /// The law from all blocks so far.
     pub fn law(&self, terminal: &Terminal, force_noise: i32) -> Law {
         let blocks = terminal.totals.updates();
         let law = self.solved(terminal, force_noise).map_or(Law::UNKNOWN, |solved| solved.law());

@@ -1,7 +1,7 @@
-//! The past at every pace: line `k` holds the last 64 means over `2^k` samples.
+//! The past at every time scale: line `k` holds the last 64 means over `2^k` samples.
 //!
-//! A reversal at 15 Hz is over in 30 ms, one at 0.05 Hz takes seconds; either finds its window in one of the lines,
-//! with 32 to 63 entries, for two additions a sample.
+//! A reversal at 15 Hz lasts 30 ms, one at 0.05 Hz takes seconds. Either finds its window in one of the lines, with 32
+//! to 63 entries, at two additions per sample.
 
 use crate::backlash::flanks::Touch;
 use crate::backlash::step::{POINTS, Points};
@@ -14,7 +14,7 @@ struct Line {
     /// Position and stretch [units], wrapping.
     reach: [i32; POINTS],
     stretch: [i16; POINTS],
-    /// Entries firm on the positive and on the negative flank, a bit each.
+    /// Entries firm on the positive and on the negative flank, one bit each.
     positive: u64,
     negative: u64,
 }
@@ -43,7 +43,7 @@ impl Line {
         self.classify(place, side);
     }
 
-    /// Of an entry and the one before it; firm where both are, on one side.
+    /// Mean of an entry and the one before it; firm where both are, on the same side.
     fn mean(&self, place: u32) -> (i32, i16, i8) {
         let (reach, stretch, side) = self.get(place.wrapping_sub(1));
         let (other_reach, other_stretch, other_side) = self.get(place);
@@ -101,7 +101,7 @@ impl Octaves {
         }
     }
 
-    /// The classified samples of the last `samples`, oldest first, in the finest line that holds them; nothing where none
+    /// The classified ones of the last `samples`, oldest first, in the finest line that holds them; `None` if no line
     /// does.
     pub fn window(&self, samples: u32, guard: u8) -> Option<Points> {
         let classified = self.count.wrapping_sub(u32::from(guard));

@@ -1,26 +1,26 @@
-//! All reversals together: outliers kept out, the others summed by their information.
+//! All reversals together: outliers are rejected, the others summed with their information as weights.
 //!
-//! The latest 16 wait in a ring; each is compared with their median as it leaves, and those that wait when the sums are read.
+//! The latest 16 wait in a ring. Each is compared with their median when it leaves the ring, or when the sums are read.
 
 use crate::backlash::step::Fit;
 
 /// Reversals that wait.
 const WAITING: usize = 16;
-/// Reversals under which a median says little.
+/// Fewest reversals for a useful median.
 const ENOUGH: usize = 5;
 /// Square of 4 standard deviations over that of the median deviation of normal noise.
 const OUTLIER: u64 = 35;
-/// Greatest deviation [units] that is told from any other.
+/// Greatest deviation [units]: it is clamped to this.
 const FARTHEST: u32 = 1 << 19;
 
-/// Sums over the accepted.
+/// Sums over the accepted reversals.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     pub accepted: u32,
     pub rejected: u32,
-    /// Values are summed as differences from it [units].
+    /// Values are summed as differences from this [units].
     pub origin: i32,
-    /// Weights, and the weighted sums of weight, value, its square, change, its square, part by stretch, and variance.
+    /// Sums of weights and, weighted, of weight, value, its square, change, its square, part by stretch, and variance.
     pub weighted: [i128; 8],
 }
 
@@ -36,7 +36,7 @@ impl Sums {
         let value = i64::from(fit.value.wrapping_sub(self.origin));
         let change = i64::from(fit.change);
         let (by_stretch, variance) = (i64::from(fit.by_stretch), i64::from(fit.variance));
-        // No factor is beyond 57 bits.
+        // No factor exceeds 57 bits.
         let factors = [
             (weight, 1),
             (weight, weight),
@@ -53,24 +53,24 @@ impl Sums {
     }
 }
 
-/// The whole product.
+/// The exact product.
 fn whole_product(a: i64, b: i64) -> i128 {
     let (high, low) = crate::qformat::widening_mul(a, b);
     i128::from(high) << 64 | i128::from(low)
 }
 
-/// The pool.
+/// The pool of reversals.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool {
     waiting: [Fit; WAITING],
-    /// Taken so far, and how many of them wait.
+    /// Number of reversals taken so far, and of those that wait.
     next: u8,
     filled: u8,
     settled: Sums,
 }
 
 impl Pool {
-    /// None.
+    /// No reversals.
     pub const fn new() -> Self {
         let none = Fit { value: 0, change: 0, by_stretch: 0, variance: 0, weight: 0 };
         Self { waiting: [none; WAITING], next: 0, filled: 0, settled: Sums::NONE }
@@ -83,7 +83,7 @@ impl Pool {
         *settled = Sums::NONE;
     }
 
-    /// Takes a reversal; whether it agrees with those before it.
+    /// Takes a reversal; returns whether it agrees with those before it.
     pub fn take(&mut self, fit: &Fit) -> bool {
         let outliers = self.outliers();
         let place = usize::from(self.next) % WAITING;
@@ -104,7 +104,7 @@ impl Pool {
         outliers.accepts(fit)
     }
 
-    /// The sums as they stand, with what waits.
+    /// The sums as they stand, with the reversals that wait.
     pub fn sums(&self) -> Sums {
         let outliers = self.outliers();
         let mut sums = self.settled;
@@ -134,7 +134,7 @@ impl Pool {
     }
 }
 
-/// The middle one of the first `count`, or the lower of two; 0 of none.
+/// The middle one of the first `count`, or the lower of two; 0 if there are none.
 fn median(values: &[i64; WAITING], count: usize) -> i64 {
     for value in values.iter().take(count) {
         let others = || values.iter().take(count);
@@ -147,13 +147,13 @@ fn median(values: &[i64; WAITING], count: usize) -> i64 {
     0
 }
 
-/// Square of the deviation by its information.
+/// Square of the deviation, weighted by its information.
 fn deviation(fit: &Fit, from: i32) -> u64 {
     let distance = u64::from(fit.value.abs_diff(from).min(FARTHEST));
     distance * distance * u64::from(fit.weight)
 }
 
-/// Tells outliers.
+/// The median, and the limit beyond which a reversal is an outlier.
 struct Outliers {
     median: i32,
     limit: u64,

@@ -12,27 +12,28 @@ use crate::ldl::UNKNOWNS;
 use crate::math::{greater, single_of_wide, sqrt, square};
 use crate::rls::place;
 
-/// Fewest reversals that a scatter is read from.
+/// Fewest reversals from which a scatter is estimated.
 const FEWEST: u32 = 5;
-/// The same in reversals of equal weight.
+/// The same, in reversals of equal weight.
 const LEAST_EQUAL: f32 = 3.0;
-/// Part of an encoder count that stays however many reversals there are: the encoder's steps along a flank are not
-/// white.
+/// Fraction of an encoder count that remains however many reversals there are: the encoder's steps along a flank are
+/// not white.
 const COUNT_PART: f32 = 0.4;
-/// Parts of an encoder count by one pattern of its steps: of the backlash with the sensor, where whole flanks are averaged, and of what
-/// correlates with the stretch, and with its rate.
+/// Errors by one pattern of the encoder's steps, in counts: of the backlash with the sensor, where whole flanks are
+/// averaged; of what correlates with the stretch; of what correlates with its rate.
 const SENSED_COUNT_PART: f32 = 0.3;
 const STIFFNESS_COUNT_PART: f32 = 0.07;
 const DAMPING_COUNT_PART: f32 = 0.07;
-/// The stretch's rate is the difference of a block's ends: 0.25 % at 16 Hz.
+/// The stretch's rate is the difference of a block's ends: an error of 0.25 % at 16 Hz.
 const DAMPING_MODEL_U95: f32 = 0.005;
-/// Patterns of the encoder's steps that flanks with the sensor are taken to have at most.
+/// Greatest number of patterns of the encoder's steps that flanks are assumed to have, with the sensor.
 const PATTERNS: f32 = 8.0;
-/// Variance over that of the flanks' own noise beyond which reversals contradict each other.
+/// Ratio of the reversals' variance to that of their flanks' own noise above which they contradict each other.
 const CONTRADICTION: f32 = 25.0;
 
-/// Half widths by which a value lies below zero by chance: further away is one in 2000 without backlash. Refusing every
-/// interval below zero would hide those that miss, and would take the flanks of a sound device for ones that may part.
+/// Half widths by which a value may lie below zero by chance: without backlash, one in 2000 lies further away. To
+/// refuse every interval below zero would hide those that miss, and the flanks of a sound device would count as ones
+/// that may part.
 const BY_CHANCE: f32 = 1.7;
 
 /// What is published of the contact.
@@ -46,17 +47,17 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Gap that the flanks cross, as [`Contact::gap_m`].
+    /// Gap that the flanks cross \[m\], as [`Contact::gap_m`].
     pub fn gap_m(&self) -> f32 {
         self.contact.gap_m(&self.backlash)
     }
 }
 
-/// A value and what is uncertain of it.
+/// A value and its budget.
 type Budgeted = (f32, Budget);
 
 impl BacklashActive {
-    /// Backlash and contact as they stand, where each stroke has come so often sample by sample.
+    /// Backlash and contact as they stand; `repeats` is how often each stroke has come, sample by sample.
     pub fn found(&self, state: &BacklashState, repeats: f32) -> Found {
         let by_force = match self.unable() {
             Some(reason) => Backlash::none(reason, Route::Force, 0),
@@ -82,7 +83,7 @@ impl BacklashActive {
             (None, Some(_)) => true,
             (Some(by_force), Some(by_terminal)) => by_terminal.u95 <= by_force.u95,
         };
-        // Where the force alone cannot, the sensor's own reason counts.
+        // Where the force alone cannot give a value, the sensor's own reason counts.
         let backlash = if narrower || !self.stiffness_known { by_terminal } else { by_force };
         Found {
             backlash,
@@ -92,7 +93,7 @@ impl BacklashActive {
         }
     }
 
-    /// What their intervals are made of.
+    /// Budgets of the intervals of [`Self::found`].
     pub fn budgets(&self, state: &BacklashState, repeats: f32) -> ContactBudgets {
         let found = self.found(state, repeats);
         let sensed = if self.terminal.present { self.by_terminal(state, repeats).ok() } else { None };
@@ -111,7 +112,7 @@ impl BacklashActive {
     }
 }
 
-/// Refuses what no spring or damper is: less than nothing.
+/// Refuses a value that no spring or damper has: one below zero by more than its interval.
 fn parameter((value, budget): &Budgeted) -> Parameter {
     let interval = Interval { value: *value, u95: budget.u95() };
     if interval.u95.is_finite() && interval.value >= -interval.u95 {
@@ -126,7 +127,7 @@ impl Backlash {
         Self { size: BacklashSize::NotIdentifiable(reason), route, reversals }
     }
 
-    /// Refuses what is no backlash: an interval without end, or one further below zero than chance takes it.
+    /// Refuses what is no backlash: an infinite interval, or a value further below zero than chance explains.
     fn of(found: Result<&Budgeted, &Reason>, route: Route, reversals: u32) -> Self {
         let (value, u95) = match found {
             Ok((value, budget)) => (*value, budget.u95()),
@@ -155,7 +156,7 @@ impl BacklashState {
 }
 
 impl BacklashActive {
-    /// Why the settings leave no route by the force.
+    /// Why the settings rule out the route by the force.
     fn unable(&self) -> Option<Reason> {
         match () {
             () if !self.stiffness_known => Some(Reason::StiffnessUnknown),
@@ -164,7 +165,7 @@ impl BacklashActive {
         }
     }
 
-    /// Value \[m\] and what is uncertain of it.
+    /// Value \[m\] and its budget.
     fn by_force(&self, state: &BacklashState, sums: &Sums, repeats: f32) -> Result<Budgeted, Reason> {
         let counts = &state.counts;
         if sums.accepted < FEWEST {
@@ -187,10 +188,11 @@ impl BacklashActive {
         if equal < LEAST_EQUAL {
             return Err(Reason::TooFewReversals);
         }
-        // What the check would change is known with its own scatter.
+        // The change by the check has a scatter of its own, which is subtracted.
         let change_noise = greater(change_square - change * change, 0.0) / equal;
         let truncation = greater(change * change - change_noise, 0.0);
-        // A periodic motion repeats the encoder's steps, and their error averages only as far as strokes have not come again.
+        // A periodic motion repeats the encoder's steps. Their error averages out only over strokes that have not
+        // recurred.
         let share = (repeats - 1.0) / sums.accepted as f32;
         let pattern = own_noise * if share < 1.0 { share } else { 1.0 };
         let by_stretch = by_stretch * self.scales.stretch;
@@ -206,7 +208,7 @@ impl BacklashActive {
     }
 }
 
-/// What the terminal's sensor shows: backlash \[m\], stiffness \[N/m\] and, where the noise leaves any, damping \[N s/m\].
+/// Results of the sensor's route: backlash \[m\], stiffness \[N/m\] and, unless too noisy, damping \[N s/m\].
 #[derive(Clone, Copy)]
 struct Sensed {
     backlash: Budgeted,
@@ -228,11 +230,11 @@ impl BacklashActive {
             return Err(Reason::FlankTooShort);
         };
         let freedom = blocks as f32 - UNKNOWNS as f32;
-        // A wrong scale of one displacement against the other is a false stretch.
+        // A scale error between the two displacements is a false stretch.
         let lead = self.scales.lead_u95 * stiffness;
         let [false_damping, false_stiffness, false_side, _] =
             Solved::of(terminal, noise, true).unknowns.map(|unknown| lead * unknown);
-        // The encoder's steps are one as well, against the regressor's own rms, as far as their patterns do not average.
+        // So are the encoder's steps, over the regressor's own rms, as far as their patterns do not average out.
         let patterns = (reversals as f32).clamp(1.0, PATTERNS);
         let share = greater((repeats - 1.0) / reversals as f32, 1.0 / patterns);
         let count = sqrt(if share < 1.0 { share } else { 1.0 }) * self.count_units as f32;
@@ -253,7 +255,7 @@ impl BacklashActive {
 
         let per_side = 2.0 * ONE as f32 / (stiffness * block);
         let backlash = -side * per_side;
-        // A stiffness that is wrong moves each flank by its mean stretch.
+        // A wrong stiffness moves each flank by its mean stretch.
         let mean = |row: usize, column: usize| {
             terminal.totals.sums().get(place(row, column)).map_or(0.0, |sum| single_of_wide(*sum) / blocks as f32)
         };

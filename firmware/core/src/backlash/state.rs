@@ -1,4 +1,4 @@
-//! The state of both routes, and how a reversal is followed from one flank to the other.
+//! State of both routes, and how a reversal is followed from one flank to the other.
 
 use crate::backlash::active::BacklashActive;
 use crate::backlash::flanks::{Flanks, Newest, Touch};
@@ -14,7 +14,7 @@ use crate::detail::Reversal;
 struct Pending {
     /// Samples from the end of the first flank to the start of the second.
     flight: u32,
-    /// Length of either flank [samples] at which to look next, and beyond which never.
+    /// Length of either flank [samples] at which to fit next, and beyond which not to fit.
     next: u32,
     last: u32,
 }
@@ -45,19 +45,19 @@ pub(crate) struct BacklashState {
     octaves: Octaves,
     pub pool: Pool,
     pub terminal: Terminal,
-    /// Of the contact, by the terminal's sensor.
+    /// The contact's law, by the terminal's sensor.
     law: Law,
     pub counts: Counts,
-    /// Side and length [samples] of the firm stretch that goes on or, in flight, that has ended.
+    /// Side and length [samples] of the present firm contact or, in flight, of the last one.
     side: i8,
     length: u32,
-    /// Samples since it ended; 0 while it goes on.
+    /// Samples since it ended; 0 while it lasts.
     flight: u32,
     /// Landings since it ended.
     landings: u32,
     pending: Option<Pending>,
-    /// The best fit to it so far. (Not within it: two options in one have a `None` that is not zero, and a static with one
-    /// byte that is not lies in flash as a whole.)
+    /// Best fit of the pending reversal so far. (Not within `Pending`: an option within an option has a `None` that is
+    /// not all zeros, and a static with a single byte that is not zero lies in flash as a whole.)
     best: Option<Fit>,
 }
 
@@ -96,10 +96,10 @@ impl BacklashState {
         (*side, *length, *flight, *landings, *pending, *best) = (0, 0, 0, 0, None, None);
     }
 
-    /// Takes the next sample; gives a reversal once both its flanks are known, by either route.
+    /// Takes the next sample; returns a reversal, by either route, once both its flanks are known.
     pub(crate) fn push(&mut self, active: &BacklashActive, sample: &Newest) -> Option<Reversal> {
         if sample.broken {
-            // Windows reach back to the start of a flank, so that none spans what is missing.
+            // Windows reach back to the start of a flank, so none spans the missing samples.
             self.pending = None;
             (self.side, self.length, self.flight) = (0, 0, 0);
             self.flanks.interrupt();
@@ -111,14 +111,14 @@ impl BacklashState {
             self.terminal.push(&active.terminal, &touch, sample);
         }
         let Some(Concluded { fit, flight }) = self.follow(active, &touch) else {
-            // A sample tells of one reversal: the sensor's waits for the force's.
+            // A sample returns one reversal: that of the sensor waits for that of the force.
             return if self.terminal.waits { self.sensed(active) } else { None };
         };
         let since = self.length.wrapping_add(flight / 2).wrapping_add(u32::from(active.flanks.guard));
         self.pool.take(&fit).then(|| active.reversal(&fit, self.side > 0, sample.index.wrapping_sub(since)))
     }
 
-    /// The reversal that waited, by the terminal's sensor.
+    /// The reversal that waited, from the terminal's sensor.
     #[inline(never)]
     fn sensed(&mut self, active: &BacklashActive) -> Option<Reversal> {
         let crossing = self.terminal.take();
@@ -128,14 +128,14 @@ impl BacklashState {
         active.sensed(&self.law, &crossing)
     }
 
-    /// Whether the load keeps to one flank.
+    /// Whether the load stays on one flank.
     pub fn one_sided(&self, active: &BacklashActive) -> bool {
         let [negative, positive] = self.counts.firm;
         let (less, more) = (negative.min(positive), negative.max(positive));
         more >= active.scales.one_sided && self.counts.reversals == 0 && less < active.least_flank
     }
 
-    /// Follows the firm stretches; gives what a reversal showed at its end.
+    /// Follows the firm contacts; returns the result of a reversal at its end.
     fn follow(&mut self, active: &BacklashActive, touch: &Touch) -> Option<Concluded> {
         let touching = self.flight == 0 && self.side != 0;
         let mut concluded = None;
@@ -171,12 +171,12 @@ impl BacklashState {
         *firm = firm.saturating_add(1);
     }
 
-    /// A firm stretch begins on this side.
+    /// A firm contact begins on this side.
     fn land(&mut self, active: &BacklashActive, side: i8) {
         if self.side == -side {
             self.counts.reversals = self.counts.reversals.saturating_add(1);
-            // From the middle of the flight two thirds of the way to the reversals on either side, which is two thirds of a
-            // period: beyond it lies what the polynomial cannot follow.
+            // From the middle of the flight two thirds of the way to the reversals on either side, which is two thirds
+            // of a period: the polynomial cannot follow more.
             let half = self.length.saturating_add(self.flight).min(1 << 24) * 2 / 3;
             let last = half.saturating_sub(self.flight / 2).min(self.length);
             if self.landings > 1 {
@@ -189,17 +189,17 @@ impl BacklashState {
                 self.best = None;
             }
         } else if self.side == side && self.landings > 0 && self.length < active.least_flank {
-            // The flank was but the first touch of a reversal.
+            // The flank was only the first touch of a reversal.
             self.counts.bouncing = self.counts.bouncing.saturating_add(1);
         }
         (self.side, self.length, self.flight) = (side, 1, 0);
     }
 
-    /// Looks at the pending reversal with as much of either flank as there is, up to `late` samples ago.
+    /// Fits the pending reversal with as much of either flank as there is, up to `late` samples ago.
     fn look(&mut self, active: &BacklashActive, late: u32) {
         let Some(pending) = &mut self.pending else { return };
         let flank = self.length.min(pending.last);
-        // The end of a flank is worth a look of its own where it adds a quarter to the last one.
+        // The end of a flank is worth a fit of its own where it adds a quarter to the last one.
         let worth = late == 0 || flank >= pending.next - pending.next * 3 / 8;
         if worth && flank >= active.least_flank && pending.flight <= 4 * flank {
             let samples = (2 * flank + pending.flight).saturating_add(late);
@@ -226,7 +226,7 @@ impl BacklashState {
     }
 }
 
-/// So far, or the whole way where that is hardly further.
+/// The next length, or the whole flank where that is hardly longer.
 fn look_at(next: u32, last: u32) -> u32 {
     if next.saturating_add(next / 4) > last { last } else { next }
 }
@@ -257,7 +257,7 @@ mod tests {
             let mut state = Box::new(BacklashState::new());
             for repeat in 0..20_u32 {
                 for (index, (position, force, terminal, flags)) in (0..).zip(&samples) {
-                    // Mostly steady, so that flanks come about.
+                    // Mostly steady, so that flanks form.
                     let force = if flags % 8 == 0 { *force } else { if repeat % 2 == 0 { 100_000 } else { -100_000 } };
                     let newest = Newest {
                         index,
@@ -275,7 +275,7 @@ mod tests {
         }
     }
 
-    /// Lengths of the looks at a reversal.
+    /// Lengths at which a reversal is fitted.
     #[test]
     fn looks_go_on_to_the_last() {
         let looks = |last: u32| -> Vec<u32> {

@@ -1,20 +1,20 @@
-//! The backlash of one reversal: the step that is left when a polynomial has been taken out.
+//! The backlash of one reversal: the step that remains when a polynomial is removed.
 //!
-//! Discrete orthogonal polynomials over the firm entries by the three-term recurrence, normalised in Q30; reach and
-//! side are freed of each in turn. Degree 7 follows a sine over two thirds of its period so well that the step is
+//! Discrete orthogonal polynomials over the firm entries by the three-term recurrence, normalised in Q30. Each is
+//! removed from reach and side in turn. Degree 7 follows a sine over two thirds of its period so well that the step is
 //! wrong by 1e-4 of the amplitude at most. Degree 9 is the check: where it explains more than noise, the window is too
-//! long and there is no value. Choosing the degree by the data would bias the value, as it picks the noise that hides
-//! what is missing.
+//! long and there is no value. Choosing the degree by the data would bias the value, because it picks the noise that
+//! hides what is missing.
 //! Source: G. E. Forsythe, "Generation and use of orthogonal polynomials for data-fitting", 1957.
 
 use crate::qformat::{mul_shift, shift_right};
 
-/// Most entries.
+/// Most entries in a window.
 pub(crate) const POINTS: usize = 64;
 /// Degree of the value, and of its check.
 const DEGREE: u32 = 7;
 const CHECK: u32 = 9;
-/// Fewest entries: four more than unknowns; and of these on either flank.
+/// Fewest entries: four more than there are unknowns; and fewest on either flank.
 const FEWEST: u32 = CHECK + 6;
 const FEWEST_ON_A_FLANK: u32 = 4;
 /// The check's two degrees may explain this many times the noise of one.
@@ -23,7 +23,7 @@ const TOLERANCE: u64 = 8;
 const REACH_BITS: i32 = 25;
 /// Fraction bits of the side, for the same reason.
 const SIDE_BITS: u32 = 24;
-/// Square of the side [2^-48] under which there is nothing to divide by.
+/// Least square of the side [2^-48] that can be divided by.
 const LEAST_SIDE: i64 = 1 << 34;
 /// Fraction bits of the polynomials.
 const Q: u32 = 30;
@@ -43,24 +43,24 @@ pub(crate) struct Points {
     pub scale: u8,
 }
 
-/// What a reversal shows.
+/// The result of a reversal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Fit {
     /// The backlash [units].
     pub value: i32,
-    /// How much the check would change it [units].
+    /// By how much the check would change it [units].
     pub change: i32,
-    /// Its part that comes from the stretch [units as shifted for the memory]: its derivative by the logarithm of the
-    /// compliance.
+    /// Its part that comes from the stretch [units, shifted as in the memory]: its derivative with respect to the
+    /// logarithm of the compliance.
     pub by_stretch: i32,
     /// Variance of the value by the noise of its own flanks [units^2].
     pub variance: u32,
-    /// Information: the square of what is left of the side [2^-10], times the samples in an entry.
+    /// Information: the square of what remains of the side [2^-10], times the samples in an entry.
     pub weight: u32,
 }
 
 impl Points {
-    /// None.
+    /// No entries.
     pub fn new() -> Self {
         Self {
             places: [0; POINTS],
@@ -97,7 +97,7 @@ fn dot(a: &[i32; POINTS], b: &[i32; POINTS], count: usize) -> i64 {
     a.iter().zip(b).take(count).map(|(a, b)| times(*a, *b)).sum()
 }
 
-/// A sum of products with Q30 without its fraction, rounded half up.
+/// A sum of products with Q30, rounded half up to a whole number.
 #[inline(always)]
 fn whole(value: i64) -> i32 {
     ((value + (1 << (Q - 1))) >> Q) as i32
@@ -109,7 +109,7 @@ fn times(a: i32, b: i32) -> i64 {
     i64::from(a) * i64::from(b)
 }
 
-/// Frees `values` of `direction` [Q30].
+/// Removes `direction` [Q30] from `values`.
 fn free(values: &mut [i32; POINTS], direction: &[i32; POINTS], count: usize) {
     let part = whole(dot(values, direction, count));
     for (value, direction) in values.iter_mut().zip(direction).take(count) {
@@ -117,7 +117,7 @@ fn free(values: &mut [i32; POINTS], direction: &[i32; POINTS], count: usize) {
     }
 }
 
-/// The whole part of the root.
+/// The square root, rounded down.
 fn root(value: u64) -> u64 {
     let (mut rest, mut root) = (value, 0_u64);
     let mut bit = 1_u64 << 62;
@@ -133,7 +133,7 @@ fn root(value: u64) -> u64 {
     root
 }
 
-/// What is left of the fit once all polynomials so far are out.
+/// What remains of the fit once all polynomials so far are removed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Left {
     /// Square of the side [2^-48].
@@ -144,7 +144,7 @@ struct Left {
     residual: u64,
 }
 
-/// The inverse of a square of the side, by its upper 31 bits.
+/// The inverse of a square of the side, from its upper 31 bits.
 #[derive(Clone, Copy)]
 struct Inverse {
     mantissa: i64,
@@ -152,7 +152,7 @@ struct Inverse {
 }
 
 impl Inverse {
-    /// Of at least [`LEAST_SIDE`].
+    /// `side` is at least [`LEAST_SIDE`].
     fn of(side: i64) -> Self {
         let shift = 33 - side.leading_zeros();
         Self { mantissa: ((1_u64 << 62) / (side >> shift).max(1) as u64) as i64, shift }
@@ -178,7 +178,7 @@ impl Left {
     }
 }
 
-/// The backlash of a window; nothing where the window cannot show it. The encoder's step and the stretch's noise are in
+/// The backlash of a window; `None` if the window cannot show it. The encoder's step and the stretch's noise are in
 /// units.
 pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option<Fit> {
     let count = points.count();
@@ -190,7 +190,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     let [origin, ..] = points.reach;
     let mut reach = points.reach.map(|reach| reach.wrapping_sub(origin));
     let greatest = reach.iter().take(count).fold(1, |all, reach| all | reach.unsigned_abs());
-    // Left shift that gives the greatest its bits; a reach of no more than a few units is not worth more.
+    // Left shift that gives the greatest value its bits; a reach of no more than a few units does not need more.
     let up = (REACH_BITS - (32 - greatest.leading_zeros() as i32)).clamp(-7, 12) as i8;
     for value in &mut reach {
         *value = shift_right(i64::from(*value), -up) as i32;
@@ -236,8 +236,8 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
         polynomial = next;
     }
 
-    // Noise of an entry: at least a third of the encoder's step noise, which averages over its samples, and at most
-    // that of a single sample and more. Beyond, the check fits no better than what it checks.
+    // Noise of an entry: at least a third of the variance of the encoder's steps, which averages over its samples, and
+    // at most that of a single sample and more. Beyond that, the check itself does not fit.
     let freedom = u64::from(firm - CHECK - 2);
     let square = |value: u32| u64::from(value) * u64::from(value);
     let scaled = |squared: u64| shift_right(squared.min(1 << 38) as i64, -2 * up) as u64;
@@ -252,7 +252,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     let stretch = points.stretch.map(i32::from);
     let stretch_across = dot(&stretch, &free_side, count);
     let inverse = Inverse::of(value.side);
-    // Of the value: four times the residual's over the square of the side.
+    // Variance of the value: four times the residual's over the square of the side.
     let variance = value.residual / u64::from((firm - DEGREE - 2).max(1));
     let variance = inverse.times((variance.min(1 << 40) as i64) << 2, 2 * SIDE_BITS);
     Some(Fit {
@@ -271,8 +271,8 @@ mod tests {
     use std::vec::Vec;
 
     proptest! {
-        /// A polynomial of degree 7 with a step in it gives the step, whatever the flight between. Its parts fall off
-        /// as those of a motion over two thirds of its period do.
+        /// A polynomial of degree 7 with a step in it gives the step, whatever the flight between. Its coefficients
+        /// decay as those of a motion over two thirds of its period do.
         #[test]
         fn a_step_on_a_polynomial_is_found(
             parts in prop::array::uniform8(-1.0_f64..1.0),
@@ -333,7 +333,7 @@ mod tests {
         }
     }
 
-    /// A window over which the motion turns too often is refused.
+    /// A window in which the motion reverses too often is refused.
     #[test]
     fn what_no_polynomial_follows_is_refused() {
         let mut points = Points::new();

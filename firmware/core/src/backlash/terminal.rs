@@ -1,13 +1,13 @@
-//! The backlash, the stiffness and the damping of the contact, where the terminal has a displacement sensor of its own.
+//! Backlash, stiffness and damping of the contact, where the terminal has a displacement sensor of its own.
 //!
 //! While a flank is firm, `F = ks z + cs z' - s ks eps / 2 + c`, `z = x1 - x2`. Means over blocks of 4 ms enter the
-//! estimator's own least squares, in the order `[z', z, s, 1, F]`; a block counts when all its samples are firm on
-//! one flank. The load cell also carries the structure mass, whose share is the terminal's own second difference.
-//! Beside the products goes what a wrong scale of one displacement against the other would do: the encoder's travel
-//! against the same regressors.
+//! estimator's own least squares, in the order `[z', z, s, 1, F]`; a block counts when all its samples are firm on one
+//! flank. The load cell also carries the structure mass; its share follows from the terminal's own second difference.
+//! Beside the products, those of the encoder's travel with the same regressors are summed. They show what a scale error
+//! between the two displacements would do.
 //!
-//! Each flank's blocks are also summed by themselves. Where one flank follows the other, their means and the contact's
-//! law by all blocks so far give the backlash of that one reversal; neighbouring reversals share a flank.
+//! Each flank's blocks are also summed separately. Where one flank follows the other, their means and the contact's law
+//! from all blocks so far give the backlash of that one reversal; neighbouring reversals share a flank.
 
 use crate::backlash::flanks::{Newest, Touch};
 use crate::qformat::Term;
@@ -15,7 +15,7 @@ use crate::rls::{Totals, products};
 
 /// Blocks kept: classification may come two blocks late, and a second difference needs one on either side.
 const BLOCKS: usize = 4;
-/// The side and the constant.
+/// The constant regressor, and the magnitude of the side.
 pub(crate) const ONE: i32 = 1 << 20;
 
 /// Settings of the sensor.
@@ -27,13 +27,13 @@ pub(crate) struct TerminalActive {
     pub units: Term,
     /// Samples in a block.
     pub block: u16,
-    /// Force [codes] on the structure mass by the second difference of blocks [units].
+    /// Force [codes] on the structure mass per second difference of blocks [units].
     pub structure: Term,
-    /// As of the flanks.
+    /// The guard of the flanks [samples].
     pub guard: u8,
 }
 
-/// Sums over a block as it comes in: codes of the terminal, travel [units], force [codes].
+/// Sums over a block as it fills: codes of the terminal, travel [units], force [codes].
 #[derive(Clone, Copy, Debug)]
 struct Sums {
     terminal: i64,
@@ -49,7 +49,7 @@ impl Sums {
 #[derive(Clone, Copy, Debug)]
 struct Block {
     stretch: i64,
-    /// From its first sample to its last.
+    /// Change of the stretch from its first sample to its last.
     stretched: i32,
     force: i64,
     terminal: i64,
@@ -64,7 +64,7 @@ impl Block {
 pub(crate) struct Flank {
     pub side: i8,
     pub blocks: u32,
-    /// Sums of `[z', z, F]`, the structure's share taken off.
+    /// Sums of `[z', z, F]`, the structure's share subtracted.
     pub sums: [i64; 3],
     /// Indices of its first and last sample.
     pub first: u32,
@@ -86,16 +86,16 @@ pub(crate) struct Crossing {
 #[derive(Clone, Debug)]
 pub(crate) struct Terminal {
     started: bool,
-    /// Where displacements count from: code of the terminal, position [units].
+    /// Zero of the displacements: code of the terminal, position [units].
     origin: (i32, i32),
     blocks: [Block; BLOCKS],
-    /// Blocks ended.
+    /// Number of blocks completed.
     ended: u8,
     sums: Sums,
-    /// Terminal and travel of the first sample in it.
+    /// Terminal and travel of the first sample in the present block.
     first: (i32, i32),
     filled: u16,
-    /// Samples until the first of a block is classified, then how many of it are.
+    /// Samples until the first of a block is classified, then the number of its samples that are.
     classified: i16,
     side: i8,
     pub totals: Totals,
@@ -103,10 +103,10 @@ pub(crate) struct Terminal {
     pub travel: [i128; 5],
     /// Blocks on the negative and on the positive flank.
     pub sides: [u32; 2],
-    /// The flank that goes on, and the one before it.
+    /// The present flank, and the one before it.
     flank: Flank,
     before: Flank,
-    /// A reversal that is over, and whether it waits to be told: asked at every sample, an option would be copied.
+    /// A completed reversal, and whether it waits to be returned: checked at every sample, an option would be copied.
     crossing: Crossing,
     pub waits: bool,
 }
@@ -139,7 +139,7 @@ impl Terminal {
         *self = Self::new();
     }
 
-    /// Samples are missing: blocks begin anew. Displacements go on from where they count.
+    /// Samples are missing: blocks start again. The zero of the displacements stays.
     pub fn interrupt(&mut self) {
         (self.filled, self.sums, self.side) = (0, Sums::NONE, 0);
         self.classified = i16::MIN;
@@ -189,7 +189,7 @@ impl Terminal {
         }
     }
 
-    /// Ends a block, whose last sample this is.
+    /// Completes a block with this sample.
     #[inline(never)]
     fn end(&mut self, active: &TerminalActive, terminal: i32, travel: i32) {
         let (first_terminal, first_travel) = self.first;
@@ -209,18 +209,18 @@ impl Terminal {
     /// Takes the block that has just been classified.
     #[inline(never)]
     fn learn(&mut self, active: &TerminalActive, index: u32) {
-        // Ended since the one that was classified: with a guard of one to two blocks, one or two.
+        // Blocks completed since the one that was classified: with a guard of one to two blocks, one or two.
         let late = if u16::from(active.guard) >= 2 * active.block { 2 } else { 1 };
         let block = |back: u8| self.blocks[usize::from(self.ended.wrapping_sub(back)) % BLOCKS];
         let (after, here, before) = (block(late), block(late + 1), block(late + 2));
         let bend = after.terminal.wrapping_sub(2 * here.terminal).wrapping_add(before.terminal);
         let by_structure = active.structure.of(bend);
         let force = here.force.wrapping_sub(by_structure);
-        // A flank whose force is mostly the structure's is none: the terminal flies with the load cell's mass.
+        // A flank whose force is mostly the structure's is none: the terminal is in flight with the load cell's mass.
         if by_structure.unsigned_abs() > here.force.unsigned_abs() / 2 {
             return;
         }
-        // What the terminal has moved by and the contact has not taken.
+        // The encoder's travel: the terminal's motion less the stretch.
         let travel = here.terminal.wrapping_sub(here.stretch);
         let [Ok(stretch), Ok(force), Ok(travel)] = [here.stretch, force, travel].map(i32::try_from) else {
             return;
@@ -252,7 +252,7 @@ impl Terminal {
         }
     }
 
-    /// Ends the flank that goes on: with the one before it, it makes a reversal.
+    /// Ends the present flank. With the one before it, it makes a reversal.
     fn part(&mut self) {
         let (before, after) = (self.before, self.flank);
         if before.side != 0 && after.side != 0 {

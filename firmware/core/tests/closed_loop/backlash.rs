@@ -1,10 +1,10 @@
-//! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
+//! Backlash by either route: correct where there is a value, and withheld for the right reason where there is none.
 
 use crate::rig::{self, exact, instruments, raw};
 use inerter_core::{BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State};
 use inerter_plant::{Excitation, Flank, Inerter, Sensors, Simulation};
 
-/// Settings of a device calibrated against these instruments, its stiffness known to 0.1 %.
+/// Settings of a device calibrated against these instruments, with its stiffness known to 0.1 %.
 fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings { stiffness_u95_n_per_m: 1e-3 * device.stiffness_n_per_m, ..exact(rig::calibrated(device, sensors)) }
 }
@@ -13,7 +13,7 @@ fn worn(backlash_m: f64) -> Inerter {
     Inerter { backlash_m, ..Inerter::paper() }
 }
 
-/// What the estimator says of these samples.
+/// The estimator's results for these samples.
 fn listen(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> (Detail, Vec<Reversal>) {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
@@ -46,7 +46,7 @@ fn reason(detail: &Detail) -> Option<Reason> {
     }
 }
 
-/// The middle of each flight, as told, lies in the flight: by the force, and with the sensor to half a block.
+/// The reported middle of each flight lies in the flight: by the force, and with the sensor to within half a block.
 #[test]
 fn reversals_are_where_the_flanks_part() {
     let device = worn(200e-6);
@@ -74,7 +74,7 @@ fn standstill_changes_nothing() {
     let (before, _) = listen(&settings, samples.iter().copied().take(11_000));
     let (after, _) = listen(&settings, samples);
     assert!(covers(&before, 50e-6), "{before:?}");
-    // The blocks of the terminal's route go on: a contact at rest is a contact.
+    // The blocks of the terminal's route continue: a contact at rest is still a contact.
     assert!(covers(&after, 50e-6), "{after:?}");
     let without = Settings { terminal_sensor: false, ..settings };
     let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
@@ -83,7 +83,7 @@ fn standstill_changes_nothing() {
     assert_eq!((before.backlash, before.contact, reversals_before), (after.backlash, after.contact, reversals_after));
 }
 
-/// Neither the encoder's place nor the signs of the scales change a bit.
+/// Neither the encoder's zero nor the signs of the scales change a bit.
 #[test]
 fn wrapping_and_direction_change_nothing() {
     let device = worn(20e-6);
@@ -91,7 +91,7 @@ fn wrapping_and_direction_change_nothing() {
     let plain = sensing(&settings(&device, &sensors));
     let samples = shaken(&device, "mid", 8.0, &sensors);
     let expected = listen(&plain, samples.iter().copied());
-    // One run of twenty lies outside of its interval.
+    // One run of twenty lies outside its interval.
     let known = expected.0.backlash.known().unwrap();
     assert!((f64::from(known.value) - 20e-6).abs() < 2.0 * f64::from(known.u95), "{expected:?}");
     let moved = samples.iter().map(|sample| RawSample {
@@ -142,7 +142,7 @@ fn lost_and_saturated_samples_cost_reversals_and_not_the_truth() {
     }
 }
 
-/// A load that outweighs the motion keeps to one flank, also when the estimator takes it for an offset.
+/// A load that outweighs the motion stays on one flank, even if the estimator takes it for an offset.
 #[test]
 fn a_one_sided_load_is_no_backlash() {
     let device = worn(100e-6);
@@ -175,8 +175,8 @@ fn what_is_missing_is_named() {
     assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
 }
 
-/// Flanks that meet again and again are seen, as often as the plant lets them, and do not make a number; a landing that
-/// rings and holds is none of them.
+/// Flanks that meet again and again are detected, as often as the plant makes them, and give no value. A landing that
+/// rings and holds is not one of them.
 #[test]
 fn bounces_are_those_of_the_plant() {
     // At each turn of the shaker one landing is a reversal, more are bounces.
@@ -217,7 +217,7 @@ fn bounces_are_those_of_the_plant() {
     }
 }
 
-/// A heavy structure on the load cell does not pass for a flank while the terminal flies.
+/// With a heavy structure on the load cell, the terminal's flight does not count as a flank.
 #[test]
 fn a_heavy_structure_is_no_flank() {
     for part in [0.1, 0.2, 0.3] {
@@ -235,7 +235,7 @@ fn a_heavy_structure_is_no_flank() {
             let plain = settings(&device, &sensors);
             let unknown = Settings { stiffness_n_per_m: 0.0, ..sensing(&plain) };
             let (sensed, _) = listen(&unknown, samples.iter().copied());
-            // What a structure of a fifth and more does to a light device at 15.9 Hz is not in the interval
+            // The effect of a structure of a fifth and more on a light device at 15.9 Hz is not in the interval
             // (docs/THEORY.md, Limits).
             let known = sensed.backlash.known().unwrap();
             let error = (f64::from(known.value) - 200e-6).abs();
@@ -244,7 +244,7 @@ fn a_heavy_structure_is_no_flank() {
             assert!(error < most, "{part} {motion}: {sensed:?}");
             let stiffness = f64::from(sensed.stiffness_n_per_m.fitted().value) / device.stiffness_n_per_m;
             assert!((stiffness - 1.0).abs() < 5e-3, "{part} {motion}: {stiffness}");
-            // By the force alone there is a true value or none.
+            // By the force alone, the value is right or there is none.
             let (by_force, _) = listen(&plain, samples);
             let holds = |known: Interval| (f64::from(known.value) - 200e-6).abs() < f64::from(known.u95);
             assert!(by_force.backlash.known().is_none_or(holds), "{part} {motion}: {by_force:?}");
@@ -252,7 +252,7 @@ fn a_heavy_structure_is_no_flank() {
     }
 }
 
-/// A damping that is a fifth wrong, of which no interval knows, moves the backlash by half a micrometre at most.
+/// A damping that is wrong by a fifth, which no interval includes, moves the backlash by half a micrometre at most.
 #[test]
 fn a_wrong_damping_moves_little() {
     let device = worn(100e-6);
@@ -273,7 +273,7 @@ fn a_wrong_damping_moves_little() {
     }
 }
 
-/// A stiffness that is wrong by its uncertainty moves the backlash by no more than the interval says.
+/// A stiffness that is wrong by its uncertainty moves the backlash by no more than its interval.
 #[test]
 fn the_stiffness_is_in_the_interval() {
     let device = worn(200e-6);
@@ -292,7 +292,7 @@ fn the_stiffness_is_in_the_interval() {
     }
 }
 
-/// A single one that differs is seen as such: the backlash of each is its own.
+/// A single reversal that differs is reported as such: each has its own backlash.
 #[test]
 fn a_backlash_that_grows_on_the_way_grows_in_the_records() {
     let sensors = instruments(3);
@@ -313,7 +313,7 @@ fn a_backlash_that_grows_on_the_way_grows_in_the_records() {
     assert!((grown - 10e-6).abs() < 0.5e-6, "{grown}");
 }
 
-/// Where flanks bounce from the first on, there are too few reversals to trust, and that is why.
+/// Where flanks bounce from the start, there are too few reversals for a value, and this is the reason given.
 #[test]
 fn flanks_that_bounce_leave_scattered_reversals() {
     let sensors = instruments(1);

@@ -1,5 +1,5 @@
-//! What an interval is made of, against the same in f64 (`textbook`), against the plant, and against runs in which a
-//! cause is there.
+//! The parts of an interval, against the same in f64 (`textbook`), against the plant, and against runs that contain a
+//! cause.
 
 use crate::rig::{self, calibrated, four, instruments, is_near, listen, off, shaken, three, truth};
 use crate::textbook::{Kernel, Rows, Scatter, budgets, fit, moved};
@@ -8,7 +8,7 @@ use inerter_core::{
 };
 use inerter_plant::{Inerter, Sensors};
 
-/// Everything stated, a memory longer than any run here.
+/// All uncertainties stated, a memory longer than any run here.
 fn stated(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings {
         force_gain_u95: 0.004,
@@ -51,7 +51,7 @@ const SOURCES: [Source; 8] = [
     Source::Stiffness,
 ];
 
-/// One run, and the bank that tells of it.
+/// One run, and the bank that is published.
 struct Rig {
     motion: &'static str,
     device: Inerter,
@@ -60,8 +60,8 @@ struct Rig {
     bank: Bank,
 }
 
-/// Runs whose intervals are made of different things: noise; steps that repeat, or are coarse, or slow; many readings;
-/// a gap; a contact of unknown stiffness.
+/// Runs whose intervals have different parts: noise; steps that repeat, or are coarse, or slow; many readings; a gap; a
+/// contact of unknown stiffness.
 fn rigs() -> Vec<Rig> {
     let usual = instruments(5);
     let paper = Inerter::paper();
@@ -135,7 +135,7 @@ fn every_part_of_every_interval_is_that_of_the_theory() {
     }
 }
 
-/// A memory that has not yet forgotten knows what the whole run knows.
+/// A memory that has not yet forgotten anything knows what the whole run knows.
 #[test]
 fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
     for rig in rigs() {
@@ -156,8 +156,8 @@ fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
     }
 }
 
-/// What the parameters move by when the updates near rest are left out, beyond chance; nothing else is of the model
-/// here.
+/// What the parameters move by, beyond chance, when the updates near rest are left out. Nothing else contributes to the
+/// model's part here.
 #[test]
 fn what_moves_without_the_updates_near_rest_is_the_models_part() {
     let mut seen = 0;
@@ -180,7 +180,7 @@ fn what_moves_without_the_updates_near_rest_is_the_models_part() {
                 let found = f64::from(budget.given_u95(Source::Model));
                 let error = f64::from(budget.standard_error());
                 seen += u32::from(wanted > 0.1 * error);
-                // A difference of what is nearly the same is known to a part of its standard error.
+                // A difference of nearly equal values is known to a fraction of its standard error.
                 let near = (found - wanted).abs() <= 0.02 * wanted + 0.05 * error;
                 assert!(near, "{motion} {seed}: {found} for {wanted}");
             }
@@ -189,7 +189,7 @@ fn what_moves_without_the_updates_near_rest_is_the_models_part() {
     assert!(seen > 10, "{seen}");
 }
 
-/// Noise of the force through the kernel is what the residual has, and what the law is judged by.
+/// Force noise through the kernel explains the residual, and the law is judged by it.
 #[test]
 fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
     for (rate_hz, noise_n, count_m) in
@@ -211,7 +211,7 @@ fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
         let misfit = heard.last.law.misfit.unwrap();
         assert_eq!(heard.last.law.status, LawStatus::Holds, "{what}");
         is_near(f64::from(misfit.ratio), 1.0, 0.12, &what);
-        // Of n observations, and of what is left of one difference of the force for each update.
+        // By n observations, and by what is remembered of one difference of the force per update.
         let updates = f64::from(heard.last.estimate.updates);
         let observations = updates / (2.0 * 2.09);
         let differences = 2048.0 * (1.0 - (1.0 - 1.0 / 2048.0_f64).powf(updates));
@@ -222,7 +222,7 @@ fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
     }
 }
 
-/// Values scatter by what is said to scatter: neither less nor much more.
+/// Values scatter by as much as their stated scatter: not less, and not much more.
 #[test]
 fn values_scatter_by_their_budget() {
     for (motion, count_m) in [("random", 2.44e-6), ("random", 20e-6), ("mid", 2.44e-6)] {
@@ -248,7 +248,7 @@ fn values_scatter_by_their_budget() {
     }
 }
 
-/// Parameters without the offset, of the same samples under other settings.
+/// Parameters without the offset, from the same samples under other settings.
 fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
     three(&listen(settings, samples).last.estimate.whole_run).map(|found| f64::from(found.fitted().value))
 }
@@ -256,12 +256,12 @@ fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
 /// Makes a setting wrong by its half width, one way or the other.
 type Wrong = fn(&mut Settings, f64);
 
-/// A setting that is wrong by its half width moves each parameter by its part of the budget, in all sources that the
+/// A setting that is wrong by its half width moves each parameter by its part of the budget, for all sources that the
 /// settings state.
 #[test]
 fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     let device = Inerter::paper();
-    // Fine counts: signs stay where they are.
+    // Fine counts: signs do not move.
     let sensors = Sensors { metres_per_count: 1e-7, force_noise_n: 0.2, ..instruments(2) };
     let samples = shaken(&device, "random", 20.0, &sensors);
     let right = stated(&device, &sensors);
@@ -309,8 +309,8 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     }
 }
 
-/// An exact fit is uncertain by its rounding: half a code, the steps at their greatest, and half a unit of each
-/// regressor, were all of it alike to one regressor.
+/// An exact fit is uncertain by its rounding: half a code, the greatest error of the steps, and half a unit of each
+/// regressor, if all of it resembled one regressor.
 #[test]
 fn an_exact_fit_is_uncertain_by_its_rounding() {
     for (newtons_per_code, force_of_bend, full_scale) in

@@ -1,5 +1,5 @@
-//! Both routes to the backlash by their intervals: what each part stands for, and how far single reversals and whole
-//! runs scatter.
+//! The intervals of both routes to the backlash: what each part stands for, and how far single reversals and whole runs
+//! scatter.
 
 use crate::rig::{calibrated, exact, instruments, is_near, listen, shaken};
 use inerter_core::{Budget, Contact, Detail, Interval, NORMAL_COVERAGE, RawSample, Reversal, Route, Settings, Source};
@@ -14,7 +14,7 @@ fn apart(seed: u64) -> Sensors {
     Sensors { sample_rate_hz: 1000.123, ..instruments(seed) }
 }
 
-/// By the force alone, or by the sensor alone, as no stiffness is set.
+/// By the force alone, or by the sensor alone, because no stiffness is set.
 fn by(route: Route, settings: &Settings) -> Settings {
     match route {
         Route::Force => Settings { terminal_sensor: false, ..*settings },
@@ -42,7 +42,7 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
         value(detail.contact_damping_n_s_per_m.known()),
     ];
     let budgets = [contact.backlash_m, contact.stiffness_n_per_m, contact.damping_n_s_per_m];
-    // Where there is a value there is a budget, and the one is of the other.
+    // Where there is a value there is a budget, and the two agree.
     let u95s = [detail.backlash.known().map(|known| known.u95)].into_iter().chain(
         [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m].map(|all| all.known().map(|known| known.u95)),
     );
@@ -55,7 +55,7 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
 /// Makes a setting wrong by its half width, one way or the other.
 type Wrong = fn(&mut Settings, f64);
 
-/// A stiffness, a force or a count that is wrong by what is stated moves the backlash by its part.
+/// A stiffness, a force or a count that is wrong by its stated uncertainty moves the backlash by its part.
 #[test]
 fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
     for (motion, backlash_m) in [("random", 100e-6), ("mid", 200e-6), ("slow", 50e-6)] {
@@ -91,7 +91,7 @@ fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
     }
 }
 
-/// The encoder keeps two fifths of a count in it, and where strokes come again their reversals' own noise as far as it
+/// The encoder keeps a part of two fifths of a count and, where strokes recur, the reversals' own noise as far as it
 /// repeats.
 #[test]
 fn the_encoders_part_of_a_backlash_is_of_its_count() {
@@ -111,14 +111,15 @@ fn the_encoders_part_of_a_backlash_is_of_its_count() {
     let found = told(&settings, &shaken(&device, "mid", 20.0, &sensors));
     let count = found.reversals.len() as f64;
     assert!(found.repeats > 4.0 && count > 100.0, "{} {count}", found.repeats);
-    // Weighted by what each knows.
+    // Weighted by information.
     let own = count / found.reversals.iter().map(|each| f64::from(each.error_m).powi(-2)).sum::<f64>();
     let share = (found.repeats - 1.0) / f64::from(found.detail.backlash.reversals);
     let wanted = (0.4 * sensors.metres_per_count).hypot(f64::from(NORMAL_COVERAGE) * (own * share.min(1.0)).sqrt());
     is_near(f64::from(found.budgets[0].unwrap().given_u95(Source::Encoder)), wanted, 0.12, "one clock");
 }
 
-/// What scatters is the scatter of the reversals, each by its own error, over their number; each is of its own flight.
+/// The stated scatter is that of the reversals, each by its own error, over their number; each belongs to its own
+/// flight.
 #[test]
 fn reversals_scatter_by_their_own_error() {
     for (motion, backlash_m, least) in
@@ -158,7 +159,7 @@ fn reversals_scatter_by_their_own_error() {
     }
 }
 
-/// Backlash, stiffness and damping over many runs: within their intervals, which are no wider than they must be.
+/// Backlash, stiffness and damping over many runs: within their intervals, which are no wider than necessary.
 #[test]
 fn runs_scatter_within_their_intervals() {
     const RUNS: u64 = 12;
@@ -189,7 +190,7 @@ fn runs_scatter_within_their_intervals() {
     }
 }
 
-/// A displacement or force that is wrong by what is stated moves what the sensor tells by its part.
+/// A displacement or force that is wrong by its stated uncertainty moves the sensor's results by its part.
 #[test]
 fn what_a_wrong_setting_does_to_stiffness_and_damping_is_its_part() {
     for motion in ["random", "mid"] {
@@ -217,23 +218,23 @@ fn what_a_wrong_setting_does_to_stiffness_and_damping_is_its_part() {
         let moved = |[more, less]: [[f64; 3]; 2], i: usize| 0.5 * (more[i] - less[i]).abs();
         for i in 1..3 {
             is_near(moved(gain, i), given(i, Source::Gain), 0.05, &format!("{motion}: gain {i}"));
-            // Of the damping a false travel takes but the most.
+            // The false travel accounts only for most of the damping's shift.
             let part = if i == 1 { 0.1 } else { 0.6 };
             is_near(moved(lead, i), given(i, Source::Lead), part, &format!("{motion}: lead {i}"));
         }
-        // That of the side alone: what the stiffness moves by with it moves the backlash, too.
+        // The budget has the effect through the side alone; the shift of the stiffness moves the backlash, too.
         let ratio = moved(lead, 0) / given(0, Source::Lead);
         assert!((0.6..1.8).contains(&ratio), "{motion}: lead of the backlash: {ratio}");
         is_near(moved(skew, 2), given(2, Source::Skew), 0.03, &format!("{motion}: skew"));
         is_near(given(2, Source::Skew), 2e-6 * plain.values[1], 1e-3, motion);
-        // A force's scale is no length.
+        // The force's scale does not affect lengths.
         assert!(moved(gain, 0) < 0.02e-6 && given(0, Source::Gain) == 0.0, "{motion}");
-        // Blocks of 4 ms take half a percent from the damping at most.
+        // Blocks of 4 ms reduce the damping by half a percent at most.
         assert!(given(2, Source::Model) >= 0.005 * plain.values[2] * 0.999, "{motion}");
     }
 }
 
-/// Noise of the terminal weakens what it is multiplied by, and the interval holds what that leaves undecided.
+/// Noise of the terminal lowers the coefficients, and the interval includes the remaining uncertainty.
 #[test]
 fn a_noisy_terminal_keeps_its_stiffness_and_loses_its_damping() {
     let device = worn(100e-6);
@@ -251,14 +252,14 @@ fn a_noisy_terminal_keeps_its_stiffness_and_loses_its_damping() {
         }
     }
     assert!(widths[0] < widths[1] && 2.0 * widths[1] < widths[2] && widths[2] < 0.5, "{widths:?}");
-    // Where the noise is all there is, there is no value.
+    // Where the noise dominates, there is no value.
     let sensors = Sensors { terminal_noise_m: 1e-3, ..apart(5) };
     let settings = by(Route::Terminal, &exact(calibrated(&device, &sensors)));
     let found = told(&settings, &shaken(&device, "random", 10.0, &sensors));
     assert!(found.values.iter().all(|value| value.is_nan()), "{:?}", found.values);
 }
 
-/// Of both routes the narrower interval is told.
+/// Of both routes, the one with the narrower interval is published.
 #[test]
 fn the_better_route_is_told() {
     let device = worn(100e-6);
@@ -274,7 +275,7 @@ fn the_better_route_is_told() {
     }
 }
 
-/// A device in the mirror has the same contact, interval by interval.
+/// A mirrored device has the same contact, interval by interval.
 #[test]
 fn the_contact_in_the_mirror_is_the_same() {
     let device = worn(100e-6);
@@ -309,7 +310,8 @@ fn the_contact_in_the_mirror_is_the_same() {
     }
 }
 
-/// With the sensor a pattern of the encoder's steps counts as often as strokes come again, and a run has eight at most.
+/// With the sensor, a pattern of the encoder's steps counts as often as strokes recur; a run is assumed to have eight
+/// at most.
 #[test]
 fn patterns_of_steps_are_in_what_the_sensor_tells() {
     let device = worn(100e-6);
@@ -327,14 +329,14 @@ fn patterns_of_steps_are_in_what_the_sensor_tells() {
     for (one, two) in one_clock.into_iter().zip(two_clocks) {
         is_near(one / two, wanted, 0.05, "one clock over two");
     }
-    // A finer count has a part that is finer by as much.
+    // A finer count has a proportionally smaller part.
     let finer = Sensors { metres_per_count: 0.5 * apart(6).metres_per_count, ..apart(6) };
     for (fine, two) in of(finer, 16.0).0.into_iter().zip(two_clocks) {
         is_near(fine / two, 0.5, 0.05, "half a count");
     }
 }
 
-/// A lost sample costs the reversals that are under way, and the force's noise stays what it was.
+/// A lost sample costs the reversals in progress; the force's noise remains what it was.
 #[test]
 fn a_lost_sample_costs_few_reversals() {
     let device = worn(100e-6);

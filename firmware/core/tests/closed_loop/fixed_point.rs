@@ -33,7 +33,7 @@ fn pair_of(motion: &str, rate_hz: f64, metres_per_count: f64, change: impl Fn(&m
 #[track_caller]
 fn agrees(pair: &Pair, updates: u32) {
     assert!(pair.agrees(), "{:?}", pair.greatest);
-    // Two computations that share their rounding would not be two.
+    // If the two computations shared their rounding, they would not be independent.
     assert!(pair.greatest.iter().all(|greatest| *greatest > 0.0), "{:?}", pair.greatest);
     assert!(pair.updates() >= updates, "{} updates", pair.updates());
     assert!(pair.compared > 500, "{} values", pair.compared);
@@ -64,7 +64,7 @@ fn full_scales_far_from_what_comes() {
     agrees(&pair("random@60s;mid@60s", 1000.0, far), 10_000);
 }
 
-/// Where the fast bank is among the encoder's steps, and the slow bank's kernel is longer than the moves.
+/// For the case where the fast bank is among the encoder's steps, and the slow bank's kernel is longer than the moves.
 #[test]
 fn short_moves_in_coarse_counts() {
     let coarse = |settings: &mut Settings| settings.memory_s = 6.0;
@@ -94,7 +94,7 @@ fn solves_what_it_was_made_from() {
 
 #[test]
 fn inverts() {
-    // By the cofactors of the upper left block and the determinant.
+    // From the cofactors of the upper left block and the determinant.
     let determinant = 4.0 * 3.0 * 1e-6 - 2.0 * 2.0 * 1e-6 - 3.0 * 1e-6;
     let found = Cholesky::of(&MATRIX, 1e-12).unwrap().inverse_diagonal();
     assert!((found[0] - 3.0 * 1e-6 / determinant).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Samples that no device can be blamed for: each kind is told with its time, and nothing is published that they made.
+//! Samples that no device can cause: each kind is reported with its time, and nothing that they caused is published.
 
 use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{Estimate, LawStatus, RawSample, Settings, State, Status, Warning, WarningKind};
@@ -32,7 +32,7 @@ fn kinds(said: &Said) -> Vec<WarningKind> {
     said.warnings.iter().map(|warning| warning.kind).collect()
 }
 
-/// Of recent memory and whole run, the parameters that are given and are wrong by more than their interval.
+/// Of recent memory and whole run, the parameters that have a value and are wrong by more than their interval.
 fn wrong(device: &Inerter, said: &Said) -> usize {
     let of = |parameters| {
         let found = three(parameters).into_iter().zip(truth(device));
@@ -125,7 +125,7 @@ fn counts_that_slip_are_left_out() {
     }
 }
 
-/// A force within one code has no extreme that codes could pile up at, whichever of them is looked at.
+/// A force within one code has no extreme at which codes could pile up, whichever of them is examined.
 #[test]
 fn a_force_that_hardly_changes_is_not_clipped() {
     let settings = Settings::default();

@@ -1,10 +1,10 @@
-//! What must not depend on units, on what came before a reset, or on how a number is brought.
+//! Results must not depend on units, on what came before a reset, or on how a number is delivered.
 
 use crate::rig::{Heard, calibrated, four, instruments, listen, listen_on, shaken};
 use inerter_core::{Band, Bank, Contact, Interval, Parameter, Parameters, RawSample, Settings, Source, State};
 use inerter_plant::{Inerter, Sensors};
 
-/// Everything stated, with the terminal's sensor.
+/// All uncertainties stated, with the terminal's sensor.
 fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings {
         terminal_sensor: true,
@@ -105,8 +105,8 @@ fn scales(heard: &Heard, scaled: &Heard, length: f64, force: f64, part: f64) {
     assert_eq!(heard.reversals.len(), scaled.reversals.len());
 }
 
-/// Lengths and forces in other units, as far as 16 times or a sixteenth, change nothing but the unit; powers of two not
-/// a bit.
+/// Lengths and forces in other units, up to 16 times or down to a sixteenth, change nothing but the unit; powers of two
+/// do not change a bit.
 #[test]
 fn results_are_the_same_in_any_unit() {
     for (device, motion) in [
@@ -122,7 +122,7 @@ fn results_are_the_same_in_any_unit() {
             let scaled = listen(&in_units(&plain, length, force), &samples);
             scales(&heard, &scaled, length, force, 0.0);
         }
-        // Regressors are rounded otherwise.
+        // Regressors are rounded differently.
         for (length, force) in [(1.0, 3.0), (0.7, 1.0), (1.3, 0.9)] {
             let scaled = listen(&in_units(&plain, length, force), &samples);
             for (i, (a, b)) in
@@ -149,7 +149,7 @@ fn readings_that_agree_are_one() {
     let many = samples.iter().map(|sample| RawSample { position_count: 4 * sample.position_count, ..*sample });
     let many: Vec<RawSample> = many.collect();
     let four_times = listen(&Settings { oversampling: 4.0, ..plain }, &many);
-    // What is reckoned to the steps differs, and the value by half of it.
+    // The part attributed to the steps differs, and the value by half of it.
     for (one, many) in four(&one.last.estimate.whole_run).into_iter().zip(four(&four_times.last.estimate.whole_run)) {
         let (one, many) = (one.fitted(), many.fitted());
         assert!((one.value - many.value).abs() < 0.2 * one.u95, "{one:?} {many:?}");
@@ -164,13 +164,13 @@ fn readings_that_agree_are_one() {
     }
 }
 
-/// After a reset everything is as with a state that has seen nothing, to the bit, whatever came before.
+/// After a reset, everything is the same to the bit as with a state that has seen nothing, whatever came before.
 #[test]
 fn a_state_that_was_reset_is_a_fresh_one() {
     let device = Inerter { backlash_m: 50e-6, ..Inerter::paper() };
     let sensors = instruments(5);
     let samples = shaken(&device, "random@6s;hold@1s;mid@3s;slow@20s", 60.0, &sensors);
-    // Before: everything that leaves a trace, a change and a warning among it; where it ends is told by its length.
+    // Before: everything that leaves a trace, including a change and a warning; its length selects where it ends.
     let heavier = Inerter { inertance_kg: 400.0, backlash_m: 0.0, ..device };
     let mut before = shaken(&device, "random", 8.5, &sensors);
     before.extend(
@@ -207,14 +207,14 @@ fn a_state_that_was_reset_is_a_fresh_one() {
             }
         }
     }
-    // A state without settings is one that is reset.
+    // An empty state is ready after a reset.
     let active = plain.validate().unwrap();
     let mut empty = Box::new(State::empty());
     empty.reset(&active);
     assert_eq!(listen_on(active, empty, &samples).published, listen(&plain, &samples).published);
 }
 
-/// A state that was reset before the first sample knows nothing.
+/// A state that is reset before its first sample knows nothing.
 #[test]
 fn a_fresh_state_says_nothing() {
     let active = Settings::default().validate().unwrap();

@@ -1,4 +1,4 @@
-//! Where there is no value, and when there begins to be one; what is said of friction and of the law when they are
+//! Where there is no value, and from when on there is one; what is reported of friction and of the law when they are
 //! disturbed.
 
 use crate::rig::{calibrated, changing, exact, four, instruments, listen, off, shaken, statuses, three, truth};
@@ -11,7 +11,7 @@ use Status::{NotIdentifiable, Ok as Known};
 fn by(settings: &Settings, duration_s: f64, at: impl Fn(f64) -> (f64, f64)) -> Vec<RawSample> {
     let samples = (0..(duration_s * settings.sample_rate_hz) as u32).map(|index| {
         let (position_m, force_n) = at(f64::from(index) / settings.sample_rate_hz);
-        // Noise, so that nothing is exact: the fraction of a multiple of the golden ratio is as good as any.
+        // Noise, so that nothing is exact: the fraction of a multiple of the golden ratio suffices.
         let noise = (f64::from(index) * 0.618_033_988_7).fract() + (f64::from(index) * 0.414_213_562).fract() - 1.0;
         RawSample {
             index,
@@ -23,7 +23,7 @@ fn by(settings: &Settings, duration_s: f64, at: impl Fn(f64) -> (f64, f64)) -> V
     samples.collect()
 }
 
-/// A motion without acceleration tells no inertance, one way no friction, at one speed not which.
+/// Without acceleration there is no inertance, in one direction no friction, and at one speed no kind of friction.
 #[test]
 fn what_a_motion_leaves_open_has_no_value() {
     let settings = exact(Settings::default());
@@ -32,11 +32,11 @@ fn what_a_motion_leaves_open_has_no_value() {
         assert!(heard.last.estimate.updates > 500, "{}", heard.last.estimate.updates);
         (statuses(&heard.last.estimate.whole_run), heard.last)
     };
-    // Steadily one way: the force is friction and offset in one.
+    // Steadily one way: the force is friction and offset together.
     let (steady, last) = of(&|t| (0.02 * t, 60.0));
     assert_eq!(steady, [NotIdentifiable; 4]);
     assert!(last.estimate.moving);
-    // Ever faster one way: what is of the speed is known, and of the rest the sum alone.
+    // Ever faster one way: what depends on the speed is known, and of the rest only the sum.
     let sine = |hz: f64, t: f64| (std::f64::consts::TAU * hz * t).sin_cos();
     let (one_way, last) = of(&|t| {
         let ((sin, cos), (slow, less)) = (sine(2.0, t), sine(0.31, t));
@@ -50,7 +50,7 @@ fn what_a_motion_leaves_open_has_no_value() {
     for (parameter, truth) in four(&last.estimate.whole_run).into_iter().zip([200.0, 90.0]) {
         assert!(off(parameter, truth).abs() < 1.0, "{parameter:?} for {truth}");
     }
-    // The same to and fro has all.
+    // The same to and fro identifies everything.
     let (both, last) = of(&|t| {
         let ((sin, cos), (slow, less)) = (sine(2.0, t), sine(0.31, t));
         let (w, u) = (std::f64::consts::TAU * 2.0, std::f64::consts::TAU * 0.31);
@@ -69,7 +69,8 @@ fn what_a_motion_leaves_open_has_no_value() {
     assert_eq!(statuses(&heard.last.estimate.whole_run), [NotIdentifiable; 4]);
 }
 
-/// Nothing is said of under eight observations, and a value given before friction is judged is known to half of itself.
+/// Fewer than eight observations give no result, and a value given before friction is judged is known to half of
+/// itself.
 #[test]
 fn values_begin_with_the_eighth_observation() {
     let device = Inerter::paper();
@@ -100,12 +101,12 @@ fn values_begin_with_the_eighth_observation() {
     }
 }
 
-/// Settings whose recent memory is so short forget a device within it; the whole run never does.
+/// A short recent memory forgets a device within its own length; the whole run never does.
 #[test]
 fn the_recent_memory_is_as_long_as_it_is_set() {
     let device = Inerter::paper();
     let sensors = instruments(4);
-    // 1.2 %, which is drift and no change.
+    // 1.2 %, which is drift and not a change.
     let heavier = Inerter { inertance_kg: 1.012 * device.inertance_kg, ..device };
     let samples = changing(&device, vec![(12.0, heavier)], "random", 18.0, &sensors);
     for memory_s in [2.0, 4.0, 8.0] {
@@ -120,7 +121,7 @@ fn the_recent_memory_is_as_long_as_it_is_set() {
             [estimate.recent, estimate.whole_run]
                 .map(|all| f64::from(all.inertance_kg.fitted().value) / device.inertance_kg - 1.0)
         };
-        // An exponential memory of so many seconds, with the delay of kernel and gate.
+        // An exponential memory of this many seconds, with the delay of kernel and gate.
         let [recent, whole] = at(16.0);
         let wanted = 0.012 * (1.0 - (-(16.0 - 12.0 - 0.06) / memory_s).exp());
         assert!((recent - wanted).abs() < 0.0015, "{memory_s} s: {recent} for {wanted}");
@@ -128,8 +129,8 @@ fn the_recent_memory_is_as_long_as_it_is_set() {
     }
 }
 
-/// Changes that matter are found with what they are, and less than 2 % of inertance or a tenth of dry friction is
-/// drift.
+/// Changes that matter are found, with the parameter that changed. Less than 2 % of inertance or a tenth of dry
+/// friction is drift.
 #[test]
 fn a_change_that_matters_is_found_and_drift_is_not() {
     let paper = Inerter::paper();
@@ -185,7 +186,7 @@ fn a_change_that_matters_is_found_and_drift_is_not() {
     assert!((change.after - change.before - 15.0).abs() < 1.0, "{change:?}");
 }
 
-/// Until six blocks have told how blocks scatter, only three times what matters is a change.
+/// Until six blocks have shown how blocks scatter, only three times what matters is a change.
 #[test]
 fn a_small_change_waits_until_it_is_known_how_blocks_scatter() {
     let paper = Inerter::paper();
@@ -196,13 +197,13 @@ fn a_small_change_waits_until_it_is_known_how_blocks_scatter() {
         let heard = listen(&settings, &changing(&paper, vec![(2.6, after)], "random", 8.0, &sensors));
         heard.changes.iter().map(|change| (change.parameter, change.index)).collect::<Vec<_>>()
     };
-    // The memory follows what is not yet told from scatter; later as much is a change.
+    // The memory follows what cannot yet be distinguished from scatter; later, as much is a change.
     assert_eq!(found(0.045), []);
     let [(Changed::Inertance, at)] = found(0.12)[..] else { panic!("{:?}", found(0.12)) };
     assert!((2600..4400).contains(&at), "{at}");
 }
 
-/// Where friction is viscous throughout, what matters of it is three tenths.
+/// Where friction is viscous throughout, a change of three tenths of it matters.
 #[test]
 fn a_small_change_of_great_viscous_friction_is_drift() {
     let paper = Inerter { viscous_n_s_per_m: 4000.0, coulomb_n: 20.0, ..Inerter::paper() };
@@ -216,8 +217,8 @@ fn a_small_change_of_great_viscous_friction_is_drift() {
     }
 }
 
-/// A machine whose offset goes to and fro scatters so, and is no other machine; one that has been steady and does the
-/// same, is.
+/// A machine whose offset goes to and fro scatters that way, and does not change. One that was steady and then does the
+/// same has changed.
 #[test]
 fn what_a_machine_always_does_is_no_change() {
     let device = Inerter::paper();
@@ -253,8 +254,8 @@ fn a_change_of_friction_is_found_in_slow_motion() {
     assert!((60_000..76_000).contains(&change.index), "{change:?}");
 }
 
-/// A blow before friction is known is forgotten once the law is judged; one that comes later stays, and what it breaks
-/// is told.
+/// A blow before friction is known is forgotten once the law is judged; a later one stays, and that it breaks the law
+/// is reported.
 #[test]
 fn a_blow_at_the_beginning_is_forgotten_once() {
     let device = Inerter::paper();
@@ -285,13 +286,13 @@ fn a_blow_at_the_beginning_is_forgotten_once() {
     let ends: Vec<LawStatus> = heard.published.iter().skip(32).map(|published| published.law.status).collect();
     assert!(ends.contains(&LawStatus::Broken), "{ends:?}");
     assert!(clean.published.iter().skip(15).all(|published| published.law.status == LawStatus::Holds));
-    // What breaks the law widens.
+    // What breaks the law widens the intervals.
     let wide = [&heard, &clean].map(|heard| heard.last.estimate.whole_run.inertance_kg.u95());
     assert!(wide[0] > 2.0 * wide[1], "{wide:?}");
 }
 
-/// Pickup that no law has breaks it, in a motion that hides friction as well: not at once, since the beginning may be
-/// why.
+/// Pickup that follows no law breaks it, also in a motion that hides friction: not at once, because the beginning may
+/// be the cause.
 #[test]
 fn what_goes_on_breaking_the_law_is_told_in_a_tone_too() {
     let device = Inerter::paper();

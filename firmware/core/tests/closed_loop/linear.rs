@@ -1,4 +1,4 @@
-//! Small symmetric systems in f64, as a textbook does them: what the fixed-point solution is held against.
+//! Small symmetric systems in f64, as in a textbook: the fixed-point solution is compared with them.
 
 /// Lower factor `L` of a symmetric positive definite matrix that was first scaled to a unit diagonal.
 #[derive(Clone, Copy, Debug)]
@@ -8,7 +8,7 @@ pub struct Cholesky<const N: usize> {
 }
 
 impl<const N: usize> Cholesky<N> {
-    /// Factorises; nothing when the matrix is not positive definite within `least` of its diagonal.
+    /// Factorises; `None` if the matrix is not positive definite within `least` of its diagonal.
     pub fn of(matrix: &[[f64; N]; N], least: f64) -> Option<Self> {
         let scale: [f64; N] = std::array::from_fn(|i| matrix[i][i].sqrt().recip());
         let mut lower = [[0.0; N]; N];

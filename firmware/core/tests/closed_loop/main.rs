@@ -1,9 +1,9 @@
-//! The estimator as a whole, on a simulated inerter whose truth is known: what `cargo test -p inerter-core` holds of
-//! it.
+//! The estimator as a whole, on a simulated inerter whose truth is known: the part of this that
+//! `cargo test -p inerter-core` runs.
 //!
-//! Each test compares with something that was not made by core: the plant's truth, a motion by formula, the same
+//! Each test compares with something that core did not compute: the plant's truth, a motion by formula, the same
 //! computation in f64 (`reference`, `textbook`), or another run that differs in a known way. Nothing is compared with
-//! what core once said. Grids of motions, seeds and rigs, and recordings of real machines, are in `tests` (crate
+//! earlier results of core. Grids of motions, seeds and rigs, and recordings of real machines, are in `tests` (crate
 //! `inerter-tests`).
 
 mod backlash;

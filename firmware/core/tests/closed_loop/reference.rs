@@ -1,9 +1,9 @@
-//! The estimator from the regressors on, as a textbook writes it in f64.
+//! The estimator from the regressors on, in f64, as in a textbook.
 //!
-//! The regressors themselves are integers that core's tests hold to the direct convolution bit by bit. Here they are
-//! read back from the exact sums that core publishes: what a sum grew by in one update is a product of two regressors,
-//! and one of the regressors is the constant. Averages, sums, solution and choice of bank are computed anew, in SI,
-//! with nothing of core's but the settings.
+//! The regressors themselves are integers; core's tests compare them with the direct convolution bit by bit. Here they
+//! are read back from the exact sums that core publishes: the growth of a sum in one update is a product of two
+//! regressors, and one of the regressors is the constant. Averages, sums, solution and choice of bank are computed
+//! independently, in SI, using only the settings from core.
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Estimate, Parameters, RawSample, Settings, State, Status};
@@ -21,7 +21,7 @@ struct Memory {
     bank: Bank,
     /// Updates in the memory.
     horizon: f64,
-    /// Mean square of what the encoder's steps put into the acceleration.
+    /// Mean square of the encoder's steps in the acceleration.
     steps: f64,
     updates: u32,
     /// Column of the constant in core's sums, as last read.
@@ -47,7 +47,7 @@ impl Memory {
         Self { bank, horizon, steps, updates: 0, column: [0; REGRESSORS], average: zero, sum: zero }
     }
 
-    /// Takes what core has taken since the last call: one update at most.
+    /// Takes what core has taken since the last call: at most one update.
     fn follow(&mut self, active: &Active, state: &State) {
         let sums = active.sums(state, self.bank);
         if sums.updates == self.updates {
@@ -71,7 +71,7 @@ impl Memory {
     }
 
     /// `[mt with the structure, cf, fc, F0]`.
-    /// With so much of the acceleration's square taken for the encoder's steps.
+    /// With this much of the acceleration's square attributed to the encoder's steps.
     fn solve(matrix: &Matrix, steps: f64) -> Option<[f64; 4]> {
         let mut inner: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column]));
         inner[0][0] -= steps;
@@ -93,7 +93,7 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Two that have seen nothing.
+    /// Both, having seen nothing.
     pub fn new(settings: &Settings) -> Result<Self, inerter_core::SettingsError> {
         let active = settings.validate()?;
         let state = Box::new(State::new(&active));
@@ -129,8 +129,8 @@ impl Pair {
         self.note(&estimate.whole_run, whole);
     }
 
-    /// The solution of the bank that the acceleration's mean square speaks for: in both, where it is neither clear of
-    /// the steps nor among them, where what counts as among them is given.
+    /// The solution of the bank that the acceleration's mean square selects: of both, where it is neither clear of the
+    /// steps nor among them, if the limit of the latter is given.
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64), among: f64) -> Option<[f64; 4]> {
         let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
             let (matrix, count) = matrix(memory);
@@ -149,7 +149,7 @@ impl Pair {
     fn note(&mut self, found: &Parameters, reference: Option<[f64; 4]>) {
         let structure = self.active.settings().structure_mass_kg;
         let found = [&found.inertance_kg, &found.viscous_n_s_per_m, &found.coulomb_n, &found.offset_n];
-        // Core leaves out what it cannot tell apart; the textbook has no answer then.
+        // Core leaves out what it cannot distinguish; the textbook has no answer then.
         if found.iter().any(|parameter| parameter.u95().is_infinite()) {
             return;
         }
@@ -160,7 +160,7 @@ impl Pair {
             let reference = reference.map_or(f64::NAN, |values| values[i] - if i == 0 { structure } else { 0.0 });
             let difference = (f64::from(parameter.fitted().value) - reference).abs();
             self.compared += 1;
-            // What is not a number is a difference too.
+            // NaN counts as a difference, too.
             if difference.is_nan() || difference > self.greatest[i] {
                 self.greatest[i] = if difference.is_nan() { f64::INFINITY } else { difference };
             }

@@ -1,4 +1,4 @@
-//! What the kernels make of a motion by formula: each regressor of either bank in SI, its band, and the gate.
+//! What the kernels do to a motion given by a formula: each regressor of either bank in SI, its band, and the gate.
 
 use crate::rig::is_near;
 use crate::textbook::{Kernel, Rows};
@@ -18,13 +18,13 @@ fn at(tones: Tones, t_s: f64) -> [f64; 4] {
     })
 }
 
-/// What is left of a tone by four boxes of samples, and by the second difference that all others are matched to.
+/// What four boxes of samples leave of a tone, with the second difference to which all others are matched.
 fn gain(kernel: &Kernel, hz: f64, rate_hz: f64) -> f64 {
     let (half, samples) = (TAU * hz / 2.0 / rate_hz, kernel.box_s * rate_hz);
     ((samples * half).sin() / samples / half.sin()).powi(4) * (half.sin() / half).powi(2)
 }
 
-/// Updates that divide into whole periods.
+/// A number of updates that divides into whole periods.
 fn updates_in_whole_periods(kernel: &Kernel, hz: f64, rate_hz: f64) -> usize {
     let is_whole = |n: &usize| {
         let turns = *n as f64 * kernel.spacing / rate_hz * hz;
@@ -39,7 +39,7 @@ struct Seen {
     rows: Vec<[f64; 7]>,
 }
 
-/// A force that is so much of displacement, velocity and acceleration, with an offset.
+/// A force that is linear in displacement, velocity and acceleration, with an offset.
 fn seen(settings: &Settings, bank: Bank, tones: Tones, duration_s: f64, force: [f64; 4]) -> Seen {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
@@ -86,7 +86,7 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 let period = updates_in_whole_periods(&kernel, hz, sample_rate_hz);
                 let whole = seen.rows.len() / period * period;
                 let rows = &seen.rows[seen.rows.len() - whole..];
-                // Without noise what the gains are apart by breaks the law, once.
+                // Without noise, the mismatch of the gains breaks the law, once.
                 assert!(seen.rows.len() as f64 > 0.4 * duration_s / every, "{what}: {}", seen.rows.len());
                 let velocity = size * w * passed;
                 let reactance = spring - mass * w * w;
@@ -127,11 +127,11 @@ fn plus([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
     [a + c, b + d]
 }
 
-/// A load cell that bears a structure across a soft contact and is late: what is left in the force is the screw's, with
-/// the structure as if it moved with the screw.
+/// A load cell that bears a structure across a soft contact and is late: after correction, the force is the screw's,
+/// with the structure as if it moved with the screw.
 #[test]
 fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
-    // Of the structure's mass, stiffness, the contact's lag and the skew; 0 is a contact that nobody knows.
+    // Of the structure's mass, stiffness, the contact's lag and the skew; 0 is an unknown contact.
     for (structure_mass_kg, own_hz, lag_s, skew_s) in [
         (0.0, 0.0, 0.0, 0.0047),
         (0.0, 0.0, 0.0, -0.0012),
@@ -177,8 +177,8 @@ fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
             let what = format!(
                 "{structure_mass_kg} kg, {own_hz} Hz, {lag_s} s, late by {skew_s} s, {hz} at {sample_rate_hz} Hz"
             );
-            // With the acceleration goes the real part, with the velocity the imaginary one; of the force's rate it is
-            // the other way.
+            // The real part goes with the acceleration, the imaginary one with the velocity; for the force's rate it is
+            // the other way round.
             let product = |i: usize, k: usize, power: i32| 2.0 * mean(rows, i, k) / (passed * passed * w.powi(power));
             let found = [-product(4, 0, 2), product(4, 1, 1), product(5, 1, 2), product(5, 0, 3)];
             // The series of the force ends with the fourth derivative, that of its rate with the second.
@@ -222,7 +222,7 @@ fn the_band_is_that_of_the_tones() {
     }
 }
 
-/// Strokes of a tone of the same clock come again and again, and are told so.
+/// Strokes of a tone of the same clock recur, and are reported as such.
 #[test]
 fn strokes_that_come_again_are_counted() {
     let settings = Settings { metres_per_count: 1e-6, memory_s: 100.0, ..fine() };
@@ -242,7 +242,7 @@ fn strokes_that_come_again_are_counted() {
     is_near(f64::from(same.readings), 20_000.0, 0.02, "readings");
 }
 
-/// A rest teaches nothing: after it the sums stand where they stood, and the last value is held.
+/// Nothing is learnt at rest: after it the sums are unchanged, and the last value is held.
 #[test]
 fn rest_teaches_nothing() {
     for bank in [Bank::Fast, Bank::Slow] {
@@ -254,7 +254,7 @@ fn rest_teaches_nothing() {
         for index in 0..14_000_u32 {
             let t_s = f64::from(index.min(8000)) * 1e-3;
             let [x, v, a, _] = at(&[(3e-3, 2.3), (1e-3, 5.1)], t_s);
-            // From then on a brake holds it.
+            // From then on, a brake holds it.
             let force = if index < 8000 { 80.0 * a + 300.0 * v + 15.0 * v.signum() } else { 5.0 };
             let position_count = (x / 1e-6).round() as i32 + (index / 7 % 2) as i32;
             let force_code = (force / 1e-4).round() as i32;
@@ -262,7 +262,7 @@ fn rest_teaches_nothing() {
             updates.push(active.sums(&state, bank).updates);
             held.extend(output.estimate().map(|estimate| (index, estimate)));
         }
-        // What has been seen leaves the kernel and the delay of the gate.
+        // Time for what has been seen to leave the kernel and the delay of the gate.
         let settled = if bank == Bank::Fast { 8050 } else { 8100 };
         assert_eq!(updates[settled], updates[13_999], "{bank:?}");
         assert!(updates[7990] > 0 && updates[settled] - updates[7999] < 10);
@@ -282,7 +282,7 @@ fn rest_teaches_nothing() {
     }
 }
 
-/// Every product in the sums is that of two regressors, all over one kernel.
+/// Every product in the sums is that of two regressors, all through one kernel.
 #[test]
 fn sums_are_the_products_of_the_regressors() {
     for bank in [Bank::Fast, Bank::Slow] {
@@ -305,7 +305,7 @@ fn sums_are_the_products_of_the_regressors() {
                 place += 1;
             }
         }
-        // |v| is the velocity without its sign, but for the updates across a reversal.
+        // |v| is the velocity without its sign, except for the updates across a reversal.
         let differ = seen.rows.iter().filter(|row| (row[6] - row[1].abs()).abs() > 0.02 * row[1].abs()).count();
         assert!(seen.rows.iter().all(|row| row[6] > -1e-6) && 3 * differ < 2 * seen.rows.len(), "{bank:?}: {differ}");
         let (speed, velocity) = (mean(&seen.rows, 6, 6), mean(&seen.rows, 1, 1));

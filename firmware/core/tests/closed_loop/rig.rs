@@ -1,4 +1,4 @@
-//! Simulated devices and instruments, the settings that describe them, and what the estimator says of them.
+//! Simulated devices and instruments, the settings that describe them, and the estimator's results for them.
 
 use inerter_core::{
     Active, Change, Counters, Estimate, Interval, Parameter, Parameters, Published, RawSample, Reversal, Settings,
@@ -6,7 +6,7 @@ use inerter_core::{
 };
 use inerter_plant::{Excitation, Inerter, Plant, Sample, Sensors, Simulation};
 
-/// Motions of the grid, and how long each takes to show what it can \[s\].
+/// Motions of the grid, and the time that each needs \[s\].
 pub const MOTIONS: [(&str, f64); 6] =
     [("slow", 80.0), ("mid", 20.0), ("fast", 20.0), ("multi", 20.0), ("random", 20.0), ("two", 20.0)];
 
@@ -43,7 +43,7 @@ pub fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
     }
 }
 
-/// The same settings, which state to know everything exactly.
+/// The same settings, stated to be exact.
 pub fn exact(settings: Settings) -> Settings {
     Settings {
         force_gain_u95: 0.0,
@@ -51,13 +51,13 @@ pub fn exact(settings: Settings) -> Settings {
         timebase_u95: 0.0,
         skew_u95_s: 0.0,
         structure_mass_u95_kg: 0.0,
-        // 0 would be taken for 1 %.
+        // 0 would mean 1 %.
         stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
         ..settings
     }
 }
 
-/// The sample as a board hands it over.
+/// The sample as a board delivers it.
 pub fn raw(sample: &Sample) -> RawSample {
     RawSample {
         index: sample.index,
@@ -67,12 +67,12 @@ pub fn raw(sample: &Sample) -> RawSample {
     }
 }
 
-/// A device shaken for so long.
+/// A device shaken for this long.
 pub fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
     changing(device, Vec::new(), motion, duration_s, sensors)
 }
 
-/// The same, which becomes others at these times \[s\].
+/// The same, but it changes into others at these times \[s\].
 pub fn changing(
     device: &Inerter,
     later: Vec<(f64, Inerter)>,
@@ -85,7 +85,7 @@ pub fn changing(
     Simulation::of(plant, *sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect()
 }
 
-/// All that the estimator has said.
+/// All results of an estimator.
 pub struct Heard {
     pub active: Active,
     pub state: Box<State>,
@@ -93,7 +93,7 @@ pub struct Heard {
     pub reversals: Vec<Reversal>,
     pub warnings: Vec<Warning>,
     pub changes: Vec<Change>,
-    /// As it stands at the end.
+    /// As published at the end.
     pub last: Published,
 }
 
@@ -103,14 +103,14 @@ impl Heard {
     }
 }
 
-/// Shows the samples to an estimator with these settings.
+/// Runs the samples through an estimator with these settings.
 pub fn listen<'a>(settings: &Settings, samples: impl IntoIterator<Item = &'a RawSample>) -> Heard {
     let active = settings.validate().unwrap();
     let state = Box::new(State::new(&active));
     listen_on(active, state, samples)
 }
 
-/// The same with a state that may have seen something.
+/// The same with a state that may have seen samples before.
 pub fn listen_on<'a>(active: Active, mut state: Box<State>, samples: impl IntoIterator<Item = &'a RawSample>) -> Heard {
     let (mut published, mut reversals, mut warnings, mut changes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for sample in samples {
@@ -125,7 +125,7 @@ pub fn listen_on<'a>(active: Active, mut state: Box<State>, samples: impl IntoIt
     Heard { active, state, published, reversals, warnings, changes, last }
 }
 
-/// A value that is given is a number, and so is its interval.
+/// A value is finite, and so is its interval.
 pub fn is_sane(estimate: &Estimate) {
     for parameter in four(&estimate.recent).into_iter().chain(four(&estimate.whole_run)) {
         assert!(!parameter.fitted().value.is_nan() && !parameter.u95().is_nan(), "{parameter:?}");
@@ -153,18 +153,18 @@ pub fn three(parameters: &Parameters) -> [Parameter; 3] {
     [inertance, viscous, coulomb]
 }
 
-/// What the device truly is, in the same order.
+/// The true values of the device, in the same order.
 pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
 
-/// Error over the half width of the interval, of what is given.
+/// Error over the half width of the interval, for those that have a value.
 pub fn off(parameter: Parameter, truth: f64) -> f64 {
     let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
     (f64::from(value) - truth) / f64::from(u95)
 }
 
-/// Asserts that a number is as wanted within this part of it.
+/// Asserts that a number is as wanted within this fraction of it.
 #[track_caller]
 pub fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
     assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");

@@ -1,5 +1,4 @@
-//! What a rig does to a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any
-//! bytes.
+//! Disturbances of a measurement: discontinuities, saturation, wrapping counters, mirrored wiring, any rate, any bytes.
 
 use crate::rig::{self, four, is_sane};
 use inerter_core::{
@@ -45,7 +44,7 @@ fn run(settings: &Settings, samples: &[RawSample]) -> Outcome {
     Outcome { published, warnings, last, law, counters: state.counters() }
 }
 
-/// The whole run's inertance is given, covered by its interval, and within `part` of the truth.
+/// The whole run's inertance has a value, is covered by its interval, and is within `part` of the truth.
 #[track_caller]
 fn finds_inertance(outcome: &Outcome, part: f64) {
     let found = outcome.last.whole_run.inertance_kg;
@@ -73,7 +72,7 @@ fn one_percent_of_the_samples_lost() {
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
 
-/// To second order alone a force that is 5 ms late took 2.3 kg at 15.9 Hz.
+/// To second order alone, a force that is 5 ms late took 2.3 kg off the inertance at 15.9 Hz.
 #[test]
 fn a_stated_skew_of_any_size_is_undone() {
     for (sample_rate_hz, motion) in
@@ -100,14 +99,14 @@ fn a_stated_skew_of_any_size_is_undone() {
 fn a_discontinuity_is_counted_and_never_bridged() {
     let mut samples = samples(sensors(), "random@20s");
     samples.drain(7000..7500);
-    // The encoder lost its place meanwhile.
+    // The encoder lost its place in the meantime.
     for sample in &mut samples[7000..] {
         sample.position_count = sample.position_count.wrapping_add(1_000_000);
     }
     let outcome = run(&settings(&sensors()), &samples);
     finds_inertance(&outcome, 1e-3);
     assert_eq!((outcome.counters.discontinuities, outcome.counters.lost_samples), (1, 500));
-    // The same jump where no sample is missing is a slip: it is told, and not bridged either.
+    // The same jump where no sample is missing is a slip: it is reported, and not bridged either.
     for (n, sample) in samples.iter_mut().enumerate() {
         sample.index = n as u32;
     }
@@ -140,7 +139,7 @@ fn a_sample_twice_is_a_discontinuity_too() {
 
 #[test]
 fn saturated_peaks_are_left_out() {
-    // 400 N each way, where the motions take 600.
+    // 400 N each way, where the motions need 600.
     let limit = 200_000.0;
     let narrow = Sensors { force_min_code: -limit, force_max_code: limit, ..sensors() };
     let samples = samples(narrow, "mid@20s;random@20s");
@@ -173,7 +172,7 @@ fn force_at_its_limits_all_the_time_teaches_nothing() {
     }
 }
 
-/// The estimates without what says where in the stream they stand.
+/// The estimates, without their position in the stream.
 fn bits(outcome: &Outcome) -> Vec<Estimate> {
     outcome.published.iter().map(|estimate| Estimate { index: 0, ..*estimate }).collect()
 }
@@ -281,7 +280,7 @@ fn every_rate_from_50_hz_to_5_khz() {
     }
 }
 
-/// A value that the setting may have by itself, its ends among them.
+/// A value that the setting alone may have, including the ends of its range.
 fn any_setting(number: usize) -> impl Strategy<Value = f64> {
     let info = Settings::TABLE[number];
     let whole = info.kind == inerter_core::Kind::Whole;
@@ -302,7 +301,7 @@ fn any_setting(number: usize) -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Settings that are valid; what contradicts the others goes back to its default.
+/// Valid settings; one that contradicts the others returns to its default.
 fn any_settings() -> impl Strategy<Value = Settings> {
     (0..Settings::COUNT).map(any_setting).collect::<Vec<_>>().prop_map(|values| {
         let mut settings = Settings::default();
@@ -316,7 +315,7 @@ fn any_settings() -> impl Strategy<Value = Settings> {
     })
 }
 
-/// Sixteen bytes of anything, or a step from the sample before.
+/// Sixteen arbitrary bytes, or a step from the sample before.
 fn any_samples(most: usize) -> impl Strategy<Value = Vec<RawSample>> {
     let step = prop_oneof![
         6 => (Just(1_u32), -40..40_i32, -3000..3000_i32),
@@ -387,7 +386,7 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
         assert!((least_kg..=f64::from(found.u95())).contains(&off), "{motion}: {off} beyond {}", found.u95());
         let known = run(&exact, &samples).last.whole_run.inertance_kg;
         assert!(known.u95() < 0.2 * found.u95(), "{motion}: {known:?}");
-        // Friction takes its part of the structure's motion, and stays a value.
+        // Friction takes its part of the structure's motion, and still has a value.
         let Estimate { whole_run, .. } = run(&without, &samples).last;
         let Inerter { viscous_n_s_per_m, coulomb_n, .. } = Inerter::paper();
         for (found, truth) in [(whole_run.viscous_n_s_per_m, viscous_n_s_per_m), (whole_run.coulomb_n, coulomb_n)] {
@@ -398,7 +397,8 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
     }
 }
 
-/// Stated to 20 %: what that leaves in the residual is no broken law, and what friction takes of it is in its interval.
+/// Stated to 20 %: what that leaves in the residual does not break the law, and its effect on friction is in the
+/// interval.
 #[test]
 fn a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction() {
     let sensors = Sensors { force_noise_n: 0.3, metres_per_count: 0.5e-6, ..sensors() };
@@ -437,7 +437,7 @@ fn perfect() -> Settings {
     }
 }
 
-/// Counts and codes that hang together exactly, as no instrument's do.
+/// Counts and codes that depend on each other exactly, as no instrument's do.
 fn exact(amplitude: f64, frequency_hz: f64, force: impl Fn(i32, i32, i32) -> i32) -> Vec<RawSample> {
     let position = |n: i32| {
         let t_s = f64::from(n) * 1e-3;
@@ -488,7 +488,7 @@ fn an_exact_fit_has_an_interval_that_holds_the_mirrored_fit() {
                         assert!(difference < 1e-3 * here.u95(), "{what} at {frequency_hz} Hz, {i}: {here:?} {there:?}");
                     }
                 }
-                // A force that never changes says where it is within a code, and nothing of the device.
+                // A force that never changes shows its value to within a code, and nothing of the device.
                 if ["nothing", "one code", "a weight"].contains(&what) {
                     let [found @ .., offset] = four(&here);
                     assert!(found.iter().all(|found| found.status() == Status::NotIdentifiable), "{what}: {found:?}");

@@ -1,4 +1,4 @@
-//! What settings are valid, how they are told, and what is read from them at once.
+//! Which settings are valid, how they are reported, and what is derived from them.
 
 use inerter_core::{FrontEnd, Kind, Machine, RawSample, SettingInfo, Settings, SettingsError, State};
 
@@ -55,7 +55,7 @@ fn units_stand_at_the_ends_of_names() {
     }
 }
 
-/// Refused by itself, and with all others as they are.
+/// Refused alone, and with all others as they are.
 #[track_caller]
 fn refused(name: &'static str, value: f64) -> SettingsError {
     let error = { Settings::default() }.set_by_name(name, value).unwrap_err();
@@ -85,7 +85,7 @@ fn values_out_of_range_are_refused_and_the_ends_are_not() {
             assert_eq!(info.check(value).err().filter(|error| matches!(error, SettingsError::Zero { .. })), wanted);
         }
     }
-    // What is written to a field past its check is refused all the same.
+    // What is written to a field without its check is refused all the same.
     let settings = Settings { memory_s: f64::NAN, ..Settings::default() };
     assert_eq!(settings.validate().err(), Some(SettingsError::NotFinite { field: "memory_s" }));
     let settings = Settings { oversampling: 1.5, ..Settings::default() };
@@ -143,7 +143,7 @@ fn settings_that_contradict_each_other_are_refused_at_the_limit() {
     }
     let faster = Settings { sample_rate_hz: 2000.0, full_scale_velocity_m_per_s: 12.6, ..Settings::default() };
     assert_eq!(conflict(Settings { metres_per_count: 1e-10, ..faster }), None);
-    // A structure whose own frequency is 62.5 Hz, one over the box of 16 ms.
+    // A structure whose natural frequency is 62.5 Hz, one over the box of 16 ms.
     let structure = |structure_mass_kg, own_hz: f64| {
         let stiffness_n_per_m = structure_mass_kg * (own_hz * std::f64::consts::TAU).powi(2);
         conflict(Settings { structure_mass_kg, stiffness_n_per_m, ..Settings::default() })

@@ -1,5 +1,5 @@
-//! The report in f64: standard errors, budgets and what breaks the law, from the regressors as core took them, by the
-//! formulas of docs/THEORY.md, 6. Of core it has the regressors, which the exact sums tell, and what the settings say.
+//! The report in f64: standard errors, budgets and what breaks the law, by the formulas of docs/THEORY.md, 6. From core
+//! it uses only the regressors, which it reads back from the exact sums, and the settings.
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Motion, Settings, Source, State};
@@ -18,14 +18,14 @@ impl Rows {
         Self { bank, updates: 0, column: [0; 7], rows: Vec::new() }
     }
 
-    /// Takes what core has taken since the last call: one update at most.
+    /// Takes what core has taken since the last call: at most one update.
     pub fn follow(&mut self, active: &Active, state: &State) {
         let sums = active.sums(state, self.bank);
         if sums.updates == self.updates || sums.updates == 0 {
             return;
         }
         if sums.updates < self.updates {
-            // The memories have begun anew.
+            // The memories have restarted.
             *self = Self::new(self.bank);
         }
         assert_eq!(sums.updates, self.updates + 1, "one update at a time");
@@ -42,7 +42,7 @@ impl Rows {
     }
 }
 
-/// What a rig does to a bank's regressors.
+/// How a rig affects a bank's regressors.
 #[derive(Clone, Copy)]
 pub struct Kernel {
     /// Length of the box \[s\].
@@ -102,7 +102,7 @@ pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 7]>, kernel: &Kernel, ov
     let inverse = factor.inverse_diagonal();
     let errors = inverse.map(|inverse| (variance / observations * inverse).sqrt());
     let per_skew = factor.solve(&column(5));
-    // Noise in the acceleration weakens what it is multiplied by.
+    // Noise in the acceleration lowers its coefficient.
     let taken = factor.solve(&[kernel.steps, 0.0, 0.0, 0.0]);
     let all = taken.map(|by| plain[0] * by / (1.0 - taken[0]));
     let acceleration_squared = matrix[0][0] - kernel.steps;
@@ -120,12 +120,12 @@ pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 7]>, kernel: &Kernel, ov
     }
 }
 
-/// Variance of the sum of what the same counts make.
+/// Variance of a sum whose parts are caused by the same counts.
 fn together(one: f64, other: f64) -> f64 {
     (one.sqrt() + other.sqrt()).powi(2)
 }
 
-/// What scatters, per standard error.
+/// Scatter, per standard error.
 pub struct Scatter {
     pub noise_squared: f64,
     pub pattern: f64,
@@ -149,7 +149,7 @@ impl Scatter {
         let alike = f64::from(motion.low_squared / motion.frequency_squared).powi(4);
         let harmonics = (0.02 + 1.9 * y / (1.0 + 0.5 * y + 2.0 * y.powi(8))) * alike;
         let tone = harmonics * share * (repeats - 1.0);
-        // Reversals that come again are placed by the same counts, within a kernel of 15 or 5 ms on either side.
+        // Recurring reversals are placed by the same counts, within a kernel of 15 or 5 ms on either side.
         let count = settings.metres_per_count;
         let square = |half_s: f64| count * count / (6.0 * half_s.powi(3) * settings.sample_rate_hz);
         let greatest = 2.0 * f64::from(motion.acceleration_squared);
@@ -170,10 +170,11 @@ impl Scatter {
     }
 }
 
-/// Standard deviations of a normal distribution in a half width.
+/// Standard deviations of a normal distribution in a 95 % half width.
 const K: f64 = 1.959_964;
 
-/// Squared standard uncertainties of the four parameters by all sources but the model, in the order of [`Source::ALL`].
+/// Squared standard uncertainties of the four parameters by all sources except the model, in the order of
+/// [`Source::ALL`].
 pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motion) -> [[f64; 9]; 4] {
     let stated = |u95: f64| (u95 / K).powi(2);
     let [inertance, ..] = fit.values;
@@ -217,7 +218,7 @@ pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motio
             let curved = f64::from(motion.friction_in_curvature[i - 1]);
             let lag = settings.contact_damping_n_s_per_m * compliance;
             let per_compliance = mass * (curved + 2.0 * lag * high * fit.per_skew[i]);
-            // A contact of unknown stiffness gives the device an own frequency of 5 Hz at least.
+            // A contact of unknown stiffness gives the device a natural frequency of 5 Hz at least.
             let loosest = 1.5 / (inertance.abs() * high.max((std::f64::consts::TAU * 5.0).powi(2)));
             and(Source::Stiffness, stated(per_compliance * compliance_u95.min(loosest)));
         }
