@@ -1,7 +1,7 @@
-//! Name, label, symbol and unit of every number that a view can show.
+//! Name, label, symbol and unit of every quantity that a view can show.
 //!
-//! Tables, plots, exports and exchange formats take their words from here and from [`Settings::TABLE`], so that a
-//! quantity is called the same everywhere.
+//! Tables, plots, exports and exchange formats take their wording from here and from [`Settings::TABLE`], so that a
+//! quantity has the same name everywhere.
 //!
 //! [`Settings::TABLE`]: inerter_core::Settings::TABLE
 
@@ -11,11 +11,11 @@ use inerter_core::{Detail, Estimate, Machine, Parameter, Parameters, RawSample};
 /// Where a field belongs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Group {
-    /// An estimated parameter: stands in `recent` and in `whole_run`, each with value, U95 and status.
+    /// An estimated parameter: appears in `recent` and in `whole_run`, each with value, U95 and status.
     Parameter,
     /// The rest of an estimate.
     Estimate,
-    /// What goes with an estimate.
+    /// Data published with an estimate.
     Detail,
     /// A raw sample.
     Sample,
@@ -56,14 +56,14 @@ macro_rules! field {
 
 macro_rules! fields {
     ($($group:ident $path:literal, $label:literal, $symbol:literal, $unit:literal $(=> $($rotary:literal),+)?;)+) => {
-        /// Every quantity, as a linear machine has it.
+        /// Every quantity, as named for a linear machine.
         pub const FIELDS: &[Field] = &[$(field!($group, $path, $label, $symbol, $unit),)+];
-        /// The same of a rotary machine, in the same order.
+        /// The same for a rotary machine, in the same order.
         pub const ROTARY_FIELDS: &[Field] = &[$(field!($group, $path, $label, $symbol, $unit $(, $($rotary),+)?),)+];
     };
 }
 
-/// Units of a linear machine, each with what a rotary one has in its place.
+/// Units of a linear machine, each with its rotary counterpart.
 pub const ROTARY_UNITS: &[(&str, &str)] = &[
     ("N s/m", "N m s"),
     ("N/m", "N m/rad"),
@@ -76,11 +76,11 @@ pub const ROTARY_UNITS: &[(&str, &str)] = &[
     ("µm", "µrad"),
 ];
 
-/// Words in names of a linear machine, each with what a rotary one has in its place.
+/// Words in names for a linear machine, each with its rotary counterpart.
 pub const ROTARY_WORDS: &[(&str, &str)] =
     &[("inertance", "inertia"), ("mass", "inertia"), ("force", "torque"), ("position", "angle")];
 
-/// The unit that this machine has in the place of a linear one's.
+/// The unit that this machine has in place of a linear one's.
 pub fn unit(machine: Machine, linear: &'static str) -> &'static str {
     let rotary = || ROTARY_UNITS.iter().find(|(of_linear, _)| *of_linear == linear).map(|(_, rotary)| *rotary);
     match machine {
@@ -160,7 +160,7 @@ fields! {
     Measured "supervising_cycles", "Work: health, lamp, watchdog", "", "cycles";
 }
 
-/// The fields of one group as this machine has them, in the order of its type.
+/// The fields of one group as named for this machine, in the order of its type.
 pub fn fields(machine: Machine, group: Group) -> impl Iterator<Item = &'static Field> {
     let all = match machine {
         Machine::Linear => FIELDS,
@@ -169,7 +169,7 @@ pub fn fields(machine: Machine, group: Group) -> impl Iterator<Item = &'static F
     all.iter().filter(move |field| field.group == group)
 }
 
-/// One field as this machine has it, by its group and its path of a linear machine.
+/// One field as named for this machine, by its group and its path for a linear machine.
 pub fn find(machine: Machine, group: Group, path: &str) -> Option<&'static Field> {
     fields(Machine::Linear, group)
         .zip(fields(machine, group))
@@ -218,8 +218,8 @@ pub fn sample(sample: &RawSample) -> impl Iterator<Item = (&'static Field, f64)>
     ])
 }
 
-/// The figures that a board measured with their fields; those of a newer board, which this table does not have, are left
-/// out.
+/// The figures that a board measured, with their fields. Figures of a newer board that this table does not contain are
+/// left out.
 pub fn measured(measured: &Measured) -> impl Iterator<Item = (&'static Field, u32)> {
     measured.figures.iter().filter_map(|figure| {
         let field = fields(Machine::Linear, Group::Measured).nth(usize::from(figure.quantity))?;
@@ -227,7 +227,7 @@ pub fn measured(measured: &Measured) -> impl Iterator<Item = (&'static Field, u3
     })
 }
 
-/// The device's health with its fields; `None` where the device does not know.
+/// The device's health with its fields; `None` for what the device does not know.
 pub fn health(health: &Health) -> impl Iterator<Item = (&'static Field, Option<f64>)> {
     let Health {
         index,

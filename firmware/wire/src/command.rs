@@ -1,20 +1,20 @@
-//! What a host asks of a device.
+//! What a host requests of a device.
 
 use crate::messages::messages;
 use crate::{Measure, Play, Samples, SettingsValues};
 use serde::{Deserialize, Serialize};
 
-/// A command with the number that its reply will carry.
+/// A command with an id that its reply repeats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Request {
-    /// Chosen by the host; comes back in [`Reply::id`](crate::Reply::id).
+    /// Chosen by the host; the reply repeats it in [`Reply::id`](crate::Reply::id).
     pub id: u16,
     /// What to do.
     pub command: Command,
 }
 
 messages! {
-    /// What a device can be asked to do. Every command gets exactly one [`Reply`](crate::Reply).
+    /// What a device can be requested to do. Every command gets exactly one [`Reply`](crate::Reply).
     #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Command {
         0 Hello "Send the Hello record.";
@@ -37,7 +37,7 @@ messages! {
     }
 }
 
-/// Which records a device sends unasked.
+/// Which records a device sends without a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Streams {
     /// `Samples`: every raw sample.

@@ -24,7 +24,7 @@ static TABLE: [u32; 1 << BITS] = {
     table
 };
 
-/// A CRC-32 under way.
+/// A CRC-32 in progress.
 ///
 /// ```
 /// let mut crc = inerter_wire::Crc32::new();
@@ -39,7 +39,7 @@ impl Crc32 {
     /// The CRC of anything that ends with its own CRC, little-endian.
     pub const OF_INTACT: u32 = 0x2144_DF1C;
 
-    /// Of no bytes yet.
+    /// The CRC of no bytes yet.
     pub const fn new() -> Self {
         Self(u32::MAX)
     }

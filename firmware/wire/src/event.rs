@@ -3,20 +3,20 @@
 use crate::{Event, EventKind, Record};
 use inerter_core::{Change, Detail, Estimate, Law, Published, Reversal, Warning};
 
-/// An event of an estimator: of the one in a device, or of the one that replays a recording.
+/// An event of an estimator: the one in a device, or the one that replays a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EstimatorEvent {
     /// A reversal of the flanks was accepted.
     Reversal(Reversal),
     /// The device measured has changed.
     Changed(Change),
-    /// The samples show something that no device can be blamed for.
+    /// The samples show something that no device can cause.
     Warned(Warning),
-    /// An estimate with what goes with it.
+    /// An estimate with what was published with it.
     Estimate(Estimated),
 }
 
-/// An estimate with what goes with it, all of the same sample; a device with an older firmware sends less.
+/// An estimate with what was published with it, all for the same sample; a device with older firmware sends less.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimated {
     /// The parameters.
@@ -40,7 +40,8 @@ impl From<Published> for Estimated {
 }
 
 impl EstimatorEvent {
-    /// Index of the sample that the event belongs to. For a reversal it is the middle of the flight, before the latest sample.
+    /// Index of the sample that the event belongs to. For a reversal it is the middle of the flight, before the latest
+    /// sample.
     pub fn index(&self) -> u32 {
         match self {
             Self::Reversal(reversal) => reversal.index,
@@ -51,12 +52,13 @@ impl EstimatorEvent {
     }
 }
 
-/// Puts each estimate together with the records that go with it.
+/// Joins each estimate with the records that belong to it.
 ///
-/// A device sends `Law` and then `Detail` after its `Estimate`, with the same index; other records may stand between them, as
-/// they come from other tasks. `Detail` completes the estimate. An older firmware sends less, and a frame may be lost: what never
-/// gets its `Detail` is handed out without, when the estimator says the next thing or on [`flush`](Self::flush). What later versions
-/// add to an estimate is a further record before `Detail`: it gets a field in [`Estimated`].
+/// A device sends `Law` and then `Detail` after its `Estimate`, with the same index; other records may stand between
+/// them, as they come from other tasks. `Detail` completes the estimate. Older firmware sends less, and a frame may be
+/// lost: an estimate that never gets its `Detail` is handed out without it, with the estimator's next event or on
+/// [`flush`](Self::flush). What later versions add to an estimate is a further record before `Detail`, with a field in
+/// [`Estimated`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pairing {
     waiting: Option<Estimated>,
@@ -68,7 +70,8 @@ impl Pairing {
         Self { waiting: None }
     }
 
-    /// Takes the next record of one device; gives the events that are complete with it, in the order in which the device sent them.
+    /// Takes the next record of one device; returns the events that are complete with it, in the order in which the
+    /// device sent them.
     pub fn take(&mut self, record: &Record) -> impl Iterator<Item = EstimatorEvent> + use<> {
         let events = match record {
             Record::Estimate(estimate) => {
@@ -76,7 +79,7 @@ impl Pairing {
                 self.waiting = Some((*estimate).into());
                 [before, None]
             }
-            // Of another sample: its own estimate is lost.
+            // For another sample: its own estimate is lost.
             Record::Law(law) => {
                 if let Some(waiting) = self.waiting.as_mut().filter(|waiting| waiting.estimate.index == law.index) {
                     waiting.law = Some(*law);
@@ -104,14 +107,14 @@ impl Pairing {
         events.into_iter().flatten()
     }
 
-    /// The estimate that waits, without what it lacks: nothing comes any more, or not in time.
+    /// The waiting estimate, without what it lacks: for when nothing more comes, or not in time.
     pub fn flush(&mut self) -> Option<EstimatorEvent> {
         self.waiting.take().map(EstimatorEvent::Estimate)
     }
 }
 
-/// Sample periods between two values of the sample counter; one where the counter went back, because the device
-/// started anew and nothing says how long that took.
+/// Sample periods between two values of the sample counter; 1 if the counter went back, because the device restarted
+/// and it is unknown how long that took.
 pub fn step(from: u32, to: u32) -> u64 {
     let step = to.wrapping_sub(from);
     if step < 1 << 31 { u64::from(step) } else { 1 }
@@ -133,7 +136,7 @@ mod tests {
         Detail { index, ..Detail::default() }
     }
 
-    /// What comes of the records; `None` stands for a quiet moment.
+    /// The events for these records; `None` is a pause, which flushes.
     fn paired(records: &[Option<Record>]) -> Vec<EstimatorEvent> {
         let mut pairing = Pairing::new();
         let mut events = Vec::new();
@@ -170,7 +173,7 @@ mod tests {
         // The detail is lost.
         records.remove(4);
         assert_eq!(paired(&records), [EstimatorEvent::Estimate(Estimated { detail: None, ..whole })]);
-        // A device that knows no law; a law of another estimate.
+        // A device that sends no law; a law of another estimate.
         for between in [Record::Health(Health::default()), Record::Law(Law { index: 6, ..law })] {
             let records = [Record::Estimate(estimate(7)), between, Record::Detail(detail(7))];
             assert_eq!(paired(&records.map(Some)), [with_detail(7)]);

@@ -1,5 +1,5 @@
-//! How core's values with intervals travel: value, half width and status side by side, whatever the status. Where nothing is
-//! known, 0 and an infinite half width stand.
+//! Serialised forms of core's values with intervals: value, half width and status side by side, whatever the status. If
+//! nothing is known, the value is 0 and the half width infinite.
 
 use inerter_core::{
     BacklashSize, BacklashStatus, Band, Bank, Contact, Friction, Interval, Misfit, Parameter as Value, Route, Status,
@@ -53,7 +53,7 @@ pub(crate) struct Detail {
     changes: u32,
 }
 
-/// As it is; what is no number tells nothing.
+/// Unchanged, except that a law with a NaN or infinite misfit says nothing.
 pub(crate) struct Law;
 
 impl Law {
@@ -83,7 +83,7 @@ impl Parameter {
 
     fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Value, D::Error> {
         let Self { value, u95, status } = Deserialize::deserialize(deserializer)?;
-        // Before its first fit, an older firmware sent zeros.
+        // Before its first fit, older firmware sent zeros.
         if status == Status::NotIdentifiable && u95 == 0.0 {
             return Ok(Value::NotIdentifiable(Unresolved::NOTHING));
         }

@@ -1,16 +1,16 @@
-//! Messages in frames, and out of them again whatever happened on the way.
+//! Encodes messages into frames, and decodes them whatever happened on the way.
 //!
 //! - *body*: payload, sequence number (u16, little-endian), CRC-32 of both (ISO-HDLC, little-endian; of a request its
 //!   complement).
 //! - *frame*: the body in COBS, which leaves no zero in it, and the delimiter, one zero.
 //!
-//! A frame is believed only when it can be unstuffed, its CRC agrees and its payload decodes to the last byte; damage
+//! A frame is accepted only if it can be unstuffed, its CRC agrees and its payload decodes to the last byte; damage
 //! passes as another message with a chance of 2^-32 per damaged frame. The sequence number counts every frame that the
 //! sender meant to send, so a jump is the number of frames lost. A step backwards cannot come from a wire, which keeps
-//! the order and repeats nothing: it means that the sender started anew.
+//! the order and repeats nothing: it means that the sender restarted.
 //!
-//! The complement keeps the directions apart: a terminal that echoes, as one just opened does on Linux, sends a device
-//! its own records back, and none of them is a request, whatever it holds.
+//! The complement separates the directions: a terminal that echoes, as one just opened does on Linux, sends a device
+//! its own records back, and none of them is a valid request, whatever its content.
 
 use crate::{Command, Crc32, Event, EventKind, Record, Request, WIRE_VERSION};
 use core::fmt;
@@ -32,23 +32,23 @@ const MAX_BODY: usize = MAX_PAYLOAD + TRAILER;
 /// Longest frame with its delimiter (bytes): a send buffer of this size always suffices.
 pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 1;
 
-/// Ends every frame. A sender also writes one before its first frame and after a frame that it could not finish,
-/// lest the fragment spoil the frame that follows.
+/// Ends every frame. A sender also writes one before its first frame and after a frame that it could not finish, so
+/// that the fragment does not damage the next frame.
 pub const DELIMITER: u8 = 0;
 
 /// What can travel in a frame: [`Record`] and [`Request`].
 pub trait Message: Serialize + DeserializeOwned {
-    /// What the frame's CRC-32 is combined with by exclusive or, so that no other kind of message has the same.
+    /// The frame's CRC-32 is combined with this by exclusive or, so that no other kind of message has the same CRC.
     const SALT: u32;
 
-    /// Whether only a sender that has just started sends this with this number.
+    /// Whether only a sender that has just started sends this message with this number.
     fn starts_stream(&self, sequence: u16) -> bool;
 
-    /// What can be told from the head of a payload whatever version it comes from.
+    /// What the head of a payload shows, whatever version it comes from.
     fn peek(payload: &[u8]) -> Option<Peek>;
 }
 
-/// What the head of a payload tells.
+/// What the head of a payload shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Peek {
     /// Number of the record or command.
@@ -91,7 +91,7 @@ impl Message for Request {
     }
 }
 
-/// Numbers the frames of one sender, from 0, wrapping.
+/// Numbers the frames of one sender, from 0, wrapping at 2^16.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SequenceCounter(u16);
 
@@ -101,8 +101,8 @@ impl SequenceCounter {
         Self(0)
     }
 
-    /// The number for the next frame. Take it whether the frame is then sent or dropped: that is how the other end
-    /// learns of the loss.
+    /// The number for the next frame. Take it whether the frame is then sent or dropped: the gap shows the loss to the
+    /// other end.
     pub fn take(&mut self) -> u16 {
         let sequence = self.0;
         self.0 = sequence.wrapping_add(1);
@@ -130,7 +130,7 @@ impl fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-/// Stuffs and sums bytes on their way from postcard to the buffer.
+/// Stuffs bytes and computes their CRC on the way from postcard to the buffer.
 struct Body<'a> {
     stuffed: Cobs<Slice<'a>>,
     digest: Crc32,
@@ -161,7 +161,7 @@ impl<'a> Flavor for Body<'a> {
 
 /// Writes the frame of `message` with its delimiter to the front of `out`; returns its length.
 ///
-/// On an error the content of `out` is of no use.
+/// On an error the content of `out` is undefined.
 ///
 /// ```
 /// # use inerter_wire::{DELIMITER, Event, EventKind, MAX_FRAME, Record, SequenceCounter, encode};
@@ -198,9 +198,9 @@ pub fn encode_request(request: &Request, sequence: u16, out: &mut [u8]) -> Resul
     encode(request, sequence, out)
 }
 
-/// Writes the frame of the same payload with another number, for whoever passes frames on: what the payload holds need not be
-/// known. `frame` is without its delimiter, as [`FrameReader::frame_bytes`] gives it; its CRC is taken to be right. Returns the
-/// length, `None` where it is no frame or `out` has fewer than [`MAX_FRAME`] bytes.
+/// Writes the frame of the same payload with another number, for passing frames on; the payload need not be understood.
+/// `frame` is without its delimiter, as [`FrameReader::frame_bytes`] gives it; its CRC is not checked. Returns the
+/// length; `None` if `frame` is no frame or `out` has fewer than [`MAX_FRAME`] bytes.
 pub fn renumber<T: Message>(frame: &[u8], sequence: u16, out: &mut [u8]) -> Option<usize> {
     let mut body = [0; MAX_BODY];
     let length = cobs::decode(frame, &mut body).ok()?;
@@ -227,11 +227,12 @@ pub enum Frame<T> {
         /// Missing frames, at least 1.
         frames: u16,
     },
-    /// The sender started anew before the next frame; what was lost meanwhile is not known.
+    /// The sender restarted before the next frame; what was lost meanwhile is unknown.
     Restarted,
     /// A frame arrived damaged and was dropped.
     Corrupt(Corruption),
-    /// An intact frame holds something that this version does not know: the sender is newer. It was left out.
+    /// An intact frame contains something that this version does not know, because the sender is newer. It was left
+    /// out.
     Unknown {
         /// Number of its frame.
         sequence: u16,
@@ -240,11 +241,11 @@ pub enum Frame<T> {
         /// The request's id, so that a device can refuse it.
         request: Option<u16>,
     },
-    /// The sender speaks another wire version: nothing it sends is decoded until a Hello in ours.
+    /// The sender uses another wire version: nothing it sends is decoded until a Hello in ours.
     ForeignVersion {
         /// Number of its frame.
         sequence: u16,
-        /// The version it speaks.
+        /// The version it uses.
         wire_version: u16,
     },
 }
@@ -281,10 +282,10 @@ impl fmt::Display for Corruption {
 pub struct Counts {
     /// Messages handed out.
     pub messages: u32,
-    /// Frames missing according to the sequence numbers. Those that arrived damaged are among them, but for the
+    /// Frames missing according to the sequence numbers. This includes frames that arrived damaged, except for
     /// malformed ones, whose number is known.
     pub lost: u32,
-    /// Times the sender started anew.
+    /// Times the sender restarted.
     pub restarts: u32,
     /// Frames dropped as [`Corruption::TooLong`].
     pub too_long: u32,
@@ -296,9 +297,9 @@ pub struct Counts {
     pub checksum: u32,
     /// Frames dropped as [`Corruption::Malformed`].
     pub malformed: u32,
-    /// Intact frames left out because they hold something unknown.
+    /// Intact frames left out because they contain something unknown.
     pub unknown: u32,
-    /// Intact frames left out because the sender speaks another wire version.
+    /// Intact frames left out because the sender uses another wire version.
     pub foreign: u32,
 }
 
@@ -315,9 +316,9 @@ fn count(counter: &mut u32) {
     *counter = counter.saturating_add(1);
 }
 
-/// Finds messages in a stream of bytes that come in any portions.
+/// Finds messages in a stream of bytes that arrives in portions of any size.
 ///
-/// Needs about [`MAX_FRAME`] bytes, and as much again on the stack while it reads.
+/// Takes about [`MAX_FRAME`] bytes, and as much again on the stack while it reads.
 ///
 /// ```
 /// # use inerter_wire::{Command, Frame, FrameReader, MAX_FRAME, Request, encode_request};
@@ -348,7 +349,7 @@ pub struct FrameReader<T> {
 enum Stage {
     /// Collecting the bytes of a frame.
     Collecting,
-    /// The frame's loss or restart was reported, the frame itself comes next.
+    /// The frame's loss or restart was reported; the frame itself comes next.
     Announced,
     /// The frame was handed out; its bytes are kept until the next one begins.
     Reported,
@@ -379,7 +380,7 @@ impl<T: Message> FrameReader<T> {
         }
     }
 
-    /// Takes bytes off the front of `input` up to the next finding. `None`: `input` is used up, more is needed.
+    /// Takes bytes off the front of `input` up to the next finding. `None`: `input` is used up, and more is needed.
     ///
     /// Call it until `None`. What it finds does not depend on how the stream was cut into portions.
     pub fn read(&mut self, input: &mut &[u8]) -> Option<Frame<T>> {
@@ -413,7 +414,7 @@ impl<T: Message> FrameReader<T> {
         if self.stage == Stage::Collecting { &[] } else { &self.frame }
     }
 
-    /// Bytes of a frame that has begun and not ended: at the end of a recording, what was cut off.
+    /// Bytes of a frame that has begun and not ended; at the end of a recording, what was cut off.
     pub fn unfinished(&self) -> usize {
         if self.stage == Stage::Collecting { self.frame.len() } else { 0 }
     }
@@ -423,7 +424,7 @@ impl<T: Message> FrameReader<T> {
         &self.counts
     }
 
-    /// Forgets the place in the stream, for a link that was opened again. The counts stay.
+    /// Forgets the position in the stream, for a link that was opened again. The counts stay.
     pub fn reset(&mut self) {
         let counts = self.counts;
         *self = Self { counts, ..Self::new() };
@@ -497,7 +498,7 @@ impl<T: Message> FrameReader<T> {
         }
         match postcard::take_from_bytes::<T>(payload) {
             Ok((message, [])) => Frame::Message { sequence, message },
-            // serde's own complaint: a variant or a length that this version's types do not have.
+            // serde's own error: a variant or a length that this version's types do not have.
             Err(postcard::Error::SerdeDeCustom) => Frame::Unknown { sequence, number, request },
             _ => Frame::Corrupt(Corruption::Malformed),
         }

@@ -1,4 +1,4 @@
-//! What a board measures of itself: raw numbers, which the host judges.
+//! What a board measures of itself: raw numbers, which the host evaluates.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -9,21 +9,21 @@ pub const MAX_FIGURES: usize = 16;
 /// What a board can be asked to measure of itself. New ones go at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Measure {
-    /// The chip: identity, flash, option bytes, what made it start, stack.
+    /// The chip: identity, flash, option bytes, cause of its start, stack.
     Chip,
     /// The clocks against each other; takes a second.
     Clocks,
     /// The chip's own voltage reference and temperature sensor, each with its factory value.
     Supply,
-    /// Cycles of the processor by what they were spent on; takes a second.
+    /// Cycles of the processor by activity; takes a second.
     Work,
-    /// Nothing: after the reply the firmware hangs until its watchdog bites. For the test of the watchdog.
+    /// Nothing: after the reply the firmware hangs until its watchdog resets it. For the test of the watchdog.
     Hang,
 }
 
 /// What a figure is: its number on the wire. New ones go at the end.
 ///
-/// Name, label and unit are those of the same place in the catalogue's
+/// Name, label and unit are those at the same place in the catalogue's
 /// [`Group::Measured`](crate::catalogue::Group::Measured).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -44,11 +44,11 @@ pub enum Quantity {
     StackBytes,
     /// Stack never used so far.
     StackFreeBytes,
-    /// Saves that the flash may still take now.
+    /// Saves that the flash can still take now.
     SavesLeft,
     /// Clock of the core that the firmware was built for.
     CoreHz,
-    /// Frames of the USB, one in a millisecond of the host's clock.
+    /// USB frames, one per millisecond of the host's clock.
     UsbFrames,
     /// Cycles of the core's clock in these frames.
     UsbFramesCycles,
@@ -78,17 +78,17 @@ pub enum Quantity {
     WorkUs,
     /// Of that, time with nothing to do.
     IdleUs,
-    /// Cycles spent in the interrupt that samples, with what interrupted it.
+    /// Cycles spent in the sampling interrupt, including what interrupted it.
     SamplingCycles,
-    /// Cycles of the task of the estimator, without the sampling that interrupted it; so the tasks that follow.
+    /// Cycles of the estimator's task, without the sampling that interrupted it; likewise for the tasks that follow.
     EstimatingCycles,
     /// Cycles of the task that sends.
     TelemetryCycles,
     /// Cycles of the task that serves requests.
     CommandsCycles,
-    /// Cycles of the task of the USB.
+    /// Cycles of the USB task.
     UsbCycles,
-    /// Cycles of the task of health, lamp and watchdog.
+    /// Cycles of the task for health, lamp and watchdog.
     SupervisingCycles,
 }
 
@@ -101,10 +101,10 @@ pub struct Figure {
     pub value: u32,
 }
 
-/// What a board measured of itself. What it cannot measure it leaves out.
+/// What a board measured of itself. It leaves out what it cannot measure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Measured {
-    /// What it was asked for.
+    /// What it was requested to measure.
     pub what: Measure,
     /// What it found.
     pub figures: Vec<Figure, MAX_FIGURES>,
@@ -116,7 +116,7 @@ impl Measured {
         Self { what, figures: Vec::new() }
     }
 
-    /// Adds a figure; one too many is left out.
+    /// Adds a figure; drops it if there is no room.
     #[inline(never)]
     pub fn push(&mut self, quantity: Quantity, value: u32) {
         let _ = self.figures.push(Figure { quantity: quantity as u8, value });

@@ -1,7 +1,7 @@
 //! What a kind of message is, and how the enums of messages are declared.
 
-/// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning;
-/// what is added at the end of a list leaves it alone.
+/// Version of the numbers and layouts in this crate. It changes only when an existing one changes its meaning, not when
+/// something is added at the end of a list.
 pub const WIRE_VERSION: u16 = 1;
 
 /// One kind of message.
@@ -17,8 +17,8 @@ pub struct Entry {
 
 /// Declares an enum of messages together with its [`Entry`] table.
 ///
-/// Numbers are written out so that a line inserted in the middle fails to compile: they are the postcard
-/// discriminants, and new lines go at the end.
+/// Numbers are written out so that a line inserted in the middle fails to compile: they are the postcard discriminants.
+/// New lines go at the end.
 macro_rules! messages {
     ($(#[$meta:meta])* enum $name:ident { $($number:literal $variant:ident $(($(#[$form:meta])* $payload:ty))? $doc:literal;)+ }) => {
         $(#[$meta])*
@@ -59,7 +59,7 @@ macro_rules! messages {
 }
 pub(crate) use messages;
 
-/// What to do about a device or recording that speaks wire version `theirs`.
+/// What to do about a device or recording with another wire version.
 pub struct VersionAdvice {
     /// The other end's version.
     pub theirs: u16,

@@ -1,4 +1,4 @@
-//! Tables of records and commands: the one place where their numbers, names and meanings are written.
+//! Tables of records and commands: the only place where their numbers, names and meanings are written.
 
 pub use crate::messages::{Entry, WIRE_VERSION};
 use crate::{Command, Record};

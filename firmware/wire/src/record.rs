@@ -1,4 +1,4 @@
-//! What a device tells a host.
+//! What a device sends to a host.
 
 use crate::forms;
 use crate::messages::messages;
@@ -30,12 +30,12 @@ messages! {
 
 /// Short text of at most `N` bytes of UTF-8.
 ///
-/// [`text`](Hello::text) cuts what is too long.
+/// [`text`](Hello::text) truncates what is too long.
 pub type Text<const N: usize> = heapless::String<N>;
 
-/// Who the device is.
+/// Identity of the device.
 ///
-/// `wire_version` stays the first field of record 0 in every version, so that any reader can name it.
+/// `wire_version` stays the first field of record 0 in every version, so that any reader can read it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Wire version that the device speaks.
@@ -57,7 +57,7 @@ pub struct Hello {
 }
 
 impl Hello {
-    /// `source` as text of at most `N` bytes, cut at a character's edge.
+    /// `source` as text of at most `N` bytes, truncated between characters.
     pub fn text<const N: usize>(source: &str) -> Text<N> {
         let mut text = Text::new();
         for letter in source.chars() {
@@ -72,7 +72,7 @@ impl Hello {
 /// What the sample clock runs from. Its error enters the inertance twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ClockSource {
-    /// The chip's own oscillator, about 1 %: no claim on the inertance.
+    /// The chip's own oscillator, about 1 %: no accuracy of the inertance is claimed.
     Internal,
     /// Quartz, about 50 ppm.
     Crystal,
@@ -82,9 +82,9 @@ pub enum ClockSource {
     Simulated,
 }
 
-/// What a device can do, as a set of bits, and in the upper 16 bits its flash in KB, where the device tells.
+/// What the device can do, as a set of bits. The upper 16 bits are its flash in KB, if the device states it.
 ///
-/// Bits that a reader does not know are kept and mean nothing to it.
+/// Bits that a reader does not know are kept, and have no meaning for it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Capabilities(pub u32);
 
@@ -110,12 +110,12 @@ impl Capabilities {
     /// Puts out signals for its own inputs (`Play`).
     pub const PLAYER: Self = Self(1 << 8);
 
-    /// This set, and so much flash (KB).
+    /// This set, with this much flash (KB).
     pub const fn with_flash_kb(self, kb: u16) -> Self {
         Self(self.0 & 0xFFFF | (kb as u32) << 16)
     }
 
-    /// Flash of the device's chip (KB), where the device tells.
+    /// Flash of the device's chip (KB), if the device states it.
     pub const fn flash_kb(self) -> Option<u16> {
         match (self.0 >> 16) as u16 {
             0 => None,
@@ -134,30 +134,30 @@ impl Capabilities {
     }
 }
 
-/// How the device is doing. Counters run since its start and stop at their greatest value.
+/// State of the device. Counters run since its start and stop at their greatest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Health {
     /// Index of the latest sample.
     pub index: u32,
     /// Time since the start (s).
     pub uptime_s: u32,
-    /// Frames that the device could not get rid of; each left a hole in the sequence.
+    /// Frames that the device could not send; each left a gap in the sequence.
     pub dropped_frames: u32,
-    /// Frames that arrived damaged or not understood.
+    /// Frames that arrived damaged or were not understood.
     pub bad_frames: u32,
     /// Samples missing where the sample counter jumped.
     pub lost_samples: u64,
     /// Jumps of the sample counter: samples were lost.
     pub discontinuities: u32,
-    /// Times the sampler was overtaken by its own hardware, or its channels ran apart.
+    /// Times the sampler was overtaken by its own hardware, or its channels lost alignment.
     pub overruns: u32,
     /// Samples left out as saturated.
     pub saturated: u32,
-    /// Share of time that the processor worked (1/1000), where the device knows.
+    /// Fraction of time that the processor worked (1/1000), if the device knows it.
     pub cpu_load_permille: Option<u16>,
-    /// Stack never used so far (bytes), where the device knows.
+    /// Stack never used so far (bytes), if the device knows it.
     pub stack_free_bytes: Option<u32>,
-    /// Temperature of the chip (degrees Celsius), where the device knows.
+    /// Temperature of the chip (degrees Celsius), if the device knows it.
     pub temperature_c: Option<f32>,
 }
 
@@ -181,28 +181,28 @@ pub enum EventKind {
     EstimatorReset,
     /// Other settings are in use; a `Settings` record follows.
     SettingsChanged,
-    /// Samples come from elsewhere now.
+    /// Samples now come from another source.
     SourceChanged(Source),
-    /// Something is wrong, and the device goes on.
+    /// Something is wrong, and the device continues.
     Fault(Fault),
     /// The run before this one ended in a panic with this message.
     Panicked(Text<96>),
-    /// What ended the run before this one; told once after a start.
+    /// What ended the run before this one; reported once after a start.
     ResetBy(ResetCause),
-    /// The device measured is another one now: the estimator has found a change and begun anew.
+    /// The device under test has changed: the estimator has found a change and restarted.
     Changed(Change),
-    /// The samples show something that no device can be blamed for.
+    /// The samples show something that no device can cause.
     Warned(Warning),
 }
 
-/// What made a device start. New ones go at the end.
+/// What caused a start of the device. New ones go at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ResetCause {
-    /// Power came, or came back after a dip.
+    /// Power was applied, or returned after a dip.
     PowerOn,
     /// The reset pin: a button, a probe.
     Pin,
-    /// The firmware itself, asked to.
+    /// The firmware itself, on request.
     Software,
     /// The independent watchdog: the firmware hung.
     Watchdog,
@@ -212,9 +212,9 @@ pub enum ResetCause {
     LowPower,
     /// New option bytes.
     OptionBytes,
-    /// The firmware failed; `Panicked` tells where.
+    /// The firmware failed; `Panicked` says where.
     Panic,
-    /// The board cannot tell.
+    /// The board does not know.
     Unknown,
 }
 
@@ -262,9 +262,10 @@ pub enum Fault {
     NewerSettings,
     /// The settings store holds damaged or foreign bytes; the defaults are in use, and the bytes are kept.
     ForeignSettings,
-    /// The sampler's channels ran apart and were set right; samples were lost.
+    /// The sampler's channels lost alignment and were realigned; samples were lost.
     SamplerMisaligned,
-    /// The firmware failed to start three times in a row; the saved settings are kept and not used, in case they are why.
+    /// The firmware failed to start three times in a row; the saved settings are kept but not used, in case they are
+    /// the cause.
     SettingsLeft,
 }
 
@@ -301,7 +302,7 @@ impl fmt::Display for Fault {
 pub struct Reply {
     /// The request's id.
     pub id: u16,
-    /// What came of it.
+    /// The result.
     pub result: Result<Done, Refusal>,
 }
 
@@ -317,11 +318,11 @@ pub enum Done {
         /// Samples that can be sent at once now without being refused.
         free: u16,
     },
-    /// The player does so.
+    /// The player has done so.
     Played {
-        /// What [`Play`](crate::Play) says of each.
+        /// What [`Play`](crate::Play) specifies for each of its commands.
         answer: u32,
-        /// Knots that find room now.
+        /// Number of knots for which there is room now.
         free: u16,
     },
 }

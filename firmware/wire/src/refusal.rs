@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum Refusal {
     /// This device does not know the command or cannot do it.
     Unsupported,
-    /// Not now: something else is under way.
+    /// Not now: another operation is in progress.
     Busy,
     /// The injected batch does not fit; none of it was taken.
     QueueFull {
@@ -18,7 +18,7 @@ pub enum Refusal {
         /// Samples that would fit now.
         free: u16,
     },
-    /// A setting's value.
+    /// The value of a setting.
     BadSetting {
         /// Number of the setting.
         number: u8,
@@ -33,18 +33,18 @@ pub enum Refusal {
     Store,
     /// No samples come in, so there is nothing to measure.
     NoSamples,
-    /// The sampler does not come up with these settings.
+    /// The sampler does not start with these settings.
     Source,
     /// No settings are saved.
     NothingSaved,
     /// What is saved cannot be read: damaged, another program's, or a newer firmware's.
     SavedUnreadable,
-    /// The flash was written so often lately that it would not last.
+    /// The flash was written so often recently that it would wear out.
     Worn {
-        /// Time in which it may be written again, in seconds.
+        /// Time until it may be written again, in seconds.
         wait_s: u16,
     },
-    /// Nothing is played: the player was not begun, or has let go as nothing came for long.
+    /// Nothing is played: the player was not begun, or has released its outputs because nothing came for too long.
     NotPlaying,
 }
 
@@ -70,7 +70,7 @@ pub enum SettingFault {
 }
 
 impl Refusal {
-    /// The refusal that names the setting of `error`, or `number` where the error knows none.
+    /// The refusal that names the setting of `error`, or `number` if the error names none.
     pub fn of_setting(error: &SettingsError, number: u8) -> Self {
         let place = |name| Settings::find(name).and_then(|place| u8::try_from(place).ok());
         let (field, fault) = match *error {

@@ -1,9 +1,9 @@
-//! Batches of raw samples in few bytes.
+//! Batches of raw samples, compactly encoded.
 //!
 //! Each sample is four numbers: the step of the sample counter beyond one, and the changes of position, force and
 //! terminal code, each from the sample before. The first sample's predecessor is (-1, 0, 0, 0), so its numbers are
-//! absolute. Differences wrap in 32 bits; each is sent zigzag (0, -1, 1, -2, ...) in groups of seven bits, lowest first,
-//! the top bit set while more follow. A sample takes 4 to 20 bytes, about 6 in practice.
+//! absolute. Differences wrap in 32 bits; each is sent zigzag (0, -1, 1, -2, ...) in groups of seven bits, lowest
+//! first, the top bit set while more follow. A sample takes 4 to 20 bytes, about 6 in practice.
 
 use core::fmt;
 use heapless::Vec;
@@ -136,7 +136,7 @@ fn put<const N: usize>(change: i32, into: &mut Vec<u8, N>) -> Result<(), Full> {
     into.push(rest as u8).map_err(|_| Full)
 }
 
-/// The batch has no room for this sample.
+/// There is no room in the batch for this sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Full;
 
@@ -148,7 +148,7 @@ impl fmt::Display for Full {
 
 impl core::error::Error for Full {}
 
-/// What is wrong with the content of a batch. Its frame arrived intact: the fault is the sender's.
+/// What is wrong with the content of a batch. Its frame arrived intact: the sender is at fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecodeError {
     /// The batch claims more samples than a batch can hold.

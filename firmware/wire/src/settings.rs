@@ -1,7 +1,8 @@
 //! Settings as numbered values.
 //!
-//! A setting's number is its place in [`Settings::TABLE`], where new ones are added at the end. So a reader meets
-//! three cases: numbers it knows, numbers that are missing (the sender is older), numbers beyond its table (newer).
+//! A setting's number is its place in [`Settings::TABLE`], where new ones are added at the end. So a reader meets three
+//! cases: numbers it knows, numbers that are missing (the sender is older), and numbers beyond its table (the sender is
+//! newer).
 
 use crate::{Refusal, SettingFault};
 use heapless::Vec;
@@ -22,20 +23,20 @@ pub struct SettingValue {
     pub value: f64,
 }
 
-/// Settings on their way.
+/// Settings in transit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SettingsValues(pub Vec<SettingValue, MAX_SETTINGS>);
 
 /// Settings as read from a device or a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Every setting; a missing one has the value of the base that was given.
+    /// Every setting; a missing one has the value of the given base.
     pub settings: Settings,
-    /// Settings that this reader does not know, because the device is newer: left out.
+    /// Settings that this reader does not know, because the device is newer; left out.
     pub unknown: usize,
-    /// Known settings with a value that this reader does not know to be possible: left out.
+    /// Known settings with a value that this reader considers impossible; left out.
     pub impossible: usize,
-    /// Settings that the device did not send, because it is older: taken from the base.
+    /// Settings that the device did not send, because it is older; taken from the base.
     pub missing: usize,
 }
 
@@ -57,7 +58,7 @@ impl SettingsValues {
         )
     }
 
-    /// Adds one setting by its name in [`Settings::TABLE`]; the value is checked by itself.
+    /// Adds one setting by its name in [`Settings::TABLE`]; the value is checked alone.
     pub fn push_by_name(&mut self, name: &str, value: f64) -> Result<(), SettingsError> {
         let (number, info) =
             (0u8..).zip(Settings::TABLE).find(|(_, info)| info.name == name).ok_or(SettingsError::Unknown)?;
@@ -66,9 +67,9 @@ impl SettingsValues {
         self.0.push(SettingValue { number, value }).map_err(|_| SettingsError::Unknown)
     }
 
-    /// For a host: settings from a device or recording of any age over `base`.
+    /// For a host: settings from a device or recording of any age, applied to `base`.
     ///
-    /// Unknown numbers, and known ones with an impossible value, as later firmware may have, are left out and counted.
+    /// Unknown numbers and impossible values of known ones, as later firmware may send, are left out and counted.
     pub fn read(&self, base: &Settings) -> Reading {
         let mut settings = *base;
         let (mut unknown, mut impossible, mut seen) = (0, 0, 0u64);
@@ -86,9 +87,10 @@ impl SettingsValues {
         Reading { settings, unknown, impossible, missing }
     }
 
-    /// For a device: the settings asked for, over those in use.
+    /// For a device: the requested settings, applied to those in use.
     ///
-    /// Unknown numbers, repeated numbers and impossible values are refused. [`Settings::validate`] must still agree.
+    /// Unknown numbers, repeated numbers and impossible values are refused. [`Settings::validate`] must still accept
+    /// the result.
     pub fn write(&self, present: &Settings) -> Result<Settings, Refusal> {
         let mut settings = *present;
         let mut seen = 0u64;

@@ -20,7 +20,7 @@ fn covers_the_types() {
     let mut plain = fields_of::<Estimate>("Estimate");
     plain.retain(|name| name != "recent" && name != "whole_run");
     assert_eq!(paths(Group::Estimate), plain);
-    // What has a unit of its own inside carries it in views.
+    // A field with units of its own inside carries them in views.
     let detail = fields_of::<Detail>("Detail").into_iter().map(|name| match name.as_str() {
         "band" => "band_hz".into(),
         "backlash" => "backlash_m".into(),
@@ -58,7 +58,7 @@ fn words_are_fit_to_show() {
         assert_eq!(find(Machine::Linear, group, path).map(|field| field.label), Some(label));
     }
     assert_eq!(find(Machine::Linear, Group::Sample, "nothing"), None);
-    // A setting and a quantity never share a name, but for what is set where it cannot be measured.
+    // A setting and a quantity never share a name, except for what is set where it cannot be measured.
     let shared = FIELDS.iter().filter(|field| Settings::find(field.path).is_some());
     assert_eq!(shared.map(|field| field.path).collect::<Vec<_>>(), ["stiffness_n_per_m", "contact_damping_n_s_per_m"]);
 }
@@ -120,7 +120,7 @@ fn values_stand_beside_their_fields() {
     assert!(catalogue::health(&Health::default()).skip(8).all(|(_, value)| value.is_none()));
 }
 
-/// A rotary machine has the same quantities in the same order, in its own words and units.
+/// A rotary machine has the same quantities in the same order, with its own words and units.
 #[test]
 fn machines_differ_in_words_and_units_alone() {
     let pairs = |group| fields(Machine::Linear, group).zip(fields(Machine::Rotary, group));

@@ -1,4 +1,4 @@
-//! No damage yields a wrong record: single bytes exhaustively, the rest by the hundred thousand.
+//! No damage yields a wrong record: single bytes exhaustively, other damage in hundreds of thousands of cases.
 //!
 //! Each case damages a stream of numbered frames whose content is known. Whatever the reader hands out must be the
 //! record that was sent under that number, in order; what the damage did not touch must arrive; and messages and
@@ -30,7 +30,7 @@ impl<T: Message + PartialEq + Debug> Stream<T> {
         Self { bytes, frames, first }
     }
 
-    /// Reads `damaged` and checks everything that must hold; `touched` is what of the original was changed.
+    /// Reads `damaged` and checks everything that must hold; `touched` is the part of the original that was changed.
     /// Returns how many frames were not delivered.
     fn check(&self, damaged: &[u8], touched: Range<usize>) -> usize {
         let mut reader = FrameReader::<T>::new();
@@ -116,7 +116,7 @@ fn every_single_byte_of_a_hello() {
     }
 }
 
-/// What happens to a stream.
+/// What is done to a stream.
 enum Damage {
     Byte,
     Bits,
@@ -127,7 +127,7 @@ enum Damage {
     Twice,
 }
 
-/// Longer frames, their number wrapping, and every kind of damage, 140 000 times.
+/// Longer frames, with wrapping numbers, and every kind of damage, 140 000 times.
 #[test]
 fn any_damage() {
     let mut numbers = Numbers(2);
@@ -168,7 +168,7 @@ fn any_damage() {
                     at..length
                 }
                 Damage::Garbage => {
-                    // Between frames, as from a boot loader or an aborted write; at times longer than any frame.
+                    // Between frames, as from a boot loader or an aborted write; sometimes longer than any frame.
                     let at = stream.frames[numbers.below(5)].1.start;
                     let longest = if numbers.below(4) == 0 { 2 * MAX_FRAME } else { 40 };
                     damaged.splice(at..at, numbers.bytes(longest));
@@ -189,7 +189,7 @@ fn any_damage() {
             missing[case % 7] += stream.check(&damaged, touched);
         }
     }
-    // Every kind of damage did cost frames, and most frames survived (100 000 were sent under each kind).
+    // Every kind of damage cost frames, and most frames survived (100 000 were sent under each kind).
     assert!(missing.iter().all(|missing| (5_000..90_000).contains(missing)), "{missing:?}");
 }
 

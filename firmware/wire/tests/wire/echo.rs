@@ -1,7 +1,7 @@
-//! What comes back to its sender is never taken for the other end's words.
+//! What comes back to its sender is never mistaken for a message of the other end.
 //!
-//! A terminal that was just opened echoes, so a device receives its own records, whole or cut anywhere, and a loop-back
-//! gives a host its own requests.
+//! A terminal that was just opened echoes, so a device receives its own records, whole or cut anywhere; a loop-back
+//! returns a host's own requests.
 
 use crate::reference::{self, Numbers};
 use crate::values::{records, requests, some_record};
@@ -46,7 +46,7 @@ fn no_golden_is_taken_for_the_other_direction() {
     }
 }
 
-/// A payload that decodes either way: only the CRC tells the directions apart.
+/// A payload that decodes either way: only the CRC distinguishes the directions.
 #[test]
 fn a_payload_that_is_both_a_record_and_a_request_is_told_apart() {
     let both = [5, 5, 0, 1, 1, 1];
@@ -63,7 +63,7 @@ fn a_payload_that_is_both_a_record_and_a_request_is_told_apart() {
 }
 
 proptest! {
-    /// Any payload at all, under any number: one direction at most believes it.
+    /// Any payload at all, under any number: at most one direction accepts it.
     #[test]
     fn no_payload_is_believed_in_both_directions(
         payload in prop::collection::vec(any::<u8>(), 1..MAX_PAYLOAD),

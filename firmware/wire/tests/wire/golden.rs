@@ -1,7 +1,7 @@
 //! Every record and command as bytes, pinned.
 //!
-//! The files hold one frame a line, with sequence number 258 (`02 01`). A line never changes once released: what
-//! its device sent must decode for ever. New lines are added; a missing one is printed in full by the test.
+//! The files hold one frame a line, with sequence number 258 (`02 01`). A line never changes once released: what a
+//! device sent in that form must decode for ever. New lines are added; the test prints a missing one in full.
 
 use crate::reference;
 use crate::values::{
@@ -84,7 +84,7 @@ fn commands_both_ways() {
     });
 }
 
-/// An older firmware sent zeros before its first fit, where a later one sends an infinite half width.
+/// Older firmware sent zeros before its first fit, where later firmware sends an infinite half width.
 #[test]
 fn zeros_before_the_first_fit_are_nothing() {
     let zeros = format!("02 02{} 07 02 01 fc f9 fa 85 00", " 01".repeat(80));
@@ -95,7 +95,7 @@ fn zeros_before_the_first_fit_are_nothing() {
     assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
 }
 
-/// A value that the motion cannot show travels as it is fitted, and one without spread is a value.
+/// A value that the motion cannot identify is sent as fitted, and one with zero half width is a value.
 #[test]
 fn parameters_keep_value_and_half_width() {
     let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
@@ -107,7 +107,7 @@ fn parameters_keep_value_and_half_width() {
     }
 }
 
-/// A backlash that is no number is none, whatever the status beside it says.
+/// A backlash that is NaN or infinite is none, whatever the status beside it.
 #[test]
 fn a_backlash_without_a_number_is_not_known() {
     for interval in [
@@ -126,7 +126,7 @@ fn a_backlash_without_a_number_is_not_known() {
     }
 }
 
-/// A misfit that is no number is none, and nothing is said of the law.
+/// A misfit that is NaN or infinite is none, and nothing is stated about the law.
 #[test]
 fn a_misfit_without_a_number_is_not_known() {
     for misfit in [
@@ -142,7 +142,7 @@ fn a_misfit_without_a_number_is_not_known() {
     }
 }
 
-/// What core serialises without the wire is its own enums: nothing in it is infinite, which JSON cannot say.
+/// Without the wire, core serialises its own enums: they contain nothing infinite, which JSON cannot represent.
 #[test]
 fn estimates_survive_json() {
     for (name, record) in records() {
@@ -159,7 +159,7 @@ fn through_json<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) ->
     serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
 }
 
-/// The numbers as literals, in matches that a new variant breaks.
+/// The numbers as literals, in matches that fail to compile with a new variant.
 #[test]
 fn numbers_are_pinned() {
     for (_, record) in records() {
@@ -370,7 +370,7 @@ fn nested_variants_are_covered() {
     assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 3 + 9 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 5 + 1);
 }
 
-/// A frame taken apart by hand, so that the goldens do not only agree with themselves.
+/// A frame taken apart by hand, so that the goldens are not compared only with themselves.
 #[test]
 fn by_hand() {
     let request = Request { id: 513, command: Command::Stop };
@@ -469,7 +469,7 @@ fn the_longest_fit() {
     assert!(std::mem::size_of::<FrameReader<Record>>() <= 600);
 }
 
-/// A frame that is passed on is the one that its new sender would have made.
+/// A frame that is passed on is the one that its new sender would have made itself.
 #[test]
 fn frames_take_another_number() {
     fn passes<T: Message>(message: &T) {
@@ -492,7 +492,7 @@ fn frames_take_another_number() {
     }
 }
 
-/// Every buffer that is too small is refused, also when it lacks only the delimiter; none is overrun.
+/// Every buffer that is too small is refused, even if it lacks only the delimiter; none is overrun.
 #[test]
 fn small_buffers_are_refused() {
     for (name, record) in records() {

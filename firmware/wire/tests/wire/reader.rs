@@ -1,4 +1,4 @@
-//! The reader's findings: losses, restarts, strangers, damage by kind.
+//! The reader's findings: losses, restarts, other versions, damage by kind.
 
 use crate::reference::{self, Numbers};
 use crate::values::{hello, longest_samples, records, requests, some_record};
@@ -45,7 +45,7 @@ fn delimiters_alone_are_nothing() {
 
 #[test]
 fn jumps_are_losses() {
-    // Joined anywhere: what was before is not lost.
+    // Joined in the middle: what came before is not lost.
     let (found, counts) = read_all(&[health(40_000), health(40_001)]);
     assert_eq!((found, counts.lost), (vec![healthy(40_000), healthy(40_001)], 0));
 
@@ -62,7 +62,7 @@ fn jumps_are_losses() {
     assert_eq!(found, [healthy(0), Frame::Lost { frames: 32_767 }, healthy(32_768)]);
     assert_eq!(counts.lost, 32_767);
 
-    // The sender's counter advances over what it drops.
+    // The sender's counter also counts what it drops.
     let mut sequence = SequenceCounter::new();
     let first = health(sequence.take());
     sequence.take();
@@ -93,14 +93,14 @@ fn a_start_is_no_loss() {
     let (found, _) = read_all(&[health(65_000), sent(&started, 1)]);
     assert_eq!(found, [healthy(65_000), Frame::Restarted, message(started, 1)]);
 
-    // A Hello in the middle of a stream is one like any other, also when the counter wraps just there.
+    // A Hello in the middle of a stream is like any other record, even where the counter wraps.
     let (found, counts) = read_all(&[health(9), sent(&greeting, 11), health(12)]);
     assert_eq!(found, [healthy(9), Frame::Lost { frames: 1 }, message(greeting.clone(), 11), healthy(12)]);
     assert_eq!(counts.restarts, 0);
     let (found, counts) = read_all(&[health(65_535), sent(&greeting, 0)]);
     assert_eq!((found, counts.restarts), (vec![healthy(65_535), message(greeting, 0)], 0));
 
-    // A host that starts anew greets with Command::Hello.
+    // A host that restarts begins with Command::Hello.
     let request = |sequence, command| {
         let mut out = [0; MAX_FRAME];
         let length = encode_request(&Request { id: 1, command }, sequence, &mut out).unwrap();
@@ -111,7 +111,7 @@ fn a_start_is_no_loss() {
     let found = read(&mut reader, &bytes);
     assert_eq!(found.len(), 4);
     assert_eq!(found[1], Frame::Restarted);
-    // Another command with the number 0, or the greeting with another number, is one after a loss.
+    // Another command with number 0, or Hello with another number, is an ordinary frame after a loss.
     for (sequence, command) in [(0_u16, Command::Tare), (9, Command::Hello)] {
         let mut reader = FrameReader::<Request>::new();
         let before = sequence.wrapping_sub(3);
@@ -158,7 +158,7 @@ fn unknown_variants_are_named_and_left_out() {
     assert_eq!(found, [healthy(0), Frame::Unknown { sequence: 1, number: u32::from(next), request: None }, healthy(2)]);
     assert_eq!((counts.unknown, counts.lost, counts.corrupt()), (1, 0, 0));
 
-    // A kind of event that this version does not know: inside a known record.
+    // A kind of event that this version does not know, within a known record.
     let (found, _) = read_all(&[reference::frame(&[4, 0, 100], 1)]);
     assert_eq!(found, [Frame::Unknown { sequence: 1, number: 4, request: None }]);
 
@@ -167,7 +167,7 @@ fn unknown_variants_are_named_and_left_out() {
     let found = read(&mut reader, &reference::request_frame(&[0x81, 0x04, 99, 7], 5));
     assert_eq!(found, [Frame::Unknown { sequence: 5, number: 99, request: Some(513) }]);
 
-    // Unknown frames count in the sequence: what is missing beside them is seen.
+    // Unknown frames count in the sequence: what is missing beside them is detected.
     let (found, _) = read_all(&[health(0), reference::frame(&[next], 3), health(4)]);
     assert_eq!(found[1], Frame::Lost { frames: 2 });
     assert_eq!(found[3], healthy(4));
@@ -176,22 +176,22 @@ fn unknown_variants_are_named_and_left_out() {
 #[test]
 fn a_foreign_version_is_named_whatever_follows() {
     for rest in [&[][..], &[9; 100], &[0xFF; 300]] {
-        // Record 0, version 300, and content that is nothing to us.
+        // Record 0, version 300, and content that means nothing to us.
         let mut payload = vec![0, 0xAC, 0x02];
         payload.extend(rest);
         let foreign = reference::frame(&payload, 0);
         let stranger = |sequence| Frame::ForeignVersion { sequence, wire_version: 300 };
         let (found, counts) = read_all(&[foreign.clone(), health(1), health(3)]);
-        // Its other records may look like ours and mean something else: none is believed.
+        // Its other records may look like ours and mean something else: none is accepted.
         assert_eq!(found, [stranger(0), stranger(1), Frame::Lost { frames: 1 }, stranger(3)]);
         assert_eq!((counts.foreign, counts.messages, counts.corrupt()), (3, 0, 0));
 
-        // Updated and started anew, it is understood.
+        // After an update and a restart, it is understood.
         let greeting = Record::Hello(hello());
         let (found, _) = read_all(&[foreign.clone(), health(1), sent(&greeting, 0), health(1)]);
         assert_eq!(found, [stranger(0), stranger(1), Frame::Restarted, message(greeting, 0), healthy(1)]);
 
-        // So it is on a link opened anew.
+        // The same applies to a link that was opened again.
         let mut reader = FrameReader::<Record>::new();
         read(&mut reader, &foreign);
         reader.reset();
@@ -213,7 +213,7 @@ fn damage_is_counted_by_kind() {
     for (damaged, corruption) in [
         (vec![1, 0], Corruption::TooShort),
         (vec![3, 5, 5, 0], Corruption::TooShort),
-        // Sequence and CRC are right, and there is no payload.
+        // Sequence and CRC are right, but there is no payload.
         (reference::frame(&[], 1), Corruption::TooShort),
         (cut(&health(1)), Corruption::Stuffing),
         (vec![200, 1, 2, 3, 0], Corruption::Stuffing),
@@ -221,7 +221,7 @@ fn damage_is_counted_by_kind() {
         (b"hello, this is a boot message\0".to_vec(), Corruption::Stuffing),
         ([[1; 600].as_slice(), &[0]].concat(), Corruption::TooLong),
         ([[0xAA; 5000].as_slice(), &[0]].concat(), Corruption::TooLong),
-        // Fits the buffer stuffed, not unstuffed.
+        // Fits the buffer stuffed, but not unstuffed.
         ([[1; MAX_FRAME - 1].as_slice(), &[0]].concat(), Corruption::TooLong),
         (reference::frame(&[0xFF; 6], 1), Corruption::Malformed),
         (reference::frame(&[3, 1, 2], 1), Corruption::Malformed),
@@ -240,7 +240,7 @@ fn damage_is_counted_by_kind() {
         .map(|kind| u32::from(kind == corruption));
         assert_eq!((kinds, counts.corrupt()), (expected, 1));
         if corruption == Corruption::Malformed {
-            // Its sequence number is as good as its CRC.
+            // The CRC also covers its sequence number.
             assert_eq!(found[2..], [healthy(2)]);
         } else {
             assert_eq!(found[2..], [Frame::Lost { frames: 1 }, healthy(2)]);
@@ -299,7 +299,7 @@ fn one_byte_more_than_the_longest_is_too_long() {
     longest.insert(MAX_FRAME - 1, 1);
     let (found, _) = read_all(&[longest.clone(), health(1)]);
     assert_eq!(found, [Frame::Corrupt(Corruption::TooLong), healthy(1)]);
-    // Of what is too long a recording keeps as much as the longest frame has before its delimiter.
+    // Of an overlong frame, a recording keeps as much as the longest frame has before its delimiter.
     let mut reader = FrameReader::<Record>::new();
     assert_eq!(reader.read(&mut &longest[..]), Some(Frame::Corrupt(Corruption::TooLong)));
     assert_eq!(reader.frame_bytes(), &longest[..MAX_FRAME - 1]);
@@ -317,7 +317,7 @@ fn postcard_bytes<T: serde::Serialize>(value: &T) -> Vec<u8> {
     postcard::to_slice(value, &mut out).unwrap().to_vec()
 }
 
-/// Intact payloads of any content: never a panic, and never a message that is not wholly there.
+/// Intact payloads of any content: never a panic, and never a message from part of a payload.
 #[test]
 fn any_payload_is_survived() {
     let mut numbers = Numbers(5);
@@ -325,7 +325,7 @@ fn any_payload_is_survived() {
     for case in 0..100_000u32 {
         let mut payload = numbers.bytes(60);
         if case % 2 == 0 {
-            // A known record with one byte changed gets further.
+            // A known record with one byte changed gets further into the decoder.
             let all = records();
             payload = postcard_bytes(&all[numbers.below(all.len())].1);
             let place = numbers.below(payload.len());
@@ -365,11 +365,11 @@ fn any_payload_is_survived() {
             }
         }
     }
-    // Every way was taken often.
+    // Every branch was taken often.
     assert!(messages > 10_000 && unknown > 10_000 && malformed > 10_000, "{messages} {unknown} {malformed}");
 }
 
-/// A stream as a bad link leaves it: frames, missing numbers, fragments, garbage.
+/// A stream as a bad link delivers it: frames, missing numbers, fragments, garbage.
 fn rough_stream(seed: u64) -> Vec<u8> {
     let mut numbers = Numbers(seed);
     let mut stream = numbers.bytes(5);
@@ -397,7 +397,7 @@ proptest! {
     /// How the stream is cut into portions makes no difference.
     #[test]
     fn portions_make_no_difference(seed: u64, portions in prop::collection::vec(0usize..70, 1..40)) {
-        // Portions of nothing may come, but not only they.
+        // Portions may be empty, but not all of them.
         let portions = [portions, vec![1]].concat();
         let stream = rough_stream(seed);
         let mut whole = FrameReader::<Record>::new();

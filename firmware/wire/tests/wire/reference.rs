@@ -1,4 +1,4 @@
-//! Framing written a second time from its description, with nothing shared, and a source of repeatable numbers.
+//! Framing written a second time from its description, sharing no code, and a source of repeatable numbers.
 
 /// CRC-32 (ISO-HDLC), bit by bit.
 pub fn crc32(bytes: &[u8]) -> u32 {
@@ -69,7 +69,7 @@ impl Numbers {
         (self.next() % limit as u64) as usize
     }
 
-    /// Up to `longest` bytes; every eighth or so is zero, as on a line gone wrong.
+    /// Up to `longest` bytes; about every eighth is zero, as on a bad line.
     pub fn bytes(&mut self, longest: usize) -> Vec<u8> {
         let length = self.below(longest + 1);
         (0..length).map(|_| if self.below(8) == 0 { 0 } else { self.next() as u8 }).collect()

@@ -31,7 +31,7 @@ fn sample() -> impl Strategy<Value = RawSample> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Any samples come back, over the wire, in as many batches as it takes.
+    /// Any samples come back, over the wire, in as many batches as necessary.
     #[test]
     fn any_samples_come_back(samples in prop::collection::vec(sample(), 0..100)) {
         let mut back = Vec::new();
@@ -56,7 +56,7 @@ proptest! {
         prop_assert_eq!(back, samples);
     }
 
-    /// Any content ends, after as many samples as it claims or one error.
+    /// Any content ends, after as many samples as it claims or after one error.
     #[test]
     fn any_content_ends(count: u8, data in prop::collection::vec(any::<u8>(), 0..=400)) {
         let mut payload = vec![count];
@@ -116,7 +116,7 @@ fn a_full_batch_refuses_and_stays() {
     let full = builder.take();
     assert!(!full.is_empty() && Samples::from_slice(&[]).0.is_empty());
     assert_eq!((full.len(), all(&full).len(), full.check()), (32, 32, Ok(())));
-    // The next batch stands alone.
+    // The next batch is independent of this one.
     assert!(builder.is_empty());
     builder.push(&RawSample { index: 32, ..RawSample::default() }).unwrap();
     assert_eq!(all(&builder.take()), [Ok(RawSample { index: 32, ..RawSample::default() })]);
@@ -171,7 +171,7 @@ fn malformed_content_is_named() {
     assert!(Full.to_string().contains("send"));
 }
 
-/// The room that a real motion takes: the paper's 3.2 Hz test at 1 kHz, 2.44 um a count, 2 mN a code.
+/// The space that a real motion takes: the paper's 3.2 Hz test at 1 kHz, 2.44 um a count, 2 mN a code.
 #[test]
 fn real_motion_takes_few_bytes() {
     let mut noise = Numbers(7);

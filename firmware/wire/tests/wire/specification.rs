@@ -1,4 +1,4 @@
-//! `docs/PROTOCOL.md` against the code: its tables, layouts and worked example are made here.
+//! `docs/PROTOCOL.md` against the code: its tables, layouts and worked example are generated here.
 
 use crate::reference;
 use crate::values::{detail, estimate, few_samples, law, reversal};
@@ -21,7 +21,7 @@ const END: &str = "<!-- Made from the code up to here. -->";
 fn registry() -> Registry {
     let mut tracer = Tracer::new(TracerConfig::default());
     let traces = Traces::new();
-    // Enums one by one, so that every variant of each is met.
+    // Enums one by one, so that every variant of each is traced.
     tracer.trace_type::<Status>(&traces).unwrap();
     tracer.trace_type::<Bank>(&traces).unwrap();
     tracer.trace_type::<Reason>(&traces).unwrap();
@@ -103,7 +103,7 @@ fn variant(format: &VariantFormat) -> String {
     }
 }
 
-/// Types that a form names.
+/// Types that a form refers to.
 fn parts(container: &ContainerFormat) -> Vec<String> {
     let mut names = Vec::new();
     let mut note = |format: &Format| {

@@ -1,4 +1,4 @@
-//! One value of everything that travels: every record, every command, every nested variant.
+//! One value of everything that is sent: every record, every command, every nested variant.
 
 use crate::reference::Numbers;
 use inerter_core::{
@@ -43,7 +43,7 @@ pub fn samples() -> Samples {
     samples
 }
 
-/// Three samples at rest but for one step, with one lost between.
+/// Three samples at rest except for one step, with one lost in between.
 pub fn few_samples() -> Samples {
     let raw = |index, position_count| RawSample { index, position_count, ..RawSample::default() };
     Samples::from_slice(&[raw(3, -1), raw(4, 63), raw(6, 63)]).0
@@ -112,7 +112,7 @@ pub fn sums() -> Sums {
     }
 }
 
-/// Sums that no others are longer than.
+/// Sums of the greatest length.
 pub fn longest_sums() -> Sums {
     Sums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 5], sums: [i128::MIN; 15] }
 }
@@ -142,7 +142,7 @@ pub fn more_sums() -> MoreSums {
     MoreSums { index, bank, updates, units: [-5e-8, 0.25], sums: core::array::from_fn(|place| sums[place + 2]) }
 }
 
-/// Further sums that no others are longer than.
+/// Further sums of the greatest length.
 pub fn longest_more_sums() -> MoreSums {
     MoreSums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 2], sums: [i128::MIN; 13] }
 }
@@ -156,7 +156,7 @@ pub fn law() -> Law {
     Law { index: 20_000, status: LawStatus::Broken, misfit: Some(Misfit { ratio: 5.25, limit: 1.5 }) }
 }
 
-/// What goes with [`estimate`], of a device with a terminal displacement sensor.
+/// The detail that belongs to [`estimate`], from a device with a terminal displacement sensor.
 pub fn detail() -> Detail {
     Detail {
         index: 20_000,
@@ -182,7 +182,7 @@ fn warned(kind: WarningKind) -> Record {
     event(EventKind::Warned(Warning { index: 290, kind }))
 }
 
-/// A detail that no other is longer than.
+/// A detail of the greatest length.
 pub fn longest_detail() -> Detail {
     Detail {
         index: u32::MAX,
@@ -210,7 +210,7 @@ pub fn measured(what: Measure) -> Measured {
     measured
 }
 
-/// Figures that no others are longer than.
+/// Figures of the greatest length.
 pub fn longest_measured() -> Measured {
     let figure = Figure { quantity: u8::MAX, value: u32::MAX };
     Measured { what: Measure::Work, figures: std::iter::repeat_n(figure, MAX_FIGURES).collect() }
@@ -387,7 +387,7 @@ pub fn requests() -> Vec<(&'static str, Request)> {
     .collect()
 }
 
-/// A batch that no other is longer than.
+/// A batch of the greatest length.
 pub fn longest_samples() -> Samples {
     let mut builder = Samples::builder();
     let mut numbers = Numbers(1);
@@ -431,7 +431,7 @@ fn some_settings(numbers: &mut Numbers) -> SettingsValues {
     )
 }
 
-/// Any record, its numbers drawn anew where they matter.
+/// Any record, with its numbers randomised where they matter.
 pub fn some_record(numbers: &mut Numbers) -> Record {
     match numbers.below(7) {
         0 => Record::Samples(some_samples(numbers)),
