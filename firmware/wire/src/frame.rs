@@ -161,7 +161,7 @@ impl<'a> Flavor for Body<'a> {
 
 /// Writes the frame of `message` with its delimiter to the front of `out`; returns its length.
 ///
-/// On an error the content of `out` is undefined.
+/// On an error the content of `out` is unspecified.
 ///
 /// ```
 /// # use inerter_wire::{DELIMITER, Event, EventKind, MAX_FRAME, Record, SequenceCounter, encode};
@@ -200,7 +200,7 @@ pub fn encode_request(request: &Request, sequence: u16, out: &mut [u8]) -> Resul
 
 /// Writes the frame of the same payload with another number, for passing frames on; the payload need not be understood.
 /// `frame` is without its delimiter, as [`FrameReader::frame_bytes`] gives it; its CRC is not checked. Returns the
-/// length; `None` if `frame` is no frame or `out` has fewer than [`MAX_FRAME`] bytes.
+/// length; `None` if `frame` is no frame or does not fit `out`: [`MAX_FRAME`] bytes always suffice.
 pub fn renumber<T: Message>(frame: &[u8], sequence: u16, out: &mut [u8]) -> Option<usize> {
     let mut body = [0; MAX_BODY];
     let length = cobs::decode(frame, &mut body).ok()?;

@@ -20,7 +20,7 @@ pub enum Play {
     /// fails.
     Begin {
         /// Time from the sampling clock's event to a change of the outputs (ticks of the core's clock). The answer is
-        /// the time achieved.
+        /// the time actually set.
         phase_ticks: u16,
     },
     /// Continue with these; none is taken unless there is room for all. The answer is the number taken since `Begin`.

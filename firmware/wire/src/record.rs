@@ -318,7 +318,7 @@ pub enum Done {
         /// Samples that can be sent at once now without being refused.
         free: u16,
     },
-    /// The player has done so.
+    /// The player took the command.
     Played {
         /// What [`Play`](crate::Play) specifies for each of its commands.
         answer: u32,

@@ -44,7 +44,8 @@ pub enum Refusal {
         /// Time until it may be written again, in seconds.
         wait_s: u16,
     },
-    /// Nothing is played: the player was not begun, or has released its outputs because nothing came for too long.
+    /// Nothing is played: `Play::Begin` has not come, or the outputs were released since, for example because nothing
+    /// came for too long.
     NotPlaying,
 }
 

@@ -58,7 +58,7 @@ impl SettingsValues {
         )
     }
 
-    /// Adds one setting by its name in [`Settings::TABLE`]; the value is checked alone.
+    /// Adds one setting by its name in [`Settings::TABLE`]; the value is checked by itself.
     pub fn push_by_name(&mut self, name: &str, value: f64) -> Result<(), SettingsError> {
         let (number, info) =
             (0u8..).zip(Settings::TABLE).find(|(_, info)| info.name == name).ok_or(SettingsError::Unknown)?;

@@ -175,8 +175,8 @@ fn what_is_missing_is_named() {
     assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
 }
 
-/// Flanks that meet again and again are detected, as often as the plant makes them, and give no value. A landing that
-/// rings and holds is not one of them.
+/// Flanks that meet again and again are reported exactly where they do so in the plant, and hardly any reversal is
+/// accepted there. A landing that rings and holds is no bounce.
 #[test]
 fn bounces_are_those_of_the_plant() {
     // At each turn of the shaker one landing is a reversal, more are bounces.

@@ -1,5 +1,5 @@
-//! The parts of an interval, against the same in f64 (`textbook`), against the plant, and against runs that contain a
-//! cause.
+//! The parts of an interval, against the same in f64 (`textbook`), against the plant, and against runs in which a cause
+//! is present.
 
 use crate::rig::{self, calibrated, four, instruments, is_near, listen, off, shaken, three, truth};
 use crate::textbook::{Kernel, Rows, Scatter, budgets, fit, moved};
@@ -189,7 +189,7 @@ fn what_moves_without_the_updates_near_rest_is_the_models_part() {
     assert!(seen > 10, "{seen}");
 }
 
-/// Force noise through the kernel explains the residual, and the law is judged by it.
+/// Force noise and encoder steps through the kernel explain the residual, and the law is judged against them.
 #[test]
 fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
     for (rate_hz, noise_n, count_m) in
@@ -211,7 +211,8 @@ fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
         let misfit = heard.last.law.misfit.unwrap();
         assert_eq!(heard.last.law.status, LawStatus::Holds, "{what}");
         is_near(f64::from(misfit.ratio), 1.0, 0.12, &what);
-        // By n observations, and by what is remembered of one difference of the force per update.
+        // Chance variation over n observations, and over the force's differences, one per update, as far as they are
+        // remembered.
         let updates = f64::from(heard.last.estimate.updates);
         let observations = updates / (2.0 * 2.09);
         let differences = 2048.0 * (1.0 - (1.0 - 1.0 / 2048.0_f64).powf(updates));
@@ -310,7 +311,7 @@ fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
 }
 
 /// An exact fit is uncertain by its rounding: half a code, the greatest error of the steps, and half a unit of each
-/// regressor, if all of it resembled one regressor.
+/// regressor, as if all of it resembled one regressor.
 #[test]
 fn an_exact_fit_is_uncertain_by_its_rounding() {
     for (newtons_per_code, force_of_bend, full_scale) in

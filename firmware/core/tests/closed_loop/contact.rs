@@ -218,7 +218,7 @@ fn what_a_wrong_setting_does_to_stiffness_and_damping_is_its_part() {
         let moved = |[more, less]: [[f64; 3]; 2], i: usize| 0.5 * (more[i] - less[i]).abs();
         for i in 1..3 {
             is_near(moved(gain, i), given(i, Source::Gain), 0.05, &format!("{motion}: gain {i}"));
-            // The false travel accounts only for most of the damping's shift.
+            // The budget has the false stretch but not its rate: most of the damping's shift, not all of it.
             let part = if i == 1 { 0.1 } else { 0.6 };
             is_near(moved(lead, i), given(i, Source::Lead), part, &format!("{motion}: lead {i}"));
         }
@@ -310,8 +310,8 @@ fn the_contact_in_the_mirror_is_the_same() {
     }
 }
 
-/// With the sensor, a pattern of the encoder's steps counts as often as strokes recur; a run is assumed to have eight
-/// at most.
+/// With the sensor, a pattern of the encoder's steps counts as often as strokes recur; the flanks are assumed to have
+/// eight patterns at most.
 #[test]
 fn patterns_of_steps_are_in_what_the_sensor_tells() {
     let device = worn(100e-6);

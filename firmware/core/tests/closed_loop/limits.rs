@@ -1,4 +1,4 @@
-//! Where there is no value, and from when on there is one; what is reported of friction and of the law when they are
+//! Where there is no value, and when values begin; what is reported of friction and of the law when they are
 //! disturbed.
 
 use crate::rig::{calibrated, changing, exact, four, instruments, listen, off, shaken, statuses, three, truth};
@@ -23,7 +23,8 @@ fn by(settings: &Settings, duration_s: f64, at: impl Fn(f64) -> (f64, f64)) -> V
     samples.collect()
 }
 
-/// Without acceleration there is no inertance, in one direction no friction, and at one speed no kind of friction.
+/// Without acceleration there is no inertance, and in one direction no Coulomb friction; at one speed the two kinds of
+/// friction cannot be distinguished.
 #[test]
 fn what_a_motion_leaves_open_has_no_value() {
     let settings = exact(Settings::default());
@@ -36,7 +37,7 @@ fn what_a_motion_leaves_open_has_no_value() {
     let (steady, last) = of(&|t| (0.02 * t, 60.0));
     assert_eq!(steady, [NotIdentifiable; 4]);
     assert!(last.estimate.moving);
-    // Ever faster one way: what depends on the speed is known, and of the rest only the sum.
+    // One way, faster and slower: inertance and viscous friction are known, and of the rest only the sum.
     let sine = |hz: f64, t: f64| (std::f64::consts::TAU * hz * t).sin_cos();
     let (one_way, last) = of(&|t| {
         let ((sin, cos), (slow, less)) = (sine(2.0, t), sine(0.31, t));
@@ -101,7 +102,7 @@ fn values_begin_with_the_eighth_observation() {
     }
 }
 
-/// A short recent memory forgets a device within its own length; the whole run never does.
+/// The recent memory forgets a device as fast as it is set to; the whole run never does.
 #[test]
 fn the_recent_memory_is_as_long_as_it_is_set() {
     let device = Inerter::paper();

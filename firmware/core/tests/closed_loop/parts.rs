@@ -1,5 +1,5 @@
-//! What a host computes an interval from by itself, and the accessors of results: public functions, each against its
-//! formula.
+//! The parts from which a host computes an interval by itself, and the accessors of results: public functions, each
+//! against its formula.
 
 use crate::rig::{calibrated, instruments, listen, shaken};
 use inerter_core::{

@@ -129,8 +129,8 @@ impl Pair {
         self.note(&estimate.whole_run, whole);
     }
 
-    /// The solution of the bank that the acceleration's mean square selects: of both, where it is neither clear of the
-    /// steps nor among them, if the limit of the latter is given.
+    /// The solution of the bank that the acceleration's mean square selects: that in the fast bank where it is clear of
+    /// the steps, or among them; that in both banks in between. There is nothing in between if `among` is 2000.
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64), among: f64) -> Option<[f64; 4]> {
         let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
             let (matrix, count) = matrix(memory);

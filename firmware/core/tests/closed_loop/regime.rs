@@ -89,7 +89,7 @@ fn noise_and_steps_explain_the_residual() {
     let creeping = Inerter { presliding_m: 50e-6, ..Inerter::paper() };
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
-    // Only its beginning shows it, and there reversals were placed before friction was known.
+    // Only its beginning shows it; reversals that were placed before friction was known lie there, too.
     assert_eq!(creeping.law, LawStatus::Unknown);
 }
 
@@ -182,7 +182,7 @@ fn simulated_coulomb_friction_turns_at_once() {
 }
 
 /// Run 30 of the grid begins with 5 ms of creeping: with 50 N of friction and its sign unknown, that one reversal
-/// reduced cf by 1.5 N s/m over 20 s, five times the scatter of the others.
+/// moved cf by 1.5 N s/m over 20 s, five times the scatter of the others.
 #[test]
 fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
     let device = Inerter::paper();

@@ -24,7 +24,7 @@ fn gain(kernel: &Kernel, hz: f64, rate_hz: f64) -> f64 {
     ((samples * half).sin() / samples / half.sin()).powi(4) * (half.sin() / half).powi(2)
 }
 
-/// A number of updates that divides into whole periods.
+/// The fewest updates that fill whole periods.
 fn updates_in_whole_periods(kernel: &Kernel, hz: f64, rate_hz: f64) -> usize {
     let is_whole = |n: &usize| {
         let turns = *n as f64 * kernel.spacing / rate_hz * hz;
@@ -131,7 +131,8 @@ fn plus([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
 /// with the structure as if it moved with the screw.
 #[test]
 fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
-    // Of the structure's mass, stiffness, the contact's lag and the skew; 0 is an unknown contact.
+    // Mass of the structure, its natural frequency on the contact, lag of the contact, skew; at 0 Hz the contact is
+    // unknown.
     for (structure_mass_kg, own_hz, lag_s, skew_s) in [
         (0.0, 0.0, 0.0, 0.0047),
         (0.0, 0.0, 0.0, -0.0012),

@@ -158,7 +158,7 @@ pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
 
-/// Error over the half width of the interval, for those that have a value.
+/// Error of a parameter that has a value, over the half width of its interval.
 pub fn off(parameter: Parameter, truth: f64) -> f64 {
     let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
     (f64::from(value) - truth) / f64::from(u95)

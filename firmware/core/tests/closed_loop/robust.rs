@@ -72,7 +72,7 @@ fn one_percent_of_the_samples_lost() {
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
 
-/// To second order alone, a force that is 5 ms late took 2.3 kg off the inertance at 15.9 Hz.
+/// To second order alone, a force that is 5 ms late left an error of 2.3 kg at 15.9 Hz.
 #[test]
 fn a_stated_skew_of_any_size_is_undone() {
     for (sample_rate_hz, motion) in
@@ -280,7 +280,7 @@ fn every_rate_from_50_hz_to_5_khz() {
     }
 }
 
-/// A value that the setting alone may have, including the ends of its range.
+/// A value that is valid for the setting by itself, including the ends of its range.
 fn any_setting(number: usize) -> impl Strategy<Value = f64> {
     let info = Settings::TABLE[number];
     let whole = info.kind == inerter_core::Kind::Whole;

@@ -55,7 +55,7 @@ fn units_stand_at_the_ends_of_names() {
     }
 }
 
-/// Refused alone, and with all others as they are.
+/// Refused by itself, and with all others as they are.
 #[track_caller]
 fn refused(name: &'static str, value: f64) -> SettingsError {
     let error = { Settings::default() }.set_by_name(name, value).unwrap_err();

@@ -1,5 +1,5 @@
 //! The report in f64: standard errors, budgets and what breaks the law, by the formulas of docs/THEORY.md, 6. From core
-//! it uses only the regressors, which it reads back from the exact sums, and the settings.
+//! it takes the regressors, read back from the exact sums, the settings, and what it knows of the motion (`Motion`).
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Motion, Settings, Source, State};
