@@ -60,7 +60,8 @@ pub(crate) struct Signal {
     pub grazing_limit: u32,
     /// Position codes per encoder count.
     pub codes_per_count: u32,
-    /// Velocity of 4 counts per window, through the sign's kernel [2^-VELOCITY_BITS codes per sample, times m^2].
+    /// Greatest velocity that may be creep, `GRAZING_COUNTS` in a window of rest, as the sign's kernel gives it
+    /// [2^-VELOCITY_BITS codes per sample, times m^2].
     pub creep_limit: u32,
     /// Samples that wait in the delay line until the gate has judged them.
     pub delay: u8,
@@ -317,9 +318,9 @@ impl Settings {
         }
     }
 
-    /// What friction and force do to the sign's velocity. Times `mt`: the kernel's kink at a reversal [velocity codes
-    /// per N and cube of the half width], and the velocity due to a sum of the force [velocity codes per force code].
-    /// Then viscous friction [force codes per position code and sample, per N s/m].
+    /// What friction and force do to the sign's velocity: the kernel's kink at a reversal [velocity codes per N and
+    /// cube of the half width], and the velocity due to a sum of the force [velocity codes per force code], both times
+    /// `mt`. The third is viscous friction [force codes per position code and sample, per N s/m].
     fn sign_effects(&self) -> (f64, f64, f64) {
         let period = 1.0 / self.sample_rate_hz;
         let per_impulse = period * period * self.codes_per_metre();

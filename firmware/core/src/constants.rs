@@ -28,8 +28,8 @@ pub const BOXES_VARIANCE: f64 = 151.0 / 315.0;
 /// to those away from rest.
 pub const MOVED: f64 = 1.4;
 /// Relative model error of the structure mass where the gap is not known: across a backlash, the structure's motion
-/// does not follow from the force. 0.1 mm reduces the inertance by up to 4.8 % of the mass (docs/tables/accuracy.md,
-/// `worn`).
+/// does not follow from the force. A gap of 0.1 mm takes up to 4.8 % of that mass from the inertance
+/// (docs/tables/accuracy.md, `worn`).
 pub const STRUCTURE_MODEL_U95: f64 = 0.05;
 /// Relative uncertainty of a stiffness that is given without one.
 pub const UNSTATED_STIFFNESS_U95: f64 = 0.01;
@@ -63,9 +63,9 @@ pub const SIGN_TAPS: [f64; 3] = [1.0, 22.0, 1.0];
 /// Half width of the triangular kernel of the sign \[s\]: shorter ones are noisier, longer ones depend more on the
 /// correction.
 pub const SIGN_KERNEL_S: f64 = 0.005;
-/// Half width of the triangular kernel that relocates a reversal once the signs on both sides are known \[s\]. The
-/// scatter of the inertance at 3.2 Hz is 3 times what the force noise causes with 5 ms, 1.8 times with 15 ms, 1.7 times
-/// with 22 ms.
+/// Half width of the triangular kernel that relocates a reversal once the signs on both sides are known \[s\]. With
+/// 5 ms the scatter of the inertance at 3.2 Hz is 3 times what the force's noise causes, with 15 ms 1.8 times, with
+/// 22 ms 1.7 times.
 pub const REVERSAL_KERNEL_S: f64 = 0.015;
 /// How far a relocated zero may lie from that of the short kernel \[s\]: other reversals come as close as twice that.
 pub const REVERSAL_REACH_S: f64 = 0.002;

@@ -222,7 +222,7 @@ impl State {
         self.repeats.push(place, here.position, here.position_sum, signal.codes_per_count);
     }
 
-    /// Measures the force's noise on the samples that have just left: under an update all are good.
+    /// Measures the force's noise on the samples that have just left the line: at an update they are all good.
     #[cold]
     fn sample_noise(&mut self, delay: u8) {
         let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(|before: u8| self.line.at(delay.wrapping_add(before)).force);

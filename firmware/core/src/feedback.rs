@@ -35,7 +35,7 @@ impl Feedback {
         coulomb_like: false,
     };
 
-    /// Kink of the sign's velocity at a reversal, through boxes of `m` samples [2^-VELOCITY_BITS counts per sample,
+    /// Kink of the sign's velocity at a reversal, through boxes of `m` samples [2^-VELOCITY_BITS codes per sample,
     /// times m^2].
     #[inline]
     pub fn kink(&self, m: u8) -> i64 {

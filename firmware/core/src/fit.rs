@@ -228,8 +228,9 @@ pub(crate) fn fit(knowledge: &Knowledge, scales: &Scales) -> Option<Fit> {
 
 impl Fit {
     /// Restores what the encoder's steps take away, as noise in a regressor does: `taken` per unit of inertance, to
-    /// first order. The readings that one sample sums share between `kept` and all of their error, so the mean of both
-    /// is restored. Steps in a slow motion are not as white as noise, so half of the full correction is uncertain.
+    /// first order. A sample sums readings. If their errors are independent, the fraction `kept` of the steps remains;
+    /// if they are equal, all of it does. The mean of both is restored. Steps in a slow motion are not as white as
+    /// noise, so half of the full correction is uncertain.
     fn correct_for_steps(&mut self, taken: [f32; UNKNOWNS], kept: f32) {
         let [inertance, ..] = self.values;
         let [of_itself, ..] = taken;
@@ -249,7 +250,8 @@ impl Fit {
 /// Standard error of the force that averaging does not remove, where a fit is exact \[N\]; `None` where it is not.
 ///
 /// A residual smaller than rounding leaves shows that the rounding errors follow the motion or are constant: then they
-/// add up. They are at most half a code, the peak of the encoder's steps, and half a unit of each regressor.
+/// add up. They are at most half a code, the rms of the encoder's steps times the peak over rms of one rounding, and
+/// half a unit of each regressor.
 fn rounding(fit: &Fit, scales: &Scales) -> Option<f32> {
     let [per_acceleration, ..] = scales.force_per;
     let [inertance, ..] = fit.values;

@@ -142,7 +142,7 @@ impl DelayLine {
     }
 
     /// Velocity through two boxes of `m` samples, its latest sample `ago`, at half a sample after `ago + m`
-    /// [2^-VELOCITY_BITS counts per sample, times m^2].
+    /// [2^-VELOCITY_BITS codes per sample, times m^2].
     pub fn smooth_velocity(&self, ago: u8, m: u8) -> i32 {
         let [newest, middle, oldest] = [0, m, 2 * m].map(|back| self.at(ago + back).position_sum);
         let velocity = newest.wrapping_add(oldest).wrapping_sub(middle.wrapping_mul(2));

@@ -91,7 +91,8 @@ mod tests {
     /// Quartile of the fourth differences of normal noise, per its rms.
     const QUARTILE: f64 = 0.3186 * 8.3666;
 
-    /// The rms found for a force with noise of `rms` [codes], where each five samples are disturbed by their number.
+    /// The rms found for a force with noise of `rms` [codes]. `disturbance` is added, by the number of the five samples
+    /// and the place among them.
     fn told(noise: &mut Noise, rms: f64, count: usize, disturbance: impl Fn(usize, usize) -> f64) -> f64 {
         let mut seed = 11;
         for n in 0..count {

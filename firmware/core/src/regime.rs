@@ -9,10 +9,10 @@
 //! of docs/tables/robustness.md. A presliding screw is a spring while it creeps. In a steady tone that looks exactly
 //! like inertance; this part is of the size of `fc` over the acceleration.
 //!
-//! A residual that the force's noise and the encoder's steps do not explain has two causes. Where friction could hide
-//! in the other parameters, near and away fit alike, and what is unexplained counts as friction. Where flanks part, it
-//! is their impacts, which repeat with a periodic motion, and so does the error that they cause. Where it is unknown
-//! whether they part, it may be either.
+//! A residual that the force's noise and the encoder's steps do not explain may have two causes that widen the
+//! intervals even where the law is not called broken. Where friction could hide in the other parameters, near and away
+//! fit alike, and what is unexplained counts as friction. Where flanks part, it counts as their impacts, which repeat
+//! with a periodic motion, and so does the error that they cause. Where it is unknown whether they part, both count.
 
 use crate::budget::{Budget, Source};
 use crate::constants;
@@ -339,7 +339,7 @@ mod tests {
             [1.0, 9.0].map(|residual| status(residual, 600.0, Contact::Closed).status),
             [LawStatus::Holds, LawStatus::Broken]
         );
-        // With few observations, nothing else is stated.
+        // With few observations, the only verdict is that the law is broken, by a residual that no impact leaves.
         for contact in [Contact::Unknown, Contact::Closed] {
             assert_eq!([1.0, 9.0].map(|residual| status(residual, 10.0, contact)), [Law::default(); 2]);
             assert_eq!(status(11.0, 10.0, contact).status, LawStatus::Broken);

@@ -32,7 +32,8 @@ const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;
 /// live estimate that switches from one bank to the other would show them later.
 const AMONG_STEPS: f32 = 500.0;
 const SMOOTHED: f32 = 0.1;
-/// Quartiles of the force's fourth differences, each with its ratio to the rms of the noise; the lower one by itself.
+/// Quartiles of the force's fourth differences, each with its ratio to the rms of the noise; then the ratio of the
+/// lower one alone.
 const QUARTILES: [(u32, f32); 3] =
     [(1, QUARTILE), (2, constants::QUARTILES[1] as f32), (3, constants::QUARTILES[2] as f32)];
 const QUARTILE: f32 = constants::QUARTILES[0] as f32;
@@ -40,7 +41,8 @@ const QUARTILE: f32 = constants::QUARTILES[0] as f32;
 const STEPS: f32 = constants::ROUNDING as f32;
 /// Relative interval of Coulomb friction below which reversals are relocated with it.
 const FRICTION_KNOWN: f32 = 0.1;
-/// Variance of a jump of the force (`line.rs`) over that of its noise, times the square of four standard deviations.
+/// Variance of what noise adds to a jump of the force (`line.rs`), over that of the noise, times 4^2: a jump must
+/// exceed four standard deviations.
 const NOISE_OF_JUMP: f32 = 20.0 * 16.0;
 
 /// The force's noise.

@@ -84,7 +84,7 @@ impl core::fmt::Display for SettingsError {
 
 impl core::error::Error for SettingsError {}
 
-/// Unit and explanation of a setting, for people. Apart from [`SettingInfo`], as a device does not need it and its
+/// Unit and explanation of a setting, for people. Not in [`SettingInfo`], because a device does not need them and its
 /// flash is small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

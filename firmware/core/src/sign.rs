@@ -92,9 +92,9 @@ impl VelocityReversals {
         Self { count: 0, free: 0, predicted_squared: 0, predicted_seen: 0 }
     }
 
-    /// Number of reversals at which the old ones are halved.
+    /// Number of reversals at which count and sums are halved.
     const MANY: u16 = 256;
-    /// Greatest value: 256 squares of it fit.
+    /// Values are clamped to this: 256 of its squares fit.
     const GREATEST: i32 = 1 << 27;
 
     /// Takes the predicted and the seen difference of the two kernels at a reversal, in the same arbitrary unit, up to

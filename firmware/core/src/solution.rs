@@ -3,7 +3,7 @@
 use crate::ldl::{FACTOR_BITS, MATRIX_BITS, Solution, UNKNOWNS};
 use crate::math::{power, single, sqrt};
 
-/// Component in an unobservable direction from which on a parameter is unobservable.
+/// A parameter with a greater component than this in an unobservable direction is unobservable.
 const TOUCHED: f32 = 0.02;
 
 /// What is left of an unknown's own variance, or of the force's, once those before it are removed.

@@ -164,7 +164,7 @@ pub struct Spread {
     noise: f32,
     /// Variance by the encoder's steps where strokes recur, and the steps with them.
     pattern: f32,
-    /// The same for friction, which is identified by the harmonics of a single tone.
+    /// The same for friction, which in a single tone only the harmonics identify.
     tone: f32,
     /// The same for every parameter: recurring reversals are placed by the same counts.
     places: f32,
@@ -224,8 +224,8 @@ impl Motion {
     }
 
     /// Greatest variance that steps have in the shift between two fits, over what they have in each parameter
-    /// ([`Source::Encoder`]). For some regressor all of them pass the kernel, whose box is given, and they add up as
-    /// often as they recur.
+    /// ([`Source::Encoder`]): at worst, all of them pass the kernel for some regressor and add up as often as they
+    /// recur. `box_s` is the length of the kernel's box.
     pub fn pattern_in_differences(&self, box_s: f32) -> [f32; UNKNOWNS] {
         let further = if self.repeats > MOST_REPEATS { (self.repeats - 1.0) / (MOST_REPEATS - 1.0) } else { 1.0 };
         let any = further / STEPS;
@@ -288,17 +288,18 @@ impl Systematic {
         }
     }
 
-    /// Variance that a skew and a stiffness within their intervals leave in the residual of a fit \[N^2\]; without the
-    /// stiffness if none is set. `late` and `curved` are the mean squares of the force's rate and of its second
-    /// derivative that the law does not explain.
+    /// Variance that a skew and a stiffness within their intervals leave in the residual of a fit \[N^2\]; that of the
+    /// skew alone if no stiffness is set. `late` and `curved` are the mean squares of the force's rate and of its
+    /// second derivative that the law does not explain.
     pub(crate) fn forgiven(&self, late: f32, curved: f32) -> f32 {
         let bent = self.structure_mass_kg * self.compliance_u95_m_per_n;
         square(self.skew_s) * late + if bent.is_finite() { square(bent) * curved } else { 0.0 }
     }
 
     /// Variance of each parameter, over its squared standard error, by the place of one reversal: from there to where
-    /// the screw reverses, friction is wrong by twice itself, and the acceleration is at its greatest. The inertance's
-    /// standard error is for this variance of the residual, in a box of this squared length.
+    /// the screw reverses, friction is wrong by twice itself, and the acceleration is at its greatest.
+    /// `inertance_error` is the standard error of the inertance with a residual of this variance, behind boxes of this
+    /// squared length.
     pub fn places(
         &self,
         [inertance, coulomb]: [f32; 2],
@@ -377,7 +378,7 @@ impl Systematic {
         self.common(found, spread, spread.pattern * square(found.error))
     }
 
-    /// Budget with the variance of recurring steps.
+    /// The part of the budget that all parameters have; `repeated` is the variance by recurring steps.
     fn common(&self, found: &Found, spread: &Spread, repeated: f32) -> Budget {
         Budget::of_scatter(spread.noise * found.error, spread.freedom)
             .and_variance(Source::Encoder, repeated)

@@ -8,9 +8,10 @@ use crate::output::Published;
 /// Updates after which the law is judged, and the memories may restart: 1.6 s in the fast bank. A steady tone of 15.9
 /// Hz hides friction from 1.2 s on.
 const JUDGED_UPDATES: u32 = 200;
-/// Updates until which that waits to know whether flanks part: later there is too much to forget.
+/// Updates until which the judgement waits to learn whether flanks part: later there is too much to forget.
 const WAITED_UPDATES: u32 = 800;
-/// Growth of the summed residual from which on the law is broken: what the beginning alone has left stays as it is.
+/// Growth of the unexplained residual, summed, from which on the law is broken: what the beginning alone has left does
+/// not grow.
 const GROWS: f32 = 1.5;
 
 /// Whether the law is judged with data from before friction was known.

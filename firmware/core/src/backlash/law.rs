@@ -15,7 +15,8 @@ use crate::solution::{Inverse, pivot};
 const RECORD_COUNT_PART: f32 = 0.08;
 /// Fraction of the residual by which the variance taken for the stretch's noise may be wrong.
 const MODEL_OF_NOISE: f32 = 0.2;
-/// Noise in a regressor, as a fraction of what the others leave of it, from which on it is not corrected for.
+/// Noise in a regressor, as a fraction of what the others leave of it, from which on no correction for it is trusted:
+/// there is then no value.
 const DROWNED: f32 = 0.5;
 /// Fewest blocks on either flank for the terminal's route.
 const FEWEST_BLOCKS: u32 = 16;
@@ -92,7 +93,7 @@ pub(crate) struct Freed {
     /// What the other regressors leave of the squares of `z'` and `z`.
     pub own_rate: f32,
     pub own_stretch: f32,
-    /// Whether the noise in `z'` is too great for a correction.
+    /// Whether the noise in `z'` is too great for a correction; the damping then has no value.
     pub damping_drowned: bool,
 }
 

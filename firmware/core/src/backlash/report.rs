@@ -24,7 +24,7 @@ const COUNT_PART: f32 = 0.4;
 const SENSED_COUNT_PART: f32 = 0.3;
 const STIFFNESS_COUNT_PART: f32 = 0.07;
 const DAMPING_COUNT_PART: f32 = 0.07;
-/// The stretch's rate is the difference of a block's ends: an error of 0.25 % at 16 Hz.
+/// Relative half width for taking the stretch's rate from a block's ends: twice the error at 16 Hz and 1 kHz, 0.25 %.
 const DAMPING_MODEL_U95: f32 = 0.005;
 /// Greatest number of patterns of the encoder's steps that flanks are assumed to have, with the sensor.
 const PATTERNS: f32 = 8.0;

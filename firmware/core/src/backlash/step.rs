@@ -23,7 +23,7 @@ const TOLERANCE: u64 = 8;
 const REACH_BITS: i32 = 25;
 /// Fraction bits of the side, for the same reason.
 const SIDE_BITS: u32 = 24;
-/// Least square of the side [2^-48] that can be divided by.
+/// Smallest divisor: the square of the side [2^-48]. Below it there is no value.
 const LEAST_SIDE: i64 = 1 << 34;
 /// Fraction bits of the polynomials.
 const Q: u32 = 30;
