@@ -142,7 +142,21 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Arguments::parse().command {
+    let result = match std::env::var_os(wheel::CARGO) {
+        Some(cargo) => wheel::as_cargo(&cargo),
+        None => run(Arguments::parse().command),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
         Command::Setup(options) => setup::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Test(options) => suite::run(&options),
@@ -183,12 +197,5 @@ fn main() -> ExitCode {
         Command::Mutants(options) => mutants::run(&options),
         Command::Python => python::run(),
         Command::Wheel(options) => wheel::run(&options),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
     }
 }

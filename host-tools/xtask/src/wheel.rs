@@ -6,6 +6,8 @@ use crate::{
 };
 use anyhow::{Context, Result, bail};
 use std::{
+    env,
+    ffi::OsStr,
     path::{Path, PathBuf},
     process::Command,
 };
@@ -15,6 +17,9 @@ const PACKAGE: &str = "host-tools/python";
 const REQUIREMENTS: &str = "host-tools/python/tests/requirements.txt";
 const IMPORTS: &str =
     "boto3, distributed, duckdb, ipykernel, maturin, moto, mypy, nbclient, numpy, pandas, polars, pyarrow, pytest";
+
+/// Names the real cargo if maturin has been given this program as cargo.
+pub const CARGO: &str = "INERTER_CARGO";
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct Options {
@@ -74,10 +79,29 @@ fn built(python: &Path, folder: &Path, options: &Options) -> Result<PathBuf> {
     maturin.current_dir(tree::root()).args(["-m", "maturin", "build", "--locked", "--quiet"]);
     maturin.args(["--profile", if options.debug { "dev" } else { "release" }]);
     maturin.arg("--manifest-path").arg(Path::new(PACKAGE).join("Cargo.toml")).arg("--out").arg(folder);
+    if options.debug {
+        let program = env::current_exe().context("where this program lies")?;
+        maturin.env(CARGO, process::cargo().get_program()).env("CARGO", program);
+    }
     process::run(&mut maturin).context("the wheel could not be built")?;
     let wheels = tree::files(folder).with_context(|| format!("no wheel in {}", folder.display()))?;
     match <[PathBuf; 1]>::try_from(wheels) {
         Ok([wheel]) => Ok(wheel),
         Err(others) => bail!("one wheel is expected in {}, not {}", folder.display(), others.len()),
     }
+}
+
+/// Takes the place of `cargo` for maturin, which compiles the package alone: cargo would enable fewer features of the
+/// libraries than for the tests, and compile them again. Here they are those of the tests.
+pub fn as_cargo(cargo: &OsStr) -> Result<()> {
+    let given: Vec<_> = env::args_os().skip(1).collect();
+    let mut command = Command::new(cargo);
+    if given.first().is_some_and(|first| first == "rustc") {
+        let beside = Part::Main.all("build");
+        command.args(beside.get_args()).args(["--lib", "--tests", "--quiet"]).current_dir(tree::root());
+        command.arg("--message-format=json-render-diagnostics");
+    } else {
+        command.args(given);
+    }
+    process::run(command.env_remove(CARGO).env("CARGO", cargo))
 }
