@@ -374,8 +374,19 @@ fn test_probe() -> Result<()> {
     Ok(())
 }
 
+/// In the main workspace with examples: cargo then enables the same features of dependencies as for the lints, and checks
+/// none again. Programs named as their library are left out, as it has their page.
 fn document() -> Result<()> {
-    Part::each(|part| process::run(part.whole("doc").arg("--no-deps").env("RUSTDOCFLAGS", "-D warnings")))
+    const LIBRARIES: &[&str] = &["--lib", "--examples"];
+    const PROGRAMS: &[&str] =
+        &["--bins", "--examples", "--exclude", "inerter-originals", "--exclude", "inerter-stm32g474"];
+    let document = |part: Part, chosen: &[&str]| {
+        process::run(part.whole("doc").arg("--no-deps").args(chosen).env("RUSTDOCFLAGS", "-D warnings"))
+    };
+    Part::each(|part| match part {
+        Part::Main => document(part, LIBRARIES).and_then(|()| document(part, PROGRAMS)),
+        Part::Bench | Part::Twin => document(part, &[]),
+    })
 }
 
 /// All tests. What this command makes or installs is required; recordings of real machines are required if their folder
