@@ -60,8 +60,8 @@ fn run() -> Result<bool, Error> {
 How soon a change of the simulated device is found while it moves, the rigs and motions of [accuracy](accuracy.md), and how
 often one is found in {:.0} minutes of steady motion without any. The device changes after 10 s of motion, `slow` after 60 s.
 Times are the longest of {SEEDS} runs, in seconds; `2/4`: found in two of four within 10 s, 60 s for `slow`; `-`: in none, and the
-memory follows slowly instead. What is named is not always what was changed: friction that grows with the speed is a part of
-the other one until more of the motion has been seen; `*` says so.
+memory follows slowly instead. The parameter named is not always the one that changed
+(`*`): until more of the motion has been seen, viscous friction may be taken for Coulomb friction.
 
 Written by `cargo xtask changes --update`. `cargo xtask changes`, part of `cargo xtask test --full`, measures anew, and fails where a
 figure left the table, where anything is found in steady motion, or where a step at 3.2 Hz and 1 N takes longer than 2 s;

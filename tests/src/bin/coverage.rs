@@ -65,8 +65,8 @@ fn run() -> Result<bool, Error> {
     let mut text = format!(
         "# Coverage
 
-`cargo xtask coverage --update` writes this table. What `U95` over the whole run is worth where all that the settings state is true to the last digit: {seeds} runs of each motion of
-[accuracy](accuracy.md), seeds from {first} on.
+`cargo xtask coverage --update` writes this table. It shows how sharp `U95` over the whole run is, and how often it holds, when everything that the settings
+state is exactly true: {seeds} runs of each motion of [accuracy](accuracy.md), seeds from {first} on.
 
 - *rms*: root mean square of the error over `U95`. An interval that is right has 0.51; {} to {} is wanted. *covered*: runs whose interval holds the truth.
 - A cell is bold where less than 95 % are covered beyond chance (1 in 10 000), or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.

@@ -117,16 +117,18 @@ fn head(kinds: usize) -> String {
 
 `cargo xtask defects --update` writes this table and [roc.svg](../roc.svg). {kinds} kinds of realistic defects of device, force, encoder and sampling, in {} motions of {SEEDS} seeds
 each, from {} on. Device, motion, rig and the size of the defect are drawn anew in each run; half of the runs that both can make come from a second plant (`tests/src/defects`).
-Its clean runs of other seeds have set three rules about reversals and stops; else none of it has set a constant of the estimator. What `replay` looks for in the samples has the shapes of these kinds, and their sizes were looked at on seed 1 ([THEORY](../THEORY.md), 17). Seeds 1 to {DEVELOPMENT} were looked at while defects and judge were written. The settings state the rig without any uncertainty, and nothing of what is wrong.
+Its clean runs of other seeds have set three rules about reversals and stops; else none of it has set a constant of the estimator. What `replay` looks for in the samples has the shapes of these kinds, and their sizes were looked at on seed 1 ([THEORY](../THEORY.md), 17). Seeds 1 to {DEVELOPMENT} were looked at while defects and judge were written.
+The settings state no uncertainty of the rig and do not mention the defect.
 
-- *wrong*: a value of mt, cf or fc over the whole run is given whose interval, by `inerter replay`, does not hold the truth. Where the defect makes a parameter differ within the run, all that it is in it is the truth.
-- *told*: there is a word about each wrong parameter: the law is called broken; friction presliding or Stribeck's, or a cause is named, that moves this parameter; a warning names the defect
-  (`clipped_force` about a force that is not clipped is no word); `moved_by` names it. *assumed*: of some it is only said that they rest on the absence of this very defect
-  (`assumes`), as in any run of such a motion. *silent*: of at least one nothing is said (`tests/src/defects/judge.rs`).
+- *wrong*: a value of mt, cf or fc over the whole run is given whose interval, by `inerter replay`, does not hold the truth. If the defect changes a parameter during the run, every value that the
+  parameter takes counts as true.
+- *told*: each wrong parameter is reported: the law is called broken; presliding or Stribeck friction, or a cause that moves this parameter, is named; a warning names the defect
+  (`clipped_force` for a force that is not clipped does not count); `moved_by` names it. *assumed*: for some of them the only report is that they assume the absence of this defect
+  (`assumes`), as in any run of such a motion. *silent*: at least one is not reported at all (`tests/src/defects/judge.rs`).
 - *harmful*: the fit, given or not, is off by more than twice the interval that the same run has without the defect.
 - *beyond twice*: the same where a value is wrong that is off by more than twice its interval. 5 % of right values lie beyond their interval by chance, of three parameters in up to 14 % of
-  the runs; beyond twice, 1 in 10 000. So the row of the clean runs is what chance makes of each column.
-- *wrong scales* are a group apart: each sample is what another device's would be, so nothing in them can tell. They are stated (`force_gain_u95` and its like) or they are not known.
+  the runs; beyond twice, 1 in 10 000. So the row of clean runs shows what chance alone puts into each column.
+- *wrong scales* are a separate group: the samples are exactly those of another device, so they cannot reveal the error. Only a stated uncertainty (such as `force_gain_u95`) covers it.
 ",
         MOTIONS.len(),
         DEVELOPMENT + 1,

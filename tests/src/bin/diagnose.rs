@@ -182,7 +182,7 @@ fn run() -> Result<bool, Error> {
 one way at 1 kHz with 1 N of noise, the seeds {} to {} of each motion; `inerter diagnose` is told nothing of it. *First*: the cause is named
 before any other. *Sized*: and its size is right to {:.0} %. *Other*: another is named first; *none*: nothing is named.
 
-What the motion tells of the fault follows from the plant's truth, whatever seeks it (`tests/src/identified.rs`): the part of the square of what the fault adds
+How much of the fault the motion can show is computed from the plant's truth, independently of any method (`tests/src/identified.rs`): the part of the square of what the fault adds
 to the force that the law's four regressors leave over, where the screw moves; and its size in standard deviations of an estimate that knows everything else, limited by the force's noise and the encoder's steps (which a
 motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size could be told to 10 % in 95 % of the runs (19.6 sigma).
 
@@ -212,7 +212,7 @@ intervals of inertance, viscous and Coulomb friction with it included hold these
 Of {} runs without a fault (noise of 0.2 to 20 N, 1 to 4 kHz, counts of 0.5 to 20 um, a device of 95 kg, a preloaded one, a rotary one of 2e-4 kg m2) {} name a
 cause; the greatest F statistic is {:.2} of its threshold, and {:.2} with the seeds {} to {}, which set it.
 
-Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or not, {parting_told} are told a cause unasked (`replay`, `report`, `monitor`), which is none.
+Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or not, {parting_told} are given a cause unasked (`replay`, `report`, `monitor`), which would be false.
 ",
         all.runs,
         told_enough.runs,

@@ -130,10 +130,10 @@ fn run() -> Result<bool, Error> {
         "# Runs merged
 
 `cargo xtask merge --update` writes this table. Each of {GROUPS} groups is of one device, the paper's, whose runs of {DURATION_S} s are fitted together by
-`inerter fit` and `inerter.merge`, 1 of them, 2, 4 or 16; a motion of its own seed each, or a tone that is played again. The rig is stated to be as perfect
-as it is, and its skew to be as wrong as it is. *U95*: the median half width; *held*: how many of the intervals hold the device as it is on average, of those that are told; *rms*: of the error
-over the half width; 0.51 is exact. *Differ*: groups whose runs are said to differ by more than their scatter. One run does not show what varies: its
-interval is of the device as it was then, and such rows are not counted below.
+`inerter fit` and `inerter.merge`, 1 of them, 2, 4 or 16; a motion of its own seed each, or a tone that is played again. The settings state
+the true uncertainties: none for the rig, and the actual one for the skew. *U95*: the median half width; *held*: how many of the intervals hold the device as it is on average, of those that are told; *rms*: of the error
+over the half width; 0.51 is exact. *Differ*: groups whose runs are said to differ by more than their scatter. A single run cannot show variation between runs: its
+interval is that of the device during that run, so rows of one run are not counted below where the device varies.
 
 | runs | of | mt: U95 kg | held | rms | cf: U95 N s/m | held | rms | fc: U95 N | held | rms | differ |
 |---|---|---|---|---|---|---|---|---|---|---|---|

@@ -260,7 +260,7 @@ fn run() -> Result<bool, Error> {
     let text = format!(
         "# Planned motions
 
-`cargo xtask plan --update` writes this table. What `inerter plan` predicts of a motion, and what runs of it then tell: {seeds} runs with seeds from {first} on, a rig whose settings are true to the last digit and
+`cargo xtask plan --update` writes this table. It compares what `inerter plan` predicts for a motion with what runs of it give: {seeds} runs with seeds from {first} on, a rig whose settings are true to the last digit and
 say so, one motion throughout (`multi` and `random` with seed 1). The rehearsals of the predictions have other seeds.
 
 - *u_a*: standard uncertainty by scatter, predicted by the theory alone, with the residual that rehearsals leave (which is what `inerter plan` says), and as the estimator states it, mean of all runs. *scatter*:
@@ -273,7 +273,7 @@ say so, one motion throughout (`multi` and `random` with seed 1). The rehearsals
 | designed motions | {designed} |
 
 Benches and cases were looked at while the method was built, the preloaded and the 700 kg bench and H and I once: since then the residual of the rehearsals is in `u_a`. The last two benches and K and L were not looked at before, and nothing was changed
-after. Rehearsed and measured is the same plant: what is compared is theory, search and prediction, not the plant with a real device.
+after. Rehearsals and runs use the same plant: the table tests theory, search and prediction, not whether the plant resembles a real device.
 
 The designed motions, each within its limits, written as a CSV of {FILE_HZ} Hz and read by the plant:
 

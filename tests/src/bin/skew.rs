@@ -68,8 +68,8 @@ fn run() -> Result<bool, Error> {
         "# Skews
 
 `cargo xtask skew --update` writes this table. Each run is of a machine of its own, drawn by the seeds {} to {}: 3 mg m^2 to 500 kg, with friction from 1 to 150 % of the
-inertance's force, noise of 0.02 to 5 % of the force, 300 to 300 000 counts in a stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early. 20 s of motion, and
-settings that know nothing of the delay. *Told*: there is a skew; *held*: its interval holds the delay. *Rms*: of the error over the half width; 0.51 is exact.
+inertance's force, noise of 0.02 to 5 % of the force, 300 to 300 000 counts in a stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early.
+Each run has 20 s of motion, and its settings do not state the delay. *Told*: a skew is reported; *held*: its interval holds the delay. *Rms*: of the error over the half width; 0.51 is exact.
 
 | | runs | told | held | rms | median U95 us |
 |---|---|---|---|---|---|
@@ -100,9 +100,9 @@ settings that know nothing of the delay. *Told*: there is a skew; *held*: its in
     let (set_told, set_held, set_rms, _) = counted(&setting.iter().collect::<Vec<_>>());
     text += &format!(
         "
-Of {} machines {told} are told a skew, and {held} intervals hold it ({:.1} %, rms {rms:.2}); of those that set the thresholds, seeds {} to {}, {set_held} of {set_told} (rms {set_rms:.2}).
-The median of what the law leaves over falls from {:.1} to {:.1} % of the force. No skew is told to {} for too little motion that is no rest (strokes shorter than the kernel, or friction that holds the screw),
-to {} for noise, to {} as of a single tone, and to {} as of one beyond 5 ms, which is none.
+Of {} machines {told} get a skew, and {held} intervals hold it ({:.1} %, rms {rms:.2}); of those that set the thresholds, seeds {} to {}, {set_held} of {set_told} (rms {set_rms:.2}).
+The median of what the law leaves over falls from {:.1} to {:.1} % of the force. The others get none: {} for too little motion that does not count as rest (strokes shorter than the kernel, or friction that holds the screw),
+{} for noise, {} as a single tone, and {} as a delay beyond 5 ms, which none of them has.
 ",
         judging.len(),
         100.0 * held as f64 / told.max(1) as f64,

@@ -273,10 +273,10 @@ is edited and built (`host-tools/xtask/src/ablation/host.rs`).
 - *first*: faults that are named before any other cause; *sized*: with a size right to 10 % as well.
   *right*: of the parameters that are given with the causes included in those runs, those within their
   intervals [%]. *wrong*: runs whose first cause is none, with or without a fault.
-- *outside*: of the parameters that are given in runs without a word, of a law that is true or nearly
-  so, those outside the samples' intervals [%]; *unsaid*: and not said to rest on what is wrong either.
-  *assumed*: those that are said to rest on anything. *width*: these intervals without the part over
-  those with it, geometric mean.
+- *outside*: of the parameters given in runs without any message, with a true or nearly true law,
+  those whose truth lies outside the interval by the samples [%]; *unsaid*: those of them that are
+  not reported to assume the absence of the fault either. *assumed*: those that are said to rest on
+  anything. *width*: these intervals without the part over those with it, geometric mean.
 - *buys*: what is lost without it. Where that is nothing here, the part is a candidate to be left out,
   or these runs lack what it is for: slow motion, other rates and rotary machines are not among them.
 

@@ -198,7 +198,7 @@ published values lie within their interval of the truth; `--short`, part of `car
   (Cramer and Rao), over all samples in which the screw truly slips. For `slow` without the first second and the 13 Hz
   ringing after each breakaway, which the slow kernels do not pass. *ratio*: sigma over that; wanted is 1.5 for `fast` and
   `random`, 2.5 for the others, at 1 kHz and 1 N. *with steps*: sigma over the same bound with the encoder's steps as white noise beside the
-  force's; they are no noise, so less than 1 beats nothing.
+  force's; the steps are not noise, so a ratio below 1 does not beat a true bound.
 - *U95*: mean half width of the reported interval. *live*, *whole*: part of all published values, ten a second, whose
   interval covers the truth, with a memory of 4 s and over the whole run. *runs*: how many ended with a value.
 - *settled*: median time until the live value stays within 0.3 kg (0.1 %), 5 N s/m or 1 N.

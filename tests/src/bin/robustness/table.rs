@@ -55,8 +55,8 @@ pub fn markdown(rows: &[Row], seeds: u64) -> String {
         "# Robustness
 
 What one imperfection of rig or device at a time does to the estimates: the device, rig and motions of
-[accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count), {seeds} runs of 20 s in each row, 80 s for `slow`. The settings know
-nothing of what is wrong. *fc* is the sliding friction, the mean of both directions.
+[accuracy](accuracy.md) (1 kHz, 1 N, 2.44 um per count), {seeds} runs of 20 s in each row, 80 s for `slow`.
+The settings do not state the imperfection. *fc* is the sliding friction, the mean of both directions.
 
 Written by `cargo xtask robustness --update`; `cargo xtask robustness` measures anew and fails where a figure left the
 table by more than {} %, either way, or where another flag shows.
