@@ -59,7 +59,7 @@ pub enum DeviceError {
     #[diagnostic(
         code(inerter::device::turned_away),
         help(
-            "other programs may hold all its connections: close one of them, or wait; otherwise check that it is a device at all"
+            "other programs may hold all its connections: close one of them, or wait; otherwise check that the address is that of a device"
         )
     )]
     TurnedAway { name: String },

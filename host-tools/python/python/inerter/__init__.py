@@ -90,7 +90,7 @@ def open(
     needs `metres_per_count`: the displacement for one encoder count [m], which is the lead over the counts of a revolution; for a rotary
     machine [rad]. `progress` is called with the part of a recording that is read, from 0 to 1.
 
-    What was corrected or found missing, or an expired calibration, is a warning; `run.notes` has the same words.
+    Corrections, missing data and an expired calibration are reported as warnings; `run.notes` has the same texts.
 
     Raises InerterError if the file or a setting cannot be used, and KeyboardInterrupt on Ctrl-C.
     """
