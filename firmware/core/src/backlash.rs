@@ -4,7 +4,7 @@
 //! the time between two flanks; a *reversal* is a flight from one flank to the other; *stretch* is the contact's own
 //! deformation `p`, the force over the stiffness through the lag `cs / ks`.
 //!
-//! While a flank `s` is firm, `x1 = x2 + p + s eps / 2`. The terminal's motion `x1` is smooth across the flight, so
+//! While a flank `chi` is firm, `x1 = x2 + p + chi eps / 2`. The terminal's motion `x1` is smooth across the flight, so
 //! around each reversal `x2 + p` is a polynomial in time less a step of `eps`. The path: [`flanks`] (stretch, and which
 //! samples are firm) -> [`octaves`] (the past at every time scale) -> [`step`] (one reversal) -> [`pool`] (all of
 //! them), and beside it [`terminal`], which measures `x1 - x2` where there is a sensor for it. [`report`] gives the

@@ -18,7 +18,7 @@ const LEAST_OWN_FREQUENCY_SQUARED: f32 = 987.0;
 /// Fraction of the encoder steps' share in the scatter that affects a parameter, by the harmonics of a stroke. The
 /// steps are noise in the position; in the acceleration most of it lies beyond the motion's own frequencies.
 const STEPS: f32 = 0.25;
-/// The same by the motion's own frequency `w`, per `(w L)^4`: the spectrum of a second difference over a box `L`,
+/// The same by the motion's own frequency `w`, per `(w h)^4`: the spectrum of a second difference over a box `h`,
 /// against a flat one of the same variance and correlation length.
 const STEPS_AT_FREQUENCY: f32 = 3.0 / 8.0 / 2.09;
 /// How often a pattern of steps adds up at most, except through a tone's harmonics: a pattern that stays for longer
@@ -28,7 +28,7 @@ pub const MOST_REPEATS: f32 = 8.0;
 /// amplitude, at any place among the counts: `zeta(3) / pi^4`, by the first harmonic of a sawtooth of a sine.
 const AMPLITUDE: f32 = 0.01234;
 
-/// Fraction of the acceleration that a jump of a gap `g` at each of its zero crossings takes, over `g w^2 / a`:
+/// Fraction of the acceleration that a jump of a gap `eps` at each of its zero crossings takes, over `eps w^2 / a`:
 /// `2 / (sqrt(2) pi)` for a tone, 0.40 for a normal random motion, with `w` weighted by the squared acceleration and
 /// `a` its rms.
 const GAP: f32 = 0.45;
@@ -129,7 +129,7 @@ impl Scatter {
 
     /// Its effect on every parameter's error in this motion.
     pub fn in_motion(&self, motion: &Motion) -> Spread {
-        // Upper bound of the squared kernel at the motion's frequency: (sin x / x)^8 with x = w L / 2.
+        // Upper bound of the squared kernel at the motion's frequency: (sin x / x)^8 with x = w h / 2.
         let root = 1.0 + self.frequency_squared / 12.0;
         let kernel = 1.0 / square(square(root));
         let of_steps = STEPS + STEPS_AT_FREQUENCY * square(self.frequency_squared) * kernel;
@@ -199,7 +199,7 @@ impl Motion {
     /// Fraction of the steps' share in the scatter that affects Coulomb and viscous friction in a single tone. Both
     /// move the same force at the tone's own frequency; only the harmonics, `1/n` of the first, distinguish them. For a
     /// tone `w` and a box `L` this is the mean of the steps' spectrum (above) over the harmonics, weighted by the
-    /// kernel and `1/n^2`, within a fourth from `w L` 0.1 to 1. It is 0 for a motion of several frequencies.
+    /// kernel and `1/n^2`, within a fourth from `w h` 0.1 to 1. It is 0 for a motion of several frequencies.
     fn steps_in_harmonics(&self, frequency_squared: f32) -> f32 {
         let alike = if self.frequency_squared > 0.0 { self.low_squared / self.frequency_squared } else { 0.0 };
         let passed = square(square(square(frequency_squared)));

@@ -6,11 +6,11 @@
 //! displacement, velocity and force are polynomials in time, and a change of mode is the first root of one of them,
 //! found by subdivision without omission to the last bit. Global error: sixth order in the step; nothing is smoothed.
 //!
-//! Contact: `F = ks (d - s eps/2) + cs d'` while `abs(d) > eps/2`, otherwise `F = 0`, taken to the letter. So the
-//! force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment (`cs d'` outweighs
-//! the spring), as a linear spring and damper do. The spring is relaxed at both jumps, hence no energy appears or
-//! vanishes; what the damper takes is counted while the flanks touch. `d'` is continuous, so parting and meeting
-//! again at once is impossible. Without backlash contact never ends and pulls as it pushes.
+//! Contact: `F = ks (d - chi eps/2) + cs d'`, `chi = sgn d`, while `abs(d) > eps/2`, otherwise `F = 0`, taken to the
+//! letter. So the force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment
+//! (`cs d'` outweighs the spring), as a linear spring and damper do. The spring is relaxed at both jumps, hence no
+//! energy appears or vanishes; what the damper takes is counted while the flanks touch. `d'` is continuous, so parting
+//! and meeting again at once is impossible. Without backlash contact never ends and pulls as it pushes.
 //!
 //! Unilateral contact pushes only: the force is cut off where it would begin to pull, and so are the flanks parted;
 //! they meet again where it would push. What the spring holds when they part, the flank loses on its own. Without

@@ -234,7 +234,7 @@ pub fn all() -> Result<Vec<Case>, Box<dyn Error>> {
     Ok(cases)
 }
 
-/// `x1 - x2 = F/ks - (cs/ks^2) F' + s eps/2 + c`, exactly.
+/// `x1 - x2 = F/ks - (cs/ks^2) F' + chi eps/2 + c`, exactly.
 fn clean() -> Vec<Update> {
     (0..4000)
         .map(|n| {

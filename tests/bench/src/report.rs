@@ -52,7 +52,7 @@ impl Report<'_> {
             "
 ## Backlash with a terminal sensor
 
-`x1 - x2 = F/ks - (cs/ks^2) F' + s eps/2 + c` for four unknowns, of the device with {:.0} um of backlash and ks
+`x1 - x2 = F/ks - (cs/ks^2) F' + chi eps/2 + c` for four unknowns, of the device with {:.0} um of backlash and ks
 2.1e6 N/m: {DURATION_S} s at 1 kHz, 1 N, encoder 2.44 um, terminal 1 um; nothing is forgotten. Errors of eps and ks, the
 worst of {SEEDS} runs, in brackets the mean half width of eps's 95 % interval: on all samples, as a user has them, and
 behind a gate that knows every flight and leaves it and 4 ms beside it out. The instrument has a gate of its own. The

@@ -1,10 +1,10 @@
 //! Backlash, stiffness and damping of the contact, where the terminal has a displacement sensor of its own.
 //!
-//! While a flank is firm, `F = ks z + cs z' - s ks eps / 2 + c`, `z = x1 - x2`. Means over blocks of 4 ms enter the
-//! estimator's own least squares, in the order `[z', z, s, 1, F]`; a block counts when all its samples are firm on one
-//! flank. The load cell also carries the structure mass; its share follows from the terminal's own second difference.
-//! Beside the products, those of the encoder's travel with the same regressors are summed. They show what a scale error
-//! between the two displacements would do.
+//! While a flank is firm, `F = ks z + cs z' - chi ks eps / 2 + c`, `z = x1 - x2`. Means over blocks of 4 ms enter the
+//! estimator's own least squares, in the order `[z', z, chi, 1, F]`; a block counts when all its samples are firm on
+//! one flank. The load cell also carries the structure mass; its share follows from the terminal's own second
+//! difference. Beside the products, those of the encoder's travel with the same regressors are summed. They show what a
+//! scale error between the two displacements would do.
 //!
 //! Each flank's blocks are also summed separately. Where one flank follows the other, their means and the contact's law
 //! from all blocks so far give the backlash of that one reversal; neighbouring reversals share a flank.

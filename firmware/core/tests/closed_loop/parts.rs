@@ -67,7 +67,7 @@ fn a_gap_is_at_most_the_backlash_with_its_interval() {
     }
 }
 
-/// 0.45 g w^2 / a of the structure's mass, 5 % where that is unknown, and all of it at most.
+/// 0.45 eps w^2 / a of the structure's mass, 5 % where that is unknown, and all of it at most.
 #[test]
 fn a_structure_across_a_gap_is_left_out_by_its_part() {
     is_near(apart(1e-4, 400.0, 4.0), 0.45 * 1e-4 * 400.0 / 2.0, "apart");
