@@ -60,7 +60,7 @@ impl VirtualDevice {
         Self::new(setup, endpoint, speed, true, Box::new(setup.samples()?))
     }
 
-    /// Starts a device at which hands are busy; the motion of the set-up is the first one.
+    /// Starts a device that an operator loads and moves; the motion of the set-up is the first one.
     pub fn with_operator(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<(Self, Operator), SimulateError> {
         let bench = Operator::new(setup);
         let samples = Handled::new(setup, bench.clone())?;

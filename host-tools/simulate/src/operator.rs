@@ -77,7 +77,7 @@ impl Operator {
     }
 }
 
-/// Samples of a device with hands at it.
+/// Samples of a device that an operator loads and moves.
 pub(super) struct Handled {
     simulation: Simulation,
     bench: Operator,

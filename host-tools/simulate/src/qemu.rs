@@ -140,7 +140,7 @@ impl Qemu {
         Ok(())
     }
 
-    /// The same with hands at the device; the motion of the set-up is the first one.
+    /// The same for a device that an operator loads and moves; the motion of the set-up is the first one.
     pub fn play_with_operator(&mut self, setup: &Setup, speed: f64) -> Result<Operator, SimulateError> {
         let bench = Operator::new(setup);
         self.feed(Handled::new(setup, bench.clone())?, setup.settings.sample_rate_hz, speed);

@@ -256,8 +256,8 @@ fn highest_hz(prepared: &Prepared, device: &Parameters) -> f64 {
     least.min(0.45 / prepared.period_s)
 }
 
-/// Caution of the first round: how often the terminal's noise it reckons with. It hardly looks at the device's
-/// resonance, where a stiffness that is a percent off would hide all else.
+/// Factor by which the first round inflates the terminal's noise. The device's resonance then has little weight: there a
+/// stiffness that is a percent off would hide all else.
 const CAUTION: f64 = 30.0;
 /// Most rounds of weighing and fitting.
 const MOST_ROUNDS: usize = 6;
