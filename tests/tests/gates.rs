@@ -1,4 +1,4 @@
-//! Motions without a fault are left alone by what looks for samples that no device can be blamed for.
+//! Motions without a fault are left alone by what looks for samples that no device can cause, and for stops.
 
 use inerter_core::State;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -20,4 +20,21 @@ fn motions_without_a_fault_are_left_alone() {
             }
         }
     }
+}
+
+/// A stop is judged by counts, however many of them a sample sums.
+#[test]
+fn as_many_samples_are_left_out_whatever_the_oversampling() {
+    let updates = [1.0, 16.0, 64.0].map(|oversampling| {
+        let (device, sensors) = (Inerter::paper(), Sensors { oversampling, seed: 3, ..Sensors::default() });
+        let active = calibrated(&device, &sensors).validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        let excitation = Excitation::parse("random", 3).unwrap();
+        for sample in Simulation::new(device, excitation, sensors).unwrap().lasting(20.0) {
+            active.step(&mut state, &raw(&sample));
+        }
+        active.publish(&state).estimate.updates
+    });
+    assert_eq!(updates[1], updates[2]);
+    assert!(updates[0].abs_diff(updates[1]) <= 2, "{updates:?}");
 }

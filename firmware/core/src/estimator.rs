@@ -150,7 +150,7 @@ impl State {
                 line.resting = u16::from(signal.delay) + signal.rest_block;
             }
             Some(Block::Moving) if self.feedback.coulomb_like && self.velocity_reversals.have_told() => {
-                line.hold(signal.sign_half_width, &self.feedback);
+                line.hold(signal.sign_half_width, signal.codes_per_count, &self.feedback);
             }
             Some(Block::Moving) | None => {}
         }

@@ -120,14 +120,14 @@ impl DelayLine {
     /// stick there for too short a time to count as rest, and then continue the same way.
     #[cold]
     #[inline(never)]
-    pub fn hold(&mut self, m: u8, feedback: &Feedback) {
+    pub fn hold(&mut self, m: u8, codes_per_count: u32, feedback: &Feedback) {
         if !self.at(m).may_be_held(feedback) {
             return;
         }
         let [velocity, earlier] = [0, m].map(|ago| self.smooth_velocity(ago, m));
         // If it slows as much again, it stands within the kernel. Velocities may be wrong by one count in `m` samples.
         if velocity.unsigned_abs() <= velocity.abs_diff(earlier)
-            && earlier.unsigned_abs() > (STOP_COUNTS * u32::from(m)) << VELOCITY_BITS
+            && earlier.unsigned_abs() > (STOP_COUNTS * codes_per_count * u32::from(m)) << VELOCITY_BITS
         {
             self.spoil(2 * m);
         }
