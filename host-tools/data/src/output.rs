@@ -39,6 +39,13 @@ pub enum OutputError {
         /// The file.
         path: PathBuf,
     },
+    /// The format is not built in.
+    #[error("{path} cannot be written: `inerter-data` was built without its format", path = path.display())]
+    #[diagnostic(code(inerter::output::built_without), help("add the feature `parquet` or `matlab`"))]
+    BuiltWithout {
+        /// The file.
+        path: PathBuf,
+    },
     /// Writing failed part of the way.
     #[error("{name} cannot be written{}: {source}", progress(written))]
     #[diagnostic(code(inerter::output::write), help("{}", write_help(source, written)))]

@@ -157,5 +157,6 @@ fn reason(error: OutputError) -> io::Error {
     match error {
         OutputError::Create { source, .. } | OutputError::Write { source, .. } => source,
         OutputError::Exists { .. } | OutputError::Input { .. } => io::ErrorKind::AlreadyExists.into(),
+        OutputError::BuiltWithout { .. } => io::ErrorKind::Unsupported.into(),
     }
 }

@@ -79,6 +79,8 @@ pub fn export(
             Format::Mcap => Some(Box::new(messages::Mcap::create(&file, source, &columns)?)),
             #[cfg(feature = "matlab")]
             Format::Mat => None,
+            #[cfg(not(all(feature = "parquet", feature = "matlab")))]
+            _ => return Err(crate::output::OutputError::BuiltWithout { path: path.clone() }.into()),
         };
         match sink {
             Some(sink) => sinks.push((columns, sink)),

@@ -13,18 +13,15 @@ use crate::output::OutputError;
 pub enum Format {
     /// Text, a line a sample.
     Csv,
-    /// Columns for pandas, Polars, DuckDB and MATLAB's `parquetread`.
-    #[cfg(feature = "parquet")]
+    /// Columns for pandas, Polars, DuckDB and MATLAB's `parquetread`; with the feature `parquet`.
     Parquet,
-    /// MATLAB v7.3, which is HDF5.
-    #[cfg(feature = "matlab")]
+    /// MATLAB v7.3, which is HDF5; with the feature `matlab`.
     Mat,
     /// Samples in JSON for PlotJuggler and Foxglove.
     Mcap,
 }
 
 /// Columns of a format that holds them cheaply.
-#[cfg(any(feature = "parquet", feature = "matlab"))]
 const WHOLE: &[Column] = &[Column::Time, Column::EncoderCount, Column::Position, Column::Force];
 
 /// What is to be written.
@@ -40,12 +37,8 @@ impl Format {
     /// Whether a table of estimates is a file of its own, beside the samples.
     pub(super) fn has_estimates_beside(self) -> bool {
         match self {
-            Self::Csv => true,
-            #[cfg(feature = "parquet")]
-            Self::Parquet => true,
-            #[cfg(feature = "matlab")]
-            Self::Mat => false,
-            Self::Mcap => false,
+            Self::Csv | Self::Parquet => true,
+            Self::Mat | Self::Mcap => false,
         }
     }
 }
@@ -62,10 +55,7 @@ impl Selection {
         let usual = match format {
             Format::Csv => &[Column::Time, Column::EncoderCount, Column::Force][..],
             Format::Mcap => &[Column::Time, Column::Position, Column::Force],
-            #[cfg(feature = "parquet")]
-            Format::Parquet => WHOLE,
-            #[cfg(feature = "matlab")]
-            Format::Mat => WHOLE,
+            Format::Parquet | Format::Mat => WHOLE,
         };
         let terminal = source.settings.terminal_sensor.then_some(Column::Terminal);
         self.columns.clone().unwrap_or_else(|| usual.iter().copied().chain(terminal).collect())
