@@ -21,8 +21,6 @@ use inerter_data::{
 use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
 use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
-use inerter_store::StoreError;
-use inerter_view::page::PageError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::monitor::MonitorError;
@@ -34,6 +32,22 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Config(#[from] ConfigError),
+    /// The program was built without what is asked for.
+    #[error("this `inerter` was built without its feature `{feature}`, which {needed_by} needs")]
+    #[diagnostic(
+        code(inerter::built_without),
+        help(
+            "build it with `cargo install --path host-tools/inerter`, or add `--features {feature}` to your own choice{instead}"
+        )
+    )]
+    BuiltWithout {
+        /// The feature.
+        feature: &'static str,
+        /// The command or option.
+        needed_by: &'static str,
+        /// What works without it; may be empty.
+        instead: String,
+    },
     /// A file cannot be used or written, settings do not fit it, or the user pressed Ctrl-C before the work was done.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -54,9 +68,10 @@ pub enum Error {
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
     /// A store cannot be used.
+    #[cfg(feature = "tables")]
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Store(#[from] StoreError),
+    Store(#[from] inerter_store::StoreError),
     /// Some recordings were not added.
     #[error("{failed} of {of} recordings were not added")]
     #[diagnostic(
@@ -171,9 +186,10 @@ pub enum Error {
     #[diagnostic(transparent)]
     Backup(#[from] BackupError),
     /// A figure cannot be drawn.
+    #[cfg(feature = "reports")]
     #[error(transparent)]
     #[diagnostic(transparent)]
-    Page(#[from] PageError),
+    Page(#[from] inerter_view::page::PageError),
     /// Nothing can be identified.
     #[error(transparent)]
     #[diagnostic(transparent)]

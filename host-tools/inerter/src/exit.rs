@@ -8,8 +8,6 @@ use inerter_data::{limits::LimitsError, recording::RecordingError};
 use inerter_device::{DeviceError, flash::FlashError, update::UpdateError};
 use inerter_flags::ConfigError;
 use inerter_simulate::SimulateError;
-use inerter_store::StoreError;
-use inerter_view::page::PageError;
 
 use crate::{
     error::{Error, SelfTestError},
@@ -53,11 +51,15 @@ pub fn code(error: &Error) -> u8 {
         ) => SETTINGS,
         Error::Data(error) => data(error),
         Error::Image(_) | Error::NotAdded { .. } | Error::NotReplayed { .. } | Error::StoreDamage { .. } => INPUT,
+        #[cfg(feature = "tables")]
         Error::Store(error) => store(error),
         Error::Doctor { .. } => NO_DEVICE,
         Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
         Error::SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
-        Error::SelfTest(SelfTestError::SameName { .. }) | Error::Dialogue(_) | Error::StandardOutput => USAGE,
+        Error::SelfTest(SelfTestError::SameName { .. })
+        | Error::Dialogue(_)
+        | Error::StandardOutput
+        | Error::BuiltWithout { .. } => USAGE,
         Error::Contact(_) => NOT_SHOWN,
         Error::Fit(error) => fit(error),
         Error::Backup(_) | Error::Merge(_) => SETTINGS,
@@ -67,8 +69,11 @@ pub fn code(error: &Error) -> u8 {
         Error::Compare(CompareError::One) => USAGE,
         Error::Compare(CompareError::Machine { .. }) => SETTINGS,
         Error::Skew(error) => skew(error),
-        Error::Page(PageError::NotShown { .. }) => NOT_SHOWN,
-        Error::Page(PageError::Format { .. }) => USAGE,
+        #[cfg(feature = "reports")]
+        Error::Page(error) => match error {
+            inerter_view::page::PageError::NotShown { .. } => NOT_SHOWN,
+            inerter_view::page::PageError::Format { .. } => USAGE,
+        },
         Error::Device(error) => device(error),
         Error::Simulate(error) => simulate(error),
         Error::Calibrate(error) => calibrate(error),
@@ -81,10 +86,7 @@ pub fn code(error: &Error) -> u8 {
         },
         Error::Plan(error) => plan(error),
         Error::Monitor(error) => match error {
-            MonitorError::BuiltWithout { .. }
-            | MonitorError::NotLoopback { .. }
-            | MonitorError::Exposed { .. }
-            | MonitorError::Address { .. } => USAGE,
+            MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,
             MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
             MonitorError::Random { .. } => OTHER,
         },
@@ -103,8 +105,9 @@ fn data(error: &inerter_data::Error) -> u8 {
     }
 }
 
-fn store(error: &StoreError) -> u8 {
-    use StoreError::*;
+#[cfg(feature = "tables")]
+fn store(error: &inerter_store::StoreError) -> u8 {
+    use inerter_store::StoreError::{self, *};
     match error {
         Data(error) => data(error),
         Access { action, .. } if ["written", "removed"].contains(action) => OUTPUT,

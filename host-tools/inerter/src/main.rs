@@ -3,11 +3,14 @@
 //!
 //! The libraries beside this crate do the work of a command; this one asks, shows, and decides the exit code.
 
+#![cfg_attr(not(feature = "lean"), allow(dead_code, reason = "a smaller program has the same command line"))]
+
 mod calibrate;
 mod cmd;
 mod doctor;
 mod error;
 mod exit;
+mod feature;
 mod monitor;
 
 use error::{Error, Shown};

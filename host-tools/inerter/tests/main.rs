@@ -10,7 +10,6 @@ mod hostile;
 mod identify;
 mod live;
 mod manners;
-#[cfg(feature = "bridges")]
 mod monitor;
 #[cfg(unix)]
 mod outputs;

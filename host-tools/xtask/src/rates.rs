@@ -45,7 +45,7 @@ fn released(folder: &str, imports: &str, requirements: &str) -> Result<Released>
     python::install(&python, &wheel::released()?)?;
     let mut build = Part::Main.cargo();
     build.args(["build", "--release", "--locked", "--package", "inerter", "--no-default-features"]);
-    process::run(build.args(["--features", "bridges"]))?;
+    process::run(build.args(["--features", "lean"]))?;
     Ok(Released { folder, python, program: workspace::program("inerter", "release")? })
 }
 

@@ -313,9 +313,9 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
     lines.join("\n")
 }
 
-/// Everything with default features, the program without its views, and the program alone with none, as a user may
-/// install it. The second pass keeps the library for probes, so that nothing else is compiled again; the third has the
-/// dependencies' features as the program alone enables them.
+/// Everything with default features, the program with none, and the program alone with none, as a user may install it,
+/// and with each feature that it is tested with. The second pass keeps the library for probes, so that nothing else is
+/// compiled again; the third has the dependencies' features as the program alone enables them.
 fn lint_host() -> Result<()> {
     let lint = |command: &mut Command| process::run(command.args(["--all-targets", "--", "--deny", "warnings"]));
     Part::each(|part| lint(&mut part.whole("clippy")))?;

@@ -10,7 +10,7 @@ use std::{
 
 /// The default features of all members but `inerter/probe`: probe-rs takes as long to compile as all the rest, and only
 /// `inerter flash` needs it.
-const LEAN: &[&str] = &["--no-default-features", "--features", "inerter/bridges,inerter-stm32g474/board-nucleo"];
+const LEAN: &[&str] = &["--no-default-features", "--features", "inerter/lean,inerter-stm32g474/board-nucleo"];
 
 /// The workspaces. All build into one folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -181,7 +181,7 @@ pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
 /// The host program as a user installs it, except for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
     let mut build = process::cargo();
-    build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/bridges"]);
+    build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/lean"]);
     process::run(build.args(["--quiet", "--bin", "inerter", "--release"]))?;
     program("inerter", "release")
 }

@@ -15,7 +15,7 @@ use super::{
     print::print_json,
     terminal::{self, Progress},
 };
-use crate::Error;
+use crate::{Error, feature::Feature};
 
 /// Write samples and estimates for Excel, pandas, MATLAB, PlotJuggler.
 ///
@@ -102,6 +102,9 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {
+    for (option, file) in [("--parquet", &args.parquet), ("--mat", &args.mat)] {
+        Feature::Tables.check(option, file.is_some(), "--csv and --mcap are always built in")?;
+    }
     if args.to_stdout() && (args.json || args.estimates) {
         return Err(Error::StandardOutput);
     }

@@ -8,10 +8,9 @@ use inerter_data::{
     output,
     words::printable,
 };
-use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
-use super::terminal::tidy_at_interrupts;
-use crate::Error;
+use super::{reports::junit, terminal::tidy_at_interrupts};
+use crate::{Error, feature::Feature};
 
 /// The limits that a device is checked against.
 #[derive(clap::Args)]
@@ -44,6 +43,7 @@ impl LimitsArgs {
     /// Refuses files that are in the way, before any work is done: those of the command that are `written`, and these.
     /// What is `read` is never written over. Ctrl-C leaves none half written.
     pub fn check(&self, read: &[&Path], written: &[&Path], force: bool) -> Result<&Self, Error> {
+        Feature::Reports.check("--junit", self.junit.is_some(), "--verdicts writes the same as CSV")?;
         tidy_at_interrupts();
         let own = self.junit.iter().chain(&self.verdicts).map(PathBuf::as_path);
         let all: Vec<&Path> = written.iter().copied().chain(own).collect();
@@ -69,7 +69,7 @@ impl LimitsArgs {
     /// Writes the files.
     pub fn write(&self, force: bool, runs: &[Held]) -> Result<(), Error> {
         if let Some(path) = &self.junit {
-            output::write(path, force, junit(runs))?;
+            output::write(path, force, junit(runs.iter().map(|held| (held.run.as_str(), held.machine, held.judged)))?)?;
         }
         if let Some(path) = &self.verdicts {
             output::write(path, force, csv(runs))?;
@@ -112,36 +112,6 @@ pub fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
 /// A line on a limit.
 pub fn judged_line(machine: Machine, judged: &Judged) -> String {
     format!("{:<9}  {}", judged.verdict, judged.words(machine))
-}
-
-/// As servers of continuous integration read it.
-fn junit(runs: &[Held]) -> String {
-    let mut report = Report::new("inerter");
-    report.add_test_suites(runs.iter().map(suite));
-    // It is written to memory.
-    report.to_string().unwrap_or_default()
-}
-
-/// A case for each limit of a run.
-fn suite(held: &Held) -> TestSuite {
-    let run = printable(&held.run);
-    let mut suite = TestSuite::new(run.as_ref());
-    for judged in held.judged {
-        let not = |kind| {
-            let mut status = TestCaseStatus::non_success(kind);
-            status.set_message(judged.words(held.machine));
-            status
-        };
-        let status = match judged.verdict {
-            Verdict::Pass => TestCaseStatus::success(),
-            Verdict::Fail => not(NonSuccessKind::Failure),
-            Verdict::Undecided => not(NonSuccessKind::Error),
-        };
-        let mut case = TestCase::new(judged.name(held.machine), status);
-        case.set_classname(run.as_ref());
-        suite.add_test_case(case);
-    }
-    suite
 }
 
 /// A row for each parameter of each run.

@@ -33,9 +33,21 @@ mod limits;
 mod lines;
 mod plant;
 mod print;
+#[cfg(feature = "reports")]
+mod reports;
+#[cfg(feature = "screen")]
 mod screen;
 mod shard;
+#[cfg(feature = "tables")]
+mod tables;
 mod terminal;
+#[cfg(not(all(feature = "reports", feature = "tables")))]
+mod without;
+
+#[cfg(not(feature = "reports"))]
+use without as reports;
+#[cfg(not(feature = "tables"))]
+use without as tables;
 
 use crate::Error;
 
@@ -83,10 +95,10 @@ impl Command {
             Self::Cut(args) => cut::run(args),
             Self::Merge(args) => merge::run(args),
             Self::Fit(args) => fit::run(args),
-            Self::Compare(args) => compare::run(args),
-            Self::Report(args) => report::run(args),
-            Self::Plot(args) => plot::run(args),
-            Self::ReproducePaper(args) => reproduce_paper::run(args),
+            Self::Compare(args) => reports::compare(args),
+            Self::Report(args) => reports::report(args),
+            Self::Plot(args) => reports::plot(args),
+            Self::ReproducePaper(args) => reports::reproduce_paper(args),
             Self::Identify(args) => identify::run(args),
             Self::Diagnose(args) => diagnose::run(args),
             Self::Plan(args) => plan::run(args),
@@ -95,7 +107,7 @@ impl Command {
             Self::Ports(args) => ports::run(args),
             Self::Doctor(args) => doctor::run(args),
             Self::Settings(args) => settings::run(args),
-            Self::Store(args) => store::run(args),
+            Self::Store(args) => tables::store(args),
             Self::Selftest(args) => selftest::run(args),
             Self::Update(args) => update::run(args),
             Self::Flash(args) => flash::run(args),

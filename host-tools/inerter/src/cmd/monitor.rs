@@ -15,7 +15,6 @@ use super::{
     args::{LinkArgs, TimeArgs, calibration, note_exposed},
     lines::{Json, Lines, Printer},
     print::print_json,
-    screen,
     terminal::{self, say},
 };
 use crate::{
@@ -110,8 +109,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let duration = args.time.duration;
     let over = move || terminal::interrupted() || duration.is_some_and(|duration| started.elapsed() >= duration);
     if has_screen {
-        let elsewhere = views.iter().map(|(view, address)| format!("{view}: {address}")).collect();
-        return screen::run(hub, recording, elsewhere, over);
+        #[cfg(feature = "screen")]
+        {
+            let elsewhere = views.iter().map(|(view, address)| format!("{view}: {address}")).collect();
+            return super::screen::run(hub, recording, elsewhere, over);
+        }
+        #[cfg(not(feature = "screen"))]
+        terminal::note(
+            "lines instead of the screen, as this `inerter` was built without its feature `screen`: build it with `cargo \
+             install --path host-tools/inerter`, or add `--features screen` to your own choice; --plain asks for lines",
+        );
     }
     if args.json {
         hub.add(Printer::new(Json::default())?);

@@ -21,7 +21,8 @@ use super::{
     args::FileSettingsArgs,
     limits::{Held, LimitsArgs, heard, judged_line, prove},
     print::print_machine_json,
-    shard::{self, StoreArgs},
+    shard::StoreArgs,
+    tables,
     terminal::Progress,
 };
 use crate::Error;
@@ -76,7 +77,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Error> {
     match (&args.file, &args.store.store) {
         (Some(file), _) => replay(file, args),
-        (None, Some(url)) => shard::run(url, &args.store, &args.settings.overrides()?, args.json),
+        (None, Some(url)) => tables::replay(url, &args.store, &args.settings.overrides()?, args.json),
         // One of them, by the command line.
         (None, None) => Ok(()),
     }

@@ -60,7 +60,7 @@ struct Restore;
 
 impl Drop for Restore {
     fn drop(&mut self) {
-        terminal::has_screen(false);
+        terminal::has_screen(None);
         // A terminal that is gone cannot be given back, and cannot be told so either.
         ratatui::try_restore().ok();
     }
@@ -80,7 +80,10 @@ pub fn run(
     let quit = Arc::new(AtomicBool::new(false));
     let theme = Theme { colour: std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) };
 
-    terminal::has_screen(true);
+    terminal::has_screen(Some(|| {
+        // A terminal that is gone cannot be given back, nor told so.
+        ratatui::try_restore().ok();
+    }));
     let restore = Restore;
     let failed = |source| MonitorError::Terminal { source };
     let mut drawn = ratatui::try_init().map_err(failed)?;

@@ -20,7 +20,6 @@ use inerter_device::{
     update::{Back, ThisMachine, UpdateError, visit},
 };
 use inerter_jumpers::Measured;
-use inerter_view::selftest::html;
 use inerter_wire::{
     Capabilities, Command, EventKind, Frame, Health, Hello, Measure, Quantity, Record, Refusal, ResetCause, Samples,
     Streams,
@@ -30,9 +29,10 @@ use miette::Diagnostic;
 use super::{
     args::LinkArgs,
     print::{Kind, print_json},
+    reports,
     terminal::{self, interrupted, note, say},
 };
-use crate::{Error, error::SelfTestError};
+use crate::{Error, error::SelfTestError, feature::Feature};
 
 /// Name of the backups where no page is written.
 const NO_PAGE: &str = "selftest";
@@ -139,6 +139,7 @@ fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use:
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let page = args.output.as_deref();
+    Feature::Reports.check("-o", page.is_some(), "--json prints what the page says")?;
     let files = page.map(Files::of).transpose()?;
     if let Some(Files { page, json }) = files.as_ref().filter(|_| !args.force) {
         [*page, json.as_path()].into_iter().try_for_each(output::refuse_existing)?;
@@ -187,7 +188,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     bench.add([Check::words("restored", "Settings restored", "as before", found, cause)])?;
     let test = bench.test;
     if let Some(files) = &files {
-        output::write(files.page, args.force, html(&test))?;
+        output::write(files.page, args.force, reports::selftest_page(&test)?)?;
         output::write(&files.json, args.force, json_line(&test.json()) + "\n")?;
         say(format!("{} and {}", files.page.display(), files.json.display()));
     }

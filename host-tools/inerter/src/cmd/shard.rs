@@ -1,16 +1,6 @@
-//! Runs of a store through the estimator, all of them or a part: for Slurm and plain shells.
+//! `inerter replay --store`: arguments; its work is in `tables/replay.rs`.
 
-use inerter_analysis::results::replayed;
-use inerter_data::{export::Source, json::machine_json, settings::Overrides, words::plural};
-use inerter_store::{Outcome, Place, Shard, Store, StoreError};
-use miette::Diagnostic;
-use serde_json::{Value, json};
-
-use super::{
-    print::print_json,
-    terminal::{self, Progress, say},
-};
-use crate::Error;
+use super::tables::values::Shard;
 
 /// Runs of a store instead of a file.
 #[derive(clap::Args)]
@@ -20,66 +10,11 @@ pub struct StoreArgs {
     pub store: Option<String>,
     /// Replay a part of its runs: 3/100 is the third of a hundred parts, the same for every caller
     #[arg(long, value_name = "N/OF", requires = "store", help_heading = "Store")]
-    shard: Option<Shard>,
+    pub(super) shard: Option<Shard>,
     /// Name of the batch: letters, digits, - and _
     #[arg(long, value_name = "NAME", default_value = "replay", requires = "store", help_heading = "Store")]
-    batch: String,
+    pub(super) batch: String,
     /// Also replay what the batch already has
     #[arg(long, requires = "store", help_heading = "Store")]
-    again: bool,
-}
-
-/// Replays the runs that the batch does not have yet. One that fails is kept with its error, and the others are done.
-pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) -> Result<(), Error> {
-    terminal::catch_interrupts();
-    let store = Store::open(url)?;
-    let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
-    let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
-    let given: Value = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
-    let kept = if args.again { Default::default() } else { store.kept(&args.batch, "replay", &given)? };
-    let todo: Vec<&Place> = ours.iter().filter(|place| !kept.contains(place.name())).collect();
-    let mut bar = Progress::new("replaying", todo.len() as u64);
-    let mut failed = 0;
-    for (number, place) in todo.iter().enumerate() {
-        let result = match last_line(&store, place, overrides) {
-            Ok(line) => Ok(line),
-            Err(error) if terminal::interrupted() || is_of_store(&error) => return Err(error),
-            // It was removed meanwhile.
-            Err(_) if !store.has_run(place)? => continue,
-            Err(error) => Err((error.code().map(|code| code.to_string()).unwrap_or_default(), error.to_string())),
-        };
-        let error = result.as_ref().err().map(|(_, text)| text.clone());
-        let outcome = Outcome { kind: "replay".into(), given: given.clone(), result };
-        store.keep(&args.batch, place, &outcome)?;
-        failed += usize::from(error.is_some());
-        if as_json {
-            print_json(&json!({"kind": "kept", "run": place.name(), "batch": args.batch, "error": error}))?;
-        } else if let Some(error) = error {
-            say(format!("error: {}: {error}", place.name()));
-        }
-        bar.set(number as u64 + 1);
-    }
-    bar.done();
-    let before = ours.len() - todo.len();
-    say(format!(
-        "{} replayed, {failed} failed, {before} already done: batch `{}` of {url}",
-        plural(todo.len() as u64, "run"),
-        args.batch
-    ));
-    if failed > 0 { Err(Error::NotReplayed { failed, of: todo.len() }) } else { Ok(()) }
-}
-
-/// What hangs on the store and not on the run is nobody's result.
-fn is_of_store(error: &Error) -> bool {
-    matches!(error, Error::Store(error) if !matches!(error, StoreError::Damaged { .. }))
-}
-
-/// The last line of `replay --json`.
-fn last_line(store: &Store, place: &Place, overrides: &Overrides) -> Result<Value, Error> {
-    let recording = store.local(place)?;
-    let source = Source::open(recording.path(), overrides, |_| ())?;
-    let samples = source.samples()?.map(|sample| sample.map_err(Error::from));
-    let replayed = replayed(&source.settings, source.start_s, samples, |_, _| terminal::go_on().map_err(Error::from))?;
-    // As it would be printed.
-    Ok(serde_json::from_slice(&machine_json(source.settings.machine, &replayed.json(None))).unwrap_or_default())
+    pub(super) again: bool,
 }

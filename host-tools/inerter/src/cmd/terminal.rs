@@ -3,6 +3,7 @@
 use std::{
     io::{self, IsTerminal, Write},
     sync::{
+        Mutex,
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
@@ -13,12 +14,13 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use inerter_data::{output, words::printable};
 
-use crate::exit;
+use crate::{exit, monitor::locked};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 /// The work has seen that it is interrupted.
 static HEEDED: AtomicBool = AtomicBool::new(false);
-static HAS_SCREEN: AtomicBool = AtomicBool::new(false);
+/// Gives the terminal back, where a screen has taken it.
+static RESTORE: Mutex<Option<fn()>> = Mutex::new(None);
 
 /// Work that has not seen by then that it is interrupted waits for a reader or a file that may never come.
 const HEED_TIME: Duration = Duration::from_secs(3);
@@ -31,11 +33,11 @@ const RESTORE_TIME: Duration = Duration::from_millis(500);
 
 /// Ends the program at once, the terminal given back, nothing half written left behind.
 fn end() -> ! {
-    if HAS_SCREEN.load(Ordering::Relaxed) {
+    let restore = *locked(&RESTORE);
+    if let Some(restore) = restore {
         let (done, restored) = mpsc::channel();
         std::thread::spawn(move || {
-            // A terminal that is gone cannot be given back, nor told so.
-            ratatui::try_restore().ok();
+            restore();
             done.send(()).ok();
         });
         restored.recv_timeout(RESTORE_TIME).ok();
@@ -80,9 +82,9 @@ pub fn last_words() {
     }
 }
 
-/// Whether the terminal must be given back before the program ends.
-pub fn has_screen(yes: bool) {
-    HAS_SCREEN.store(yes, Ordering::Relaxed);
+/// How the terminal is given back before the program ends; `None` where it need not be.
+pub fn has_screen(restore: Option<fn()>) {
+    *locked(&RESTORE) = restore;
 }
 
 /// Whether the user has pressed Ctrl-C.

@@ -7,19 +7,7 @@ use miette::Diagnostic;
 /// A view that cannot be set up.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
-#[cfg_attr(not(feature = "bridges"), allow(dead_code, reason = "some are only of the page and the bridges"))]
 pub enum MonitorError {
-    /// The program has no views in other programs.
-    #[error("this `inerter` was built without its feature `bridges`, which {option} needs")]
-    #[diagnostic(
-        code(inerter::monitor::built_without),
-        help(
-            "build it with `cargo install --path host-tools/inerter`, or add `--features bridges` to your own choice; \
-             or leave {option} out: the screen, --json and --share are built in"
-        )
-    )]
-    BuiltWithout { option: &'static str },
-
     /// The page is for this machine only.
     #[error("--bind {address} would offer the page to other machines: {resolved} is not a loopback address")]
     #[diagnostic(

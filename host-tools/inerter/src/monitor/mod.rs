@@ -1,9 +1,9 @@
 //! What a device measures, for those who look on: the screen, the page on loopback, and bridges to other programs.
 //!
 //! [`hub`] takes what comes to all who look on; [`feed`] makes items in SI units on one time line of it, [`causes`]
-//! finds what breaks the law, and the rest shows them: [`state`] and [`view`] on a terminal; [`others`] opens what
-//! needs the feature `bridges`: `web` on a page, `bridge` in Teleplot, PlotJuggler and Foxglove. All that is kept to be
-//! shown is bounded ([`trace`], [`history`]), however long it goes on.
+//! finds what breaks the law, and the rest shows them: `state` and `view` on a terminal, with the feature `screen`;
+//! [`others`] opens what needs the feature `bridges`: `web` on a page, `bridge` in Teleplot, PlotJuggler and Foxglove.
+//! All that is kept to be shown is bounded ([`trace`], [`history`]), however long it goes on.
 
 pub mod address;
 #[cfg(feature = "bridges")]
@@ -15,8 +15,10 @@ pub mod history;
 pub mod hub;
 pub mod losses;
 pub mod others;
+#[cfg(feature = "screen")]
 pub mod state;
 pub mod trace;
+#[cfg(feature = "screen")]
 pub mod view;
 #[cfg(feature = "bridges")]
 mod web;

@@ -4,11 +4,10 @@
 //! ([`Wanted::check`]).
 
 use super::{
-    MonitorError,
     address::{FOXGLOVE, PAGE, PLOTJUGGLER, TELEPLOT},
     hub::Hub,
 };
-use crate::Error;
+use crate::{Error, feature::Feature};
 
 /// What is to be opened.
 #[derive(clap::Args)]
@@ -38,17 +37,17 @@ pub type Place = (&'static str, String);
 
 impl Wanted {
     /// Fails where something is wanted that is not built in.
-    pub fn check(&self) -> Result<(), MonitorError> {
-        let wanted = [
-            (self.web, "--web"),
-            (self.teleplot.is_some(), "--teleplot"),
-            (self.plotjuggler.is_some(), "--plotjuggler"),
-            (self.foxglove.is_some(), "--foxglove"),
-        ];
-        match wanted.into_iter().find(|(wanted, _)| *wanted && !cfg!(feature = "bridges")) {
-            Some((_, option)) => Err(MonitorError::BuiltWithout { option }),
-            None => Ok(()),
-        }
+    pub fn check(&self) -> Result<(), Error> {
+        let mut wanted = [
+            ("--web", self.web),
+            ("--teleplot", self.teleplot.is_some()),
+            ("--plotjuggler", self.plotjuggler.is_some()),
+            ("--foxglove", self.foxglove.is_some()),
+        ]
+        .into_iter();
+        wanted.try_for_each(|(option, is_given)| {
+            Feature::Bridges.check(option, is_given, "lines, --json and --share are always built in")
+        })
     }
 
     /// Opens what is wanted and adds it to those who look on.

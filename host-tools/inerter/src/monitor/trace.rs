@@ -134,7 +134,6 @@ impl Traces {
     }
 
     /// Buckets that begin after `start_s`, as coarse as they may be with `resolution_s`.
-    #[cfg_attr(not(feature = "bridges"), allow(dead_code, reason = "only the page asks"))]
     pub fn after(&self, start_s: f64, resolution_s: f64) -> impl Iterator<Item = &Bucket> {
         let ring = self.levels.get(self.level(resolution_s)).map(|level| &level.ring);
         ring.into_iter().flat_map(move |ring| ring.range(ring.partition_point(|bucket| bucket.start_s <= start_s)..))

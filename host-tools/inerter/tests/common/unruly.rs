@@ -637,18 +637,11 @@ fn samples(indices: impl IntoIterator<Item = u32>) -> Vec<u8> {
     payload(&Record::Samples(Samples::from_slice(&all).0))
 }
 
-/// With as many views in other programs as are built in.
-const OTHER_VIEWS: &[&str] = if cfg!(feature = "bridges") {
-    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "--bind", "127.0.0.1:0"]
-} else {
-    &["monitor", "--plain", "--share", "127.0.0.1:0"]
-};
-
 /// Every command that talks to a device, without its link.
 pub const COMMANDS: &[&[&str]] = &[
     &["monitor", "--json"],
     &["monitor", "--plain", "--wait", "60"],
-    OTHER_VIEWS,
+    &["monitor", "--plain", "--share", "127.0.0.1:0", "--web", "--bind", "127.0.0.1:0"],
     &["record", "-o", "run.mcap", "--force", "--wait", "60"],
     &["send", "sent.mcap"],
     &["doctor"],

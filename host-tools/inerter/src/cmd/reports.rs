@@ -1,0 +1,24 @@
+//! Pages, figures and JUnit files: the work of `inerter compare`, `plot`, `report` and `reproduce-paper`, whose
+//! arguments are beside this module, and of options of others. All of it is behind the feature `reports`.
+
+mod compare;
+mod junit;
+mod page;
+mod paper;
+mod plot;
+pub mod values;
+
+pub use compare::run as compare;
+pub use junit::junit;
+pub use page::run as report;
+pub use paper::run as reproduce_paper;
+pub use plot::run as plot;
+
+use inerter_data::selftest::SelfTest;
+
+use crate::Error;
+
+/// The page on a self-test.
+pub fn selftest_page(test: &SelfTest) -> Result<String, Error> {
+    Ok(inerter_view::selftest::html(test))
+}

@@ -1,0 +1,122 @@
+//! `inerter compare`: runs side by side, and what differs between them.
+
+use std::path::{Path, PathBuf};
+
+use inerter_analysis::compare::{Rig, Row};
+use inerter_core::Machine;
+use inerter_data::{limits::Judged, output};
+use inerter_view::{
+    compared::{Comparison, html},
+    figure::render_png,
+};
+
+use super::page::{content, make_folder};
+use crate::{
+    Error,
+    cmd::{
+        compare::{Args, Rigs},
+        limits::{Held, heard, judged_line, prove},
+        print::print_machine_json,
+        terminal,
+    },
+};
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    let settings = args.settings.settings.settings.as_deref();
+    let read: Vec<&Path> = args.files.iter().map(PathBuf::as_path).chain(settings).collect();
+    args.limits.check(&read, &args.output.as_deref().into_iter().collect::<Vec<_>>(), args.force)?;
+    let rig = args.rigs.map(|rigs| match rigs {
+        Rigs::One => Rig::Same,
+        Rigs::Several => Rig::Other("stated by --rigs".into()),
+    });
+    let runs = args.files.iter().map(|file| content(file, &args.settings));
+    let mut comparison = Comparison::of(runs, rig)?;
+    let machine = comparison.machine();
+    if let Some(limits) = args.limits.read(machine)? {
+        comparison = comparison.within(&limits);
+    }
+    write(args, &comparison)?;
+    let held: Vec<Held> = comparison
+        .sides
+        .iter()
+        .zip(&comparison.within)
+        .map(|(side, judged)| Held { run: side.name.clone(), is_file: true, machine, judged })
+        .collect();
+    args.limits.write(args.force, &held)?;
+    let said = match args.json {
+        true => print_machine_json(machine, &comparison.json()),
+        false => tell(&comparison, machine),
+    };
+    prove(&held).and(heard(said, true))
+}
+
+/// Writes page and figures, where they are asked for.
+fn write(args: &Args, comparison: &Comparison) -> Result<(), Error> {
+    if args.output.is_none() && args.png.is_none() {
+        return Ok(());
+    }
+    let (page, figures) = html(comparison);
+    if let Some(folder) = &args.png {
+        make_folder(folder)?;
+        for figure in &figures {
+            render_png(figure, &folder.join(format!("{}.png", figure.name)), args.force)?;
+        }
+        terminal::say(format!("{}: {} PNG files", folder.display(), figures.len()));
+    }
+    if let Some(path) = &args.output {
+        output::write(path, args.force, &page)?;
+        terminal::say(format!("{}: open it in a browser, and print it from there", path.display()));
+    }
+    Ok(())
+}
+
+/// What a person sees: each parameter with all runs below each other.
+fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
+    for row in &comparison.rows {
+        let field = row.field(machine);
+        let (unit, factor) = row.shown_unit(machine);
+        output::line(format!("{} [{unit}]", field.label))?;
+        lines(comparison, row, factor).iter().try_for_each(|line| output::line(format!("  {line}")))?;
+    }
+    output::line("")?;
+    comparison.words().iter().try_for_each(output::line)?;
+    for (side, judged) in comparison.sides.iter().zip(&comparison.within) {
+        output::line("")?;
+        output::line(format!("{}:", side.name))?;
+        judged.iter().try_for_each(|judged: &Judged| output::line(judged_line(machine, judged)))?;
+        let wants: Vec<String> = judged.iter().filter_map(|judged| judged.want(machine)).collect();
+        if !wants.is_empty() {
+            output::line(format!("to decide: inerter plan {} --want \"{}\"", side.name, wants.join(", ")))?;
+        }
+    }
+    Ok(())
+}
+
+/// A line for each run, its columns below each other.
+fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
+    let first = row.runs.first().and_then(|run| run.doubt);
+    let cells: Vec<[String; 4]> = comparison
+        .sides
+        .iter()
+        .zip(&row.runs)
+        .enumerate()
+        .map(|(number, (side, run))| {
+            let (difference, said) = run.difference_text(factor).unwrap_or_default();
+            let reason = if run.verdict.is_none() { run.doubt.map(str::to_string) } else { run.reason(first) };
+            let said = [said.to_string()].into_iter().chain(reason).filter(|word| !word.is_empty());
+            [
+                side.name.clone(),
+                run.value_text(comparison.shown_rig(number), factor),
+                difference,
+                said.collect::<Vec<_>>().join(": "),
+            ]
+        })
+        .collect();
+    let width = |place: usize| cells.iter().map(|row| row[place].chars().count()).max().unwrap_or(0);
+    let widths = [width(0), width(1), width(2)];
+    let line = |[name, value, difference, said]: &[String; 4]| {
+        let [of_name, of_value, of_difference] = widths;
+        format!("{name:<of_name$}   {value:<of_value$}   {difference:<of_difference$}   {said}").trim_end().to_string()
+    };
+    cells.iter().map(line).collect()
+}

@@ -1,0 +1,325 @@
+//! `inerter store`: runs kept in a folder or in S3, with tables that other programs query.
+
+use std::{collections::BTreeSet, io};
+
+use inerter_analysis::results::LimitsJson;
+use inerter_core::Machine;
+use inerter_data::{
+    json::{json_line, machine_json},
+    limits::{Judged, Verdict, verdict},
+    output::{self, refuse_existing},
+    words::{interval_text, plural, printable},
+};
+use inerter_store::{Choice, Condition, Damage, OBJECTS, Place, Row, Store, StoreError};
+use serde_json::{Value, json};
+
+use crate::{
+    Error,
+    cmd::{
+        limits::{Held, heard, judged_line, prove},
+        print::print_json,
+        store::{AddArgs, Args, Command, GetArgs, ListArgs, RemoveArgs, ShowArgs, VerifyArgs},
+        terminal::{self, Progress, say, tidy_at_interrupts},
+    },
+    error::{DialogueError, Shown},
+};
+
+/// Letters of a run's name that a table shows.
+const SHORT: usize = 12;
+
+pub fn run(args: &Args) -> Result<(), Error> {
+    match &args.command {
+        Command::Add(args) => add(args),
+        Command::Ls(args) => list(&args.url, &args.list, &[]),
+        Command::Query(args) => list(&args.url, &args.list, &args.conditions),
+        Command::Show(args) => show(args),
+        Command::Get(args) => get(args),
+        Command::Verify(args) => verify(args),
+        Command::Remove(args) => remove(args),
+    }
+}
+
+/// Shows how far the work is; Ctrl-C ends it.
+fn watched(bar: &mut Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
+    |part| {
+        bar.set((part * 1000.0) as u64);
+        Ok(terminal::go_on()?)
+    }
+}
+
+fn add(args: &AddArgs) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let store = Store::create(&args.url)?;
+    let mut failed = 0;
+    for file in &args.files {
+        let name = file.display().to_string();
+        let mut bar = Progress::new("adding", 1000);
+        let added = store.add(file, &mut watched(&mut bar));
+        bar.done();
+        match added {
+            Ok(added) => {
+                let (run, is_new) = (added.row.name(), added.is_new);
+                if args.json {
+                    print_json(&json!({"kind": "added", "file": name, "run": run, "new": is_new}))?;
+                } else {
+                    let how = if is_new { "added" } else { "already there" };
+                    output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
+                }
+            }
+            // Of the store, not of the file: the others would meet it too.
+            Err(error)
+                if !matches!(
+                    error,
+                    StoreError::Data(_) | StoreError::NoRecording { .. } | StoreError::Changed { .. }
+                ) =>
+            {
+                return Err(error.into());
+            }
+            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
+            Err(error) if args.files.len() == 1 => return Err(error.into()),
+            Err(error) => {
+                failed += 1;
+                say(format!("error: {}", Shown(error)));
+            }
+        }
+    }
+    if failed > 0 { Err(Error::NotAdded { failed, of: args.files.len() }) } else { Ok(()) }
+}
+
+fn short(place: &Place) -> &str {
+    place.name().get(..SHORT).unwrap_or_default()
+}
+
+fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
+    let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
+    args.limits.check(&[], &[], args.force)?;
+    let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
+    let listed = Store::open(url)?.runs(&choice)?;
+    let within = within(args, &listed.rows)?;
+    let said = heard(print(args, &listed.rows, within.as_deref()), true);
+    told(url, &listed.damages)?;
+    if within.is_some() && listed.rows.is_empty() {
+        return Err(Error::NothingHeld);
+    }
+    prove(&held(&listed.rows, within.as_deref())).and(said)
+}
+
+/// What each run says of limits, where there are any; the files on them are written.
+fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Error> {
+    if !args.limits.are_given() {
+        return Ok(None);
+    }
+    let of = |machine: Machine| match rows.iter().any(|row| row.machine() == machine) {
+        true => args.limits.read(machine),
+        false => Ok(None),
+    };
+    let (linear, rotary) = (of(Machine::Linear)?, of(Machine::Rotary)?);
+    if rows.is_empty() {
+        // A mistake in the file is told all the same.
+        args.limits.read(Machine::Linear).or_else(|error| args.limits.read(Machine::Rotary).map_err(|_| error))?;
+    }
+    let judged = |row: &Row| {
+        let limits = if row.machine() == Machine::Linear { &linear } else { &rotary };
+        limits.as_ref().map_or_else(Vec::new, |limits| row.within(limits))
+    };
+    let within: Vec<Vec<Judged>> = rows.iter().map(judged).collect();
+    args.limits.write(args.force, &held(rows, Some(&within)))?;
+    Ok(Some(within))
+}
+
+fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
+    let of = |(row, judged): (&Row, &'a Vec<Judged>)| Held {
+        run: row.name().into(),
+        is_file: false,
+        machine: row.machine(),
+        judged,
+    };
+    rows.iter().zip(within.unwrap_or_default()).map(of).collect()
+}
+
+/// Names what is damaged, on standard error.
+fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
+    damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
+    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
+}
+
+fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+    let judged = |number: usize| within.and_then(|all| all.get(number));
+    if args.json {
+        let mut lines = rows.iter().enumerate().map(|(number, row)| {
+            let mut line = json!(row);
+            if let Some(judged) = judged(number) {
+                let limits = machine_json(row.machine(), &LimitsJson::new(judged));
+                line["limits"] = serde_json::from_slice(&limits).unwrap_or_default();
+            }
+            json_line(&line)
+        });
+        return Ok(lines.try_for_each(output::line)?);
+    }
+    if args.csv {
+        return csv(rows, within);
+    }
+    if rows.is_empty() {
+        say("no run matches");
+        return Ok(());
+    }
+    let mut head: Vec<String> =
+        ["run", "device", "date", "length", "inertance", "viscous", "Coulomb", "law"].map(String::from).into();
+    head.extend(within.map(|_| "limits".to_string()));
+    let mut table = vec![head];
+    table.extend(rows.iter().enumerate().map(|(number, row)| {
+        let verdict = judged(number).map(|judged| verdict(judged).to_string());
+        cells(row).into_iter().chain(verdict).collect()
+    }));
+    let columns = table.first().map_or(0, Vec::len);
+    let width = |place: usize| {
+        let letters = |row: &Vec<String>| row.get(place).map_or(0, |cell| cell.chars().count());
+        table.iter().map(letters).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    for row in &table {
+        let line: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        output::line(line.join("  ").trim_end())?;
+    }
+    for (row, judged) in rows.iter().zip(within.unwrap_or_default()) {
+        let unproven = judged.iter().filter(|judged| judged.verdict != Verdict::Pass);
+        let said = |judged: &Judged| format!("{}  {}", short(row.place()), judged_line(row.machine(), judged));
+        unproven.map(said).try_for_each(output::line)?;
+    }
+    say(plural(rows.len() as u64, "run"));
+    Ok(())
+}
+
+/// What a person sees of a run in a list.
+fn cells(row: &Row) -> [String; 8] {
+    // Of a linear machine, or of a rotary one.
+    let value = |columns: [(&str, &str, &str); 2]| {
+        let known = columns.into_iter().find_map(|(name, u95, unit)| Some((row.number(name)?, row.number(u95)?, unit)));
+        known.map_or("-".into(), |(value, u95, unit)| format!("{} {unit}", interval_text(value, u95)))
+    };
+    [
+        short(row.place()).to_string(),
+        row.device().to_string(),
+        row.date().to_string(),
+        row.number("duration_s").map_or("-".into(), |seconds| format!("{seconds:.1} s")),
+        value([("inertance_kg", "inertance_u95_kg", "kg"), ("inertia_kg_m2", "inertia_u95_kg_m2", "kg m²")]),
+        value([
+            ("viscous_n_s_per_m", "viscous_u95_n_s_per_m", "N s/m"),
+            ("viscous_n_m_s", "viscous_u95_n_m_s", "N m s"),
+        ]),
+        value([("coulomb_n", "coulomb_u95_n", "N"), ("coulomb_n_m", "coulomb_u95_n_m", "N m")]),
+        row.text("law").unwrap_or("-").to_string(),
+    ]
+}
+
+/// Columns that hold objects, for programs.
+fn is_object(name: &&str) -> bool {
+    OBJECTS.contains(name)
+}
+
+/// All columns but objects, and the verdict where there are limits; a rotary machine has others.
+fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in rows.iter().flat_map(Row::columns).filter(|name| !is_object(name)) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let cell = |value: Option<Value>| match value {
+        Some(Value::String(text)) => printable(&text).into_owned(),
+        Some(value) => value.to_string(),
+        None => String::new(),
+    };
+    let failed = |error: csv::Error| output::OutputError::write("standard output", io::Error::other(error));
+    let head = names.iter().copied().chain(within.map(|_| "limits"));
+    writer.write_record(head).map_err(failed)?;
+    for (number, row) in rows.iter().enumerate() {
+        let judged = within.and_then(|all| all.get(number));
+        let verdict = judged.map(|judged| verdict(judged).to_string().to_lowercase());
+        writer.write_record(names.iter().map(|name| cell(row.get(name))).chain(verdict)).map_err(failed)?;
+    }
+    let bytes =
+        writer.into_inner().map_err(|error| output::OutputError::write("standard output", error.into_error()))?;
+    Ok(output::lines(String::from_utf8_lossy(&bytes))?)
+}
+
+fn show(args: &ShowArgs) -> Result<(), Error> {
+    let store = Store::open(&args.url)?;
+    let row = store.row(&store.find(&args.run)?)?;
+    if args.json {
+        return print_json(&row);
+    }
+    let name_width = row.columns().map(str::len).max().unwrap_or(0);
+    for name in row.columns().filter(|name| !is_object(name)) {
+        let value = match row.get(name) {
+            None => "-".to_string(),
+            Some(Value::String(text)) => text,
+            Some(value) => value.to_string(),
+        };
+        output::line(format!("{name:<name_width$}  {value}"))?;
+    }
+    let file = store.file(row.place()).map(|file| file.display().to_string());
+    Ok(file.map_or(Ok(()), |file| output::line(format!("{:<name_width$}  {file}", "recording")))?)
+}
+
+fn get(args: &GetArgs) -> Result<(), Error> {
+    tidy_at_interrupts();
+    if !args.force {
+        refuse_existing(&args.output)?;
+    }
+    let store = Store::open(&args.url)?;
+    let place = store.find(&args.run)?;
+    store.get(&place, &args.output, args.force)?;
+    say(format!("{} written to {}", short(&place), args.output.display()));
+    Ok(())
+}
+
+fn verify(args: &VerifyArgs) -> Result<(), Error> {
+    terminal::catch_interrupts();
+    let store = Store::open(&args.url)?;
+    if args.repair {
+        let mut bar = Progress::new("repairing", 1000);
+        let count = store.repair(&mut watched(&mut bar))?;
+        bar.done();
+        say(format!("{} repaired", plural(count as u64, "run")));
+    }
+    let mut bar = Progress::new("reading", 1000);
+    let verified = store.verify(&mut watched(&mut bar))?;
+    bar.done();
+    let (runs, damages) = (verified.runs, verified.damages);
+    for damage in &damages {
+        if args.json {
+            let (run, file, problem) = (&damage.run, &damage.file, damage.problem);
+            print_json(&json!({"kind": "damage", "run": run, "file": file, "problem": problem}))?;
+        } else {
+            output::line(format!("{:<10}  {}", damage.problem, damage.file))?;
+        }
+    }
+    if args.json {
+        print_json(&json!({"kind": "verified", "store": args.url, "runs": runs, "damages": damages.len()}))?;
+    } else if damages.is_empty() {
+        output::line(format!("{}: every file is as it was written", plural(runs as u64, "run")))?;
+    }
+    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: args.url.clone(), files: damages.len() }) }
+}
+
+fn remove(args: &RemoveArgs) -> Result<(), Error> {
+    tidy_at_interrupts();
+    let store = Store::open(&args.url)?;
+    // All of them, before the first one goes.
+    let places = args.runs.iter().map(|run| store.find(run)).collect::<Result<BTreeSet<Place>, _>>()?;
+    if !args.yes && !terminal::can_ask() {
+        return Err(DialogueError::UnconfirmedRemoval.into());
+    }
+    let question = format!("Remove {} and the recording with each? [y/N]", plural(places.len() as u64, "run"));
+    if !args.yes && !terminal::is_confirmed(&question) {
+        say("nothing was removed");
+        return Ok(());
+    }
+    for place in &places {
+        store.remove(place)?;
+        output::line(format!("{} removed", short(place)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,3 @@
+//! What arguments are read as.
+
+pub use inerter_store::{Day, Shard};

@@ -1,0 +1,52 @@
+//! Stands in for `reports` and `tables` where they are not built in: says which feature it takes.
+
+use inerter_core::Machine;
+use inerter_data::{limits::Judged, selftest::SelfTest};
+
+use crate::{Error, feature::Feature};
+
+/// What arguments are read as: they are refused unread.
+pub mod values {
+    pub type Day = String;
+    pub type Shard = String;
+
+    pub fn figure() -> clap::builder::StringValueParser {
+        clap::builder::StringValueParser::new()
+    }
+}
+
+fn lacks<T>(feature: Feature, needed_by: &'static str) -> Result<T, Error> {
+    Err(Error::BuiltWithout { feature: feature.name(), needed_by, instead: String::new() })
+}
+
+pub fn compare<Args>(_: &Args) -> Result<(), Error> {
+    lacks(Feature::Reports, "`inerter compare`")
+}
+
+pub fn plot<Args>(_: &Args) -> Result<(), Error> {
+    lacks(Feature::Reports, "`inerter plot`")
+}
+
+pub fn report<Args>(_: &Args) -> Result<(), Error> {
+    lacks(Feature::Reports, "`inerter report`")
+}
+
+pub fn reproduce_paper<Args>(_: &Args) -> Result<(), Error> {
+    lacks(Feature::Reports, "`inerter reproduce-paper`")
+}
+
+pub fn selftest_page(_: &SelfTest) -> Result<String, Error> {
+    lacks(Feature::Reports, "the page of `inerter selftest`")
+}
+
+pub fn junit<'a>(_: impl Iterator<Item = (&'a str, Machine, &'a [Judged])>) -> Result<String, Error> {
+    lacks(Feature::Reports, "--junit")
+}
+
+pub fn store<Args>(_: &Args) -> Result<(), Error> {
+    lacks(Feature::Tables, "`inerter store`")
+}
+
+pub fn replay<Args, Overrides>(_: &str, _: &Args, _: &Overrides, _: bool) -> Result<(), Error> {
+    lacks(Feature::Tables, "`inerter replay --store`")
+}
