@@ -268,7 +268,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use std::vec::Vec;
+    use std::{format, vec::Vec};
 
     proptest! {
         /// A polynomial of degree 7 with a step in it gives the step, whatever the flight between. Its coefficients
@@ -376,5 +376,123 @@ mod tests {
         }
         assert!(count > 380.0, "{count}");
         assert!((0.8..1.25).contains(&(squares / variances)), "{}", squares / variances);
+    }
+
+    /// What the polynomials up to this degree leave of the values, by Gram and Schmidt in f64.
+    fn left_of(values: &[f64], times: &[f64], degree: i32) -> Vec<f64> {
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let free = |values: &mut Vec<f64>, basis: &[Vec<f64>]| {
+            // Twice is enough.
+            for direction in basis.iter().chain(basis) {
+                let part = dot(values, direction);
+                values.iter_mut().zip(direction).for_each(|(value, direction)| *value -= part * direction);
+            }
+        };
+        let mut basis: Vec<Vec<f64>> = Vec::new();
+        for power in 0..=degree {
+            let mut next: Vec<f64> = times.iter().map(|time| time.powi(power)).collect();
+            free(&mut next, &basis);
+            let norm = dot(&next, &next).sqrt();
+            next.iter_mut().for_each(|value| *value /= norm);
+            basis.push(next);
+        }
+        let mut left = values.to_vec();
+        free(&mut left, &basis);
+        left
+    }
+
+    /// Every figure of a window is that of the least squares in f64, and a window is refused where the check's two degrees
+    /// explain more than 8 variances, or the residual is more than a count and twice the stretch's noise.
+    #[test]
+    fn a_window_is_fitted_as_in_f64_and_refused_by_its_residual() {
+        let mut seed = 11_u64;
+        // Uniform within -1 and 1.
+        let mut random = || {
+            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (seed >> 11) as f64 / 2_f64.powi(52) - 1.0
+        };
+        let (mut accepted, mut bent, mut rough) = (0, 0, 0);
+        for _ in 0..600 {
+            let count_units = 2_f64.powf(8.0 + 2.0 * random()) as u32;
+            let noise_units = (f64::from(count_units) * (0.4 + 0.4 * random())) as u32;
+            let scale = (3.0 + 3.0 * random()) as u8;
+            let unit = f64::from(count_units);
+            let (size, noise) = (unit * 10_f64.powf(3.0 + random()), unit * 10_f64.powf(0.9 * random() - 0.4));
+            let bend = unit * 10_f64.powf(random() - 0.8);
+            let [first, flight, second] = [14.0, 6.0, 14.0].map(|mean| (mean * (1.4 + 0.4 * random())) as u32);
+            let (all, parts) = (first + flight + second, [(); 8].map(|()| random()));
+            let mut points = Points::new();
+            let (mut times, mut reach, mut stretch, mut sides) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+            for place in 0..all {
+                let time = (f64::from(2 * place + 1) - f64::from(all)) / f64::from(all);
+                let side = if place < first {
+                    -1
+                } else if place < first + flight {
+                    0
+                } else {
+                    1
+                };
+                let smooth = parts.iter().rev().fold(0.0, |sum, part| sum * time * 0.4 + part) * size;
+                let value = (smooth - 700.0 * f64::from(side) + noise * random() + 40.0 * bend * time.powi(8)) as i32;
+                let by = (3000.0 * random()) as i16;
+                points.push(value, by, side);
+                if side != 0 {
+                    times.push(time);
+                    reach.push(f64::from(value));
+                    stretch.push(f64::from(by));
+                    sides.push(f64::from(side));
+                }
+            }
+            points.scale = scale;
+            let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+            let of = |degree: i32| {
+                let (reach, side) = (left_of(&reach, &times, degree), left_of(&sides, &times, degree));
+                let (square, across) = (sum(&side, &side), sum(&reach, &side));
+                (-2.0 * across / square, sum(&reach, &reach) - across * across / square, side, square)
+            };
+            let ((value, residual, side, square), (check, check_residual, ..)) = (of(7), of(9));
+            let freedom = times.len() as f64 - 11.0;
+            let least = (unit * unit / 40.0 / f64::from(1_u32 << scale) + 1.0) * freedom;
+            let most = (unit * unit + 4.0 * f64::from(noise_units).powi(2)) * freedom;
+            let explained = (residual - check_residual) * freedom / (8.0 * check_residual.max(least));
+            let roughness = check_residual / most;
+            if [explained, roughness].iter().any(|ratio| (ratio - 1.0).abs() < 0.05) {
+                continue;
+            }
+            let found = fit(&points, count_units, noise_units);
+            let what = format!("{found:?}: {explained} {roughness} of {count_units}, {scale}");
+            assert_eq!(found.is_some(), explained < 1.0 && roughness < 1.0, "{what}");
+            rough += u32::from(explained < 1.0 && roughness > 1.0);
+            bent += u32::from(explained > 1.0 && roughness < 1.0);
+            let Some(found) = found else { continue };
+            accepted += 1;
+            let variance = 4.0 * residual / (times.len() as f64 - 9.0) / square;
+            let near = |found: f64, wanted: f64, slack: f64| {
+                assert!((found - wanted).abs() <= slack, "{what}: {found} for {wanted}");
+            };
+            // A reach has 25 bits.
+            let slack = 2.0 + 0.01 * variance.sqrt() + size * 2_f64.powi(-20);
+            near(f64::from(found.value), value, slack);
+            near(f64::from(found.change).abs(), (check - value).abs(), 2.0 * slack);
+            near(f64::from(found.variance), variance, 2.0 + 0.02 * variance);
+            near(f64::from(found.by_stretch), -2.0 * sum(&stretch, &side) / square, 2.0);
+            let weight = (square * 1024.0 * f64::from(1_u32 << scale)).max(1.0);
+            near(f64::from(found.weight), weight, f64::from(1_u32 << scale) + 0.01 * weight);
+        }
+        assert!(accepted > 100 && bent > 30 && rough > 30, "{accepted} {bent} {rough}");
+    }
+
+    /// Entries in few places tell no polynomial of degree 9, and no step beside it.
+    #[test]
+    fn few_places_tell_nothing() {
+        for places in [1, 2, 5, 8, 9_u8] {
+            let mut points = Points::new();
+            for n in 0..61 {
+                points.push(n * n, 0, if n % 2 == 0 { -1 } else { 1 });
+            }
+            // A single one in the middle, where time is nothing.
+            points.places = core::array::from_fn(|n| 30 + n as u8 % places * 3);
+            assert_eq!(fit(&points, 256, 0), None, "{places}");
+        }
     }
 }
