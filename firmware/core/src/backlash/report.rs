@@ -278,3 +278,178 @@ impl BacklashActive {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+
+    fn active(stiffness_n_per_m: f64, contact_damping_n_s_per_m: f64) -> BacklashActive {
+        let settings = Settings { stiffness_n_per_m, contact_damping_n_s_per_m, ..Settings::default() };
+        settings.validate().unwrap().backlash
+    }
+
+    /// So many reversals, half of them so far above and half so far below what they have in common; each by its own noise.
+    fn sums(accepted: u32, apart: i128, own_noise: i128) -> Sums {
+        const WEIGHT: i128 = 3000;
+        let each = [1, WEIGHT, 0, apart * apart, 0, 0, 0, own_noise];
+        let weighted = each.map(|each| WEIGHT * each * i128::from(accepted));
+        Sums { accepted, rejected: 0, origin: 5000, weighted }
+    }
+
+    fn reason(found: Result<Budgeted, Reason>) -> Option<Reason> {
+        found.err()
+    }
+
+    #[test]
+    fn reversals_that_contradict_each_other_tell_nothing() {
+        let active = active(2e6, 1200.0);
+        let state = BacklashState::new();
+        let of = |sums: Sums| reason(active.by_force(&state, &sums, 1.0));
+        // Five standard deviations are 25 variances.
+        for (apart, own_noise, scattered) in
+            [(49, 100, false), (51, 100, true), (4, 1, false), (6, 1, true), (0, 100, false), (499, 10_000, false)]
+        {
+            let wanted = scattered.then_some(Reason::Scattered);
+            assert_eq!(of(sums(20, apart, own_noise)), wanted, "{apart} {own_noise}");
+            // Where reversals are told from the others, half as many.
+            for (rejected, contradict) in [(0, false), (9, false), (10, false), (11, true), (300, true)] {
+                let sums = Sums { rejected, ..sums(20, apart, own_noise) };
+                let wanted = (scattered || contradict).then_some(Reason::Scattered);
+                assert_eq!(of(sums), wanted, "{apart} {own_noise} {rejected}");
+            }
+        }
+        // One reversal that outweighs the others is one.
+        let mut uneven = sums(20, 10, 100);
+        for (equal, wanted) in [(10, None), (4, None), (2, Some(Reason::TooFewReversals))] {
+            uneven.weighted[1] = uneven.weighted[0] * uneven.weighted[0] / equal;
+            assert_eq!(of(uneven), wanted, "{equal}");
+        }
+    }
+
+    /// Scatter over the number of reversals, 0.4 of a count, and half of the check's own change, by hand.
+    #[test]
+    fn a_backlash_by_the_force_is_the_mean_with_its_budget() {
+        let active = active(2e6, 1200.0);
+        let mut sums = sums(26, 30, 400);
+        let [weight, .., change, change_square, by_stretch, _] = &mut sums.weighted;
+        // Changes of 40, half of them so much more and half so much less by 25.
+        (*change, *change_square, *by_stretch) = (40 * *weight, (1600 + 625) * *weight, -100 * *weight);
+        let repeats = 6.0;
+        let (value, budget) = active.by_force(&BacklashState::new(), &sums, repeats).unwrap();
+        let unit = f64::from(active.unit_m);
+        let near = |found: f32, wanted: f64| {
+            assert!(
+                (f64::from(found) - wanted * unit).abs() < 1e-3 * wanted.abs() * unit,
+                "{found} for {wanted} units"
+            );
+        };
+        near(value, 5000.0);
+        near(budget.standard_error(), 30.0 / 25_f64.sqrt());
+        assert!((budget.scatter_freedom() - 25.0).abs() < 1e-3);
+        let count = f64::from(active.count_units);
+        near(budget.given_u95(Source::Encoder), (1.959_964 * (400.0 * 5.0 / 26.0_f64).sqrt()).hypot(0.4 * count));
+        near(budget.given_u95(Source::Model), (1600.0 - 625.0 / 26.0_f64).sqrt());
+        let stretch = -100.0 * f64::from(active.scales.stretch);
+        near(budget.given_u95(Source::Stiffness), 0.01 * stretch.abs());
+        near(budget.given_u95(Source::Gain), 0.005 * stretch.abs());
+        near(budget.given_u95(Source::Lead), 0.001 * (5000.0 - stretch));
+        // A pattern that comes again more often than there are reversals is all of it.
+        let (_, budget) = active.by_force(&BacklashState::new(), &sums, 100.0).unwrap();
+        near(budget.given_u95(Source::Encoder), (1.959_964 * 400_f64.sqrt()).hypot(0.4 * count));
+    }
+
+    #[test]
+    fn what_too_few_reversals_are_missing_is_named() {
+        let active = active(2e6, 1200.0);
+        let of = |accepted: u32, rejected: u32, change: &dyn Fn(&mut BacklashState)| {
+            let mut state = BacklashState::new();
+            state.counts.reversals = 4;
+            change(&mut state);
+            reason(active.by_force(&state, &Sums { rejected, ..sums(accepted, 1, 1) }, 1.0))
+        };
+        assert_eq!(of(5, 0, &|_| ()), None);
+        assert_eq!(of(4, 0, &|_| ()), Some(Reason::TooFewReversals));
+        assert_eq!(of(4, 4, &|_| ()), Some(Reason::TooFewReversals));
+        assert_eq!(of(4, 5, &|_| ()), Some(Reason::Scattered));
+        let bouncing = |count: u32| move |state: &mut BacklashState| state.counts.bouncing = count;
+        assert_eq!(of(4, 0, &bouncing(4)), Some(Reason::TooFewReversals));
+        assert_eq!(of(4, 0, &bouncing(5)), Some(Reason::Scattered));
+        let short =
+            |count: u32| move |state: &mut BacklashState| (state.counts.short, state.counts.bouncing) = (count, 9);
+        assert_eq!(of(4, 0, &short(4)), Some(Reason::Scattered));
+        assert_eq!(of(4, 0, &short(5)), Some(Reason::FlankTooShort));
+        // Two seconds on one flank, and less than a flank on the other.
+        let one_sided = |firm: [u32; 2], reversals: u32| {
+            move |state: &mut BacklashState| {
+                (state.counts.short, state.counts.firm, state.counts.reversals) = (9, firm, reversals);
+            }
+        };
+        let least = active.least_flank;
+        for (firm, reversals, wanted) in [
+            ([0, 2000], 0, Reason::ForceNeverReverses),
+            ([2000, least - 1], 0, Reason::ForceNeverReverses),
+            ([2000, least], 0, Reason::FlankTooShort),
+            ([0, 1999], 0, Reason::FlankTooShort),
+            ([0, 2000], 1, Reason::FlankTooShort),
+        ] {
+            assert_eq!(of(4, 0, &one_sided(firm, reversals)), Some(wanted), "{firm:?} {reversals}");
+        }
+    }
+
+    #[test]
+    fn a_contact_is_what_its_backlash_and_its_landings_say() {
+        let active = active(2e6, 1200.0);
+        let interval = Interval { value: 3e-5, u95: 1e-5 };
+        let of = |size, reversals: u32, bouncing: u32, firm: [u32; 2]| {
+            let mut state = BacklashState::new();
+            (state.counts.reversals, state.counts.bouncing, state.counts.firm) = (reversals, bouncing, firm);
+            state.contact(&active, &Backlash { size, route: Route::Force, reversals })
+        };
+        let [ok, below] = [BacklashSize::Ok(interval), BacklashSize::BelowU95(interval)];
+        let none = BacklashSize::NotIdentifiable(Reason::Scattered);
+        for (size, wanted) in [(ok, Contact::Backlash), (below, Contact::Closed), (none, Contact::Unknown)] {
+            for (reversals, bouncing, bounces) in
+                [(0, 0, false), (7, 4, false), (9, 5, true), (10, 5, false), (10, 6, true), (100, 50, false)]
+            {
+                let wanted = if bounces { Contact::Bouncing } else { wanted };
+                assert_eq!(of(size, reversals, bouncing, [900, 900]), wanted, "{size:?} {reversals} {bouncing}");
+            }
+            assert_eq!(of(size, 0, 9, [0, 5000]), Contact::OneSided);
+        }
+    }
+
+    /// Nothing is told whose interval has no end or that lies further below zero than chance takes it.
+    #[test]
+    fn what_no_spring_or_gap_is_has_no_value() {
+        let of = |value: f32, standard_error: f32| (value, Budget::of_scatter(standard_error, 1e9));
+        let u95 = of(0.0, 1.0).1.u95();
+        let size = |value: f32| Backlash::of(Ok(&of(value, 1.0)), Route::Terminal, 7).size;
+        let interval = |value: f32| Interval { value, u95 };
+        for (part, above) in [(1.01, true), (0.99, false), (0.0, false), (-1.6, false)] {
+            let interval = interval(part * u95);
+            let wanted = if above { BacklashSize::Ok(interval) } else { BacklashSize::BelowU95(interval) };
+            assert_eq!(size(part * u95), wanted, "{part}");
+        }
+        let scattered = BacklashSize::NotIdentifiable(Reason::Scattered);
+        assert_eq!(size(-1.8 * u95), scattered);
+        for (value, error) in [(f32::NAN, 1.0), (f32::INFINITY, 1.0), (1.0, f32::INFINITY), (1.0, f32::NAN)] {
+            assert_eq!(Backlash::of(Ok(&of(value, error)), Route::Force, 7).size, scattered, "{value} {error}");
+        }
+        let missing = Backlash::of(Err(&Reason::FlankTooShort), Route::Force, 7);
+        assert_eq!(
+            missing,
+            Backlash { size: BacklashSize::NotIdentifiable(Reason::FlankTooShort), route: Route::Force, reversals: 7 }
+        );
+        for (part, told) in [(0.1, true), (-0.99, true), (-1.01, false)] {
+            let wanted = if told { Parameter::Ok(interval(part * u95)) } else { Parameter::default() };
+            assert_eq!(parameter(&of(part * u95, 1.0)), wanted, "{part}");
+        }
+        assert_eq!(parameter(&of(1.0, f32::INFINITY)), Parameter::default());
+        // No stiffness, and a lag that the guard of 31 samples does not outlast seven times: 4.5 ms at 1 kHz.
+        let unable = |stiffness, lag_s: f64| active(stiffness, stiffness * lag_s).unable();
+        assert_eq!(unable(0.0, 0.0), Some(Reason::StiffnessUnknown));
+        assert_eq!([0.0, 0.0042].map(|lag_s| unable(2e6, lag_s)), [None; 2]);
+        assert_eq!(unable(2e6, 0.0047), Some(Reason::FlankTooShort));
+    }
+}
