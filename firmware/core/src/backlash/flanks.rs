@@ -205,3 +205,82 @@ impl Flanks {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+    use std::vec::Vec;
+
+    const RATE_HZ: f64 = 1000.0;
+
+    /// What is told of each sample, and the flank that it seemed to touch by itself.
+    fn told(force: impl Fn(u32) -> i32, offset: i32, count: u32) -> (u32, Vec<(Touch, i8)>) {
+        let settings = Settings { sample_rate_hz: RATE_HZ, stiffness_n_per_m: 2e6, ..Settings::default() };
+        let active = settings.validate().unwrap().backlash.flanks;
+        let mut flanks = Flanks::new();
+        let mut touch = |index: u32| {
+            let sample = Newest {
+                index,
+                position: index as i32,
+                force: force(index),
+                terminal: 0,
+                good: true,
+                broken: false,
+                offset,
+            };
+            (flanks.push(&active, &sample), flanks.side)
+        };
+        (u32::from(active.guard), (0..count).map(&mut touch).collect())
+    }
+
+    /// A sample touches a flank for certain if all within the guard on either side of it do.
+    #[test]
+    fn a_sample_is_firm_with_all_within_the_guard() {
+        // Flanks of 5 to 18 samples, with flights of 1 to 6.
+        let force = |n: u32| {
+            let (turn, within) = (n / 24, n % 24);
+            let sign = if turn.is_multiple_of(2) { 1 } else { -1 };
+            if within < 5 + turn % 14 || within >= 10 + turn % 14 { sign * 40_000 } else { 0 }
+        };
+        let (guard, told) = told(force, 0, 3000);
+        assert_eq!(guard, 4);
+        let mut firm = [0, 0, 0];
+        for n in 100..told.len() {
+            let around = &told[n - 2 * guard as usize..=n];
+            let sides = around.iter().map(|(_, side)| *side);
+            let side = around[0].1;
+            let wanted = if sides.clone().all(|each| each == side) { side } else { 0 };
+            assert_eq!(told[n].0.classified, wanted, "{n}");
+            firm[(wanted + 1) as usize] += 1;
+        }
+        assert!(firm.iter().all(|count| *count > 100), "{firm:?}");
+    }
+
+    /// Touched is what exceeds an eighth of the peak, and landed on what has been left until under a 64th of it.
+    #[test]
+    fn a_flank_is_touched_beyond_an_eighth_of_the_peak_and_left_under_a_64th() {
+        for (low, touches, lands_again) in
+            [(1.0 / 7.0, true, false), (1.0 / 9.0, false, false), (1.0 / 40.0, false, false), (1.0 / 90.0, false, true)]
+        {
+            for sign in [1, -1] {
+                // Ten times a second to its least and back: in between the peak forgets a twentieth.
+                let force = |n: u32| {
+                    let wave = 0.5 + 0.5 * (core::f64::consts::TAU * f64::from(n) / 100.0).cos();
+                    let part = if n < 1000 { 1.0 } else { low + (1.0 - low) * wave };
+                    sign * (1e6 * part) as i32
+                };
+                let (_, told) = told(force, 0, 4000);
+                let side = sign as i8;
+                let landings = told.iter().skip(1000).filter(|(touch, _)| touch.landed).count();
+                assert_eq!(landings, if lands_again { 30 } else { 0 }, "{low} {sign}");
+                for n in (1050..4000).step_by(100) {
+                    assert_eq!([told[n].1, told[n + 45].1], [if touches { side } else { 0 }, side], "{low} {sign} {n}");
+                }
+                // What may be an offset is no flank by itself.
+                let (_, offset) = self::told(force, sign * 2_000_000, 4000);
+                assert!(offset.iter().all(|(touch, _)| touch.classified != side), "{low} {sign}");
+            }
+        }
+    }
+}
