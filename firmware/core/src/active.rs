@@ -361,3 +361,173 @@ fn magnitude(value: f64) -> f64 {
 fn rounded(value: f64) -> f64 {
     ((value + 0.5) as i64) as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::constants::RATE_TAPS;
+    use std::vec::Vec;
+
+    /// Length of a bank's box [samples].
+    fn length(bank: &BankActive) -> f64 {
+        f64::from(bank.spacing * UPDATES_PER_BOX)
+    }
+
+    fn value(term: crate::qformat::Term) -> f64 {
+        f64::from(term.coefficient) * 2_f64.powi(-32 - i32::from(term.shift))
+    }
+
+    /// Product of two power series up to the fourth power.
+    fn times(a: [f64; 5], b: [f64; 5]) -> [f64; 5] {
+        core::array::from_fn(|n| (0..=n).map(|i| a[i] * b[n - i]).sum())
+    }
+
+    /// One over a power series that begins with one.
+    fn inverse(a: [f64; 5]) -> [f64; 5] {
+        let mut inverse = [1.0, 0.0, 0.0, 0.0, 0.0];
+        for n in 1..5 {
+            inverse[n] = -(1..=n).map(|i| a[i] * inverse[n - i]).sum::<f64>();
+        }
+        inverse
+    }
+
+    /// The force that acts on the screw is `(F - mr s^2 x2) / (1 + r s^2 / (1 + tau s))`, of a force that comes late
+    /// `exp(skew s)` of it: each term of the series.
+    #[test]
+    fn a_late_force_across_a_soft_contact_is_undone_by_its_series() {
+        for (sample_rate_hz, mass, own_hz, lag_s, skew_s) in [
+            (50.0, 0.0, 0.0, 0.0, 0.005),
+            (50.0, 30.0, 63.0, 0.0, 0.0),
+            (50.0, 30.0, 63.0, 0.004, 0.0),
+            (50.0, 30.0, 63.0, 0.003, 0.0045),
+            (90.0, 2.0, 70.0, 0.002, -0.0035),
+            (1000.0, 2.0, 63.0, 0.001, 0.0004),
+            (1000.0, 2.0, 63.0, 0.001, 0.0024),
+        ] {
+            let stiffness = mass * (core::f64::consts::TAU * own_hz).powi(2);
+            let settings = Settings {
+                sample_rate_hz,
+                skew_s,
+                structure_mass_kg: mass,
+                stiffness_n_per_m: stiffness,
+                contact_damping_n_s_per_m: lag_s * stiffness,
+                metres_per_count: -3e-6,
+                oversampling: 2.0,
+                newtons_per_code: -7e-3,
+                ..Settings::default()
+            };
+            let active = settings.validate().unwrap();
+            let late = settings.skew_parts().1;
+            let compliance = if stiffness > 0.0 { mass / stiffness } else { 0.0 };
+            let exponential = [1.0, late, late.powi(2) / 2.0, late.powi(3) / 6.0, late.powi(4) / 24.0];
+            let mut structure = times([0.0, 0.0, compliance, 0.0, 0.0], inverse([1.0, lag_s, 0.0, 0.0, 0.0]));
+            structure[0] = 1.0;
+            let wanted = times(inverse(structure), exponential);
+            for bank in [&active.fast, &active.slow] {
+                let gain = length(bank).powi(4);
+                // A regressor's unit by a code of the comb, which has so many a code of force and sample.
+                let per_code = 7e-3 / gain / bank.scales.units[4];
+                let terms = bank.normaliser.force_terms;
+                for (n, of_comb) in [24.0, 1.0, 2.0, 1.0].into_iter().enumerate() {
+                    let found = value(terms[n]) * of_comb / per_code / sample_rate_hz.powi(n as i32 + 1);
+                    let wanted = wanted[n + 1];
+                    assert!((found - wanted).abs() <= 1e-6 * wanted.abs(), "{n}: {found} for {wanted}, {settings:?}");
+                }
+                let per_code = 7e-3 / gain * sample_rate_hz / bank.scales.more_units[1];
+                for (n, of_comb) in [1.0, 2.0].into_iter().enumerate() {
+                    let found = value(bank.normaliser.force_rate_terms[n]) * of_comb
+                        / per_code
+                        / sample_rate_hz.powi(n as i32 + 1);
+                    let wanted = wanted[n + 1];
+                    assert!((found - wanted).abs() <= 1e-6 * wanted.abs(), "rate {n}: {found} for {wanted}");
+                }
+                let snap = sample_rate_hz.powi(4) * 3e-6 / 2.0 / gain / bank.scales.units[4];
+                let found = value(bank.normaliser.snap_term) / snap;
+                let wanted = mass * compliance;
+                assert!((found - wanted).abs() <= 1e-6 * wanted, "snap: {found} for {wanted}");
+            }
+        }
+    }
+
+    /// Each taken against the other.
+    fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
+        let mut both = std::vec![0.0; a.len() + b.len() - 1];
+        for (i, a) in a.iter().enumerate() {
+            for (k, b) in b.iter().enumerate() {
+                both[i + k] += a * b;
+            }
+        }
+        both
+    }
+
+    /// What steps of a count, and noise in the force, are behind the kernel: the sum of its squares.
+    #[test]
+    fn noise_behind_the_kernels_is_the_sum_of_their_squares() {
+        for (sample_rate_hz, oversampling) in [(1000.0, 1.0), (1000.0, 5.0), (2600.0, 3.0)] {
+            let settings = Settings { sample_rate_hz, oversampling, ..Settings::default() };
+            let active = settings.validate().unwrap();
+            for bank in [&active.fast, &active.slow] {
+                let length = length(bank);
+                let single = std::vec![1.0 / length; length as usize];
+                let boxes = convolve(&convolve(&single, &single), &convolve(&single, &single));
+                let squares = |taps: &[f64]| convolve(&boxes, taps).iter().map(|each| each * each).sum::<f64>();
+                let count_square = settings.metres_per_count.powi(2) / 12.0;
+                let near = |found: f64, wanted: f64, part: f64, what: &str| {
+                    assert!((found / wanted - 1.0).abs() < part, "{what}: {found} for {wanted} at {sample_rate_hz} Hz");
+                };
+                let acceleration = squares(&[1.0, -2.0, 1.0]) * sample_rate_hz.powi(4) * count_square;
+                let scales = &bank.scales;
+                near(f64::from(scales.quantisation) * scales.units[0].powi(2), acceleration, 0.01, "acceleration");
+                let third = convolve(&[0.5, 0.5], &[1.0, -3.0, 3.0, -1.0]);
+                let jerk = squares(&third) * sample_rate_hz.powi(6) * count_square;
+                near(f64::from(scales.jerk_quantisation * scales.jerk * scales.jerk), jerk, 1e-4, "jerk");
+                near(f64::from(scales.noise), squares(&[1.0]) * settings.newtons_per_code.powi(2), 0.01, "force");
+                near(f64::from(scales.quantisation_kept), 1.0 / oversampling, 1e-6, "kept");
+                near(f64::from(scales.half_code), 0.5 * settings.newtons_per_code, 1e-6, "half a code");
+            }
+        }
+    }
+
+    /// Rest, creep and what else is counted in samples and codes, by hand for a rig at 2 kHz.
+    #[test]
+    fn times_and_travels_are_in_samples_and_codes() {
+        let settings = Settings {
+            sample_rate_hz: 2000.0,
+            oversampling: 4.0,
+            metres_per_count: -1e-6,
+            newtons_per_code: -0.01,
+            stuck_displacement_m: 0.0,
+            publish_rate_hz: 8.0,
+            memory_s: 6.0,
+            ..Settings::default()
+        };
+        let signal = settings.signal();
+        // 24 ms in eight blocks, 5 ms, 15 ms and 2 ms.
+        assert_eq!((signal.rest_block, signal.sign_half_width), (6, 10));
+        assert_eq!((signal.reversal_half_width, signal.reversal_reach), (30, 4));
+        // Ten blocks.
+        assert_eq!((signal.delay, signal.publish_samples), (60, 250));
+        assert_eq!((signal.rest_limit, signal.grazing_limit, signal.codes_per_count), (8, 16, 4));
+        // Four counts of four codes in 48 samples, through a kernel of gain 100.
+        assert_eq!(signal.creep_limit, (16.0 / 48.0 * 100.0 * f64::from(1 << VELOCITY_BITS)) as u32);
+        assert_eq!((signal.position_reversed, signal.force_reversed), (true, true));
+        let wider = Settings { stuck_displacement_m: 5e-6, ..settings };
+        assert_eq!(wider.signal().rest_limit, 20);
+        let (kink, per_force, per_viscous) = settings.sign_effects();
+        // An impulse of 1 N in a sample is so many codes a sample on 1 kg.
+        let per_impulse = 0.0005 * 0.0005 * 4e6;
+        // Through two boxes of m samples, of gain m^2, whose mean distance from their centre is m / 3.
+        assert!((kink / (per_impulse / 3.0) - 1.0).abs() < 1e-12);
+        assert!((per_force / (0.01 * per_impulse) - 1.0).abs() < 1e-12);
+        // One code a sample is 0.5 mm/s.
+        assert!((per_viscous / (0.0005 / 0.01) - 1.0).abs() < 1e-12);
+        let active = settings.validate().unwrap();
+        // Boxes of 32 and 128 samples, two updates in each: six of them without one are rest.
+        assert_eq!((active.fast.spacing, active.slow.spacing), (16, 64));
+        assert_eq!((active.fast.memory, active.slow.memory), (750, 188));
+        assert_eq!((active.fast.support, active.slow.support), (130, 514));
+        assert_eq!((active.fast.hold_samples, active.slow.hold_samples), (768, 3072));
+        let taps: f64 = RATE_TAPS.iter().sum();
+        assert_eq!(taps, 24.0);
+    }
+}
