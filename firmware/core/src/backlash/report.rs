@@ -265,7 +265,7 @@ impl BacklashActive {
             .and(Source::Model, per_side * (more_side - side))
             .and(Source::Encoder, 2.0 * apart / (block * stiffness) * stiffness_by_count)
             .and(Source::Encoder, SENSED_COUNT_PART * count)
-            .and(Source::Lead, per_side * false_side);
+            .and(Source::Lead, per_side * false_side + backlash * (false_stiffness / stiffness));
 
         let stiffness_si = stiffness * self.scales.stiffness;
         let damping_si = damping * self.scales.damping + stiffness_si * self.scales.skew_s;
