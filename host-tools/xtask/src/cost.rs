@@ -1,10 +1,8 @@
 //! What a cold start costs: processor time of compiling from an empty folder, crates, and size of the program.
 
 use crate::{
-    firmware::Image,
-    process, setup,
+    process,
     table::{Options, Row, Table},
-    toolchain::Toolchain,
     tree,
     workspace::{self, Part},
 };
@@ -13,7 +11,7 @@ use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
 /// How much processor time may move: compilers differ, and the machine may have other work.
 const TIME_TOLERANCE: f64 = 0.3;
-/// Goal for the processor time of compiling the demo, at most \[min\].
+/// Goal for the processor time of the demo, at most \[min\].
 const DEMO_GOAL_MIN: f64 = 6.0;
 
 /// The program as a user installs it.
@@ -33,15 +31,13 @@ const INSTALLED: [Installed; 3] = [
 /// Measures each product and compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(cfg!(unix), "the processor time of what cargo starts is counted on Unix only");
-    setup::ensure(&[setup::Need::Firmware], false)?;
-    let toolchain = Toolchain::find().context("no compiler for the firmware")?;
     let folder = workspace::target()?.join("cost");
     let (mut rows, mut counted) = (Vec::new(), Vec::new());
     for Installed { name, features, most_mb } in &INSTALLED {
         let mut build = process::cargo();
         build.args(["build", "--locked", "--release", "--package", "inerter"]).args(*features);
-        rows.push(minutes(name, from_nothing(&folder, [build])?));
-        let count = crates(&[&["--package", "inerter"], *features].concat())? as f64;
+        rows.push(minutes(&format!("{name}: compiling"), from_nothing(&folder, build)?));
+        let count = crates(LINKED, &[&["--package", "inerter"], *features].concat())? as f64;
         let row = Row::new(&format!("{name}: crates"), count, "");
         rows.push(match counted.first() {
             Some(first) if features.contains(&"--no-default-features") => row.at_most(first / 2.0),
@@ -53,22 +49,20 @@ pub fn run(options: &Options) -> Result<()> {
         let size = (bytes as f64 / 1e5).round() / 10.0;
         rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(*most_mb));
     }
-    let package = |name: &str| {
-        let mut command = process::cargo();
-        command.args(["build", "--locked", "--package", name]);
-        command
-    };
-    let mut wheel = package("inerter-python");
-    wheel.arg("--release");
-    rows.push(minutes("Python package", from_nothing(&folder, [wheel])?));
-    rows.push(Row::new("Python package: crates", crates(&["--package", "inerter-python"])? as f64, ""));
-    let mut image = toolchain.cargo("build");
-    image.arg("--locked").args(Image::Qemu.arguments());
-    let demo = from_nothing(&folder, [package("xtask"), image, package("inerter-demo")])?;
-    rows.push(minutes("demo, with `xtask` and the firmware", demo).at_most(DEMO_GOAL_MIN));
+    let mut wheel = process::cargo();
+    wheel.args(["build", "--locked", "--release", "--package", "inerter-python"]);
+    rows.push(minutes("Python package: compiling", from_nothing(&folder, wheel)?));
+    rows.push(Row::new("Python package: crates", crates(LINKED, &["--package", "inerter-python"])? as f64, ""));
+    let mut demo = process::cargo();
+    demo.args(["run", "--locked", "--package", "xtask", "--", "demo"]);
+    rows.push(minutes("demo, compiled and run", from_nothing(&folder, demo)?).at_most(DEMO_GOAL_MIN));
+    let count = crates(LINKED, &["--package", "xtask", "--package", "inerter-demo"])? as f64;
+    rows.push(Row::new("demo: crates on the host", count, ""));
     let mut tests = Part::Main.all("test");
     tests.arg("--no-run");
-    rows.push(minutes("tests of the main workspace", from_nothing(&folder, [tests])?));
+    rows.push(minutes("tests of the main workspace: compiling", from_nothing(&folder, tests)?));
+    let count = crates("normal,build,dev", &[&["--workspace"], Part::Main.features()].concat())? as f64;
+    rows.push(Row::new("tests of the main workspace: crates", count, ""));
     tree::remove(&folder)?;
     let table = Table {
         name: "cost",
@@ -85,24 +79,24 @@ pub fn run(options: &Options) -> Result<()> {
 
 fn minutes(name: &str, seconds: f64) -> Row {
     println!("{name}: {:.1} min of processor time", seconds / 60.0);
-    let row = Row::new(&format!("{name}: compiling"), (seconds / 6.0).round() / 10.0, "min of processor time");
-    row.within(TIME_TOLERANCE)
+    Row::new(name, (seconds / 6.0).round() / 10.0, "min of processor time").within(TIME_TOLERANCE)
 }
 
-/// Processor time of cargo commands, one after the other, the first from an empty folder \[s\].
-fn from_nothing<const N: usize>(folder: &Path, commands: [Command; N]) -> Result<f64> {
+/// Processor time of a command of cargo in an empty folder \[s\].
+fn from_nothing(folder: &Path, mut command: Command) -> Result<f64> {
     tree::remove(folder)?;
     let before = process::spent();
-    for mut command in commands {
-        process::run(command.env("CARGO_TARGET_DIR", folder).env("CARGO_INCREMENTAL", "0"))?;
-    }
+    process::run(command.env("CARGO_TARGET_DIR", folder).env("CARGO_INCREMENTAL", "0"))?;
     Ok((process::spent() - before).as_secs_f64())
 }
 
+/// Edges of what is compiled for a program.
+const LINKED: &str = "normal,build";
+
 /// How many packages are compiled, by name and version.
-fn crates(arguments: &[&str]) -> Result<usize> {
+fn crates(edges: &str, arguments: &[&str]) -> Result<usize> {
     let mut tree = process::cargo();
-    tree.args(["tree", "--locked", "--edges", "normal,build", "--prefix", "none", "--format", "{p}"]);
+    tree.args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
     Ok(distinct(&process::output(tree.args(arguments))?))
 }
 

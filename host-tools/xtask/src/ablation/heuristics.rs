@@ -112,7 +112,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     tested(
         "a_clean_run_is_not_called_broken",
         "3: what lies beside a stop that friction may hold is left out",
-        &[("estimator.rs", "line.hold(signal.sign_half_width, &self.feedback);", "")],
+        &[("estimator.rs", "line.hold(signal.sign_half_width, signal.codes_per_count, &self.feedback);", "")],
     ),
     one(
         "1: slow motion is fitted in the slow bank",
