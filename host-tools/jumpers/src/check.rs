@@ -37,8 +37,6 @@ pub struct Measured {
     pub skew_s: f64,
     /// 95 % uncertainty of it \[s\].
     pub skew_u95_s: f64,
-    /// White noise of a force conversion, rms \[codes of 12 bits\].
-    pub noise_lsb: f64,
 }
 
 /// All checks, in the order in which they were made; the first one that fails ends the test.

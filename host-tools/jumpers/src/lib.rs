@@ -28,4 +28,4 @@ mod wires;
 pub use board::{Board, JumperError};
 pub use check::{Check, Measured, Report};
 pub use motion::{truth, worn};
-pub use run::run;
+pub use run::{run, run_with};

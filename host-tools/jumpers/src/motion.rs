@@ -185,7 +185,7 @@ mod tests {
     /// What wires and converters can at best give: codes as they were put out.
     fn at_best(device: Inerter) -> Tape {
         let line = Line { slope: 1.0, offset: 0.0, ..Line::default() };
-        tape(device, &Chain { force: line, terminal: line, noise_lsb: 0.0 }).unwrap()
+        tape(device, &Chain { force: line, terminal: line }).unwrap()
     }
 
     /// The estimator alone, on what the tape's steps are.
@@ -217,6 +217,14 @@ mod tests {
         report.checks.iter().filter(|check| !check.passed()).map(|check| check.name).collect()
     }
 
+    /// Parameters, judged.
+    fn judged(device: Inerter) -> Report {
+        let mut report = Report::default();
+        parameters(&published(&at_best(device), Route::Force).estimate, &mut report);
+        print(&report);
+        report
+    }
+
     /// Both backlashes, judged.
     fn backlashes(tape: &Tape) -> Report {
         let mut report = Report::default();
@@ -237,12 +245,25 @@ mod tests {
             assert!(all(|step| step.force) && all(|step| step.terminal), "the outputs do not reach the rails");
             assert!(tape.knots().iter().all(|knot| knot.advance.abs() < Knot::MAX_ADVANCE), "too fast for the outputs");
         }
-        let mut report = Report::default();
-        parameters(&published(&at_best(truth()), Route::Force).estimate, &mut report);
-        print(&report);
+        let report = judged(truth());
         assert_eq!((report.checks.len(), failed(&report)), (3, vec![]));
         let report = backlashes(&at_best(worn()));
         assert_eq!((report.checks.len(), failed(&report)), (2, vec![]));
+    }
+
+    #[test]
+    fn another_device_is_told_by_the_parameter_that_differs() {
+        for off in [-1.0, 1.0] {
+            let Inerter { inertance_kg, viscous_n_s_per_m, coulomb_n, .. } = truth();
+            let heavier = Inerter { inertance_kg: inertance_kg * (1.0 + 0.005 * off), ..truth() };
+            let thicker = Inerter { viscous_n_s_per_m: viscous_n_s_per_m * (1.0 + 0.8 * off), ..truth() };
+            let rougher = Inerter { coulomb_n: coulomb_n * (1.0 + 0.04 * off), ..truth() };
+            for (device, check) in
+                [(heavier, "inertance"), (thicker, "viscous friction"), (rougher, "Coulomb friction")]
+            {
+                assert_eq!(failed(&judged(device)), [check], "{off}");
+            }
+        }
     }
 
     #[test]

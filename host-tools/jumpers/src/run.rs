@@ -9,6 +9,7 @@ use crate::sweep::sweep;
 use crate::tape::Tape;
 use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
 use inerter_core::{Route, Settings};
+use inerter_plant::Inerter;
 use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
 
 /// Ticks from edge to edge of the burst: 6 million counts a second, 1.5 MHz on each line.
@@ -27,8 +28,16 @@ const REPLY_S: f64 = 0.1;
 /// # Errors
 /// Where the test could not be done, which says nothing of the board.
 pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, JumperError> {
+    run_with(board, clock_is_known, motion::truth())
+}
+
+/// [`run`] with this device played for its parameters; any but [`truth`](motion::truth) must fail.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_with(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Result<Report, JumperError> {
     let before = settings_in_use(board)?;
-    let outcome = measure(board, clock_is_known);
+    let outcome = measure(board, clock_is_known, device);
     // Wherever it broke off, nothing is driven any longer; a board that is gone lets go by itself.
     let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
@@ -71,7 +80,7 @@ fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError
     board.listen(REPLY_S)
 }
 
-fn measure(board: &mut impl Board, clock_is_known: bool) -> Result<Report, JumperError> {
+fn measure(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Result<Report, JumperError> {
     let mut report = Report::default();
     set_up(board, &motion::settings(0.0, Route::Force))?;
     let Some(chain) = wires(board, &mut report)? else { return Ok(report) };
@@ -79,8 +88,8 @@ fn measure(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
     if !burst(board, &mut report)? {
         return Ok(report);
     }
-    if motions(board, &chain, skew_s, clock_is_known, &mut report)? {
-        report.measured = Some(Measured { skew_s, skew_u95_s, noise_lsb: chain.noise_lsb });
+    if motions(board, (&chain, device), skew_s, clock_is_known, &mut report)? {
+        report.measured = Some(Measured { skew_s, skew_u95_s });
     }
     Ok(report)
 }
@@ -89,7 +98,7 @@ fn measure(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
 /// settings choose. Whether all is as it is played.
 fn motions(
     board: &mut impl Board,
-    chain: &Chain,
+    (chain, device): (&Chain, Inerter),
     skew_s: f64,
     clock_is_known: bool,
     report: &mut Report,
@@ -98,7 +107,7 @@ fn motions(
         set_up(board, &motion::settings(skew_s, route))?;
         record_from_rest(board, tape, SETTLED_TICKS)
     };
-    let sound = play(&motion::tape(motion::truth(), chain)?, Route::Force)?;
+    let sound = play(&motion::tape(device, chain)?, Route::Force)?;
     let passed = report.holds(sampling(&sound))
         && (clock_is_known || report.take(motion::timebase(&sound)))
         && motion::parameters(&sound.estimate.unwrap_or_default(), report);

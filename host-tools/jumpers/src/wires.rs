@@ -55,8 +55,6 @@ pub struct Chain {
     pub force: Line,
     /// The same of the terminal's.
     pub terminal: Line,
-    /// Noise of a force conversion, rms \[codes\].
-    pub noise_lsb: f64,
 }
 
 /// What it means where the converters give nothing, or lose samples again and again.
@@ -207,5 +205,5 @@ pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: 
     };
     let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
     let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause);
-    report.take(check).then_some(Chain { force: force.0, terminal: terminal.0, noise_lsb: noise[0] })
+    report.take(check).then_some(Chain { force: force.0, terminal: terminal.0 })
 }

@@ -679,6 +679,9 @@ impl Chip {
         let level = |pin: Option<Pin>| pin.is_none_or(|pin| self.pin_mode(pin) != Mode::Output || self.pin_output(pin));
         let levels = (level(jumpers.a), level(jumpers.b));
         self.wired.follow(levels);
+        if self.planted.lost_edge.take_if(|count| *count == self.wired.count).is_some() {
+            self.wired.count = self.wired.count.wrapping_sub(1);
+        }
     }
 
     /// The encoder's position, whether it is the world's or made of wires.

@@ -48,6 +48,8 @@ pub struct Planted {
     pub lost: Option<(Request, f64)>,
     /// The encoder's counter counts every other edge.
     pub half_counts: bool,
+    /// The encoder's counter misses the edge that would bring it to this count for the first time.
+    pub lost_edge: Option<u32>,
 }
 
 /// The encoder that two wires form.
