@@ -1,7 +1,7 @@
 //! The page of a board's self-test: one file, to be sent on.
 
 use inerter_data::{
-    selftest::{Check, SelfTest, Verdict},
+    selftest::{Check, SelfTest, Skew, Verdict},
     words::{plural, utc},
 };
 use maud::{Markup, html as markup};
@@ -20,6 +20,12 @@ pub fn html(test: &SelfTest) -> String {
                 @if failed.is_empty() { span.ok { "Passed" } } @else { span.none { "Failed" } }
                 ": " (plural(test.count(Verdict::Pass) as u64, "check")) " passed, "
                 (failed.len()) " failed, " (test.count(Verdict::Skipped)) " skipped."
+            }
+            @if let Some(Skew { skew_s, skew_u95_s }) = test.skew {
+                p {
+                    "Delay of the force behind the position, of the board alone (skew_s): "
+                    (format!("{:.2} µs ± {:.2} µs", skew_s * 1e6, skew_u95_s * 1e6)) "."
+                }
             }
         }
         (checks(&test.checks))
@@ -104,9 +110,18 @@ mod tests {
         let few = Check::range("flash", "Flash", "KB", 512.0..=f64::INFINITY, Some(128.0), |_| "too <little>".into());
         let skipped = Check::skipped("dfu", "Update mode", "not over USB");
         let checks = vec![few, skipped];
-        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks, measured: vec![measured] };
+        let skew = Some(Skew { skew_s: -6.25e-7, skew_u95_s: 1.5e-7 });
+        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks, measured: vec![measured], skew };
         let page = html(&test);
-        for wanted in ["too &lt;little&gt;", "&lt;script&gt;", "at least 512", "not over USB", ">128<", "Failed"] {
+        for wanted in [
+            "too &lt;little&gt;",
+            "&lt;script&gt;",
+            "at least 512",
+            "not over USB",
+            ">128<",
+            "Failed",
+            "(skew_s): -0.62 µs ± 0.15 µs.",
+        ] {
             assert!(page.contains(wanted), "{wanted}");
         }
         assert!(!page.contains("<script"));

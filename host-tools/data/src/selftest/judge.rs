@@ -3,10 +3,11 @@
 //! Each judgement takes what the board reported, and gives its checks in a fixed order. A missing figure fails its
 //! check, unless there is a plain reason for it.
 
-use inerter_core::RawSample;
+use inerter_core::{RawSample, Settings};
 use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
 
 use super::Check;
+use crate::{backup, words::three_digits};
 
 /// Device of category 3 of the STM32G4: DBGMCU_IDCODE.DEV_ID (RM0440 47.6.1).
 const DEVICE: u32 = 0x469;
@@ -229,7 +230,8 @@ pub fn supply(measured: &Measured) -> Vec<Check> {
 
 /// Cycles that each task takes in a second, as a quantity, a name and a label, and the instructions that the twin took in
 /// the same second, the least that it takes: sampling at 1 kHz with every stream on and nothing in motion; its test
-/// `selftest` compares.
+/// `selftest` compares. Two have no work then, because nothing is requested, and the USB's task only answers the host's
+/// control requests.
 const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
     (Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
     (Quantity::EstimatingCycles, "work_estimating", "Cycles of estimating", 2.32e6),
@@ -259,14 +261,19 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             let per_s = get(quantity).zip(window_s).map(|(cycles, s)| f64::from(cycles) / s / 1e6);
             let least = (instructions * LEAST_PER_INSTRUCTION) / 1e6;
             let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
-            Check::range(name, label, "million/s", least..=most, per_s, |found| {
+            let check = Check::range(name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
                     "less than the twin needs for the same work: it did not do its work, or the counter stands still"
                         .into()
                 } else {
                     "more than the model of the chip allows: wait states, caches, or the build".into()
                 }
-            })
+            });
+            let predicted = match instructions {
+                0.0 => "no work".into(),
+                _ => format!("twin {}", three_digits(instructions / 1e6)),
+            };
+            Check { expected: format!("{predicted}: {}", check.expected), ..check }
         })
         .collect();
     let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)));
@@ -326,7 +333,7 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     let found = sample_codes / WEIGHT * summed.sqrt();
     let floor = Check::range(noise, noise_label, "codes", LEAST_NOISE_CODES..=NOISE_CODES, Some(found), |found| {
         if found > NOISE_CODES {
-            "the noise is too high: supply, ground, or an amplifier that is not quiet".into()
+            "the noise is too high: supply, ground, an amplifier that is not quiet, or nothing is connected".into()
         } else {
             "the input does not move at all: its converter may not convert".into()
         }
@@ -338,4 +345,63 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
         "the first conversions after a start are wrong".into()
     });
     vec![floor, first]
+}
+
+/// Highest sample rate, at which the streams are judged (Hz).
+pub const FULL_HZ: f64 = 4000.0;
+
+/// What came with all streams on at [`FULL_HZ`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Streamed<'a> {
+    /// Samples in their order.
+    pub samples: &'a [RawSample],
+    /// Bytes of all frames.
+    pub bytes: usize,
+    /// Frames that were lost or damaged, or cannot be read.
+    pub bad_frames: u64,
+    /// As the board reports them, since its start.
+    pub overruns: Option<u32>,
+}
+
+/// Whether everything came, and as much of it as that is.
+///
+/// Bytes are counted in the board's own time: a slow link loses frames, and does not lower their rate.
+pub fn throughput(heard: &Streamed) -> [Check; 4] {
+    let Streamed { samples, bytes, bad_frames, overruns } = *heard;
+    let steps = samples.windows(2).map(|pair| pair[1].index.wrapping_sub(pair[0].index));
+    let missing: u64 = steps.map(|step| u64::from(step.saturating_sub(1))).sum();
+    let span_s = samples.len() as f64 / FULL_HZ;
+    let rate = (samples.len() > 1000).then(|| bytes as f64 / span_s / 1e3);
+    [
+        Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad_frames as f64), |_| {
+            "the link or the host does not keep up: try another port, cable or hub".into()
+        }),
+        Check::range("samples_lost", "Samples lost at 4 kHz", "", 0.0..=0.0, Some(missing as f64), |_| {
+            "the sampler or the link does not keep up".into()
+        }),
+        Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns.map(f64::from), |_| {
+            "the sampler was overtaken by its hardware: please report it".into()
+        }),
+        Check::range("throughput", "Stream at 4 kHz, per second of the device", "KB", 10.0..=1000.0, rate, |_| {
+            "the number of bytes does not match 4000 samples per second".into()
+        }),
+    ]
+}
+
+/// Whether settings are those that were saved.
+pub fn same(name: &'static str, label: &'static str, expected: &str, saved: &Settings, found: &Settings) -> Check {
+    let differ = backup::changes(saved, found).len();
+    let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
+    Check::words(name, label, expected, if differ == 0 { expected } else { "others" }, cause)
+}
+
+/// Whether the board has the settings of before again, as it says when asked anew.
+pub fn restored(outcome: Result<bool, String>) -> Check {
+    let cause = match outcome {
+        Ok(true) => None,
+        Ok(false) => Some("the board accepted them, and has others now".to_owned()),
+        Err(error) => Some(error),
+    };
+    let found = if cause.is_none() { "as before" } else { "others" };
+    Check::words("restored", "Settings restored", "as before", found, cause)
 }

@@ -116,6 +116,15 @@ impl Check {
     }
 }
 
+/// Delay of the force behind the position, of the board alone: an amplifier or a filter adds to it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Skew {
+    /// The delay (s).
+    pub skew_s: f64,
+    /// Its 95 % uncertainty (s).
+    pub skew_u95_s: f64,
+}
+
 /// A self-test with all that it found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SelfTest {
@@ -129,6 +138,8 @@ pub struct SelfTest {
     pub checks: Vec<Check>,
     /// All that the board measured of itself, in this order.
     pub measured: Vec<Measured>,
+    /// What the jumpers showed, if they were tested and passed.
+    pub skew: Option<Skew>,
 }
 
 impl SelfTest {
@@ -167,6 +178,7 @@ impl SelfTest {
             "port": self.port, "begun_ns": self.begun_ns, "program": concat!("inerter ", env!("CARGO_PKG_VERSION")),
             "passed": self.count(Verdict::Pass), "failed": self.count(Verdict::Fail),
             "skipped": self.count(Verdict::Skipped), "checks": self.checks, "figures": figures,
+            "skew": self.skew,
         })
     }
 }

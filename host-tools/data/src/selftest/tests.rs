@@ -1,8 +1,8 @@
 use super::{
-    judge::{Input, Start, chip, clocks, noise, restart, supply, work},
+    judge::{Input, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
     *,
 };
-use inerter_core::RawSample;
+use inerter_core::{RawSample, Settings};
 use inerter_wire::{Capabilities, ClockSource, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
 use proptest::prelude::*;
 
@@ -157,6 +157,9 @@ fn supply_and_work_have_two_sides() {
         assert_eq!(failed(&work(&with(good_work(), Quantity::EstimatingCycles, cycles))), ["work_estimating"]);
     }
     assert_eq!(failed(&work(&with(good_work(), Quantity::IdleUs, 500_000))), ["load"]);
+    let expected = work(&good_work()).into_iter().map(|check| check.expected);
+    let beside_the_twin = ["twin 1.73: 0.692 to 8.79", "twin 2.32: 0.928 to 11.4", "twin 0.966: 0.386 to 5.35"];
+    assert_eq!(expected.take(5).collect::<Vec<_>>(), [&beside_the_twin[..], &["no work: 0 to 1.00"; 2]].concat());
     // Over no time, or over one in which the counts may have wrapped.
     for us in [0, 26_000_000, u32::MAX] {
         assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, us))).len(), 7, "{us}");
@@ -232,6 +235,47 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
 }
 
 #[test]
+fn each_fault_of_a_stream_is_named() {
+    let samples: Vec<_> = (0..8000).map(|index| RawSample { index, ..RawSample::default() }).collect();
+    let gap = [&samples[..10], &samples[11..]].concat();
+    let good = Streamed { samples: &samples, bytes: 38_000, bad_frames: 0, overruns: Some(0) };
+    let heard = |heard: Streamed| {
+        let checks = throughput(&heard);
+        (failed(&checks), checks.map(|check| check.found))
+    };
+    let (none, found) = heard(good);
+    assert_eq!((none, found[3].as_deref()), (vec![], Some("19.0")), "KB in each of two seconds");
+    for (fault, names) in [
+        (Streamed { bad_frames: 1, ..good }, &["frames_lost"][..]),
+        (Streamed { samples: &gap, ..good }, &["samples_lost"]),
+        (Streamed { overruns: Some(1), ..good }, &["overruns"]),
+        (Streamed { overruns: None, ..good }, &["overruns"]),
+        (Streamed { bytes: 19_000, ..good }, &["throughput"]),
+        (Streamed { bytes: 2_100_000, ..good }, &["throughput"]),
+        (Streamed { samples: &samples[..1000], ..good }, &["throughput"]),
+        (Streamed::default(), &["overruns", "throughput"]),
+    ] {
+        assert_eq!(heard(fault).0, names, "{fault:?}");
+    }
+}
+
+#[test]
+fn settings_that_are_not_kept_or_not_restored_fail() {
+    let saved = Settings::default();
+    let found = Settings { skew_s: 1e-6, publish_rate_hz: 7.0, ..saved };
+    assert_eq!(same("kept", "Settings", "as saved", &saved, &saved).verdict, Verdict::Pass);
+    let check = same("kept", "Settings", "as saved", &saved, &found);
+    assert_eq!((check.verdict, check.found.as_deref()), (Verdict::Fail, Some("others")));
+    assert_eq!(check.reason.as_deref(), Some("2 settings differ from those saved"));
+    assert_eq!(restored(Ok(true)).verdict, Verdict::Pass);
+    for (outcome, reason) in [(Ok(false), "has others now"), (Err("no board".to_owned()), "no board")] {
+        let check = restored(outcome);
+        assert_eq!((check.verdict, check.found.as_deref()), (Verdict::Fail, Some("others")));
+        assert!(check.reason.is_some_and(|found| found.contains(reason)), "{reason}");
+    }
+}
+
+#[test]
 fn a_board_that_tells_nothing_fails_everything_it_can() {
     let checks = all(&hello(), &Measured::new(Measure::Chip));
     assert!(checks.iter().all(|check| check.verdict != Verdict::Pass), "{checks:#?}");
@@ -247,7 +291,7 @@ proptest! {
         for checks in [chip(&measured, &hello), clocks(&measured, &hello), supply(&measured), work(&measured)] {
             prop_assert!(!failed(&checks).is_empty());
         }
-        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks: vec![], measured: vec![measured] };
+        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks: vec![], measured: vec![measured], skew: None };
         prop_assert!(!test.json().to_string().contains("NaN"));
     }
 

@@ -13,7 +13,10 @@ use inerter_data::{
     backup::{self, Kept},
     json::json_line,
     output,
-    selftest::{Check, SelfTest, Verdict, judge},
+    selftest::{
+        Check, SelfTest, Skew, Verdict,
+        judge::{self, FULL_HZ},
+    },
 };
 use inerter_device::{
     Clock, Device, DeviceError, Interrupted, Target,
@@ -43,9 +46,8 @@ const IN_USE: &str = "in-use.toml";
 const RETURN: Duration = Duration::from_secs(25);
 /// Pause between two attempts to reach it.
 const RETRY: Duration = Duration::from_millis(300);
-/// Rate of samples for noise and work (Hz), and the highest.
+/// Rate of samples for noise and work (Hz).
 const QUIET_HZ: f64 = 1000.0;
-const FULL_HZ: f64 = 4000.0;
 /// How long samples are listened to (s of the device's clock), and how much longer they may take.
 const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
@@ -163,6 +165,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         begun_ns: Clock::new().now_ns(),
         checks: Vec::new(),
         measured: Vec::new(),
+        skew: None,
     };
     let target = args.link.target().known(&test.hello.serial);
     let mut bench = Bench { target, device: Some(device), test, json: args.json, before, saved, has_saved: false };
@@ -170,6 +173,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let restored = bench.restore();
     if !matches!(restored, Ok(true)) {
         note(format!("the settings were not restored: restore them with {commands}"));
+    }
+    if args.write && bench.test.skew.is_none() {
+        note("the delay of the force was not measured, so --write saves nothing");
     }
     match outcome {
         // A board that does not answer any more has failed, and what it showed before counts.
@@ -179,13 +185,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         }
         outcome => outcome?,
     }
-    let cause = match &restored {
-        Ok(true) => None,
-        Ok(false) => Some("the board accepted them, and has others now".to_owned()),
-        Err(error) => Some(error.to_string()),
-    };
-    let found = if cause.is_none() { "as before" } else { "others" };
-    bench.add([Check::words("restored", "Settings restored", "as before", found, cause)])?;
+    bench.add([judge::restored(restored.map_err(|error| error.to_string()))])?;
     let test = bench.test;
     if let Some(files) = &files {
         output::write(files.page, args.force, reports::selftest_page(&test)?)?;
@@ -342,26 +342,11 @@ impl Bench {
         let damaged = self.device()?.counts().corrupt();
         let heard = self.listen(Streams::ALL, FULL_HZ)?;
         let counts = self.device()?.counts();
-        let bad = u64::from(counts.lost) - lost + u64::from(counts.corrupt() - damaged) + heard.unreadable as u64;
-        let steps = heard.samples.windows(2).map(|pair| pair[1].index.wrapping_sub(pair[0].index));
-        let missing: u64 = steps.map(|step| u64::from(step.saturating_sub(1))).sum();
-        let span_s = heard.samples.len() as f64 / FULL_HZ;
-        let rate = (heard.samples.len() > 1000).then(|| heard.bytes as f64 / span_s / 1e3);
-        let overruns = heard.health.map(|health| f64::from(health.overruns));
-        self.add([
-            Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad as f64), |_| {
-                "the link or the host does not keep up: try another port, cable or hub".into()
-            }),
-            Check::range("samples_lost", "Samples lost at 4 kHz", "", 0.0..=0.0, Some(missing as f64), |_| {
-                "the sampler or the link does not keep up".into()
-            }),
-            Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
-                "the sampler was overtaken by its hardware: please report it".into()
-            }),
-            Check::range("throughput", "Stream at 4 kHz, per second of the device", "KB", 10.0..=1000.0, rate, |_| {
-                "the number of bytes does not match 4000 samples per second".into()
-            }),
-        ])
+        let bad_frames =
+            u64::from(counts.lost) - lost + u64::from(counts.corrupt() - damaged) + heard.unreadable as u64;
+        let overruns = heard.health.map(|health| health.overruns);
+        let heard = judge::Streamed { samples: &heard.samples, bytes: heard.bytes, bad_frames, overruns };
+        self.add(judge::throughput(&heard))
     }
 
     /// Saves other settings and reads them back; gives what must hold after a restart.
@@ -393,7 +378,7 @@ impl Bench {
             result => result?,
         }
         let found = self.device()?.saved_settings()?;
-        self.add([same(NAME, LABEL, "as written", &other, &found)])?;
+        self.add([judge::same(NAME, LABEL, "as written", &other, &found)])?;
         Ok(Some(other))
     }
 
@@ -445,7 +430,7 @@ impl Bench {
         let start = self.comes_back("to restart", Command::Reboot)?;
         self.add([judge::restart("restart", "Restart by command", ResetCause::Software, &start)])?;
         if let Some(kept) = kept {
-            let check = same("kept", "Settings after the restart", "as saved", &kept, self.device()?.settings());
+            let check = judge::same("kept", "Settings after the restart", "as saved", &kept, self.device()?.settings());
             self.add([check])?;
         }
         Ok(())
@@ -502,14 +487,18 @@ impl Bench {
         self.device = None;
         let (checks, measured) = played?;
         self.add(checks)?;
-        let Some(Measured { skew_s, skew_u95_s, .. }) = measured.filter(|_| args.write) else { return Ok(()) };
+        let Some(Measured { skew_s, skew_u95_s }) = measured else { return Ok(()) };
+        self.test.skew = Some(Skew { skew_s, skew_u95_s });
+        say(format!(
+            "skew_s = {skew_s:.3e}, skew_u95_s = {skew_u95_s:.1e}: of the board alone; the delay of an amplifier or a filter adds to it"
+        ));
+        if !args.write {
+            return Ok(());
+        }
         let with = |settings: &Settings| Settings { skew_s, skew_u95_s, ..*settings };
         self.before = with(&self.before);
         self.saved = Some(with(self.saved.as_ref().unwrap_or(&self.before)));
         self.has_saved = self.device()?.keeps_settings();
-        say(format!(
-            "skew_s = {skew_s:.3e}, skew_u95_s = {skew_u95_s:.1e}: of the board alone; the delay of an amplifier or a filter adds to it"
-        ));
         Ok(())
     }
 
@@ -566,13 +555,6 @@ impl Bench {
             }
         }
     }
-}
-
-/// Whether settings are those that were saved.
-fn same(name: &'static str, label: &'static str, expected: &str, saved: &Settings, found: &Settings) -> Check {
-    let differ = backup::changes(saved, found).len();
-    let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
-    Check::words(name, label, expected, if differ == 0 { expected } else { "others" }, cause)
 }
 
 /// Names and labels of the visits to update mode.
