@@ -3,10 +3,11 @@
 //! The board hangs on a USB cable; what goes over its serial port goes over TCP to the program. While that is connected the
 //! board's time passes as the wall's, or slower where the computer is slow, but never faster: the program would have less time
 //! than a board leaves it. A restart ends the connection, as it takes a port away. The program has a terminal, and somebody
-//! before it.
+//! before it. Whatever the outcome, the board itself then says that its settings are those of before.
 //!
 //! Slow, about a minute each. Skipped where image or program are missing.
 
+use inerter_core::Settings;
 use inerter_twin::Board;
 use inerter_twin::chip::adc::Quality;
 use inerter_twin::chip::errata::Errata;
@@ -14,6 +15,8 @@ use inerter_twin::chip::jumpers::{Jumpers, Planted};
 use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
+use inerter_wire::{Command as Request, Record, SettingsValues};
+use rustix::process::{Pid, Signal, kill_process};
 use rustix::{fs, pty};
 use serde_json::Value;
 use std::fs::File;
@@ -21,9 +24,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -31,6 +34,8 @@ use std::time::{Duration, Instant};
 const STEP_S: f64 = 1e-3;
 /// From power-on until the firmware runs \[s\].
 const START_S: f64 = 0.5;
+/// Time for a reply; a save may have to erase a page \[s\].
+const REPLY_S: f64 = 2.0;
 
 /// The program; nothing where it is not built, after saying so.
 fn program() -> Option<PathBuf> {
@@ -40,46 +45,112 @@ fn program() -> Option<PathBuf> {
     inerter_needs::or_skip(found.ok_or_else(|| format!("{}: `cargo build-lean -p inerter` makes it", path.display())))
 }
 
+/// Settings that a board has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Kept {
+    in_use: Settings,
+    /// Nothing where none were ever saved.
+    saved: Option<Settings>,
+}
+
+impl Kept {
+    /// As the board says.
+    fn of(link: &mut UsbLink<Machine>) -> Self {
+        let records = ask(link, [Request::Hello, Request::ReadSettings, Request::ReadSaved]);
+        let read = |values: &SettingsValues| values.read(&Settings::default()).settings;
+        let mut in_use = records.iter().filter_map(|record| match record {
+            Record::Settings(values) => Some(read(values)),
+            _ => None,
+        });
+        let mut saved = records.iter().filter_map(|record| match record {
+            Record::Saved(values) => Some(read(values)),
+            _ => None,
+        });
+        Self { in_use: in_use.next_back().expect("settings"), saved: saved.next_back() }
+    }
+
+    /// The same with another skew.
+    fn with_skew_of(self, other: &Self) -> Self {
+        let with = |settings: Settings, other: Settings| Settings {
+            skew_s: other.skew_s,
+            skew_u95_s: other.skew_u95_s,
+            ..settings
+        };
+        let saved = self.saved.zip(other.saved).map(|(settings, other)| with(settings, other));
+        Self { in_use: with(self.in_use, other.in_use), saved }
+    }
+}
+
+/// Plugs the board in, sends it these, and gives what it said.
+fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>) -> Vec<Record> {
+    link.connect().expect("enumerates");
+    link.open().expect("opens");
+    for request in requests {
+        link.request(request, REPLY_S).expect("a reply");
+    }
+    link.listen(0.05).expect("listens");
+    let records = link.records();
+    link.unplug();
+    records
+}
+
+/// Somebody has used the board: what is in use was not saved.
+fn use_it(link: &mut UsbLink<Machine>) {
+    let saved = Settings { newtons_per_code: 0.01, skew_s: 5e-5, skew_u95_s: 5e-6, ..Settings::default() };
+    let in_use = Settings { newtons_per_code: 0.02, ..saved };
+    let [saved, in_use] = [saved, in_use].map(|settings| Request::WriteSettings(SettingsValues::from(&settings)));
+    ask(link, [Request::Hello, saved, Request::SaveSettings, in_use]);
+}
+
 /// A board whose serial port is reached over TCP.
 struct Served {
     address: SocketAddr,
     over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    /// Gives its settings before and after.
+    thread: Option<JoinHandle<[Kept; 2]>>,
 }
 
 impl Served {
-    fn new(machine: impl FnOnce() -> Machine + Send + 'static) -> Self {
+    fn new(machine: impl FnOnce() -> Machine + Send + 'static, is_new: bool) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
         listener.set_nonblocking(true).expect("can be");
         let address = listener.local_addr().expect("bound");
         let over = Arc::new(AtomicBool::new(false));
         let ends = over.clone();
-        let thread = std::thread::spawn(move || serve(machine(), &listener, &ends));
+        let thread = std::thread::spawn(move || {
+            let mut machine = machine();
+            machine.run_for(START_S).expect("starts");
+            let mut link = UsbLink::new(machine);
+            if !is_new {
+                use_it(&mut link);
+            }
+            let before = Kept::of(&mut link);
+            serve(&mut link, &listener, &ends);
+            [before, Kept::of(&mut link)]
+        });
         Self { address, over, thread: Some(thread) }
+    }
+
+    /// The board's settings before and after.
+    fn end(mut self) -> [Kept; 2] {
+        self.over.store(true, Ordering::Relaxed);
+        self.thread.take().expect("once").join().expect("the board lives")
     }
 }
 
 impl Drop for Served {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-            && !std::thread::panicking()
-        {
-            panic!("the board stopped");
-        }
     }
 }
 
-fn serve(mut machine: Machine, listener: &TcpListener, over: &AtomicBool) {
-    machine.run_for(START_S).expect("starts");
-    let mut link = UsbLink::new(machine);
+fn serve(link: &mut UsbLink<Machine>, listener: &TcpListener, over: &AtomicBool) {
     let mut client: Option<TcpStream> = None;
     while !over.load(Ordering::Relaxed) {
         let (begun, begun_s) = (Instant::now(), link.socket.time_s());
         client = match client.take() {
-            Some(stream) => turn(&mut link, stream),
-            None => accept(&mut link, listener),
+            Some(stream) => turn(link, stream),
+            None => accept(link, listener),
         };
         if client.is_none() {
             link.unplug();
@@ -89,6 +160,7 @@ fn serve(mut machine: Machine, listener: &TcpListener, over: &AtomicBool) {
         let lived = Duration::from_secs_f64(link.socket.time_s() - begun_s);
         std::thread::sleep(lived.saturating_sub(begun.elapsed()));
     }
+    link.unplug();
 }
 
 /// A client gets the board once that has a port.
@@ -123,8 +195,8 @@ fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream>
     Some(stream)
 }
 
-/// A terminal, and somebody before it who answers when he is asked whether the outputs may be driven; in the end, what he saw.
-fn terminal(answer: &'static str) -> (OwnedFd, JoinHandle<String>) {
+/// A terminal, and somebody before it who acts once when he reads this; in the end, what he saw.
+fn terminal(prompt: &'static str, act: impl FnOnce(&mut File) + Send + 'static) -> (OwnedFd, JoinHandle<String>) {
     let person = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).expect("a terminal");
     rustix::io::fcntl_setfd(&person, rustix::io::FdFlags::CLOEXEC).expect("can be");
     pty::grantpt(&person).and_then(|()| pty::unlockpt(&person)).expect("can be");
@@ -133,13 +205,14 @@ fn terminal(answer: &'static str) -> (OwnedFd, JoinHandle<String>) {
     let terminal = fs::open(name.as_c_str(), flags, fs::Mode::empty()).expect("opens");
     let seen = std::thread::spawn(move || {
         let (mut person, mut seen, mut some) = (File::from(person), Vec::new(), [0; 4096]);
-        let mut answered = false;
+        let mut act = Some(act);
         // It fails once no program has the terminal any longer.
         while let Ok(count) = person.read(&mut some) {
             seen.extend_from_slice(&some[..count]);
-            if !answered && String::from_utf8_lossy(&seen).contains(QUESTION) {
-                answered = true;
-                writeln!(person, "{answer}").expect("types");
+            if String::from_utf8_lossy(&seen).contains(prompt)
+                && let Some(act) = act.take()
+            {
+                act(&mut person);
             }
         }
         String::from_utf8_lossy(&seen).into_owned()
@@ -158,6 +231,8 @@ struct Outcome {
     page: String,
     /// What stood on the terminal.
     errors: String,
+    /// The board's settings in the end, where they are not those of before.
+    changed: Option<Kept>,
 }
 
 impl Outcome {
@@ -183,7 +258,25 @@ impl Outcome {
 /// One board at a time: the program waits by the clock on the wall.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Runs it with this said of the jumpers: in the command, and by somebody where he is asked.
+/// The program at this board, in a folder of its own.
+fn command(program: PathBuf, name: &str, board: SocketAddr, terminal: OwnedFd) -> (Command, PathBuf) {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+    // Of an earlier run.
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let page = folder.join("page.html");
+    let mut command = Command::new(program);
+    command
+        .current_dir(&folder)
+        .args(["selftest", "--json", "--connect", &board.to_string(), "-o"])
+        .arg(&page)
+        .stdin(terminal.try_clone().expect("can be"))
+        .stderr(terminal);
+    (command, page)
+}
+
+/// Runs it with this said of the jumpers: in the command, and by somebody where he is asked. Only `--write` may change a
+/// setting.
 fn selftest(
     name: &str,
     (jumpers, answer): (&[&str], &'static str),
@@ -191,21 +284,13 @@ fn selftest(
 ) -> Option<Outcome> {
     let (image, program) = (shipping_image()?, program()?);
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    std::fs::create_dir_all(&folder).expect("a folder");
-    let served = Served::new(move || machine(&image));
-    let page = folder.join("page.html");
-    let (terminal, seen) = terminal(answer);
-    let output = Command::new(program)
-        .current_dir(&folder)
-        .args(["selftest", "--force", "--json", "--connect", &served.address.to_string(), "-o"])
-        .arg(&page)
-        .args(jumpers)
-        .stdin(terminal.try_clone().expect("can be"))
-        .stderr(terminal)
-        .output()
-        .expect("the program");
+    let served = Served::new(move || machine(&image), false);
+    let (terminal, seen) = terminal(QUESTION, move |person| writeln!(person, "{answer}").expect("types"));
+    let (mut command, page) = command(program, name, served.address, terminal);
+    let output = command.args(jumpers).output().expect("the program");
+    drop(command);
     let errors = seen.join().expect("the person");
+    let [before, after] = served.end();
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     println!("{text}{errors}");
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
@@ -213,11 +298,14 @@ fn selftest(
         serde_json::from_str(&std::fs::read_to_string(page.with_extension("json")).expect("the file")).expect("JSON");
     assert_eq!(lines.last(), Some(&json), "the file holds what the last line does");
     let page = std::fs::read_to_string(page).expect("the page");
-    Some(Outcome { code: output.status.code(), json, page, errors })
+    assert_eq!(before.with_skew_of(&after), after, "settings of before, and after");
+    let changed = (after != before).then_some(after);
+    assert!(changed.is_none() || jumpers.contains(&"--write"), "{changed:?}");
+    Some(Outcome { code: output.status.code(), json, page, errors, changed })
 }
 
 const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
-const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged"], "no");
+const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged", "--write"], "no");
 
 #[test]
 fn a_sound_board_passes() {
@@ -229,13 +317,21 @@ fn a_sound_board_passes() {
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
-    // The table of what the twin takes is what it takes: its lower bound is 0.4 times that.
+    // The table of what the twin takes is what it takes.
+    let number = |text: &Value, before: &str| {
+        let (number, _) = text.as_str()?.strip_prefix(before)?.split_once(':').unwrap_or((text.as_str()?, ""));
+        number.parse::<f64>().ok()
+    };
     for name in ["work_sampling", "work_estimating", "work_telemetry", "work_supervising"] {
         let check = outcome.check(name);
-        let number = |text: &Value| text.as_str().and_then(|text| text.split(' ').next()?.parse::<f64>().ok());
-        let (found, least) = (number(&check["found"]), number(&check["expected"]));
-        let ratio = found.zip(least).map(|(found, least)| found / least * 0.4).expect("numbers");
+        let found = number(&check["found"], "").zip(number(&check["expected"], "twin "));
+        let ratio = found.map(|(found, table)| found / table).expect("numbers");
         assert!((0.8..1.25).contains(&ratio), "{name}: {ratio} times what the table says");
+    }
+    for name in ["work_commands", "work_usb"] {
+        let Value::String(expected) = &outcome.check(name)["expected"] else { panic!("{name}: no words") };
+        assert!(expected.starts_with("no work: "), "{expected}");
+        assert!(number(&outcome.check(name)["found"], "") < Some(1e-3), "{name} does work");
     }
     assert!(outcome.names("pass").len() >= 30, "{:?}", outcome.names("pass"));
 }
@@ -267,11 +363,52 @@ fn noise_that_is_too_high_is_named() {
     assert_eq!(outcome.code, Some(10));
 }
 
+/// Ctrl-C some time after the program has said this; then the board has its settings again. A new board keeps none
+/// before, and those that were in use afterwards.
+fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) {
+    let (Some(image), Some(program)) = (shipping_image(), program()) else { return };
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let machine = move || Machine::new(&image, Box::new(Still)).expect("the image");
+    let served = Served::new(machine, is_new);
+    let (tell, told) = mpsc::channel::<Pid>();
+    let (terminal, seen) = terminal(prompt, move |_| {
+        let program = told.recv().expect("it runs");
+        std::thread::sleep(pause);
+        kill_process(program, Signal::INT).expect("it runs");
+    });
+    let (mut command, page) = command(program, name, served.address, terminal);
+    let mut child = command.arg("--without-jumpers").stdout(Stdio::null()).spawn().expect("the program");
+    drop(command);
+    tell.send(Pid::from_child(&child)).expect("somebody waits");
+    let code = child.wait().expect("ends").code();
+    let errors = seen.join().expect("the person");
+    let [before, after] = served.end();
+    assert!(errors.contains(prompt), "{errors}");
+    assert_eq!(code, Some(130), "{errors}");
+    assert!(!errors.contains("were not restored") && !page.exists(), "{errors}");
+    assert_eq!(before.saved.is_none(), is_new);
+    let restored = Kept { saved: before.saved.or(Some(before.in_use)), ..before };
+    assert_eq!(after, restored, "{errors}");
+}
+
+/// Others are saved by then, and in use.
+#[test]
+fn ctrl_c_after_the_save_leaves_the_settings_as_they_were() {
+    interrupted("ctrl-c-saved", "restarting the board", Duration::ZERO, true);
+}
+
+/// It hangs, and others are saved.
+#[test]
+fn ctrl_c_while_the_board_is_gone_leaves_the_settings_as_they_were() {
+    interrupted("ctrl-c-gone", "hanging the board", Duration::from_secs(3), false);
+}
+
 /// A board with these wires, and this planted.
 fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + Send {
     move |image| {
         // Converters that do not start together disturb each other, which would hide that one is late.
-        let options = Options { errata: Errata { adc_concurrent: false, ..Errata::ALL }, ..Options::default() };
+        let errata = Errata { adc_concurrent: planted.late == [0; 2], ..Errata::ALL };
+        let options = Options { errata, ..Options::default() };
         let mut machine = Machine::with(image, options, Box::new(Still)).expect("the image");
         machine.chip_mut().jumpers = Some(jumpers);
         machine.chip_mut().planted = planted;
@@ -281,18 +418,28 @@ fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + 
 
 #[test]
 fn nothing_is_played_where_a_rig_may_be_connected() {
-    let Some(outcome) = selftest("no", (&[], "no"), wired(Jumpers::RIGHT, Planted::default())) else { return };
+    let Some(outcome) = selftest("no", (&["--write"], "no"), wired(Jumpers::RIGHT, Planted::default())) else { return };
     assert!(outcome.errors.contains(QUESTION));
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset", "jumpers"]);
     assert!(outcome.reason("jumpers").starts_with("a rig may be connected"));
     assert!(!outcome.names("pass").contains(&"encoder_wires"));
     assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
+    is_not_written(&outcome);
 }
 
-/// The outputs are driven as somebody says yes.
+/// Where the skew is not measured, `--write` says that it has nothing to write.
+fn is_not_written(outcome: &Outcome) {
+    assert_eq!(outcome.json["skew"], Value::Null);
+    assert_eq!(outcome.changed, None);
+    assert!(outcome.errors.contains("--write saves nothing"), "{}", outcome.errors);
+}
+
+/// The outputs are driven as somebody says yes. The skew that is measured is in the page, and on the board afterwards.
 #[test]
 fn a_sound_board_passes_through_jumpers() {
-    let Some(outcome) = selftest("jumpers", (&[], "yes"), wired(Jumpers::RIGHT, Planted::default())) else { return };
+    let Some(outcome) = selftest("jumpers", (&["--write"], "yes"), wired(Jumpers::RIGHT, Planted::default())) else {
+        return;
+    };
     assert!(outcome.errors.contains(QUESTION));
     assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
@@ -306,6 +453,17 @@ fn a_sound_board_passes_through_jumpers() {
         assert!(outcome.page.contains(outcome.check(name)["found"].as_str().expect("words")), "{name}");
     }
     assert_eq!(passed.last(), Some(&"restored"));
+    let of = |name: &str| outcome.json["skew"][name].as_f64().expect("a number");
+    let (skew_s, skew_u95_s) = (of("skew_s"), of("skew_u95_s"));
+    // docs/HARDWARE.md: the sum of what is known of the board.
+    assert!((skew_s + 0.63e-6).abs() < skew_u95_s && (0.05e-6..0.3e-6).contains(&skew_u95_s), "{skew_s} {skew_u95_s}");
+    let Kept { in_use, saved } = outcome.changed.expect("other settings");
+    for settings in [in_use, saved.expect("saved settings")] {
+        let off_s = [settings.skew_s - skew_s, settings.skew_u95_s - skew_u95_s];
+        assert!(off_s.iter().all(|off_s| off_s.abs() < 1e-15), "{off_s:?}");
+    }
+    assert!(outcome.page.contains(&format!("(skew_s): {:.2} µs", skew_s * 1e6)));
+    assert!(!outcome.errors.contains("--write saves nothing"), "{}", outcome.errors);
 }
 
 /// Nobody is asked where the flag says it. The check that fails is the fault's own, and nothing is played after it.
@@ -317,6 +475,7 @@ fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) ->
     assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
     assert!(outcome.page.contains(cause));
     assert!(!outcome.names("pass").contains(&"inertance"));
+    is_not_written(&outcome);
 }
 
 #[test]
