@@ -258,6 +258,8 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("plugged in again under another name");
     a_power_cut_is_a_clear_error(&mut linux, &twin);
     watch.lap("power cut");
+    the_self_test_goes_into_update_mode_and_back(&mut linux, &twin);
+    watch.lap("selftest");
     the_program_brings_another_firmware(&mut linux, &firmware);
     watch.lap("inerter update");
     dfu_util_brings_another_firmware(&mut linux, &twin, &firmware);
@@ -449,6 +451,28 @@ fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
     assert!(!of_kind(&said, "estimate").is_empty(), "{said:?}");
 }
 
+/// By command, and by two presses of the button, which the program asks for at a terminal: here the guest's console. Of
+/// the other checks, some need a guest that keeps pace with the wall's clock.
+fn the_self_test_goes_into_update_mode_and_back(linux: &mut Linux, twin: &Twin) {
+    stay_plugged_in(linux);
+    linux.run(
+        "rm -f /tmp/code; (inerter selftest --without-jumpers --json </dev/ttyS0 >/tmp/said 2>/dev/ttyS0; \
+         echo $? >/tmp/code) >/dev/null 2>&1 &",
+    );
+    let mut wait = |condition: &str| {
+        linux.run_within(&format!("until {condition}; do {LOOK}; done"), Duration::from_secs(240));
+    };
+    wait("grep -q '\"dfu\"' /tmp/said || [ -s /tmp/code ]");
+    press(twin);
+    wait("[ -s /tmp/code ]");
+    let said = objects(&linux.run("cat /tmp/said"));
+    for name in ["restart", "watchdog", "dfu", "double_reset", "restored"] {
+        let check = said.iter().find(|check| check["name"] == name);
+        assert_eq!(check.map(|check| &check["verdict"]), Some(&"pass".into()), "{said:?}");
+    }
+    unplug_no_more(linux);
+}
+
 /// The same program under another name: as a later version it says `digit` wherever it says 0.
 fn another(image: &[u8], digit: u8) -> Vec<u8> {
     const NAME: &[u8] = b"inerter 0.";
@@ -521,8 +545,8 @@ fn plain(image: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The button, twice: the device is in update mode.
-fn press_twice(linux: &mut Linux, twin: &Twin) {
+/// The button, twice.
+fn press(twin: &Twin) {
     twin.order(|server| {
         for pause_s in [0.1, 0.1] {
             server.socket.reset().expect("starts");
@@ -531,6 +555,11 @@ fn press_twice(linux: &mut Linux, twin: &Twin) {
         // The hub has seen it go.
         server.unplug();
     });
+}
+
+/// The button, twice: the device is in update mode.
+fn press_twice(linux: &mut Linux, twin: &Twin) {
+    press(twin);
     stay_plugged_in(linux);
     linux.until("dfu-util -l | grep -q 'Internal Flash'");
 }
