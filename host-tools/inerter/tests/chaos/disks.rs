@@ -93,7 +93,7 @@ fn full_disks() {
             let earlier = whole.files.keys().map(String::as_str).collect::<Vec<_>>().join(" ");
             let remount = if read_only { "mount -o remount,ro disk;" } else { "" };
             let script = format!(
-                "mount -t tmpfs -o size=64m none disk && cp *.mcap disk && cd disk && \
+                "mount -t tmpfs -o size=64m none disk && cp -r *.mcap limits.toml store disk && cd disk && \
                  for name in {earlier}; do printf earlier > \"$name\"; done && \
                  free=$(df -k --output=avail . | tail -n 1) && \
                  head -c $(((free - {room}) * 1024)) /dev/zero > filling && cd .. && {remount} \
