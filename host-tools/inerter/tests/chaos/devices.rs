@@ -249,10 +249,11 @@ fn cut_off() {
                         });
                         let mut visit = Visit::start(folder.path(), command, &device.address);
                         let status = visit.ended(END_TIME);
-                        let (_, foreign) = visit.end();
+                        let (most_kb, foreign) = visit.end();
                         let code = status.and_then(|status| status.code());
                         assert!(matches!(code, Some(0..=10)), "{command:?} cut off after {count} bytes: {code:?}");
                         assert_eq!(foreign, None, "{command:?} cut off after {count} bytes");
+                        assert!(most_kb < MOST_KB, "{command:?} cut off after {count} bytes: {most_kb} kB");
                         complete.fetch_add(usize::from(code == Some(0)), Ordering::Relaxed);
                         longest.fetch_max(count, Ordering::Relaxed);
                         runs.fetch_add(1, Ordering::Relaxed);

@@ -1,8 +1,10 @@
-//! One campaign: its seed, its limit of time, and the line that it leaves.
+//! One campaign: its seed, its limits of time and memory, and the line that it leaves.
 
 use std::{
-    fs::OpenOptions,
+    fs::{self, OpenOptions},
     io::{self, Write},
+    process::{self, Command},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
     thread,
     time::{Duration, Instant},
 };
@@ -10,32 +12,53 @@ use std::{
 use inerter_data::settings::Overrides;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::Random;
+use crate::common::{Random, text, unruly::memory_kb, until};
 
 /// More than a live command holds at any device \[kB\].
 pub const MOST_KB: u64 = 64_000;
+/// More than any program holds that a campaign starts, twice the most that was seen (`slow_kills`) \[kB\].
+const MOST_OF_ANY_KB: u64 = 256_000;
 /// Commands at once.
 pub const AT_ONCE: usize = 10;
 
-/// A campaign that runs.
+/// A campaign that runs. It fails, and all that it has started is killed, once it takes too long or a program holds too
+/// much memory.
 pub struct Scenario {
+    pub seed: u64,
+    state: Arc<Mutex<State>>,
+    passed: bool,
+}
+
+/// What the campaign and its guard share.
+struct State {
     name: String,
     started: Instant,
     limit: Duration,
-    pub seed: u64,
-    /// How it is asked for again, beside its name and seed.
+    most_kb: u64,
+    /// How it is asked for again, beside its name.
     options: String,
-    passed: bool,
+    /// The most memory that the guard has seen in one program \[kB\].
+    held_kb: u64,
 }
 
 impl Scenario {
     /// The running test, which must be done within this.
     pub fn start(limit_s: u64) -> Self {
+        Self::within(Duration::from_secs(limit_s), MOST_OF_ANY_KB)
+    }
+
+    fn within(limit: Duration, most_kb: u64) -> Self {
         let name = thread::current().name().unwrap_or("?").to_string();
         let name = name.rsplit("::").next().unwrap_or_default().to_string();
-        let (seed, limit) = (number("SEED").unwrap_or(1), Duration::from_secs(limit_s));
-        Self { name, started: Instant::now(), limit, seed, options: String::new(), passed: false }
+        let seed = number("SEED").unwrap_or(1);
+        let options = format!(" --seed {seed}");
+        let state = State { name, started: Instant::now(), limit, most_kb, options, held_kb: 0 };
+        let state = Arc::new(Mutex::new(state));
+        let guarded = Arc::downgrade(&state);
+        thread::spawn(move || guard(&guarded));
+        Self { seed, state, passed: false }
     }
 
     /// How often each program is killed; other disturbances are as many, or a part of it.
@@ -50,9 +73,10 @@ impl Scenario {
 
     fn size(&mut self, option: &str, usual: u64) -> u64 {
         let size = number(&option.to_uppercase()).unwrap_or(usual);
-        self.options = format!(" --{option} {size}");
+        let mut state = self.state();
+        state.options += &format!(" --{option} {size}");
         // The limit holds for the usual size, on a machine that has other work as well.
-        self.limit = self.limit.mul_f64((size as f64 / usual as f64).max(1.0));
+        state.limit = state.limit.mul_f64((size as f64 / usual as f64).max(1.0));
         size
     }
 
@@ -64,23 +88,31 @@ impl Scenario {
 
     /// Notes that nothing went wrong, with the figures.
     pub fn passed(mut self, figures: &str) {
-        let took = self.started.elapsed();
-        assert!(
-            took < self.limit,
-            "{:.0} s, and no more than {:.0} s allowed",
-            took.as_secs_f64(),
-            self.limit.as_secs_f64()
-        );
         self.passed = true;
-        self.line("passed", figures);
+        let state = self.state();
+        state.line("passed", &format!("{figures}; at most {} kB seen in one program", state.held_kb));
     }
 
     /// Notes that this machine lacks what is needed.
     pub fn skipped(mut self, reason: &str) {
         self.passed = true;
-        self.line("skipped", reason);
+        self.state().line("skipped", reason);
     }
 
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Scenario {
+    fn drop(&mut self) {
+        if !self.passed {
+            self.state().failed("");
+        }
+    }
+}
+
+impl State {
     fn line(&self, outcome: &str, words: &str) {
         let line = format!("{}\t{outcome}\t{:.0}\t{words}\n", self.name, self.started.elapsed().as_secs_f64());
         // Not `print`: the harness swallows what a passing test prints.
@@ -90,15 +122,62 @@ impl Scenario {
             file.and_then(|mut file| file.write_all(line.as_bytes())).expect("the report cannot be written");
         }
     }
+
+    fn failed(&self, why: &str) {
+        self.line("FAILED", &format!("{why}again: cargo xtask chaos {}{}", self.name, self.options));
+    }
+
+    /// Which limit is exceeded.
+    fn fault(&mut self) -> Option<String> {
+        if self.started.elapsed() > self.limit {
+            return Some(format!("still running after {:.0} s, ", self.limit.as_secs_f64()));
+        }
+        for pid in started_by(process::id()) {
+            let held_kb = memory_kb(pid, "VmHWM:").unwrap_or(0);
+            self.held_kb = self.held_kb.max(held_kb);
+            if held_kb > self.most_kb {
+                let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+                return Some(format!("`{}` held {held_kb} kB, ", text(&words).replace('\0', " ").trim_end()));
+            }
+        }
+        None
+    }
 }
 
-impl Drop for Scenario {
-    fn drop(&mut self) {
-        if !self.passed {
-            let again = format!("again: cargo xtask chaos {} --seed {}{}", self.name, self.seed, self.options);
-            self.line("FAILED", &again);
+/// Looks at time and memory until the campaign ends, or ends it.
+fn guard(state: &Weak<Mutex<State>>) {
+    while let Some(state) = state.upgrade() {
+        let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(fault) = state.fault() {
+            // The lock is kept, so that the campaign, whose programs end now, leaves no line besides.
+            state.failed(&fault);
+            // Programs that are started meanwhile, too.
+            for _ in 0..10 {
+                let all = started_by(process::id());
+                all.into_iter().filter_map(|pid| Pid::from_raw(pid as i32)).for_each(|pid| {
+                    kill_process(pid, Signal::KILL).ok();
+                });
+                thread::sleep(Duration::from_millis(20));
+            }
+            process::exit(1);
         }
+        drop(state);
+        thread::sleep(Duration::from_millis(100));
     }
+}
+
+/// All that this process has started, and what these have started.
+fn started_by(pid: u32) -> Vec<u32> {
+    let mut all = vec![pid];
+    let mut next = 0;
+    while let Some(pid) = all.get(next) {
+        let threads = fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+        let lists = threads.filter_map(|thread| fs::read_to_string(thread.path().join("children")).ok());
+        let words = lists.collect::<String>();
+        all.extend(words.split_whitespace().filter_map(|word| word.parse::<u32>().ok()));
+        next += 1;
+    }
+    all.split_off(1)
 }
 
 fn number(variable: &str) -> Option<u64> {
@@ -124,4 +203,45 @@ pub fn each<T: Sync>(all: &[T], at_once: usize, act: impl Fn(&T) + Sync) {
             });
         }
     });
+}
+
+/// In the program that [`limits_are_kept`] starts: which limit it exceeds.
+const EXCEEDS: &str = "INERTER_CHAOS_EXCEEDS";
+
+/// A campaign that hangs, or whose program takes too much memory, is ended with all that it has started, and says why.
+#[test]
+fn limits_are_kept() {
+    let exceeding = |what: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let report = folder.path().join("report.tsv");
+        let mut campaign = Command::new(std::env::current_exe().unwrap());
+        campaign.args(["--exact", "scenario::exceeds", "--nocapture"]).current_dir(folder.path());
+        let output = campaign.env(EXCEEDS, what).env("INERTER_CHAOS_REPORT", &report).output().unwrap();
+        assert!(!output.status.success(), "{what}: {}", text(&output.stderr));
+        let pid: u32 = fs::read_to_string(folder.path().join("pid")).unwrap().trim().parse().unwrap();
+        assert_eq!(memory_kb(pid, "VmRSS:"), None, "{what}: its program goes on");
+        fs::read_to_string(report).unwrap()
+    };
+    let again = "again: cargo xtask chaos exceeds --seed 1 --kills 100\n";
+    for (what, why) in [("time", "\tstill running after 1 s, "), ("memory", "\t`tail -c 200000000` held ")] {
+        let told = exceeding(what);
+        assert!(told.starts_with("exceeds\tFAILED\t") && told.contains(why) && told.ends_with(again), "{told}");
+        assert_eq!(told.lines().count(), 1, "{told}");
+    }
+}
+
+/// The campaign that is ended; by itself it does nothing.
+#[test]
+fn exceeds() {
+    let Some(what) = std::env::var_os(EXCEEDS) else { return };
+    let (work, limit_s, most_kb) = match what.to_str() {
+        Some("time") => ("exec sleep 100", 1, MOST_OF_ANY_KB),
+        _ => ("cat /dev/zero | tail -c 200000000", 60, 50_000),
+    };
+    let mut program = Command::new("sh").args(["-c", &format!("echo $$ > pid; {work}")]).spawn().unwrap();
+    until("the program starts", || fs::read_to_string("pid").is_ok_and(|pid| pid.ends_with('\n')));
+    let mut scenario = Scenario::within(Duration::from_secs(limit_s), most_kb);
+    scenario.kills();
+    program.wait().unwrap();
+    thread::sleep(Duration::from_secs(100));
 }
