@@ -8,7 +8,10 @@
 //! A packed corpus holds, for each input, its length (u32, little-endian) and its bytes. What a run finds stays in
 //! `target/fuzz/TARGET`, where the next one continues.
 
+mod kept;
+
 use crate::{
+    commit::commit,
     process, tree,
     workspace::{self, Part},
 };
@@ -34,7 +37,7 @@ pub struct Options {
     /// Do not show comparisons to libFuzzer: more inputs a second, for long runs from a corpus that already has them
     #[arg(long)]
     fast: bool,
-    /// Merge what was found, and the seeds, into the committed corpus
+    /// Merge what was found, and the seeds, into the committed corpus, and add the run to docs/tables/fuzz.md
     #[arg(long)]
     keep: bool,
     /// Run the target on this input alone, to reproduce a finding
@@ -100,12 +103,17 @@ pub fn run(options: &Options) -> Result<()> {
     if let (Some(input), [target]) = (&options.input, &chosen[..]) {
         return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
     }
+    // Before a corpus is written, which would count as a difference.
+    let commit = commit();
     let mut rows = Vec::new();
     for target in chosen {
         let place = Place::new(target, programs.join(target.name), folder.join(target.name));
         let session = place.fuzz(options)?;
-        if options.keep && session.finding.is_none() {
-            place.keep()?;
+        if options.keep {
+            kept::add(target.name, session.total(&commit))?;
+            if session.finding.is_none() {
+                place.keep()?;
+            }
         }
         rows.push((target.name, session));
     }
@@ -161,6 +169,18 @@ impl Session {
         self.samples = number("samples:").or(self.samples);
         if let Some((_, path)) = line.split_once("Test unit written to ") {
             self.finding = Some(path.trim().into());
+        }
+    }
+
+    /// As a row of the table of all runs.
+    fn total(&self, commit: &str) -> kept::Total {
+        kept::Total {
+            inputs: self.inputs,
+            samples: self.samples,
+            seconds: self.seconds.round() as u64,
+            edges: self.edges,
+            findings: self.finding.is_some().into(),
+            commit: commit.to_owned(),
         }
     }
 }
@@ -352,8 +372,10 @@ mod tests {
     }
 
     #[test]
-    fn each_target_is_a_program_with_a_corpus() {
+    fn each_target_is_a_program_with_a_corpus_and_a_row() {
+        let table = tree::text("docs/tables/fuzz.md").unwrap();
         for target in TARGETS {
+            assert!(table.contains(&format!("\n| {} |", target.name)), "{}", target.name);
             let folder = folder_of_targets();
             assert!(folder.join("src/bin").join(target.name).with_extension("rs").is_file(), "{}", target.name);
             let packed = fs::read(folder.join("corpus").join(target.name)).unwrap();

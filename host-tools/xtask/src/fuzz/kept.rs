@@ -1,0 +1,119 @@
+//! What fuzzing has come to, over all runs that were kept: docs/tables/fuzz.md.
+
+use crate::tree;
+use anyhow::Result;
+use std::collections::BTreeMap;
+
+/// The committed table, from the root.
+const TABLE: &str = "docs/tables/fuzz.md";
+
+/// One run of a target, or all of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Total {
+    pub inputs: u64,
+    /// Processed by the target, where it counts them.
+    pub samples: Option<u64>,
+    pub seconds: u64,
+    /// After half of the last run and at its end.
+    pub edges: [u64; 2],
+    /// Runs that ended with a finding.
+    pub findings: u64,
+    /// Of the tree in the last run.
+    pub commit: String,
+}
+
+/// Targets by name.
+#[derive(Debug, Default, PartialEq)]
+struct Kept(BTreeMap<String, Total>);
+
+/// Adds a run to the table.
+pub fn add(target: &str, run: Total) -> Result<()> {
+    // Read each time: another target may be fuzzed at the same time.
+    let mut kept = Kept::parse(&tree::text_if_there(TABLE)?);
+    kept.add(target, run);
+    tree::write(TABLE, kept.markdown())
+}
+
+impl Kept {
+    fn add(&mut self, target: &str, run: Total) {
+        let total = self.0.entry(target.to_owned()).or_default();
+        *total = Total {
+            inputs: total.inputs + run.inputs,
+            samples: run.samples.map(|samples| samples + total.samples.unwrap_or(0)).or(total.samples),
+            seconds: total.seconds + run.seconds,
+            findings: total.findings + run.findings,
+            ..run
+        };
+    }
+
+    fn parse(text: &str) -> Self {
+        let total = |line: &str| {
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let [_, target, inputs, samples, seconds, half, end, findings, commit, _] = cells[..] else { return None };
+            let number = |cell: &str| cell.parse::<u64>().ok();
+            let total = Total {
+                inputs: number(inputs)?,
+                samples: number(samples),
+                seconds: number(seconds)?,
+                edges: [number(half)?, number(end)?],
+                findings: number(findings)?,
+                commit: commit.to_owned(),
+            };
+            Some((target.to_owned(), total))
+        };
+        Self(text.lines().filter_map(total).collect())
+    }
+
+    fn markdown(&self) -> String {
+        let mut text = format!(
+            "# Fuzzed so far\n\nWritten by `cargo xtask fuzz --keep`, which adds each run to the row of its target. *edges* are those of the \
+             last run, after half of its time and at its end; *findings* counts the runs that ended with one; *commit* is the tree of the \
+             last run; with `-dirty` it had changes besides.\n\n{} inputs in all.\n\n\
+             | target | inputs | samples | time s | edges at half time | at the end | findings | commit |\n\
+             |---|--:|--:|--:|--:|--:|--:|---|\n",
+            self.0.values().map(|total| total.inputs).sum::<u64>()
+        );
+        for (target, Total { inputs, samples, seconds, edges: [half, end], findings, commit }) in &self.0 {
+            let samples = samples.map_or("-".to_owned(), |samples| samples.to_string());
+            text +=
+                &format!("| {target} | {inputs} | {samples} | {seconds} | {half} | {end} | {findings} | {commit} |\n");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_added_and_read_back() {
+        let run = |samples, findings, commit: &str| Total {
+            inputs: 1000,
+            samples,
+            seconds: 30,
+            edges: [70, 80 + findings],
+            findings,
+            commit: commit.to_owned(),
+        };
+        let mut kept = Kept::default();
+        kept.add("wire", run(None, 0, "ac2bb3a"));
+        kept.add("estimator", run(Some(5), 0, "ac2bb3a"));
+        kept.add("estimator", run(Some(6), 1, "476dd4a-dirty"));
+        let text = kept.markdown();
+        for row in [
+            "3000 inputs in all",
+            "| wire | 1000 | - | 30 | 70 | 80 | 0 | ac2bb3a |",
+            "| estimator | 2000 | 11 | 60 | 70 | 81 | 1 | 476dd4a-dirty |",
+        ] {
+            assert!(text.contains(row), "{row} in {text}");
+        }
+        assert_eq!(Kept::parse(&text), kept);
+    }
+
+    #[test]
+    fn the_committed_table_is_as_it_is_written() {
+        let text = tree::text(TABLE).unwrap();
+        assert_eq!(Kept::parse(&text).markdown(), text);
+    }
+}
