@@ -204,13 +204,13 @@ mod tests {
 
     #[test]
     fn what_is_kept_is_read_back() {
-        let key = |seed| Key { name: "kills".into(), seed, kills: 100, cycles: 5000 };
+        let key = |name: &str, seed| Key { name: name.into(), seed, kills: 100, cycles: 5000 };
         let row =
             |commit: &str, figures: &str| Row { commit: commit.into(), seconds: "41".into(), figures: figures.into() };
         let rows = [
-            (key(1), row("ac2bb3a", "255 kills; none lost")),
-            (key(2), row("ac2bb3a-dirty", "254 kills")),
-            (key(3), row(UNKNOWN, "253 kills")),
+            (key("kills", 1), row("ac2bb3a", "255 kills; none lost")),
+            (key("kills", 2), row("ac2bb3a-dirty", "254 kills")),
+            (key("unruly", 1), row(UNKNOWN, "61 behaviours; most: kB 26604 (record at Noise), ms 350")),
         ];
         let kept = Kept { rows: rows.into() };
         assert_eq!(Kept::parse(&kept.markdown()), kept);
