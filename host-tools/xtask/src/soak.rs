@@ -17,7 +17,7 @@ use crate::{
     workspace,
 };
 use anyhow::{Context, Result, bail, ensure};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::{
     fs::{self, File},
     io::{BufRead, BufReader, Read, Write},
@@ -97,6 +97,7 @@ impl Drop for Simulator {
 #[derive(Clone, Default)]
 struct Seen {
     page: Arc<AtomicU64>,
+    foxglove: Arc<AtomicU64>,
     datagrams: Arc<AtomicU64>,
     lines: Arc<AtomicU64>,
     /// Lines that report a loss.
@@ -166,17 +167,19 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     let (sender, views) = channel();
     let counted = seen.clone();
     thread::spawn(move || listen(output, &sender, &counted));
-    let (mut page, mut shared) = (String::new(), String::new());
-    while page.is_empty() || shared.is_empty() {
+    let (mut page, mut shared, mut foxglove) = (String::new(), String::new(), String::new());
+    while [&page, &shared, &foxglove].into_iter().any(String::is_empty) {
         let (view, place) =
             views.recv_timeout(Duration::from_secs(20)).context("the monitor does not print where its views are")?;
         match view.as_str() {
             "page" => page = place,
             "shared device" => shared = place,
+            "Foxglove" => foxglove = place,
             _ => {}
         }
     }
-    look_on(&page, &seen)?;
+    look_on(&format!("{page}live"), "", &[], &seen.page)?;
+    look_on(&foxglove, "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n", &subscriptions(), &seen.foxglove)?;
 
     // The other programs start later and end earlier.
     let beside = (seconds - 10.0).to_string();
@@ -209,10 +212,14 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     rows.push(count("lines of the monitor", &seen.lines));
     rows.push(count("lines of the monitor that report a loss", &seen.losses).at_most(0.0));
     rows.push(count("bytes that the page was sent", &seen.page));
+    rows.push(count("bytes that Foxglove was sent", &seen.foxglove));
     rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
         ensure!(views.load(Ordering::Relaxed) > 0, "one of the views received nothing");
     }
+    // Its channels alone are a few kB; each sample is a message.
+    let sent = seen.foxglove.load(Ordering::Relaxed) as f64;
+    ensure!(sent > RATE_HZ * seconds, "Foxglove was sent only {sent} bytes");
     let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)];
     for (name, rate_hz) in recordings.into_iter().chain(image.map(|_| ("qemu.mcap", QEMU_RATE_HZ))) {
         let info = info(program, folder, name)?;
@@ -268,22 +275,21 @@ fn datagrams(seen: &Seen) -> Result<String> {
     Ok(address)
 }
 
-/// Opens the page's stream, as a browser does, and counts what comes.
-fn look_on(page: &str, seen: &Seen) -> Result<()> {
-    let (host, path) = page
-        .strip_prefix("http://")
-        .and_then(|rest| rest.split_once('/'))
-        .with_context(|| format!("no address of a page: {page}"))?;
-    let mut stream = TcpStream::connect(host).with_context(|| format!("the page at {page} cannot be reached"))?;
+/// Opens a view's WebSocket, as a browser does, sends this, and counts what comes.
+fn look_on(url: &str, header: &str, message: &[u8], count: &Arc<AtomicU64>) -> Result<()> {
+    let (_, place) = url.split_once("://").with_context(|| format!("no address of a view: {url}"))?;
+    let (host, path) = place.split_once('/').unwrap_or((place, ""));
+    let mut stream = TcpStream::connect(host).with_context(|| format!("the view at {url} cannot be reached"))?;
     write!(
         stream,
-        "GET /{path}live HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
-         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+        "GET /{path} HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
+         Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n{header}\r\n"
     )?;
     let mut head = [0; 12];
     stream.read_exact(&mut head)?;
-    ensure!(head.ends_with(b"101"), "the page refuses: {}", String::from_utf8_lossy(&head));
-    let count = seen.page.clone();
+    ensure!(head.ends_with(b"101"), "the view at {url} refuses: {}", String::from_utf8_lossy(&head));
+    stream.write_all(message)?;
+    let count = count.clone();
     thread::spawn(move || {
         let mut some = [0; 65536];
         while let Ok(length @ 1..) = stream.read(&mut some) {
@@ -291,6 +297,15 @@ fn look_on(page: &str, seen: &Seen) -> Result<()> {
         }
     });
     Ok(())
+}
+
+/// A WebSocket frame that subscribes to more channels of Foxglove's server than there are.
+fn subscriptions() -> Vec<u8> {
+    let all: Vec<Value> = (0..16).map(|channel| json!({ "id": channel, "channelId": channel })).collect();
+    let text = json!({ "op": "subscribe", "subscriptions": all }).to_string();
+    // The last fragment, text; a length of two bytes follows; the mask changes nothing.
+    let length = (text.len() as u16).to_be_bytes();
+    [&[0x81, 0x80 | 126], &length[..], &[0; 4], text.as_bytes()].concat()
 }
 
 /// Looks at all processes until the recorders are done, and logs each look.
