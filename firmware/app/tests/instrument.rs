@@ -4,6 +4,7 @@ mod rig;
 
 use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
+use inerter_needs::Random;
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Quantity, Record,
     Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
@@ -680,24 +681,12 @@ fn an_unknown_command_is_refused_by_its_id() {
     assert_eq!(rig.records(), [Record::Reply(Reply { id: 77, result: Err(Refusal::Unsupported) })]);
 }
 
-/// Noise that repeats.
-fn noise(seed: u32) -> impl Iterator<Item = u8> {
-    let mut state = seed.wrapping_mul(2_654_435_761) | 1;
-    std::iter::repeat_with(move || {
-        state ^= state << 13;
-        state ^= state >> 17;
-        state ^= state << 5;
-        (state >> 11) as u8
-    })
-}
-
 #[test]
 fn garbage_on_the_link_does_nothing_but_count() {
     let mut rig = TestDevice::new();
     for seed in 0..300 {
         let length = 1 + seed as usize * 7 % 1_500;
-        let garbage: Vec<u8> = noise(seed).take(length).collect();
-        rig.send_bytes(&garbage);
+        rig.send_bytes(&Random(seed).bytes(length));
         assert_eq!(rig.records(), [], "seed {seed}");
         // A host ends what another one left unfinished.
         rig.send_bytes(&[0]);
@@ -714,8 +703,9 @@ fn two_hosts_at_once_spoil_each_others_frames_and_nothing_else() {
         let (_, mut first) = rig.request(write(&[("memory_s", 10.0)]));
         let (_, mut second) = rig.request(Command::Streams(Streams::ALL));
         let mut mixed = Vec::new();
-        for byte in noise(seed) {
-            let from = if byte & 1 == 0 { &mut first } else { &mut second };
+        let mut random = Random(seed);
+        loop {
+            let from = if random.percent(50) { &mut first } else { &mut second };
             if from.is_empty() {
                 break;
             }

@@ -3,9 +3,10 @@
 mod flash;
 
 use embassy_futures::block_on;
-use flash::{Flash, Left, Noise, PAGE, PAGES, RANGE, WORD, WORDS, Word};
+use flash::{Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
 use inerter_app::{FlashStore, Store, StoreError};
 use inerter_core::Settings;
+use inerter_needs::Random;
 use inerter_wire::{MAX_SETTINGS, SettingValue, SettingsValues};
 use proptest::prelude::*;
 use sequential_storage::cache::Cache;
@@ -227,11 +228,11 @@ fn power_may_fail_again_while_the_store_recovers() {
 #[test]
 fn power_failing_always_loses_nothing() {
     let flash = used(5);
-    let mut noise = Noise::new(99);
+    let mut noise = Random(99);
     let mut kept = settings(5);
     for number in 6..3_000 {
-        let left = Left::ALL[noise.next() as usize % Left::ALL.len()];
-        flash.cut_after(noise.next() as u32 % 70, left, noise.next());
+        let left = noise.pick(&Left::ALL);
+        flash.cut_after(noise.below(70), left, noise.draw());
         let (saved, new) = (save(&flash, &settings(number)), settings(number));
         let failed = flash.power_up();
         let loaded = load(&flash).unwrap().unwrap();
@@ -325,8 +326,8 @@ fn a_damaged_set_gives_way_to_the_one_before() {
 
 #[test]
 fn what_is_not_ours_is_foreign_and_kept_until_the_user_saves() {
-    let mut noise = Noise::new(5);
-    let mut random = || Word::Written(noise.next().to_le_bytes());
+    let mut noise = Random(5);
+    let mut random = || Word::Written(noise.draw().to_le_bytes());
     let images: Vec<Vec<Word>> = vec![
         (0..WORDS).map(|_| random()).collect(),
         vec![Word::Written([0; WORD]); WORDS],
@@ -493,11 +494,11 @@ impl Change {
             Self::Unreadable { word } => all[word] = Word::Unreadable,
             Self::Worn { word } => all[word] = Word::Worn([0xFF; WORD]),
             Self::Random { word, length, seed } => {
-                let mut noise = Noise::new(seed);
+                let mut noise = Random(seed);
                 all.iter_mut()
                     .skip(word)
                     .take(length)
-                    .for_each(|word| *word = Word::Written(noise.next().to_le_bytes()));
+                    .for_each(|word| *word = Word::Written(noise.draw().to_le_bytes()));
             }
             Self::Erased { page } => all[page * words..(page + 1) * words].fill(Word::Blank),
             Self::Copied { from, to } => all.copy_within(from * words..(from + 1) * words, to * words),

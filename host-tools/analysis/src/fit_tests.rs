@@ -3,6 +3,7 @@ use inerter_data::{
     replay::{Outcome, Replay},
     settings::Overrides,
 };
+use inerter_needs::Random;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 
@@ -63,33 +64,19 @@ fn ideal() -> Settings {
     }
 }
 
-/// Noise of unit variance.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-    }
-
-    fn next(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum()
-    }
-}
-
 /// A device of 300 kg on tones \[m, rad/s\]: `[law for the velocity's side]`.
 fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, noise_n: f64) -> Vec<[f64; COUNT]> {
-    let mut noise = Noise(7);
+    let mut noise = Random(7);
     let motion = |t: f64, derivative: u32| {
         let turn = f64::from(derivative) * std::f64::consts::FRAC_PI_2;
         tones.iter().map(|(size, rate)| size * rate.powi(derivative as i32) * (rate * t + turn).sin()).sum::<f64>()
     };
-    let row = |t: f64, noise: &mut Noise| {
+    let row = |t: f64, noise: &mut Random| {
         let (v, a, jerk) = (motion(t, 1), motion(t, 2), motion(t, 3));
         let [viscous, coulomb] = sides[usize::from(v < 0.0)];
         let rate = 300.0 * jerk + viscous * a;
         let force = 300.0 * a + viscous * v + coulomb * v.signum() + offset_n;
-        [a, v, v.signum(), 1.0, force + noise_n * noise.next(), v.abs(), rate]
+        [a, v, v.signum(), 1.0, force + noise_n * noise.normal(), v.abs(), rate]
     };
     (0..2_500).map(|update| row(f64::from(update) * 0.008, &mut noise)).collect()
 }
@@ -137,12 +124,12 @@ fn an_offset_is_a_difference_of_coulomb_frictions_unless_it_is_known() {
 
 #[test]
 fn errors_are_those_of_updates_that_are_correlated() {
-    let mut noise = Noise(1);
+    let mut noise = Random(1);
     let (mut square, mut error_square) = (0.0, 0.0);
     for _ in 0..300 {
         let all = products((0..400).map(|_| {
-            let [a, v] = [noise.next(), 0.1 * noise.next()];
-            [a, v, v.signum(), 1.0, 300.0 * a + 30.0 * v + 50.0 * v.signum() + 2.0 * noise.next(), v.abs(), 0.0]
+            let [a, v] = [noise.normal(), 0.1 * noise.normal()];
+            [a, v, v.signum(), 1.0, 300.0 * a + 30.0 * v + 50.0 * v.signum() + 2.0 * noise.normal(), v.abs(), 0.0]
         }));
         let found = directions(&all, &ideal(), &BESIDE, None).unwrap().viscous_n_s_per_m[0];
         square += (f64::from(found.fitted().value) - 30.0).powi(2);

@@ -8,7 +8,9 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{self, Random, done, fails, inerter, json_lines, last, run, text};
+use inerter_needs::Random;
+
+use crate::common::{self, done, fails, inerter, json_lines, last, run, text};
 
 /// A folder with two recordings.
 fn recordings() -> tempfile::TempDir {
@@ -385,7 +387,7 @@ fn a_damaged_row_is_told_and_the_others_are_listed() {
         [b"".as_slice(), b"[]", deep.as_bytes(), far.as_bytes(), b"\xff\xfe"].map(Into::into).into();
     bad.extend((0..40).map(|_| {
         let mut bytes = whole.clone();
-        let place = random.below(bytes.len() as u64) as usize;
+        let place = random.below(bytes.len());
         bytes[place] = random.below(256) as u8;
         bytes
     }));

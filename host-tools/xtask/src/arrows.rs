@@ -60,8 +60,8 @@ const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 /// use `inerter-tests`.
 const LAWS: &[Law] = &[
     Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
-    Law::of("inerter-wire").may_use(&["inerter-core"]),
-    Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]),
+    Law::of("inerter-wire").may_use(&["inerter-core"]).tests_may_use(&["inerter-needs"]),
+    Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]).tests_may_use(&["inerter-needs"]),
     Law::of("ads131m04"),
     Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]),
     Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]),
@@ -80,7 +80,7 @@ const LAWS: &[Law] = &[
         .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
     Law::of("inerter-analysis")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
-        .tests_may_use(&["inerter-simulate"])
+        .tests_may_use(&["inerter-needs", "inerter-simulate"])
         .never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
     Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[COMMAND_LINE, SCREEN, TABLES]),
     Law::of("inerter-simulate")

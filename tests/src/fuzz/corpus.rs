@@ -9,6 +9,7 @@
 //! twin.
 
 use inerter_core::{RawSample, Settings};
+use inerter_needs::Random;
 use inerter_wire::{
     Command, DELIMITER, MAX_FRAME, MAX_PAYLOAD, MAX_SETTINGS, Record, Samples, SettingValue, SettingsValues, Streams,
 };
@@ -17,7 +18,7 @@ use std::{fs, io, path::PathBuf};
 use super::{
     device::{Conditions, play, with_probe},
     judge::judge,
-    make::{Noise, Stream, frame, payload, records, samples, stream, stuffed, varint},
+    make::{Stream, frame, payload, records, samples, stream, stuffed, varint},
     outcome::outcome,
     requests::Requests,
 };
@@ -450,7 +451,7 @@ fn frames(add: Add) {
         stream.raw(&stuffed(&body));
     });
     add("noise", &|stream| {
-        stream.raw(&Noise::new(1).bytes(3_000));
+        stream.raw(&Random(1).bytes(3_000));
     });
     add("text", &|stream| {
         stream.raw(b"AT+CGMI\r\nATZ\r\n~\x03\x04\x1b[A\r\nroot\r\n\r\nGET / HTTP/1.1\r\n\r\n").raw(&[DELIMITER]);

@@ -10,6 +10,7 @@ use inerter_app::{
     StoreError, run,
 };
 use inerter_core::{FrontEnd, RawSample, Settings, SettingsError, State};
+use inerter_needs::Random;
 use inerter_wire::{
     Capabilities, ClockSource, Command, Counts, DELIMITER, Frame, FrameReader, Record, Reply, SettingsValues, Streams,
 };
@@ -30,10 +31,7 @@ use std::{
     task::{Context, Poll, Wake, Waker},
 };
 
-use super::{
-    make::{Noise, request},
-    requests::Requests,
-};
+use super::{make::request, requests::Requests};
 
 /// The mock clock is shared by the whole process.
 static CLOCK: Mutex<()> = Mutex::new(());
@@ -83,7 +81,7 @@ impl Conditions {
 
     /// The conditions for the stream of a seed.
     pub fn of(seed: u64) -> Self {
-        let mut noise = Noise::new(!seed);
+        let mut noise = Random(!seed);
         Self {
             portion: noise.pick(&[1, 3, 17, 64, 64, 200, 4_096]),
             sampling: noise.percent(80),

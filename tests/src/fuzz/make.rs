@@ -1,55 +1,11 @@
 //! Streams that a device should never meet.
 
 use inerter_core::{Detail, Estimate, Kind, RawSample, Reversal, Settings};
+use inerter_needs::Random;
 use inerter_wire::{
     ClockSource, Command, DELIMITER, Done, Event, EventKind, Health, Hello, MAX_FRAME, MAX_SETTINGS, Message, Record,
     Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
 };
-
-/// Reproducible random numbers: splitmix64.
-#[derive(Clone, Debug)]
-pub struct Noise(u64);
-
-impl Noise {
-    /// The numbers of this seed.
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// The next number.
-    pub fn draw(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ (mixed >> 31)
-    }
-
-    /// A number below `limit`, which is not 0.
-    pub fn below(&mut self, limit: usize) -> usize {
-        (self.draw() % limit as u64) as usize
-    }
-
-    /// True in this percentage of calls.
-    pub fn percent(&mut self, share: usize) -> bool {
-        self.below(100) < share
-    }
-
-    /// One of these.
-    pub fn pick<T: Copy>(&mut self, of: &[T]) -> T {
-        of[self.below(of.len())]
-    }
-
-    /// Bytes.
-    pub fn bytes(&mut self, count: usize) -> Vec<u8> {
-        (0..count).map(|_| self.draw() as u8).collect()
-    }
-
-    /// From 0 to 1.
-    fn share(&mut self) -> f64 {
-        (self.draw() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
 
 /// A stream under construction.
 #[derive(Clone, Debug, Default)]
@@ -172,7 +128,7 @@ pub fn records() -> Vec<Vec<u8>> {
         .collect()
 }
 
-fn value(noise: &mut Noise, number: u8) -> f64 {
+fn value(noise: &mut Random, number: u8) -> f64 {
     const ODD: [f64; 14] = [
         f64::NAN,
         f64::INFINITY,
@@ -205,7 +161,7 @@ fn value(noise: &mut Noise, number: u8) -> f64 {
     }
 }
 
-fn settings(noise: &mut Noise) -> SettingsValues {
+fn settings(noise: &mut Random) -> SettingsValues {
     let count = if noise.percent(10) { noise.below(MAX_SETTINGS + 1) } else { 1 + noise.below(3) };
     let mut values = SettingsValues::default();
     for place in 0..count {
@@ -222,7 +178,7 @@ fn settings(noise: &mut Noise) -> SettingsValues {
     values
 }
 
-fn batch(noise: &mut Noise) -> Samples {
+fn batch(noise: &mut Random) -> Samples {
     if noise.percent(30) {
         let length = noise.below(Samples::MAX_BYTES + 1);
         return samples(noise.draw() as u8, &noise.bytes(length));
@@ -233,7 +189,7 @@ fn batch(noise: &mut Noise) -> Samples {
     let all: Vec<RawSample> = (0..count)
         .map(|place| {
             index = index.wrapping_add(if noise.percent(90) { 1 } else { noise.draw() as u32 % 50 });
-            let noisy = |noise: &mut Noise| if wild { noise.draw() as i32 } else { noise.draw() as i32 >> 20 };
+            let noisy = |noise: &mut Random| if wild { noise.draw() as i32 } else { noise.draw() as i32 >> 20 };
             RawSample {
                 index,
                 position_count: (place as i32).wrapping_mul(40).wrapping_add(noisy(noise)),
@@ -245,7 +201,7 @@ fn batch(noise: &mut Noise) -> Samples {
     Samples::from_slice(&all).0
 }
 
-fn command(noise: &mut Noise) -> Command {
+fn command(noise: &mut Random) -> Command {
     match noise.below(40) {
         0..2 => Command::Hello,
         2 => Command::ReadSettings,
@@ -270,7 +226,7 @@ fn command(noise: &mut Noise) -> Command {
     }
 }
 
-fn spoilt(noise: &mut Noise, mut frame: Vec<u8>) -> Vec<u8> {
+fn spoilt(noise: &mut Random, mut frame: Vec<u8>) -> Vec<u8> {
     for _ in 0..1 + noise.below(3) {
         let place = noise.below(frame.len().max(1));
         match noise.below(6) {
@@ -288,7 +244,7 @@ fn spoilt(noise: &mut Noise, mut frame: Vec<u8>) -> Vec<u8> {
 
 /// The stream of a seed.
 pub fn stream(seed: u64) -> Stream {
-    let mut noise = Noise::new(seed);
+    let mut noise = Random(seed);
     let mut stream = Stream::default();
     let (pieces, evil) = (1 + noise.below(40), noise.pick(&[0, 10, 50, 90]));
     for _ in 0..pieces {
@@ -302,7 +258,7 @@ pub fn stream(seed: u64) -> Stream {
     stream
 }
 
-fn piece(noise: &mut Noise, stream: &mut Stream, id: u16, order: Command) {
+fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
     match noise.below(16) {
         0 | 1 => {
             let frame = stream.next_frame(id, order);

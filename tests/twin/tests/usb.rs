@@ -8,6 +8,7 @@ mod outcome;
 use crate::common::{self, Item, board, corpus};
 use inerter_app::wear::SAVES;
 use inerter_core::Settings;
+use inerter_needs::Random;
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::rcc::Reset;
@@ -185,9 +186,9 @@ fn endpoints_that_do_not_exist_are_refused() {
 fn random_requests_do_not_stop_the_device() {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
-    let mut random = common::Random::new(7);
+    let mut random = Random(7);
     for _ in 0..1500 {
-        let mut bytes = random.bytes::<8>();
+        let mut bytes = std::array::from_fn(|_| random.draw() as u8);
         // Lengths that a control transfer of the host's can have, and not the request that changes the address.
         bytes[7] = 0;
         bytes[0] &= 0xE3;
@@ -346,7 +347,7 @@ fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
 #[test]
 fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
     let Some(mut link) = board(Still) else { return };
-    let mut random = common::Random::new(11);
+    let mut random = Random(11);
     for _ in 0..25 {
         link.connect().expect("enumeration");
         link.open().expect("opens");
@@ -434,10 +435,10 @@ fn noise_is_counted_and_obeyed_by_nobody() {
     link.connect().expect("enumeration");
     link.open().expect("opens");
     let before = settings(&mut link);
-    let mut random = common::Random::new(23);
+    let mut random = Random(23);
     for _ in 0..400 {
-        let bytes = random.bytes::<150>();
-        let count = 1 + random.below(150) as usize;
+        let bytes = random.bytes(150);
+        let count = 1 + random.below(150);
         assert_eq!(link.send(&bytes[..count], 1.0), Ok(count), "the device takes whatever comes");
     }
     link.send(&[0], 1.0).expect("taken");

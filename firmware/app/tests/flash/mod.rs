@@ -6,6 +6,7 @@
 #![allow(dead_code, reason = "every test uses its own part of it")]
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
+use inerter_needs::Random;
 use std::cell::{RefCell, RefMut};
 use std::ops::Range;
 use std::rc::Rc;
@@ -61,23 +62,6 @@ impl Left {
         [Self::Undone, Self::Ones, Self::Partly, Self::Garbage, Self::Unreadable, Self::Mixed, Self::Done];
 }
 
-/// Noise that repeats.
-#[derive(Clone, Copy, Debug)]
-pub struct Noise(u64);
-
-impl Noise {
-    pub fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-}
-
 #[derive(Clone, Debug)]
 pub struct Inner {
     pub words: Vec<Word>,
@@ -89,7 +73,7 @@ pub struct Inner {
     /// Words written and pages erased until the power fails, and how that one is left.
     cut: Option<(u32, Left)>,
     powered: bool,
-    noise: Noise,
+    noise: Random,
 }
 
 /// The flash; clones are the same one.
@@ -111,7 +95,7 @@ impl Flash {
             overwrites: 0,
             cut: None,
             powered: true,
-            noise: Noise::new(1),
+            noise: Random(1),
         })))
     }
 
@@ -128,7 +112,7 @@ impl Flash {
     pub fn cut_after(&self, operations: u32, left: Left, seed: u64) {
         let mut inner = self.inner();
         inner.cut = Some((operations, left));
-        inner.noise = Noise::new(seed);
+        inner.noise = Random(seed);
     }
 
     /// Power comes back; whether it had failed.
@@ -168,7 +152,7 @@ impl Inner {
     fn left(&mut self, left: Left, old: Word, new: Word) -> Word {
         let Some(bytes) = old.bytes() else { return if left == Left::Done { new } else { old } };
         let target = new.bytes().unwrap_or([0; WORD]);
-        let noise = self.noise.next().to_le_bytes();
+        let noise = self.noise.draw().to_le_bytes();
         match left {
             Left::Undone => old,
             Left::Ones => Word::Worn([0xFF; WORD]),
@@ -178,7 +162,7 @@ impl Inner {
             Left::Garbage => Word::Worn(noise),
             Left::Unreadable => Word::Unreadable,
             Left::Mixed => {
-                let left = Left::ALL[(self.noise.next() >> 20) as usize % Left::ALL.len()];
+                let left = self.noise.pick(&Left::ALL);
                 self.left(if left == Left::Mixed { Left::Partly } else { left }, old, new)
             }
             Left::Done => new,

@@ -4,8 +4,9 @@
 //! record that was sent under that number, in order; what the damage did not touch must arrive; and messages and
 //! reported losses together must account for every frame.
 
-use crate::reference::Numbers;
+use crate::reference::line_bytes;
 use crate::values::{records, requests, some_record};
+use inerter_needs::Random;
 use inerter_wire::*;
 use std::fmt::Debug;
 use std::ops::Range;
@@ -130,11 +131,11 @@ enum Damage {
 /// Longer frames, with wrapping numbers, and every kind of damage, 140 000 times.
 #[test]
 fn any_damage() {
-    let mut numbers = Numbers(2);
+    let mut numbers = Random(2);
     let mut missing = [0; 7];
     for _ in 0..2_000 {
         let messages = (0..5).map(|_| some_record(&mut numbers)).collect();
-        let stream = Stream::new(messages, numbers.next() as u16);
+        let stream = Stream::new(messages, numbers.draw() as u16);
         let length = stream.bytes.len();
         for case in 0..70 {
             let mut damaged = stream.bytes.clone();
@@ -154,7 +155,7 @@ fn any_damage() {
                 Damage::Burst => {
                     let end = (at + 1 + numbers.below(30)).min(length);
                     for byte in &mut damaged[at..end] {
-                        *byte = numbers.next() as u8 >> numbers.below(8);
+                        *byte = numbers.draw() as u8 >> numbers.below(8);
                     }
                     at..end
                 }
@@ -171,7 +172,7 @@ fn any_damage() {
                     // Between frames, as from a boot loader or an aborted write; sometimes longer than any frame.
                     let at = stream.frames[numbers.below(5)].1.start;
                     let longest = if numbers.below(4) == 0 { 2 * MAX_FRAME } else { 40 };
-                    damaged.splice(at..at, numbers.bytes(longest));
+                    damaged.splice(at..at, line_bytes(&mut numbers, longest));
                     at..at
                 }
                 Damage::Twice => {
@@ -196,11 +197,11 @@ fn any_damage() {
 /// Pure garbage holds no message.
 #[test]
 fn garbage_holds_nothing() {
-    let mut numbers = Numbers(4);
+    let mut numbers = Random(4);
     let mut records = FrameReader::<Record>::new();
     let mut requests = FrameReader::<Request>::new();
     for _ in 0..100_000 {
-        let garbage = numbers.bytes(100);
+        let garbage = line_bytes(&mut numbers, 100);
         let mut input = &garbage[..];
         while let Some(frame) = records.read(&mut input) {
             assert!(matches!(frame, Frame::Corrupt(_)), "{frame:?}");

@@ -3,8 +3,9 @@
 //! A terminal that was just opened echoes, so a device receives its own records, whole or cut anywhere; a loop-back
 //! returns a host's own requests.
 
-use crate::reference::{self, Numbers};
+use crate::reference;
 use crate::values::{records, requests, some_record};
+use inerter_needs::Random;
 use inerter_wire::*;
 use proptest::prelude::*;
 use std::fmt::Debug;
@@ -76,7 +77,7 @@ proptest! {
     /// A stream of records echoed in pieces, with what a terminal does to it: bytes left out, changed or put in.
     #[test]
     fn an_echoed_stream_holds_no_request(seed: u64, cuts in prop::collection::vec((0usize..4000, any::<u8>()), 0..6)) {
-        let mut numbers = Numbers(seed);
+        let mut numbers = Random(seed);
         let mut stream: Vec<u8> = (0..20).flat_map(|place| framed(&some_record(&mut numbers), place)).collect();
         for (at, byte) in cuts {
             let at = at % stream.len();

@@ -12,6 +12,7 @@ use inerter_core::{
     Backlash, BacklashSize, BacklashStatus, Bank, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Misfit,
     Parameter, Reason, Regime, Route, Status, WarningKind,
 };
+use inerter_needs::Random;
 use inerter_wire::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
@@ -406,12 +407,12 @@ impl Message for Raw {
 /// Framing agrees with a second implementation, for real records and for every length around the 254-byte runs.
 #[test]
 fn frames_agree_with_the_reference() {
-    let mut numbers = reference::Numbers(11);
+    let mut numbers = Random(11);
     let mut out = [0; MAX_FRAME];
     let mut payload = [0; MAX_PAYLOAD];
     for _ in 0..20_000 {
         let record = crate::values::some_record(&mut numbers);
-        let sequence = numbers.next() as u16;
+        let sequence = numbers.draw() as u16;
         let length = encode_record(&record, sequence, &mut out).unwrap();
         let payload = postcard::to_slice(&record, &mut payload).unwrap();
         assert_eq!(out[..length], reference::frame(payload, sequence));

@@ -1,7 +1,8 @@
 //! The reader's findings: losses, restarts, other versions, damage by kind.
 
-use crate::reference::{self, Numbers};
+use crate::reference::{self, line_bytes};
 use crate::values::{hello, longest_samples, records, requests, some_record};
+use inerter_needs::Random;
 use inerter_wire::*;
 use proptest::prelude::*;
 
@@ -135,7 +136,7 @@ fn an_announced_frame_needs_no_more_bytes() {
 
 #[test]
 fn frame_bytes_are_the_frame_as_received() {
-    let mut numbers = Numbers(3);
+    let mut numbers = Random(3);
     let mut reader = FrameReader::<Record>::new();
     assert!(reader.frame_bytes().is_empty());
     for sequence in 0..500 {
@@ -320,16 +321,16 @@ fn postcard_bytes<T: serde::Serialize>(value: &T) -> Vec<u8> {
 /// Intact payloads of any content: never a panic, and never a message from part of a payload.
 #[test]
 fn any_payload_is_survived() {
-    let mut numbers = Numbers(5);
+    let mut numbers = Random(5);
     let (mut messages, mut unknown, mut malformed) = (0, 0, 0);
     for case in 0..100_000u32 {
-        let mut payload = numbers.bytes(60);
+        let mut payload = line_bytes(&mut numbers, 60);
         if case % 2 == 0 {
             // A known record with one byte changed gets further into the decoder.
             let all = records();
             payload = postcard_bytes(&all[numbers.below(all.len())].1);
             let place = numbers.below(payload.len());
-            payload[place] = numbers.next() as u8;
+            payload[place] = numbers.draw() as u8;
         }
         let mut record_reader = FrameReader::<Record>::new();
         for frame in read(&mut record_reader, &reference::frame(&payload, 1)) {
@@ -371,19 +372,19 @@ fn any_payload_is_survived() {
 
 /// A stream as a bad link delivers it: frames, missing numbers, fragments, garbage.
 fn rough_stream(seed: u64) -> Vec<u8> {
-    let mut numbers = Numbers(seed);
-    let mut stream = numbers.bytes(5);
-    let mut sequence = numbers.next() as u16;
+    let mut numbers = Random(seed);
+    let mut stream = line_bytes(&mut numbers, 5);
+    let mut sequence = numbers.draw() as u16;
     for _ in 0..numbers.below(12) {
         let mut frame = sent(&some_record(&mut numbers), sequence);
         sequence = sequence.wrapping_add(1);
         match numbers.below(8) {
             0 => frame.truncate(numbers.below(frame.len())),
-            1 => frame = numbers.bytes(40),
-            2 => frame.extend(numbers.bytes(4)),
+            1 => frame = line_bytes(&mut numbers, 40),
+            2 => frame.extend(line_bytes(&mut numbers, 4)),
             3 => frame = vec![0x33; numbers.below(1500)],
             4 => sequence = sequence.wrapping_add(numbers.below(3) as u16),
-            5 => frame = reference::frame(&numbers.bytes(30), sequence),
+            5 => frame = reference::frame(&line_bytes(&mut numbers, 30), sequence),
             _ => {}
         }
         stream.extend(frame);

@@ -1,4 +1,6 @@
-//! Framing written a second time from its description, sharing no code, and a source of repeatable numbers.
+//! Framing written a second time from its description, sharing no code, and random numbers as they occur on a line.
+
+use inerter_needs::Random;
 
 /// CRC-32 (ISO-HDLC), bit by bit.
 pub fn crc32(bytes: &[u8]) -> u32 {
@@ -52,34 +54,16 @@ fn salted_frame(payload: &[u8], sequence: u16, salt: u32) -> Vec<u8> {
     out
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
-pub struct Numbers(pub u64);
+/// Up to `longest` bytes; about every eighth is zero, as on a bad line.
+pub fn line_bytes(random: &mut Random, longest: usize) -> Vec<u8> {
+    let length = random.below(longest + 1);
+    (0..length).map(|_| if random.below(8) == 0 { 0 } else { random.draw() as u8 }).collect()
+}
 
-impl Numbers {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut mixed = self.0;
-        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ (mixed >> 31)
-    }
-
-    /// A number below `limit`.
-    pub fn below(&mut self, limit: usize) -> usize {
-        (self.next() % limit as u64) as usize
-    }
-
-    /// Up to `longest` bytes; about every eighth is zero, as on a bad line.
-    pub fn bytes(&mut self, longest: usize) -> Vec<u8> {
-        let length = self.below(longest + 1);
-        (0..length).map(|_| if self.below(8) == 0 { 0 } else { self.next() as u8 }).collect()
-    }
-
-    /// A difference that is small, large or extreme.
-    pub fn step(&mut self) -> i32 {
-        let bits = self.below(32);
-        (self.next() as i32) >> bits
-    }
+/// A difference that is small, large or extreme.
+pub fn step(random: &mut Random) -> i32 {
+    let bits = random.below(32);
+    (random.draw() as i32) >> bits
 }
 
 #[test]

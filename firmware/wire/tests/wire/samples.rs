@@ -1,8 +1,9 @@
 //! Batches: what goes in comes out, and nothing else.
 
-use crate::reference::Numbers;
+use crate::reference::step;
 use crate::values::{few_samples, longest_samples};
 use inerter_core::RawSample;
+use inerter_needs::Random;
 use inerter_wire::*;
 use proptest::prelude::*;
 
@@ -129,16 +130,16 @@ fn a_full_batch_refuses_and_stays() {
 /// A refused sample leaves no trace: one that fits still fits, and all come back.
 #[test]
 fn refusals_leave_no_trace() {
-    let mut numbers = Numbers(6);
+    let mut numbers = Random(6);
     for _ in 0..2000 {
         let mut builder = Samples::builder();
         let mut taken = Vec::new();
         for _ in 0..60 {
             let sample = RawSample {
-                index: numbers.next() as u32,
-                position_count: numbers.step(),
-                force_code: numbers.step(),
-                terminal_code: numbers.step(),
+                index: numbers.draw() as u32,
+                position_count: step(&mut numbers),
+                force_code: step(&mut numbers),
+                terminal_code: step(&mut numbers),
             };
             if builder.push(&sample).is_ok() {
                 taken.push(Ok(sample));
@@ -174,7 +175,7 @@ fn malformed_content_is_named() {
 /// The space that a real motion takes: the paper's 3.2 Hz test at 1 kHz, 2.44 um a count, 2 mN a code.
 #[test]
 fn real_motion_takes_few_bytes() {
-    let mut noise = Numbers(7);
+    let mut noise = Random(7);
     let mut bytes = 0;
     let motion: Vec<RawSample> = (0..3200)
         .map(|index| {

@@ -1,11 +1,12 @@
 //! One value of everything that is sent: every record, every command, every nested variant.
 
-use crate::reference::Numbers;
+use crate::reference::step;
 use inerter_core::{
     Backlash, BacklashSize, Band, Bank, Change, Changed, Contact, Detail, Estimate, Friction, Interval, Law, LawStatus,
     Misfit, MoreSums, Parameter, Parameters, RawSample, Reason, Regime, Reversal, Route, Status, Sums, Warning,
     WarningKind,
 };
+use inerter_needs::Random;
 use inerter_wire::*;
 
 fn parameter(value: f32, u95: f32, status: Status) -> Parameter {
@@ -117,22 +118,22 @@ pub fn longest_sums() -> Sums {
     Sums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 5], sums: [i128::MIN; 15] }
 }
 
-fn some_sums(numbers: &mut Numbers) -> Sums {
+fn some_sums(numbers: &mut Random) -> Sums {
     let mut sums = sums();
-    sums.updates = numbers.next() as u32;
+    sums.updates = numbers.draw() as u32;
     sums.sums.fill_with(|| some_sum(numbers));
     sums
 }
 
-fn some_more_sums(numbers: &mut Numbers) -> MoreSums {
+fn some_more_sums(numbers: &mut Random) -> MoreSums {
     let mut sums = more_sums();
-    sums.updates = numbers.next() as u32;
+    sums.updates = numbers.draw() as u32;
     sums.sums.fill_with(|| some_sum(numbers));
     sums
 }
 
-fn some_sum(numbers: &mut Numbers) -> i128 {
-    let wide = (u128::from(numbers.next()) << 64 | u128::from(numbers.next())) as i128;
+fn some_sum(numbers: &mut Random) -> i128 {
+    let wide = (u128::from(numbers.draw()) << 64 | u128::from(numbers.draw())) as i128;
     wide >> numbers.below(128)
 }
 
@@ -390,13 +391,13 @@ pub fn requests() -> Vec<(&'static str, Request)> {
 /// A batch of the greatest length.
 pub fn longest_samples() -> Samples {
     let mut builder = Samples::builder();
-    let mut numbers = Numbers(1);
+    let mut numbers = Random(1);
     loop {
         let sample = RawSample {
-            index: numbers.next() as u32,
-            position_count: numbers.next() as i32,
-            force_code: numbers.next() as i32,
-            terminal_code: numbers.next() as i32,
+            index: numbers.draw() as u32,
+            position_count: numbers.draw() as i32,
+            force_code: numbers.draw() as i32,
+            terminal_code: numbers.draw() as i32,
         };
         if builder.push(&sample).is_err() {
             return builder.take();
@@ -409,14 +410,14 @@ pub fn most_settings() -> SettingsValues {
     SettingsValues((0..MAX_SETTINGS).map(|number| SettingValue { number: number as u8, value: f64::MIN }).collect())
 }
 
-fn some_samples(numbers: &mut Numbers) -> Samples {
+fn some_samples(numbers: &mut Random) -> Samples {
     let mut builder = Samples::builder();
-    let mut sample = RawSample { index: numbers.next() as u32, position_count: numbers.step(), ..RawSample::default() };
+    let mut sample = RawSample { index: numbers.draw() as u32, position_count: step(numbers), ..RawSample::default() };
     for _ in 0..numbers.below(40) {
-        sample.index = sample.index.wrapping_add(if numbers.below(20) == 0 { numbers.step() as u32 } else { 1 });
-        sample.position_count = sample.position_count.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
-        sample.force_code = sample.force_code.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
-        sample.terminal_code = sample.terminal_code.wrapping_add(numbers.step() >> (numbers.below(2) * 16));
+        sample.index = sample.index.wrapping_add(if numbers.below(20) == 0 { step(numbers) as u32 } else { 1 });
+        sample.position_count = sample.position_count.wrapping_add(step(numbers) >> (numbers.below(2) * 16));
+        sample.force_code = sample.force_code.wrapping_add(step(numbers) >> (numbers.below(2) * 16));
+        sample.terminal_code = sample.terminal_code.wrapping_add(step(numbers) >> (numbers.below(2) * 16));
         if builder.push(&sample).is_err() {
             break;
         }
@@ -424,30 +425,30 @@ fn some_samples(numbers: &mut Numbers) -> Samples {
     builder.take()
 }
 
-fn some_settings(numbers: &mut Numbers) -> SettingsValues {
+fn some_settings(numbers: &mut Random) -> SettingsValues {
     let count = numbers.below(MAX_SETTINGS + 1);
     SettingsValues(
-        (0..count).map(|_| SettingValue { number: numbers.next() as u8, value: f64::from(numbers.step()) }).collect(),
+        (0..count).map(|_| SettingValue { number: numbers.draw() as u8, value: f64::from(step(numbers)) }).collect(),
     )
 }
 
 /// Any record, with its numbers randomised where they matter.
-pub fn some_record(numbers: &mut Numbers) -> Record {
+pub fn some_record(numbers: &mut Random) -> Record {
     match numbers.below(7) {
         0 => Record::Samples(some_samples(numbers)),
         1 => Record::Settings(some_settings(numbers)),
         2 => Record::Estimate(Estimate {
-            index: numbers.next() as u32,
-            elapsed_samples: numbers.next() >> numbers.below(64),
-            residual_rms_n: numbers.step() as f32,
+            index: numbers.draw() as u32,
+            elapsed_samples: numbers.draw() >> numbers.below(64),
+            residual_rms_n: step(numbers) as f32,
             ..estimate()
         }),
         3 => Record::Sums(some_sums(numbers)),
         4 => Record::MoreSums(some_more_sums(numbers)),
         5 => Record::Detail(Detail {
-            index: numbers.next() as u32,
-            band: Band { low_hz: numbers.step() as f32, high_hz: numbers.step() as f32 },
-            changes: numbers.next() as u32 >> numbers.below(32),
+            index: numbers.draw() as u32,
+            band: Band { low_hz: step(numbers) as f32, high_hz: step(numbers) as f32 },
+            changes: numbers.draw() as u32 >> numbers.below(32),
             ..detail()
         }),
         _ => {

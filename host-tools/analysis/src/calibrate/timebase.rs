@@ -128,15 +128,16 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
 
 #[cfg(test)]
 mod tests {
+    use inerter_needs::Random;
+
     use super::*;
 
     /// Arrivals of a device whose clock is off by so much, each late by a part of `late_s` that looks random.
     fn arrivals(off: f64, late_s: f64, seconds: f64, seed: u64) -> Vec<Arrival> {
-        let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+        let mut random = Random(seed);
         (0..(seconds * 20.0) as u64)
             .map(|batch| {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                let late = (state >> 40) as f64 / (1u64 << 24) as f64 * late_s;
+                let late = random.share() * late_s;
                 let elapsed = batch * 50;
                 let true_s = elapsed as f64 / 1000.0 / (1.0 + off);
                 Arrival { elapsed, time_ns: 1_000_000_000 + ((true_s + late) * 1e9) as u64 }

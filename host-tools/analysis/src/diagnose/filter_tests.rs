@@ -1,15 +1,12 @@
 use super::*;
 use crate::law::{around, dot};
 use inerter_data::series::Stretch;
+use inerter_needs::Random;
 
-/// Noise that looks white: a generator of 64 bits, twelve of its values at a time.
+/// White noise.
 fn noise(samples: usize) -> Vec<f64> {
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut uniform = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1_u64 << 53) as f64
-    };
-    (0..samples).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect()
+    let mut random = Random(1);
+    (0..samples).map(|_| random.normal()).collect()
 }
 
 #[test]

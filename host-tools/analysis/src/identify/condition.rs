@@ -92,7 +92,7 @@ fn passes(frequency_hz: f64, band_hz: f64) -> f64 {
 }
 
 /// A number from 0 to 1 that is the same in every run, by SplitMix64.
-fn uniform(place: u64, stream: u64) -> f64 {
+pub(super) fn uniform(place: u64, stream: u64) -> f64 {
     let mut z = (place + 1).wrapping_add(stream << 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

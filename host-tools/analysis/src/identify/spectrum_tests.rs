@@ -1,14 +1,10 @@
 use super::*;
+use crate::identify::condition::uniform;
 
 #[test]
 fn the_band_of_a_whitened_residual_is_white() {
     let count = 4000;
-    let noise = |place: usize, stream: u64| {
-        let mut z = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(stream << 32);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64 - 0.5) * 12f64.sqrt()
-    };
+    let noise = |place: usize, stream: u64| (uniform(place as u64, stream) - 0.5) * 12f64.sqrt();
     let noises = Noise { position: 1e-6, force: 2.0 };
     // What the terminal's noise does: the encoder by 3 um, the force by 4 N, half of it together.
     let disturbance = |stream: u64| -> (Vec<f64>, Vec<f64>) {

@@ -32,16 +32,14 @@ pub fn whiteness(residual: &[f64]) -> Option<Whiteness> {
 
 #[cfg(test)]
 mod tests {
+    use inerter_needs::Random;
+
     use super::*;
 
     #[test]
     fn noise_is_white_and_a_wave_is_not() {
-        let noise = |place: usize| {
-            let z = (place as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            ((z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
-        let white: Vec<f64> = (0..2000).map(noise).collect();
+        let mut random = Random(1);
+        let white: Vec<f64> = (0..2000).map(|_| random.share() - 0.5).collect();
         let found = whiteness(&white).unwrap();
         assert!((1e-3..0.999).contains(&found.p), "{found:?}");
         let coloured: Vec<f64> = white.iter().enumerate().map(|(n, x)| x + 0.2 * (n as f64 * 0.3).sin()).collect();

@@ -1,5 +1,6 @@
 use inerter_core::{Machine, Settings};
 use inerter_data::wants;
+use inerter_needs::Random;
 use inerter_plant::{Excitation, Inerter, Sensors};
 
 use super::{
@@ -42,15 +43,11 @@ fn no_other_shares_of_the_time_tell_more_than_the_design() {
     let (best, least) = times(&choices, 12.0, score).unwrap();
     assert!((best.iter().sum::<f64>() - 12.0).abs() < 1e-9 && least.is_finite());
     // Any three of them, in any shares, tell no more.
-    let (mut state, mut tried) = (7_u64, 0);
-    let mut random = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % below
-    };
+    let (mut random, mut tried) = (Random(7), 0);
     while tried < 2000 {
         let mut other = vec![0.0; best.len()];
         for _ in 0..3 {
-            other[random(best.len())] += 1.0 + random(100) as f64;
+            other[random.below(best.len())] += 1.0 + random.below(100) as f64;
         }
         let all: f64 = other.iter().sum();
         other.iter_mut().for_each(|time| *time *= 12.0 / all);

@@ -61,7 +61,7 @@ fn unruly() {
         MANNERS.iter().flat_map(|manner| COMMANDS.iter().map(move |command| (*manner, *command))).collect();
     let mut random = scenario.random("order");
     for place in (1..pairs.len()).rev() {
-        pairs.swap(place, random.below(place as u64 + 1) as usize);
+        pairs.swap(place, random.below(place + 1));
     }
     let visits: Vec<_> =
         pairs.into_iter().flat_map(|(manner, command)| [(manner, command, false), (manner, command, true)]).collect();
@@ -128,7 +128,7 @@ fn meet(
             "after the device went"
         }
         (true, false) => {
-            let signal = [Signal::TERM, Signal::INT, Signal::HUP][random.below(3) as usize];
+            let signal = [Signal::TERM, Signal::INT, Signal::HUP][random.below(3)];
             let signal = if has_no_handler(&command) { Signal::TERM } else { signal };
             kill_process(Pid::from_child(&visit.child), signal).unwrap();
             "after a signal"

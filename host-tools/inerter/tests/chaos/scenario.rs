@@ -10,11 +10,12 @@ use std::{
 };
 
 use inerter_data::settings::Overrides;
+use inerter_needs::Random;
 use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::common::{Random, text, unruly::memory_kb, until};
+use crate::common::{text, unruly::memory_kb, until};
 
 /// More than a live command holds at any device \[kB\].
 pub const MOST_KB: u64 = 64_000;
@@ -82,7 +83,7 @@ impl Scenario {
 
     /// Draws of its own for each part of the campaign.
     pub fn random(&self, part: &str) -> Random {
-        let mixed = part.bytes().fold(self.seed, |mixed, byte| Random(mixed ^ u64::from(byte)).next());
+        let mixed = part.bytes().fold(self.seed, |mixed, byte| Random(mixed ^ u64::from(byte)).draw());
         Random(mixed)
     }
 

@@ -16,6 +16,7 @@ use std::{
 
 use inerter_core::{Change, RawSample, Settings, Warning, WarningKind};
 use inerter_data::recording::{Item, read};
+use inerter_needs::Random;
 use inerter_wire::{
     Capabilities, ClockSource, Command, DELIMITER, Done, Event, EventKind, Fault, Figure, Frame, FrameReader, Health,
     Hello, MAX_FIGURES, MAX_FRAME, MAX_PAYLOAD, Measure, Measured, Record, Refusal, Reply, Request, ResetCause,
@@ -23,7 +24,7 @@ use inerter_wire::{
 };
 
 use super::{
-    Random, done, elf_file,
+    done, elf_file,
     firmware::{framed, payload},
     foreign_words, inerter,
     terminal::{patient, spoken},
@@ -346,7 +347,7 @@ impl Talk {
         match self.manner {
             Manner::SequenceStands => {}
             Manner::SequenceBack => self.sequence = self.sequence.wrapping_sub(1),
-            Manner::SequenceRandom => self.sequence = self.random.next() as u16,
+            Manner::SequenceRandom => self.sequence = self.random.draw() as u16,
             _ => self.sequence = self.sequence.wrapping_add(1),
         }
         match self.manner {
@@ -574,7 +575,7 @@ impl Talk {
                 self.frame(&payload(&Record::Hello(Hello { wire_version: 7, ..hello() })))
             }
             Manner::ReplyFlood => (0..64).try_for_each(|_| {
-                let id = self.random.next() as u16;
+                let id = self.random.draw() as u16;
                 self.say(&Record::Reply(Reply { id, result: Ok(Done::Plain) }))
             }),
             Manner::UnknownRecords => {
@@ -583,15 +584,15 @@ impl Talk {
             Manner::LongestFrames => self.frame(&[&[100][..], &[0xA5; MAX_PAYLOAD - 1]].concat()),
             Manner::TooLongFrames => self.frame(&[&[1][..], &[0xA5; 5000]].concat()),
             Manner::RandomRecords => {
-                let length = 1 + self.random.next() as usize % 300;
-                let mut bytes: Vec<u8> = (0..length).map(|_| self.random.next() as u8).collect();
+                let length = 1 + self.random.draw() as usize % 300;
+                let mut bytes: Vec<u8> = (0..length).map(|_| self.random.draw() as u8).collect();
                 bytes[0] %= 13;
                 self.frame(&bytes)
             }
             Manner::Mutated => self.usual(4, |bytes, random| {
-                for _ in 0..random.next() % 4 {
-                    let place = random.next() as usize % bytes.len();
-                    bytes[place] ^= 1 << (random.next() % 8);
+                for _ in 0..random.draw() % 4 {
+                    let place = random.draw() as usize % bytes.len();
+                    bytes[place] ^= 1 << (random.draw() % 8);
                 }
             }),
             Manner::Empty | Manner::RefusingAll => Some(()),

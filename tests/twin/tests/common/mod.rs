@@ -1,4 +1,4 @@
-//! What the tests of the twin share: the board on the bench, and chance that repeats.
+//! What the tests of the twin share: the board on the bench and its links.
 
 use inerter_twin::World;
 use inerter_twin::chip::{errata::Errata, rules::Rules};
@@ -28,34 +28,6 @@ pub fn chip_with(image: &[u8], world: impl World + 'static) -> Machine {
     // Errata are at their worst here, which no real chip is.
     let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
     Machine::with(image, options, Box::new(world)).expect("the image")
-}
-
-/// Chance that repeats: splitmix64 (Steele, Lea and Flood, 2014).
-pub struct Random(u64);
-
-impl Random {
-    /// From a seed.
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Any number.
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ self.0 >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ mixed >> 31
-    }
-
-    /// A number below a bound.
-    pub fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-
-    /// Any bytes.
-    pub fn bytes<const N: usize>(&mut self) -> [u8; N] {
-        std::array::from_fn(|_| self.next() as u8)
-    }
 }
 
 /// A host's program at the other end of the serial link.
