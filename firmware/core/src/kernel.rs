@@ -296,6 +296,7 @@ fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
 mod tests {
     use super::*;
     use crate::constants::{FORCE_TAPS, RATE_TAPS, SIGN_TAPS};
+    use crate::random::draw;
     use std::vec::Vec;
 
     /// Box of `length` samples four times, as plain numbers.
@@ -324,12 +325,7 @@ mod tests {
 
     fn noise(count: usize, bits: u32) -> Vec<i64> {
         let mut seed = 7_u64;
-        (0..count)
-            .map(|_| {
-                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                (seed as i64) >> (64 - bits)
-            })
-            .collect()
+        (0..count).map(|_| (draw(&mut seed) as i64) >> (64 - bits)).collect()
     }
 
     /// Every output is the direct convolution, to the bit, also after the cascades have wrapped many times.

@@ -146,6 +146,7 @@ impl Reciprocal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::draw;
     use proptest::prelude::*;
 
     proptest! {
@@ -169,10 +170,7 @@ mod tests {
     fn solves_a_known_law() {
         let mut sums = [0_i128; PRODUCTS];
         let mut seed = 1_u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (seed >> 36) as i32 - (1 << 27)
-        };
+        let mut random = || (draw(&mut seed) >> 36) as i32 - (1 << 27);
         for _ in 0..1000 {
             let [a, v, s] = [random() >> 12, random(), random().signum() << 30];
             let force = 300 * a + v / 4 - s / 8 + (1 << 20);

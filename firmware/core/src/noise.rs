@@ -79,14 +79,7 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Normal enough for quartiles: the sum of twelve uniform numbers.
-    fn normal(seed: &mut u64) -> f64 {
-        (0..12).fold(-6.0, |sum, _| {
-            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            sum + (*seed >> 11) as f64 / (1_u64 << 53) as f64
-        })
-    }
+    use crate::random::normal;
 
     /// Quartile of the fourth differences of normal noise, per its rms.
     const QUARTILE: f64 = 0.3186 * 8.3666;

@@ -267,14 +267,7 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-
-    /// Normal enough: the sum of twelve uniform numbers.
-    fn normal(seed: &mut u64) -> f64 {
-        (0..12).fold(-6.0, |sum, _| {
-            *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            sum + (*seed >> 11) as f64 / (1_u64 << 53) as f64
-        })
-    }
+    use crate::random::normal;
 
     /// The warnings for a force, given by the number of its sample, with noise of 20 codes before it is clipped to
     /// +-`rail`.

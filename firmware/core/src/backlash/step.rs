@@ -267,6 +267,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::draw;
     use proptest::prelude::*;
     use std::{format, vec::Vec};
 
@@ -348,14 +349,7 @@ mod tests {
     #[test]
     fn variance_is_the_scatter() {
         let mut seed = 3_u64;
-        let mut noise = || {
-            let mut sum = 0;
-            for _ in 0..4 {
-                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-                sum += (seed >> 56) as i32 - 128;
-            }
-            sum
-        };
+        let mut noise = || (0..4).map(|_| (draw(&mut seed) >> 56) as i32 - 128).sum();
         let (mut squares, mut variances, mut count) = (0.0, 0.0, 0.0);
         for _ in 0..400 {
             let mut points = Points::new();
