@@ -35,10 +35,8 @@ pub struct Options {
 pub enum Need {
     /// A way to compile for the target.
     Firmware,
-    /// `cargo fmt`.
-    Rustfmt,
-    /// `cargo clippy`.
-    Clippy,
+    /// `rustfmt` or `clippy`. Without rustup, cargo would say to install a crate of that name instead.
+    Component(&'static str),
     /// `qemu-system-arm`.
     Qemu,
     /// CMake and libclang, with which the twin's emulator is compiled.
@@ -52,7 +50,15 @@ pub enum Need {
 }
 
 /// Everything that `cargo xtask test` uses.
-pub const ALL: &[Need] = &[Need::Firmware, Need::Rustfmt, Need::Clippy, Need::Deny, Need::Qemu, Need::Twin, Need::Cxx];
+pub const ALL: &[Need] = &[
+    Need::Firmware,
+    Need::Component("rustfmt"),
+    Need::Component("clippy"),
+    Need::Deny,
+    Need::Qemu,
+    Need::Twin,
+    Need::Cxx,
+];
 
 /// Finds or installs everything.
 pub fn run(options: &Options) -> Result<()> {
@@ -91,8 +97,7 @@ impl Need {
     fn name(self) -> &'static str {
         match self {
             Self::Firmware => "compiler for the firmware",
-            Self::Rustfmt => "rustfmt",
-            Self::Clippy => "clippy",
+            Self::Component(name) => name,
             Self::Qemu => QEMU,
             Self::Twin => "CMake and libclang",
             Self::Deny => DENY.name,
@@ -112,9 +117,10 @@ impl Need {
             Self::Firmware => Toolchain::find()
                 .map(|toolchain| toolchain.describe())
                 .ok_or(format!("no compiled core library for {FIRMWARE_TARGET} and no source to compile it from")),
-            Self::Rustfmt => process::first_line(process::cargo().args(["fmt", "--version"])).ok_or("not there".into()),
-            Self::Clippy => {
-                process::first_line(process::cargo().args(["clippy", "--version"])).ok_or("not there".into())
+            // The command of `rustfmt` is `cargo fmt`.
+            Self::Component(name) => {
+                let command = name.trim_start_matches("rust");
+                process::first_line(process::cargo().args([command, "--version"])).ok_or("not there".into())
             }
             Self::Qemu => qemu_found(QEMU),
             Self::Twin => twin_tools(),
@@ -127,8 +133,7 @@ impl Need {
     fn install(self) -> Result<()> {
         match self {
             Self::Firmware => install_target(),
-            Self::Rustfmt => rustup(&["component", "add", "rustfmt"]),
-            Self::Clippy => rustup(&["component", "add", "clippy"]),
+            Self::Component(name) => rustup(&["component", "add", name]),
             Self::Qemu => apt(ARM_QEMU_PACKAGES.apt()),
             Self::Twin => apt(TWIN_PACKAGES.apt()),
             Self::Cxx => apt(CXX_PACKAGES.apt()),
@@ -143,8 +148,7 @@ impl Need {
             Self::Firmware => format!(
                 "with rustup: `rustup target add {FIRMWARE_TARGET}`; without it: install rustup (https://rustup.rs), or on Debian and Ubuntu `apt-get install {DISTRIBUTION_RUST}`"
             ),
-            Self::Rustfmt => "`rustup component add rustfmt`, or your distribution's rustfmt".into(),
-            Self::Clippy => "`rustup component add clippy`, or your distribution's clippy".into(),
+            Self::Component(name) => format!("`rustup component add {name}`, or your distribution's {name}"),
             Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
             Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
             Self::Cxx => advice(&CXX_PACKAGES, &os_release()),
