@@ -321,28 +321,7 @@ fn below(path: &Path, root: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::PathBuf;
-
-    /// A workspace in a folder of its own, removed at the end.
-    struct Fixture(PathBuf);
-
-    impl Fixture {
-        fn new(name: &str, files: &[(&str, &str)]) -> Self {
-            let folder = std::env::temp_dir().join(format!("xtask-{}-{name}", std::process::id()));
-            for (path, text) in files {
-                let path = folder.join(path);
-                fs::create_dir_all(path.parent().unwrap()).unwrap();
-                fs::write(path, text).unwrap();
-            }
-            Self(folder)
-        }
-    }
-
-    impl Drop for Fixture {
-        fn drop(&mut self) {
-            let _ = fs::remove_dir_all(&self.0);
-        }
-    }
+    use crate::fixture::Fixture;
 
     fn manifest(name: &str, rest: &str) -> String {
         format!("[package]\nname = \"{name}\"\nversion = \"0.1.0\"\nedition = \"2024\"\n{rest}\n")
@@ -350,26 +329,23 @@ mod tests {
 
     #[test]
     fn a_core_that_uses_the_plant_is_refused() {
-        let fixture = Fixture::new(
-            "arrows",
-            &[
-                ("Cargo.toml", "[workspace]\nresolver = \"2\"\nmembers = [\"core\", \"plant\", \"stray\"]\n"),
-                (
-                    "core/Cargo.toml",
-                    &manifest(
-                        "inerter-core",
-                        "[dependencies]\nrenamed = { package = \"inerter-plant\", path = \"../plant\" }",
-                    ),
+        let fixture = Fixture::new(&[
+            ("Cargo.toml", "[workspace]\nresolver = \"2\"\nmembers = [\"core\", \"plant\", \"stray\"]\n"),
+            (
+                "core/Cargo.toml",
+                &manifest(
+                    "inerter-core",
+                    "[dependencies]\nrenamed = { package = \"inerter-plant\", path = \"../plant\" }",
                 ),
-                ("core/src/lib.rs", ""),
-                ("plant/Cargo.toml", &manifest("inerter-plant", "")),
-                ("plant/src/lib.rs", ""),
-                ("stray/Cargo.toml", &manifest("stray", "[dev-dependencies]\nserde = \"1\"")),
-                ("stray/src/lib.rs", ""),
-                ("memory.x", ""),
-                ("core/memory.x", ""),
-            ],
-        );
+            ),
+            ("core/src/lib.rs", ""),
+            ("plant/Cargo.toml", &manifest("inerter-plant", "")),
+            ("plant/src/lib.rs", ""),
+            ("stray/Cargo.toml", &manifest("stray", "[dev-dependencies]\nserde = \"1\"")),
+            ("stray/src/lib.rs", ""),
+            ("memory.x", ""),
+            ("core/memory.x", ""),
+        ]);
         let workspace = Workspace::read(&fixture.0).unwrap();
         let faults = arrow_faults(&workspace);
         assert_eq!(faults.len(), 2, "{faults:?}");
@@ -407,14 +383,11 @@ mod tests {
 
     #[test]
     fn a_circle_is_told_by_file_and_line() {
-        let fixture = Fixture::new(
-            "circle",
-            &[
-                ("src/lib.rs", "mod a;\nmod b;\n"),
-                ("src/a.rs", "\nuse crate::b::B;\npub struct A;\n"),
-                ("src/b.rs", "pub struct B(crate::a::A);\n"),
-            ],
-        );
+        let fixture = Fixture::new(&[
+            ("src/lib.rs", "mod a;\nmod b;\n"),
+            ("src/a.rs", "\nuse crate::b::B;\npub struct A;\n"),
+            ("src/b.rs", "pub struct B(crate::a::A);\n"),
+        ]);
         let roots = vec![fixture.0.join("src/lib.rs")];
         let member = Member { name: "it".into(), folder: fixture.0.clone(), roots, uses: Vec::new() };
         let told = "it: 2 modules import each other in a circle:\n    src/a.rs:2 imports crate::b::B from src/b.rs\n    \

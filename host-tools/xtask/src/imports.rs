@@ -616,28 +616,17 @@ impl<'ast> Visit<'ast> for Paths<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::{
-        fs,
-        sync::atomic::{AtomicUsize, Ordering},
-    };
+    use crate::fixture::Fixture;
 
     /// The imports of a crate of these files as `file:line path file`.
     fn imports(files: &[(&str, &str)]) -> Vec<String> {
-        static COUNT: AtomicUsize = AtomicUsize::new(0);
-        let count = COUNT.fetch_add(1, Ordering::Relaxed);
-        let folder = std::env::temp_dir().join(format!("xtask-imports-{}-{count}", std::process::id()));
-        for (path, text) in files {
-            let path = folder.join(path);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::write(path, text).unwrap();
-        }
-        let tree = Tree::read(&folder.join(files[0].0)).unwrap();
-        let name = |file: &usize| tree.files[*file].strip_prefix(&folder).unwrap().display().to_string();
+        let fixture = Fixture::new(files);
+        let tree = Tree::read(&fixture.0.join(files[0].0)).unwrap();
+        let name = |file: &usize| tree.files[*file].strip_prefix(&fixture.0).unwrap().display().to_string();
         let mut found = Vec::new();
         for ((from, to), paths) in tree.imports() {
             found.extend(paths.iter().map(|(path, line)| format!("{}:{line} {path} {}", name(&from), name(&to))));
         }
-        fs::remove_dir_all(&folder).unwrap();
         found
     }
 

@@ -15,6 +15,8 @@ mod data;
 mod demo;
 mod files;
 mod firmware;
+#[cfg(test)]
+mod fixture;
 mod foreign;
 mod fuzz;
 mod guest;
