@@ -131,20 +131,19 @@ struct Reader<'a> {
     rules: &'a Rules<'a>,
     typed: &'a [OsString],
     chosen: &'a Chosen<'a>,
-    /// Name and form as typed.
-    flags: Vec<(String, OsString)>,
+    /// Each with its form as typed.
+    flags: Vec<(&'a Arg, OsString)>,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
     /// A flag of every command that has it.
     fn shared(&mut self, command: &Command, name: &str, value: &Value) -> Result<(), ConfigError> {
-        let holders = holders(command, name);
-        if holders.is_empty() {
-            return Err(self.unknown("flag", name, all_flags(command)));
+        let all = all_flags(command);
+        let mut holders = all.iter().filter(|arg| is_called(arg, name)).peekable();
+        if holders.peek().is_none() {
+            return Err(self.unknown("flag", name, all.into_iter().map(long)));
         }
-        for arg in holders {
-            self.check(arg, name, value)?;
-        }
+        holders.try_for_each(|arg| self.check(arg, name, value))?;
         if let Some(arg) = flag(self.chosen.command, name) {
             self.put(arg, value);
         }
@@ -152,10 +151,10 @@ impl Reader<'_> {
     }
 
     /// The flags of one command, and tables of those below it.
-    fn table(&mut self, command: &Command, above: &[&str], name: &str, value: &Value) -> Result<(), ConfigError> {
+    fn table(&mut self, command: &'a Command, above: &[&str], name: &str, value: &Value) -> Result<(), ConfigError> {
         let what = if above.is_empty() { "command".into() } else { format!("flag or command of {}", above.join(" ")) };
         let Some(command) = command.find_subcommand(name) else {
-            return Err(self.unknown(&what, name, command.get_subcommands().map(Command::get_name).collect()));
+            return Err(self.unknown(&what, name, command.get_subcommands().map(Command::get_name)));
         };
         let path: Vec<&str> = above.iter().copied().chain([name]).collect();
         for (entry, value) in value.as_table().into_iter().flatten() {
@@ -164,7 +163,7 @@ impl Reader<'_> {
                 continue;
             }
             let Some(arg) = flag(command, entry) else {
-                return Err(self.unknown(&format!("flag of {}", path.join(" ")), entry, flags(command)));
+                return Err(self.unknown(&format!("flag of {}", path.join(" ")), entry, flags(command).map(long)));
             };
             self.check(arg, &format!("{}.{entry}", path.join(".")), value)?;
             if self.chosen.path == path {
@@ -174,8 +173,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn unknown(&self, what: &str, name: &str, candidates: Vec<&str>) -> ConfigError {
-        let candidates: Vec<String> = candidates.iter().map(|candidate| candidate.replace('-', "_")).collect();
+    fn unknown<'b>(&self, what: &str, name: &str, candidates: impl Iterator<Item = &'b str>) -> ConfigError {
+        let candidates: Vec<String> = candidates.map(|candidate| candidate.replace('-', "_")).collect();
         let help = match nearest(name, candidates.iter().map(String::as_str)) {
             Some(nearest) => format!("did you mean `{nearest}`?"),
             None => "`inerter help` lists the commands, `inerter COMMAND --help` the flags of each".into(),
@@ -207,21 +206,21 @@ impl Reader<'_> {
     }
 
     /// Adds the flag, unless something was typed that it does not go with, itself included.
-    fn put(&mut self, arg: &Arg, value: &Value) {
+    fn put(&mut self, arg: &'a Arg, value: &Value) {
         let (name, command) = (long(arg), self.chosen.command);
         let told = |other: &Arg| self.typed.iter().filter_map(|typed| typed.to_str()).any(|typed| says(typed, other));
         let clashes = |other: &Arg| other == arg || excludes(command, arg, other);
         let excluded = command.get_arguments().any(|other| clashes(other) && told(other));
-        let is_set = self.flags.iter().any(|(set, _)| flag(command, set).is_some_and(clashes));
+        let is_set = self.flags.iter().any(|(set, _)| clashes(set));
         if excluded || is_set {
             return;
         }
         match value.as_bool().filter(|_| is_switch(arg)) {
             Some(false) => {}
-            Some(true) => self.flags.push((name.into(), format!("--{name}").into())),
+            Some(true) => self.flags.push((arg, format!("--{name}").into())),
             None => {
                 let texts = texts(value).unwrap_or_default();
-                self.flags.extend(texts.iter().map(|text| (name.into(), format!("--{name}={text}").into())));
+                self.flags.extend(texts.iter().map(|text| (arg, format!("--{name}={text}").into())));
             }
         }
     }
@@ -274,26 +273,25 @@ fn long(arg: &Arg) -> &str {
     arg.get_long().unwrap_or_default()
 }
 
-/// The flag of this name, with - or _ between its words.
+/// Whether this is the flag's name, with - or _ between its words.
+fn is_called(arg: &Arg, name: &str) -> bool {
+    long(arg) == name.replace('_', "-")
+}
+
 fn flag<'a>(command: &'a Command, name: &str) -> Option<&'a Arg> {
-    let name = name.replace('_', "-");
-    command.get_arguments().find(|arg| arg.get_long() == Some(&name)).filter(|arg| !BUILT_IN.contains(&long(arg)))
+    flags(command).find(|arg| is_called(arg, name))
 }
 
 /// These say what to do, not how.
 const BUILT_IN: [&str; 3] = ["help", "version", "config"];
 
-fn flags(command: &Command) -> Vec<&str> {
-    command.get_arguments().filter_map(Arg::get_long).filter(|long| !BUILT_IN.contains(long)).collect()
+fn flags(command: &Command) -> impl Iterator<Item = &Arg> {
+    command.get_arguments().filter(|arg| arg.get_long().is_some_and(|long| !BUILT_IN.contains(&long)))
 }
 
-fn all_flags(command: &Command) -> Vec<&str> {
-    flags(command).into_iter().chain(command.get_subcommands().flat_map(all_flags)).collect()
-}
-
-/// The flags of this name of all commands.
-fn holders<'a>(command: &'a Command, name: &str) -> Vec<&'a Arg> {
-    flag(command, name).into_iter().chain(command.get_subcommands().flat_map(|below| holders(below, name))).collect()
+/// The flags of a command and of those below it.
+fn all_flags(command: &Command) -> Vec<&Arg> {
+    flags(command).chain(command.get_subcommands().flat_map(all_flags)).collect()
 }
 
 /// Whether something is said that the file of flags has no part in.
