@@ -6,15 +6,15 @@ use std::{
     process::Stdio,
 };
 
-use crate::common::{done, fails, inerter, last, run, text};
+use crate::common::{any_port, done, fails, inerter, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};
+use inerter_simulate::{Operator, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
 
 fn device(sensors: Sensors, speed: f64) -> (VirtualDevice, Operator) {
     let setup = Setup::new(Inerter::paper(), sensors, "hold", None, &Overrides::default()).unwrap();
-    VirtualDevice::with_operator(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), speed).unwrap()
+    VirtualDevice::with_operator(&setup, &any_port(), speed).unwrap()
 }
 
 fn setting(folder: &Path, device: &VirtualDevice, name: &str) -> f64 {

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::common::{done, fails, json_lines, last, run, text};
+use crate::common::{device_of, done, fails, json_lines, last, run, text};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_simulate::{Setup, VirtualDevice, bench_sensors};
 
 #[test]
 fn a_cause_is_named_with_its_size_and_what_to_do() {
@@ -296,7 +296,7 @@ fn late(delay_s: f64) -> VirtualDevice {
     let sensors = Sensors { delay_s, ..bench_sensors() };
     let untold = Overrides::from_inputs(None, &["skew_s=0".into()]).unwrap();
     let setup = Setup::new(Inerter::paper(), sensors, "random", None, &untold).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap()
+    device_of(&setup, 5.0)
 }
 
 #[test]

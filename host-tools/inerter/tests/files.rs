@@ -145,13 +145,9 @@ fn a_recording_that_breaks_off_can_be_cut_and_exported() {
 fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
     use std::{io::Write, os::unix::ffi::OsStrExt};
 
-    use inerter_data::settings::Overrides;
-    use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-    let setup =
-        Setup::new(inerter_plant::Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap();
+    let device = crate::common::device(1.0);
     let folder = tempfile::tempdir().unwrap();
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
     grantpt(&master).unwrap();

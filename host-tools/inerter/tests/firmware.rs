@@ -7,17 +7,9 @@ use std::{
     thread,
 };
 
-use crate::common::{done, elf_file, fails, frames, inerter, last, text};
-use inerter_data::settings::Overrides;
+use crate::common::{device, done, elf_file, fails, frames, inerter, last, text};
 use inerter_device::{Clock, Device, Target};
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::Command;
-
-fn device() -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap()
-}
 
 /// A device that nobody has: what is plugged into this machine is never touched.
 const NOBODY: [&str; 2] = ["--serial", "no such device"];
@@ -84,7 +76,7 @@ fn without_a_probe_programming_says_what_to_plug_in() {
 #[test]
 fn a_device_that_cannot_enter_update_mode_says_so() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(20.0);
     fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = fails(folder.path(), &["update", "i.elf", "--connect", device.name()], 3);
     assert!(words.contains("the image is for the board nucleo-g474re, the device is a virtual"), "{words}");
@@ -95,7 +87,7 @@ fn a_device_that_cannot_enter_update_mode_says_so() {
 #[test]
 fn settings_are_shown_changed_saved_and_forgotten() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(20.0);
     let link = ["--connect", device.name()];
     let settings = |arguments: &[&str]| inerter(folder.path(), &[&["settings"], arguments, &link].concat());
     let output = |arguments: &[&str]| settings(arguments).output().unwrap();
@@ -142,7 +134,7 @@ fn settings_are_shown_changed_saved_and_forgotten() {
 #[test]
 fn a_setting_that_cannot_be_changes_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(20.0);
     let link = ["--connect", device.name()];
     for (assignments, words) in [
         (&["memory_s=12", "memori_s=1"][..], "there is no setting `memori_s`"),

@@ -2,13 +2,13 @@
 
 use std::{fs, path::Path};
 
-use crate::common::{self, all_are_tried, done, elf_file, firmware, foreign_words, inerter, json_lines, last, text};
+use crate::common::{
+    self, all_are_tried, device, done, elf_file, firmware, foreign_words, inerter, json_lines, last, text,
+};
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
 };
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use inerter_wire::{Event, EventKind, Hello, Record};
 
 /// Writes the clipboard, forges a line, turns the writing direction, colours by one character, and hides a name in a
@@ -61,16 +61,11 @@ fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String
     words
 }
 
-fn device() -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap()
-}
-
 #[test]
 fn no_device_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let device = device();
+    let device = device(5.0);
     let address = firmware::before(device.name(), hostile);
     fs::write(folder.join("image.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let mut said = String::new();
@@ -155,7 +150,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     let folder = folder.path();
     let name = |ending: &str| format!("{}{ending}", WORDS.replace('/', ""));
     let (recording, csv, toml, kept) = (name(".mcap"), name(".csv"), name(".toml"), name("kept.toml"));
-    let device = device();
+    let device = device(5.0);
     // A run whose device, panic and marker speak; then files that are wrong in every place where a text is.
     done(folder, &["simulate", "-o", "plain.mcap", "--duration", "3"]);
     let run = inerter_data::open(&folder.join("plain.mcap"), &Overrides::default()).unwrap();

@@ -6,30 +6,15 @@ use std::{
     path::Path,
     process::Child,
     thread::{self, JoinHandle},
-    time::{Duration, Instant},
 };
 
-use crate::common::{self, done, estimate_of, fails, frames, inerter, json_lines, last, run, text};
+use crate::common::{
+    self, any_port, assert_same_estimates, device, device_of, done, estimate_of, fails, frames, inerter, json_lines,
+    last, run, setup, text,
+};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
-
-fn setup(excite: &str) -> Setup {
-    Setup::new(Inerter::paper(), bench_sensors(), excite, None, &Overrides::default()).unwrap()
-}
-
-fn any_port() -> Endpoint {
-    Endpoint::Tcp("127.0.0.1:0".into())
-}
-
-/// Waits for something that takes a moment, without a guess how long.
-fn until(what: &str, mut is_so: impl FnMut() -> bool) {
-    let started = Instant::now();
-    while !is_so() {
-        assert!(started.elapsed() < Duration::from_secs(20), "{what}");
-        thread::sleep(Duration::from_millis(10));
-    }
-}
 
 /// Bytes that a recording has before its first frame, and some more.
 const HEAD: u64 = 14_000;
@@ -38,7 +23,7 @@ const HEAD: u64 = 14_000;
 fn recording(folder: &Path, arguments: &[&str]) -> Child {
     let child = inerter(folder, &[&["record", "-o", "run.mcap"], arguments].concat()).spawn().unwrap();
     let path = folder.join("run.mcap");
-    until("nothing is recorded", || path.metadata().is_ok_and(|metadata| metadata.len() > HEAD));
+    common::until("nothing is recorded", || path.metadata().is_ok_and(|metadata| metadata.len() > HEAD));
     child
 }
 
@@ -71,7 +56,7 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
 fn a_recording_carries_the_calibration_of_its_rig() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let device = device(10.0);
     let write = |expires: &str| {
         let text =
             format!("memory_s = 10\n[calibration]\ndate = 2020-01-31\ncertificate = \"K\\u001b[2J-<7>\"\n{expires}");
@@ -125,14 +110,13 @@ fn a_recording_carries_the_calibration_of_its_rig() {
 #[test]
 fn a_run_sent_through_a_device_gives_what_a_replay_gives_and_leaves_its_settings_alone() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let device = device(10.0);
     let link = ["--connect", device.name()];
     done(folder.path(), &["simulate", "-o", "run.mcap", "--duration", "8", "--set", "memory_s=5"]);
     let replayed = done(folder.path(), &["replay", "run.mcap", "--json"]);
     for _ in 0..2 {
         let sent = done(folder.path(), &[&["send", "run.mcap", "--json"], &link[..]].concat());
-        let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
-        assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
+        assert_same_estimates(&sent, &replayed);
     }
     let words = done(folder.path(), &[&["send", "run.mcap"], &link[..]].concat());
     assert!(words.contains("8000 samples (8.0 s of motion) sent to"), "{words}");
@@ -144,7 +128,7 @@ fn a_run_sent_through_a_device_gives_what_a_replay_gives_and_leaves_its_settings
 #[test]
 fn instruments_of_a_virtual_device_follow_the_rate_that_is_set() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 5.0).unwrap();
+    let device = device(5.0);
     let link = ["--connect", device.name()];
     done(folder.path(), &[&["settings", "set", "sample_rate_hz=4000"], &link[..]].concat());
     done(folder.path(), &[&["record", "-o", "run.mcap", "--duration", "2"], &link[..]].concat());
@@ -160,7 +144,7 @@ fn instruments_of_a_virtual_device_follow_the_rate_that_is_set() {
 #[test]
 fn monitor_prints_lines_where_there_is_no_terminal() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 5.0).unwrap();
+    let device = device(5.0);
     let arguments = ["monitor", "--connect", device.name(), "--duration", "1.5"];
     let plain = done(folder.path(), &arguments);
     assert!(plain.starts_with("    t [s]  Effective inertance [kg]"), "{plain}");
@@ -183,7 +167,7 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
     let sensors = Sensors { delay_s: 5e-5, ..bench_sensors() };
     let mut setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();
     setup.settings.skew_s = 0.0;
-    let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
+    let device = device_of(&setup, 10.0);
     let link = ["--connect", device.name()];
     let skew = ["calibrate", "skew", "--duration", "25", "--json"];
     let found = last(&done(folder.path(), &[&skew[..], &link].concat()));
@@ -209,7 +193,7 @@ fn a_stiffness_is_found_on_a_device_and_kept_there() {
     let mut setup = setup("random");
     setup.settings.terminal_sensor = true;
     setup.settings.stiffness_n_per_m = 0.0;
-    let device = VirtualDevice::start(&setup, &any_port(), 10.0).unwrap();
+    let device = device_of(&setup, 10.0);
     let link = ["--connect", device.name()];
     let calibrate = ["calibrate", "stiffness", "--duration", "20", "--json", "--write"];
     let found = last(&done(folder.path(), &[&calibrate[..], &link].concat()));
@@ -248,7 +232,7 @@ fn a_port_that_vanishes_while_recording_leaves_a_recording() {
 #[test]
 fn a_device_that_comes_back_is_recorded_further() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 10.0).unwrap();
+    let device = device(10.0);
     let name = device.name().to_string();
     let child = recording(folder.path(), &["--connect", &name, "--wait", "20", "--duration", "5"]);
     drop(device);
@@ -286,7 +270,7 @@ fn a_port_that_another_program_has_open_is_named() {
 #[test]
 fn an_interrupt_ends_a_recording_in_good_order() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 20.0).unwrap();
+    let device = device(20.0);
     let child = recording(folder.path(), &["--connect", device.name()]);
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
@@ -300,7 +284,7 @@ fn an_interrupt_ends_a_recording_in_good_order() {
 #[test]
 fn a_full_disk_ends_a_recording_with_its_own_code() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 1.0).unwrap();
+    let device = device(1.0);
     let words = fails(folder.path(), &["record", "--connect", device.name(), "-o", "/dev/full"], 8);
     assert!(words.contains("/dev/full cannot be written") && words.contains("the disk is full"), "{words}");
 }
@@ -309,7 +293,7 @@ fn a_full_disk_ends_a_recording_with_its_own_code() {
 #[test]
 fn what_was_written_before_the_disk_was_full_reads_back() {
     let folder = tempfile::tempdir().unwrap();
-    let device = VirtualDevice::start(&setup("random"), &any_port(), 20.0).unwrap();
+    let device = device(20.0);
     // A limit on the size of files stands for the end of the disk; without its signal the write fails.
     let script = r#"trap "" XFSZ; ulimit -f 300; exec "$0" record -o run.mcap --connect "$1" --duration 60"#;
     let mut command = std::process::Command::new("bash");

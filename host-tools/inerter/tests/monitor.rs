@@ -8,26 +8,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::common::{self, done, fails, inerter, last, monitor::Monitor, text};
+use crate::common::{self, device, device_of, done, fails, inerter, last, monitor::Monitor, setup, text};
 use inerter_core::Machine;
-use inerter_data::settings::Overrides;
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_simulate::{Endpoint, VirtualDevice};
 use serde_json::Value;
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
 /// Longest time for anything to happen.
 const LIMIT: Duration = Duration::from_secs(30);
-
-fn device() -> VirtualDevice {
-    device_of(Machine::Linear)
-}
-
-fn device_of(machine: Machine) -> VirtualDevice {
-    let mut setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    setup.settings.machine = machine;
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 2.0).unwrap()
-}
 
 fn connect(url: &str, origin: Option<&str>, protocol: Option<&str>) -> Result<WebSocket<TcpStream>, String> {
     let mut request = ClientRequestBuilder::new(url.parse().unwrap());
@@ -56,7 +44,7 @@ fn get(host: &str, path: &str, headers: &str) -> String {
 #[test]
 fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--web", "--record", "run.mcap"]);
     let url = monitor.next("view")["address"].as_str().unwrap().to_string();
     let host = url.split('/').nth(2).unwrap();
@@ -118,7 +106,7 @@ fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
 #[test]
 fn an_estimator_is_reset_from_the_page() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--web"]);
     let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
     monitor.next("estimate");
@@ -130,7 +118,7 @@ fn an_estimator_is_reset_from_the_page() {
 #[test]
 fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let target = inerter_device::Target::Tcp { address: device.name().into() };
     let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new()).unwrap();
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--web"]);
@@ -151,7 +139,7 @@ fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
 #[test]
 fn a_page_for_other_machines_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let refused = |arguments: &[&str], code| {
         fails(folder.path(), &[&["monitor", "--connect", device.name()], arguments].concat(), code)
     };
@@ -173,7 +161,7 @@ fn a_page_for_other_machines_is_refused() {
 #[test]
 fn other_machines_are_let_in_only_where_that_is_meant() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let bridge = ["monitor", "--connect", device.name(), "--json", "--duration", "1", "--foxglove", "0.0.0.0:0"];
     for (command, option) in [(&bridge[..], "--foxglove"), (&["simulate", "--tcp", "0.0.0.0:0"], "--tcp")] {
         let words = fails(folder.path(), command, 2);
@@ -210,7 +198,7 @@ fn datagram(socket: &UdpSocket) -> String {
 #[test]
 fn teleplot_and_plotjuggler_are_sent_samples_and_estimates() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
     let _monitor =
         Monitor::start(folder.path(), device.name(), &["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler]);
@@ -256,7 +244,9 @@ fn teleplot_and_plotjuggler_are_sent_samples_and_estimates() {
 #[test]
 fn views_of_a_rotary_machine_have_its_names_and_units() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device_of(Machine::Rotary);
+    let mut setup = setup("random");
+    setup.settings.machine = Machine::Rotary;
+    let device = device_of(&setup, 2.0);
     let ((teleplot, to_teleplot), (juggler, to_juggler)) = (listener(), listener());
     let bridges = ["--teleplot", &to_teleplot, "--plotjuggler", &to_juggler, "--foxglove", "127.0.0.1:0"];
     let mut monitor = Monitor::start(folder.path(), device.name(), &bridges);
@@ -314,7 +304,7 @@ fn foxglove(url: &str) -> (WebSocket<TcpStream>, Vec<Value>) {
 #[test]
 fn foxglove_is_served_to_known_pages_only() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let arguments = ["--foxglove", "127.0.0.1:0", "--foxglove-origin", "https://plots.example"];
     let mut monitor = Monitor::start(folder.path(), device.name(), &arguments);
     let url = format!("{}/", monitor.next("view")["address"].as_str().unwrap());
@@ -345,7 +335,7 @@ fn foxglove_is_served_to_known_pages_only() {
 #[test]
 fn nobody_may_fill_the_memory_with_a_frame() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--web", "--foxglove", "127.0.0.1:0"]);
     for _ in 0..2 {
         let view = monitor.next("view");
@@ -367,7 +357,7 @@ fn nobody_may_fill_the_memory_with_a_frame() {
 #[test]
 fn foxglove_finds_channels_with_schemas_and_their_messages() {
     let folder = tempfile::tempdir().unwrap();
-    let device = device();
+    let device = device(2.0);
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--foxglove", "127.0.0.1:0"]);
     let url = monitor.next("view")["address"].as_str().unwrap().to_string();
     let (mut socket, channels) = foxglove(&url);
@@ -409,7 +399,7 @@ fn foxglove_finds_channels_with_schemas_and_their_messages() {
 #[test]
 fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
     let folder = tempfile::tempdir().unwrap();
-    let before = device();
+    let before = device(2.0);
     let address = before.name().to_string();
     let mut command = std::process::Command::new("sh");
     command.args(["-c", "ulimit -n 64 && exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_inerter")]);
@@ -435,8 +425,7 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
     assert!(get(page, path, &format!("Host: {page}\r\n")).starts_with("HTTP/1.1 200"));
     monitor.next("device");
     drop(before);
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    let _after = VirtualDevice::start(&setup, &Endpoint::Tcp(address), 2.0).unwrap();
+    let _after = VirtualDevice::start(&setup("random"), &Endpoint::Tcp(address), 2.0).unwrap();
     monitor.next("device");
     for mut stream in half_sent {
         // Ended, by whatever means, not merely quiet.
@@ -538,7 +527,7 @@ mod screen {
     #[test]
     fn keys_mark_pause_and_quit_and_the_terminal_is_given_back() {
         let folder = tempfile::tempdir().unwrap();
-        let device = device();
+        let device = device(2.0);
         let mut screen = Screen::start(folder.path(), &device, &["--record", "run.mcap"]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");
@@ -566,7 +555,7 @@ mod screen {
     #[test]
     fn a_device_that_is_lost_and_an_interrupt_give_the_terminal_back() {
         let folder = tempfile::tempdir().unwrap();
-        let device = device();
+        let device = device(2.0);
         let mut screen = Screen::start(folder.path(), &device, &["--wait", "0.3", "--record", "run.mcap"]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");
@@ -576,7 +565,7 @@ mod screen {
         let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
         assert_eq!(info["ending"], "closed");
 
-        let device = super::device();
+        let device = super::device(2.0);
         let mut screen = Screen::start(folder.path(), &device, &[]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");

@@ -8,16 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::common::{done, fails, inerter, json_lines, run, text, until};
-use inerter_data::settings::Overrides;
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use crate::common::{device, done, fails, inerter, json_lines, run, text, until};
 use rustix::process::{Pid, Signal, kill_process};
-
-fn device() -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 20.0).unwrap()
-}
 
 fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> =
@@ -31,7 +23,7 @@ type Disturb = fn(&Path);
 
 #[test]
 fn a_recording_that_another_program_disturbs_ends_with_code_8() {
-    let device = device();
+    let device = device(20.0);
     let disturbances: [(&str, Disturb); 5] = [
         ("another program deleted it", |file| fs::remove_file(file).unwrap()),
         ("another program deleted it", |file| {
@@ -63,7 +55,7 @@ fn a_recording_that_another_program_disturbs_ends_with_code_8() {
 
 #[test]
 fn a_link_that_leads_nowhere_and_an_empty_file_are_left_alone() {
-    let device = device();
+    let device = device(20.0);
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), &["simulate", "-o", "in.mcap", "--duration", "3"]);
     let link = ["--connect", device.name(), "--duration", "0.2"];
@@ -159,7 +151,7 @@ fn ends_soon(mut child: Child, what: &str) {
 /// What waits for a pipe that nobody reads or fills does not see the signal.
 #[test]
 fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
-    let (folder, device) = (tempfile::tempdir().unwrap(), device());
+    let (folder, device) = (tempfile::tempdir().unwrap(), device(20.0));
     let pipes = ["pipe0", "pipe1", "pipe2", "pipe3"];
     for pipe in pipes {
         let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
@@ -185,7 +177,7 @@ fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
 /// A pipe holds 64 KB, which are less than a second of this device.
 #[test]
 fn whoever_does_not_read_the_lines_holds_up_no_recording() {
-    let (folder, device) = (tempfile::tempdir().unwrap(), device());
+    let (folder, device) = (tempfile::tempdir().unwrap(), device(20.0));
     let command = ["monitor", "--json", "--record", "run.mcap", "--connect", device.name()];
     let mut child = inerter(folder.path(), &command).spawn().unwrap();
     let file = folder.path().join("run.mcap");

@@ -12,13 +12,8 @@ use std::{
     time::Duration,
 };
 
-use crate::common::{done, inerter, last, text, until};
-use inerter_data::{
-    recording::{Item, read},
-    settings::Overrides,
-};
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use crate::common::{device, done, inerter, last, text, until};
+use inerter_data::recording::{Item, read};
 
 /// A folder for the program, beside one for what is kept, and the library.
 struct Desk {
@@ -85,11 +80,6 @@ impl Desk {
             fs::remove_file(kept.unwrap().path()).unwrap();
         }
     }
-}
-
-fn device(speed: f64) -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), speed).unwrap()
 }
 
 /// Host time of each frame \[ns\].

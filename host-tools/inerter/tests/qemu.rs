@@ -2,17 +2,13 @@
 
 use std::{io::BufRead, time::Duration};
 
-use crate::common::{self, done, estimate_of, fails, inerter, json_lines, last};
-use inerter_data::{
-    recording::{End, Recorder},
-    settings::Overrides,
-};
+use crate::common::{self, any_port, assert_same_estimates, done, estimate_of, fails, inerter, last, setup};
+use inerter_data::recording::{End, Recorder};
 use inerter_device::{
     Device, Target,
     live::{LinkEvent, Live},
 };
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Qemu, START_TIME, Setup, bench_sensors, find_image};
+use inerter_simulate::{Qemu, START_TIME, Setup, find_image};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 
 /// The image, when this machine can run it.
@@ -26,7 +22,7 @@ fn image() -> Option<std::path::PathBuf> {
 
 /// The image with the settings of the simulated device, at rest.
 fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
-    let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()), || false).unwrap();
+    let mut qemu = Qemu::boot(image, &any_port(), || false).unwrap();
     let target = Target::Tcp { address: qemu.name().into() };
     let alive = || Ok::<(), Box<dyn std::error::Error>>(qemu.check()?);
     Device::connect_starting(&target, START_TIME, &setup.settings, || false, alive).unwrap();
@@ -37,7 +33,7 @@ fn booted(setup: &Setup, image: &std::path::Path) -> Qemu {
 fn a_run_through_the_image_replays_to_the_same_digits() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random@8s", None, &Overrides::default()).unwrap();
+    let setup = setup("random@8s");
     let mut qemu = booted(&setup, &image);
     let target = Target::Tcp { address: qemu.name().into() };
     let mut live = Live::connect(target, Streams::ALL, Duration::ZERO).unwrap();
@@ -86,15 +82,14 @@ fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
     assert!(child.wait().unwrap().success());
     // Last, as a failure would leave QEMU running.
-    let lines = |text: &str| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
-    assert!(lines(&sent) == lines(&replayed), "{sent}\n{replayed}");
+    assert_same_estimates(&sent, &replayed);
 }
 
 #[test]
 fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let Some(image) = image() else { return };
     let folder = tempfile::tempdir().unwrap();
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "hold", None, &Overrides::default()).unwrap();
+    let setup = setup("hold");
     let mut qemu = booted(&setup, &image);
     let bench = qemu.play_with_operator(&setup, 4.0).unwrap();
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];

@@ -2,16 +2,13 @@
 
 use std::{io::Write, net::TcpStream};
 
-use crate::common::{done, fails, json_lines, last, monitor::Monitor, run, text};
-use inerter_data::settings::Overrides;
+use crate::common::{done, fails, json_lines, last, monitor::Monitor, run, setup, text};
 use inerter_device::{Clock, Device, DeviceError, Target};
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors, share::MOST_READERS};
+use inerter_simulate::{Endpoint, VirtualDevice, share::MOST_READERS};
 use inerter_wire::{Command, Frame, MAX_FRAME, Record, Refusal, Request, Streams, encode_request};
 
 fn device_at(address: &str) -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp(address.into()), 2.0).unwrap()
+    VirtualDevice::start(&setup("random"), &Endpoint::Tcp(address.into()), 2.0).unwrap()
 }
 
 fn connect(address: &str) -> Device {

@@ -180,13 +180,19 @@ fn a_kill_at_any_moment_leaves_no_half_run() {
     assert!(cut_off > 0, "no kill left anything unfinished");
 }
 
+/// A store with the first recording: its folder, and the files in its folders.
+fn added(folder: &Path) -> (PathBuf, Vec<PathBuf>) {
+    done(folder, &["store", "add", "s", "1.mcap"]);
+    let store = folder.join("s");
+    let all = files(&store).into_iter().filter(|file| file.components().count() > 1).collect();
+    (store, all)
+}
+
 #[test]
 fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can() {
     let folder = recordings();
     let folder = folder.path();
-    done(folder, &["store", "add", "s", "1.mcap"]);
-    let store = folder.join("s");
-    let all: Vec<PathBuf> = files(&store).into_iter().filter(|file| file.components().count() > 1).collect();
+    let (store, all) = added(folder);
     assert_eq!(all.len(), 7, "{all:?}");
     for file in &all {
         let whole = fs::read(store.join(file)).unwrap();
@@ -454,9 +460,7 @@ fn pipes_and_links_in_a_store_hang_nothing() {
 fn leftovers_with_other_bytes_are_written_anew() {
     let folder = recordings();
     let folder = folder.path();
-    done(folder, &["store", "add", "s", "1.mcap"]);
-    let store = folder.join("s");
-    let all: Vec<PathBuf> = files(&store).into_iter().filter(|file| file.components().count() > 1).collect();
+    let (store, all) = added(folder);
     for file in &all {
         write(&store.join(file), b"left over");
     }

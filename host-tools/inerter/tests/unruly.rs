@@ -3,13 +3,10 @@
 use std::{io::Read, path::Path, sync::Mutex, thread, time::Duration};
 
 use crate::common::{
-    self, all_are_tried, inerter,
+    self, all_are_tried, device, inerter,
     terminal::terminal,
     unruly::{self, COMMANDS, MANNERS, Manner, Unruly, Visit, prepared},
 };
-use inerter_data::settings::Overrides;
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// Of all pairs of a command and a manner one in so many is tried here; `cargo xtask chaos unruly` tries them all.
@@ -82,8 +79,7 @@ fn the_screen_ends_with_its_terminal() {
     let (master, terminal) = terminal();
     let again = || terminal.try_clone().unwrap();
     termios::tcsetwinsize(&terminal, termios::Winsize { ws_row: 40, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 }).unwrap();
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap();
+    let device = device(1.0);
     let mut command = inerter(folder.path(), &["monitor", "--connect", device.name()]);
     let mut child = command.env("TERM", "xterm").stdin(again()).stdout(again()).stderr(again()).spawn().unwrap();
     drop((command, terminal));
@@ -106,8 +102,7 @@ fn the_screen_ends_with_its_terminal() {
 #[test]
 fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
     use rustix::{io, termios};
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+    let device = device(5.0);
     // The screen fills the terminal by itself, a line of progress would take minutes.
     for (command, is_full) in [(["monitor", "--record"], false), (["record", "-o"], true)] {
         let folder = tempfile::tempdir().unwrap();

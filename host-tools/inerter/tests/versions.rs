@@ -2,10 +2,8 @@
 
 use std::path::Path;
 
-use crate::common::{done, estimate_of, firmware, inerter, json_lines, last, run, text};
-use inerter_data::settings::Overrides;
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use crate::common::{any_port, device, done, estimate_of, firmware, inerter, json_lines, last, run, setup, text};
+use inerter_simulate::VirtualDevice;
 use inerter_wire::{Capabilities, Event, EventKind, Record, SettingValue, SettingsValues};
 use serde_json::Value;
 
@@ -60,8 +58,8 @@ fn older(record: &Record) -> Vec<Vec<u8>> {
 
 /// A recording of the same run through a device with this firmware; gives the notes of its recording.
 fn record(folder: &Path, file: &str, change: Option<firmware::Change>) -> String {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random@10s", None, &Overrides::default()).unwrap();
-    let device = VirtualDevice::waiting(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 10.0).unwrap();
+    let setup = setup("random@10s");
+    let device = VirtualDevice::waiting(&setup, &any_port(), 10.0).unwrap();
     let address = change.map_or_else(|| device.name().to_string(), |change| firmware::before(device.name(), change));
     let output = run(folder, &["record", "--connect", &address, "-o", file, "--until-end", "--duration", "60"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -120,9 +118,8 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
 fn a_device_with_any_firmware_is_watched_and_set() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
     for (change, has_detail) in [(newer as firmware::Change, true), (older, false)] {
-        let device = VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 5.0).unwrap();
+        let device = device(5.0);
         let address = firmware::before(device.name(), change);
         let link = ["--connect", address.as_str()];
         let lines = json_lines(&done(folder, &[&["monitor", "--json", "--duration", "2"], &link[..]].concat()));

@@ -10,7 +10,7 @@ use inerter_wire::*;
 use proptest::prelude::*;
 use std::fmt::Debug;
 
-fn read_all<T: Message>(bytes: &[u8]) -> Vec<Frame<T>> {
+pub fn read_all<T: Message>(bytes: &[u8]) -> Vec<Frame<T>> {
     let mut reader = FrameReader::new();
     let mut input = bytes;
     std::iter::from_fn(|| reader.read(&mut input)).collect()

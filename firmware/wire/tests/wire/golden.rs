@@ -3,6 +3,7 @@
 //! The files hold one frame a line, with sequence number 258 (`02 01`). A line never changes once released: what a
 //! device sent in that form must decode for ever. New lines are added; the test prints a missing one in full.
 
+use crate::echo::read_all;
 use crate::reference;
 use crate::values::{
     longest_detail, longest_measured, longest_more_sums, longest_samples, longest_sums, most_settings, records,
@@ -25,12 +26,6 @@ fn hex(bytes: &[u8]) -> String {
 
 fn unhex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
-}
-
-fn read_all<T: Message>(bytes: &[u8]) -> Vec<Frame<T>> {
-    let mut reader = FrameReader::new();
-    let mut input = bytes;
-    std::iter::from_fn(|| reader.read(&mut input)).collect()
 }
 
 /// Compares both ways; `number` and the table prove that no variant is left out.

@@ -9,10 +9,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use inerter_data::settings::Overrides;
 use inerter_needs::Random;
-use inerter_plant::Inerter;
-use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
+use inerter_simulate::VirtualDevice;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::{text, unruly::memory_kb, until};
@@ -188,8 +186,7 @@ fn number(variable: &str) -> Option<u64> {
 
 /// A device of ours in motion, in this process.
 pub fn device() -> VirtualDevice {
-    let setup = Setup::new(Inerter::paper(), bench_sensors(), "random", None, &Overrides::default()).unwrap();
-    VirtualDevice::start(&setup, &Endpoint::Tcp("127.0.0.1:0".into()), 1.0).unwrap()
+    crate::common::device(1.0)
 }
 
 /// Does something with each of these, some at once; the order in which they begin is theirs.

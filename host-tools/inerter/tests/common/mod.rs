@@ -18,7 +18,29 @@ use std::{
     time::{Duration, Instant},
 };
 
+use inerter_data::settings::Overrides;
+use inerter_plant::Inerter;
+use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
+
+/// The paper's inerter on the bench, in this motion.
+pub fn setup(excitation: &str) -> Setup {
+    Setup::new(Inerter::paper(), bench_sensors(), excitation, None, &Overrides::default()).unwrap()
+}
+
+pub fn any_port() -> Endpoint {
+    Endpoint::Tcp("127.0.0.1:0".into())
+}
+
+/// The paper's inerter in random motion as a device, so many times as fast as real.
+pub fn device(speed: f64) -> VirtualDevice {
+    device_of(&setup("random"), speed)
+}
+
+/// The same, of another set-up.
+pub fn device_of(setup: &Setup, speed: f64) -> VirtualDevice {
+    VirtualDevice::start(setup, &any_port(), speed).unwrap()
+}
 
 /// The program, in this folder.
 pub fn inerter(folder: &Path, arguments: &[&str]) -> Command {
@@ -60,6 +82,12 @@ pub fn json_lines(text: &str) -> Vec<Value> {
 /// The last line as JSON.
 pub fn last(text: &str) -> Value {
     json_lines(text).pop().unwrap()
+}
+
+/// Both say the same, but for what only a replay adds.
+pub fn assert_same_estimates(one: &str, other: &str) {
+    let lines = |text| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
+    assert!(lines(one) == lines(other), "{one}\n{other}");
 }
 
 /// What an estimate says, without what only a replay adds.
