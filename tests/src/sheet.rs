@@ -51,6 +51,16 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
     Ok(differences.is_empty())
 }
 
+/// Of errors with their half widths: how many there are, how many are covered, the root mean square of error over half
+/// width, and the median half width.
+pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f64) {
+    let mut found: Vec<_> = found.collect();
+    found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
+    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
+    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len().max(1) as f64;
+    (found.len(), held, square.sqrt(), found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95))
+}
+
 /// `--update`, or nothing.
 pub fn asked(name: &str) -> Result<Asked, Error> {
     given(name, false)

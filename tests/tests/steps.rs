@@ -8,6 +8,7 @@ use inerter_tests::bound;
 use inerter_tests::coverage::{Bench, stated_true};
 use inerter_tests::data::replayed;
 use inerter_tests::grid::{self, Instruments, MOTIONS, Motion, RIGS, TWO_CLOCKS, calibrated, instruments, raw};
+use inerter_tests::updates::rms;
 
 /// Runs, as in the table: a standard deviation is known to 13 %.
 const SEEDS: u64 = 32;
@@ -159,7 +160,7 @@ fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
             }
         }
         let part = off.iter().filter(|off| off.abs() < 1.0).count() as f64 / off.len() as f64;
-        let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
+        let rms = rms(off.iter().copied());
         let what = format!("{metres_per_count} m: {broken} broken, {part} of {} within, rms {rms}", off.len());
         assert!(broken == 0 && off.len() > 400 && part > 0.92 && (0.25..0.65).contains(&rms), "{what}");
     }
@@ -177,7 +178,7 @@ fn a_tone_in_coarse_counts_has_its_inertance_within_its_interval() {
                 .map(|[inertance, ..]| inertance)
                 .collect();
             let part = off.iter().filter(|off| off.abs() < 1.0).count() as f64 / off.len() as f64;
-            let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
+            let rms = rms(off.iter().copied());
             let what = format!("{sample_rate_hz} Hz, {metres_per_count} m: {part} within, rms {rms}");
             assert!(part > 0.9 && (0.25..0.6).contains(&rms), "{what}");
         }
@@ -200,6 +201,6 @@ fn what_slow_steps_take_is_known_to_a_half() {
         Ok((f64::from(inertance.fitted().value) - device.inertance_kg) / f64::from(inertance.u95()))
     })
     .unwrap();
-    let rms = (off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64).sqrt();
+    let rms = rms(off.iter().copied());
     assert!((0.25..0.7).contains(&rms), "{rms}: {off:?}");
 }

@@ -113,15 +113,11 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
 
 /// Cells of one parameter in groups of one size, and how many of how many are covered.
 fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
-    let mut found: Vec<(f64, f64)> = groups.iter().filter_map(|told| told.found[parameter]).collect();
-    if found.is_empty() {
+    let (told, held, rms, u95) = sheet::counted(groups.iter().filter_map(|told| told.found[parameter]));
+    if told == 0 {
         return ("- | - | - |".into(), 0, 0);
     }
-    found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
-    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len() as f64;
-    let (_, u95) = found[found.len() / 2];
-    (format!("{} | {held} of {} | {:.2} |", significant(u95), found.len(), square.sqrt()), held, found.len())
+    (format!("{} | {held} of {told} | {rms:.2} |", significant(u95)), held, told)
 }
 
 fn run() -> Result<bool, Error> {

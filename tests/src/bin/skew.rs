@@ -49,11 +49,7 @@ fn told(seed: u64) -> Result<Told, Error> {
 
 /// Number reported, number covered, root mean square of error over half width, and median half width \[s\].
 fn counted(all: &[&Told]) -> (usize, usize, f64, f64) {
-    let mut found: Vec<(f64, f64)> = all.iter().filter_map(|one| one.skew.ok()).collect();
-    found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
-    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len().max(1) as f64;
-    (found.len(), held, square.sqrt(), found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95))
+    sheet::counted(all.iter().filter_map(|one| one.skew.ok()))
 }
 
 fn measured(seeds: &RangeInclusive<u64>) -> Result<Vec<Told>, Error> {

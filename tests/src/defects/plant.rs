@@ -379,11 +379,7 @@ pub fn first_trace(
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn rms(values: impl Iterator<Item = f64>) -> f64 {
-        let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
-        (sum / count).sqrt()
-    }
+    use crate::updates::rms;
 
     /// Both plants, written independently, agree if the device is the same.
     #[test]

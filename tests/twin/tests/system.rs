@@ -79,6 +79,12 @@ fn greet(link: &mut SerialLink) -> (Hello, Vec<EventKind>) {
     (hello, events.collect())
 }
 
+/// The panic that is told of.
+fn panicked(events: &[EventKind]) -> &str {
+    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
+    text.expect("the message")
+}
+
 fn cause(events: &[EventKind]) -> ResetCause {
     let causes: Vec<_> = events
         .iter()
@@ -382,8 +388,7 @@ fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
     link.machine.cpu_mut().set(RegisterARM::PC, PUSH | 1).expect("a register");
     run(&mut link.machine, 0.3);
     let (_, events) = greet(&mut link);
-    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
-    let text = text.expect("the message").as_str();
+    let text = panicked(&events);
     assert!(text.starts_with("hard fault at ") && text.contains("CFSR 00000082"), "{text}");
 }
 
@@ -551,8 +556,7 @@ fn a_panic_restarts_and_the_next_host_reads_it() {
     assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Panic);
-    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
-    let text = text.expect("the message").as_str();
+    let text = panicked(&events);
     assert!(text.contains("panic.rs") && text.ends_with("interrupt 0 has no handler"), "{text}");
     // It is told once.
     link.machine.reset().expect("starts");
@@ -573,8 +577,7 @@ fn a_fault_restarts_and_the_next_host_reads_where_it_was() {
     run(&mut link.machine, 0.3);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Panic);
-    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
-    let text = text.expect("the message").as_str();
+    let text = panicked(&events);
     assert!(text.starts_with("hard fault at 09000000"), "{text}");
 }
 
