@@ -22,6 +22,7 @@ use crate::{
 
 /// Why a backup is not restored.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum BackupError {
     /// It is of another device.
     #[error("{path} belongs to another device: {theirs}; this one is {ours}", path = path.display())]
@@ -29,14 +30,7 @@ pub enum BackupError {
         code(inerter::backup::other),
         help("a calibration belongs to its board, cell and screw; if they were moved to this board, add --force")
     )]
-    Other {
-        /// The file.
-        path: PathBuf,
-        /// The device of the file.
-        theirs: String,
-        /// The device that is connected.
-        ours: String,
-    },
+    Other { path: PathBuf, theirs: String, ours: String },
     /// It does not say of which device it is.
     #[error("{path} does not say to which device its settings belong", path = path.display())]
     #[diagnostic(
@@ -44,10 +38,7 @@ pub enum BackupError {
         help("it was not made by `inerter settings backup`: look at it with `inerter settings diff {path} device`, \
         then add --force", path = path.display())
     )]
-    Nobody {
-        /// The file.
-        path: PathBuf,
-    },
+    Nobody { path: PathBuf },
 }
 
 /// Whose settings they are.

@@ -34,6 +34,7 @@ pub const NAMES: [&str; 7] = [
 
 /// Why limits cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum LimitsError {
     /// The file cannot be read.
     #[error("the limits {path} cannot be read: {source}", path = path.display())]
@@ -41,25 +42,11 @@ pub enum LimitsError {
         code(inerter::limits::file),
         help("check the name; the file is TOML such as `[coulomb_n]` and below it `max = 60`")
     )]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
+    File { path: PathBuf, source: io::Error },
     /// Its content is invalid.
     #[error("the limits {path}, line {line}: {problem}", path = path.display())]
     #[diagnostic(code(inerter::limits::form), help("{help}"))]
-    Form {
-        /// The file.
-        path: PathBuf,
-        /// Line of the mistake, from 1.
-        line: usize,
-        /// What is wrong.
-        problem: String,
-        /// What to do.
-        help: String,
-    },
+    Form { path: PathBuf, line: usize, problem: String, help: String },
 }
 
 /// Limits of one parameter, in its own unit; one at least.

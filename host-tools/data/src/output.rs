@@ -15,37 +15,24 @@ use crate::words::printable;
 
 /// Why something could not be written.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum OutputError {
     /// The file cannot be created.
     #[error("{path} cannot be created: {source}", path = path.display())]
     #[diagnostic(code(inerter::output::create), help("{}", create_help(source, path)))]
-    Create {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
+    Create { path: PathBuf, source: io::Error },
     /// The file is there already.
     #[error("{path} exists already", path = path.display())]
     #[diagnostic(code(inerter::output::exists), help("choose another name, or add --force to replace it"))]
-    Exists {
-        /// The file.
-        path: PathBuf,
-    },
+    Exists { path: PathBuf },
     /// The file is one that the same command reads or writes.
     #[error("{path} is another file of this command, and would be overwritten", path = path.display())]
     #[diagnostic(code(inerter::output::input), help("choose another name"))]
-    Input {
-        /// The file.
-        path: PathBuf,
-    },
+    Input { path: PathBuf },
     /// The format is not built in.
     #[error("{path} cannot be written: `inerter-data` was built without its format", path = path.display())]
     #[diagnostic(code(inerter::output::built_without), help("add the feature `parquet` or `matlab`"))]
-    BuiltWithout {
-        /// The file.
-        path: PathBuf,
-    },
+    BuiltWithout { path: PathBuf },
     /// Writing failed part of the way.
     #[error("{name} cannot be written{}: {source}", progress(written))]
     #[diagnostic(code(inerter::output::write), help("{}", write_help(source, written)))]
@@ -54,7 +41,6 @@ pub enum OutputError {
         name: String,
         /// What was written before, for a person; empty when that is of no use.
         written: String,
-        /// The reason.
         source: io::Error,
     },
 }

@@ -25,55 +25,31 @@ use crate::{
 
 /// Why settings were refused. `origin` says where the setting was given.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum SettingsInputError {
     /// No setting has this name.
     #[error("{origin}: there is no setting `{name}`")]
     #[diagnostic(code(inerter::settings::unknown), help("{}", unknown_help(name)))]
-    Unknown {
-        /// Where it was given.
-        origin: String,
-        /// The name that was given.
-        name: String,
-    },
+    Unknown { origin: String, name: String },
     /// `--set` without `key=value`.
     #[error("{origin}: `{text}` is not of the form key=value")]
     #[diagnostic(code(inerter::settings::form), help("write for example --set structure_mass_kg=1.515"))]
-    Form {
-        /// Where it was given.
-        origin: String,
-        /// What was given.
-        text: String,
-    },
+    Form { origin: String, text: String },
     /// The value is not a number.
     #[error("{origin}: {name}: `{text}` is not a number")]
     #[diagnostic(
         code(inerter::settings::number),
         help("write a number in {}, with a point: 0.002 or 2e-3", unit_words(name))
     )]
-    Number {
-        /// Where it was given.
-        origin: String,
-        /// The setting.
-        name: String,
-        /// What was given.
-        text: String,
-    },
+    Number { origin: String, name: String, text: String },
     /// The value is invalid.
     #[error("{origin}: {source}")]
     #[diagnostic(code(inerter::settings::value), help("{}", value_help(source)))]
-    Value {
-        /// Where it was given.
-        origin: String,
-        /// What is wrong with it.
-        source: SettingsError,
-    },
+    Value { origin: String, source: SettingsError },
     /// The settings contradict each other once they are put together.
     #[error("the settings cannot be used: {source}")]
     #[diagnostic(code(inerter::settings::refused), help("{}", value_help(source)))]
-    Refused {
-        /// What is wrong with them.
-        source: SettingsError,
-    },
+    Refused { source: SettingsError },
     /// The table on the calibration is not one.
     #[error("{origin}: [calibration]: {problem}")]
     #[diagnostic(
@@ -82,35 +58,18 @@ pub enum SettingsInputError {
             "write for example `date = 2026-01-31`, `certificate = \"K-2031\"` and `expires = 2027-01-31` below [calibration]"
         )
     )]
-    Calibration {
-        /// Where it was given.
-        origin: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Calibration { origin: String, problem: String },
     /// The file cannot be read.
     #[error("the settings file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(
         code(inerter::settings::file),
         help("check the name; the file is TOML with lines like `memory_s = 30`")
     )]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
+    File { path: PathBuf, source: io::Error },
     /// The file is not TOML.
     #[error("the settings file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(code(inerter::settings::toml), help("each line is `name = number`, for example `memory_s = 30`"))]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// Line of the first mistake, from 1.
-        line: usize,
-        /// What is wrong.
-        message: String,
-    },
+    Toml { path: PathBuf, line: usize, message: String },
 }
 
 /// Settings that the user gave, to be laid over the run's own.

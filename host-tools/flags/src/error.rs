@@ -9,30 +9,19 @@ pub const VARIABLE: &str = "INERTER_CONFIG";
 
 /// Why the file cannot be used.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ConfigError {
     /// It cannot be read.
     #[error("the flag file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(code(inerter::config::file), help("check the name after --config, or the variable {VARIABLE}"))]
-    File {
-        /// Its name.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    File { path: PathBuf, source: std::io::Error },
     /// It is not TOML.
     #[error("the flag file {path}, line {line}: {message}", path = path.display())]
     #[diagnostic(
         code(inerter::config::toml),
         help("flags are lines like `duration = 60`, for one command below a line like `[record]`")
     )]
-    Toml {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1 on.
-        line: usize,
-        /// The parser's reason.
-        message: String,
-    },
+    Toml { path: PathBuf, line: usize, message: String },
     /// It was only found, and sets what only a named one may.
     #[error("the flag file {path} was not named explicitly, so it may not set `{key}`", path = path.display())]
     #[diagnostic(
@@ -42,36 +31,19 @@ pub enum ConfigError {
              name the file with --config or {VARIABLE}"
         )
     )]
-    Found {
-        /// The file.
-        path: PathBuf,
-        /// What it may not set.
-        key: String,
-    },
+    Found { path: PathBuf, key: String },
     /// It names a flag or command that does not exist.
     #[error("the flag file {path}: there is no {what} `{name}`", path = path.display())]
     #[diagnostic(code(inerter::config::unknown), help("{help}"))]
     Unknown {
-        /// The file.
         path: PathBuf,
         /// What there is not: a flag, a command, a flag of a command.
         what: String,
-        /// Its name in the file.
         name: String,
-        /// The next step.
         help: String,
     },
     /// It gives a value that the flag does not take.
     #[error("the flag file {path}: {key}: {message}", path = path.display())]
     #[diagnostic(code(inerter::config::value), help("{help}"))]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// The key, with its tables.
-        key: String,
-        /// Why the flag does not take it.
-        message: String,
-        /// The next step.
-        help: String,
-    },
+    Value { path: PathBuf, key: String, message: String, help: String },
 }

@@ -59,10 +59,7 @@ pub enum Error {
     /// This machine cannot use a device that is there.
     #[error("{} found", plural(*problems as u64, "problem"))]
     #[diagnostic(code(inerter::doctor), help("each is listed above with what to do"))]
-    Doctor {
-        /// How many.
-        problems: usize,
-    },
+    Doctor { problems: usize },
     /// Two results are to go to standard output.
     #[error("with --csv - standard output holds the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
@@ -78,24 +75,14 @@ pub enum Error {
         code(inerter::store::not_added),
         help("each is listed above with the reason; the others are in the store")
     )]
-    NotAdded {
-        /// How many were not.
-        failed: usize,
-        /// Of how many.
-        of: usize,
-    },
+    NotAdded { failed: usize, of: usize },
     /// Some runs of a store were not replayed.
     #[error("{failed} of {of} runs could not be replayed")]
     #[diagnostic(
         code(inerter::store::not_replayed),
         help("the batch holds each of them with its error, and the others with their results")
     )]
-    NotReplayed {
-        /// How many could not.
-        failed: usize,
-        /// Of how many.
-        of: usize,
-    },
+    NotReplayed { failed: usize, of: usize },
     /// Files of a store are not as they were written.
     #[error("{files} in the store {url} {} not as {} written", is_or_are(*files), if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
     #[diagnostic(
@@ -104,12 +91,7 @@ pub enum Error {
             "`inerter store verify {url} --repair` rebuilds what follows from intact recordings; if a recording is damaged, remove the run and add it again from a copy"
         )
     )]
-    StoreDamage {
-        /// The store.
-        url: String,
-        /// How many files.
-        files: usize,
-    },
+    StoreDamage { url: String, files: usize },
     /// A simulation cannot be set up.
     #[error(transparent)]
     #[diagnostic(transparent)]
@@ -126,13 +108,9 @@ pub enum Error {
     #[error("{run} is not proven to be within its limits: {fail} of {of} fail, {undecided} undecided")]
     #[diagnostic(code(inerter::limits::verdict), help("{}", limits_help(run, wants)))]
     Limits {
-        /// Name of the run.
         run: String,
-        /// How many fail.
         fail: usize,
-        /// How many are undecided.
         undecided: usize,
-        /// How many there are.
         of: usize,
         /// What would decide those that a narrower interval decides.
         wants: String,
@@ -146,9 +124,7 @@ pub enum Error {
     LimitsOfRuns {
         /// Runs of which one limit fails at least.
         fail: usize,
-        /// Runs that are undecided.
         undecided: usize,
-        /// How many runs there are.
         of: usize,
         /// Whether they are files, or runs of a store.
         are_files: bool,

@@ -12,6 +12,7 @@ use crate::place::VERSION;
 
 /// Why a store cannot be used, or not in this way.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum StoreError {
     /// No store is there.
     #[error("there is no store at {url}")]
@@ -19,130 +20,68 @@ pub enum StoreError {
         code(inerter::store::none),
         help("check the address; `inerter store add {url} FILE` makes a store with its first run")
     )]
-    None {
-        /// The address.
-        url: String,
-    },
+    None { url: String },
     /// Something else is there.
     #[error("{url} holds files, but no store")]
     #[diagnostic(code(inerter::store::foreign), help("name a folder that is empty or not there yet"))]
-    Foreign {
-        /// The address.
-        url: String,
-    },
+    Foreign { url: String },
     /// A later version has written it.
     #[error("the store at {url} is of version {version}; this program reads up to version {VERSION}")]
     #[diagnostic(code(inerter::store::newer), help("install a later inerter; nothing was changed"))]
-    Newer {
-        /// The address.
-        url: String,
-        /// Its version.
-        version: u64,
-    },
+    Newer { url: String, version: u64 },
     /// The address is of a kind that this program cannot use.
     #[error("{url} cannot be used as a store: {problem}")]
     #[diagnostic(code(inerter::store::address), help("{help}"))]
-    Address {
-        /// The address.
-        url: String,
-        /// What is wrong.
-        problem: String,
-        /// What to do.
-        help: String,
-    },
+    Address { url: String, problem: String, help: String },
     /// A file of the store cannot be read or written.
     #[error("{file} in the store {url} cannot be {action}: {source}")]
     #[diagnostic(code(inerter::store::access), help("{}", access_help(source)))]
     Access {
-        /// The address.
         url: String,
         /// Its file, from the root of the store.
         file: String,
         /// `read`, `written`, `listed` or `removed`.
         action: &'static str,
-        /// The reason.
         source: io::Error,
     },
     /// A file in the store is not what it should be.
     #[error("{file} in the store {url} is damaged: {problem}")]
     #[diagnostic(code(inerter::store::damaged), help("`inerter store verify {url}` lists all that is damaged"))]
-    Damaged {
-        /// The address.
-        url: String,
-        /// Its file.
-        file: String,
-        /// What is wrong.
-        problem: String,
-    },
+    Damaged { url: String, file: String, problem: String },
     /// Nothing has this name.
     #[error("the store {url} has no run {run}")]
     #[diagnostic(
         code(inerter::store::no_run),
         help("`inerter store ls {url}` lists the runs; the beginning of a name is enough")
     )]
-    NoRun {
-        /// The address.
-        url: String,
-        /// What was asked for.
-        run: String,
-    },
+    NoRun { url: String, run: String },
     /// Several runs begin like this.
     #[error("{count} runs in the store {url} begin with {run}")]
     #[diagnostic(code(inerter::store::ambiguous), help("give more of the name"))]
-    Ambiguous {
-        /// The address.
-        url: String,
-        /// What was asked for.
-        run: String,
-        /// How many there are.
-        count: usize,
-    },
+    Ambiguous { url: String, run: String, count: usize },
     /// The file is not a recording.
     #[error("{path} is not a recording", path = path.display())]
     #[diagnostic(
         code(inerter::store::no_recording),
         help("a store holds recordings (.mcap): `inerter record` makes one, and `inerter cut` a part of one")
     )]
-    NoRecording {
-        /// The file.
-        path: PathBuf,
-    },
+    NoRecording { path: PathBuf },
     /// A recording was written to meanwhile.
     #[error("{path} changed while it was added", path = path.display())]
     #[diagnostic(code(inerter::store::changed), help("add it when its recording has ended; nothing was added"))]
-    Changed {
-        /// The file.
-        path: PathBuf,
-    },
+    Changed { path: PathBuf },
     /// A condition cannot be read.
     #[error("`{condition}` is not a condition: {problem}")]
     #[diagnostic(code(inerter::store::condition), help("{help}"))]
-    Condition {
-        /// What was given.
-        condition: String,
-        /// What is wrong.
-        problem: String,
-        /// What to do.
-        help: String,
-    },
+    Condition { condition: String, problem: String, help: String },
     /// The name of a batch is invalid.
     #[error("`{name}` cannot be the name of a batch")]
     #[diagnostic(code(inerter::store::batch), help("use letters, digits, - and _, at most 80 of them"))]
-    Batch {
-        /// What was given.
-        name: String,
-    },
+    Batch { name: String },
     /// A batch was made in another way.
     #[error("the batch {name} was made by {kind} with the settings {given}")]
     #[diagnostic(code(inerter::store::other_batch), help("choose another name for this one, or redo the whole batch"))]
-    OtherBatch {
-        /// The batch.
-        name: String,
-        /// What was done.
-        kind: String,
-        /// With which settings.
-        given: String,
-    },
+    OtherBatch { name: String, kind: String, given: String },
     /// A recording cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]

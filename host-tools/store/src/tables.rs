@@ -104,7 +104,6 @@ impl Tables {
         Ok(Self { place, files })
     }
 
-    /// A file.
     pub(crate) fn bytes(&self, part: Part) -> &[u8] {
         self.files.iter().find(|(one, _)| *one == part).map_or(&[], |(_, bytes)| bytes)
     }

@@ -19,7 +19,6 @@ use syn::{Attribute, ImplItem, Item, ItemImpl, ItemMod, ItemUse, UseTree, Visibi
 /// Modules each of which imports the next one, and the last one the first.
 #[derive(Debug)]
 pub struct Circle {
-    /// Its files.
     pub files: Vec<PathBuf>,
     /// Its imports: file and line, what is imported, and the file that has it.
     pub imports: Vec<Import>,

@@ -24,9 +24,7 @@ pub struct Options {
 pub struct Row {
     /// What it is; the name of the row.
     pub name: String,
-    /// The figure.
     pub value: f64,
-    /// Its unit.
     pub unit: &'static str,
     /// Goal: at most this.
     pub goal: Option<f64>,
@@ -69,7 +67,6 @@ pub struct Table {
     pub title: &'static str,
     /// What the figures mean and how they are taken.
     pub about: String,
-    /// The figures.
     pub rows: Vec<Row>,
     /// Whether every run has the same figures, so that `cargo xtask test` can compare them.
     pub repeats: bool,

@@ -4,7 +4,6 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::law::{self, less};
 
-/// A fit.
 pub(super) struct Squares {
     pub columns: Vec<Vec<f64>>,
     /// Of the sums of the columns' products.

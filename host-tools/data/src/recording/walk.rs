@@ -23,7 +23,6 @@ pub enum Step<'a> {
     Record {
         /// Operation code.
         opcode: u8,
-        /// Content.
         data: &'a [u8],
     },
     /// The file does not begin like an MCAP file.

@@ -40,7 +40,6 @@ const STAND_S: f64 = 1.0;
 pub struct Station<'a, D: ?Sized> {
     /// The device; nothing is written on it here.
     pub device: &'a mut Device,
-    /// The person.
     pub dialogue: &'a mut D,
     /// The settings under which findings are told: the device's own, with what was accepted so far.
     pub settings: Settings,

@@ -100,7 +100,6 @@ impl LinkArgs {
         self.port.is_some() || self.connect.is_some() || self.serial.is_some()
     }
 
-    /// Connects.
     pub fn device(&self) -> Result<Device, Error> {
         let device = Device::connect_until(&self.target(), Clock::new(), interrupted)?;
         tell(&device);

@@ -6,7 +6,6 @@ use miette::Diagnostic;
 
 /// A view that cannot be set up.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum MonitorError {
     /// The page is for this machine only.
     #[error("--bind {address} would offer the page to other machines: {resolved} is not a loopback address")]

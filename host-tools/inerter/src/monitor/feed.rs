@@ -18,7 +18,6 @@ pub struct Moment {
 /// One sample in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// When.
     pub at: Moment,
     /// Force \[N\].
     pub force_n: f64,
@@ -35,7 +34,6 @@ pub enum Item {
     Device {
         /// Port or address.
         port: String,
-        /// Who.
         hello: Hello,
         /// The settings in use.
         settings: Settings,
@@ -46,50 +44,40 @@ pub enum Item {
         reason: String,
     },
     /// It is back.
-    Back {
-        /// Where.
-        port: String,
-    },
+    Back { port: String },
     /// Other settings are in use.
     Settings(Settings),
     /// A batch of samples.
     Samples(Vec<Sample>),
     /// An estimate; what goes with it is missing where an older firmware does not send it or a bad line lost it.
     Estimate {
-        /// When.
         at: Moment,
         /// Time since the estimator began \[s\].
         t_s: f64,
-        /// The estimate.
         estimated: Estimated,
     },
     /// An accepted reversal.
     Reversal {
         /// Time since the estimator began, where that is known \[s\].
         t_s: Option<f64>,
-        /// The reversal.
         reversal: Reversal,
     },
     /// The device's health.
     Health(Health),
     /// Something happened on the device.
     Event {
-        /// When.
         at: Moment,
         /// Time since the estimator began, where that is known \[s\].
         t_s: Option<f64>,
-        /// What.
         event: Event,
     },
     /// What breaks the law, found by this program.
     Cause {
-        /// When.
         at: Moment,
         /// Time since the estimator began \[s\].
         t_s: f64,
         /// Index of the sample until which was looked.
         index: u32,
-        /// What.
         cause: Cause,
     },
     /// Frames lost on the way so far.
@@ -104,11 +92,9 @@ pub enum Item {
     },
     /// The user's own note.
     Marker {
-        /// When.
         at: Moment,
         /// Time since the estimator began, where that is known \[s\].
         t_s: Option<f64>,
-        /// What.
         text: String,
     },
 }

@@ -74,7 +74,6 @@ pub enum Prompt {
 /// What the program should do.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
-    /// End.
     Quit,
     /// Put a marker here, now.
     Mark(String),
@@ -96,7 +95,6 @@ pub enum Event<'a> {
 pub struct Present {
     /// Port or address.
     pub port: String,
-    /// Who.
     pub hello: Hello,
 }
 
@@ -125,11 +123,9 @@ pub enum LineKind {
 /// A line among the events.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// When \[s\].
+    /// By the time line of the feed \[s\].
     pub run_s: f64,
-    /// What.
     pub words: String,
-    /// What kind.
     pub kind: LineKind,
 }
 
@@ -144,7 +140,6 @@ pub struct State {
     pub settings: Settings,
     /// The latest numbers.
     pub values: Values,
-    /// Signals.
     pub traces: Traces,
     /// Parameters over time.
     pub history: History,

@@ -5,7 +5,6 @@ use inerter_wire::{Capabilities, ClockSource, Event, Samples, WIRE_VERSION};
 
 use super::*;
 
-/// A host.
 struct Host {
     stream: TcpStream,
     records: FrameReader<Record>,

@@ -9,7 +9,6 @@ use serde::Serialize;
 pub struct Written {
     /// `csv` or `wav`.
     pub format: &'static str,
-    /// Its name.
     pub file: String,
     /// Points a second \[Hz\].
     pub rate_hz: f64,

@@ -138,7 +138,6 @@ struct Shared {
     is_local: bool,
 }
 
-/// The bridge.
 pub struct Foxglove {
     shared: Arc<Shared>,
     settings: Settings,

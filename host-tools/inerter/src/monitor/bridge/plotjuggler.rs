@@ -15,7 +15,6 @@ use crate::{
     },
 };
 
-/// The bridge.
 pub struct PlotJuggler {
     datagrams: Datagrams,
     settings: Settings,

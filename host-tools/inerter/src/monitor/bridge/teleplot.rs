@@ -22,7 +22,6 @@ use crate::{
 /// Bytes in a datagram.
 const MOST: usize = 1400;
 
-/// The bridge.
 pub struct Teleplot {
     datagrams: Datagrams,
     machine: Machine,
