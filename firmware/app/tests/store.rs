@@ -334,6 +334,7 @@ fn what_is_not_ours_is_foreign_and_kept_until_the_user_saves() {
         vec![Word::Written([0xFE; WORD]); WORDS],
         (0..WORDS).map(|word| if word % 256 == 0 { Word::Written([0; WORD]) } else { Word::Blank }).collect(),
         (0..WORDS).map(|word| if word == 999 { Word::Unreadable } else { Word::Blank }).collect(),
+        (0..WORDS).map(|word| if word == WORDS - 1 { Word::Written([0; WORD]) } else { Word::Blank }).collect(),
     ];
     for (number, image) in images.into_iter().enumerate() {
         let flash = Flash::with(image.clone());
