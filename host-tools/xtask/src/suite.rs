@@ -178,12 +178,18 @@ const STEPS: &[Step] = &[
         "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         test_probe,
     )
-    .within(900)
+    .within(600)
     .when(When::Full),
+    Step::here("lints, each feature", "cargo clippy -p inerter --no-default-features --features FEATURE", lint_each)
+        .within(300)
+        .when(When::Full),
+    Step::here("Python package, release", "cargo xtask wheel", || wheel::run(&wheel::Options { debug: false }))
+        .within(600)
+        .when(When::Full),
     Step::beside("whole table of accuracy", "cargo xtask accuracy").when(When::Full),
     Step::beside("whole table of changes", "cargo xtask changes").when(When::Full),
-    Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).within(900).when(When::Full),
-    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(1200).when(When::Full),
+    Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).within(600).when(When::Full),
+    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(900).when(When::Full),
     Step::here("soak", "cargo xtask soak", || soak::run(&soak::Options::USUAL)).within(300).when(When::Full),
 ];
 
@@ -314,9 +320,9 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
     lines.join("\n")
 }
 
-/// Everything with default features, the program with none, and the program alone with none, as a user may install it,
-/// and with each feature that it is tested with. The second pass keeps the library for probes, so that nothing else is
-/// compiled again; the third has the dependencies' features as the program alone enables them.
+/// Everything with default features, the program with none, and the program alone with none, as a user may install it.
+/// The second pass keeps the library for probes, so that nothing else is compiled again; the third has the dependencies'
+/// features as the program alone enables them.
 fn lint_host() -> Result<()> {
     let lint = |command: &mut Command| process::run(command.args(["--all-targets", "--", "--deny", "warnings"]));
     Part::each(|part| lint(&mut part.whole("clippy")))?;
@@ -335,6 +341,15 @@ fn lint_host() -> Result<()> {
         process::run(command.args(["--", "--deny", "warnings"]))?;
     }
     Ok(())
+}
+
+/// The program with each of its features alone.
+fn lint_each() -> Result<()> {
+    ["probe", "bridges", "reports", "screen", "tables", "s3"].iter().try_for_each(|feature| {
+        let mut command = process::cargo();
+        command.args(["clippy", "--locked", "--package", "inerter", "--no-default-features", "--features", feature]);
+        process::run(command.args(["--", "--deny", "warnings"]))
+    })
 }
 
 fn lint_firmware() -> Result<()> {

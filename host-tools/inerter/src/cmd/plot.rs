@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use super::{args::FileSettingsArgs, reports::values};
+use super::args::FileSettingsArgs;
+
+/// The figures, as [`inerter_view`] names them, which not every build has.
+pub(super) const FIGURES: [&str; 6] = ["force", "residual", "loop", "parameters", "backlash", "bode"];
 
 /// Draw one figure of a run, as SVG for print or as PNG.
 ///
@@ -17,7 +20,7 @@ pub struct Args {
     /// Recording (.mcap) or CSV file
     pub(super) file: PathBuf,
     /// Which figure
-    #[arg(long, value_name = "NAME", value_parser = values::figure())]
+    #[arg(long, value_name = "NAME", value_parser = FIGURES)]
     pub(super) figure: String,
     /// File to write, .svg or .png
     #[arg(short, long, value_name = "FILE")]

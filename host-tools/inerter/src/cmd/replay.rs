@@ -77,7 +77,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Error> {
     match (&args.file, &args.store.store) {
         (Some(file), _) => replay(file, args),
-        (None, Some(url)) => tables::replay(url, &args.store, &args.settings.overrides()?, args.json),
+        (None, Some(url)) => tables::replay(url, &args.store, &args.settings, args.json),
         // One of them, by the command line.
         (None, None) => Ok(()),
     }

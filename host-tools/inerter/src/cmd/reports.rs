@@ -6,7 +6,6 @@ mod junit;
 mod page;
 mod paper;
 mod plot;
-pub mod values;
 
 pub use compare::run as compare;
 pub use junit::junit;

@@ -9,10 +9,6 @@ use crate::{Error, feature::Feature};
 pub mod values {
     pub type Day = String;
     pub type Shard = String;
-
-    pub fn figure() -> clap::builder::StringValueParser {
-        clap::builder::StringValueParser::new()
-    }
 }
 
 fn lacks<T>(feature: Feature, needed_by: &'static str) -> Result<T, Error> {
@@ -47,6 +43,6 @@ pub fn store<Args>(_: &Args) -> Result<(), Error> {
     lacks(Feature::Tables, "`inerter store`")
 }
 
-pub fn replay<Args, Overrides>(_: &str, _: &Args, _: &Overrides, _: bool) -> Result<(), Error> {
+pub fn replay<Args, Settings>(_: &str, _: &Args, _: &Settings, _: bool) -> Result<(), Error> {
     lacks(Feature::Tables, "`inerter replay --store`")
 }

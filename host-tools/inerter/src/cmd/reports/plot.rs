@@ -42,3 +42,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::say(format!("{}: {}", path.display(), drawn.caption));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_figure_can_be_asked_for() {
+        assert_eq!(crate::cmd::plot::FIGURES, Kind::ALL.map(Kind::name));
+    }
+}

@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::{
     Error,
     cmd::{
+        args::FileSettingsArgs,
         print::print_json,
         shard::StoreArgs,
         terminal::{self, Progress, say},
@@ -16,9 +17,10 @@ use crate::{
 };
 
 /// Replays the runs that the batch does not have yet. One that fails is kept with its error, and the others are done.
-pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) -> Result<(), Error> {
+pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bool) -> Result<(), Error> {
     terminal::catch_interrupts();
     let store = Store::open(url)?;
+    let overrides = settings.overrides()?;
     let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
     let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
     let given: Value = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
@@ -27,7 +29,7 @@ pub fn run(url: &str, args: &StoreArgs, overrides: &Overrides, as_json: bool) ->
     let mut bar = Progress::new("replaying", todo.len() as u64);
     let mut failed = 0;
     for (number, place) in todo.iter().enumerate() {
-        let result = match last_line(&store, place, overrides) {
+        let result = match last_line(&store, place, &overrides) {
             Ok(line) => Ok(line),
             Err(error) if terminal::interrupted() || is_of_store(&error) => return Err(error),
             // It was removed meanwhile.
