@@ -110,7 +110,10 @@ pub fn run(options: &Options) -> Result<()> {
         let place = Place::new(target, programs.join(target.name), folder.join(target.name));
         let session = place.fuzz(options)?;
         if options.keep {
-            kept::add(target.name, session.total(&commit))?;
+            // Without time nothing is fuzzed.
+            if options.seconds > 0 {
+                kept::add(target.name, session.total(&commit))?;
+            }
             if session.finding.is_none() {
                 place.keep()?;
             }

@@ -1,7 +1,8 @@
 //! What the tests of several crates need: random numbers, and a word from each test that cannot run.
 //!
-//! Where an image, a program or a recording is missing, a test is *skipped*: it returns early, and its name and the reason go to standard error and into the list that
-//! `cargo xtask test` prints at its end. What that command makes or installs itself is *required* there: its absence fails.
+//! Where an image, a program or a recording is missing, a test is *skipped*: it returns early, and its name and the
+//! reason go to standard error and into the list that `cargo xtask test` prints at its end. What that command makes or
+//! installs itself is *required* there: its absence fails.
 
 mod random;
 

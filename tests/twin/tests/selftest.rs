@@ -331,7 +331,7 @@ fn a_sound_board_passes() {
     for name in ["work_commands", "work_usb"] {
         let Value::String(expected) = &outcome.check(name)["expected"] else { panic!("{name}: no words") };
         assert!(expected.starts_with("no work: "), "{expected}");
-        assert!(number(&outcome.check(name)["found"], "") < Some(1e-3), "{name} does work");
+        assert!(number(&outcome.check(name)["found"], "").is_some_and(|found| found < 1e-3), "{name} does work");
     }
     assert!(outcome.names("pass").len() >= 30, "{:?}", outcome.names("pass"));
 }
@@ -370,16 +370,14 @@ fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) 
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let machine = move || Machine::new(&image, Box::new(Still)).expect("the image");
     let served = Served::new(machine, is_new);
-    let (tell, told) = mpsc::channel::<Pid>();
-    let (terminal, seen) = terminal(prompt, move |_| {
-        let program = told.recv().expect("it runs");
-        std::thread::sleep(pause);
-        kill_process(program, Signal::INT).expect("it runs");
-    });
+    let (tell, told) = mpsc::channel();
+    let (terminal, seen) = terminal(prompt, move |_| tell.send(()).expect("somebody waits"));
     let (mut command, page) = command(program, name, served.address, terminal);
     let mut child = command.arg("--without-jumpers").stdout(Stdio::null()).spawn().expect("the program");
     drop(command);
-    tell.send(Pid::from_child(&child)).expect("somebody waits");
+    told.recv().expect("the prompt");
+    std::thread::sleep(pause);
+    kill_process(Pid::from_child(&child), Signal::INT).expect("it runs");
     let code = child.wait().expect("ends").code();
     let errors = seen.join().expect("the person");
     let [before, after] = served.end();

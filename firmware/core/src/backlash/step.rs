@@ -401,10 +401,7 @@ mod tests {
     fn a_window_is_fitted_as_in_f64_and_refused_by_its_residual() {
         let mut seed = 11_u64;
         // Uniform within -1 and 1.
-        let mut random = || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (seed >> 11) as f64 / 2_f64.powi(52) - 1.0
-        };
+        let mut random = || (draw(&mut seed) >> 11) as f64 / 2_f64.powi(52) - 1.0;
         let (mut accepted, mut bent, mut rough) = (0, 0, 0);
         for _ in 0..600 {
             let count_units = 2_f64.powf(8.0 + 2.0 * random()) as u32;

@@ -371,6 +371,5 @@ fn what_a_wrong_travel_does_to_a_backlash_with_the_sensor_is_its_part() {
         let budget = told(&right, &samples).budgets[0].unwrap();
         let given = f64::from(budget.given_u95(Source::Lead));
         is_near(given, 0.5 * (more - less).abs(), 0.05, &format!("{motion}, {backlash_m} m"));
-        assert!(f64::from(budget.u95()) >= given);
     }
 }
