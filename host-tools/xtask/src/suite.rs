@@ -155,7 +155,12 @@ const STEPS: &[Step] = &[
         lint_firmware,
     )
     .within(60),
-    Step::here("documentation", "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps", document).within(60),
+    Step::here(
+        "documentation",
+        "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --lib --examples",
+        document,
+    )
+    .within(60),
     Step::here("tests, compiled", "cargo test-lean --no-run", || {
         Part::each(|part| process::run(part.all("test").arg("--no-run")))
     })
