@@ -37,7 +37,7 @@ pub enum CompareError {
     #[error("{} is of a linear machine and {} of a rotary one", runs[0], runs[1])]
     #[diagnostic(
         code(inerter::compare::machine),
-        help("compare runs of the same kind, which the setting `machine` states")
+        help("compare runs of one kind of machine, which the setting `machine` states")
     )]
     Machine {
         /// Names of a linear and of a rotary run.

@@ -86,8 +86,8 @@ impl Cause {
             ),
             Self::Samples(WarningKind::CountSlip) => (
                 "count_slip",
-                "the position jumped as no force could move it, and what depends on it is left out: the encoder loses counts; check \
-                 its cable, its supply and its maximum rate",
+                "the position jumped further than any force could move it, and samples that depend on it are left out: the encoder \
+                 loses counts; check its cable, its supply and its maximum rate",
             ),
             Self::Samples(WarningKind::ClippedForce) => (
                 "clipped_force",

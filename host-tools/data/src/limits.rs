@@ -37,14 +37,14 @@ pub const NAMES: [&str; 7] = [
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum LimitsError {
     /// The file cannot be read.
-    #[error("the limits {path} cannot be read: {source}", path = path.display())]
+    #[error("the limits file {path} cannot be read: {source}", path = path.display())]
     #[diagnostic(
         code(inerter::limits::file),
         help("check the name; the file is TOML such as `[coulomb_n]` and below it `max = 60`")
     )]
     File { path: PathBuf, source: io::Error },
     /// Its content is invalid.
-    #[error("the limits {path}, line {line}: {problem}", path = path.display())]
+    #[error("the limits file {path}, line {line}: {problem}", path = path.display())]
     #[diagnostic(code(inerter::limits::form), help("{help}"))]
     Form { path: PathBuf, line: usize, problem: String, help: String },
 }

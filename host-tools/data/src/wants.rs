@@ -69,10 +69,10 @@ pub fn parse(text: &str, machine: Machine, values: [f64; 4]) -> Result<Vec<Want>
         let value = values.get(place).copied().unwrap_or_default().abs();
         let u95 = match unit.trim() {
             "%" if value > 0.0 => 0.01 * number * value,
-            "%" => return Err(wrong(part, format!("a percentage of {} that is expected to be 0", field.symbol))),
+            "%" => return Err(wrong(part, format!("{} is expected to be 0: write its unit, not %", field.symbol))),
             given if same_unit(given, field.unit) => number,
             "" => return Err(wrong(part, format!("the unit is missing: {} or %", field.unit))),
-            given => return Err(wrong(part, format!("`{given}` is not its unit, which is {}", field.unit))),
+            given => return Err(wrong(part, format!("the unit is {}, not `{given}`", field.unit))),
         };
         match wants.iter_mut().find(|want| want.place == place) {
             Some(want) => want.u95 = want.u95.min(u95),
@@ -131,7 +131,7 @@ mod tests {
             ("fc to -1 N", "-1 is not a finite number above 0"),
             ("fc to 0 N", "0 is not a finite number above 0"),
             ("fc to 1", "the unit is missing: N or %"),
-            ("fc to 1 kg", "`kg` is not its unit, which is N"),
+            ("fc to 1 kg", "the unit is N, not `kg`"),
             ("F0 to 1 %", "expected to be 0"),
             ("fc to 1 N,", "it is not NAME to NUMBER UNIT"),
         ] {

@@ -36,11 +36,12 @@ const _: () = assert!(
 /// Flash that image and settings need: a chip with less has smaller banks, and no pages where the settings lie (KB).
 pub const FLASH_KB: u16 = ((SETTINGS.end - CODE.start) / 1024) as u16;
 /// What to do about a chip with less.
-pub const SMALL_FLASH: &str = "the board needs the chip with 512 KB (STM32G474xE): the firmware does not fit into half of a \
-                               smaller one's flash, nor do its settings lie there. Nothing was changed";
+pub const SMALL_FLASH: &str = "the board needs the chip with 512 KB (STM32G474xE): a smaller chip's flash \
+                               banks are too small for the firmware, and it has no flash at the address of the settings. \
+                               Nothing was changed";
 /// What to do about a chip with a single bank.
 pub const SET_DBANK: &str =
-    "set the option bit DBANK to 1 with STM32CubeProgrammer, as it is on a new chip; nothing was changed";
+    "set the option bit DBANK to 1, its factory value, with STM32CubeProgrammer; nothing was changed";
 /// Where an initial stack pointer can point: SRAM1 and SRAM2 with their end (`memory.x`).
 pub const STACK: Range<u32> = 0x2000_0004..0x2001_8001;
 

@@ -55,7 +55,7 @@ pub enum DeviceError {
     Connect { address: String, reason: String },
 
     /// Connected, and closed before anything came.
-    #[error("{name} closed the connection before it said anything")]
+    #[error("{name} closed the connection before it sent anything")]
     #[diagnostic(
         code(inerter::device::turned_away),
         help(
@@ -146,10 +146,10 @@ fn seen(stlinks: &[String], in_dfu: bool) -> String {
 
 fn none_help(stlinks: &[String], in_dfu: bool) -> String {
     if in_dfu {
-        return "it is waiting for firmware: load it with `inerter update FILE`, or reset it".into();
+        return "the device waits for firmware: load it with `inerter update FILE`, or reset the device".into();
     }
     let link = match stlinks.first() {
-        Some(port) => format!("the board's UART comes through the ST-Link: --port {port}"),
+        Some(port) => format!("the ST-Link carries the board's UART: --port {port}"),
         None => "a board on another port needs --port PORT".into(),
     };
     format!(
@@ -161,8 +161,8 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
     match refusal {
         Refusal::Unsupported => "`inerter info` shows a recorded device's capabilities; update its firmware",
         Refusal::Busy => {
-            "another program may control it, as when `simulate --tcp` or `monitor --share` serves several: end that one, or \
-             send the request there. Otherwise try again; if that does not help, restart the device"
+            "another program may control the device, if `simulate --tcp` or `monitor --share` serves several: end that \
+             program, or send the request from it. Otherwise try again; if that does not help, restart the device"
         }
         Refusal::QueueFull { .. } => "try again; if that does not help, restart the device",
         Refusal::BadSetting { .. } => "change this setting with --set",
@@ -173,6 +173,6 @@ fn refusal_help(refusal: &Refusal) -> &'static str {
         Refusal::NothingSaved => "`inerter settings backup FILE.toml`, without --saved, writes those in use",
         Refusal::SavedUnreadable => "`inerter settings factory-reset` erases it",
         Refusal::NotPlaying => "close other programs, and start again",
-        Refusal::Worn { .. } => "nothing was written; a script should save once, when all settings are made",
+        Refusal::Worn { .. } => "nothing was written; a script should save once, after its last change",
     }
 }

@@ -144,7 +144,7 @@ impl Link {
                 Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
                 Err(error) if is_wait(&error) && started.elapsed() < WRITE_TIME => {}
                 Err(error) if is_wait(&error) => {
-                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the device does not take what is sent to it"));
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the device does not accept data"));
                 }
                 Err(error) => return Err(error),
             }

@@ -96,7 +96,7 @@ fn plugged_in() -> Vec<Check> {
     let (text, advice) = match links.first() {
         Some(link) => (
             format!("no inerter over USB; an ST-Link is at {}", links.join(", ")),
-            format!("a NUCLEO's UART comes through it: inerter doctor --port {link}"),
+            format!("it carries a NUCLEO's UART: inerter doctor --port {link}"),
         ),
         None => (
             format!("no inerter among {}", inerter_data::words::plural(ports.len() as u64, "serial port")),
@@ -139,7 +139,7 @@ fn waiting() -> Vec<Check> {
         Ok(()) => Check::warning(
             "update mode",
             format!("a device (serial {}) is waiting for firmware", device.serial),
-            "load it with `inerter update FILE`, or reset it",
+            "load firmware with `inerter update FILE`, or reset the device",
         ),
         Err(error) => Check::of("update mode", &error),
     };

@@ -37,7 +37,7 @@ pub enum Error {
     #[diagnostic(
         code(inerter::built_without),
         help(
-            "build it with `cargo install --path host-tools/inerter`, or add `--features {feature}` to your own choice{instead}"
+            "build it with `cargo install --path host-tools/inerter`, or add `--features {feature}` to your own build command{instead}"
         )
     )]
     BuiltWithout {
@@ -61,7 +61,7 @@ pub enum Error {
     #[diagnostic(code(inerter::doctor), help("each is listed above with what to do"))]
     Doctor { problems: usize },
     /// Two results are to go to standard output.
-    #[error("with --csv - standard output holds the samples: --json and --estimates need a file")]
+    #[error("with --csv -, standard output carries the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
     /// A store cannot be used.
@@ -213,7 +213,7 @@ pub enum SelfTestError {
     },
 
     /// Two results in one file.
-    #[error("the page {page} would be the JSON file {json} too", page = page.display(), json = json.display())]
+    #[error("the page {page} and its JSON file {json} would be one file", page = page.display(), json = json.display())]
     #[diagnostic(code(inerter::selftest::same_name), help("give the page another ending, such as .html"))]
     SameName {
         /// The page.

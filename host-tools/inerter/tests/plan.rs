@@ -173,11 +173,7 @@ fn contradictions_and_nonsense_are_refused_with_what_to_do() {
             "sample_rate_hz: 0 is outside",
         ),
         (&["--force-noise-n", "1", "--stroke-m", "0.01", "--want", "fc"], 4, "it is not NAME to NUMBER UNIT"),
-        (
-            &["--force-noise-n", "1", "--stroke-m", "0.01", "--want", "fc to 1 kg"],
-            4,
-            "`kg` is not its unit, which is N",
-        ),
+        (&["--force-noise-n", "1", "--stroke-m", "0.01", "--want", "fc to 1 kg"], 4, "the unit is N, not `kg`"),
         (
             &["--force-noise-n", "1", "--stroke-m", "0.01", "--wav", "a.wav", "--rate-hz", "1000.5"],
             4,
@@ -367,7 +363,7 @@ fn a_run_that_shows_all_or_nothing_is_told_so() {
     done(at, &["simulate", "-o", "rest.mcap", "--excite", "hold@5s"]);
     let advice = last(&done(at, &["replay", "rest.mcap", "--json"]))["advice"].take();
     assert_eq!((&advice["parts"], &advice["duration_s"]), (&serde_json::json!([]), &Value::Null));
-    assert!(done(at, &["replay", "rest.mcap"]).contains("It says too little about the device to plan another from it"));
+    assert!(done(at, &["replay", "rest.mcap"]).contains("It does not describe the device well enough"));
     assert!(fails(at, &["plan", "rest.mcap"], 9).contains("its inertance is not known"));
 }
 

@@ -112,7 +112,7 @@ fn an_image_that_does_not_run_is_told_in_qemus_words() {
     std::fs::write(folder.path().join("zeros.bin"), [0; 4096]).unwrap();
     for endpoint in [&["--pty"][..], &["--tcp", "127.0.0.1:0"]] {
         let words = fails(folder.path(), &[&["simulate", "--qemu", "--image", "zeros.bin"], endpoint].concat(), 5);
-        assert!(words.contains("QEMU ended on its own") && words.contains("qemu: fatal: Lockup"), "{words}");
+        assert!(words.contains("QEMU ended unexpectedly") && words.contains("qemu: fatal: Lockup"), "{words}");
     }
 }
 

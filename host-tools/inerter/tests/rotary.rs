@@ -190,7 +190,7 @@ fn a_small_axis_is_served_by_every_command() {
         ["/torque_rms_n_m", "/residual_before_rms_n_m", "/residual_after_rms_n_m"].map(|path| of(&skew, path));
     assert!(before > 0.05 * torque && after < 1e-3 * torque, "{skew}");
     let words = done(folder, &["calibrate", "skew", "late.csv", count]);
-    assert!(words.contains("the torque is late by another 17") && words.contains("e-4 N m s without"), "{words}");
+    assert!(words.contains("the torque has a remaining delay of 17") && words.contains("e-4 N m s without"), "{words}");
     assert!(words.contains("of a torque of 0.2") && !words.contains("force"), "{words}");
 
     let undone = [format!("--set=skew_s={skew_s}"), format!("--set=skew_u95_s={u95_s}")];

@@ -91,7 +91,7 @@ fn one_too_many_is_told_so() {
     let _mute: Vec<TcpStream> = (0..MOST_READERS).map(|_| TcpStream::connect(virtual_device.name()).unwrap()).collect();
     let mut readers: Vec<Device> = (0..MOST_READERS).map(|_| connect(virtual_device.name())).collect();
     let words = fails(folder.path(), &["settings", "get", "--connect", virtual_device.name()], 5);
-    assert!(words.contains("closed the connection before it said anything") && !words.contains("went away"), "{words}");
+    assert!(words.contains("closed the connection before it sent anything") && !words.contains("went away"), "{words}");
     assert!(words.contains("close one of them"), "{words}");
     // One leaves, and there is room, as soon as that is seen.
     readers.pop();

@@ -29,7 +29,7 @@ pub enum JumperError {
         why: Refusal,
     },
     /// The board's player stopped because no knots had come.
-    #[error("this computer sent too late, {0} times: close other programs, and start again")]
+    #[error("this computer was late to send data {0} times: close other programs, and start again")]
     TooLate(u32),
     /// The board released its outputs by itself.
     #[error(

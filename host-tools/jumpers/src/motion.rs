@@ -107,7 +107,7 @@ pub fn timebase(recording: &Recording) -> Check {
     let off = line.slope / SAMPLE_RATE_HZ - 1.0;
     let cause = (off.abs() > TIMEBASE).then(|| {
         format!(
-            "the board's clock is {:.1} % too {}: its crystal is another one than the firmware's board has, or does not start",
+            "the board's clock is {:.1} % too {}: its crystal differs from that of the firmware's board, or does not start",
             off.abs() * 100.0,
             if off > 0.0 { "fast" } else { "slow" }
         )

@@ -477,7 +477,7 @@ def test_columns_that_cannot_be_used_are_named() -> None:
     assert code(t_s=[], encoder_count=[], force_n=[]) == "inerter::columns::empty"
     for wrong, words in (
         ({"force_n": np.zeros((5000, 2))}, "2 dimensions"),
-        ({"encoder_count": good["encoder_count"] + 0.5}, "no whole number"),
+        ({"encoder_count": good["encoder_count"] + 0.5}, "not a whole number"),
     ):
         with pytest.raises(ValueError, match=words):
             inerter.replay({**good, **wrong}, **given)

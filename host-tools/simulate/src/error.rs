@@ -69,8 +69,8 @@ pub enum SimulateError {
     )]
     NoQemu { source: std::io::Error },
 
-    /// QEMU ended on its own.
-    #[error("QEMU ended on its own ({status}): {message}")]
+    /// QEMU ended unexpectedly.
+    #[error("QEMU ended unexpectedly ({status}): {message}")]
     #[diagnostic(
         code(inerter::simulate::qemu_ended),
         help("is the image built for `-M netduinoplus2`, and is the port free?")

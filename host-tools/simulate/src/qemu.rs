@@ -165,7 +165,7 @@ impl Qemu {
         match status {
             Ok(Some(status)) => {
                 let words = self.last_words.take().and_then(|listener| listener.join().ok());
-                let message = words.filter(|words| !words.is_empty()).unwrap_or_else(|| "it said nothing".into());
+                let message = words.filter(|words| !words.is_empty()).unwrap_or_else(|| "it printed nothing".into());
                 Err(SimulateError::QemuEnded { status: status.to_string(), message })
             }
             _ => Ok(()),

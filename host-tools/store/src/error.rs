@@ -23,11 +23,11 @@ pub enum StoreError {
     None { url: String },
     /// Something else is there.
     #[error("{url} holds files, but no store")]
-    #[diagnostic(code(inerter::store::foreign), help("name a folder that is empty or not there yet"))]
+    #[diagnostic(code(inerter::store::foreign), help("name an empty folder, or one that does not exist yet"))]
     Foreign { url: String },
     /// A later version has written it.
     #[error("the store at {url} is of version {version}; this program reads up to version {VERSION}")]
-    #[diagnostic(code(inerter::store::newer), help("install a later inerter; nothing was changed"))]
+    #[diagnostic(code(inerter::store::newer), help("install a newer inerter; nothing was changed"))]
     Newer { url: String, version: u64 },
     /// The address is of a kind that this program cannot use.
     #[error("{url} cannot be used as a store: {problem}")]

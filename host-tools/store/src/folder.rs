@@ -77,7 +77,7 @@ impl Files for Folder {
     fn read(&self, name: &str, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let path = self.path(name);
         if !fs::symlink_metadata(&path).map_err(absent)?.is_file() {
-            return Err(io::Error::other("it is no ordinary file"));
+            return Err(io::Error::other("it is not a regular file"));
         }
         let mut file = File::open(path).map_err(absent)?;
         let mut portion = vec![0; PORTION];

@@ -311,7 +311,7 @@ impl Store {
             _ => self.access(&name, "read", error),
         })?;
         if sum.hex() != place.run {
-            return Err(self.damaged(&name, "it is not what was added"));
+            return Err(self.damaged(&name, "it differs from what was added"));
         }
         pending.commit()?;
         Ok(())

@@ -62,7 +62,7 @@ impl Advice {
         let beginning = format!("This motion cannot identify {}.", listed(&symbols));
         let Some((sketch, limits)) = &self.motion else {
             return format!(
-                "{beginning} It says too little about the device to plan another from it: state what you expect, `inerter plan --help`"
+                "{beginning} It does not describe the device well enough to plan another from it: state what you expect (`inerter plan --help`)"
             );
         };
         let reach = limits_text(machine, limits);
@@ -80,8 +80,8 @@ impl Advice {
         };
         if self.told.is_empty() {
             return format!(
-                "{beginning} Nor can another one within the same {reach} in {time}, which gives {}: allow a longer stroke, a higher \
-                 speed, a larger force or more time, `inerter plan`",
+                "{beginning} No motion within the same {reach} can in {time}; the best found gives {}. Allow a longer stroke, a higher \
+                 speed, a larger force or more time: `inerter plan`",
                 of(&self.lacking)
             );
         }

@@ -37,7 +37,7 @@ pub enum PlanError {
     #[error("--rate-hz: {rate_hz} {problem}")]
     #[diagnostic(
         code(inerter::plan::rate),
-        help("from 100 to 192000 Hz, for a WAV a whole number; without it the setting sample_rate_hz")
+        help("give 100 to 192000 Hz, for a WAV a whole number; the default is the setting sample_rate_hz")
     )]
     Rate { rate_hz: f64, problem: &'static str },
 
@@ -60,7 +60,7 @@ pub enum PlanError {
     Nothing { why: String },
 
     /// A run says too little about the device to plan another one.
-    #[error("this run says too little about the device to plan from it: {why}")]
+    #[error("this run does not describe the device well enough to plan from it: {why}")]
     #[diagnostic(
         code(inerter::plan::run),
         help("state the expected device: --inertance-kg, --viscous-n-s-per-m and --coulomb-n")

@@ -75,7 +75,7 @@ pub fn source_words(machine: Machine, source: Source) -> String {
         Source::Timebase => "the clock: `inerter calibrate timebase`, and timebase_u95",
         Source::Structure => "the structure's mass: weigh it, and set structure_mass_u95_kg",
         Source::Stiffness => "the contact's stiffness: `inerter calibrate stiffness`, and stiffness_u95_n_per_m",
-        Source::Model => "what the run itself can show of the law near rest: a longer motion, at several speeds",
+        Source::Model => "how well the run itself tests the law near rest: a longer motion, at several speeds",
     };
     description(machine, words)
 }

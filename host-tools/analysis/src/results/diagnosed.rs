@@ -54,7 +54,7 @@ impl Unsought {
     pub fn words(&self) -> String {
         match self {
             Self::Reversed => {
-                "No other cause is sought, and no parameter is given, while the force pushes the wrong way.".into()
+                "No other cause is sought, and no parameter is given, while the force has the wrong sign.".into()
             }
             Self::Unfit(error) => {
                 format!("No other cause is sought, and no parameter is given, in the samples that are left: {error}.")

@@ -80,7 +80,7 @@ pub enum SkewError {
     )]
     #[diagnostic(
         code(inerter::skew::noise),
-        help("move harder, faster or for longer; `inerter calibrate load-cell` says what quietens the force")
+        help("move harder, faster or for longer; `inerter calibrate load-cell` says how to reduce the force noise")
     )]
     TooNoisy {
         /// Kind of the machine.
@@ -113,7 +113,7 @@ pub enum SkewError {
     /// The force pushes the wrong way, however late it is.
     #[error(
         "{}",
-        description(*machine, "no skew gives a positive inertance: the force pushes the wrong way")
+        description(*machine, "no skew gives a positive inertance: the force has the wrong sign")
     )]
     #[diagnostic(
         code(inerter::skew::backwards),

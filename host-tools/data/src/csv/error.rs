@@ -105,7 +105,7 @@ pub enum CsvError {
     #[error("{file}, line {line}: the line ends before the column `{column}`")]
     #[diagnostic(
         code(inerter::csv::short),
-        help("a missing sample may be left out as a whole line (the sample is then missing), never in part")
+        help("to leave a sample out, leave out its whole line, never a part of it")
     )]
     Short {
         file: String,

@@ -35,7 +35,7 @@ pub enum RecordingError {
     NoChannel { file: String },
 
     /// Somebody compressed the file.
-    #[error("{file} has chunks compressed with {compression}, which cannot be read here")]
+    #[error("{file} has chunks compressed with {compression}, which this program cannot read")]
     #[diagnostic(
         code(inerter::recording::compression),
         help("unpack it first: mcap decompress {file} -o unpacked.mcap")
@@ -67,7 +67,7 @@ pub enum RecordingError {
     #[error("{file} has no samples from {from_s} s to {}: it is {duration_s:.3} s long", end(*to_s))]
     #[diagnostic(
         code(inerter::recording::range),
-        help("give --from and --to in seconds since the first sample, the first below the second")
+        help("give --from and --to in seconds since the first sample, with --from below --to")
     )]
     EmptyRange { file: String, from_s: f64, to_s: f64, duration_s: f64 },
 

@@ -187,7 +187,7 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
     let lsi = core_hz.zip(cycles_per_period).map(|(hz, cycles)| f64::from(hz) / cycles / 1e3);
     // DS12288, table 46.
     let lsi = Check::range("clock_lsi", "Watchdog's oscillator", "kHz", 29.5..=34.0, lsi, |_| {
-        "the watchdog's oscillator is off: its time limit is too".into()
+        "the watchdog's oscillator is off frequency, and so is its time limit".into()
     });
     let recovery = match (get(Quantity::UsbFrames), get(Quantity::RecoveryStatus)) {
         (None, _) => Check::skipped("clock_recovery", "USB's oscillator", "no USB frames to follow"),
@@ -216,7 +216,7 @@ pub fn supply(measured: &Measured) -> Vec<Check> {
     let supply = factory.zip(get(Quantity::ReferenceCode)).map(|(at_factory, code)| FACTORY_V * at_factory / code);
     let volts = Check::range("supply", "Analogue supply", "V", 3.13..=3.47, supply, |volts| {
         let low = if volts < 3.3 { "low" } else { "high" };
-        format!("the supply is too {low}: USB cable, regulator, jumpers of VDDA")
+        format!("the supply is too {low}: check the USB cable, the regulator and the jumpers of VDDA")
     });
     let (at_30, at_130) = (get(Quantity::TemperatureFactory30Code), get(Quantity::TemperatureFactory130Code));
     let slope = at_30.zip(at_130).map(|(cold, hot)| (hot - cold) / 100.0).filter(|slope| *slope > 0.0);
@@ -263,10 +263,10 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             let most = (instructions * MOST_PER_INSTRUCTION + SPARE) / 1e6;
             let check = Check::range(name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
-                    "less than the twin needs for the same work: it did not do its work, or the counter stands still"
+                    "less than the twin needs for the same work: the work was not done, or the counter stands still"
                         .into()
                 } else {
-                    "more than the model of the chip allows: wait states, caches, or the build".into()
+                    "more than the model of the chip allows: check wait states, caches and the build".into()
                 }
             });
             let predicted = match instructions {
@@ -333,9 +333,9 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     let found = sample_codes / WEIGHT * summed.sqrt();
     let floor = Check::range(noise, noise_label, "codes", LEAST_NOISE_CODES..=NOISE_CODES, Some(found), |found| {
         if found > NOISE_CODES {
-            "the noise is too high: supply, ground, an amplifier that is not quiet, or nothing is connected".into()
+            "the noise is too high: check the supply, the ground, the amplifier and the input's connection".into()
         } else {
-            "the input does not move at all: its converter may not convert".into()
+            "the code never changes: the converter may not run".into()
         }
     });
     let mean = rest.iter().sum::<f64>() / rest.len() as f64;
@@ -399,7 +399,7 @@ pub fn same(name: &'static str, label: &'static str, expected: &str, saved: &Set
 pub fn restored(outcome: Result<bool, String>) -> Check {
     let cause = match outcome {
         Ok(true) => None,
-        Ok(false) => Some("the board accepted them, and has others now".to_owned()),
+        Ok(false) => Some("the board accepted them, but its settings now differ".to_owned()),
         Err(error) => Some(error),
     };
     let found = if cause.is_none() { "as before" } else { "others" };

@@ -16,7 +16,7 @@ pub enum FlashError {
     #[diagnostic(
         code(inerter::flash::built_without),
         help(
-            "build it with `cargo install --path host-tools/inerter`, or add `--features probe` to your own choice; or use \
+            "build it with `cargo install --path host-tools/inerter`, or add `--features probe` to your own build command; or use \
              `cargo run --release` in firmware/stm32g474; or, without a probe, `inerter update`"
         )
     )]
@@ -88,10 +88,10 @@ pub enum FlashError {
     SingleBank,
 
     /// What is in flash would never run.
-    #[error("the chip's option bytes nSWBOOT0 and nBOOT0 are 0: it does not start what is in flash")]
+    #[error("the chip does not start from flash: its option bytes nSWBOOT0 and nBOOT0 are 0")]
     #[diagnostic(
         code(inerter::flash::boot),
-        help("set nBOOT0 to 1 with STM32CubeProgrammer, as it is on a new chip; nothing was changed")
+        help("set nBOOT0 to 1, its factory value, with STM32CubeProgrammer; nothing was changed")
     )]
     NoStart,
 

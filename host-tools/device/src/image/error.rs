@@ -40,7 +40,10 @@ pub enum ImageError {
         CODE.start,
         CODE.end
     )]
-    #[diagnostic(code(inerter::image::address), help("is it for another chip or behind a bootloader? {BUILD}"))]
+    #[diagnostic(
+        code(inerter::image::address),
+        help("was it built for another chip, or to follow a bootloader? {BUILD}")
+    )]
     Outside { file: String, start: u64, end: u64 },
 
     /// Some of it would lie over the settings.
@@ -58,7 +61,7 @@ pub enum ImageError {
     Vectors { file: String, what: String },
 
     /// Nothing says that it is ours.
-    #[error("{file} does not say which firmware, commit and board it is")]
+    #[error("{file} does not name its firmware, commit and board")]
     #[diagnostic(code(inerter::image::identity), help("is it the image for QEMU, or another project's? {BUILD}"))]
     NoIdentity { file: String },
 

@@ -167,7 +167,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
     ///
     /// The ROM's description of the flash may be of the die, and not of this chip.
     fn check_chip(&mut self) -> Result<(), UpdateError> {
-        let action = "looking at the chip";
+        let action = "identifying the chip";
         if let Some([low, high, ..]) = self.peek(FLASH_KB_ADDRESS as u32, action)? {
             let kb = u16::from_le_bytes([low, high]);
             // A place that is not there reads as zeros or ones.
@@ -358,7 +358,7 @@ fn stuck(action: &str, state: State) -> UpdateError {
 
 fn status_words(status: Status) -> String {
     match status {
-        Status::ErrVendor => "the place is protected (errVENDOR)".into(),
+        Status::ErrVendor => "the address is protected (errVENDOR)".into(),
         Status::ErrTarget | Status::ErrAddress => format!("it knows no such address ({status:?})"),
         Status::ErrWrite | Status::ErrProg => format!("it cannot write there ({status:?})"),
         Status::ErrErase | Status::ErrCheckErased => format!("it cannot erase there ({status:?})"),

@@ -195,7 +195,7 @@ fn protected_flash_is_named() {
     let chip = Chip::new();
     chip.borrow_mut().protected = 0x0800_1000..0x0800_1800;
     let error = program(&chip, &sample(20_000, "inerter 0.1.0")).unwrap_err();
-    assert_eq!(error.to_string(), "the chip refuses erasing 0x08001000: the place is protected (errVENDOR)");
+    assert_eq!(error.to_string(), "the chip refuses erasing 0x08001000: the address is protected (errVENDOR)");
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
     assert!(help.contains("remove read and write protection with STM32CubeProgrammer"), "{help}");
     // The error state is cleared by the next run.

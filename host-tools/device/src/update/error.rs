@@ -36,7 +36,7 @@ pub enum UpdateError {
     CannotEnter { name: String, firmware: String },
 
     /// Whatever runs on it cannot be spoken to.
-    #[error("{name} is there, but cannot be asked to enter update mode: {reason}")]
+    #[error("{name} was found, but cannot be asked to enter update mode: {reason}")]
     #[diagnostic(code(inerter::update::cannot_ask), help("{BY_HAND}"))]
     CannotAsk { name: String, reason: String },
 
@@ -130,8 +130,8 @@ pub enum UpdateError {
     #[diagnostic(
         code(inerter::update::stays),
         help(
-            "nothing was written: press the board's reset button once, or unplug it and plug it in again, and its \
-             firmware runs as before"
+            "nothing was written: press the board's reset button once, or unplug it and plug it in again; its \
+             firmware then runs as before"
         )
     )]
     StaysInDfu { serial: String, reason: String },

@@ -266,7 +266,7 @@ pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
     let [before_n, after_n] = found.residual_rms_n;
     let force = |force_n| force_text(machine, force_n);
     let words = [
-        format!("the force is late by another {} µs", interval_text(1e6 * found.left_s, 1e6 * found.u95_s)),
+        format!("the force has a remaining delay of {} µs", interval_text(1e6 * found.left_s, 1e6 * found.u95_s)),
         format!(
             "viscous friction: {1} {0} as it is, {2} {0} without that delay",
             catalogue::unit(machine, "N s/m"),

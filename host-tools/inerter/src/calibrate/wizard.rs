@@ -280,7 +280,7 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Erro
             Err(error) => rig.dialogue.say(&error.to_string()),
         }
     };
-    let both = rig.dialogue.choose("can they be put on in both directions?", &["yes", "no"])? == 0;
+    let both = rig.dialogue.choose("can these loads be applied in both directions?", &["yes", "no"])? == 0;
     let gravity = if sizes.iter().any(|(_, is_mass)| *is_mass) {
         let question = "latitude in degrees, for the local gravity (empty: unknown, 0.27 % uncertain)";
         rig.dialogue.ask_number(question, "", DEGREES)?.map_or(Gravity::ANYWHERE, Gravity::at_latitude)

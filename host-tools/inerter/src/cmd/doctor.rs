@@ -15,8 +15,9 @@ use crate::{
 
 /// Find what prevents this machine from using a device.
 ///
-/// Checks ports and why one cannot be opened, the udev rule, whether the versions match, and which `inerter.toml` is in
-/// use. Changes nothing. Ends with code 5 if a connected device cannot be used. With --json one object per line:
+/// Checks the ports, the udev rule and whether the versions match; says why a port cannot be opened, and which
+/// `inerter.toml` is in use. Changes nothing. Ends with code 5 if a connected device cannot be used. With --json one
+/// object per line:
 /// {"kind":"check","topic":..,"condition":"good"|"warning"|"problem","text":..,"advice":..}
 #[derive(clap::Args)]
 pub struct Args {

@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 fn response_text(name: &str, machine: Machine, response: &Beside) -> Result<(), Error> {
     output::line("")?;
     if response.points.is_empty() {
-        return Ok(output::line(format!("{name}: too short or too still for a frequency response"))?);
+        return Ok(output::line(format!("{name}: too short, or with too little motion, for a frequency response"))?);
     }
     let quotient = description(machine, "force over the displacement");
     output::line(format!("{name}: {quotient} of the {}, by {}", response.input, response.method))?;

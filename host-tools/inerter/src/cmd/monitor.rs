@@ -117,7 +117,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         #[cfg(not(feature = "screen"))]
         terminal::note(
             "lines instead of the screen, as this `inerter` was built without its feature `screen`: build it with `cargo \
-             install --path host-tools/inerter`, or add `--features screen` to your own choice; --plain asks for lines",
+             install --path host-tools/inerter`, or add `--features screen` to your own build command; --plain asks for lines",
         );
     }
     if args.json {

@@ -52,7 +52,7 @@ pub struct Args {
     /// Force on the load cell
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Limits")]
     force_n: Option<f64>,
-    /// Length of the motion, with --want at most [default: 20, or that of FILE]
+    /// Length of the motion; with --want, the longest allowed [default: 20, or that of FILE]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = "Limits")]
     duration: Option<f64>,
     /// Lowest frequency [default: four periods within the duration]

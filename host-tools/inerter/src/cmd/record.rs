@@ -32,8 +32,8 @@ const REPORT: Duration = Duration::from_secs(1);
 /// which it was finished; an empty line becomes a numbered marker. `inerter info` lists them.
 ///
 /// Ends after --duration or at Ctrl-C. If the device goes away, the command waits for it (--wait); if it does not come
-/// back, the recording is closed with what there is. A truncated file can be read up to the cut, even
-/// after a power failure.
+/// back, the recording is closed with what was received so far. A truncated file can be read up to the cut, even after
+/// a power failure.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(flatten)]

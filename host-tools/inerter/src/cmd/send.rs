@@ -21,7 +21,7 @@ use crate::Error;
 
 /// Send a recording or a CSV file through a device's own estimator.
 ///
-/// Faster than real time. The run's settings are used on the device meanwhile; its own are restored afterwards. Prints
+/// Runs faster than real time. Meanwhile the device uses the run's settings; its own are restored afterwards. Prints
 /// the device's final estimate; with --json the same lines as `inerter replay --json`, except what is computed here
 /// from the samples: `uncertainty`, causes among the warnings, and `advice`.
 #[derive(clap::Args)]

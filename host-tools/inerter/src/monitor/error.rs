@@ -12,7 +12,7 @@ pub enum MonitorError {
     #[diagnostic(
         code(inerter::monitor::bind),
         help(
-            "use --bind 127.0.0.1:0; to look from elsewhere, forward the port: ssh -L 8080:127.0.0.1:PORT this-machine"
+            "use --bind 127.0.0.1:0; to view the page on another machine, forward the port: ssh -L 8080:127.0.0.1:PORT this-machine"
         )
     )]
     NotLoopback { address: String, resolved: SocketAddr },
@@ -44,7 +44,7 @@ pub enum MonitorError {
     Random { reason: String },
 
     /// The terminal.
-    #[error("the terminal cannot be drawn on: {source}")]
+    #[error("cannot draw on the terminal: {source}")]
     #[diagnostic(code(inerter::monitor::terminal), help("add --plain for lines"))]
     Terminal { source: io::Error },
 }

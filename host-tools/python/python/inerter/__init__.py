@@ -413,7 +413,7 @@ def _motion(motion: Any) -> tuple[str | None, str | None, tuple[float, bytes] | 
     times = array.array("d", _bytes("t_s", motion["t_s"], "d"))
     terminal = _bytes("terminal_m", motion["terminal_m"], "d")
     if len(times) * 8 != len(terminal):
-        raise ValueError(f"t_s has {len(times)} values and terminal_m {len(terminal) // 8}: they must be equally many")
+        raise ValueError(f"t_s has {len(times)} values and terminal_m {len(terminal) // 8}: both must have the same number of values")
     if len(times) < 2:
         raise ValueError("a motion needs at least two points")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
@@ -504,18 +504,18 @@ def _bytes(name: str, values: Any, kind: str) -> bytes:
         raise ValueError(f"{name} has {values.ndim} dimensions: one is needed")
     of = getattr(getattr(values, "dtype", None), "kind", "f")
     if of not in "iuf" or hasattr(values, "mask"):
-        raise ValueError(f"{name} holds what are not numbers, or are missing ones: leave out those rows")
+        raise ValueError(f"{name} holds values that are missing or not numbers: leave out those rows")
     if kind == "q" and of not in "iu":
         try:
             whole = [int(value) for value in values]
         except (ValueError, OverflowError, TypeError) as error:
-            raise ValueError(f"{name} holds what is no whole number: {error}") from None
+            raise ValueError(f"{name} holds a value that is not a whole number: {error}") from None
         if any(value != number for value, number in zip(whole, values)):
-            raise ValueError(f"{name} holds what is no whole number")
+            raise ValueError(f"{name} holds a value that is not a whole number")
         values = whole
     elif hasattr(values, "astype"):
         return bytes(values.astype("<f8" if kind == "d" else "<i8").tobytes())
     try:
         return array.array(kind, values).tobytes()
     except (TypeError, OverflowError) as error:
-        raise ValueError(f"{name} holds what is no number: {error}") from None
+        raise ValueError(f"{name} holds a value that is not a number: {error}") from None

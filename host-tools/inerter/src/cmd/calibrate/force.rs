@@ -30,8 +30,8 @@ use crate::{
 ///
 /// --write saves newtons_per_code, force_zero_code and force_gain_u95, which covers scatter, nonlinearity, hysteresis,
 /// return to zero and the uncertainty of the loads. Loads that do not lie on a line are refused (the one that fits
-/// worst is named), and so is a code that moves the same way for both directions. Recorded loads: --mass 5=five.mcap,
-/// for all of them. With --json the last line is one object:
+/// worst is named), and so is a code that moves the same way for both directions. To use recordings, give one for each
+/// load: --mass 5=five.mcap. With --json the last line is one object:
 /// {"kind":"calibration","step":"force","values":{"newtons_per_code":..},"u95":{..},..}.
 #[derive(clap::Args)]
 pub struct Args {
@@ -44,7 +44,7 @@ pub struct Args {
     /// Local gravity [m/s^2] [default: 9.80665, which is off by up to 0.27 %]
     #[arg(long, value_name = "VALUE", value_parser = gravity, conflicts_with = "latitude")]
     gravity: Option<f64>,
-    /// Latitude of the place, from which gravity follows
+    /// Latitude of the place, from which local gravity is computed
     #[arg(long, value_name = "DEGREES", value_parser = latitude, allow_negative_numbers = true)]
     latitude: Option<f64>,
     /// Relative 95 % uncertainty of the loads

@@ -7,12 +7,13 @@ use inerter_analysis::calibrate::load_cell::{diagnose, judge};
 use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
 use crate::Error;
 
-/// Look at the force channel of a device at rest: rate, noise, drift, saturation, mains.
+/// Check the force channel of a device at rest: rate, noise, drift, saturation, mains.
 ///
-/// Keep the device still without load, with all drives on as in use. Faults are explained, with what to do, and end
-/// with exit code 9: samples lost or at another rate, a code at its limit or that never changes, noise over 0.2 % of
-/// the range, noise below one step of the converter, mains over five times the noise, a zero that drifts or is far from
-/// the middle. Changes nothing. FILE is a recording (.mcap) or CSV of a device at rest. With --json one object:
+/// Keep the device still, without load, and with all drives on as in normal use. Each fault is reported with a remedy,
+/// and the exit code is then 9: samples lost or at another rate, a code at its limit or that never changes, noise over
+/// 0.2 % of the range, noise below one step of the converter, mains over five times the noise, a zero that drifts or is
+/// far from the middle. Changes nothing. FILE is a recording (.mcap) or CSV of a device at rest. With --json one
+/// object:
 /// {"kind":"calibration","step":"load_cell","measured":{"noise_n":..,"mains_n":..},"remarks":[..],"accepted":..}.
 #[derive(clap::Args)]
 pub struct Args {

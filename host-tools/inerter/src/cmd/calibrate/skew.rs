@@ -13,10 +13,10 @@ use crate::{Error, calibrate::steps::skew_words};
 
 /// Find the delay of the force behind the position.
 ///
-/// Move the machine for 20 s with several frequencies at once (two tones or a random motion, as high as it goes) or
-/// from point to point: in a single tone a delay and viscous friction are indistinguishable, and the command says so
-/// instead of giving a number. Delays of up to 5 ms either way are found, on machines of any size. A delay acts as a
-/// false damper of mt w^2 tau: 3 N s/m per microsecond at 15.9 Hz for 300 kg.
+/// Move the machine for 20 s with several frequencies at once (two tones or a random motion, up to the highest
+/// frequency that the machine reaches) or from point to point: in a single tone a delay and viscous friction are
+/// indistinguishable, and the command says so instead of giving a number. Delays of up to 5 ms either way are found, on
+/// machines of any size. A delay acts as a false damper of mt w^2 tau: 3 N s/m per microsecond at 15.9 Hz for 300 kg.
 ///
 /// FILE is a recording (.mcap) or a CSV; without it the command listens to a device for --duration. --write puts skew_s
 /// and skew_u95_s in use on the device and saves them if they are better than those in use: if the remaining delay

@@ -24,7 +24,7 @@ pub fn run(link: &LinkArgs) -> Result<(), Error> {
         // Below the question that stood there.
         terminal::say("");
         let set: Vec<String> = accepted.iter().map(|(name, _, value)| format!("{name}={value:?}")).collect();
-        note(format!("what was accepted is not on the device yet: inerter settings set {}{save}", set.join(" ")));
+        note(format!("the accepted values are not on the device yet: inerter settings set {}{save}", set.join(" ")));
     }
     result.map(|_| ())
 }

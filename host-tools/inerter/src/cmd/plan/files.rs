@@ -26,7 +26,7 @@ pub struct FileArgs {
     /// Write the displacement as a 24-bit WAV; its comment gives the displacement of full scale
     #[arg(long, value_name = "FILE.wav", help_heading = "Files")]
     wav: Option<PathBuf>,
-    /// Points per second of both [default: the setting sample_rate_hz]
+    /// Points per second of the CSV and the WAV [default: the setting sample_rate_hz]
     #[arg(long, value_name = "Hz", allow_negative_numbers = true, help_heading = "Files")]
     rate_hz: Option<f64>,
     /// Displacement of full scale of the WAV [default: the stroke]

@@ -44,9 +44,9 @@ pub struct BackupArgs {
 
 /// Restore the settings of a backup.
 ///
-/// Prints what changes; all of it, or nothing if the device refuses one. Settings that the file does not name stay. A
-/// file of another device is refused unless --force: a calibration belongs to its board, cell and screw. With --json
-/// one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
+/// Prints what changes; all of it, or nothing if the device refuses one. Settings that the file does not name stay as
+/// they are. A file of another device is refused unless --force: a calibration belongs to its board, cell and screw.
+/// With --json one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
 pub struct RestoreArgs {
     /// File from `settings backup`
