@@ -1,7 +1,9 @@
 //! Motions without a fault are left alone by what looks for samples that no device can cause, and for stops.
 
 use inerter_core::State;
+use inerter_data::settings::Overrides;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_simulate::{Setup, bench_sensors};
 use inerter_tests::grid::{MOTIONS, calibrated, raw};
 
 #[test]
@@ -26,13 +28,14 @@ fn motions_without_a_fault_are_left_alone() {
 #[test]
 fn as_many_samples_are_left_out_whatever_the_oversampling() {
     let updates = [1.0, 16.0, 64.0].map(|oversampling| {
-        let (device, sensors) = (Inerter::paper(), Sensors { oversampling, seed: 3, ..Sensors::default() });
-        let active = calibrated(&device, &sensors).validate().unwrap();
+        let bench = bench_sensors();
+        // So that the sum's codes have the same scale, and fit.
+        let newtons_per_code = bench.newtons_per_code * oversampling;
+        let sensors = Sensors { oversampling, newtons_per_code, seed: 3, ..bench };
+        let setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();
+        let active = setup.settings.validate().unwrap();
         let mut state = Box::new(State::new(&active));
-        let excitation = Excitation::parse("random", 3).unwrap();
-        for sample in Simulation::new(device, excitation, sensors).unwrap().lasting(20.0) {
-            active.step(&mut state, &raw(&sample));
-        }
+        setup.samples().unwrap().take(20_000).for_each(|sample| drop(active.step(&mut state, &raw(&sample))));
         active.publish(&state).estimate.updates
     });
     assert_eq!(updates[1], updates[2]);
