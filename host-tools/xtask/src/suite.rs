@@ -338,9 +338,8 @@ fn lint_host() -> Result<()> {
             .args(["clippy", "--locked", "--package", "inerter", "--no-default-features"])
             .args(["--", "--deny", "warnings"]),
     )?;
-    // As others use them: core with its features, the data library without, and the Python package, which the tests
-    // build with more features of the libraries.
-    for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"], &["inerter-python"]] {
+    // As others use them: core with its features, the data library without.
+    for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"]] {
         let mut command = process::cargo();
         command.args(["clippy", "--locked", "--package"]).args(alone);
         process::run(command.args(["--", "--deny", "warnings"]))?;

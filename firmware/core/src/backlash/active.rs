@@ -14,7 +14,7 @@ const GUARD_LAGS: f32 = 7.0;
 const LONGEST_GUARD: u32 = 31;
 /// Time constant of the smoothed force [s]: short compared with the guard.
 const SMOOTHING_S: f32 = 0.001;
-/// Memory of the force's noise and of its peak [s].
+/// Memory of the force's noise and of its peak [s], at most: rounded down to a power of two of samples.
 const NOISE_S: f32 = 0.125;
 const PEAK_S: f32 = 2.0;
 /// Travel that counts as motion [counts], and the time for which it does [s].
