@@ -35,7 +35,9 @@ fn as_many_samples_are_left_out_whatever_the_oversampling() {
         let setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();
         let active = setup.settings.validate().unwrap();
         let mut state = Box::new(State::new(&active));
-        setup.samples().unwrap().take(20_000).for_each(|sample| drop(active.step(&mut state, &raw(&sample))));
+        for sample in setup.samples().unwrap().take(20_000) {
+            active.step(&mut state, &raw(&sample));
+        }
         active.publish(&state).estimate.updates
     });
     assert_eq!(updates[1], updates[2]);

@@ -58,7 +58,7 @@ fn two_programs_see_the_same_device_and_the_first_controls_it() {
     assert_eq!((&info["lost_frames"], &info["lost_samples"]), (&0.into(), &0.into()), "{info}");
     let set = ["settings", "set", "--connect", address, "memory_s=7"];
     let words = fails(folder.path(), &set, 6);
-    assert!(words.contains("another program may control it"), "{words}");
+    assert!(words.contains("another program may control the device"), "{words}");
 
     // It goes, and the next one has the control.
     drop((first, second));

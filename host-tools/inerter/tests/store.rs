@@ -220,7 +220,7 @@ fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can()
     bytes[1000] ^= 1;
     write(&store.join(recording), &bytes);
     let name = recording.file_stem().unwrap().to_str().unwrap();
-    assert!(fails(folder, &["store", "get", "s", name, "-o", "back.mcap"], 3).contains("is not what was added"));
+    assert!(fails(folder, &["store", "get", "s", name, "-o", "back.mcap"], 3).contains("differs from what was added"));
     assert!(!folder.join("back.mcap").exists());
     // A damaged recording is nobody's to throw away, and whoever has a whole one puts it in order.
     assert_eq!(run(folder, &["store", "verify", "s", "--repair"]).status.code(), Some(3));

@@ -144,7 +144,7 @@ def test_a_folder_and_s3_hold_the_same_files(folder: Path, server: str, tmp_path
     bytes[1000] ^= 1
     client.put_object(Bucket="lab", Key=key, Body=bytes)
     assert [(damage["file"], damage["problem"]) for damage in remote.verify()] == [(key.removeprefix("same/"), "changed")]
-    with pytest.raises(inerter.InerterError, match="is not what was added"):
+    with pytest.raises(inerter.InerterError, match="differs from what was added"):
         remote.get(remote.runs()[0]["run"], tmp_path / "back.mcap")
 
 

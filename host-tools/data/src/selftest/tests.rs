@@ -268,7 +268,7 @@ fn settings_that_are_not_kept_or_not_restored_fail() {
     assert_eq!((check.verdict, check.found.as_deref()), (Verdict::Fail, Some("others")));
     assert_eq!(check.reason.as_deref(), Some("2 settings differ from those saved"));
     assert_eq!(restored(Ok(true)).verdict, Verdict::Pass);
-    for (outcome, reason) in [(Ok(false), "has others now"), (Err("no board".to_owned()), "no board")] {
+    for (outcome, reason) in [(Ok(false), "its settings now differ"), (Err("no board".to_owned()), "no board")] {
         let check = restored(outcome);
         assert_eq!((check.verdict, check.found.as_deref()), (Verdict::Fail, Some("others")));
         assert!(check.reason.is_some_and(|found| found.contains(reason)), "{reason}");

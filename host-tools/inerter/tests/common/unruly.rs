@@ -766,9 +766,11 @@ fn foreign_line(pipe: impl Read) -> Option<String> {
     foreign
 }
 
-/// The most memory that a process has held, where the system tells; a process that has ended holds none.
+/// The most memory that a process of ours has held, where the system tells; a process that has ended holds none, and one
+/// that has not become the program yet shows this process's.
 pub fn most_memory_kb(child: &Child) -> Option<u64> {
-    memory_kb(child.id(), "VmHWM:")
+    let name = std::fs::read_to_string(format!("/proc/{}/comm", child.id())).ok()?;
+    memory_kb(child.id(), "VmHWM:").filter(|_| name.trim_end() == "inerter")
 }
 
 /// One of the figures of `/proc/PID/status`.
