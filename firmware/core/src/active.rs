@@ -365,8 +365,7 @@ fn rounded(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::constants::RATE_TAPS;
-    use std::vec::Vec;
+    use crate::{constants::RATE_TAPS, kernel::tests::convolve};
 
     /// Length of a bank's box [samples].
     fn length(bank: &BankActive) -> f64 {
@@ -447,17 +446,6 @@ mod tests {
                 assert!((found - wanted).abs() <= 1e-6 * wanted, "snap: {found} for {wanted}");
             }
         }
-    }
-
-    /// Each taken against the other.
-    fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
-        let mut both = std::vec![0.0; a.len() + b.len() - 1];
-        for (i, a) in a.iter().enumerate() {
-            for (k, b) in b.iter().enumerate() {
-                both[i + k] += a * b;
-            }
-        }
-        both
     }
 
     /// What steps of a count, and noise in the force, are behind the kernel: the sum of its squares.

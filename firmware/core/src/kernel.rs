@@ -293,7 +293,7 @@ fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::constants::{FORCE_TAPS, RATE_TAPS, SIGN_TAPS};
     use crate::random::draw;
@@ -308,7 +308,7 @@ mod tests {
         kernel
     }
 
-    fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
+    pub(crate) fn convolve(a: &[f64], b: &[f64]) -> Vec<f64> {
         let mut result = std::vec![0.0; a.len() + b.len() - 1];
         for (i, x) in a.iter().enumerate() {
             for (j, y) in b.iter().enumerate() {

@@ -353,8 +353,8 @@ fn a_lost_sample_costs_few_reversals() {
     }
 }
 
-/// A travel that is wrong moves side and stiffness, and the backlash is one over the other: what either moves it by adds
-/// up with its sign, so that with the sensor the interval has no more and no less than what the backlash moves by.
+/// With the sensor the backlash is the side's coefficient over the stiffness. A wrong travel changes both; their shifts
+/// of the backlash add with their signs, and the interval's part is the sum.
 #[test]
 fn what_a_wrong_travel_does_to_a_backlash_with_the_sensor_is_its_part() {
     for (motion, backlash_m) in
