@@ -413,10 +413,14 @@ impl Plant {
             self.motion = Motion::Forward;
         }
         let mut segment = self.series(x1, h);
-        // Nothing says which way it will go but the way it goes.
-        if undecided && segment.x2.iter().skip(1).find(|c| **c != 0.0).is_some_and(|c| *c < 0.0) {
-            self.motion = Motion::Backward;
-            segment = self.series(x1, h);
+        if undecided {
+            // Nothing says which way it will go but the way it goes. What it does within less time than can be added
+            // to the time done is rounding: a turn there would come again and again.
+            self.just_free = true;
+            if slope(&segment.x2, 4.0 * f64::EPSILON / left) < 0.0 {
+                self.motion = Motion::Backward;
+                segment = self.series(x1, h);
+            }
         }
         let tail = |series: &Polynomial, last: usize| series[last].abs() + series[last - 1].abs();
         let excess_m = tail(&segment.x2, LENGTH - 1) / TAIL_M;
