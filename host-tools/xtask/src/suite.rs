@@ -15,7 +15,7 @@ use std::{
     process::Command,
     sync::mpsc,
     thread,
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -185,11 +185,18 @@ const STEPS: &[Step] = &[
     )
     .within(600)
     .when(When::Full),
+    Step::here(
+        "properties, other cases",
+        "PROPTEST_RNG_SEED=N cargo test-lean --lib --test closed_loop --test robust --test store --test wire",
+        test_other_cases,
+    )
+    .within(120)
+    .when(When::Full),
     Step::here("lints, each feature", "cargo clippy -p inerter --no-default-features --features FEATURE", lint_each)
         .within(300)
         .when(When::Full),
     Step::here("Python package, release", "cargo xtask wheel", || wheel::run(&wheel::Options { debug: false }))
-        .within(600)
+        .within(480)
         .when(When::Full),
     Step::beside("whole table of accuracy", "cargo xtask accuracy").when(When::Full),
     Step::beside("whole table of changes", "cargo xtask changes").when(When::Full),
@@ -392,6 +399,14 @@ fn test_probe() -> Result<()> {
         process::run(process::cargo().args(["test", "--locked", "--no-fail-fast"]).args(arguments))?;
     }
     Ok(())
+}
+
+/// The property tests with cases of their own, where `.cargo/config.toml` has the same for every run.
+fn test_other_cases() -> Result<()> {
+    let seed = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock is before 1970")?.as_secs();
+    println!("PROPTEST_RNG_SEED={seed}");
+    let programs = ["--lib", "--test", "closed_loop", "--test", "robust", "--test", "store", "--test", "wire"];
+    process::run(Part::Main.all("test").args(programs).env("PROPTEST_RNG_SEED", seed.to_string()))
 }
 
 /// In the main workspace with examples: cargo then enables the same features of dependencies as for the lints, and checks
