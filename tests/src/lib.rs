@@ -1,7 +1,5 @@
 //! Closed loop, replay of real data, QEMU, command line: shared code of the system's tests.
 
-use std::process::ExitCode;
-
 pub mod backlash;
 pub mod bound;
 pub mod coverage;
@@ -25,15 +23,3 @@ pub mod sheet;
 pub mod skew;
 pub mod sums;
 pub mod updates;
-
-/// Exit status of a program whose result is good or bad, or which could not get one; the reason goes to standard error.
-pub fn exit_code(outcome: Result<bool, grid::Error>) -> ExitCode {
-    match outcome {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
-}

@@ -62,21 +62,20 @@ pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f
 }
 
 /// `--update`, or nothing.
-pub fn asked(name: &str) -> Result<Asked, Error> {
-    given(name, false)
+pub fn asked(name: &str, words: &[&str]) -> Result<Asked, Error> {
+    given(name, words, false)
 }
 
 /// `--update`, `--short`, or nothing.
-pub fn asked_or_short(name: &str) -> Result<Asked, Error> {
-    given(name, true)
+pub fn asked_or_short(name: &str, words: &[&str]) -> Result<Asked, Error> {
+    given(name, words, true)
 }
 
-fn given(name: &str, can_be_short: bool) -> Result<Asked, Error> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    match arguments.as_slice() {
+fn given(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error> {
+    match words {
         [] => Ok(Asked::Compare),
-        [word] if word == "--update" => Ok(Asked::Update),
-        [word] if word == "--short" && can_be_short => Ok(Asked::CompareShort),
+        ["--update"] => Ok(Asked::Update),
+        ["--short"] if can_be_short => Ok(Asked::CompareShort),
         _ => {
             Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
         }

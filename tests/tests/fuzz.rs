@@ -11,7 +11,7 @@ use inerter_wire::{
 };
 use std::collections::BTreeSet;
 
-/// Streams of the test; a longer search is `cargo run -p inerter-tests --bin fuzz`.
+/// Streams of the test; a longer search is `cargo run -p inerter-tests --bin measure -- fuzz`.
 const STREAMS: u64 = 1_500;
 
 #[test]

@@ -46,12 +46,13 @@ pub fn long_table(name: &str, options: &LongOptions) -> Result<()> {
 
 /// Runs a program with arguments of its own, built for speed.
 pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
-    program(Part::Main, name, &arguments.as_given())
+    program(Part::Main, "measure", &[&[name], &*arguments.as_given()].concat())
 }
 
 /// Runs one of them as built for the tests: optimised too, but with overflow checks.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
-    process::run(Command::new(workspace::tested(Part::Main, name)?).args(arguments).current_dir(tree::root()))
+    let mut measure = Command::new(workspace::tested(Part::Main, "measure")?);
+    process::run(measure.arg(name).args(arguments).current_dir(tree::root()))
 }
 
 /// Runs one of them built for speed, without overflow checks.

@@ -64,7 +64,7 @@ pub fn identify() -> Result<()> {
     let folder = workspace::folder("bench")?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
-    accuracy::program(Part::Main, "identify", &["--bench", &path])?;
+    accuracy::program(Part::Main, "measure", &["identify", "--bench", &path])?;
     let script = tree::root().join("tests/python/identify_scipy.py");
     process::run(
         Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
@@ -72,5 +72,5 @@ pub fn identify() -> Result<()> {
             .arg(&problem)
             .arg(MOST_S.to_string()),
     )?;
-    accuracy::program(Part::Main, "identify", &["--compare", &path, &FASTER.to_string()])
+    accuracy::program(Part::Main, "measure", &["identify", "--compare", &path, &FASTER.to_string()])
 }

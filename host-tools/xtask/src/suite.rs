@@ -187,7 +187,7 @@ const STEPS: &[Step] = &[
     .when(When::Full),
     Step::here(
         "properties, other cases",
-        "PROPTEST_RNG_SEED=N cargo test-lean --lib --test closed_loop --test robust --test store --test wire",
+        "PROPTEST_RNG_SEED=N cargo test-lean --lib --test app --test closed_loop --test robust --test wire",
         test_other_cases,
     )
     .within(120)
@@ -405,7 +405,7 @@ fn test_probe() -> Result<()> {
 fn test_other_cases() -> Result<()> {
     let seed = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock is before 1970")?.as_secs();
     println!("PROPTEST_RNG_SEED={seed}");
-    let programs = ["--lib", "--test", "closed_loop", "--test", "robust", "--test", "store", "--test", "wire"];
+    let programs = ["--lib", "--test", "app", "--test", "closed_loop", "--test", "robust", "--test", "wire"];
     process::run(Part::Main.all("test").args(programs).env("PROPTEST_RNG_SEED", seed.to_string()))
 }
 

@@ -2,7 +2,7 @@
 //!
 //! `tests/corpus/NAME.bin` holds the bytes, `NAME.txt` the expected outcome: a line `bad_frames N`, then a line for
 //! each reply in order: `ID done`, `ID injected` or `ID refused WHY`. Both are made by `cargo run -p inerter-tests
-//! --bin fuzz -- --write-corpus`, from this file and [`stream`] alone.
+//! --bin measure -- fuzz --write-corpus`, from this file and [`stream`] alone.
 //!
 //! A delimiter follows each stream, so that an unfinished frame is counted too. The outcomes hold for a device that was
 //! never set up, whose sampler runs and which takes the bytes as they come; they are the same on the host and on the

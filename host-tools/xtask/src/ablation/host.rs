@@ -237,8 +237,8 @@ fn measured(folder: &Path, edits: &[Edit]) -> Result<Counts> {
     let build = folder.join("build");
     let mut cargo = process::cargo();
     cargo.current_dir(&tree).env("RUSTFLAGS", "-A warnings").arg("build").arg("--target-dir").arg(&build);
-    process::run(cargo.args(["--quiet", "--package", "inerter-tests", "--bin", "ablation_host"]))?;
-    counts(&process::output(&mut Command::new(build.join("debug/ablation_host")))?)
+    process::run(cargo.args(["--quiet", "--package", "inerter-tests", "--bin", "measure"]))?;
+    counts(&process::output(Command::new(build.join("debug/measure")).arg("ablation_host"))?)
 }
 
 fn counts(output: &str) -> Result<Counts> {
@@ -267,8 +267,8 @@ const HEAD: &str = "# Ablation of the host's judgement
 
 `cargo xtask ablation --host --update` writes this table: `diagnose` and what `replay` makes of the
 intervals, without one part of them at a time, on the same runs as with it
-(`tests/src/bin/ablation_host.rs`: four motions, a seed that no other table has). A copy of the tree
-is edited and built (`host-tools/xtask/src/ablation/host.rs`).
+(`tests/src/measure/ablation_host.rs`: four motions, a seed that no other table has). A copy of the
+tree is edited and built (`host-tools/xtask/src/ablation/host.rs`).
 
 - *first*: faults that are named before any other cause; *sized*: with a size right to 10 % as well.
   *right*: of the parameters that are given with the causes included in those runs, those within their
@@ -290,7 +290,7 @@ mod tests {
 
     #[test]
     fn each_text_is_found_once() {
-        must_be_found(PARTS, FOLDER, &["tests/tests", "tests/src/bin"]);
+        must_be_found(PARTS, FOLDER, &["tests/tests", "tests/src/measure"]);
     }
 
     #[test]

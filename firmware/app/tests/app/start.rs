@@ -1,17 +1,14 @@
 //! How a run begins: saved settings, what ended the run before, and who is told of it.
 
-mod flash;
-mod rig;
-
+use crate::flash::{Flash, RANGE};
+use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, events, shaken};
 use embassy_futures::block_on;
-use flash::{Flash, RANGE};
 use inerter_app::{FlashStore, Identity, Pace, SourceError, Start, Store, StoreError};
 use inerter_core::{Settings, SettingsError};
 use inerter_wire::{
     Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, Reply,
     ResetCause, SettingFault, SettingValue, SettingsValues, Source, encode_record,
 };
-use rig::{IDENTITY, MemoryStore, Options, TestDevice, events, shaken};
 
 fn with_store(store: &MemoryStore) -> Options {
     Options { store: store.clone(), ..Options::default() }

@@ -11,7 +11,7 @@ use inerter_tests::{
     identified::Told,
     sheet::{self, significant},
 };
-use std::{ops::RangeInclusive, process::ExitCode};
+use std::ops::RangeInclusive;
 
 /// Runs that set the thresholds: no others were looked at before that.
 const SETTING: RangeInclusive<u64> = 1..=4;
@@ -21,10 +21,6 @@ const SEEDS: RangeInclusive<u64> = 61..=64;
 const RIGHT: f64 = 0.1;
 /// Backlash whose impacts may look like a cause \[m\].
 const BACKLASHES_M: [f64; 4] = [50e-6, 100e-6, 300e-6, 1e-3];
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
 
 /// Results of the runs of one fault and motion.
 #[derive(Clone, Copy, Default)]
@@ -173,8 +169,8 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
     Ok([runs, told])
 }
 
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("diagnose")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("diagnose", words)?;
     let mut text = format!(
         "# Causes
 

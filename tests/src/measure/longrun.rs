@@ -10,7 +10,7 @@ use inerter_tests::{
     grid::{self, Error},
     reference::{BOUNDS, Pair},
 };
-use std::{process::ExitCode, thread};
+use std::thread;
 
 /// Updates of the fast bank.
 const UPDATES: u32 = 10_000_000;
@@ -20,12 +20,8 @@ const RUNS: [(&str, &str); 2] = [
     ("slow alone", "slow@600s"),
 ];
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
-
-fn run() -> Result<bool, Error> {
-    let updates = match std::env::args().nth(1) {
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let updates = match words.first() {
         None => UPDATES,
         Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of updates"))?,
     };

@@ -1,9 +1,7 @@
 //! The settings store on flash that loses its power, wears, or holds anything at all.
 
-mod flash;
-
+use crate::flash::{Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
 use embassy_futures::block_on;
-use flash::{Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
 use inerter_app::{FlashStore, Store, StoreError};
 use inerter_core::Settings;
 use inerter_needs::Random;

@@ -1,6 +1,6 @@
 //! The table as Markdown, and the differences between two of them.
 
-use crate::backlash;
+use super::backlash;
 use inerter_tests::coverage;
 use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
 use std::fmt::Write;

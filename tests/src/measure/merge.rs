@@ -11,7 +11,7 @@ use inerter_tests::{
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use std::{array, process::ExitCode};
+use std::array;
 
 /// Groups of runs, each of one device.
 const GROUPS: u64 = 60;
@@ -120,8 +120,8 @@ fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
     (format!("{} | {held} of {told} | {rms:.2} |", significant(u95)), held, told)
 }
 
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("merge")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("merge", words)?;
     let mut text = format!(
         "# Runs merged
 
@@ -175,8 +175,4 @@ Held: {:.1} % of {} intervals of mt, {:.1} % of {} of cf, {:.1} % of {} of fc. O
     print!("{text}");
     let are_held = (0..NAMES.len()).all(|i| held[i] as f64 >= LEAST_HELD * told[i] as f64);
     Ok(sheet::conclude("merge", &text, 2, asked)? && are_held)
-}
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
 }

@@ -6,7 +6,7 @@ use inerter_tests::{
     sheet::{self, significant},
     skew::{Case, Found, drawn},
 };
-use std::{ops::RangeInclusive, process::ExitCode};
+use std::ops::RangeInclusive;
 
 /// Machines that set the thresholds.
 const SETTING: RangeInclusive<u64> = 1..=300;
@@ -14,10 +14,6 @@ const SETTING: RangeInclusive<u64> = 1..=300;
 const JUDGING: RangeInclusive<u64> = 20_001..=20_400;
 /// Fraction of the reported skews whose interval must contain the truth.
 const LEAST_HELD: f64 = 0.9;
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
 
 /// Result for one machine.
 struct Told {
@@ -57,8 +53,8 @@ fn measured(seeds: &RangeInclusive<u64>) -> Result<Vec<Told>, Error> {
     each_seed(seeds.end() - offset, |seed| told(seed + offset))
 }
 
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("skew")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("skew", words)?;
     let judging = measured(&JUDGING)?;
     let mut text = format!(
         "# Skews

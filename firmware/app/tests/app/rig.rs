@@ -1,5 +1,4 @@
 //! A device on a bench: the app on mock parts, a clock moved by hand, and a host's view of the link.
-#![allow(dead_code, reason = "every test uses its own part of it")]
 
 use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};

@@ -9,7 +9,6 @@ use inerter_tests::{
     plan::{Bench, Reached, WITHIN, as_written},
     sheet::{self, significant},
 };
-use std::process::ExitCode;
 
 /// First seed and number of the runs that judge: no rehearsal uses them.
 const SEEDS: (u64, u64) = (1001, 200);
@@ -17,10 +16,6 @@ const SEEDS: (u64, u64) = (1001, 200);
 const BESIDE: (u64, u64) = (3001, 40);
 /// Points per second in a designed motion's file \[Hz\].
 const FILE_HZ: f64 = 1000.0;
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
 
 /// The benches; the last two were not looked at while the method was developed.
 fn benches() -> Vec<Bench> {
@@ -224,8 +219,8 @@ const HEAD: &str = "| motion | parameter | u_a by theory | with residual | state
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 ";
 
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("plan")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("plan", words)?;
     let (first, seeds) = SEEDS;
     let (mut fixed, mut designed) = ([Tally::NONE; 4], [Tally::NONE; 4]);
     let mut body = String::new();

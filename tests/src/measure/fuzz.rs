@@ -4,11 +4,13 @@
 //! finding is shrunk and written to `target/fuzz/SEED.bin`; the finding is printed, and the program fails at the end.
 //! `fuzz --play FILE...` tries files. `fuzz --write-corpus` makes `tests/corpus` anew.
 
-use inerter_tests::fuzz::{Conditions, findings, shrink, stream, write_corpus};
+use inerter_tests::{
+    fuzz::{Conditions, findings, shrink, stream, write_corpus},
+    grid::Error,
+};
 use std::{
     fs,
     path::PathBuf,
-    process::ExitCode,
     time::{Duration, Instant},
 };
 
@@ -16,20 +18,14 @@ const USAGE: &str = "usage: fuzz [--minutes N] [--seed S] | fuzz --play FILE... 
 /// Time between two progress lines.
 const PROGRESS: Duration = Duration::from_secs(10);
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run().map_err(Into::into))
-}
-
-fn run() -> Result<bool, String> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    match words[..] {
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    match words {
         ["--write-corpus"] => {
             println!("{} streams written to tests/corpus", write_corpus()?);
             Ok(true)
         }
-        ["--play", ref files @ ..] if !files.is_empty() => play(files),
-        ref options => {
+        ["--play", files @ ..] if !files.is_empty() => play(files),
+        options => {
             let (mut minutes, mut seed) = (1.0, 0);
             for pair in options.chunks(2) {
                 match pair {
@@ -43,7 +39,7 @@ fn run() -> Result<bool, String> {
     }
 }
 
-fn play(files: &[&str]) -> Result<bool, String> {
+fn play(files: &[&str]) -> Result<bool, Error> {
     let mut good = true;
     for file in files {
         let bytes = fs::read(file).map_err(|error| format!("{file}: {error}"))?;
@@ -54,7 +50,7 @@ fn play(files: &[&str]) -> Result<bool, String> {
     Ok(good)
 }
 
-fn search(time: Duration, first: u64) -> Result<bool, String> {
+fn search(time: Duration, first: u64) -> Result<bool, Error> {
     // A panic of the device is a finding; one line of it is enough.
     std::panic::set_hook(Box::new(|_| {}));
     let (start, mut told) = (Instant::now(), Instant::now());

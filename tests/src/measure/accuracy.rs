@@ -12,7 +12,6 @@ use inerter_tests::{
     grid::{self, Cell, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
     sheet::{self, Asked},
 };
-use std::process::ExitCode;
 use table::{Row, Section};
 
 /// Runs of each cell.
@@ -34,12 +33,8 @@ ten periods are worth one. What the residual has above noise and steps says so, 
 
 ";
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
-
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked_or_short("accuracy")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked_or_short("accuracy", words)?;
     let rigs = if asked == Asked::CompareShort { &RIGS[..1] } else { &RIGS[..] };
     let mut sections = Vec::new();
     for rig in rigs {

@@ -1,11 +1,9 @@
 //! Signs of life, as a watchdog asks for them.
 
-mod rig;
-
+use crate::rig::{Options, TestDevice, shaken};
 use inerter_app::Pace;
 use inerter_core::RawSample;
 use inerter_wire::{Command, Samples, Streams};
-use rig::{Options, TestDevice, shaken};
 
 /// How often the watchdog asks, in milliseconds.
 const ASKED_EVERY: u64 = 500;

@@ -1,7 +1,8 @@
 //! The whole instrument on mock parts, as a host sees it over the link.
 
-mod rig;
-
+use crate::rig::{
+    IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken,
+};
 use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_needs::Random;
@@ -9,7 +10,6 @@ use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Quantity, Record,
     Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
-use rig::{IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken};
 
 fn write(pairs: &[(&str, f64)]) -> Command {
     let mut values = SettingsValues::default();

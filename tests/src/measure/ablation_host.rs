@@ -8,7 +8,6 @@ use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
     grid::{Error, MOTIONS, Motion, each_seed, three},
 };
-use std::process::ExitCode;
 
 /// No table has this seed.
 const SEED: u64 = 9101;
@@ -23,10 +22,6 @@ const BACKLASHES_M: [f64; 2] = [50e-6, 300e-6];
 /// Friction per force, and force once per turn \[N\], too small to break the law.
 const LOADS: [f64; 2] = [0.0006, 0.0025];
 const RIPPLES_N: [f64; 2] = [0.2, 0.7];
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run().map(|()| true))
-}
 
 /// Totals over the runs.
 #[derive(Clone, Copy, Default)]
@@ -148,7 +143,7 @@ fn nearly() -> Vec<Case> {
     loads.into_iter().chain(ripples).collect()
 }
 
-fn run() -> Result<(), Error> {
+pub fn run(_: &[&str]) -> Result<bool, Error> {
     let motions: Vec<&Motion> = MOTIONS.iter().filter(|motion| NAMES.contains(&motion.name)).collect();
     let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
     // A rotary machine is the same in other units.
@@ -173,5 +168,5 @@ fn run() -> Result<(), Error> {
     };
     let all = each_seed(motions.len() as u64, of_motion)?.into_iter().fold(Counts::default(), Counts::add);
     all.print();
-    Ok(())
+    Ok(true)
 }

@@ -1,13 +1,11 @@
 //! The board's source of samples: settings it takes over, halts, and what it loses.
 
-mod rig;
-
+use crate::rig::{Asked, Options, TestDevice, by_core, estimates, events, raw_samples, shaken};
 use inerter_app::{Pace, SourceError};
 use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_wire::{
     Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
 };
-use rig::{Asked, Options, TestDevice, by_core, estimates, events, raw_samples, shaken};
 
 fn live() -> Options {
     Options { pace: Pace::Live, autostart: true, ..Options::default() }

@@ -15,7 +15,7 @@ use inerter_tests::{
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, svg};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
+use std::{ops::RangeInclusive, path::PathBuf};
 
 /// First seed and number of the runs that judge; runs 1 to 100 on the first bench have set the share of the encoder's
 /// steps.
@@ -32,10 +32,6 @@ const HELD: RangeInclusive<f64> = 93.0..=97.0;
 const DRAWN: usize = 20_000;
 /// Standard errors in the half width of a normal interval.
 const K: f64 = NORMAL_COVERAGE as f64;
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
 
 /// The benches: the grid's, and others.
 fn benches() -> Vec<Bench> {
@@ -58,8 +54,8 @@ fn benches() -> Vec<Bench> {
     ]
 }
 
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("coverage")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("coverage", words)?;
     let update = asked == sheet::Asked::Update;
     let (first, seeds) = SEEDS;
     let mut text = format!(

@@ -6,7 +6,7 @@ use inerter_tests::{
     grid::{self, Error, Instruments, MOTIONS, Motion, RIGS},
     sheet::{self, Asked},
 };
-use std::{process::ExitCode, thread};
+use std::thread;
 
 /// Steady motion in which nothing may be found \[s\].
 const STEADY_S: f64 = 3600.0;
@@ -48,12 +48,8 @@ const STEPS: [Step; 5] = [
     },
 ];
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
-
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked_or_short("changes")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked_or_short("changes", words)?;
     let mut text = format!(
         "# Changes of the device
 

@@ -19,7 +19,7 @@ use inerter_tests::{
     updates::{fit, left, rms, rows},
 };
 use serde_json::{Value, json};
-use std::{fs, path::Path, process::ExitCode};
+use std::{fs, path::Path};
 
 /// Seed of the simulated data: no other test has it.
 const SEED: u64 = 5001;
@@ -32,13 +32,8 @@ const PARTS: usize = 3;
 /// Published values for the EMPS record by its own authors' zero-phase least squares: mt, cf, fc.
 const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
-
-fn run() -> Result<bool, Error> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    match words {
         ["--data", folder] => write_data(Path::new(folder)).map(|()| true),
         ["--rivals", folder] => table(Path::new(folder), Asked::Compare),
         ["--rivals", folder, "--update"] => table(Path::new(folder), Asked::Update),

@@ -1,6 +1,6 @@
 //! `cargo xtask identify`: the complete model of hidden devices; `cargo xtask bench-identify`: the time that it takes.
 
-use std::{fmt::Write, path::Path, process::ExitCode, time::Instant};
+use std::{fmt::Write, path::Path, time::Instant};
 
 use inerter_analysis::identify::{Parameters, known_skew_s, known_structure_mass_kg};
 use inerter_data::series::Series;
@@ -16,19 +16,17 @@ const DEVICES: u64 = 8;
 /// The first of them were looked at while the intervals' factors were set.
 const TUNED: u64 = 3;
 
-fn main() -> ExitCode {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    inerter_tests::exit_code(match arguments.as_slice() {
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    match words {
         ["--bench", path] => bench(Path::new(path), DURATION_S),
         ["--bench", path, seconds] => seconds.parse().map_err(Error::from).and_then(|s| bench(Path::new(path), s)),
         ["--compare", path, faster] => compare(Path::new(path), faster),
-        _ => table(),
-    })
+        _ => table(words),
+    }
 }
 
-fn table() -> Result<bool, Error> {
-    let asked = sheet::asked("identify")?;
+fn table(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("identify", words)?;
     let mut text = format!(
         "# Identification of hidden devices\n\nThe complete model by `inerter identify` from {DURATION_S} s at 1 kHz, 1 N of \
          force noise, 2.44 um per count, terminal sensor of 1 um;\ndevices drawn by a seed (half to twice the paper's, up to 0.1 mm \

@@ -3,7 +3,6 @@
 //! 8 pages of 2 KB in double words of 8 bytes, like the last ones of an STM32G474: each double word can be written once
 //! after its page was erased (RM0440, programming sequence), and one that power failure left half done may read as
 //! anything, give an error (`ECCD`), or look blank and yet refuse to be written.
-#![allow(dead_code, reason = "every test uses its own part of it")]
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use inerter_needs::Random;

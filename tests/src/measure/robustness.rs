@@ -8,18 +8,13 @@ mod table;
 use inerter_tests::grid::{self, Error};
 use inerter_tests::robustness::{cases, cell};
 use inerter_tests::sheet;
-use std::process::ExitCode;
 use table::Row;
 
 /// Runs of each row.
 const SEEDS: u64 = 8;
 
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
-
-fn run() -> Result<bool, Error> {
-    let asked = sheet::asked("robustness")?;
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("robustness", words)?;
     let mut rows: Vec<Row> = Vec::new();
     for case in cases() {
         eprintln!("{}", case.name);

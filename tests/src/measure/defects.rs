@@ -13,16 +13,12 @@ use inerter_tests::{
     roc::{Curve, svg},
     sheet,
 };
-use std::{path::PathBuf, process::ExitCode};
+use std::path::PathBuf;
 
 /// Runs of each kind and motion.
 const SEEDS: u64 = 2;
 /// Clean runs of each motion: those of the first seeds are the defects' runs without the defect.
 const CLEAN: u64 = 200;
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(measure())
-}
 
 /// Results in order of their number, whatever thread they come from.
 fn each<R: Send>(count: usize, one: impl Fn(usize) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
@@ -48,8 +44,8 @@ fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Seen>, Error> {
     })
 }
 
-fn measure() -> Result<bool, Error> {
-    let asked = sheet::asked("defects")?;
+pub fn measure(words: &[&str]) -> Result<bool, Error> {
+    let asked = sheet::asked("defects", words)?;
     let clean = runs(None, CLEAN)?;
     eprintln!("clean");
     let twin = |seen: &Seen| clean.iter().find(|clean| (clean.motion, clean.seed) == (seen.motion, seen.seed));

@@ -7,7 +7,6 @@
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::grid::{self, Error};
-use std::process::ExitCode;
 
 /// Samples by default.
 const SAMPLES: u64 = 1_000_000_000;
@@ -22,10 +21,6 @@ const GREATEST_BACKLASH_M: f64 = 0.1e-6;
 /// the same for its interval, which counts how many strokes were repeated in all, and settles with that, as one over
 /// the repetitions.
 const GREATEST_DIFFERENCE: [f64; 2] = [1e-6, 1e-3];
-
-fn main() -> ExitCode {
-    inerter_tests::exit_code(run())
-}
 
 /// What one repetition adds to the sums of both banks.
 type Growth = [Vec<i128>; 2];
@@ -58,8 +53,8 @@ impl Look {
     }
 }
 
-fn run() -> Result<bool, Error> {
-    let wanted = match std::env::args().nth(1) {
+pub fn run(words: &[&str]) -> Result<bool, Error> {
+    let wanted = match words.first() {
         None => SAMPLES,
         Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of samples"))?,
     };
