@@ -1,4 +1,4 @@
-//! Devices whose ROM waits for firmware, over USB.
+//! Devices whose ROM bootloader waits for firmware over USB.
 
 use nusb::{ErrorKind, MaybeFuture};
 
@@ -10,13 +10,13 @@ use crate::{
 /// A device in update mode.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct DfuDevice {
-    /// What it calls itself.
+    /// Its USB product name.
     pub product: Option<String>,
     /// Its serial number, the same as that of the firmware.
     pub serial: String,
-    /// USB vendor number.
+    /// USB vendor ID.
     pub vid: u16,
-    /// USB product number.
+    /// USB product ID.
     pub pid: u16,
 }
 

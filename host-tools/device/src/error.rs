@@ -46,7 +46,7 @@ pub enum DeviceError {
     #[diagnostic(code(inerter::port::open), help("`inerter ports` lists the ports of this machine"))]
     Open { port: String, reason: String },
 
-    /// The TCP connection was not made.
+    /// The TCP connection failed.
     #[error("no connection to {address}: {reason}")]
     #[diagnostic(
         code(inerter::device::connect),
@@ -54,7 +54,7 @@ pub enum DeviceError {
     )]
     Connect { address: String, reason: String },
 
-    /// Connected, and closed before anything came.
+    /// Connected, but closed before any data arrived.
     #[error("{name} closed the connection before it sent anything")]
     #[diagnostic(
         code(inerter::device::turned_away),
@@ -64,7 +64,7 @@ pub enum DeviceError {
     )]
     TurnedAway { name: String },
 
-    /// Opened, but nothing comes.
+    /// Opened, but no data arrives.
     #[error("{name} does not answer: no valid message came within {seconds} s")]
     #[diagnostic(
         code(inerter::device::silent),
@@ -74,7 +74,7 @@ pub enum DeviceError {
     )]
     Silent { name: String, seconds: f64 },
 
-    /// It sends much, but not what was asked for.
+    /// Data arrives, but no reply to the request.
     #[error("{name} did not answer the request {what}")]
     #[diagnostic(
         code(inerter::device::no_reply),
@@ -82,7 +82,7 @@ pub enum DeviceError {
     )]
     NoReply { name: String, what: &'static str },
 
-    /// More than any device of ours sends.
+    /// More data than any of our devices sends.
     #[error("{name} sends so fast that it cannot be queried")]
     #[diagnostic(
         code(inerter::device::flood),
@@ -90,7 +90,7 @@ pub enum DeviceError {
     )]
     Flood { name: String },
 
-    /// The caller ended the work while it was waited for.
+    /// The caller cancelled the work during a wait.
     #[error("interrupted")]
     #[diagnostic(code(inerter::interrupted), help("the device may need a restart; start again when you like"))]
     Interrupted,
@@ -121,7 +121,7 @@ impl DeviceError {
             self,
             Self::NoneFound { .. }
                 | Self::Missing { .. }
-                // A port that has just come back belongs to root until udev has seen it.
+                // A port that has just come back belongs to root until udev has processed it.
                 | Self::Permission { .. }
                 | Self::Busy { .. }
                 | Self::Open { .. }

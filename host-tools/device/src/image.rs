@@ -1,10 +1,10 @@
-//! A firmware image: read from a file, and found good for the board before anything is erased.
+//! A firmware image: read from a file, and checked for the board before anything is erased.
 //!
 //! - *identity*: how the firmware identifies itself in `Hello`, stored in the image after [`MAGIC`].
-//! - *page*: what flash erases at once; bytes of a page that the file leaves open are 0xFF, as erased.
+//! - *page*: the unit of erasing flash; bytes of a page that the file does not define are 0xFF, as erased.
 //!
-//! Taken: the ELF that `cargo build` makes, by the physical addresses of its segments, and its plain bytes (`.bin`),
-//! which begin where the chip's bank 1 does.
+//! Accepted: the ELF that `cargo build` makes, by the physical addresses of its segments, and its raw binary (`.bin`),
+//! which begins at the start of the chip's bank 1.
 
 mod elf;
 mod error;
@@ -15,10 +15,10 @@ use std::{collections::BTreeSet, fs::File, io::Read, path::Path};
 
 use crate::board::{CODE, PAGE, SETTINGS, STACK};
 
-/// Marks the identity, once in an image.
+/// Marks the identity; occurs once in an image.
 pub const MAGIC: &[u8] = b"inerter-identity\0";
 
-/// Longest file that is read: an ELF with all debug information is below a tenth of it (bytes).
+/// Maximum file size: an ELF with all debug information is less than a tenth of it (bytes).
 const LONGEST: u64 = 256 << 20;
 
 /// The identity of a firmware; its `Hello` has the same texts.
@@ -93,7 +93,7 @@ impl Image {
         self.content.pages.len()
     }
 
-    /// Bytes that the file has for flash.
+    /// Bytes in the file that go to flash.
     pub fn length(&self) -> usize {
         self.content.length
     }
@@ -112,10 +112,10 @@ impl Image {
     }
 }
 
-/// What an image has for flash.
+/// The flash contents of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Content {
-    /// All of bank 1 as it should be.
+    /// The whole of bank 1 as it should be.
     flash: Vec<u8>,
     /// Addresses of the pages that hold bytes of the file.
     pages: BTreeSet<u32>,
@@ -173,7 +173,7 @@ impl Content {
         }
         let behind = self.flash.get(place + MAGIC.len()..).unwrap_or_default();
         let mut texts = behind.splitn(4, |byte| *byte == 0);
-        // The longest texts of a Hello.
+        // The longest texts that fit a Hello.
         let mut text = |what, longest| {
             let bytes = texts.next().filter(|bytes| !bytes.is_empty() && bytes.len() <= longest);
             let text = bytes.and_then(|bytes| std::str::from_utf8(bytes).ok());
@@ -188,7 +188,7 @@ impl Content {
     }
 }
 
-/// What a file is that is neither ELF nor plain bytes with vectors in front.
+/// The kind of a file that is neither an ELF nor a raw binary beginning with vectors.
 fn other_kind(bytes: &[u8]) -> Option<&'static str> {
     match bytes {
         [] => Some("it is empty"),

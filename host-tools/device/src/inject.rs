@@ -1,4 +1,4 @@
-//! Sending samples through a connected device's own estimator.
+//! Sends samples through the estimator of a connected device.
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -13,11 +13,11 @@ use crate::{
     session::{Device, Received},
 };
 
-/// Requests under way at once; more would wait in the device's receive buffer.
+/// Maximum requests in flight; more would wait in the device's receive buffer.
 const WINDOW: usize = 4;
 /// Time for the reply to a batch.
 const REPLY_TIME: Duration = Duration::from_secs(10);
-/// Time for the device to work off its queue at the end.
+/// Time for the device to process its queue at the end.
 const END_TIME: Duration = Duration::from_secs(30);
 
 /// What is sent: samples in order, the settings that they were taken with, and the time of the first one \[s\].
@@ -38,7 +38,7 @@ pub struct Injected {
     pub t_s: f64,
     /// The device's final estimate.
     pub estimated: Estimated,
-    /// Samples that the device took.
+    /// Samples that the device accepted.
     pub samples: u64,
 }
 
@@ -56,10 +56,10 @@ pub fn inject<E: From<DeviceError>>(
     inject_all(device, injection, estimates, progress)
 }
 
-/// Sends settings and samples; `publish` is handed all that the device's estimator says, `progress` the number
-/// of samples taken. An error of either ends the injection.
+/// Sends settings and samples; `publish` gets everything that the device's estimator reports, `progress` the number of
+/// samples accepted. An error from either ends the injection.
 ///
-/// The device's own settings are put back afterwards, whether all went well or not.
+/// The device's own settings are restored afterwards, whether or not everything succeeded.
 pub fn inject_all<E: From<DeviceError>>(
     device: &mut Device,
     injection: &Injection,
@@ -78,8 +78,8 @@ pub fn inject_all<E: From<DeviceError>>(
         let (pairing, last, later) = (Pairing::new(), None, Vec::new());
         Sending { device: &mut *device, injection, publish, progress, times, begun, pairing, last, later }.all()
     });
-    // What failed is more interesting than whether the settings could be put back after it.
-    // After a failure nobody knows whether the run's had been taken.
+    // The original failure matters more than whether the settings could be restored after it. After a failure it is
+    // unknown whether the device had accepted the run's settings.
     let known = if result.is_ok() { Ok(()) } else { device.read_settings() };
     let restored = known.and_then(|()| device.write_settings(&before));
     let started = device.start_sampler();
@@ -88,7 +88,7 @@ pub fn inject_all<E: From<DeviceError>>(
     Ok(injected)
 }
 
-/// Ends whatever the device takes samples from, an injection that somebody broke off included.
+/// Stops the device's present source of samples, including an injection that was broken off.
 fn halt(device: &mut Device) -> Result<(), DeviceError> {
     let has_sampler = device.hello().capabilities.contains(Capabilities::SAMPLER);
     let command = if has_sampler { Command::Stop } else { Command::InjectEnd };
@@ -98,7 +98,7 @@ fn halt(device: &mut Device) -> Result<(), DeviceError> {
     }
 }
 
-/// Whether the device's estimates are of our samples yet: they are once it has changed to the link and begun anew.
+/// Whether the device's estimates belong to our samples yet: they do once it has switched to the link and restarted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Begun {
     No,
@@ -114,9 +114,9 @@ struct Sending<'a, P, G> {
     times: Times<'a>,
     begun: Begun,
     pairing: Pairing,
-    /// The latest estimate: the very last one is the final one, and for the caller.
+    /// The latest estimate: the last one of all is the final one, which goes to the caller.
     last: Option<Estimated>,
-    /// What came after it.
+    /// Events that came after it.
     later: Vec<EstimatorEvent>,
 }
 
@@ -128,7 +128,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
         let mut under_way: VecDeque<(u16, usize)> = VecDeque::new();
         let (mut credit, mut taken) = (None, 0u64);
         loop {
-            // The first batch goes alone: its reply says how much room there is.
+            // The first batch is sent alone: its reply states how much room there is.
             while under_way.len() < WINDOW && !left.is_empty() && (credit.is_some() || under_way.is_empty()) {
                 let (batch, count) = Samples::from_slice(left);
                 if credit.is_some_and(|credit| credit < count) && !under_way.is_empty() {
@@ -142,7 +142,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
             let Some((id, count)) = under_way.front().copied() else { break };
             let done = self.reply(id)?;
             under_way.pop_front();
-            // The reply to the first batch follows the events that announce it, should those have been lost.
+            // The reply to the first batch follows the events that announce the switch, in case those were lost.
             self.begun = Begun::Yes;
             taken += count as u64;
             (self.progress)(taken)?;
@@ -164,7 +164,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
         Ok(Injected { t_s, estimated, samples: taken })
     }
 
-    /// Waits for the reply to `id`, handing on the estimates that come before it.
+    /// Waits for the reply to `id`, and passes on the estimates that come before it.
     fn reply(&mut self, id: u16) -> Result<Done, E> {
         const WHAT: &str = "to take a batch of samples";
         let started = std::time::Instant::now();
@@ -207,7 +207,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
         Ok(())
     }
 
-    /// Publishes in the order in which the device spoke, but holds the latest estimate back: it may be the final one.
+    /// Publishes in the order in which the device sent, but holds the latest estimate back: it may be the final one.
     fn hold(&mut self, event: EstimatorEvent) -> Result<(), E> {
         let EstimatorEvent::Estimate(estimated) = event else {
             if self.last.is_some() {
@@ -226,7 +226,7 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
     }
 }
 
-/// Times of the samples by their index, asked for in order.
+/// Times of the samples by their index, requested in order.
 struct Times<'a> {
     injection: &'a Injection<'a>,
     at: usize,
@@ -249,7 +249,7 @@ impl<'a> Times<'a> {
         self.injection.start_s + self.elapsed as f64 / self.injection.settings.sample_rate_hz
     }
 
-    /// Time of what happened around the sample that was asked for last, before it or after.
+    /// Time of an event near the sample that was requested last, before or after it.
     fn near(&self, event: &EstimatorEvent) -> f64 {
         let here = self.injection.samples.get(self.at).map_or(0, |sample| sample.index);
         let after = event.index().wrapping_sub(here).cast_signed();

@@ -1,6 +1,6 @@
 //! Connected devices: finding them, opening the link, talking to them, updating their firmware.
 //!
-//! [`Device`] is a conversation with one device, [`live::Live`] one that survives a pulled plug, [`inject`] sends
+//! [`Device`] is a session with one device, [`live::Live`] one that survives an unplugged cable, [`inject`] sends
 //! samples through a device's own estimator. A firmware [`image`] reaches a board by [`mod@update`] over USB or by
 //! [`flash`] through a debug probe.
 

@@ -1,4 +1,4 @@
-//! The bytes' way to the device: a serial port or a TCP connection.
+//! The byte link to the device: a serial port or a TCP connection.
 
 use std::{
     io::{self, Read, Write},
@@ -11,11 +11,11 @@ use serialport::SerialPort;
 
 use crate::{error::DeviceError, ports};
 
-/// Rate of real UARTs such as the ST-Link's; USB and pseudo-terminals do not care.
+/// Baud rate of real UARTs such as the ST-Link's; USB and pseudo-terminals ignore it.
 pub const DEFAULT_BAUD: u32 = crate::board::UART_BAUD;
-/// A write that takes longer means that nobody reads.
+/// A write that takes longer means that the device does not read.
 const WRITE_TIME: Duration = Duration::from_secs(2);
-/// A read that takes longer gives the caller its turn.
+/// A read that takes longer returns control to the caller.
 const READ_TIME: Duration = Duration::from_millis(20);
 /// Time for a TCP connection to be made.
 const CONNECT_TIME: Duration = Duration::from_secs(3);
@@ -32,7 +32,7 @@ pub enum Target {
     Port {
         /// The name.
         port: String,
-        /// Bits per second, for real UARTs.
+        /// Baud rate, for real UARTs.
         baud: u32,
     },
     /// `HOST:PORT`.
@@ -43,8 +43,8 @@ pub enum Target {
 }
 
 impl Target {
-    /// Where a device with this serial number is found again, whatever port it then gets: over USB by that number, also
-    /// where it was given by its port.
+    /// How to find a device with this serial number again on whatever port it then has: over USB by that number, even
+    /// if it was given by its port.
     pub fn known(self, serial: &str) -> Self {
         match self {
             Self::Usb { serial: None } => Self::Usb { serial: Some(serial.to_string()) },
@@ -76,7 +76,7 @@ pub enum Link {
 }
 
 impl Link {
-    /// Opens the link; gives its name too.
+    /// Opens the link; also returns its name.
     pub fn open(target: &Target) -> Result<(Self, String), DeviceError> {
         match target {
             Target::Usb { serial } => {
@@ -90,7 +90,7 @@ impl Link {
 
     fn serial(port: &str, baud: u32) -> Result<Self, DeviceError> {
         let mut opened = serialport::new(port, baud).timeout(READ_TIME).open().map_err(|error| reason(port, &error))?;
-        // The device takes DTR for a host that listens; pseudo-terminals have no such line.
+        // The device takes DTR as a sign of a listening host; pseudo-terminals have no such line.
         opened.write_data_terminal_ready(true).ok();
         opened.clear(serialport::ClearBuffer::Input).ok();
         Ok(Self::Serial(opened))
@@ -119,7 +119,7 @@ impl Link {
         Err(last)
     }
 
-    /// Reads what has come, waiting a little; 0 when nothing has.
+    /// Reads what has arrived, waiting briefly; returns 0 if nothing has.
     pub fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         let result = match self {
             Self::Serial(port) => port.read(into),
@@ -157,7 +157,7 @@ fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
 
-/// The reason behind serialport's error, which tells a busy port from a missing one only in words.
+/// The reason behind serialport's error, which distinguishes a busy port from a missing one only by its text.
 fn reason(port: &str, error: &serialport::Error) -> DeviceError {
     use serialport::ErrorKind;
     let port = port.to_string();
@@ -168,7 +168,7 @@ fn reason(port: &str, error: &serialport::Error) -> DeviceError {
         ErrorKind::NoDevice if !cfg!(windows) && !Path::new(&port).exists() => DeviceError::Missing { port },
         ErrorKind::NoDevice => DeviceError::Busy { port },
         _ => {
-            // ENOTTY, in the words of either C library.
+            // ENOTTY, in the wording of either C library.
             let no_terminal =
                 ["Not a typewriter", "Inappropriate ioctl for device"].contains(&error.description.as_str());
             let reason = if no_terminal { "it is not a serial port".into() } else { error.description.clone() };

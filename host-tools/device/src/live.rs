@@ -1,4 +1,4 @@
-//! Listens to a device while it is connected, and waits for it when it is not.
+//! Receives from a device while it is connected, and waits for it while it is not.
 
 use std::time::{Duration, Instant};
 
@@ -12,13 +12,13 @@ use crate::{
 
 /// Pause between two attempts to reach a device that went away.
 const RETRY: Duration = Duration::from_millis(300);
-/// A device sends something every second: silence this long means that it is gone.
+/// A device sends something every second, so silence this long means that it is gone.
 const SILENCE: Duration = Duration::from_secs(5);
 
 /// What happened on the link.
 #[derive(Debug)]
 pub enum LinkEvent {
-    /// A finding in the stream.
+    /// A received frame or a loss.
     Received(Box<Received>),
     /// Nothing for the moment.
     Quiet,
@@ -39,7 +39,7 @@ pub struct Live {
     clock: Clock,
     interrupted: Interrupted,
     state: State,
-    /// Another program controlled the device when this one connected.
+    /// Whether another program controlled the device when this one connected.
     looks_on: bool,
     /// Frames lost on the links before this one.
     lost_before: u64,
@@ -51,12 +51,12 @@ enum State {
 }
 
 impl Live {
-    /// Connects and switches the streams on. Once it is connected, a device that goes away is waited for up to `wait`.
+    /// Connects and switches the streams on. If the device later goes away, waits up to `wait` for it.
     pub fn connect(target: Target, streams: Streams, wait: Duration) -> Result<Self, DeviceError> {
         Self::connect_until(target, streams, wait, || false)
     }
 
-    /// [`connect`](Self::connect) of a conversation that can be interrupted.
+    /// [`connect`](Self::connect) for a session that can be interrupted.
     pub fn connect_until(
         target: Target,
         streams: Streams,
@@ -70,7 +70,7 @@ impl Live {
         Ok(Self { target, streams, wait, clock, interrupted, state, looks_on: !controls, lost_before: 0 })
     }
 
-    /// The device, while it is there.
+    /// The device, while it is connected.
     pub fn device(&self) -> Option<&Device> {
         match &self.state {
             State::Here { device, .. } => Some(device),
@@ -78,7 +78,7 @@ impl Live {
         }
     }
 
-    /// The device, to be asked something, while it is there.
+    /// The device, for requests, while it is connected.
     pub fn device_mut(&mut self) -> Option<&mut Device> {
         match &mut self.state {
             State::Here { device, .. } => Some(device),
@@ -86,22 +86,22 @@ impl Live {
         }
     }
 
-    /// Whether another program controlled the device when this one connected: what is asked of it then is refused.
+    /// Whether another program controlled the device when this one connected: the device then refuses requests.
     pub fn looks_on(&self) -> bool {
         self.looks_on
     }
 
-    /// Host time now, on the clock of what is received \[ns\].
+    /// Host time now, on the same clock as the received frames \[ns\].
     pub fn now_ns(&self) -> u64 {
         self.clock.now_ns()
     }
 
-    /// Frames lost or damaged on the way so far.
+    /// Frames lost or damaged in transit so far.
     pub fn lost_frames(&self) -> u64 {
         self.lost_before + self.device().map_or(0, lost)
     }
 
-    /// The next thing that happens; an error once the device stayed away too long or cannot come back.
+    /// The next event; an error once the device has stayed away too long or cannot come back.
     #[allow(clippy::should_implement_trait, reason = "it ends by an error, not by None")]
     pub fn next(&mut self) -> Result<LinkEvent, DeviceError> {
         match &mut self.state {
@@ -139,7 +139,7 @@ impl Live {
                         self.state = State::Here { device: Box::new(device), heard: Instant::now() };
                         Ok(LinkEvent::Back)
                     }
-                    // For the caller, who asked for it, to see.
+                    // The caller requested the interrupt and checks for it.
                     Err(DeviceError::Interrupted) => Ok(LinkEvent::Quiet),
                     Err(error) if !error.may_come_back() => Err(error),
                     Err(_) => {
@@ -152,7 +152,7 @@ impl Live {
     }
 }
 
-/// The device, and whether it is ours to control.
+/// The device, and whether this program controls it.
 fn open(
     target: &Target,
     streams: Streams,
@@ -162,7 +162,7 @@ fn open(
     let mut device = Device::connect_until(target, clock, interrupted)?;
     device.stream(streams)?;
     match device.start_sampler() {
-        // Whoever controls it decides whether it runs.
+        // The program that controls the device decides whether its sampler runs.
         Err(DeviceError::Refused { refusal: Refusal::Busy, .. }) => Ok((device, false)),
         Err(error) => Err(error),
         Ok(()) => Ok((device, true)),

@@ -18,13 +18,13 @@ pub struct Port {
     pub inerter: bool,
     /// True for the serial port of an ST-Link, to which a NUCLEO's UART is wired.
     pub stlink: bool,
-    /// What the device calls itself.
+    /// Its product name.
     pub product: Option<String>,
     /// Its serial number.
     pub serial: Option<String>,
-    /// USB vendor number.
+    /// USB vendor ID.
     pub vid: Option<u16>,
-    /// USB product number.
+    /// USB product ID.
     pub pid: Option<u16>,
 }
 
@@ -40,7 +40,7 @@ impl From<SerialPortInfo> for Port {
             pid: None,
         };
         let SerialPortType::UsbPort(usb) = info.port_type else { return plain };
-        // Linux writes the product with underscores where it comes from a file name.
+        // Linux writes the product with underscores if it comes from a file name.
         let named = usb.product.as_deref().is_some_and(|product| product.replace('_', " ").trim() == PRODUCT);
         Self {
             inerter: usb.vid == USB_VID && usb.pid == USB_PID && named,
@@ -56,7 +56,7 @@ impl From<SerialPortInfo> for Port {
 
 /// All ports, ours first, then those of ST-Links, then by name.
 pub fn list() -> Vec<Port> {
-    // A machine on which ports cannot be listed is one without ports.
+    // A machine that cannot list its ports is treated as one without ports.
     let mut ports: Vec<Port> = serialport::available_ports().unwrap_or_default().into_iter().map(Port::from).collect();
     ports.sort_by_key(|port| (!port.inerter, !port.stlink, port.port.clone()));
     ports
@@ -74,7 +74,7 @@ pub fn find(serial: Option<&str>) -> Result<String, DeviceError> {
     })
 }
 
-/// The serial number of the inerter at this port, where the system knows it.
+/// The serial number of the inerter at this port, if the system knows it.
 pub fn serial_of(port: &str) -> Option<String> {
     list().into_iter().find(|other| other.inerter && other.port == port)?.serial
 }

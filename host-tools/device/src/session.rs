@@ -1,4 +1,4 @@
-//! A conversation with a device: handshake, requests with their replies, records as they come.
+//! A session with a device: handshake, requests with their replies, records as they arrive.
 
 use std::{
     collections::VecDeque,
@@ -19,7 +19,7 @@ use crate::{
 
 /// Time for the whole handshake.
 const HANDSHAKE_TIME: Duration = Duration::from_secs(3);
-/// Time after which a Hello is asked for again.
+/// Time after which Hello is requested again.
 const HELLO_TIME: Duration = Duration::from_millis(500);
 /// Time for a reply.
 pub(crate) const REPLY_TIME: Duration = Duration::from_secs(3);
@@ -27,12 +27,12 @@ pub(crate) const REPLY_TIME: Duration = Duration::from_secs(3);
 const ERASE_TIME: Duration = Duration::from_secs(6);
 /// Time for a reply when the board measures itself, which takes it a second.
 const MEASURE_TIME: Duration = Duration::from_secs(6);
-/// Time for all that is put in order at a device once the work was interrupted.
+/// Time limit for restoring a device's state after an interrupt.
 const CLEAN_UP_TIME: Duration = Duration::from_secs(3);
-/// Frames that may wait in line. A device sends some hundreds a second, and nobody waits longer than seconds.
+/// Frames that may be queued. A device sends some hundreds a second, and nothing waits longer than seconds.
 const MOST_IN_LINE: usize = 1 << 14;
 
-/// Whether the work is to end, asked while something is waited for.
+/// Returns whether the work should end; called during waits.
 pub type Interrupted = fn() -> bool;
 
 /// Host time in nanoseconds since 1970 that never goes back within a session.
@@ -43,7 +43,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Starts from the machine's clock.
+    /// Starts from the system clock.
     pub fn new() -> Self {
         let epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { epoch_ns: u64::try_from(epoch.as_nanos()).unwrap_or(0), started: Instant::now() }
@@ -61,19 +61,19 @@ impl Default for Clock {
     }
 }
 
-/// One finding in the stream.
+/// A received frame or a loss.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Received {
     /// Host time \[ns\].
     pub time_ns: u64,
-    /// The frame as received, without its delimiter; empty for what is not a frame itself (a loss, a restart).
+    /// The frame as received, without its delimiter; empty for anything that is not a frame itself (a loss, a restart).
     pub bytes: Vec<u8>,
-    /// What it holds.
+    /// Its contents.
     pub frame: Frame<Record>,
 }
 
 impl Received {
-    /// What the device answers to the request with this id, if this is its reply.
+    /// The device's answer to the request with this id, if this is its reply.
     pub(crate) fn reply_to(&self, id: u16) -> Option<Result<Done, Refusal>> {
         match &self.frame {
             Frame::Message { message: Record::Reply(reply), .. } if reply.id == id => Some(reply.result),
@@ -82,7 +82,7 @@ impl Received {
     }
 }
 
-/// An open conversation.
+/// An open session.
 pub struct Device {
     link: Link,
     name: String,
@@ -98,18 +98,18 @@ struct Talk {
     queue: VecDeque<Received>,
     clock: Clock,
     interrupted: Interrupted,
-    /// When what is put in order after an interruption must be done.
+    /// Deadline for restoring the device's state after an interrupt.
     clean_up: Option<Instant>,
 }
 
 impl Device {
-    /// Opens the link, learns who is there, and reads its settings.
+    /// Opens the link, identifies the device, and reads its settings.
     pub fn connect(target: &Target, clock: Clock) -> Result<Self, DeviceError> {
         Self::connect_until(target, clock, || false)
     }
 
-    /// [`connect`](Self::connect) of a conversation that can be interrupted: whatever waits then ends by
-    /// [`DeviceError::Interrupted`]. Requests made afterwards put the device in order, for 3 s in all.
+    /// [`connect`](Self::connect) for a session that can be interrupted: every wait then ends with
+    /// [`DeviceError::Interrupted`]. Requests made afterwards to restore the device's state may take 3 s in all.
     pub fn connect_until(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
         let (link, name) = Link::open(target)?;
         let talk = Talk {
@@ -137,8 +137,8 @@ impl Device {
         Ok(device)
     }
 
-    /// Connects to a device that is just starting, for up to `patience`, and gives it these settings; `alive` fails
-    /// when waiting is of no use any more, and an interruption ends it.
+    /// Connects to a device that is just starting, for up to `patience`, and writes these settings to it; `alive`
+    /// returns an error if waiting has become pointless, and an interrupt ends the wait.
     pub fn connect_starting<E: From<DeviceError>>(
         target: &Target,
         patience: Duration,
@@ -158,7 +158,7 @@ impl Device {
                     if interrupted() {
                         return Err(DeviceError::Interrupted.into());
                     }
-                    // A pseudo-terminal goes with the program that made it, which may not have ended yet.
+                    // A pseudo-terminal disappears with the program that made it, which may not have ended yet.
                     let may_come = matches!(
                         error,
                         DeviceError::Connect { .. }
@@ -176,7 +176,7 @@ impl Device {
         }
     }
 
-    /// Who the device is.
+    /// The device's identity.
     pub fn hello(&self) -> &Hello {
         &self.hello
     }
@@ -186,7 +186,7 @@ impl Device {
         &self.reading.settings
     }
 
-    /// The settings in use, and how many the device has more or fewer than this program knows.
+    /// The settings in use, and how many the device has beyond or short of those that this program knows.
     pub fn reading(&self) -> &Reading {
         &self.reading
     }
@@ -201,7 +201,7 @@ impl Device {
         self.talk.reader.counts()
     }
 
-    /// The next finding; `None` when nothing has come for a moment.
+    /// The next frame; `None` if nothing has arrived for a moment.
     pub fn receive(&mut self) -> Result<Option<Received>, DeviceError> {
         if self.talk.queue.is_empty() {
             self.poll()?;
@@ -209,17 +209,18 @@ impl Device {
         Ok(self.talk.queue.pop_front())
     }
 
-    /// What is in line already, without a look at the link.
+    /// A frame that is already queued, without reading from the link.
     pub fn pending(&mut self) -> Option<Received> {
         self.talk.queue.pop_front()
     }
 
-    /// Sends a command and waits for its reply; what else comes meanwhile stays in line for [`receive`](Self::receive).
+    /// Sends a command and waits for its reply; other frames that arrive meanwhile stay queued for
+    /// [`receive`](Self::receive).
     pub fn request(&mut self, what: &'static str, command: Command) -> Result<Done, DeviceError> {
         self.request_within(what, command, REPLY_TIME)
     }
 
-    /// [`request`](Self::request) for what takes longer.
+    /// [`request`](Self::request) with a longer time limit.
     pub fn request_within(
         &mut self,
         what: &'static str,
@@ -251,17 +252,17 @@ impl Device {
         }
     }
 
-    /// Fails once the work is to end.
+    /// Fails if the work should end.
     pub fn check_interrupted(&self) -> Result<(), DeviceError> {
         if (self.talk.interrupted)() { Err(DeviceError::Interrupted) } else { Ok(()) }
     }
 
-    /// Chooses which records come unasked.
+    /// Selects the records that the device streams.
     pub fn stream(&mut self, streams: Streams) -> Result<(), DeviceError> {
         self.request("to choose the streams", Command::Streams(streams)).map(drop)
     }
 
-    /// Lets the device's own sampler run, where it has one; harmless when it runs already.
+    /// Starts the device's own sampler, if it has one; harmless if it already runs.
     pub fn start_sampler(&mut self) -> Result<(), DeviceError> {
         if self.hello.capabilities.contains(Capabilities::SAMPLER) {
             self.request("to start its sampler", Command::Start)?;
@@ -300,7 +301,7 @@ impl Device {
                 return Err(self.silent(HANDSHAKE_TIME));
             }
             if asked.is_none_or(|asked| asked.elapsed() > HELLO_TIME) {
-                // Each attempt begins the stream anew, with sequence number 0.
+                // Each attempt restarts the stream, with sequence number 0.
                 self.talk.sequence = SequenceCounter::new();
                 self.send(Command::Hello)?;
                 asked = Some(Instant::now());
@@ -318,7 +319,7 @@ impl Device {
         }
     }
 
-    /// Asks for the settings in use.
+    /// Requests the settings in use.
     pub(crate) fn read_settings(&mut self) -> Result<(), DeviceError> {
         let values = self.asked("to read its settings", Command::ReadSettings, REPLY_TIME, |record| match record {
             Record::Settings(values) => Some(values.clone()),
@@ -328,7 +329,7 @@ impl Device {
         Ok(())
     }
 
-    /// What the device says before it replies to a command.
+    /// The record that the device sends before it replies to a command.
     fn asked<T>(
         &mut self,
         what: &'static str,
@@ -338,11 +339,12 @@ impl Device {
     ) -> Result<Option<T>, DeviceError> {
         let before = self.talk.queue.len();
         self.request_within(what, command, time)?;
-        // The last one: an earlier one may tell of a change before.
+        // The last one: an earlier one may come from an earlier change.
         Ok(self.talk.queue.range(before..).rev().find_map(|received| message(received, of)))
     }
 
-    /// What the device keeps over a restart, in use or not; what it does not know is as in `Settings::default`.
+    /// The settings that the device keeps across a restart, in use or not; those that it does not know are as in
+    /// `Settings::default`.
     pub fn saved_settings(&mut self) -> Result<Settings, DeviceError> {
         let values =
             self.asked("to read what it has saved", Command::ReadSaved, REPLY_TIME, |record| match record {
@@ -352,7 +354,7 @@ impl Device {
         Ok(values.ok_or_else(|| self.silent(REPLY_TIME))?.read(&Settings::default()).settings)
     }
 
-    /// Lets the board measure something of itself; nothing where it said nothing, or something else.
+    /// Makes the board measure something of itself; `None` if it reported nothing, or something else.
     pub fn measure(&mut self, what: Measure) -> Result<Option<Measured>, DeviceError> {
         let measured =
             self.asked("to measure itself", Command::Measure(what), MEASURE_TIME, |record| match record {
@@ -368,31 +370,31 @@ impl Device {
         self.read_settings()
     }
 
-    /// Keeps the settings in use over a restart.
+    /// Saves the settings in use, so that they survive a restart.
     pub fn save_settings(&mut self) -> Result<(), DeviceError> {
         self.request_within("to save its settings", Command::SaveSettings, ERASE_TIME).map(drop)
     }
 
-    /// Whether it can keep settings over a restart.
+    /// Whether it can save settings across a restart.
     pub fn keeps_settings(&self) -> bool {
         self.hello().capabilities.contains(Capabilities::STORE)
     }
 
     /// Erases what the device has saved, puts its board's defaults in use, and reads them.
     pub fn factory_reset(&mut self) -> Result<&Settings, DeviceError> {
-        // Pages are erased, each within 25 ms, and the sampler may start anew.
+        // Pages are erased, each within 25 ms, and the sampler may restart.
         self.request_within("to erase its settings", Command::FactoryReset, ERASE_TIME)?;
         self.read_settings()?;
         Ok(self.settings())
     }
 
-    /// Sends a command without waiting; gives the id that its reply will carry.
+    /// Sends a command without waiting; returns the id that its reply will carry.
     pub fn send(&mut self, command: Command) -> Result<u16, DeviceError> {
         let id = self.talk.next_id;
         self.talk.next_id = id.wrapping_add(1).max(1);
         let mut out = [0; MAX_FRAME];
         let length = encode_request(&Request { id, command }, self.talk.sequence.take(), &mut out)
-            // Only a command that no caller can build is too long for a frame.
+            // Only a command that no caller can build would be too long for a frame.
             .unwrap_or(0);
         self.write(out.get(..length).unwrap_or_default())?;
         Ok(id)
@@ -402,7 +404,7 @@ impl Device {
         self.link.write_all(bytes).map_err(|error| self.vanished(&error))
     }
 
-    /// Takes what has come off the link into the queue.
+    /// Moves what has arrived on the link into the queue.
     fn poll(&mut self) -> Result<(), DeviceError> {
         let mut portion = [0; 4096];
         let count = self.link.read(&mut portion).map_err(|error| self.vanished(&error))?;
@@ -439,7 +441,8 @@ impl Device {
     }
 }
 
-/// Number of the first request: another one each time, lest a reply that an earlier program left in line pass for ours.
+/// Number of the first request. It differs each time, so that a reply still queued for an earlier program is not
+/// mistaken for ours.
 fn first_id(clock: &Clock) -> u16 {
     // Microseconds wrap 15 times a second; 0 is left out.
     (clock.now_ns() / 1000 % 0xFFFF) as u16 + 1

@@ -1,11 +1,11 @@
-//! The udev rules that let a person use a device on Linux.
+//! The udev rules that let a user open a device on Linux.
 
 use crate::board::{ST_VID, USB_PID, USB_VID};
 
-/// Our rule's place.
+/// Path of our rule.
 const RULE_FILE: &str = "/etc/udev/rules.d/70-inerter.rules";
 
-/// The udev rule that lets the user at the machine use a device, and keeps other programs off its port.
+/// The udev rule that lets the logged-in user open a device, and keeps other programs off its port.
 pub fn udev_rule() -> String {
     format!(
         "# Instrumented inerter: its serial port, which is no modem, its update mode and ST-Links.\n\
@@ -23,7 +23,7 @@ pub fn install_rule() -> String {
     )
 }
 
-/// The rule that lets the user at the machine use a USB device.
+/// The rule that lets the logged-in user open a USB device.
 pub fn udev_help(vid: &str, pid: &str) -> String {
     let product = if pid.is_empty() { String::new() } else { format!(", ATTR{{idProduct}}==\"{pid}\"") };
     format!(

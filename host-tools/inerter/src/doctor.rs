@@ -1,4 +1,4 @@
-//! What stands between this machine and a device: ports that cannot be opened, rules that are missing, versions.
+//! Why this machine cannot use a device: ports that cannot be opened, missing rules, versions.
 
 use std::{fs, path::Path};
 
@@ -16,7 +16,7 @@ use serde::Serialize;
 /// Where udev looks for rules.
 const RULES: [&str; 4] = ["/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d"];
 
-/// How something is.
+/// State of a check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Condition {
@@ -24,25 +24,25 @@ pub enum Condition {
     Good,
     /// Not needed now, or only for some work.
     Warning,
-    /// A device cannot be used like this.
+    /// A device cannot be used in this state.
     Problem,
 }
 
-/// One thing that was looked at.
+/// One thing that was checked.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Check {
-    /// What was looked at.
+    /// What was checked.
     pub topic: &'static str,
-    /// How it is.
+    /// Its state.
     pub condition: Condition,
     /// What was found.
     pub text: String,
-    /// What to do, where something is to be done.
+    /// What to do about it, if anything.
     pub advice: Option<String>,
 }
 
 impl Check {
-    /// Something that is as it should be.
+    /// A check that found no problem.
     pub fn good(topic: &'static str, text: impl Into<String>) -> Self {
         Self { topic, condition: Condition::Good, text: text.into(), advice: None }
     }
@@ -57,7 +57,7 @@ impl Check {
     }
 }
 
-/// Looks at everything; the devices that are plugged in, or `target` alone, are asked who they are.
+/// Checks everything; asks the connected devices, or only `target`, for their identity.
 pub fn examine(target: Option<&Target>) -> Vec<Check> {
     let version = format!("inerter {}, wire version {WIRE_VERSION}", env!("CARGO_PKG_VERSION"));
     let mut checks = vec![Check::good("program", version)];
@@ -81,7 +81,7 @@ pub fn examine(target: Option<&Target>) -> Vec<Check> {
     checks
 }
 
-/// Every device that is ours, or else what ports there are.
+/// All our devices that are plugged in; if none, the ports that exist.
 fn plugged_in() -> Vec<Check> {
     let ports = list();
     let ours: Vec<Check> = ports
@@ -106,7 +106,7 @@ fn plugged_in() -> Vec<Check> {
     vec![Check::warning("device", text, advice)]
 }
 
-/// Who answers there.
+/// Who answers at this target.
 fn asked(target: &Target) -> Check {
     match Device::connect(target, Clock::new()) {
         Ok(device) => {
@@ -133,7 +133,7 @@ fn asked(target: &Target) -> Check {
     }
 }
 
-/// Devices in update mode, and whether they may be opened.
+/// Devices in update mode, and whether this user may open them.
 fn waiting() -> Vec<Check> {
     let check = |device: &dfu::DfuDevice| match dfu::may_open(device) {
         Ok(()) => Check::warning(
@@ -165,7 +165,7 @@ fn rule(folders: &[&Path]) -> Check {
     }
 }
 
-/// ModemManager asks every new port whether it is a modem.
+/// ModemManager probes every new port for a modem.
 fn modem_manager(proc: &Path) -> Option<Check> {
     let runs = fs::read_dir(proc)
         .ok()?

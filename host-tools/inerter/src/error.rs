@@ -1,6 +1,6 @@
 //! Every way in which the program can fail.
 //!
-//! One enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
+//! There is one enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
 //! file, field, line, port or version, and its help says what to do next.
 
 use std::path::PathBuf;
@@ -32,7 +32,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Config(#[from] ConfigError),
-    /// The program was built without what is asked for.
+    /// The program was built without the requested feature.
     #[error("this `inerter` was built without its feature `{feature}`, which {needed_by} needs")]
     #[diagnostic(
         code(inerter::built_without),
@@ -43,7 +43,7 @@ pub enum Error {
     BuiltWithout {
         /// The feature.
         feature: &'static str,
-        /// The command or option.
+        /// The command or option that needs it.
         needed_by: &'static str,
         /// What works without it; may be empty.
         instead: String,
@@ -52,7 +52,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Data(#[from] inerter_data::Error),
-    /// The device cannot be reached, or what it says cannot be used.
+    /// The device cannot be reached, or its answer cannot be used.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Device(#[from] DeviceError),
@@ -60,7 +60,7 @@ pub enum Error {
     #[error("{} found", plural(*problems as u64, "problem"))]
     #[diagnostic(code(inerter::doctor), help("each is listed above with what to do"))]
     Doctor { problems: usize },
-    /// Two results are to go to standard output.
+    /// Two results would both go to standard output.
     #[error("with --csv -, standard output carries the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
@@ -83,7 +83,7 @@ pub enum Error {
         help("the batch holds each of them with its error, and the others with their results")
     )]
     NotReplayed { failed: usize, of: usize },
-    /// Files of a store are not as they were written.
+    /// Files of a store have changed since they were written.
     #[error("{files} in the store {url} {} not as {} written", is_or_are(*files), if *files == 1 { "it was" } else { "they were" }, files = plural(*files as u64, "file"))]
     #[diagnostic(
         code(inerter::store::verify),
@@ -104,7 +104,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     LimitsFile(#[from] LimitsError),
-    /// A device is not proven to be within its limits.
+    /// A device is not shown to be within its limits.
     #[error("{run} is not proven to be within its limits: {fail} of {of} fail, {undecided} undecided")]
     #[diagnostic(code(inerter::limits::verdict), help("{}", limits_help(run, wants)))]
     Limits {
@@ -112,17 +112,17 @@ pub enum Error {
         fail: usize,
         undecided: usize,
         of: usize,
-        /// What would decide those that a narrower interval decides.
+        /// What would decide the limits that need a narrower interval.
         wants: String,
     },
-    /// The same of several runs.
+    /// The same for several runs.
     #[error("{} of {of} runs {} not proven to be within the limits: {fail} beyond a limit, {undecided} undecided", fail + undecided, is_or_are(fail + undecided))]
     #[diagnostic(
         code(inerter::limits::verdict),
         help("{}", runs_help(*are_files))
     )]
     LimitsOfRuns {
-        /// Runs of which one limit fails at least.
+        /// Runs in which at least one limit fails.
         fail: usize,
         undecided: usize,
         of: usize,
@@ -145,7 +145,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Skew(#[from] SkewError),
-    /// A stiffness cannot be found.
+    /// The contact stiffness cannot be found.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Contact(#[from] ContactError),
@@ -170,7 +170,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Identify(#[from] IdentifyError),
-    /// No motion can be planned, or none that gives what is wanted.
+    /// No motion can be planned, or none that achieves the goal.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
@@ -178,7 +178,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Image(#[from] ImageError),
-    /// The monitor cannot show something where it was asked to.
+    /// The monitor cannot open a requested view.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Monitor(#[from] MonitorError),
@@ -196,10 +196,10 @@ pub enum Error {
     Flash(#[from] FlashError),
 }
 
-/// A self-test that was not passed.
+/// A self-test that did not pass.
 #[derive(Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum SelfTestError {
-    /// Nothing to measure, or an older firmware.
+    /// The device cannot be measured, or its firmware is too old.
     #[error("{name} ({firmware}) cannot measure itself")]
     #[diagnostic(
         code(inerter::selftest::unsupported),
@@ -208,11 +208,11 @@ pub enum SelfTestError {
     CannotMeasure {
         /// Port or address.
         name: String,
-        /// What it runs.
+        /// Its firmware.
         firmware: String,
     },
 
-    /// Two results in one file.
+    /// Two results would share a file.
     #[error("the page {page} and its JSON file {json} would be one file", page = page.display(), json = json.display())]
     #[diagnostic(code(inerter::selftest::same_name), help("give the page another ending, such as .html"))]
     SameName {
@@ -237,17 +237,17 @@ pub enum SelfTestError {
 /// A question that is not answered.
 #[derive(Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum DialogueError {
-    /// An answer that is not one of those possible.
+    /// An answer that is not one of the accepted ones.
     #[error("`{text}` is not a number {known}")]
     #[diagnostic(code(inerter::calibrate::answer), help("write for example 4.998 or 4,998"))]
     Answer {
         /// The answer.
         text: String,
-        /// What would be one.
+        /// The accepted answers.
         known: String,
     },
 
-    /// Nobody answers.
+    /// Nobody answers the question.
     #[error("no answer: standard input ended before the calibration")]
     #[diagnostic(
         code(inerter::calibrate::nobody),
@@ -255,7 +255,7 @@ pub enum DialogueError {
     )]
     Nobody,
 
-    /// No terminal.
+    /// There is no terminal to ask on.
     #[error("the wizard asks questions, but this is not a terminal")]
     #[diagnostic(
         code(inerter::calibrate::no_terminal),
@@ -265,18 +265,18 @@ pub enum DialogueError {
     )]
     NoTerminal,
 
-    /// Nobody is there who could say yes.
+    /// Nobody is there to confirm.
     #[error("erasing settings needs confirmation, but this is not a terminal")]
     #[diagnostic(code(inerter::settings::unconfirmed), help("add --yes; nothing was changed"))]
     Unconfirmed,
 
-    /// The same, of runs.
+    /// The same, for removing runs.
     #[error("removing runs needs confirmation, but this is not a terminal")]
     #[diagnostic(code(inerter::store::unconfirmed), help("add --yes; nothing was removed"))]
     UnconfirmedRemoval,
 }
 
-/// Failures of `inerter-data` by way of its own enum.
+/// Converts failures of `inerter-data` through its own enum.
 macro_rules! from_data {
     ($($error:ty),*) => {$(
         impl From<$error> for Error {
@@ -289,10 +289,10 @@ macro_rules! from_data {
 
 from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
 
-/// Letters of a message: it may repeat a name from a file, which may be of any length.
+/// Maximum length of a message, in characters: it may repeat a name of any length from a file.
 const MOST_LETTERS: usize = 2000;
 
-/// A failure as a terminal shows it: its words hold what files and devices say.
+/// A failure made safe for a terminal: its text may quote files and devices.
 #[derive(Debug)]
 pub struct Shown<E>(pub E);
 
@@ -330,7 +330,7 @@ impl Error {
     /// The user pressed Ctrl-C where the work could not be finished early.
     pub const INTERRUPTED: Self = Self::Data(inerter_data::Error::Interrupted);
 
-    /// True when whoever read our output has gone away, which is no fault: `inerter replay run.csv | head`.
+    /// True if the reader of our output has gone away, which is not a fault: `inerter replay run.csv | head`.
     pub fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == std::io::ErrorKind::BrokenPipe)
     }
@@ -340,7 +340,7 @@ fn is_or_are(count: usize) -> &'static str {
     if count == 1 { "is" } else { "are" }
 }
 
-/// What to do about runs that are not proven to be within limits.
+/// What to do about runs that are not shown to be within limits.
 fn runs_help(are_files: bool) -> &'static str {
     if are_files {
         "`inerter replay FILE --limits ..` says what is wrong with one run, and which motion would decide"
@@ -350,7 +350,7 @@ fn runs_help(are_files: bool) -> &'static str {
     }
 }
 
-/// What to do about a device that is not proven to be within its limits.
+/// What to do about a device that is not shown to be within its limits.
 fn limits_help(run: &str, wants: &str) -> String {
     if wants.is_empty() {
         return format!(

@@ -1,4 +1,4 @@
-//! Exit codes, a public contract described in `docs/CLI.md`, and which one each failure ends with.
+//! Exit codes, a public contract described in `docs/CLI.md`, and the code for each failure.
 
 use inerter_analysis::{
     calibrate::CalibrateError, compare::CompareError, fit::FitError, identify::IdentifyError, plan::PlanError,
@@ -14,9 +14,9 @@ use crate::{
     monitor::MonitorError,
 };
 
-/// All that was asked has been done.
+/// Everything requested was done.
 pub const OK: u8 = 0;
-/// Something that none of the other codes describes.
+/// A failure that none of the other codes describes.
 pub const OTHER: u8 = 1;
 /// The command line itself is wrong; clap ends the program with this one.
 pub const USAGE: u8 = 2;
@@ -34,12 +34,12 @@ pub const WIRE_VERSION: u8 = 7;
 pub const OUTPUT: u8 = 8;
 /// The motion cannot identify what was asked for.
 pub const NOT_SHOWN: u8 = 9;
-/// The board did not pass its self-test, or a device is not proven to be within its limits.
+/// The board did not pass its self-test, or a device is not shown to be within its limits.
 pub const NOT_PASSED: u8 = 10;
-/// Ctrl-C, as shells count it.
+/// Ctrl-C, by shell convention.
 pub const INTERRUPTED: u8 = 130;
 
-/// The code that the program ends with after this failure.
+/// The exit code for this failure.
 pub fn code(error: &Error) -> u8 {
     match error {
         Error::Config(ConfigError::File { .. }) => INPUT,
@@ -169,7 +169,7 @@ fn device(error: &DeviceError) -> u8 {
         | TurnedAway { .. } => NO_DEVICE,
         Silent { .. } | NoReply { .. } | Flood { .. } | Vanished { .. } | Refused { .. } => DEVICE_LOST,
         WireVersion { .. } => WIRE_VERSION,
-        // With its path: a name alone would become a variable if the variant were renamed.
+        // With its path: a bare name would become a catch-all binding if the variant were renamed.
         DeviceError::Interrupted => INTERRUPTED,
     }
 }

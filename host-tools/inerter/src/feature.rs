@@ -1,7 +1,7 @@
-//! Features that the program may be built without, and what it says then.
+//! Optional features, and the error when one is missing.
 //!
-//! Their options and commands are always there, so that the command line, its manual and `inerter.toml` are the same in
-//! every build. Where a feature is missing they are refused.
+//! Their options and commands always exist, so that the command line, its manual and `inerter.toml` are the same in
+//! every build. If a feature is missing, they are refused.
 
 use crate::Error;
 
@@ -17,7 +17,7 @@ pub enum Feature {
 }
 
 impl Feature {
-    /// Its name there.
+    /// Its name in `Cargo.toml`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Bridges => "bridges",
@@ -34,7 +34,7 @@ impl Feature {
         }
     }
 
-    /// Fails where an option is given that needs a feature which is not built in. `others` are what remains.
+    /// Fails if an option is given that needs a missing feature. `others` names the alternatives.
     pub fn check(self, option: &'static str, is_given: bool, others: &'static str) -> Result<(), Error> {
         if is_given && !self.is_built_in() {
             let instead = format!("; or leave {option} out: {others}");

@@ -1,7 +1,7 @@
 //! The program `inerter`: one file per command in `cmd`, the views of a live device in `monitor`, dialogues in
 //! `calibrate`.
 //!
-//! The libraries beside this crate do the work of a command; this one asks, shows, and decides the exit code.
+//! The libraries beside this crate do a command's work; this crate asks, shows, and decides the exit code.
 
 #![cfg_attr(not(feature = "lean"), allow(dead_code, reason = "a smaller program has the same command line"))]
 
@@ -59,12 +59,12 @@ fn main() -> ExitCode {
         .break_words(false)
         .without_cause_chain();
     let options = if is_terminal { options } else { options.color(false).width(10_000) };
-    // Fails only when a hook is set already.
+    // Fails only if a hook is already set.
     miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
     match run() {
         Err(error) if !error.is_broken_pipe() => {
             let code = exit::code(&error);
-            // Nobody reads it where standard error is closed.
+            // If standard error is closed, nobody reads it.
             let report = format!("{:?}", miette::Report::new(Shown(error)));
             writeln!(io::stderr(), "{}", report.trim_end()).ok();
             ExitCode::from(code)
@@ -78,7 +78,7 @@ fn run() -> Result<(), Error> {
     Ok(inerter_data::output::flush()?)
 }
 
-/// The command line, with what `inerter.toml` says where nothing was typed.
+/// The command line, with values from `inerter.toml` where nothing was typed.
 fn parse() -> Result<Cli, ConfigError> {
     let typed: Vec<OsString> = std::env::args_os().collect();
     let words = match inerter_flags::file(&typed).filter(|_| !inerter_flags::is_about_the_program(&typed)) {
@@ -88,8 +88,8 @@ fn parse() -> Result<Cli, ConfigError> {
     Ok(Cli::try_parse_from(&words).unwrap_or_else(|error| refuse(&words, error)))
 }
 
-/// Prints clap's error, or the help that was asked for, and ends. Clap repeats the words, and a file name may hold
-/// anything, so they are made printable and parsed once more.
+/// Prints clap's error or the requested help, and exits. Clap repeats the arguments, and a file name may hold any
+/// characters, so the arguments are made printable and parsed again.
 fn refuse(words: &[OsString], error: clap::Error) -> ! {
     let shown: Vec<String> = words.iter().map(|word| printable(&word.to_string_lossy()).into_owned()).collect();
     Cli::try_parse_from(shown).err().unwrap_or(error).exit()

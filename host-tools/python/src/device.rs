@@ -1,4 +1,4 @@
-//! A connected device: its estimates as they come, and recordings.
+//! A connected device: its estimates as they arrive, and recordings.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -26,7 +26,7 @@ use crate::{
     watch::watch,
 };
 
-/// A conversation with one device; closed when it is left.
+/// A connection to one device; `close` ends it.
 #[pyclass(frozen, module = "inerter")]
 pub struct Device {
     name: String,
@@ -34,26 +34,26 @@ pub struct Device {
     conversation: Mutex<Option<Conversation>>,
 }
 
-/// What goes to and fro.
+/// State of an open connection.
 struct Conversation {
     live: Live,
     settings: Settings,
     pairing: Pairing,
-    /// Estimates that nobody has asked for yet.
+    /// Estimates that have not been requested yet.
     waiting: VecDeque<String>,
     /// The device has no more samples.
     has_ended: bool,
 }
 
-/// What one look at the link gave.
+/// Result of one poll of the link.
 enum Look {
     Estimate(String),
-    /// Nothing for the moment.
+    /// Nothing new.
     Nothing,
     End,
 }
 
-/// Connects to a device: by its port, its TCP address or its serial number, or to the only one that is plugged in.
+/// Connects to a device by its port, its TCP address or its serial number, or to the only one that is plugged in.
 #[pyfunction]
 #[pyo3(signature = (port, address, serial, baud, wait_s))]
 pub fn connect(
@@ -125,8 +125,8 @@ impl Device {
         }
     }
 
-    /// Records until the device has no more samples, for so long \[s\], or until Ctrl-C; what came by then is in the
-    /// file. `calibration` is a settings file with that of the rig.
+    /// Records until the device has no more samples, for `seconds`, or until Ctrl-C; the file keeps what arrived by
+    /// then. `calibration` is a settings file that holds the rig's calibration.
     fn record(
         &self,
         py: Python<'_>,
@@ -145,7 +145,7 @@ impl Device {
                     recorder.describe(device.hello(), device.settings())?;
                 }
                 calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
-                // What came before is not in the file.
+                // Estimates from before the recording are not in the file.
                 conversation.waiting.clear();
                 Ok(recorder)
             })
@@ -181,9 +181,9 @@ impl Device {
         Ok(closed.map_err(Failure::from)?)
     }
 
-    /// Ends the conversation.
+    /// Closes the connection.
     fn close(&self, py: Python<'_>) {
-        // Dropped without the lock on Python: it may wait for the port.
+        // Dropped without holding the GIL: closing may wait for the port.
         py.detach(|| drop(self.conversation.lock().unwrap_or_else(PoisonError::into_inner).take()));
     }
 }
@@ -197,7 +197,7 @@ impl Device {
 }
 
 impl Conversation {
-    /// Looks at the link once; `heard` gets each frame as received, or nothing where there was none.
+    /// Polls the link once; `heard` gets each frame as received, or `None` if there was none.
     fn look(&mut self, heard: impl FnOnce(Option<&Received>) -> Result<(), Failure>) -> Result<Look, Failure> {
         if let Some(line) = self.waiting.pop_front() {
             return Ok(Look::Estimate(line));
@@ -211,7 +211,7 @@ impl Conversation {
                     self.take(message);
                 }
             }
-            // The last raw samples may come after the event.
+            // The last raw samples may arrive after the event.
             LinkEvent::Quiet if self.has_ended => return Ok(Look::End),
             LinkEvent::Quiet => {
                 heard(None)?;

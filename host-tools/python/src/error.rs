@@ -1,4 +1,4 @@
-//! What may fail, as one exception with the code and the help of the command line.
+//! Everything that may fail, as one exception with the command line's error code and help.
 
 use inerter_analysis::{
     calibrate::CalibrateError, compare::CompareError, fit::FitError, identify::IdentifyError, merge::MergeError,
@@ -24,7 +24,7 @@ create_exception!(
     "Raised when something cannot be done. `code` is that of the command line, `help` says what to do next."
 );
 
-/// A failure of the libraries, or of Python.
+/// A failure in the libraries or in Python.
 #[derive(Debug)]
 pub enum Failure {
     Ours(Box<dyn Diagnostic + Send + Sync>),
@@ -75,7 +75,7 @@ impl From<Failure> for PyErr {
 }
 
 impl Failure {
-    /// As an exception.
+    /// Converts to a Python exception.
     fn raised(self, py: Python<'_>) -> PyErr {
         let error = match self {
             Self::Ours(error) => error,

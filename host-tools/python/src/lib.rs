@@ -1,7 +1,7 @@
-//! The Rust half of the Python package: files in, results out, each as the command line gives it.
+//! The Rust half of the Python package: reads files and returns the results that the command line gives.
 //!
-//! Results are JSON (docs/CLI.md), tables are Arrow. What a user sees is written in Python (`python/inerter`). Work
-//! runs in a thread of its own (`watch`), so that other threads of Python continue and Ctrl-C ends it.
+//! Results are JSON (docs/CLI.md); tables are Arrow. The user-facing API is written in Python (`python/inerter`). Work
+//! runs in its own thread (`watch`), so that other Python threads continue and Ctrl-C stops it.
 
 mod device;
 mod error;

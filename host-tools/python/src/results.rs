@@ -1,4 +1,4 @@
-//! Results of runs, as the JSON of the command line.
+//! Results of runs, as the command line's JSON.
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +32,7 @@ use crate::{
     watch::watch,
 };
 
-/// Least counts in a turn or a line, and shortest segment \[s\], as on the command line.
+/// Default for the least counts of a turn or a line, and for the shortest segment \[s\], as on the command line.
 const LEAST_COUNTS: f64 = 4.0;
 const LEAST_SEGMENT_S: f64 = 0.5;
 /// Height of the figure of a motion \[px\].
@@ -45,7 +45,7 @@ fn drawn(figure: &Figure) -> Drawn {
     (svg(figure), figure.caption.clone())
 }
 
-/// A value with its interval, both with the digits that the interval bears, as the command line writes them.
+/// A value with its interval, both rounded to the digits that the interval justifies, as the command line writes them.
 #[pyfunction]
 pub fn interval_text(value: f64, u95: f64) -> String {
     words::interval_text(value, u95)
@@ -75,13 +75,13 @@ pub fn replay(
     })
 }
 
-/// The limits of a file, where there is one.
+/// Reads the limits from a file, if one is given.
 fn read(limits: Option<&Path>, machine: Machine) -> Result<Option<Limits>, LimitsError> {
     limits.map(|path| Limits::read(path, machine)).transpose()
 }
 
-/// The line of `inerter compare --json`, which intervals these are, and the loops of its page, if there are any; the
-/// runs have these names. `path` is a page that is written.
+/// The line of `inerter compare --json`, the kind of its intervals, and the loops of its page, if there are any. The
+/// runs have these names. `path` is the page to write.
 #[pyfunction]
 #[pyo3(signature = (runs, is_one_rig, path, replace, limits, told = None))]
 pub fn compare(
@@ -108,7 +108,7 @@ pub fn compare(
         if let Some(limits) = read(limits.as_deref(), machine)? {
             comparison = comparison.within(&limits);
         }
-        // Nothing is written where nobody waits for it.
+        // Write nothing if the caller no longer waits for it.
         progress.tell(1.0);
         path.iter().try_for_each(|path| output::write(path, replace, compared::html(&comparison).0))?;
         let loops = compared::loops(&comparison);
@@ -116,7 +116,7 @@ pub fn compare(
     })
 }
 
-/// The line of `inerter diagnose --json`, and what it says to a person.
+/// The line of `inerter diagnose --json`, and the text for a person.
 #[pyfunction]
 #[pyo3(signature = (run, counts_per_turn = None, counts_per_line = None, told = None))]
 pub fn diagnose(
@@ -168,11 +168,11 @@ pub fn identify(
     })
 }
 
-/// The line of `inerter plan --json` without its files, its remarks, what is out of reach, the points of the motion (time
-/// \[s\] and displacement \[m\]), and its figure.
+/// The line of `inerter plan --json` without its files, its remarks, what is not achievable, the points of the motion
+/// (time \[s\] and displacement \[m\]), and its figure.
 type Designed = (String, Vec<String>, Option<String>, Table, Drawn);
 
-/// The motion of a plan over time.
+/// The planned motion over time.
 fn motion_figure(planned: &Planned) -> Figure {
     let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
     let points = planned.points(sample_rate_hz).map(|point| (point.t_s, 1e3 * point.terminal_m)).collect();
@@ -189,7 +189,7 @@ fn motion_figure(planned: &Planned) -> Figure {
     }
 }
 
-/// Designs a motion, or predicts what a given one tells.
+/// Designs a motion, or predicts what a given motion can identify.
 #[pyfunction]
 #[pyo3(signature = (run, preset, given, force_noise_n, settings, wants, motion, limits, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the options of the command, by name in Python")]
@@ -234,7 +234,7 @@ pub fn plan(
     })
 }
 
-/// A figure of `inerter plot` as an SVG document, with its caption; `path` is a PNG that is written as well.
+/// A figure of `inerter plot` as an SVG document, with its caption; `path` is a PNG to write as well.
 #[pyfunction]
 #[pyo3(signature = (run, name, path, replace, told = None))]
 pub fn plot(
@@ -254,14 +254,14 @@ pub fn plot(
         path.iter().filter(|_| !replace).try_for_each(|path| output::refuse_existing(path))?;
         let content = Content::of(run.whole()?, |part| progress.tell(part))?;
         let figure = figure(&content, kind)?;
-        // Nothing is written where nobody waits for it.
+        // Write nothing if the caller no longer waits for it.
         progress.tell(1.0);
         path.iter().try_for_each(|path| render_png(&figure, path, replace))?;
         Ok(drawn(&figure))
     })
 }
 
-/// Writes the page of `inerter report`; gives the names of its figures.
+/// Writes the page of `inerter report`; returns the names of its figures.
 #[pyfunction]
 #[pyo3(signature = (run, path, replace, limits, told = None))]
 pub fn report(
@@ -281,7 +281,7 @@ pub fn report(
         let limits = read(limits.as_deref(), content.run.settings.machine)?;
         let within = limits.map(|limits| content.told().within(&limits)).unwrap_or_default();
         let (page, figures) = html(&content, &within);
-        // Nothing is written where nobody waits for it.
+        // Write nothing if the caller no longer waits for it.
         progress.tell(1.0);
         output::write(&path, replace, &page)?;
         Ok(figures.iter().map(|figure| figure.name).collect())

@@ -1,4 +1,4 @@
-//! Runs: opened, or put together from arrays.
+//! Runs: opened from files, or built from arrays.
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +22,7 @@ use crate::{
     watch::{Progress, watch},
 };
 
-/// Settings that go over those of a run, by name.
+/// Settings that override those of a run, by name.
 pub type Given = BTreeMap<String, f64>;
 
 /// A run: settings and samples, with what is known of the device.
@@ -31,33 +31,34 @@ pub type Given = BTreeMap<String, f64>;
 pub struct Run {
     pub source: Source,
     overrides: Arc<Overrides>,
-    /// Of a CSV or of arrays: with other settings they come to other samples.
+    /// Kept for a CSV or arrays, whose samples change with the settings.
     columns: Option<Arc<csv::Table>>,
-    /// Once they were asked for: of a CSV they are a replay.
+    /// Filled on first request: for a CSV the estimates need a replay.
     estimates: Arc<OnceLock<Py<Table>>>,
 }
 
-/// Settings by name, as an error calls them.
+/// Settings by name, which errors use too.
 pub fn overrides(given: &Given) -> Result<Overrides, Failure> {
     laid(Overrides::default(), given)
 }
 
-/// The overrides with these settings over them.
+/// The overrides, with these settings taking precedence.
 fn laid(mut overrides: Overrides, given: &Given) -> Result<Overrides, Failure> {
     given.iter().try_for_each(|(name, value)| overrides.set(name, *value, "settings"))?;
     Ok(overrides)
 }
 
-/// Opens a recording (.mcap) or a CSV file; `told` hears of the part that is read.
+/// Opens a recording (.mcap) or a CSV file; `told` is called with the fraction read.
 #[pyfunction]
 #[pyo3(signature = (path, settings, told = None))]
 pub fn open(py: Python<'_>, path: PathBuf, settings: Given, told: Option<&Bound<'_, PyAny>>) -> PyResult<Run> {
     watch(py, told, move |progress| opened(path, overrides(&settings)?, progress))
 }
 
-/// The run of a file, with settings that go over its own.
+/// The run of a file, with settings that override its own.
 pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Result<Run, Failure> {
-    // It is read again later, wherever Python works by then; its name is the one that was given.
+    // The file is read again later, whatever Python's working directory is by then. The run keeps the name that was
+    // given.
     let name = path.display().to_string();
     let path = std::path::absolute(&path).unwrap_or(path);
     if !inerter_data::recording::is_recording(&path)
@@ -72,7 +73,7 @@ pub fn opened(path: PathBuf, overrides: Overrides, progress: &Progress) -> Resul
     Ok(Run::of(source, overrides))
 }
 
-/// A run from columns of equal length, each the bytes of its numbers: 64-bit floats, and for the count 64-bit integers.
+/// A run from columns of equal length, each as raw bytes: 64-bit floats, or 64-bit integers for the encoder count.
 #[pyfunction]
 #[pyo3(signature = (name, rotary, t_s, encoder_count, force, terminal, settings))]
 #[allow(clippy::too_many_arguments, reason = "a column each")]
@@ -96,18 +97,18 @@ pub fn from_columns(
     Ok(py.detach(made)?)
 }
 
-/// The run with settings over its own.
+/// The run with these settings overriding its own.
 #[pyfunction]
 pub fn with_settings(py: Python<'_>, run: &Run, settings: Given) -> PyResult<Run> {
     Ok(py.detach(|| run.with(&settings))?)
 }
 
-/// Numbers of a column.
+/// Decodes a column of numbers.
 pub fn floats(bytes: &[u8]) -> Vec<f64> {
     bytes.chunks_exact(8).map(|eight| f64::from_le_bytes(eight_of(eight))).collect()
 }
 
-/// Chunks are of eight bytes.
+/// Each chunk has eight bytes.
 fn eight_of(bytes: &[u8]) -> [u8; 8] {
     bytes.try_into().unwrap_or_default()
 }
@@ -134,13 +135,13 @@ impl Run {
         }
     }
 
-    /// All settings by name, those that were given included; `inerter replay --help` has their units.
+    /// All settings by name, including those that were given; `inerter replay --help` lists their units.
     #[getter]
     fn settings(&self) -> Given {
         by_name(&self.source.settings)
     }
 
-    /// What was put right or found missing on the way.
+    /// What was corrected or found missing while reading.
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.source.notes.clone()
@@ -152,14 +153,14 @@ impl Run {
         self.source.device.clone().unwrap_or_default()
     }
 
-    /// What is known of the calibration of its rig, as text: `date`, and `certificate` and `expires` if they are
-    /// stated; empty where nothing is.
+    /// What is known about the calibration of the rig, as text: `date`, and `certificate` and `expires` if stated;
+    /// empty if nothing is known.
     #[getter]
     fn calibration(&self) -> BTreeMap<String, String> {
         self.source.calibration.as_ref().map(Calibration::texts).unwrap_or_default()
     }
 
-    /// What is true of a simulated device, as text by name; a name ends in its unit. Empty for a real one.
+    /// The true parameters of a simulated device, as text by name; each name ends in its unit. Empty for a real device.
     #[getter]
     fn truth(&self) -> BTreeMap<String, String> {
         self.source.truth.clone().unwrap_or_default()
@@ -172,9 +173,9 @@ impl Run {
     }
 
     /// All samples, one row each: `t_s` [s], `encoder_count` (it does not wrap), `position_m` of the screw [m],
-    /// `force_n` [N], `terminal_m` [m] if it was measured, `index` (the device's counter: a jump is missing samples),
-    /// and `saturated` (true or false). A rotary machine has `angle_rad` [rad], `torque_n_m` [N m] and `terminal_rad`
-    /// [rad].
+    /// `force_n` [N], `terminal_m` [m] if it was measured, `index` (the device's counter: a jump means missing
+    /// samples), and `saturated` (true or false). A rotary machine has `angle_rad` [rad], `torque_n_m` [N m] and
+    /// `terminal_rad` [rad].
     ///
     /// A recording is read when the table is used, which raises InerterError if the file is gone.
     #[getter]
@@ -182,14 +183,14 @@ impl Run {
         Table::samples(&self.source)
     }
 
-    /// What the device published, one row for each estimate, with the columns of `inerter export --estimates`: `t_s`
-    /// [s], and for the recent motion and for the whole run (`whole_run_`) each parameter with the half width of its
-    /// 95 % interval (`_u95`). A name ends in its unit; what the motion cannot identify is null.
+    /// What the device published, one row per estimate, with the columns of `inerter export --estimates`: `t_s` [s],
+    /// and for the recent motion and for the whole run (`whole_run_`) each parameter with the half width of its 95 %
+    /// interval (`_u95`). A name ends in its unit; what the motion cannot identify is null.
     ///
-    /// Those of a recording follow from the settings that the device had. Of a CSV, of arrays or of a simulation in
-    /// memory they are what a device would have published, computed on first use.
+    /// For a recording they follow from the settings that the device had. For a CSV, arrays or a simulation in memory
+    /// they are what a device would have published, computed on first use.
     ///
-    /// Raises InerterError if the file cannot be read any more, and KeyboardInterrupt on Ctrl-C.
+    /// Raises InerterError if the file can no longer be read, and KeyboardInterrupt on Ctrl-C.
     #[getter]
     fn estimates(&self, py: Python<'_>) -> PyResult<Py<Table>> {
         if let Some(known) = self.estimates.get() {
@@ -203,12 +204,12 @@ impl Run {
 }
 
 impl Run {
-    /// One whose samples are in memory.
+    /// A run whose samples are in memory.
     pub fn held(run: inerter_data::run::Run, overrides: Overrides) -> Self {
         Self::of(Source::held(run), overrides)
     }
 
-    /// One whose columns are kept.
+    /// A run whose columns are kept.
     fn of_columns(name: String, table: Arc<csv::Table>, overrides: Overrides) -> Result<Self, Failure> {
         let run = inerter_data::run::Run { name, ..csv::to_run((*table).clone(), &overrides)? };
         Ok(Self { columns: Some(table), ..Self::held(run, overrides) })
@@ -218,7 +219,7 @@ impl Run {
         Self { source, overrides: Arc::new(overrides), columns: None, estimates: Arc::default() }
     }
 
-    /// The same with settings over its own, as if it had been opened with them.
+    /// The same run with these settings overriding its own, as if it had been opened with them.
     fn with(&self, given: &Given) -> Result<Self, Failure> {
         let both = laid((*self.overrides).clone(), given)?;
         if let Some(table) = &self.columns {
@@ -229,7 +230,7 @@ impl Run {
         Ok(Self::of(source, both))
     }
 
-    /// With its samples in memory.
+    /// The run with its samples in memory.
     pub fn whole(&self) -> Result<inerter_data::run::Run, Error> {
         self.source.whole(&self.overrides)
     }
@@ -240,7 +241,7 @@ pub fn by_name(settings: &Settings) -> Given {
     Settings::TABLE.iter().zip(settings.values()).map(|(info, value)| (info.name.to_string(), value)).collect()
 }
 
-/// Refuses what an option cannot be.
+/// Rejects a value below `least`.
 pub fn at_least(name: &str, value: Option<f64>, least: f64) -> PyResult<()> {
     match value {
         Some(value) if !(value.is_finite() && value >= least) => {

@@ -11,10 +11,10 @@ use crate::{
     watch::watch,
 };
 
-/// Simulates a run in memory, or, where `path` is given, as a file, which is opened.
+/// Simulates a run in memory or, if `path` is given, in a file, which is then opened.
 ///
-/// The motion is a name, a CSV of points, or the displacements themselves: time from point to point and the bytes of
-/// 64-bit floats.
+/// The motion is a name, a CSV of points, or the displacements themselves: the time from point to point and the raw
+/// bytes of 64-bit floats.
 #[pyfunction]
 #[pyo3(signature = (name, file, points, preset, given, seed, duration_s, load_n, change, settings, path, replace, told = None))]
 #[allow(clippy::too_many_arguments, reason = "the flags of the command, by name in Python")]

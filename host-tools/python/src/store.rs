@@ -15,7 +15,7 @@ use crate::{
     watch::{Progress, watch},
 };
 
-/// A store, which is opened on first use.
+/// A store, opened on first use.
 #[pyclass(frozen, module = "inerter")]
 #[derive(Clone)]
 pub struct Store {
@@ -23,7 +23,7 @@ pub struct Store {
     opened: Arc<OnceLock<Arc<inerter_store::Store>>>,
 }
 
-/// What is the matter with a file: run, file, problem.
+/// Damage to a file: run, file, problem.
 type Damaged = (String, String, &'static str);
 
 fn plain(Damage { run, file, problem }: Damage) -> Damaged {
@@ -42,7 +42,7 @@ impl Store {
         &self.url
     }
 
-    /// Name of the run, and whether it is new.
+    /// Returns the name of the run, and whether it is new.
     #[pyo3(signature = (path, told = None))]
     fn add(&self, py: Python<'_>, path: PathBuf, told: Option<&Bound<'_, PyAny>>) -> PyResult<(String, bool)> {
         let this = self.clone();
@@ -53,7 +53,7 @@ impl Store {
         })
     }
 
-    /// Each run as JSON, and what is damaged.
+    /// Each run as JSON, and the damaged files.
     fn rows(
         &self,
         py: Python<'_>,
@@ -75,12 +75,12 @@ impl Store {
         self.work(py, move |store| Ok(json_line(&store.row(&store.find(&run)?)?)))
     }
 
-    /// Its whole name.
+    /// The full name of a run.
     fn find(&self, py: Python<'_>, run: String) -> PyResult<String> {
         self.work(py, move |store| Ok(store.find(&run)?.name().to_owned()))
     }
 
-    /// Where its recording lies, where that is a file of this computer.
+    /// The path of its recording, if that is a local file.
     fn path(&self, py: Python<'_>, run: String) -> PyResult<Option<String>> {
         self.work(py, move |store| {
             let file = store.file(&store.find(&run)?);
@@ -88,7 +88,7 @@ impl Store {
         })
     }
 
-    /// Writes its recording into a file.
+    /// Copies its recording into a file.
     fn get(&self, py: Python<'_>, run: String, path: PathBuf, replace: bool) -> PyResult<()> {
         self.work(py, move |store| Ok(store.get(&store.find(&run)?, &path, replace)?))
     }
@@ -105,7 +105,7 @@ impl Store {
         })
     }
 
-    /// Keeps what became of a run: JSON of the command, or code and text of an error.
+    /// Saves the outcome of a run: the command's JSON, or the code and text of an error.
     #[allow(clippy::too_many_arguments, reason = "the columns of a batch")]
     fn keep(
         &self,
@@ -118,7 +118,7 @@ impl Store {
         error: (String, String),
     ) -> PyResult<()> {
         self.work(py, move |store| {
-            // Settings that cannot be are the caller's fault, not the run's.
+            // Invalid settings are the caller's error, not the run's.
             overrides(&given)?;
             let result = result.map(|text| serde_json::from_str(&text).unwrap_or_default()).ok_or(error);
             let outcome = Outcome { kind, given: serde_json::json!(given), result };
@@ -126,7 +126,8 @@ impl Store {
         })
     }
 
-    /// Names of the runs that a batch has, made by this with these settings, which must be some.
+    /// Names of the runs that a batch already has. Fails if the batch was made by another command or with other
+    /// settings.
     fn kept(&self, py: Python<'_>, batch: String, kind: String, given: Given) -> PyResult<Vec<String>> {
         self.work(py, move |store| {
             overrides(&given)?;
@@ -163,7 +164,7 @@ impl Store {
     }
 }
 
-/// Nobody waits any more: the work ends.
+/// Nobody waits any more, so the work ends.
 fn told_by(progress: &Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
     |part| progress.set(part).map_err(|_| inerter_data::Error::Interrupted.into())
 }

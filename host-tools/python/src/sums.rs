@@ -1,4 +1,4 @@
-//! Exact sums of runs, which go from worker to worker, and the fit to all of them.
+//! Exact sums of runs, which workers pass on, and the fit to all of them.
 
 use inerter_analysis::{merge::Runs, results::FitJson};
 use inerter_core::Settings;
@@ -18,7 +18,7 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Of one run, as it came out of the estimator with these settings.
+    /// The sums of one run, from the estimator's outcome with these settings.
     pub fn of(name: &str, settings: &Settings, outcome: &Outcome) -> Self {
         Self { runs: Runs::of(name, settings, outcome) }
     }
@@ -26,14 +26,14 @@ impl Sums {
 
 #[pymethods]
 impl Sums {
-    /// From bytes of `to_bytes`.
+    /// Decodes the bytes of `to_bytes`.
     #[classmethod]
     fn from_bytes(_: &Bound<'_, PyType>, py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
         let runs = py.detach(|| Runs::from_bytes(bytes)).map_err(Failure::from)?;
         Ok(Self { runs })
     }
 
-    /// The same for any order and grouping.
+    /// The bytes are the same for any order and grouping of the additions.
     fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
         let bytes = py.detach(|| self.runs.to_bytes());
         PyBytes::new(py, &bytes)
@@ -43,7 +43,7 @@ impl Sums {
         Ok((py.get_type::<Self>().getattr("from_bytes")?, (self.to_bytes(py),)))
     }
 
-    /// Both together, without a fit.
+    /// Adds two sums, without a fit.
     fn __add__(&self, py: Python<'_>, other: PyRef<'_, Self>) -> PyResult<Self> {
         let (ours, others) = (self.runs.clone(), other.runs.clone());
         let runs = py.detach(|| ours.and(others)).map_err(Failure::from)?;
@@ -65,7 +65,7 @@ impl Sums {
     }
 }
 
-/// The line of `inerter fit --json`, what a person should know of it, and the sums of all.
+/// The line of `inerter fit --json`, remarks for a person, and the sums of all runs.
 #[pyfunction]
 pub fn merge(
     py: Python<'_>,

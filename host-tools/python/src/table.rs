@@ -1,4 +1,4 @@
-//! Tables for pandas, Polars, pyarrow and DuckDB: Arrow by the PyCapsule interface, batch after batch.
+//! Tables for pandas, Polars, pyarrow and DuckDB: Arrow through the PyCapsule interface, batch by batch.
 
 use std::sync::Arc;
 
@@ -22,13 +22,13 @@ use pyo3::{
 
 use crate::error::Failure;
 
-/// Rows that are handed over together.
+/// Rows per batch.
 const BATCH: usize = 1 << 16;
 
 /// A table of a run, read on demand.
 ///
-/// It has the Arrow PyCapsule interface: `pandas.DataFrame.from_arrow`, `polars.DataFrame`, `pyarrow.table` and DuckDB
-/// take it.
+/// It implements the Arrow PyCapsule interface, so `pandas.DataFrame.from_arrow`, `polars.DataFrame`, `pyarrow.table`
+/// and DuckDB accept it.
 #[pyclass(frozen, module = "inerter")]
 pub struct Table {
     of: Of,
@@ -37,7 +37,7 @@ pub struct Table {
 
 enum Of {
     Samples(Box<Source>, Vec<Column>),
-    /// Columns that are known already, as many as the schema says, of this many rows.
+    /// Columns already in memory, as many as in the schema, with this many rows.
     Known(Vec<ArrayRef>, usize),
 }
 
@@ -49,7 +49,7 @@ impl Table {
         self.schema.fields().iter().map(|field| field.name().clone()).collect()
     }
 
-    /// Unit of each column by its name; empty for plain numbers.
+    /// Unit of each column by name; empty for plain numbers.
     #[getter]
     fn units(&self) -> std::collections::BTreeMap<String, String> {
         let unit = |field: &Arc<Field>| field.metadata().get("unit").cloned().unwrap_or_default();
@@ -94,13 +94,13 @@ impl Table {
         py: Python<'py>,
         requested_schema: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
-        // The interface lets a producer give what it has.
+        // The interface allows a producer to ignore the requested schema.
         drop(requested_schema);
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(self.reader()?), c"arrow_array_stream")
     }
 }
 
-/// Why a batch could not be read, with the code and the help of the file's own error.
+/// Why a batch could not be read, with the code and help of the original error.
 fn failed(error: ArrowError) -> PyErr {
     let text = error.to_string();
     let ours = match error {
@@ -111,7 +111,7 @@ fn failed(error: ArrowError) -> PyErr {
 }
 
 impl Table {
-    /// Its rows, batch after batch.
+    /// Its rows, batch by batch.
     fn reader(&self) -> Result<Box<dyn RecordBatchReader + Send>, Failure> {
         Ok(match &self.of {
             Of::Samples(source, columns) => {
@@ -126,7 +126,7 @@ impl Table {
                 Box::new(batches)
             }
             Of::Known(columns, rows) => {
-                // A run too short for an estimate has none, and then no columns either.
+                // A run too short for an estimate has no rows, and then no columns either.
                 let rows = RecordBatchOptions::new().with_row_count(Some(*rows));
                 let batch = RecordBatch::try_new_with_options(self.schema.clone(), columns.clone(), &rows);
                 Box::new(RecordBatchIterator::new([batch], self.schema.clone()))
@@ -158,7 +158,7 @@ impl Table {
         Self::known(rows, columns.map(|column| floats(&column.name, column.unit, column.values, true)))
     }
 
-    /// The points of a motion that was planned, at the setting `sample_rate_hz`: what moves the terminal.
+    /// The points of a planned motion at the setting `sample_rate_hz`: the motion of the terminal.
     pub fn motion(planned: &Planned) -> Self {
         let Settings { machine, sample_rate_hz, .. } = planned.expected().settings;
         let (t_s, terminal): (Vec<f64>, Vec<f64>) =
@@ -173,7 +173,7 @@ impl Table {
     }
 }
 
-/// A column of numbers with a fraction.
+/// A column of floating-point numbers.
 fn floats(name: &str, unit: &str, values: impl Into<Float64Array>, nullable: bool) -> (Field, ArrayRef) {
     let values: Float64Array = values.into();
     (field(name, unit, DataType::Float64, nullable), Arc::new(values))
@@ -184,7 +184,7 @@ fn field(name: &str, unit: &str, kind: DataType, nullable: bool) -> Field {
         .with_metadata(std::collections::HashMap::from([("unit".to_string(), unit.to_string())]))
 }
 
-/// Samples, read from their file as they are asked for.
+/// Samples, read from their file on demand.
 struct Batches {
     source: Source,
     columns: Vec<Column>,

@@ -1,4 +1,4 @@
-//! Work that Python waits for: other threads continue, a callback receives the progress, and Ctrl-C ends the wait.
+//! Work that Python waits for: other threads continue, a callback receives the progress, and Ctrl-C stops the wait.
 
 use std::{
     panic,
@@ -15,10 +15,10 @@ use pyo3::{exceptions::PyRuntimeError, prelude::*};
 
 use crate::error::Failure;
 
-/// Between two looks at signals, and two calls of the callback.
+/// Time between two checks for signals, and between two calls of the callback.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// How far the work is, and whether anybody still waits for it.
+/// The progress of the work, and whether the caller still waits for it.
 #[derive(Clone, Debug, Default)]
 pub struct Progress {
     part: Arc<AtomicU64>,
@@ -26,25 +26,25 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// So much is done, from 0 to 1. Fails when nobody waits any more.
+    /// Sets the completed fraction, from 0 to 1. Fails if the caller no longer waits.
     pub fn set(&self, part: f64) -> Result<(), Failure> {
         self.part.store(part.to_bits(), Ordering::Relaxed);
         if self.is_stopped.load(Ordering::Relaxed) { Err(Failure::Stopped) } else { Ok(()) }
     }
 
-    /// The same, for work that cannot be told to stop: when nobody waits any more its thread is unwound from here.
+    /// The same, for work that cannot return early: if the caller no longer waits, this unwinds the work's thread.
     pub fn tell(&self, part: f64) {
         if let Err(stopped) = self.set(part) {
-            // No fault, so without the message of a panic; of the failure nobody hears.
+            // This is no fault, so the thread unwinds without a panic message. Nobody receives the failure.
             panic::resume_unwind(Box::new(stopped));
         }
     }
 }
 
-/// Does the work in a thread of its own; `told` is called with the part that is done, from 0 to 1, now and then.
+/// Does the work in its own thread; calls `told` with the completed fraction, from 0 to 1, now and then.
 ///
-/// Where Ctrl-C or an exception of `told` ends the wait, the work ends as soon as it tells of its progress again, and
-/// what it has come to is dropped.
+/// If Ctrl-C or an exception in `told` stops the wait, the work ends the next time it reports progress. Its result is
+/// dropped.
 pub fn watch<T: Send + 'static>(
     py: Python<'_>,
     told: Option<&Bound<'_, PyAny>>,
@@ -53,7 +53,7 @@ pub fn watch<T: Send + 'static>(
     let progress = Progress::default();
     let (sender, done) = mpsc::sync_channel(1);
     let own = progress.clone();
-    // Nobody is there to hear of it after an interrupt.
+    // After an interrupt nobody receives the result.
     let begun = thread::Builder::new().name("inerter".into()).spawn(move || drop(sender.send(work(&own))));
     begun.map_err(|error| PyRuntimeError::new_err(format!("no thread for the work: {error}")))?;
     let done = std::sync::Mutex::new(done);

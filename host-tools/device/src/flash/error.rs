@@ -1,4 +1,4 @@
-//! Why programming through a probe did not happen, and what to do about it.
+//! Why programming through a probe failed, and what to do about it.
 
 use miette::Diagnostic;
 
@@ -11,7 +11,7 @@ use crate::{
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum FlashError {
-    /// The program cannot speak to probes.
+    /// The program was built without support for probes.
     #[error("this `inerter` was built without its feature `probe`, which `inerter flash` needs")]
     #[diagnostic(
         code(inerter::flash::built_without),
@@ -22,7 +22,7 @@ pub enum FlashError {
     )]
     BuiltWithout,
 
-    /// No probe.
+    /// No probe is connected.
     #[error("no debug probe was found")]
     #[diagnostic(
         code(inerter::flash::no_probe),
@@ -33,17 +33,17 @@ pub enum FlashError {
     )]
     NoProbe,
 
-    /// Several probes.
+    /// Several probes are connected.
     #[error("several debug probes are plugged in: {probes}")]
     #[diagnostic(code(inerter::flash::several), help("choose one with --probe VID:PID:SERIAL, as listed"))]
     SeveralProbes { probes: String },
 
-    /// Not the one that was meant.
+    /// No probe matches the selection.
     #[error("there is no debug probe `{words}`; there are: {probes}")]
     #[diagnostic(code(inerter::flash::no_such_probe), help("give --probe VID:PID:SERIAL, as listed"))]
     NoSuchProbe { words: String, probes: String },
 
-    /// The probe may not be opened.
+    /// The user may not open the probe.
     #[error("the debug probe {probe} cannot be opened: permission denied")]
     #[diagnostic(code(inerter::flash::permission), help("{}", udev_help(vid, "")))]
     Permission { probe: String, vid: String },
@@ -59,12 +59,12 @@ pub enum FlashError {
     )]
     Open { probe: String, reason: String },
 
-    /// No such chip.
+    /// Unknown chip.
     #[error("there is no chip `{chip}`: {reason}")]
     #[diagnostic(code(inerter::flash::chip), help("leave --chip out for the board's own, {CHIP}"))]
     Chip { chip: String, reason: String },
 
-    /// The probe does not reach the chip.
+    /// The probe cannot connect to the chip.
     #[error("the chip does not answer through {probe}: {reason}")]
     #[diagnostic(
         code(inerter::flash::attach),
@@ -87,7 +87,7 @@ pub enum FlashError {
     #[diagnostic(code(inerter::flash::bank), help("{SET_DBANK}"))]
     SingleBank,
 
-    /// What is in flash would never run.
+    /// The chip would not boot from flash.
     #[error("the chip does not start from flash: its option bytes nSWBOOT0 and nBOOT0 are 0")]
     #[diagnostic(
         code(inerter::flash::boot),

@@ -1,7 +1,7 @@
-//! Programming through a debug probe: for a board that runs nothing yet, or nothing that answers.
+//! Programming through a debug probe, for a board that has no firmware yet, or whose firmware does not answer.
 //!
-//! Only pages of the image are erased, so that settings are kept. Everything but the probe itself is here, behind
-//! [`Probes`]; the probe is probe-rs's, in a program that was built with the feature `probe`.
+//! Only pages of the image are erased, so the settings are kept. Everything except the probe itself is here, behind
+//! [`Probes`]; the probe is probe-rs's, in a program built with the feature `probe`.
 
 mod error;
 mod probe;
@@ -13,16 +13,16 @@ pub use probe::{Probe, Probes, Work};
 
 use crate::image::Image;
 
-/// What was programmed, and through what.
+/// What was programmed, and through which probe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Flashed {
     /// The probe.
     pub probe: Probe,
-    /// Serial number of the device, as it has it over USB.
+    /// Serial number of the device, the same as over USB.
     pub serial: String,
 }
 
-/// Writes the image through the only probe, or through the one that `words` mean. `tell` hears which one.
+/// Writes the image through the only probe, or through the one that `words` selects. `tell` is called with that probe.
 pub fn flash(
     probes: &mut dyn Probes,
     words: Option<&str>,
@@ -66,7 +66,7 @@ pub fn probes() -> Result<Without, FlashError> {
     Err(FlashError::BuiltWithout)
 }
 
-/// Replaces probes in a program that was built without them.
+/// Replaces the probes in a program built without them.
 #[cfg(not(feature = "probe"))]
 pub enum Without {}
 
@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_chip_on_which_the_firmware_cannot_run_is_refused() {
-        // As owners of NUCLEO boards report it, with nSWBOOT0 = 0, and as in the manual.
+        // As owners of NUCLEO boards report them, with nSWBOOT0 = 0, and as in the manual.
         let delivered = [0xFBEF_F8AA, 0xFFEF_F8AA];
         let check = |device, flash_kb, options| ChipFacts { device, flash_kb, options }.check();
         for options in delivered {

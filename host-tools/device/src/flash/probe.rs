@@ -1,4 +1,4 @@
-//! A debug probe, and what programming needs of it.
+//! A debug probe, and the operations that programming needs.
 
 use super::error::FlashError;
 #[cfg(any(feature = "probe", test))]
@@ -8,11 +8,11 @@ use crate::image::Image;
 /// A debug probe that is plugged in.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Probe {
-    /// What it calls itself.
+    /// Its product name.
     pub name: String,
-    /// USB vendor number.
+    /// USB vendor ID.
     pub vid: u16,
-    /// USB product number.
+    /// USB product ID.
     pub pid: u16,
     /// Its serial number.
     pub serial: Option<String>,
@@ -21,13 +21,13 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// The words with which `--probe` chooses it.
+    /// The text that selects it with `--probe`.
     pub fn selector(&self) -> String {
         let serial = self.serial.as_ref().map(|serial| format!(":{serial}")).unwrap_or_default();
         format!("{:04x}:{:04x}{serial}", self.vid, self.pid)
     }
 
-    /// Whether `--probe` with these words means it: VID:PID, VID:PID:SERIAL or SERIAL.
+    /// Whether this `--probe` text selects it: VID:PID, VID:PID:SERIAL or SERIAL.
     pub(super) fn matches(&self, words: &str) -> bool {
         let numbers = format!("{:04x}:{:04x}", self.vid, self.pid);
         let serial = self.serial.as_deref().unwrap_or_default();
@@ -41,7 +41,7 @@ impl std::fmt::Display for Probe {
     }
 }
 
-/// What is under way.
+/// The operation in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
     /// Pages are erased.
@@ -54,10 +54,10 @@ pub enum Work {
 
 /// Access to probes.
 pub trait Probes {
-    /// Those that are plugged in.
+    /// The connected probes.
     fn list(&mut self) -> Result<Vec<Probe>, FlashError>;
-    /// Writes the image, reads it back, and starts it; `progress` hears the bytes done of all. Gives the chip's serial
-    /// number. Nothing is written to a chip that is not the board's.
+    /// Writes the image, verifies it and starts it; `progress` gets the bytes done and the total. Returns the chip's
+    /// serial number. Nothing is written to a chip that is not the board's.
     fn program(
         &mut self,
         probe: &Probe,
@@ -67,7 +67,7 @@ pub trait Probes {
     ) -> Result<String, FlashError>;
 }
 
-/// What a probe reads of a chip before it changes anything.
+/// What a probe reads from a chip before it changes anything.
 #[cfg(any(feature = "probe", test))]
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChipFacts {
@@ -81,7 +81,7 @@ pub(super) struct ChipFacts {
 
 #[cfg(any(feature = "probe", test))]
 impl ChipFacts {
-    /// Whether the board's firmware can run there.
+    /// Checks that the board's firmware can run there.
     pub(super) fn check(self) -> Result<(), FlashError> {
         let is_set = |bit: u32| self.options >> bit & 1 != 0;
         let (dbank, nswboot0, nboot0) = (is_set(22), is_set(26), is_set(27));

@@ -1,4 +1,4 @@
-//! Debug probes by probe-rs.
+//! Debug probes through probe-rs.
 
 use std::{collections::HashMap, error::Error};
 
@@ -41,7 +41,7 @@ impl Probes for Attached {
         image: &Image,
         progress: &mut dyn FnMut(Work, u64, u64),
     ) -> Result<String, FlashError> {
-        // Looked up first, so that a wrong name is not taken for a wrong wire.
+        // Looked up first, so that a wrong name is not mistaken for a wiring fault.
         let unknown = |error: &dyn Error| FlashError::Chip { chip: chip.into(), reason: reason(error) };
         Registry::from_builtin_families().get_target_by_name(chip).map_err(|error| unknown(&error))?;
         let mut session = attach(probe, chip)?;
@@ -82,14 +82,14 @@ fn attach(probe: &Probe, chip: &str) -> Result<Session, FlashError> {
     };
     match open()?.attach(chip, Permissions::default()) {
         Ok(session) => Ok(session),
-        // A firmware that sleeps deeply or has taken the pins lets the probe in only from its reset on.
+        // Firmware in deep sleep, or that uses the debug pins, can be reached only under reset.
         Err(first) => open()?
             .attach_under_reset(chip, Permissions::default())
             .map_err(|_| FlashError::Attach { probe: probe.to_string(), reason: reason(&first) }),
     }
 }
 
-/// Adds up what probe-rs tells piece by piece.
+/// Adds up probe-rs's progress messages.
 fn bars<'a>(progress: &'a mut dyn FnMut(Work, u64, u64)) -> FlashProgress<'a> {
     let mut done: HashMap<&'static str, (u64, u64)> = HashMap::new();
     FlashProgress::new(move |event| {
@@ -119,7 +119,7 @@ fn work(operation: ProgressOperation) -> Option<(&'static str, Work)> {
     }
 }
 
-/// An error with all that lies behind it.
+/// An error with its chain of causes.
 fn reason(error: &dyn Error) -> String {
     let mut words = error.to_string().trim_end_matches('.').to_string();
     let mut source = error.source();

@@ -11,7 +11,7 @@ use super::ImageError;
 pub struct Segment<'a> {
     /// Physical address.
     pub address: u64,
-    /// The bytes; the zeros that the startup code makes are not among them.
+    /// The bytes, without those that the startup code zeroes.
     pub bytes: &'a [u8],
 }
 

@@ -1,7 +1,7 @@
-//! Firmware images as small as they can be.
+//! Minimal firmware images.
 #![allow(dead_code, reason = "each test file uses its part")]
 
-/// Number of Arm among the machines of ELF.
+/// ELF machine number of Arm.
 pub const ARM: u16 = 40;
 
 /// A 32-bit executable with these segments: physical address, bytes.
@@ -16,7 +16,7 @@ pub fn elf(machine: u16, segments: &[(u32, &[u8])]) -> Vec<u8> {
     let mut place = header + entry * segments.len() as u32;
     for (address, bytes) in segments {
         let length = bytes.len() as u32;
-        // Linked to run elsewhere than it is loaded, as `.data` is.
+        // The run address differs from the load address, as for `.data`.
         let fields = [1, place, 0x2000_0000, *address, length, length + 8, 5, 4];
         file.extend(fields.iter().flat_map(|&field| word(field)));
         place += length;
@@ -25,7 +25,7 @@ pub fn elf(machine: u16, segments: &[(u32, &[u8])]) -> Vec<u8> {
     file
 }
 
-/// What lies at the beginning of flash: vectors, identity, and code that differs in each place.
+/// The contents at the beginning of flash: vectors, identity, and code that differs at each address.
 pub fn code(length: usize, firmware: &str, git: &str, board: &str) -> Vec<u8> {
     let mut bytes = [0x2001_8000u32.to_le_bytes(), 0x0800_01ADu32.to_le_bytes()].concat();
     bytes.extend(format!("inerter-identity\0{firmware}\0{git}\0{board}\0").into_bytes());
@@ -34,7 +34,7 @@ pub fn code(length: usize, firmware: &str, git: &str, board: &str) -> Vec<u8> {
     bytes
 }
 
-/// An image for the board of two segments with a hole between, `length` bytes in the first.
+/// An image for the board in two segments with a gap between them, `length` bytes in the first.
 pub fn image(length: usize, firmware: &str, git: &str) -> Vec<u8> {
     elf(ARM, &[(0x0800_0000, &code(length, firmware, git, "nucleo-g474re")), (0x0802_0004, &[0xA5; 100])])
 }

@@ -6,7 +6,7 @@ use miette::Diagnostic;
 
 use crate::board::{CODE, SETTINGS};
 
-/// How to get a file that is right.
+/// How to get the right file.
 const BUILD: &str = "give the ELF that `cargo build --release` makes in firmware/stm32g474: \
                      target/thumbv7em-none-eabihf/release/inerter-stm32g474";
 
@@ -34,7 +34,7 @@ pub enum ImageError {
     #[diagnostic(code(inerter::image::machine), help("{BUILD}"))]
     Machine { file: String, machine: String },
 
-    /// Some of it would lie where the board has no room for code.
+    /// Part of it would lie outside the board's code area.
     #[error(
         "{file} has bytes for 0x{start:08X} to 0x{end:08X}; the firmware lies in 0x{:08X} to 0x{:08X} (flash bank 1)",
         CODE.start,
@@ -46,7 +46,7 @@ pub enum ImageError {
     )]
     Outside { file: String, start: u64, end: u64 },
 
-    /// Some of it would lie over the settings.
+    /// Part of it would overwrite the settings.
     #[error(
         "{file} has bytes for 0x{start:08X} to 0x{end:08X}, over the settings at 0x{:08X} to 0x{:08X}",
         SETTINGS.start,
@@ -55,12 +55,12 @@ pub enum ImageError {
     #[diagnostic(code(inerter::image::settings), help("it would destroy settings and calibration. {BUILD}"))]
     OverSettings { file: String, start: u64, end: u64 },
 
-    /// The chip could not start it.
+    /// The chip could not boot it.
     #[error("{file} cannot start on the board: {what}")]
     #[diagnostic(code(inerter::image::vectors), help("{BUILD}"))]
     Vectors { file: String, what: String },
 
-    /// Nothing says that it is ours.
+    /// Nothing identifies it as ours.
     #[error("{file} does not name its firmware, commit and board")]
     #[diagnostic(code(inerter::image::identity), help("is it the image for QEMU, or another project's? {BUILD}"))]
     NoIdentity { file: String },

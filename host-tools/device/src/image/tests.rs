@@ -5,7 +5,7 @@ mod elf_file;
 
 use elf_file::{ARM, code, elf};
 
-/// An image of so many bytes and some more further on.
+/// An image of this many bytes, and some more further on.
 pub(crate) fn sample(length: usize, firmware: &str) -> Image {
     Image::parse("sample.elf".into(), &elf_file::image(length, firmware, "c8a2d5a")).unwrap()
 }

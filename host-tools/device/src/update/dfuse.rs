@@ -1,12 +1,12 @@
 //! The chip's ROM in update mode: ST's extension of USB DFU, over [`dfu_core::DfuIo`].
 //!
-//! - *block*: what one transfer carries, at most [`FunctionalDescriptor::transfer_size`] bytes; block `n` goes to the
+//! - *block*: the data of one transfer, at most [`FunctionalDescriptor::transfer_size`] bytes; block `n` goes to the
 //!   address pointer + (n - 2) x transfer size, and n = 0 carries a command.
-//! - A command or block is carried out when the host asks for the status after it; the answer says how long to wait.
+//! - The ROM executes a command or block when the host requests the status after it; the answer says how long to wait.
 //!
-//! The first page holds the vectors. It is erased before all others and written after them, and the vectors by a
-//! transfer of their own last of all, so that no half of an image ever runs, wherever power is lost. The same order
-//! starts over after any interruption. Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
+//! The first page holds the vectors. It is erased before all others and written after them, and the vectors are written
+//! last, in a separate transfer. So a partial image never runs, whenever power is lost. After any interruption the same
+//! sequence starts over. Sources: USB DFU 1.1; UM0424 (DfuSe); AN3156 (the protocol of the ROM).
 //!
 //! [`FunctionalDescriptor::transfer_size`]: dfu_core::functional_descriptor::FunctionalDescriptor::transfer_size
 
@@ -21,12 +21,12 @@ use crate::{
     image::Image,
 };
 
-/// Whether work continues.
+/// Whether to continue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Going {
-    /// It does.
+    /// Continue.
     On,
-    /// The user wants it to end.
+    /// The user wants to stop.
     Stop,
 }
 
@@ -42,21 +42,21 @@ const ABORT: u8 = 6;
 /// Commands in block 0 (AN3156, 5).
 const SET_ADDRESS: u8 = 0x21;
 const ERASE: u8 = 0x41;
-/// Bytes without which nothing runs: initial stack and reset vector, one double word, which is programmed whole or not
-/// at all (RM0440 3.3.7).
+/// The bytes without which nothing boots: initial stack pointer and reset vector, one double word, which is programmed
+/// whole or not at all (RM0440 3.3.7).
 const VECTORS: usize = 8;
 /// Number of the block that goes to the address pointer itself.
 const FIRST_BLOCK: u16 = 2;
 /// Longest time for one page: the data sheet allows 25 ms to erase or to program one.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Wait between two looks where the ROM says 0, so that a stuck one is noticed in time.
+/// Wait between two status requests if the ROM asks for 0, so that a stuck ROM is noticed in time.
 const LEAST_WAIT: Duration = Duration::from_millis(1);
-/// Wait after which an interruption is asked for.
+/// Longest wait between two checks for an interrupt.
 const SLICE: Duration = Duration::from_millis(200);
 /// Attempts to reach the idle state from any other.
 const ATTEMPTS: usize = 10;
 
-/// How far an update is.
+/// Progress of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// Pages erased and written.
@@ -65,11 +65,11 @@ pub enum Stage {
     Checking,
 }
 
-/// A ROM in update mode.
+/// A ROM bootloader in update mode.
 pub struct Rom<'a, Io> {
     io: &'a Io,
     sleep: &'a mut dyn FnMut(Duration) -> Going,
-    /// The vectors were erased and are not back: no whole firmware is there.
+    /// The vectors have been erased and not yet rewritten: the flash holds no complete firmware.
     broken: bool,
 }
 
@@ -81,18 +81,18 @@ struct Answer {
 }
 
 impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
-    /// The ROM behind `io`; `sleep` waits as long as it is told to, and says whether the work goes on.
+    /// The ROM behind `io`; `sleep` waits for the given time and returns whether to continue.
     pub fn new(io: &'a Io, sleep: &'a mut dyn FnMut(Duration) -> Going) -> Self {
         Self { io, sleep, broken: false }
     }
 
-    /// Whether the firmware that is there is whole: none was erased, or all is written.
+    /// Whether the flash holds complete firmware: none was erased, or all of it is written.
     pub fn is_whole(&self) -> bool {
         !self.broken
     }
 
-    /// Writes the image, reads it back, and starts it. `progress` hears the pages done of all; what it answers counts
-    /// between two pages.
+    /// Writes the image, verifies it and starts it. `progress` gets the pages done and the total; its return value is
+    /// obeyed between pages.
     pub fn program(
         &mut self,
         image: &Image,
@@ -163,14 +163,14 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         if kb < FLASH_KB.into() { Err(UpdateError::SmallFlash { kb }) } else { Ok(()) }
     }
 
-    /// Compares what the chip says of itself with what the image needs, where the ROM lets it be read.
+    /// Compares what the chip reports about itself with what the image needs, if the ROM allows reading it.
     ///
-    /// The ROM's description of the flash may be of the die, and not of this chip.
+    /// The ROM's description of the flash may be that of the die, not of this chip.
     fn check_chip(&mut self) -> Result<(), UpdateError> {
         let action = "identifying the chip";
         if let Some([low, high, ..]) = self.peek(FLASH_KB_ADDRESS as u32, action)? {
             let kb = u16::from_le_bytes([low, high]);
-            // A place that is not there reads as zeros or ones.
+            // An address that does not exist reads as zeros or ones.
             if (1..FLASH_KB).contains(&kb) {
                 return Err(UpdateError::SmallFlash { kb: kb.into() });
             }
@@ -184,7 +184,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         Ok(())
     }
 
-    /// The double word at an address, or nothing where the ROM does not read there.
+    /// The double word at an address, or `None` if the ROM does not allow reading there.
     fn peek(&mut self, address: u32, action: &str) -> Result<Option<[u8; 8]>, UpdateError> {
         if !self.io.functional_descriptor().can_upload {
             return Ok(None);
@@ -196,7 +196,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         self.idle(action)?;
         let mut bytes = [0; 8];
         let read = self.io.read_control(IN, UPLOAD, FIRST_BLOCK, &mut bytes);
-        // Where it has gone, this says so.
+        // If the ROM is gone, this call reports it.
         self.idle(action)?;
         Ok(read.ok().filter(|count| *count == bytes.len()).map(|_| bytes))
     }
@@ -211,7 +211,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         match size {
             PAGE => Ok(size),
             0 => Err(UpdateError::SmallFlash { kb }),
-            // Our chip with one bank has pages of 4 KB.
+            // Our chip in single-bank mode has pages of 4 KB.
             _ if size == 2 * PAGE => Err(UpdateError::SingleBank { address: start, size }),
             _ => Err(UpdateError::OtherChip { what: format!("it erases {size} bytes at 0x{start:08X} at once") }),
         }
@@ -236,7 +236,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
     fn check(&mut self, address: u32, bytes: &[u8]) -> Result<(), UpdateError> {
         let action = format!("reading 0x{address:08X}");
         self.command(SET_ADDRESS, address, &action)?;
-        // Reading begins from the idle state only.
+        // Reading is possible only from the idle state.
         self.idle(&action)?;
         let size = usize::from(self.io.functional_descriptor().transfer_size);
         let mut place = address;
@@ -256,13 +256,13 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         self.idle(&action)
     }
 
-    /// Starts what is in flash, without writing anything.
+    /// Starts the firmware in flash, without writing anything.
     pub fn start(&mut self) -> Result<(), UpdateError> {
         self.idle("preparing")?;
         self.leave()
     }
 
-    /// Lets the ROM start what is in flash. It may be gone before it can answer, which is no fault.
+    /// Makes the ROM start the firmware in flash. The ROM may be gone before it can answer, which is not an error.
     fn leave(&mut self) -> Result<(), UpdateError> {
         let action = "starting the firmware";
         self.command(SET_ADDRESS, CODE.start, action)?;
@@ -277,7 +277,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         self.finish(State::DfuDnloadIdle, action)
     }
 
-    /// Lets the ROM carry out what it was given, until it is in the state `end`.
+    /// Makes the ROM execute the pending operation, until it reaches the state `end`.
     fn finish(&mut self, end: State, action: &str) -> Result<(), UpdateError> {
         let mut waited = Duration::ZERO;
         loop {
@@ -286,7 +286,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
                 return Err(UpdateError::Refused {
                     action: action.into(),
                     status: status_words(answer.status),
-                    // What the ROM says where flash is protected (AN3156, 4.2).
+                    // The ROM's answer if flash is protected (AN3156, 4.2).
                     protected: answer.status == Status::ErrVendor,
                 });
             }
@@ -300,7 +300,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         }
     }
 
-    /// Gives the ROM the time that it asks for, within limits, or less where the user wants to end; says how much.
+    /// Waits as long as the ROM asks for, within limits, or less if the user wants to stop; returns how long.
     fn wait(&mut self, asked: Duration) -> Result<Duration, UpdateError> {
         let all = asked.clamp(LEAST_WAIT, PATIENCE);
         let mut left = all;

@@ -29,7 +29,7 @@ fn holds(chip: &Chip, image: &Image) -> bool {
     image.pages().all(|(address, bytes)| chip.bytes(address, bytes.len()) == bytes)
 }
 
-/// Everything but the image's pages is as it was on a fresh chip.
+/// Everything except the image's pages is unchanged on a fresh chip.
 fn rest_untouched(chip: &Chip, image: &Image) -> bool {
     let fresh = Chip::new();
     let fresh = fresh.borrow();
@@ -77,7 +77,7 @@ fn what_the_chip_says_of_itself_counts_more_than_what_the_rom_says_of_the_die() 
     }
     let (result, untouched) = outcome(Some((512, delivered & !(1 << 22))), true);
     assert!(matches!(result, Err(UpdateError::SingleBank { .. })) && untouched, "{result:?}");
-    // What cannot be read, or is no answer, rests on the layout.
+    // If the facts cannot be read, or are invalid, the check relies on the layout.
     let any = (0xFFFF, delivered);
     for (told, can_upload) in [(Some((512, delivered)), true), (None, true), (Some(any), true), (Some((128, 0)), false)]
     {
@@ -120,14 +120,14 @@ fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_complete
         let blank = chip.borrow().bytes(CODE.start, 8) == [0xFF; 8];
         assert!(blank || whole || (old && !begun), "after {transfers} transfers half an image would run");
         match result {
-            // What is lost after the last byte is no loss.
+            // A failure after the last byte does no harm.
             Ok(()) => assert!(whole && transfers == all - 1, "{transfers}"),
             Err(error) => {
                 assert!(matches!(error, UpdateError::Lost { .. }), "{error}");
                 assert!(error.to_string().contains("no such device"), "{error}");
             }
         }
-        // The same ROM session goes on, or the power was gone.
+        // The same ROM session continues, or power was lost.
         if transfers % 2 == 0 {
             chip.borrow_mut().restart();
         }
@@ -138,7 +138,7 @@ fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_complete
     }
 }
 
-/// Power fails after any double word, also within a transfer; a ROM may take less than a page at once.
+/// Power fails after any double word, also within a transfer; a ROM may accept less than a page at once.
 #[test]
 fn an_update_that_loses_power_within_a_transfer_leaves_no_half_an_image() {
     for transfer_size in [256, 2048] {
@@ -241,14 +241,14 @@ fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
     chip.borrow_mut().hangs = true;
     chip.borrow_mut().busy = Duration::from_secs(60);
     chip.borrow_mut().interrupted_at = told;
-    // Where nothing can be read, erasing is the first thing that it hangs at.
+    // If nothing can be read, it hangs at the first erase.
     let mut io = MockIo::new(&chip, LAYOUT);
     io.descriptor.can_upload = false;
     let error = program_over(&chip, &image, &io, &mut |_, _, _| Going::On).unwrap_err();
     assert!(matches!(error, UpdateError::Interrupted), "{error}");
     let clock = chip.borrow().clock;
     assert!(clock >= told && clock < told + SLICE * 2, "{clock:?}");
-    // This time it hangs before anything is erased, and nothing is said of the firmware.
+    // This time it hangs before anything is erased, and the error says nothing about the firmware.
     chip.borrow_mut().interrupted_at = clock + told;
     let error = program(&chip, &image).unwrap_err();
     assert!(matches!(error, UpdateError::Device(DeviceError::Interrupted)), "{error}");

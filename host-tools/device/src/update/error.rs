@@ -1,4 +1,4 @@
-//! Why an update did not happen or did not end, and what to do about it.
+//! Why an update did not start or did not finish, and what to do about it.
 
 use miette::Diagnostic;
 
@@ -8,7 +8,7 @@ use crate::{
     udev::install_rule,
 };
 
-/// How to get a board into update mode by hand, and what else there is.
+/// How to put a board into update mode by hand, and the alternatives.
 pub const BY_HAND: &str = "a board whose firmware does not run enters update mode by hand: hold BOOT0 (WeAct: the button \
                            B0; NUCLEO: join CN7 pins 5 and 7), press reset, then run the same command again. With a \
                            debug probe `inerter flash` needs none of this";
@@ -17,7 +17,7 @@ pub const BY_HAND: &str = "a board whose firmware does not run enters update mod
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum UpdateError {
-    /// Nothing to update.
+    /// No device to update.
     #[error("no instrumented inerter was found{}, neither running nor in update mode", with_serial(serial))]
     #[diagnostic(
         code(inerter::update::none),
@@ -25,7 +25,7 @@ pub enum UpdateError {
     )]
     NoDevice { serial: Option<String> },
 
-    /// Several in update mode.
+    /// Several devices in update mode.
     #[error("several devices are in update mode: serial {serials}")]
     #[diagnostic(code(inerter::update::several), help("choose one with --serial"))]
     Several { serials: String },
@@ -35,12 +35,12 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::cannot), help("is it a simulated device? Else {BY_HAND}"))]
     CannotEnter { name: String, firmware: String },
 
-    /// Whatever runs on it cannot be spoken to.
+    /// Its firmware does not answer.
     #[error("{name} was found, but cannot be asked to enter update mode: {reason}")]
     #[diagnostic(code(inerter::update::cannot_ask), help("{BY_HAND}"))]
     CannotAsk { name: String, reason: String },
 
-    /// It was told to enter update mode and was not seen again.
+    /// It was told to enter update mode and did not reappear.
     #[error("the device (serial {serial}) did not appear in update mode within {seconds} s{}", seen(others))]
     #[diagnostic(code(inerter::update::no_dfu), help("{}", no_dfu_help(others)))]
     DidNotAppear { serial: String, seconds: u64, others: Vec<String> },
@@ -60,7 +60,7 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::open), help("{}", open_help()))]
     Open { serial: String, reason: String },
 
-    /// Its flash is not that of our chip.
+    /// Its flash does not match our chip's.
     #[error("the device in update mode is not the board's chip: {what}")]
     #[diagnostic(
         code(inerter::update::chip),
@@ -78,7 +78,7 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::bank), help("{SET_DBANK}"))]
     SingleBank { address: u32, size: u32 },
 
-    /// The transfer broke off.
+    /// The transfer was cut off.
     #[error("the device went away while {action}: {reason}")]
     #[diagnostic(
         code(inerter::update::lost),
@@ -86,7 +86,7 @@ pub enum UpdateError {
     )]
     Lost { action: String, reason: String },
 
-    /// The ROM refuses.
+    /// The ROM refuses an operation.
     #[error("the chip refuses {action}: {status}")]
     #[diagnostic(code(inerter::update::refused), help("{}", refused_help(*protected)))]
     Refused { action: String, status: String, protected: bool },
@@ -96,7 +96,7 @@ pub enum UpdateError {
     #[diagnostic(code(inerter::update::stuck), help("reset it and run the same command again; {BY_HAND}"))]
     Stuck { action: String, seconds: u64, state: String },
 
-    /// What was written reads back differently.
+    /// The data read back differ from those written.
     #[error("flash at 0x{address:08X} reads 0x{got:02X} where 0x{wanted:02X} was written")]
     #[diagnostic(
         code(inerter::update::verify),
@@ -114,7 +114,7 @@ pub enum UpdateError {
     )]
     OtherBoard { image: String, device: String },
 
-    /// It is written but nobody answers.
+    /// The image is written but the device does not answer.
     #[error(
         "{written} is written, but the device (serial {serial}) did not come back within {seconds} s{}",
         reason_words(reason)
@@ -136,7 +136,7 @@ pub enum UpdateError {
     )]
     StaysInDfu { serial: String, reason: String },
 
-    /// Something else runs on it.
+    /// It runs other firmware than was written.
     #[error("the device runs {running}, not {written}, which was written")]
     #[diagnostic(
         code(inerter::update::version),
@@ -144,12 +144,12 @@ pub enum UpdateError {
     )]
     OtherVersion { running: String, written: String },
 
-    /// Ctrl-C while flash is written.
+    /// Ctrl-C during writing.
     #[error("interrupted; the device has no complete firmware now and stays in update mode")]
     #[diagnostic(code(inerter::update::interrupted), help("run the same command again to complete it; {BY_HAND}"))]
     Interrupted,
 
-    /// The running device cannot be talked to.
+    /// The running device cannot be reached.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Device(#[from] DeviceError),

@@ -1,4 +1,4 @@
-//! What an update needs of the machine that it runs on, and what it finds there.
+//! What an update needs from the machine that it runs on, and the types of its answers.
 
 use std::{fmt::Display, time::Duration};
 
@@ -8,12 +8,12 @@ use inerter_wire::Hello;
 use super::error::UpdateError;
 use crate::{dfu::DfuDevice, image::Identity};
 
-/// What an update needs of the machine that it runs on.
+/// What an update needs from the machine that it runs on.
 pub trait Machine {
-    /// The way to a device in update mode.
+    /// The connection to a device in update mode.
     type Io: DfuIo<Read = usize, Write = usize, Error: Display>;
 
-    /// The running device that was chosen; `None` when there is none, which one in update mode may make up for.
+    /// The running device that was chosen; `None` if there is none, in which case one in update mode may serve.
     fn running(&mut self) -> Result<Option<Running>, UpdateError>;
     /// Tells the running device to enter update mode.
     fn enter_dfu(&mut self) -> Result<(), UpdateError>;
@@ -21,23 +21,23 @@ pub trait Machine {
     fn in_dfu(&mut self) -> Result<Vec<DfuDevice>, UpdateError>;
     /// Opens one of them.
     fn open(&mut self, device: &DfuDevice) -> Result<Self::Io, UpdateError>;
-    /// Asks the device with this serial number who it is; the error says why nobody answers yet.
+    /// Asks the device with this serial number for its identity; the error says why it does not answer yet.
     fn hello(&mut self, serial: &str) -> Result<Back, UpdateError>;
-    /// Lets time pass.
+    /// Waits.
     fn sleep(&mut self, time: Duration);
 
-    /// Fails once the work is to end where nothing is under way.
+    /// Fails if the work should end. Called only while nothing is in progress.
     fn check_interrupted(&self) -> Result<(), UpdateError> {
         Ok(())
     }
 }
 
-/// A device that runs.
+/// A running device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Running {
     /// Port or address.
     pub name: String,
-    /// Who it is.
+    /// Its identity.
     pub hello: Hello,
 }
 
@@ -48,7 +48,7 @@ pub struct Back {
     pub port: String,
     /// Serial number.
     pub serial: String,
-    /// What it runs.
+    /// Its firmware.
     pub identity: Identity,
 }
 

@@ -1,4 +1,4 @@
-//! The ROM in update mode, as AN3156 and USB DFU 1.1 describe it, with what can go wrong.
+//! The ROM in update mode, as AN3156 and USB DFU 1.1 describe it, with simulated faults.
 
 use std::{cell::RefCell, ops::Range, rc::Rc, sync::LazyLock, time::Duration};
 
@@ -6,7 +6,7 @@ use dfu_core::{DfuIo, DfuProtocol, functional_descriptor::FunctionalDescriptor, 
 
 use crate::board::{FLASH_KB_ADDRESS, OPTION_BYTES};
 
-/// What the ROM of the board's chip calls its flash.
+/// The ROM's description of the flash of the board's chip.
 pub const LAYOUT: &str = "@Internal Flash   /0x08000000/256*02Kg";
 const FLASH: u32 = 0x0800_0000;
 const SIZE: usize = 512 * 1024;
@@ -28,7 +28,7 @@ enum State {
     Error = 10,
 }
 
-/// An old firmware and settings: made once, as fuzzing asks for thousands of chips.
+/// Old firmware and settings: made once, because fuzzing creates thousands of chips.
 static OLD: LazyLock<Vec<u8>> =
     LazyLock::new(|| (0..SIZE as u32).map(|place| (place.wrapping_mul(0x85EB_CA6B) >> 24) as u8).collect());
 
@@ -49,22 +49,21 @@ pub struct Chip {
     pub clock: Duration,
     /// Time at which the user wants to end.
     pub interrupted_at: Duration,
-    /// Time that erasing takes; all else takes a tenth.
+    /// Duration of an erase; everything else takes a tenth of it.
     pub busy: Duration,
     /// Transfers until the cable is pulled.
     pub transfers_left: usize,
     /// Double words until power fails.
     pub words_left: usize,
-    /// What system memory says of the size of flash (KB), and the option bytes; nothing where the ROM does not read
-    /// there.
+    /// The flash size (KB) in system memory, and the option bytes; `None` if the ROM does not allow reading them.
     pub told: Option<(u16, u32)>,
-    /// Where flash is write-protected.
+    /// Write-protected range of flash.
     pub protected: Range<u32>,
-    /// A cell that keeps a bit at 0.
+    /// A cell with a bit stuck at 0.
     pub worn: Option<u32>,
-    /// Never gets done.
+    /// Never finishes an operation.
     pub hangs: bool,
-    /// Gone before it can answer that it leaves.
+    /// Gone before it can answer the request to leave.
     pub leaves_at_once: bool,
     pub transfer_size: u16,
     state: State,
@@ -75,7 +74,7 @@ pub struct Chip {
 }
 
 impl Chip {
-    /// A chip whose flash is full of an old firmware and of settings.
+    /// A chip whose flash holds old firmware and settings.
     pub fn new() -> Rc<RefCell<Self>> {
         Rc::new(RefCell::new(Self {
             flash: OLD.clone(),
@@ -105,7 +104,7 @@ impl Chip {
         self.flash.get(start..start + length).unwrap()
     }
 
-    /// A restart into the ROM: flash stays.
+    /// A restart into the ROM: the flash is unchanged.
     pub fn restart(&mut self) {
         (self.state, self.status, self.job, self.pointer) = (State::Idle, 0, None, 0);
         (self.left, self.transfers_left, self.words_left) = (false, usize::MAX, usize::MAX);
@@ -228,7 +227,7 @@ impl Chip {
         Ok(into.len())
     }
 
-    /// The double word at an address of system memory, where the ROM reads there.
+    /// The double word at an address of system memory, if the ROM allows reading there.
     fn system_memory(&self, address: u32) -> Option<[u8; 8]> {
         let (kb, options) = self.told?;
         match u64::from(address) {

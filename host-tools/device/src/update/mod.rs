@@ -1,8 +1,9 @@
-//! Firmware updates over USB: the chip's own ROM takes the image, no probe is needed.
+//! Firmware updates over USB: the chip's own ROM bootloader writes the image, so no probe is needed.
 //!
 //! The device restarts into its ROM on [`Command::EnterDfu`](inerter_wire::Command::EnterDfu), the ROM erases and
-//! writes the pages of the image ([`dfuse`]), starts it, and the device is asked what it runs now. Settings lie in
-//! pages of their own and are kept. If it is interrupted, the same command starts over and completes it.
+//! writes the pages of the image ([`dfuse`]), and starts it; then the host asks the device which firmware it runs.
+//! Settings are in separate pages and are kept. After an interruption, running the same command again starts over and
+//! completes the update.
 
 pub mod dfuse;
 mod error;

@@ -1,4 +1,4 @@
-//! The order of an update: into update mode, write, read back, start, ask who runs.
+//! The sequence of an update: enter update mode, write, verify, start, identify the running firmware.
 
 use std::time::Duration;
 
@@ -16,33 +16,33 @@ use crate::{
 };
 use inerter_wire::Hello;
 
-/// Longest time for a device to come back as another one: Windows takes seconds the first time (s).
+/// Longest time for a device to re-enumerate: Windows takes seconds the first time (s).
 const RETURN_S: u64 = 15;
-/// The same where somebody wants to end (s).
+/// The same if the user wants to stop (s).
 const SOON_S: u64 = 3;
-/// Time between two looks for it.
+/// Time between two polls for the device.
 const LOOK: Duration = Duration::from_millis(250);
-/// Attempts to lead a device out of update mode.
+/// Attempts to get a device out of update mode.
 const ATTEMPTS: usize = 3;
-/// Looks until a missing permission is believed: 2 s.
+/// Polls before a missing permission is reported: 2 s.
 const PERMISSION_LOOKS: usize = 8;
 
 /// Progress of an update.
 #[derive(Debug)]
 pub enum UpdateEvent<'a> {
-    /// This is what runs now.
+    /// The firmware that runs now.
     Found(&'a Running),
     /// The device is asked to enter update mode.
     Entering,
-    /// This device in update mode takes the image.
+    /// This device in update mode receives the image.
     InDfu(&'a DfuDevice),
-    /// Pages done of all.
+    /// Pages done and the total.
     Pages(Stage, usize, usize),
-    /// The image is written and started; the device is waited for.
+    /// The image is written and started; waiting for the device.
     Returning,
 }
 
-/// Brings the image onto the device. `serial` chooses one; `other_board` allows an image of another board.
+/// Installs the image on the device. `serial` chooses one; `other_board` allows an image for another board.
 pub fn update<M: Machine>(
     machine: &mut M,
     image: &Image,
@@ -75,7 +75,7 @@ pub fn update<M: Machine>(
     confirm(machine, &image.identity, &device.serial)
 }
 
-/// Fails where a device that runs does not take the image.
+/// Fails if the running device cannot use the image.
 fn check_running(running: &Running, image: &Image, other_board: bool) -> Result<(), UpdateError> {
     let Running { name, hello } = running;
     let board = hello.board.as_str();
@@ -92,8 +92,8 @@ fn check_running(running: &Running, image: &Image, other_board: bool) -> Result<
     }
 }
 
-/// Writes the image to a device in update mode and starts it. `is_whole` says whether the firmware that was there
-/// before is whole where this fails.
+/// Writes the image to a device in update mode and starts it. On failure `is_whole` says whether the previous firmware
+/// is still complete.
 fn write<M: Machine>(
     machine: &mut M,
     image: &Image,
@@ -114,8 +114,8 @@ fn write<M: Machine>(
     written.map(|()| device)
 }
 
-/// Leads a device back that was told to enter update mode, of whose firmware nothing was erased: somebody interrupted
-/// that, or the chip turned out to be another. Gives what to tell.
+/// Gets a device out of update mode when nothing of its firmware was erased: the user interrupted, or the chip turned
+/// out to be another. Returns the error to report.
 fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> UpdateError {
     match error {
         UpdateError::Device(DeviceError::Interrupted) => {
@@ -126,7 +126,7 @@ fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> Up
             }
         }
         UpdateError::OtherChip { .. } | UpdateError::SmallFlash { .. } | UpdateError::SingleBank { .. } => {
-            // What is wrong with the chip says more than that it stayed there.
+            // The fault of the chip matters more than that it stayed in update mode.
             let devices = machine.in_dfu().unwrap_or_default();
             if let Some(device) = devices.iter().find(|device| device.serial == serial) {
                 let _ = lead_back(machine, device, RETURN_S);
@@ -141,17 +141,17 @@ fn stays(serial: &str, reason: &UpdateError) -> UpdateError {
     UpdateError::StaysInDfu { serial: serial.into(), reason: reason.to_string() }
 }
 
-/// Into update mode and back, without writing anything. `enter` asks the device to go there; otherwise the user puts it
-/// there by hand, and this waits for it.
+/// Enters update mode and returns, without writing anything. With `enter` the device is told to enter it; otherwise the
+/// user puts it there by hand, and this waits for it.
 ///
-/// An interruption ends the wait for the user. Before the device was asked to leave, it does not end anything else, or
-/// the device would stay there.
+/// An interrupt ends the wait for the user. It does not end anything else until the device was told to leave, because
+/// the device would stay in update mode.
 pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
     let stays = |error| stays(&running.serial, &error);
     if enter {
         machine.running()?;
         match machine.enter_dfu() {
-            // It may have gone there already.
+            // The device may already have entered update mode.
             Ok(()) | Err(UpdateError::Device(DeviceError::Interrupted)) => {}
             Err(error) => return Err(error),
         }
@@ -169,8 +169,8 @@ pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Resul
     }
 }
 
-/// Lets a device in update mode start its firmware, which takes it no longer than so many seconds. What fails is tried
-/// again while the device is there.
+/// Makes a device in update mode start its firmware, within this many seconds. Retries a failure while the device is
+/// there.
 fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> Result<(), UpdateError> {
     let mut left = Duration::from_secs(seconds);
     let mut once = |machine: &mut M| {
@@ -191,13 +191,13 @@ fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> R
     };
     let mut result = once(machine);
     for _ in 1..ATTEMPTS {
-        // The first attempt has waited for a permission, or for the device.
+        // The first attempt has already waited for the permission or the device.
         if matches!(result, Ok(()) | Err(UpdateError::Permission { .. } | UpdateError::Stuck { .. })) {
             break;
         }
         machine.sleep(LOOK);
         if !machine.in_dfu()?.contains(device) {
-            // It has gone, and where to shows when it is asked who it is.
+            // The device has gone; asking for its identity shows where to.
             return Ok(());
         }
         result = once(machine);
@@ -205,7 +205,7 @@ fn lead_back<M: Machine>(machine: &mut M, device: &DfuDevice, seconds: u64) -> R
     result
 }
 
-/// What ends a wait besides its end.
+/// What can end a wait early.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Heeds {
     Interruptions,
@@ -214,13 +214,13 @@ enum Heeds {
 
 impl Heeds {
     fn check<M: Machine>(self, machine: &M) -> Result<(), UpdateError> {
-        // Asked in any case: a program ends at once whose work does not ask.
+        // Checked in any case: the program is ended at once if its work never checks.
         let going = machine.check_interrupted();
         if self == Self::Interruptions { going } else { Ok(()) }
     }
 }
 
-/// Opens a device that may have appeared a moment ago, which belongs to root until udev has seen it.
+/// Opens a device that may just have appeared and belongs to root until udev has processed it.
 fn open<M: Machine>(machine: &mut M, device: &DfuDevice, heeds: Heeds) -> Result<M::Io, UpdateError> {
     for _ in 0..PERMISSION_LOOKS {
         match machine.open(device) {
@@ -234,7 +234,7 @@ fn open<M: Machine>(machine: &mut M, device: &DfuDevice, heeds: Heeds) -> Result
     machine.open(device)
 }
 
-/// Waits for a device that was just started and compares what it runs with what was written.
+/// Waits for a device that was just started and compares its firmware with what was written.
 pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
     let mut reason = String::new();
     let mut left_s = RETURN_S as f64;
@@ -249,7 +249,7 @@ pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) ->
                 return Err(UpdateError::OtherVersion { running, written: written.to_string() });
             }
             Err(error) => {
-                // One that does not answer takes its time for it.
+                // The time that an unanswered attempt took counts too.
                 left_s -= match &error {
                     UpdateError::Device(DeviceError::Silent { seconds, .. }) => *seconds,
                     UpdateError::Device(DeviceError::NoReply { .. }) => REPLY_TIME.as_secs_f64(),

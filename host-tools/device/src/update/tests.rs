@@ -13,21 +13,21 @@ const SERIAL: &str = "205735883537";
 const OLD: &str = "inerter 0.0.9";
 const NEW: &str = "inerter 0.1.0";
 
-/// A bench with a device that runs, one in update mode, or both, and a clock that only `sleep` moves.
+/// A bench with a running device, one in update mode, or both, and a clock that only `sleep` moves.
 struct FakeMachine {
     chip: Rc<RefCell<Chip>>,
     running: Option<Hello>,
     in_dfu: Vec<String>,
-    /// Which of them was let in.
+    /// Serial number of the device that was opened.
     opened: Option<String>,
-    /// Looks until what was told to enter update mode is seen there; `None` for never.
+    /// Polls until the device that was told to enter update mode appears there; `None` for never.
     appears_after: Option<u32>,
     entering: Option<u32>,
-    /// Attempts to open it that are refused at first.
+    /// Initial attempts to open it that are refused.
     forbidden: u32,
-    /// Attempts that fail after that.
+    /// Further attempts that fail after that.
     occupied: u32,
-    /// Looks until the firmware answers after its start.
+    /// Polls until the firmware answers after its start.
     answers_after: u32,
     slept: Duration,
     interrupted_at: Duration,
@@ -67,7 +67,7 @@ fn dfu_device(serial: &str) -> DfuDevice {
 }
 
 impl FakeMachine {
-    /// What started its firmware, or lost its cable, is in update mode no more.
+    /// A device that started its firmware, or lost its cable, is no longer in update mode.
     fn see_it_leave(&mut self) {
         if self.chip.borrow().left || self.chip.borrow().transfers_left == 0 {
             self.in_dfu.retain(|serial| Some(serial) != self.opened.as_ref());
@@ -119,7 +119,7 @@ impl Machine for FakeMachine {
         if self.answers_after > 0 || !self.chip.borrow().left {
             return Err(DeviceError::Silent { name: "/dev/ttyACM1".into(), seconds: 3.0 }.into());
         }
-        // It says what its flash says.
+        // The identity comes from the flash.
         let chip = self.chip.borrow();
         let flash = chip.bytes(0x0800_0000, 1000);
         let place = flash.windows(MAGIC.len()).position(|window| window == MAGIC).unwrap() + MAGIC.len();
@@ -180,13 +180,13 @@ fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
     assert_eq!((back.serial.as_str(), back.identity.firmware.as_str()), (SERIAL, NEW));
     assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
     assert!(bench.chip.borrow().flash == flash);
-    // By hand: nobody tells it to go there.
+    // By hand: the program does not send it there.
     bench.appears_after = None;
     let never = visit(&mut bench, &hello("1", NEW), false);
     assert!(matches!(never, Err(UpdateError::DidNotAppear { .. })), "{never:?}");
 }
 
-/// A bench whose device runs what its flash says, for a visit.
+/// A bench for a visit, whose device runs the firmware in its flash.
 fn before_visit() -> FakeMachine {
     let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
     run(&mut bench, None, &mut Vec::new()).unwrap();
@@ -203,7 +203,7 @@ fn an_interrupted_visit_leads_the_device_back() {
     let visited = visit(&mut bench, &hello(SERIAL, NEW), true);
     assert!(matches!(visited, Err(UpdateError::Device(DeviceError::Interrupted))), "{visited:?}");
     assert!(bench.chip.borrow().left);
-    // Before anybody has led it there by hand there is nothing to lead back.
+    // Until somebody puts it into update mode by hand there is nothing to bring back.
     let mut bench = before_visit();
     (bench.interrupted_at, bench.appears_after) = (bench.slept, None);
     let visited = visit(&mut bench, &hello(SERIAL, NEW), false);
@@ -213,7 +213,7 @@ fn an_interrupted_visit_leads_the_device_back() {
 
 #[test]
 fn a_device_that_stays_in_update_mode_after_a_visit_is_told_of() {
-    // Another program has it for a moment.
+    // Another program holds it for a moment.
     let mut bench = before_visit();
     bench.occupied = 2;
     visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
@@ -293,7 +293,7 @@ fn a_chip_that_says_it_has_less_flash_is_left_alone() {
     let error = failure(&mut bench, None);
     assert!(error.to_string().contains("the chip has 128 KB of flash"), "{error}");
     assert!(bench.entering.is_none() && bench.chip.borrow().erased.is_empty());
-    // One with enough, and an older firmware that does not tell.
+    // One with enough flash, and older firmware that does not report it.
     for capabilities in [small.capabilities.with_flash_kb(512), hello(SERIAL, OLD).capabilities] {
         let mut bench = self::bench(Some(inerter_wire::Hello { capabilities, ..small.clone() }), &[]);
         run(&mut bench, None, &mut told).unwrap();
@@ -352,12 +352,12 @@ fn ctrl_c_ends_every_wait_of_an_update_and_leaves_no_whole_firmware_in_update_mo
         hold_up(&mut bench);
         bench.interrupted_at = told;
         let error = failure(&mut bench, None);
-        // What stays there after all is told of, and the time that every command has for its end is kept.
+        // If it stays there after all, the error says so; the time that every command has to end is respected.
         let interrupted = matches!(error, UpdateError::Interrupted | UpdateError::Device(DeviceError::Interrupted));
         let is_told = interrupted || matches!(error, UpdateError::StaysInDfu { .. });
         assert!(is_told && bench.slept < told + Duration::from_secs(4), "{what}: {error:?}, {:?}", bench.slept);
     }
-    // Nothing holds it up: interrupted while it goes there, and before the first page is erased.
+    // Nothing delays it: interrupted while it enters update mode, and before the first page is erased.
     for interrupted_at in [0, 250, 750, 1250] {
         let mut bench = before_visit();
         let (flash, sofar) = (bench.chip.borrow().flash.clone(), bench.slept);
@@ -368,7 +368,7 @@ fn ctrl_c_ends_every_wait_of_an_update_and_leaves_no_whole_firmware_in_update_mo
     }
 }
 
-/// The running firmware need not know how much flash its chip has.
+/// The running firmware may not know how much flash its chip has.
 #[test]
 fn a_chip_that_turns_out_to_be_another_is_led_back() {
     let mut bench = before_visit();

@@ -21,7 +21,7 @@ use crate::{
 const INTERFACE: u8 = 0;
 const FLASH_SETTING: u8 = 0;
 
-/// The machine that this program runs on, and which device is meant.
+/// The machine that this program runs on, and the chosen device.
 pub struct ThisMachine {
     target: Target,
     interrupted: Interrupted,
@@ -29,7 +29,7 @@ pub struct ThisMachine {
 }
 
 impl ThisMachine {
-    /// Devices are reached by `target`, and by their serial number afterwards.
+    /// Finds devices by `target` at first, and by their serial number afterwards.
     pub fn new(target: Target, interrupted: Interrupted) -> Self {
         Self { target, interrupted, device: None }
     }
@@ -46,7 +46,7 @@ impl Machine for ThisMachine {
         let device = match self.reached(&self.target) {
             Ok(device) => device,
             Err(DeviceError::NoneFound { .. }) => return Ok(None),
-            // A name that was given, of a board that is in update mode already: its port is gone.
+            // The given port belongs to a board that is already in update mode, so the port is gone.
             Err(DeviceError::Missing { .. }) if list().is_ok_and(|devices| !devices.is_empty()) => return Ok(None),
             Err(DeviceError::Silent { name, .. }) => {
                 return Err(UpdateError::CannotAsk { name, reason: "it does not answer".into() });
@@ -65,7 +65,7 @@ impl Machine for ThisMachine {
     fn enter_dfu(&mut self) -> Result<(), UpdateError> {
         let Some(mut device) = self.device.take() else { return Ok(()) };
         match device.request("to enter update mode", Command::EnterDfu) {
-            // It may be gone before its reply is out.
+            // The device may be gone before its reply is sent.
             Ok(_) | Err(DeviceError::Vanished { .. } | DeviceError::NoReply { .. }) => Ok(()),
             Err(error) => Err(error.into()),
         }
@@ -85,7 +85,8 @@ impl Machine for ThisMachine {
     }
 
     fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
-        // Over USB whatever port it has now; else where it was before, a UART's name stays.
+        // Over USB on whatever port it now has; otherwise on the same port as before, since a UART's name does not
+        // change.
         let device = match self.reached(&Target::Usb { serial: Some(serial.into()) }) {
             Err(DeviceError::NoneFound { .. }) if !matches!(self.target, Target::Usb { .. }) => {
                 self.reached(&self.target)?

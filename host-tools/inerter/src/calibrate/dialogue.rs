@@ -1,20 +1,20 @@
-//! The person at the rig, as a step of the calibration sees him.
+//! The interface between a calibration step and the person at the rig.
 
 use crate::error::{DialogueError, Error};
 
-/// Questions to a person, and what he should see meanwhile.
+/// Questions and messages to a person.
 pub trait Dialogue {
-    /// Tells something.
+    /// Shows a message.
     fn say(&mut self, text: &str);
 
     /// Asks for a line; an empty one gives `default`.
     fn ask(&mut self, question: &str, default: &str) -> Result<String, Error>;
 
-    /// So much of what `label` says is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person wants to
-    /// stop.
+    /// Shows that this fraction of `label` is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person
+    /// wants to stop.
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error>;
 
-    /// Asks until one of the choices is named: a word or its first letter. Gives its place; the first one is the
+    /// Asks until one of the choices is named: a word or its first letter. Returns its index; the first one is the
     /// default.
     fn choose(&mut self, question: &str, choices: &[&str]) -> Result<usize, Error> {
         let default = choices.first().copied().unwrap_or_default();
@@ -41,7 +41,7 @@ pub trait Dialogue {
     }
 }
 
-/// Units that may stand behind a number, with what one of each is; a number without one is taken as it is.
+/// Units that may follow a number, each with its factor; a number without a unit is taken as it is.
 pub type Units = &'static [(&'static str, f64)];
 
 /// Masses in kilograms.
@@ -56,16 +56,16 @@ pub const METRES: Units = &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6
 pub const MILLIMETRES: Units = &[("mm", 1.0), ("m", 1e3), ("um", 1e-3), ("µm", 1e-3)];
 /// Lengths in micrometres.
 pub const MICROMETRES: Units = &[("um", 1.0), ("µm", 1.0), ("mm", 1e3)];
-/// Parts in a hundred.
+/// Percent.
 pub const PERCENT: Units = &[("%", 1.0)];
-/// Parts in a million.
+/// Parts per million.
 pub const PPM: Units = &[("ppm", 1.0)];
 /// Angles in degrees.
 pub const DEGREES: Units = &[("°", 1.0), ("deg", 1.0)];
 /// No unit.
 pub const PLAIN: Units = &[];
 
-/// A number as people write it: with a decimal comma or point, with one of these units behind it or none.
+/// Parses a number as people write it: with a decimal comma or point, and optionally one of these units after it.
 pub fn number(text: &str, units: Units) -> Result<f64, DialogueError> {
     let refused = || {
         let known: Vec<&str> = units.iter().map(|(unit, _)| *unit).collect();

@@ -10,27 +10,27 @@ use inerter_wire::{EventKind, Frame, Record, Streams, step};
 
 use crate::error::Error;
 
-/// A sampling device sends a new sample within this.
+/// A sampling device sends a new sample within this time.
 const SILENCE: Duration = Duration::from_secs(5);
 
-/// What a device has sent.
+/// What a device sent.
 #[derive(Clone, Debug, Default)]
 pub struct Heard {
     /// The samples, with the settings of the device.
     pub run: Run,
-    /// When they came.
+    /// When the batches arrived.
     pub arrivals: Vec<Arrival>,
 }
 
-/// Hands on a device's raw samples with their times until `take` has enough; nothing but samples is streamed meanwhile,
-/// and nothing at all afterwards.
+/// Passes on a device's raw samples with their arrival times until `take` has enough. Only samples are streamed
+/// meanwhile, and nothing afterwards.
 pub fn each_batch(
     device: &mut Device,
     mut take: impl FnMut(u64, Vec<RawSample>) -> Result<bool, Error>,
 ) -> Result<(), Error> {
     device.stream(Streams { samples: true, ..Streams::NONE })?;
     let result = batches(device, &mut take);
-    // Also where the rest fails: a device must not go on talking to nobody.
+    // Also if the rest fails: a device must not keep streaming with nobody reading.
     let ended = device.stream(Streams::NONE);
     result?;
     Ok(ended?)
@@ -41,7 +41,7 @@ fn batches(
     take: &mut impl FnMut(u64, Vec<RawSample>) -> Result<bool, Error>,
 ) -> Result<(), Error> {
     device.start_sampler()?;
-    // What was under way belongs to the time before.
+    // Frames in flight predate the request.
     while device.pending().is_some() {}
     let (mut heard, mut last) = (Instant::now(), None);
     loop {
@@ -51,7 +51,7 @@ fn batches(
             time_ns = received.time_ns;
             match received.frame {
                 Frame::Message { message: Record::Samples(batch), .. } if batch.check().is_ok() => {
-                    // A device that repeats itself says nothing new.
+                    // A repeated index is not a new sample.
                     let is_new = |sample: &RawSample| last.replace(sample.index) != Some(sample.index);
                     samples.extend(batch.iter().flatten().filter(is_new));
                     if !samples.is_empty() {
@@ -74,7 +74,7 @@ fn batches(
 }
 
 impl Heard {
-    /// Everything for so long, counted in samples; `progress` gets the part that is done.
+    /// Everything for this long, counted in samples; `progress` gets the completed fraction.
     pub fn listen(
         device: &mut Device,
         seconds: f64,
@@ -83,7 +83,7 @@ impl Heard {
         Self::take(device, seconds, true, progress)
     }
 
-    /// The same without the samples themselves, for hours.
+    /// The same without keeping the samples, for runs of hours.
     pub fn arrivals(
         device: &mut Device,
         seconds: f64,

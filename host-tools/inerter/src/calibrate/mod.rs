@@ -1,8 +1,7 @@
-//! Calibration at a device, in a dialogue with a person.
+//! Calibration with a device, in a dialogue with a person.
 //!
-//! [`steps`] takes the samples from a device while it talks to a person through a [`Dialogue`]; [`wizard`] goes through
-//! all of them. Nothing is written on the device before the end. What the samples say is
-//! [`inerter_analysis::calibrate`].
+//! [`steps`] takes the samples from a device while it talks to a person through a [`Dialogue`]; [`wizard`] runs all of
+//! them. Nothing is written to the device before the end. [`inerter_analysis::calibrate`] evaluates the samples.
 
 pub mod dialogue;
 mod listen;

@@ -1,4 +1,4 @@
-//! The steps of the calibration at a device: what they ask of a person, and the samples that they take.
+//! The calibration steps with a device: what they ask of a person, and the samples that they take.
 
 use inerter_analysis::{
     calibrate::{
@@ -31,17 +31,17 @@ use super::{
 };
 use crate::error::Error;
 
-/// Time beyond the window that a load has to come to rest \[s\].
+/// Time beyond the window that a load may take to come to rest \[s\].
 const PATIENCE_S: f64 = 20.0;
-/// Time for which a screw must stand where its position is read \[s\].
+/// Time for which a screw must stand still while its position is read \[s\].
 const STAND_S: f64 = 1.0;
 
-/// A device, the person beside it, and the settings as they would be.
+/// A device, the person beside it, and the settings as they would become.
 pub struct Station<'a, D: ?Sized> {
-    /// The device; nothing is written on it here.
+    /// The device; nothing is written to it here.
     pub device: &'a mut Device,
     pub dialogue: &'a mut D,
-    /// The settings under which findings are told: the device's own, with what was accepted so far.
+    /// The settings that findings are based on: the device's own, with those accepted so far.
     pub settings: Settings,
     /// Whether the person can be asked to try again.
     pub may_ask: bool,
@@ -55,7 +55,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         Ok(heard)
     }
 
-    /// Waits until force or screw is at rest for so long. Where a person can be asked, he may try again.
+    /// Waits until force or screw has been at rest for `seconds`. If a person can be asked, they may try again.
     fn settle(&mut self, of: Of, seconds: f64, origin: Option<i32>, at: &str) -> Result<(rest::Level, i32), Error> {
         loop {
             let refusal = match self.settle_once(of, seconds, origin, at)? {
@@ -114,13 +114,13 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         Ok(load_cell::judge(&diagnosis, &self.settings))
     }
 
-    /// The code at no force.
+    /// The code at zero force.
     pub fn zero(&mut self, seconds: f64) -> Result<Finding, Error> {
         let (level, _) = self.settle(Of::Force, seconds, None, "")?;
         Ok(rest::zero(&level, &self.settings))
     }
 
-    /// The force scale by these loads, one after the other.
+    /// The force scale from these loads, applied one after the other.
     pub fn force(&mut self, loads: &[Load], loads_u95: f64, seconds: f64) -> Result<Finding, Error> {
         let mut readings = Vec::new();
         for (place, load) in loads.iter().enumerate() {
@@ -160,7 +160,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         Ok(counts)
     }
 
-    /// Counts at these displacements, one after the other.
+    /// Counts at these displacements, approached one after the other.
     pub fn displacements(&mut self, metres: &[f64]) -> Result<Vec<Point>, Error> {
         let (mut points, mut origin) = (Vec::new(), None);
         for (place, &applied) in metres.iter().enumerate() {
@@ -187,7 +187,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         Ok(direction(&heard.run, &outcome, known)?)
     }
 
-    /// The delay of the force that is left, under the settings as they would be.
+    /// The residual delay of the force, under the settings as they would become.
     pub fn skew(&mut self, seconds: f64) -> Result<Finding, Error> {
         skew_of(&self.listen(seconds)?.run)
     }
@@ -200,7 +200,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
         Ok(timebase::timebase(&rate, &self.settings, host_ppm))
     }
 
-    /// Scale of the position by a displacement, or by the lead where there is no gauge.
+    /// Scale of the position from a displacement, or from the lead if there is no gauge.
     pub fn encoder(&mut self, encoder: &EncoderPlan) -> Result<Finding, Error> {
         encoder.check()?;
         let mut turned = None;
@@ -226,25 +226,25 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
     }
 }
 
-/// How the scale of the position is to be found.
+/// How to find the scale of the position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EncoderPlan {
-    /// Revolutions to be turned by hand; none skips the turning.
+    /// Revolutions to turn by hand; `None` skips the turning.
     pub revolutions: Option<f64>,
-    /// Lines per revolution by the encoder's label.
+    /// Lines per revolution according to the encoder's label.
     pub lines: Option<f64>,
-    /// Lead by the data sheet \[m\].
+    /// Lead according to the data sheet \[m\].
     pub lead_m: Option<f64>,
     /// Its relative uncertainty.
     pub lead_u95: f64,
-    /// What a gauge is to show, one after the other; empty without a gauge \[m\].
+    /// Gauge readings to approach, one after the other; empty without a gauge \[m\].
     pub displacements_m: Vec<f64>,
     /// Uncertainty of the gauge \[m\].
     pub gauge_u95_m: f64,
 }
 
 impl EncoderPlan {
-    /// Refuses a plan from which no scale can follow, before anybody turns anything.
+    /// Rejects a plan that cannot give a scale, before anybody turns anything.
     pub fn check(&self) -> Result<(), CalibrateError> {
         match (self.lead_m, self.revolutions) {
             _ if !self.displacements_m.is_empty() => Ok(()),
@@ -261,7 +261,7 @@ impl EncoderPlan {
     }
 }
 
-/// What a skew is, for a person.
+/// Describes a skew for a person.
 pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
     let [before_n, after_n] = found.residual_rms_n;
     let force = |force_n| force_text(machine, force_n);
@@ -283,7 +283,7 @@ pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
     words.map(|words| description(machine, &words))
 }
 
-/// The delay of the force that is left in a run, as a finding.
+/// The residual delay of the force in a run, as a finding.
 fn skew_of(run: &Run) -> Result<Finding, Error> {
     let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
     refuse_saturated(&outcome, run)?;

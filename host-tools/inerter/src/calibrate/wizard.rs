@@ -1,7 +1,8 @@
 //! All steps one after the other, for a person at the rig.
 //!
-//! Each shows what it has found and asks whether to take it, to repeat it, or to go on without. Under the settings that
-//! were accepted so far the next step is evaluated, here; the device itself stays as it is until the last question.
+//! Each step shows what it has found and asks whether to accept it, repeat it or go on without it. The next step is
+//! evaluated under the settings accepted so far, on the host; the device itself stays unchanged until the last
+//! question.
 
 use std::{f64::consts::TAU, path::PathBuf};
 
@@ -28,7 +29,7 @@ use super::{
 };
 use crate::error::Error;
 
-/// Times that the steps listen \[s\].
+/// Durations of the steps' measurements \[s\].
 const LOAD_CELL_S: f64 = 10.0;
 const ZERO_S: f64 = 5.0;
 const LOAD_S: f64 = 3.0;
@@ -36,13 +37,13 @@ const DIRECTION_S: f64 = 8.0;
 const SKEW_S: f64 = 20.0;
 const TIMEBASE_S: f64 = 60.0;
 
-/// The way through all steps.
+/// The sequence of all steps.
 pub struct Wizard<'a, D: ?Sized> {
     rig: Station<'a, D>,
     known: Known,
 }
 
-/// What the person has decided about a finding.
+/// What the person decided about a finding.
 enum Verdict {
     Accept,
     Repeat,
@@ -50,18 +51,19 @@ enum Verdict {
 }
 
 impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
-    /// At this device, with this person.
+    /// A wizard for this device and this person.
     pub fn new(device: &'a mut Device, dialogue: &'a mut D) -> Self {
         let settings = *device.settings();
         Self { rig: Station { device, dialogue, settings, may_ask: true }, known: Known::default() }
     }
 
-    /// What was accepted so far, by name: as it is on the device, and as it would be.
+    /// What was accepted so far, by name: the value on the device, and the new value.
     pub fn accepted(&self) -> Vec<(&'static str, f64, f64)> {
         changes(self.rig.device.settings(), &self.rig.settings)
     }
 
-    /// Goes through all steps, then writes and saves what was accepted, when that is confirmed; gives whether it was.
+    /// Runs all steps, then writes and saves what was accepted, after confirmation; returns whether anything was
+    /// written.
     pub fn run(&mut self) -> Result<bool, Error> {
         let hello = self.rig.device.hello();
         let greeting = format!("{} (serial {}) at {}", hello.board, hello.serial, self.rig.device.name());
@@ -124,7 +126,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
         self.rig.dialogue.say(text);
     }
 
-    /// One step as often as the person likes; gives whether a finding with settings was accepted.
+    /// Repeats one step as often as the person likes; returns whether a finding with settings was accepted.
     fn step(
         &mut self,
         title: &str,
@@ -152,7 +154,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
                         _ => verdict,
                     }
                 }
-                // What is wrong with the measurement, not with the link or the program.
+                // The measurement is at fault, not the link or the program.
                 Err(error @ (Error::Calibrate(_) | Error::Fit(_) | Error::Skew(_))) => {
                     self.say(&error.to_string());
                     if let Some(help) = error.help() {
@@ -232,7 +234,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
                     ));
                     return Ok(());
                 }
-                // A disk that is full must not spoil what is saved on the device.
+                // A full disk must not spoil what is saved on the device.
                 Err(error) => self.say(&format!("{error}; choose another name")),
             }
         }
@@ -254,13 +256,13 @@ pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding, machine:
     }
 }
 
-/// Puts settings in use on a device and saves them; those before are put back in use where they cannot be saved.
+/// Puts settings in use on a device and saves them; if they cannot be saved, restores the previous ones.
 pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
     let before = *device.settings();
     device.write_settings(settings)?;
     let saved = device.save_settings();
     if saved.is_err() {
-        // Only if the device is still there; the first error is the one to tell.
+        // Works only if the device is still there; the first error is the one to report.
         device.write_settings(&before).ok();
     }
     Ok(saved?)
@@ -304,12 +306,12 @@ fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Erro
     rig.force(&loads, (percent / 100.0).hypot(gravity.u95), LOAD_S)
 }
 
-/// Sizes as typed: `5 10 kg`, `50 N 100 N`, of a rotary machine `0.02 0.05 Nm`; with whether each is a mass.
+/// Loads as typed: `5 10 kg`, `50 N 100 N`, or for a rotary machine `0.02 0.05 Nm`; each with whether it is a mass.
 fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
     let mut words: Vec<String> = Vec::new();
     for word in text.replace(';', " ").split_whitespace() {
         match words.last_mut() {
-            // A unit apart from its number.
+            // A unit separated from its number.
             Some(number) if word.starts_with(char::is_alphabetic) => number.push_str(word),
             _ => words.push(word.into()),
         }
@@ -338,7 +340,7 @@ fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Er
         ..EncoderPlan::default()
     };
     if rig.settings.machine == Machine::Rotary {
-        // A turn is a turn: nothing is uncertain in it.
+        // A revolution is exact: it has no uncertainty.
         plan.lead_m = Some(TAU);
         return rig.encoder(&plan);
     }

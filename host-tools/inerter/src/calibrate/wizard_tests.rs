@@ -7,16 +7,16 @@ use inerter_simulate::{Endpoint, Operator, Setup, VirtualDevice, bench_sensors};
 
 use super::*;
 
-/// Somebody who does what he is told, at a bench of which he knows nothing but the labels.
+/// A simulated technician who follows the instructions and knows only the labels on the bench.
 struct Technician {
     bench: Operator,
-    /// Where he stands on the gauge \[m\].
+    /// The present gauge reading \[m\].
     gauge_m: f64,
     step: String,
     said: Vec<String>,
     /// Answers that differ from the usual ones, by a part of the question.
     answers: VecDeque<(&'static str, &'static str)>,
-    /// Questions until he presses Ctrl-C.
+    /// Questions before he presses Ctrl-C.
     patience: usize,
 }
 
@@ -48,7 +48,7 @@ impl Dialogue for Technician {
             return Ok(answer.into());
         }
         match question {
-            // The device runs twenty times too fast for the host's clock.
+            // The device runs twenty times faster than the host's clock.
             _ if question.starts_with("begin?") => {
                 let skipped = self.step.starts_with('1') || self.step.starts_with('7');
                 return Ok(if skipped { "skip" } else { "begin" }.into());
@@ -118,7 +118,7 @@ fn a_technician_who_does_what_he_is_told_ends_with_a_calibrated_device() {
     drop(device);
     let settings = *connected(&virtual_device).settings();
     let near = |value: f64, truth: f64, u95: f64| (value / truth - 1.0).abs() <= u95;
-    // Masses hang under standard gravity there, and 45.5 degrees is 0.5e-4 beside it.
+    // The masses there weigh under standard gravity; gravity at a latitude of 45.5 degrees differs from it by 0.5e-4.
     assert!(near(settings.newtons_per_code, 0.002 / 1.02, settings.force_gain_u95), "{settings:?}\n{said}");
     assert!(settings.force_gain_u95 < 3e-3 && settings.lead_u95 < 2e-3, "{settings:?}");
     assert!(near(settings.metres_per_count, sensors.metres_per_count, settings.lead_u95), "{settings:?}");
@@ -140,7 +140,7 @@ fn a_technician_who_does_what_he_is_told_ends_with_a_calibrated_device() {
 fn ctrl_c_at_any_question_leaves_the_device_as_it_was() {
     let (virtual_device, bench, _) = bench();
     let before = *connected(&virtual_device).settings();
-    // At the first question, in the middle of the loads, with the zero accepted, and within the encoder's questions.
+    // At the first question, in the middle of the loads, with the zero accepted, and among the encoder's questions.
     for (patience, expected) in
         [(0, &[][..]), (9, &["force_zero_code"]), (20, &["newtons_per_code", "force_zero_code", "force_gain_u95"])]
     {

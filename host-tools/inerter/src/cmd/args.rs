@@ -55,12 +55,12 @@ impl FileSettingsArgs {
         Ok(overrides)
     }
 
-    /// The run of a file; says what there is to note of it.
+    /// Opens the run of a file and prints its notes.
     pub fn open(&self, file: &Path) -> Result<Run, Error> {
         opened(file, &self.overrides()?)
     }
 
-    /// The same, with samples that are read when they are needed.
+    /// The same, with samples that are read on demand.
     pub fn source(&self, file: &Path) -> Result<Source, Error> {
         let mut bar = Progress::through("reading", file);
         let source = Source::open(file, &self.overrides()?, |offset| bar.set(offset))?;
@@ -70,7 +70,7 @@ impl FileSettingsArgs {
     }
 }
 
-/// Reads a run and says what there is to note of it.
+/// Reads a run and prints its notes.
 pub fn opened(file: &Path, overrides: &Overrides) -> Result<Run, Error> {
     let run = inerter_data::open(file, overrides)?;
     run.notes.iter().for_each(note);
@@ -106,7 +106,7 @@ impl LinkArgs {
         Ok(device)
     }
 
-    /// Connects, with these streams on, to a device that is waited for up to `wait` when it goes away.
+    /// Connects with these streams on; if the device goes away, waits up to `wait` for it.
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
         let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
         live.device().into_iter().for_each(tell);
@@ -125,12 +125,12 @@ impl LinkArgs {
     }
 }
 
-/// Says so where the device has other settings than this program knows.
+/// Warns if the device has settings that this program does not know.
 fn tell(device: &Device) {
     settings_note(device.reading()).iter().for_each(note);
 }
 
-/// Says so where other machines can connect.
+/// Warns if other machines can connect.
 pub fn note_exposed(address: &str) {
     if exposed(address).is_some() {
         note(format!("any machine that reaches {address} can connect: no password is required"));
@@ -149,7 +149,7 @@ pub struct OutputArgs {
 }
 
 impl OutputArgs {
-    /// The file, unless it exists and may not be replaced.
+    /// The file, or an error if it exists and may not be replaced.
     pub fn path(&self) -> Result<&Path, OutputError> {
         if !self.force {
             output::refuse_existing(&self.output)?;
@@ -163,7 +163,7 @@ impl OutputArgs {
     }
 }
 
-/// The calibration of the rig about to be recorded, from a settings file; notes when it has expired.
+/// The calibration of the rig about to be recorded, from a settings file; prints a note if it has expired.
 pub fn calibration(file: Option<&Path>) -> Result<Option<Calibration>, SettingsInputError> {
     let Some(path) = file else { return Ok(None) };
     let calibration = settings::calibration(path)?;
@@ -200,12 +200,12 @@ pub struct TimeArgs {
     pub wait: Duration,
 }
 
-/// A number that is not smaller than this; else `wanted` says what is needed.
+/// Parses a number that is at least `least`; `wanted` says in the error what is required.
 pub fn at_least(text: &str, least: f64, wanted: &str) -> Result<f64, String> {
     text.parse().ok().filter(|value: &f64| value.is_finite() && *value >= least).ok_or_else(|| wanted.into())
 }
 
-/// A time in seconds that makes sense.
+/// Parses a plausible time in seconds.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let value: f64 = text.parse().map_err(|_| "a number of seconds is needed, for example 20".to_string())?;
     Duration::try_from_secs_f64(value).map_err(|_| "the time must be 0 or more, and finite".to_string())

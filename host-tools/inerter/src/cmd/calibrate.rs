@@ -1,4 +1,4 @@
-//! `inerter calibrate`: what is found at commissioning and then kept as a setting.
+//! `inerter calibrate`: values found at commissioning and kept as settings.
 
 use super::args::LinkArgs;
 use crate::Error;

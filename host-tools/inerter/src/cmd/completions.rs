@@ -1,4 +1,4 @@
-//! `inerter completions` and `inerter man`: what a shell and a manual reader want to know.
+//! `inerter completions` and `inerter man`: shell completions and manual pages.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub fn run(args: &Args, mut command: Command) -> Result<(), Error> {
 pub fn man(args: &ManArgs, command: Command) -> Result<(), Error> {
     let failed = |source| output::OutputError::Create { path: args.output.clone(), source };
     std::fs::create_dir_all(&args.output).map_err(failed)?;
-    // Pages that name each other need the whole tree built first.
+    // Pages that refer to each other need the whole tree built first.
     let mut command = command.disable_help_subcommand(true);
     command.build();
     let mut pages = Vec::new();
@@ -53,7 +53,7 @@ pub fn man(args: &ManArgs, command: Command) -> Result<(), Error> {
     Ok(())
 }
 
-/// The pages of a command and of those below it.
+/// The pages of a command and its subcommands.
 fn render(command: &Command, folder: &Path, pages: &mut Vec<(PathBuf, Vec<u8>)>) -> std::io::Result<()> {
     for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
         render(below, folder, pages)?;

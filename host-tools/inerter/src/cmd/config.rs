@@ -1,4 +1,4 @@
-//! Flags of the program from a file: which ones a file that was only found may not set.
+//! Program flags from a file: which of them a file that was found, not named, may not set.
 
 use std::ffi::OsString;
 
@@ -8,8 +8,8 @@ use inerter_serve::loopback;
 
 use super::terminal::note;
 
-/// Flags that let a command replace or erase something, on a disk or a device, or name what it writes, what is run or
-/// which chip it is for, or let others in.
+/// Flags that let a command replace or erase something, on a disk or a device; that name what it writes, what it runs
+/// or which chip it is for; or that let others connect.
 const GRAVE: [&str; 22] = [
     "force",
     "yes",
@@ -35,7 +35,7 @@ const GRAVE: [&str; 22] = [
     "foxglove-origin",
 ];
 
-/// The command line with the file's flags put in where nothing was typed, which is said.
+/// The command line, with the file's flags added where nothing was typed; prints a note for each.
 pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString]) -> Result<Vec<OsString>, ConfigError> {
     let rules = Rules { grave: &GRAVE, is_here: |place| loopback(place).is_some() };
     let Applied { flags, line } = inerter_flags::apply(command, file, typed, &rules)?;
@@ -62,7 +62,7 @@ mod tests {
         let refused = apply(&command, &file(false), &typed).unwrap_err().to_string();
         assert!(refused.contains("it may not set `simulate.qemu`"), "{refused}");
         assert!(apply(&command, &file(true), &typed).unwrap().contains(&"--qemu".into()));
-        // Results would go to a store of the file's choice.
+        // Results would go to a store that the file chose.
         std::fs::write(&path, "[replay]\nstore = \"s3://others/store\"\n").unwrap();
         let refused =
             apply(&command, &file(false), &["inerter", "replay"].map(OsString::from)).unwrap_err().to_string();

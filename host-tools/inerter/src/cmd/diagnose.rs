@@ -1,4 +1,4 @@
-//! `inerter diagnose`: what breaks the law of the estimator in a run.
+//! `inerter diagnose`: what violates the estimator's law in a run.
 
 use std::path::PathBuf;
 
@@ -79,7 +79,7 @@ fn text(machine: Machine, diagnosed: &Diagnosed) -> Result<(), Error> {
     }
 }
 
-/// The parameters of the whole run by the estimator, and what they are otherwise.
+/// The estimator's parameters for the whole run, beside those of the corrected fit.
 fn table(machine: Machine, outcome: &Outcome, otherwise: &str, corrected: &Parameters) -> Result<(), Error> {
     output::line("")?;
     output::line(format!("{:<20} {:<6} {:<22} {otherwise}", "", "", "whole run"))?;

@@ -1,4 +1,4 @@
-//! `inerter doctor`: why a device cannot be used on this machine.
+//! `inerter doctor`: finds why a device cannot be used on this machine.
 
 use inerter_data::output;
 use inerter_device::udev;

@@ -121,7 +121,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let source = args.settings.source(&args.file)?;
     let selection = Selection { columns: args.columns.clone(), range_s: args.range.range_s() };
     let table = args.estimates.then(|| EstimateTable::collect(&source, &selection.range_s)).transpose()?;
-    // From here on there is something to be taken away.
+    // From here on there is a file to remove on interrupt.
     terminal::catch_interrupts();
     let mut bar = Progress::new("exporting", 1000);
     let mut progress = |part: f64| {

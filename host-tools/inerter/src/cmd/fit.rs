@@ -68,7 +68,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         saturated = saturated.or_else(|| refuse_saturated(&outcome, &run).err());
         first.get_or_insert((run, outcome));
     }
-    // One at least, by the command line.
+    // At least one, as the command line requires.
     let (Some(runs), Some((run, outcome))) = (all, first) else { return Ok(()) };
     let merged = match runs.merged(args.offset_n) {
         Ok(merged) => merged,
@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     Ok(merged.remarks(&run.settings).into_iter().try_for_each(output::line)?)
 }
 
-/// Takes the run through the estimator and says where its sums began anew; `about` stands before what is said.
+/// Runs the run through the estimator and reports where its sums were restarted; `about` precedes each message.
 pub fn replayed(run: &Run, about: &str) -> Result<Outcome, Error> {
     replay_all(run, |t_s, event| {
         match event {

@@ -153,7 +153,7 @@ fn response_text(name: &str, machine: Machine, response: &Beside) -> Result<(), 
     Ok(())
 }
 
-/// Label, unit and the name in the simulator's truth, in the order of the parameters.
+/// Label, unit and the name among the simulator's true values, in the order of the parameters.
 const LABELS: [(&str, &str, &str); 9] = [
     ("Effective inertance", "kg", "inertance_kg"),
     ("Viscous friction", "N s/m", "viscous_n_s_per_m"),
@@ -166,7 +166,7 @@ const LABELS: [(&str, &str, &str); 9] = [
     ("Skew", "µs", "delay_s"),
 ];
 
-/// The kind of machine that the runs are of.
+/// The machine kind of the runs.
 fn machine(runs: &[Run]) -> Machine {
     runs.first().map_or(Machine::Linear, |run| run.settings.machine)
 }
@@ -265,7 +265,7 @@ fn cell(parameter: &Found, micro: f64) -> String {
     }
 }
 
-/// Without the dust of binary fractions.
+/// Removes binary rounding residue.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6
 }

@@ -1,4 +1,4 @@
-//! `inerter info`: what a file holds.
+//! `inerter info`: what a file contains.
 
 use std::path::{Path, PathBuf};
 
@@ -84,7 +84,7 @@ fn ending_word(ending: &Ending) -> &'static str {
 struct RecordingJson {
     #[serde(flatten)]
     about: Value,
-    /// Apart, as a `Value` would give its 32-bit numbers the digits of 64-bit ones.
+    /// Kept separate, because a `Value` would print its 32-bit numbers with the digits of 64-bit ones.
     estimate: Option<EstimateJson>,
 }
 
@@ -185,7 +185,7 @@ fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option
     Ok(())
 }
 
-/// Settings that are not as by default.
+/// Settings that differ from the defaults.
 fn changed(settings: &Settings) -> impl Iterator<Item = String> {
     let values = Settings::TABLE.iter().zip(settings.values());
     values.filter(|(info, value)| *value != info.default).map(|(info, value)| format!("{} = {value:?}", info.name))

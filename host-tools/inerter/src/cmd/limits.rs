@@ -1,4 +1,4 @@
-//! Limits that a device is checked against, and the files with the verdicts.
+//! Limits that a device is checked against, and the files that hold the verdicts.
 
 use std::path::{Path, PathBuf};
 
@@ -29,19 +29,19 @@ pub struct LimitsArgs {
 
 /// A run and the verdicts on its limits.
 pub struct Held<'a> {
-    /// Its name: a file, or that in a store.
+    /// Its name: a file, or the run's name in a store.
     pub run: String,
     /// Whether it is a file.
     pub is_file: bool,
-    /// Kind of its machine.
+    /// Its machine kind.
     pub machine: Machine,
     /// The verdict on each limit.
     pub judged: &'a [Judged],
 }
 
 impl LimitsArgs {
-    /// Refuses files that are in the way, before any work is done: those of the command that are `written`, and these.
-    /// What is `read` is never written over. Ctrl-C leaves none half written.
+    /// Rejects output files that already exist, before any work is done: the command's own (`written`) and these. Files
+    /// in `read` are never overwritten. Ctrl-C leaves none half written.
     pub fn check(&self, read: &[&Path], written: &[&Path], force: bool) -> Result<&Self, Error> {
         Feature::Reports.check("--junit", self.junit.is_some(), "--verdicts writes the same as CSV")?;
         tidy_at_interrupts();
@@ -56,12 +56,12 @@ impl LimitsArgs {
         Ok(self)
     }
 
-    /// Whether there are any.
+    /// Whether any were given.
     pub const fn are_given(&self) -> bool {
         self.limits.is_some()
     }
 
-    /// The limits, where there are any.
+    /// The limits, if any were given.
     pub fn read(&self, machine: Machine) -> Result<Option<Limits>, LimitsError> {
         self.limits.as_deref().map(|path| Limits::read(path, machine)).transpose()
     }
@@ -78,7 +78,7 @@ impl LimitsArgs {
     }
 }
 
-/// Fails unless all of all runs pass.
+/// Fails unless every run passes every limit.
 pub fn prove(runs: &[Held]) -> Result<(), Error> {
     let count = |held: &Held, wanted: Verdict| held.judged.iter().filter(|judged| judged.verdict == wanted).count();
     let unproven: Vec<&Held> = runs.iter().filter(|held| verdict(held.judged) != Verdict::Pass).collect();
@@ -101,7 +101,7 @@ pub fn prove(runs: &[Held]) -> Result<(), Error> {
     }
 }
 
-/// What was said; that nobody listens any more is no reason to end where it `goes_on`.
+/// The result of writing output; if `goes_on`, a closed reader is no reason to stop.
 pub fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
     match said {
         Err(error) if goes_on && error.is_broken_pipe() => Ok(()),
@@ -109,7 +109,7 @@ pub fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
     }
 }
 
-/// A line on a limit.
+/// One line about a limit.
 pub fn judged_line(machine: Machine, judged: &Judged) -> String {
     format!("{:<9}  {}", judged.verdict, judged.words(machine))
 }
@@ -137,7 +137,7 @@ fn csv(runs: &[Held]) -> Vec<u8> {
         ]
     });
     for row in std::iter::once(head).chain(rows) {
-        // It is written to memory, and each row has as many cells.
+        // It writes to memory, and every row has the same number of cells.
         let _ = table.write_record(row);
     }
     table.into_inner().unwrap_or_default()

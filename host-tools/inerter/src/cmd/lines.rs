@@ -32,20 +32,20 @@ use crate::{
     },
 };
 
-/// What may wait for whoever reads standard output: minutes of a device.
+/// Items that may wait for a slow reader of standard output: several minutes of a device's output.
 const WAITING: usize = 4096;
 
-/// Prints in a thread of its own: whoever takes his time to read holds up neither the device nor the recording. What
-/// does not fit is left out and counted.
+/// Prints in its own thread, so that a slow reader delays neither the device nor the recording. Items that do not fit
+/// in the queue are dropped and counted.
 pub struct Printer {
     items: Option<SyncSender<Item>>,
     left_out: Arc<AtomicU64>,
     thread: Option<JoinHandle<Result<(), Error>>>,
 }
 
-/// A view on standard output.
+/// A view that writes to standard output.
 pub trait Printed: Viewer + Send + 'static {
-    /// Says how many were left out so far.
+    /// Reports how many items have been dropped so far.
     fn left_out(&mut self, count: u64) -> Result<(), Error>;
 }
 
@@ -87,20 +87,20 @@ impl Viewer for Printer {
     }
 
     fn pause(&mut self) -> Result<(), Error> {
-        // It ends early only when it fails.
+        // The thread ends early only when it fails.
         if self.thread.as_ref().is_some_and(JoinHandle::is_finished) { self.end() } else { Ok(()) }
     }
 
     fn end(&mut self) -> Result<(), Error> {
         self.items = None;
         let Some(thread) = self.thread.take() else { return Ok(()) };
-        // It may wait in the midst of a line for a reader who never comes.
+        // The thread may be blocked in the middle of a line, by a reader that never reads again.
         terminal::last_words();
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 }
 
-/// One object a line.
+/// One JSON object per line.
 #[derive(Default)]
 pub struct Json {
     settings: Settings,
@@ -157,7 +157,7 @@ impl Printed for Json {
     }
 }
 
-/// A line per estimate; all else as notes.
+/// One line per estimate; everything else as notes.
 #[derive(Default)]
 pub struct Lines {
     losses: Losses,

@@ -1,4 +1,4 @@
-//! `inerter merge`: recordings of one device in a row.
+//! `inerter merge`: joins consecutive recordings of one device.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! The commands, one file each with its manual, and what they share.
+//! The commands, one file each with its manual, and the code they share.
 
 mod calibrate;
 mod compare;
@@ -83,7 +83,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// Does what it is for; `line` makes the whole command line anew.
+    /// Runs the command; `line` rebuilds the whole command line.
     pub fn run(&self, line: fn() -> clap::Command) -> Result<(), Error> {
         match self {
             Self::Simulate(args) => simulate::run(args),

@@ -1,4 +1,4 @@
-//! `inerter monitor`: what a device measures, while it measures.
+//! `inerter monitor`: shows what a device measures, live.
 
 use std::{
     io::{self, IsTerminal},
@@ -27,7 +27,7 @@ use crate::{
     },
 };
 
-/// Where other programs find the device when nothing else is said.
+/// Default address where other programs find the device.
 const SHARE: &str = "127.0.0.1:7878";
 
 /// Show what a device measures, live.
@@ -73,7 +73,7 @@ pub struct Args {
 }
 
 impl Args {
-    /// Without samples no cause is found.
+    /// Causes cannot be found without samples.
     fn streams(&self) -> Streams {
         Streams { sums: self.record.is_some() || self.share.is_some(), ..Streams::ALL }
     }
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let recording = args.record.as_ref().map(|file| file.display().to_string());
     let mut hub = Hub::new(live, args.time.wait.as_secs_f64());
     let views = views(args, &mut hub, recording.clone())?;
-    // Last of all that may fail: a file that --force replaces is not lost to a mistake.
+    // This step comes last of those that may fail, so that a mistake does not destroy a file that --force replaces.
     if let Some(file) = &args.record {
         let mut recorder = Recorder::create(file, args.force)?;
         calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     hub.run(over)
 }
 
-/// Adds all that was asked for; gives what each is called and where it is.
+/// Adds all requested views; returns the name and address of each.
 fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Place>, Error> {
     let foxglove = args.others.foxglove.as_deref();
     for (option, address) in [("--foxglove", foxglove), ("--share", args.share.as_deref())] {

@@ -1,4 +1,4 @@
-//! Flags for the parameters of a device, and of its instruments where they are simulated too.
+//! Flags for the parameters of a device, and of its instruments if they are simulated too.
 
 use std::collections::BTreeMap;
 
@@ -6,16 +6,15 @@ use clap::{ArgMatches, Command, FromArgMatches};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
 
-/// One flag per parameter of the device, and of the instruments where they are simulated too, from the plant's own
-/// tables.
+/// One flag per parameter of the device, and of the instruments if they are simulated too, from the plant's own tables.
 pub struct PlantArgs<const SIMULATED: bool> {
-    /// What was given, by name.
+    /// The given values, by name.
     pub given: BTreeMap<String, f64>,
 }
 
-/// Of a device and its instruments.
+/// Parameters of a device and its instruments.
 pub type SimulatedArgs = PlantArgs<true>;
-/// Of a device that is expected.
+/// Expected parameters of a device.
 pub type ExpectedArgs = PlantArgs<false>;
 
 impl<const SIMULATED: bool> PlantArgs<SIMULATED> {

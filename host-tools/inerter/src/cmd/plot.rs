@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::args::FileSettingsArgs;
 
-/// The figures, as [`inerter_view`] names them, which not every build has.
+/// The figures, as [`inerter_view`] names them; not every build includes that crate.
 pub(super) const FIGURES: [&str; 6] = ["force", "residual", "loop", "parameters", "backlash", "bode"];
 
 /// Draw one figure of a run, as SVG for print or as PNG.

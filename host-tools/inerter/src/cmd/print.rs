@@ -1,4 +1,4 @@
-//! Results on standard output that programs read: an object a line.
+//! Machine-readable results on standard output: one object per line.
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::Error;
 
-/// An object that says first of what kind it is.
+/// An object whose first key is its kind.
 #[derive(Serialize)]
 pub struct Kind<'a, T> {
     pub kind: &'static str,
@@ -22,12 +22,12 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Error> {
     Ok(output::line(json_line(value))?)
 }
 
-/// Prints an object in the names of this machine.
+/// Prints an object with the key names of this machine.
 pub fn print_machine_json(machine: Machine, value: &impl Serialize) -> Result<(), Error> {
     Ok(output::line(machine_json_line(machine, value))?)
 }
 
-/// Prints a line that whoever reads it waits for.
+/// Prints a line and flushes it, because a reader waits for it.
 pub fn print_now(line: impl AsRef<str>) -> Result<(), Error> {
     output::line(line)?;
     Ok(output::flush()?)

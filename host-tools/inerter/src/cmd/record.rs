@@ -1,4 +1,4 @@
-//! `inerter record`: everything a device sends, into a file.
+//! `inerter record`: records everything a device sends into a file.
 
 use std::{
     path::PathBuf,
@@ -23,7 +23,7 @@ use super::{
 };
 use crate::Error;
 
-/// Time between two lines or updates that say how far it is.
+/// Time between two progress lines or updates.
 const REPORT: Duration = Duration::from_secs(1);
 
 /// Record everything that a device sends.
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 }
                 recorder.frame(received.time_ns, &received.bytes)?;
             }
-            // The last raw samples may come after the event.
+            // The last raw samples may arrive after the event.
             Ok(LinkEvent::Quiet) if ended => break None,
             Ok(LinkEvent::Received(_) | LinkEvent::Quiet) => recorder.quiet(live.now_ns())?,
             Ok(LinkEvent::Away { reason }) => {
@@ -138,7 +138,7 @@ fn is_end(frame: &Frame<Record>) -> bool {
     matches!(frame, Frame::Message { message: Record::Event(event), .. } if event.kind == EventKind::SourceEnded)
 }
 
-/// What is worth a line while it is recorded.
+/// Reports a problem during recording, as one line.
 fn trouble(machine: Machine, frame: &Frame<Record>) -> Option<String> {
     let Frame::Message { message: Record::Event(event), .. } = frame else { return None };
     is_trouble(&event.kind).then(|| event_words(machine, &event.kind))
@@ -183,7 +183,7 @@ fn end(args: &Args, duration_s: f64, frames: u32, lost_frames: u64) -> Result<()
     Ok(())
 }
 
-/// Says what the recording holds in spite of the failure.
+/// Adds to the error what the recording nevertheless holds.
 fn kept(error: DeviceError, file: &str, duration_s: f64) -> DeviceError {
     let words = format!("the {} before that can be read in {file}", duration_text(duration_s));
     match error {

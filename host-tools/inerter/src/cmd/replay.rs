@@ -1,4 +1,4 @@
-//! `inerter replay`: a recording or CSV through the estimator.
+//! `inerter replay`: runs a recording or CSV through the estimator.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ use super::{
 };
 use crate::Error;
 
-/// Rows of the table that a person sees when nothing else is asked for.
+/// Rows in the table for a person, by default.
 const ROWS: f64 = 20.0;
 
 /// Run the estimator over a recording or a CSV file.
@@ -78,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     match (&args.file, &args.store.store) {
         (Some(file), _) => replay(file, args),
         (None, Some(url)) => tables::replay(url, &args.store, &args.settings, args.json),
-        // One of them, by the command line.
+        // The command line requires one of them.
         (None, None) => Ok(()),
     }
 }
@@ -126,7 +126,7 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     prove(&held).and(said)
 }
 
-/// Says what the whole run came to, and what of it is `within` limits.
+/// Prints the result of the whole run, and the verdicts on its limits (`within`).
 fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Option<&[Judged]>) -> Result<(), Error> {
     let machine = run.settings.machine;
     if args.json {
@@ -145,7 +145,8 @@ fn say(args: &Args, run: &Source, replayed: &Replayed, header: bool, within: Opt
     Ok(within.into_iter().flatten().map(|judged| judged_line(machine, judged)).try_for_each(output::line)?)
 }
 
-/// What is no estimate: every one in JSON; a person sees the changes, and the scatter of the reversals as an interval.
+/// Events other than estimates: all of them in JSON; for a person only the changes, and the scatter of the reversals as
+/// an interval.
 pub fn tell(machine: Machine, t_s: f64, event: &EstimatorEvent, json: bool, header: &mut bool) -> Result<(), Error> {
     let (index, kind, words) = match event {
         EstimatorEvent::Reversal(reversal) if json => {
@@ -164,7 +165,7 @@ pub fn tell(machine: Machine, t_s: f64, event: &EstimatorEvent, json: bool, head
     Ok(output::line(format!("{t_s:>9.2}  {words}"))?)
 }
 
-/// Heads the rows, once.
+/// Prints the header row, once.
 fn head(machine: Machine, header: &mut bool) -> Result<(), Error> {
     if std::mem::take(header) {
         output::line(text::row_header(machine))?;

@@ -1,5 +1,5 @@
 //! Pages, figures and JUnit files: the work of `inerter compare`, `plot`, `report` and `reproduce-paper`, whose
-//! arguments are beside this module, and of options of others. All of it is behind the feature `reports`.
+//! arguments are beside this module, and of some options of other commands. All of it is behind the feature `reports`.
 
 mod compare;
 mod junit;
@@ -17,7 +17,7 @@ use inerter_data::selftest::SelfTest;
 
 use crate::Error;
 
-/// The page on a self-test.
+/// The page of a self-test.
 pub fn selftest_page(test: &SelfTest) -> Result<String, Error> {
     Ok(inerter_view::selftest::html(test))
 }

@@ -1,5 +1,5 @@
-//! `inerter monitor` in a terminal: keys in, pictures out. What comes from the device is taken in by a thread of its
-//! own, so that a slow terminal never holds up the device.
+//! `inerter monitor` in a terminal: keys in, frames out. A separate thread receives from the device, so that a slow
+//! terminal never delays the device.
 
 use std::{
     io,
@@ -30,14 +30,14 @@ use crate::{
     },
 };
 
-/// Least time from one picture to the next.
+/// Minimum time between two frames.
 const FRAME: Duration = Duration::from_millis(50);
 
 /// What the device's thread and this one share.
 #[derive(Clone)]
 struct Shared {
     state: Arc<Mutex<State>>,
-    /// Whether there is something new to be drawn.
+    /// Whether there is something new to draw.
     changed: Arc<AtomicBool>,
 }
 
@@ -55,18 +55,18 @@ impl Viewer for Shared {
     }
 }
 
-/// The terminal as it was, whatever happens.
+/// Restores the terminal, whatever happens.
 struct Restore;
 
 impl Drop for Restore {
     fn drop(&mut self) {
         terminal::has_screen(None);
-        // A terminal that is gone cannot be given back, and cannot be told so either.
+        // A terminal that is gone cannot be restored, and the error cannot be shown there.
         ratatui::try_restore().ok();
     }
 }
 
-/// Shows the screen until the user quits, `over` says so, or the device fails.
+/// Shows the screen until the user quits, `over` returns true, or the device fails.
 pub fn run(
     mut hub: Hub,
     recording: Option<String>,
@@ -81,7 +81,7 @@ pub fn run(
     let theme = Theme { colour: std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()) };
 
     terminal::has_screen(Some(|| {
-        // A terminal that is gone cannot be given back, nor told so.
+        // A terminal that is gone cannot be restored, and the error cannot be shown there.
         ratatui::try_restore().ok();
     }));
     let restore = Restore;
@@ -95,17 +95,17 @@ pub fn run(
     });
     let device = device.map_err(failed)?;
     let shown = pictures(&mut drawn, &shared, theme, &|| device.is_finished(), &|action| match action {
-        // The hub has ended when nobody takes the wish.
+        // If nobody receives the request, the hub has ended.
         Action::Mark(text) => drop(wishes.send(Wish::Mark(text))),
         Action::ResetEstimator => drop(wishes.send(Wish::ResetEstimator)),
         Action::Quit => quit.store(true, Ordering::Relaxed),
     });
     quit.store(true, Ordering::Relaxed);
-    // It would show the cursor once more by itself, and panic where nobody can be told that it cannot.
+    // Its drop would show the cursor once more, and panic if it cannot print the failure.
     if drawn.show_cursor().is_err() {
         std::mem::forget(drawn);
     }
-    // The recording is closed before the terminal is given back.
+    // Closes the recording before the terminal is restored.
     let measured = device.join();
     drop(restore);
     match measured {
@@ -114,7 +114,7 @@ pub fn run(
     }
 }
 
-/// What is pressed, by a thread of its own: at a terminal that is gone the library reads for ever.
+/// Key presses, read in a separate thread: if the terminal is gone, the library's read never returns.
 fn keys() -> io::Result<Receiver<io::Result<event::Event>>> {
     let (sender, keys) = channel();
     let read = move || {
@@ -129,7 +129,7 @@ fn keys() -> io::Result<Receiver<io::Result<event::Event>>> {
     Ok(keys)
 }
 
-/// Keys in, pictures out, until the device's thread has ended.
+/// Handles keys and draws frames until the device's thread ends.
 fn pictures(
     terminal: &mut DefaultTerminal,
     shared: &Shared,
@@ -159,7 +159,7 @@ fn pictures(
             continue;
         }
         drawn = Instant::now();
-        // The state is held while cells are filled, not while the terminal takes them.
+        // The state is locked while cells are filled, not while they are written to the terminal.
         terminal.draw(|frame| view::draw(frame, &shared.state(), theme))?;
     }
     Ok(())

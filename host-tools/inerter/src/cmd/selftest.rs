@@ -1,4 +1,4 @@
-//! `inerter selftest`: what the owner's board proves of itself, written down.
+//! `inerter selftest`: tests the user's board and writes down the results.
 
 mod jumpers;
 
@@ -37,23 +37,23 @@ use super::{
 };
 use crate::{Error, error::SelfTestError, feature::Feature};
 
-/// Name of the backups where no page is written.
+/// Name of the backups when no page is written.
 const NO_PAGE: &str = "selftest";
-/// Endings of the backups: of what is saved, and of what is in use where that is something else.
+/// File name endings of the backups: of the saved settings, and of the settings in use if they differ.
 const SAVED: &str = "settings.toml";
 const IN_USE: &str = "in-use.toml";
-/// Time for a board to come back: a watchdog bites after 4 s, and Windows takes seconds for a new port.
+/// Time for a board to come back: the watchdog resets it after 4 s, and Windows takes seconds to create a new port.
 const RETURN: Duration = Duration::from_secs(25);
-/// Pause between two attempts to reach it.
+/// Pause between two attempts to reach the board.
 const RETRY: Duration = Duration::from_millis(300);
-/// Rate of samples for noise and work (Hz).
+/// Sample rate for the noise and workload measurements (Hz).
 const QUIET_HZ: f64 = 1000.0;
-/// How long samples are listened to (s of the device's clock), and how much longer they may take.
+/// How long to collect samples (s of the device's clock), and how much longer that may take.
 const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
-/// What a halted sampler has left comes in this time.
+/// Samples still in flight after the sampler halts arrive within this time.
 const HALT: Duration = Duration::from_secs(1);
-/// Time for a board to say how it is doing, which it does once a second.
+/// Time to wait for a health record, which the board sends once a second.
 const HEALTH: Duration = Duration::from_secs(2);
 
 /// Test a board (chip, clocks, supply, noise, flash, watchdog, restart, update mode) and write a report.
@@ -95,7 +95,7 @@ pub struct Args {
     json: bool,
 }
 
-/// The page, and what is written beside it.
+/// The page, and the files written beside it.
 #[derive(Debug)]
 struct Files<'a> {
     page: &'a Path,
@@ -105,7 +105,7 @@ struct Files<'a> {
 impl<'a> Files<'a> {
     fn of(page: &'a Path) -> Result<Self, SelfTestError> {
         let json = page.with_extension("json");
-        // Some file systems do not tell large letters from small ones.
+        // Some file systems ignore case in file names.
         let folded = |path: &Path| path.to_string_lossy().to_lowercase();
         if folded(page) == folded(&json) {
             return Err(SelfTestError::SameName { page: page.into(), json });
@@ -114,12 +114,12 @@ impl<'a> Files<'a> {
     }
 }
 
-/// Name of a backup. No page and no JSON file has it, as it has one dot more than they.
+/// Name of a backup. It has one dot more than any page or JSON file, so it never collides with one.
 fn backup_of(page: Option<&Path>, ending: &str) -> PathBuf {
     page.unwrap_or(Path::new(NO_PAGE)).with_extension(ending)
 }
 
-/// Writes the backups and says where they are; gives the commands that put them back.
+/// Writes the backups and says where they are. Returns the commands that restore them.
 fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use: &Settings) -> Result<String, Error> {
     let write = |ending, settings| {
         let Kept { path, others } = backup::write_beside(&backup_of(page, ending), hello, settings)?;
@@ -178,7 +178,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         note("the delay of the force was not measured, so --write saves nothing");
     }
     match outcome {
-        // A board that does not answer any more has failed, and what it showed before counts.
+        // A board that stops answering has failed; the results up to that point still count.
         Err(Error::Device(error)) if !matches!(error, DeviceError::Interrupted) => {
             let check = Check::words("whole", "Test carried out", "to its end", "aborted", Some(error.to_string()));
             bench.add([check])?;
@@ -203,28 +203,28 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if failed.is_empty() { Ok(()) } else { Err(SelfTestError::Failed { failed: failed.join(", ") }.into()) }
 }
 
-/// The board on the bench.
+/// The board under test.
 struct Bench {
     target: Target,
-    /// Nothing while it restarts.
+    /// `None` while the board restarts.
     device: Option<Device>,
     test: SelfTest,
     json: bool,
-    /// Settings in use and saved at the beginning.
+    /// Settings in use and settings saved, at the beginning.
     before: Settings,
     saved: Option<Settings>,
-    /// Others were saved since.
+    /// Whether other settings have been saved since.
     has_saved: bool,
 }
 
-/// What came within a time.
+/// What the board sent within a period.
 #[derive(Default)]
 struct Heard {
     samples: Vec<RawSample>,
     bytes: usize,
-    /// The last one.
+    /// The latest one.
     health: Option<Health>,
-    /// Batches of samples that cannot be read.
+    /// Batches of samples that could not be decoded.
     unreadable: usize,
 }
 
@@ -241,7 +241,7 @@ impl Bench {
         if args.without_jumpers { Ok(()) } else { self.jumpers(args) }
     }
 
-    /// Takes the checks down and shows them.
+    /// Records the checks and shows them.
     fn add(&mut self, checks: impl IntoIterator<Item = Check>) -> Result<(), Error> {
         for check in checks {
             if self.json {
@@ -254,7 +254,7 @@ impl Bench {
         Ok(output::flush()?)
     }
 
-    /// The board, reached again where it has restarted.
+    /// The board; reconnects if it has restarted.
     fn device(&mut self) -> Result<&mut Device, DeviceError> {
         let device = match self.device.take() {
             Some(device) => device,
@@ -263,7 +263,7 @@ impl Bench {
         Ok(self.device.insert(device))
     }
 
-    /// Lets the board measure, and keeps it. A board that says nothing has no figures.
+    /// Lets the board measure, and records the figures. A board that reports nothing has none.
     fn measure(&mut self, what: Measure) -> Result<inerter_wire::Measured, DeviceError> {
         let measured = self.device()?.measure(what)?.unwrap_or(inerter_wire::Measured::new(what));
         self.test.measured.push(measured.clone());
@@ -280,12 +280,12 @@ impl Bench {
         self.add(judge::supply(&supply))
     }
 
-    /// Settings for the test at this rate: the analogue front end, all else as it was.
+    /// Settings for the test at this rate: the analogue front end is selected, everything else is unchanged.
     fn settings(&self, sample_rate_hz: f64) -> Settings {
         Settings { sample_rate_hz, front_end: FrontEnd::Analogue, ..self.before }
     }
 
-    /// Lets the sampler start anew at this rate, and listens.
+    /// Restarts the sampler at this rate and collects what it sends.
     fn listen(&mut self, streams: Streams, sample_rate_hz: f64) -> Result<Heard, DeviceError> {
         let settings = self.settings(sample_rate_hz);
         let device = self.device()?;
@@ -312,7 +312,7 @@ impl Bench {
                 _ => {}
             }
         }
-        // A batch that was not full at the halt comes first, and the sample counter jumps behind it.
+        // A batch that was incomplete at the halt comes first; the sample counter jumps after it.
         let first = heard.samples.windows(2).take(2 * Samples::MAX_SAMPLES);
         let jump = first.enumerate().rfind(|(_, pair)| pair[1].index.wrapping_sub(pair[0].index) != 1);
         if let Some((place, _)) = jump {
@@ -336,7 +336,7 @@ impl Bench {
         self.add(judge::work(&work))
     }
 
-    /// Everything at the highest rate.
+    /// Streams everything at the highest rate.
     fn throughput(&mut self) -> Result<(), Error> {
         let lost = u64::from(self.device()?.counts().lost);
         let damaged = self.device()?.counts().corrupt();
@@ -349,7 +349,7 @@ impl Bench {
         self.add(judge::throughput(&heard))
     }
 
-    /// Saves other settings and reads them back; gives what must hold after a restart.
+    /// Saves other settings and reads them back; returns the settings that must be in use after a restart.
     fn keep(&mut self) -> Result<Option<Settings>, Error> {
         const NAME: &str = "save";
         const LABEL: &str = "Settings saved and read back";
@@ -358,7 +358,7 @@ impl Bench {
             self.add([skipped("the board keeps no settings")])?;
             return Ok(None);
         }
-        // One to save, and one to put back.
+        // One save for the test, and one to restore.
         let saves_left = self.test.measured.iter().rev().find_map(|measured| measured.get(Quantity::SavesLeft));
         if saves_left.is_some_and(|left| left < 2) {
             self.add([skipped("the flash was written often recently: try again in a few minutes")])?;
@@ -367,7 +367,7 @@ impl Bench {
         let publish_rate_hz = if self.before.publish_rate_hz == 4.0 { 5.0 } else { 4.0 };
         let other = Settings { publish_rate_hz, ..self.settings(QUIET_HZ) };
         self.device()?.write_settings(&other)?;
-        // From here on what is kept must be put back, whatever is said.
+        // From here on the saved settings must be restored, whatever happens.
         self.has_saved = true;
         match self.device()?.save_settings() {
             Err(DeviceError::Refused { refusal: Refusal::Worn { wait_s }, .. }) => {
@@ -382,11 +382,11 @@ impl Bench {
         Ok(Some(other))
     }
 
-    /// Time since the board's start \[s\], and when it said so; nothing where it does not say.
+    /// Time since the board's start \[s\], and when the board reported it; `None` if it does not report it.
     fn uptime(&mut self) -> Result<Option<(u32, Instant)>, DeviceError> {
         let device = self.device()?;
         device.stream(Streams { health: true, ..Streams::NONE })?;
-        // What is in line is of some time ago.
+        // Records already in the queue are out of date.
         while device.pending().is_some() {}
         let begun = Instant::now();
         while begun.elapsed() < HEALTH {
@@ -400,7 +400,7 @@ impl Bench {
         Ok(None)
     }
 
-    /// Sends the board into a restart and learns what it says of it.
+    /// Restarts the board and collects what it reports about the restart.
     fn comes_back(&mut self, what: &'static str, command: Command) -> Result<judge::Start, Error> {
         let before = self.uptime()?;
         self.device()?.request(what, command)?;
@@ -466,7 +466,7 @@ impl Bench {
         self.add([pressed(visited)])
     }
 
-    /// Plays through the jumpers, where nothing else is at the pins.
+    /// Plays signals through the jumpers, if nothing else is connected to the pins.
     fn jumpers(&mut self, args: &Args) -> Result<(), Error> {
         let (name, label) = jumpers::CHECK;
         let reason = if !self.test.hello.capabilities.contains(Capabilities::PLAYER) {
@@ -483,7 +483,7 @@ impl Bench {
         let by_usb = |check: &Check| check.name == "clock_usb" && check.verdict != Verdict::Skipped;
         let clock_is_known = self.test.checks.iter().any(by_usb);
         let played = jumpers::play(self.device()?, clock_is_known);
-        // It puts the settings back itself where it can; what the board has now is asked anew.
+        // The jumper test restores the settings itself if it can; the board's settings are read again afterwards.
         self.device = None;
         let (checks, measured) = played?;
         self.add(checks)?;
@@ -502,7 +502,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Into update mode and back; an error ends the test only where somebody interrupts it.
+    /// Enters update mode and returns; an error ends the test only if the user interrupts it.
     fn visit(&mut self, enter: bool) -> Result<Result<Back, UpdateError>, Error> {
         self.device = None;
         let mut machine = ThisMachine::new(self.target.clone(), interrupted);
@@ -516,14 +516,16 @@ impl Bench {
         Ok(visited)
     }
 
-    /// Puts back what was in use and what was kept; whether the board then has it. Ctrl-C does not end this.
+    /// Restores the settings in use and the saved settings; returns whether the board has them. Ctrl-C does not stop
+    /// this.
     ///
-    /// Streams stay off. The board does not tell which were on, it has restarted since, and every host chooses its own.
+    /// Streams stay off. The board does not report which streams were on, it has restarted since, and every host
+    /// chooses its own.
     fn restore(&mut self) -> Result<bool, DeviceError> {
         let (before, saved, has_saved) = (self.before, self.saved, self.has_saved);
-        // A board that is restarting is waited for; one that has fallen silent would only hold up the end.
+        // Wait for a board that is restarting. Waiting for one that has fallen silent would only delay the end.
         let patience = if self.device.take().is_some() { Duration::ZERO } else { RETURN };
-        // Reached anew, so that what it has in use is asked and not remembered.
+        // Reconnect, so that the settings in use are read from the board, not from memory.
         let mut device = self.reached(patience, || false)?;
         device.stream(Streams::NONE)?;
         let kept = saved.unwrap_or(before);
@@ -540,7 +542,7 @@ impl Bench {
         Ok(is_kept && backup::changes(&before, device.settings()).is_empty())
     }
 
-    /// Reaches the board and no other, whatever port it then has; tries for so long, and once at least.
+    /// Reaches this board and no other, on whatever port it has now; tries for `patience`, and at least once.
     fn reached(&self, patience: Duration, interrupted: Interrupted) -> Result<Device, DeviceError> {
         let begun = Instant::now();
         loop {
@@ -566,7 +568,7 @@ fn there_and_back((name, label): (&'static str, &'static str), visited: Result<B
     Check::words(name, label, "there and back", found, visited.err().as_ref().map(with_help))
 }
 
-/// What two presses of the button led to. That nobody presses it says nothing of the board.
+/// The result of two presses of the button. If nobody presses it, that says nothing about the board.
 fn pressed(visited: Result<Back, UpdateError>) -> Check {
     match visited {
         Err(UpdateError::DidNotAppear { seconds, .. }) => {
@@ -578,7 +580,7 @@ fn pressed(visited: Result<Back, UpdateError>) -> Check {
     }
 }
 
-/// The error with what to do about it.
+/// The error with its help text.
 fn with_help(error: &UpdateError) -> String {
     error.help().map_or_else(|| error.to_string(), |help| format!("{error}; {help}"))
 }
@@ -620,7 +622,7 @@ mod tests {
             assert_eq!(check.verdict, Verdict::Fail);
             assert!(check.reason.is_some_and(|reason| reason.contains("press the board's reset button once")));
         }
-        // A board that was told to go there and did not has failed.
+        // A board that was told to enter update mode and did not has failed.
         let silent = UpdateError::DidNotAppear { serial: "1".into(), seconds: 15, others: Vec::new() };
         assert_eq!(there_and_back(DFU, Err(silent)).verdict, Verdict::Fail);
     }

@@ -1,4 +1,4 @@
-//! `inerter send`: a recording or CSV through a connected device's own estimator.
+//! `inerter send`: runs a recording or CSV through the estimator of a connected device.
 
 use std::path::PathBuf;
 
@@ -41,9 +41,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Error> {
     let run = args.settings.open(&args.file)?;
     let machine = run.settings.machine;
-    // What the device would refuse is refused here, with more words.
+    // Reject here what the device would reject, with a fuller message.
     inerter_data::settings::validate(&run.settings)?;
-    // The device's settings are put back even then.
+    // The device's settings are restored even then.
     catch_interrupts();
     let mut device = args.link.device()?;
     let mut progress = Progress::new("sending", run.samples.len() as u64);
@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
                 print_machine_json(machine, &EstimateJson::live(t_s, estimated, &run.settings))
             }
             EstimatorEvent::Estimate(..) => Ok(()),
-            // No rows come, so none needs a head.
+            // No rows follow, so no header is needed.
             _ => {
                 warnings.extend(warning(machine, t_s, event));
                 tell(machine, t_s, event, args.json, &mut false)

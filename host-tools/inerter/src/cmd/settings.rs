@@ -126,7 +126,7 @@ fn set(args: &SetArgs) -> Result<(), Error> {
     let before = *device.settings();
     let mut wanted = before;
     overrides.apply(&mut wanted)?;
-    // What the device would refuse is refused here, with more words.
+    // Reject here what the device would reject, with a fuller message.
     validate(&wanted)?;
     device.write_settings(&wanted)?;
     finish(&mut device, &before, args.save, args.common.json)

@@ -1,4 +1,4 @@
-//! `inerter simulate`: an inerter in a rig, without either.
+//! `inerter simulate`: a simulated inerter in a simulated rig.
 
 use std::{
     collections::BTreeMap,
@@ -128,7 +128,7 @@ fn setup(args: &Args) -> Result<Setup, Error> {
     Ok(if args.output.is_some() { described.ending() } else { described.setup() }?)
 }
 
-/// Parameters of the device after a change, each as NAME=VALUE.
+/// Changed parameters of the device, each as NAME=VALUE.
 fn changed(texts: &[String]) -> Result<BTreeMap<String, f64>, SimulateError> {
     let one = |text: &String| {
         let (name, value) = text.split_once('=')?;
@@ -174,7 +174,7 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
         plural(samples, "sample"),
         setup.settings.sample_rate_hz
     ));
-    // Nothing can be read back from a device such as /dev/null.
+    // A device such as /dev/null cannot be read back.
     if path.is_file() {
         let settings = settings.map_or(String::new(), |toml| format!(" --settings {}", toml.display()));
         terminal::say(format!("look at it with: inerter replay {file}{settings}"));
@@ -195,13 +195,13 @@ fn truth(setup: &Setup) -> serde_json::Value {
     truth.into()
 }
 
-/// A live device of either kind.
+/// A running simulated device of either kind.
 enum Running {
     Virtual(VirtualDevice),
     Qemu(Qemu),
 }
 
-/// The image in QEMU with the settings of the simulated device, its sampler running: a device in a rig.
+/// The image in QEMU, with the settings of the simulated device and its sampler running: a device in a rig.
 fn in_qemu(setup: &Setup, image: &Path, endpoint: &Endpoint) -> Result<Qemu, Error> {
     let mut qemu = Qemu::boot(image, endpoint, terminal::interrupted)?;
     let name = qemu.name().to_string();
@@ -238,7 +238,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
         }
     };
     if let Some(bench) = bench {
-        // Ends with the program: nothing else ends a read of standard input.
+        // The thread ends with the program: nothing else interrupts a read of standard input.
         std::thread::spawn(move || listen_to(&bench));
     }
     let name = match &running {
@@ -269,7 +269,7 @@ fn live(args: &Args, setup: &Setup, endpoint: &Endpoint) -> Result<(), Error> {
     Ok(())
 }
 
-/// Does what standard input says until it ends.
+/// Executes the commands from standard input until it ends.
 fn listen_to(bench: &Operator) {
     for line in std::io::stdin().lines().map_while(Result::ok).filter(|line| !line.trim().is_empty()) {
         if let Err(error) = bench.obey(&line) {

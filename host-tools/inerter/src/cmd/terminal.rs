@@ -1,4 +1,4 @@
-//! What a person sees on standard error: notes, progress, and Ctrl-C as a wish rather than a death.
+//! Output to the user on standard error: notes and progress. Ctrl-C is a request to stop, not an immediate exit.
 
 use std::{
     io::{self, IsTerminal, Write},
@@ -17,21 +17,21 @@ use inerter_data::{output, words::printable};
 use crate::{exit, monitor::locked};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-/// The work has seen that it is interrupted.
+/// The work has noticed the interrupt.
 static HEEDED: AtomicBool = AtomicBool::new(false);
-/// Gives the terminal back, where a screen has taken it.
+/// Restores the terminal if a full-screen view uses it.
 static RESTORE: Mutex<Option<fn()>> = Mutex::new(None);
 
-/// Work that has not seen by then that it is interrupted waits for a reader or a file that may never come.
+/// Work that has not noticed the interrupt by then is blocked on a reader or a file that may never respond.
 const HEED_TIME: Duration = Duration::from_secs(3);
-/// Time for what is told at the end.
+/// Time for the final messages.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// Words that may wait for a terminal.
+/// Messages that may wait for a slow terminal.
 const WAITING: usize = 256;
-/// Time for a terminal to be given back: one that is stopped takes nothing.
+/// Time to restore the terminal: a stopped terminal (Ctrl-S) accepts no output.
 const RESTORE_TIME: Duration = Duration::from_millis(500);
 
-/// Ends the program at once, the terminal given back, nothing half written left behind.
+/// Ends the program at once; restores the terminal and leaves no half-written file behind.
 fn end() -> ! {
     let restore = *locked(&RESTORE);
     if let Some(restore) = restore {
@@ -47,14 +47,14 @@ fn end() -> ! {
     std::process::exit(exit::INTERRUPTED.into());
 }
 
-/// From now on Ctrl-C ends the program at once, and leaves no file half written.
+/// From now on Ctrl-C ends the program at once and leaves no half-written file.
 pub fn tidy_at_interrupts() {
-    // Fails only when a handler is there already.
+    // Fails only if a handler is already set.
     ctrlc::set_handler(|| end()).ok();
 }
 
-/// From now on Ctrl-C ends the work in good order; a second one ends the program at once, and so does work that does
-/// not look whether it is interrupted.
+/// From now on Ctrl-C asks the work to stop cleanly. A second Ctrl-C ends the program at once. So does work that does
+/// not check for the interrupt in time.
 pub fn catch_interrupts() {
     let handler = || {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
@@ -67,12 +67,12 @@ pub fn catch_interrupts() {
             }
         });
     };
-    // Fails only when a handler is there already.
+    // Fails only if a handler is already set.
     ctrlc::set_handler(handler).ok();
 }
 
-/// What is left to do is to tell a person, and a terminal may take nothing: where the work was interrupted, the program
-/// ends in a moment whatever becomes of that.
+/// Call this when only messages to the user are left. A terminal may accept no output, so after an interrupt the
+/// program ends shortly even if they cannot be written.
 pub fn last_words() {
     if interrupted() {
         std::thread::spawn(|| {
@@ -82,7 +82,7 @@ pub fn last_words() {
     }
 }
 
-/// How the terminal is given back before the program ends; `None` where it need not be.
+/// Sets how the terminal is restored before the program ends; `None` if it need not be.
 pub fn has_screen(restore: Option<fn()>) {
     *locked(&RESTORE) = restore;
 }
@@ -101,30 +101,30 @@ pub fn go_on() -> Result<(), inerter_data::Error> {
     if interrupted() { Err(inerter_data::Error::Interrupted) } else { Ok(()) }
 }
 
-/// Whether somebody is there who can read a question and answer it.
+/// Whether a user can read a question and answer it.
 pub fn can_ask() -> bool {
     io::stdin().is_terminal() && io::stderr().is_terminal()
 }
 
-/// A note to the user, apart from the results: one line.
+/// Prints a one-line note to standard error, separate from the results.
 pub fn note(text: impl AsRef<str>) {
     say(format!("note: {}", text.as_ref()));
 }
 
-/// Information to the user, apart from the results: one line.
+/// Prints a one-line message to standard error, separate from the results.
 pub fn say(text: impl AsRef<str>) {
-    // Nobody reads it where standard error is closed.
+    // If standard error is closed, nobody reads it.
     writeln!(io::stderr(), "{}", printable(text.as_ref())).ok();
 }
 
-/// A question, whose answer is typed behind it. Fails where standard error is closed.
+/// Prints a question; the answer is typed after it. Fails if standard error is closed.
 pub fn ask(question: impl AsRef<str>) -> io::Result<()> {
     write!(io::stderr(), "{} ", printable(question.as_ref())).and_then(|()| io::stderr().flush())
 }
 
 /// Whether the answer is yes.
 pub fn is_confirmed(question: impl AsRef<str>) -> bool {
-    // Whoever cannot read the question cannot answer it with yes.
+    // A user who cannot see the question cannot have answered yes.
     if ask(question).is_err() {
         return false;
     }
@@ -132,13 +132,13 @@ pub fn is_confirmed(question: impl AsRef<str>) -> bool {
     io::stdin().read_line(&mut answer).is_ok() && ["y", "yes"].contains(&answer.trim().to_lowercase().as_str())
 }
 
-/// Lines that are typed from now on; `None` where nobody can type.
+/// Lines typed from now on; `None` if nobody can type.
 pub fn typed_lines() -> Option<mpsc::Receiver<String>> {
     if !io::stdin().is_terminal() {
         return None;
     }
     let (sender, lines) = mpsc::channel();
-    // Ends with the program.
+    // The thread ends with the program.
     std::thread::spawn(move || {
         while wait_for_input() {
             let mut line = String::new();
@@ -151,9 +151,9 @@ pub fn typed_lines() -> Option<mpsc::Receiver<String>> {
     Some(lines)
 }
 
-/// Waits until a line is there to be read; false when there will be none.
+/// Waits until a line can be read; false when there will be none.
 ///
-/// Whoever reads from a terminal in the background is stopped by it, and the recording with him.
+/// The terminal stops a background process that reads from it, and that would stop the recording too.
 #[cfg(unix)]
 fn wait_for_input() -> bool {
     use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -176,35 +176,35 @@ fn wait_for_input() -> bool {
     true
 }
 
-/// Time after which work deserves a bar.
+/// Time after which a progress bar is shown.
 const PATIENCE: Duration = Duration::from_millis(700);
 
 /// A progress bar that appears when work takes a while, on a terminal only.
 pub struct Progress {
     label: &'static str,
-    /// `None` for work without a known end.
+    /// `None` if the total is unknown.
     length: Option<u64>,
     started: Instant,
     bar: Option<ProgressBar>,
 }
 
 impl Progress {
-    /// For work of this length.
+    /// Progress of work with this total.
     pub fn new(label: &'static str, length: u64) -> Self {
         Self { length: Some(length), ..Self::endless(label) }
     }
 
-    /// For going through a file, by its bytes.
+    /// Progress through a file, in bytes.
     pub fn through(label: &'static str, file: &std::path::Path) -> Self {
         Self::new(label, file.metadata().map_or(0, |metadata| metadata.len()))
     }
 
-    /// For work without a known end.
+    /// Progress of work whose total is unknown.
     pub fn endless(label: &'static str) -> Self {
         Self { label, length: None, started: Instant::now(), bar: None }
     }
 
-    /// Text beside the label of work of unknown length.
+    /// Sets the text beside the label, for work whose total is unknown.
     pub fn say(&mut self, text: String) {
         self.set(0);
         if let Some(bar) = &self.bar {
@@ -239,7 +239,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn done(self) {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();
@@ -247,12 +247,12 @@ impl Progress {
     }
 }
 
-/// Bars for stages of work, one after the other.
+/// Bars for stages of work that run one after the other.
 #[derive(Default)]
 pub struct Bars(Option<Progress>);
 
 impl Bars {
-    /// Sets how much of a stage is done, whose bar takes the place of the one before.
+    /// Sets the progress of a stage; its bar replaces the previous stage's.
     pub fn set(&mut self, label: &'static str, position: u64, length: u64) {
         if self.0.as_ref().is_some_and(|bar| bar.label != label) {
             self.done();
@@ -260,7 +260,7 @@ impl Bars {
         self.0.get_or_insert_with(|| Progress::new(label, length)).set(position);
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn done(&mut self) {
         if let Some(bar) = self.0.take() {
             bar.done();
@@ -268,8 +268,8 @@ impl Bars {
     }
 }
 
-/// A [`Progress`] that is shown by a thread of its own: a terminal that takes nothing holds up nobody. Words that it
-/// does not take are left out.
+/// A [`Progress`] that its own thread shows, so that a terminal that accepts no output blocks nobody. Messages that do
+/// not fit in the queue are dropped.
 pub struct Told {
     words: Option<mpsc::SyncSender<Word>>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -294,7 +294,7 @@ impl Told {
             }
             progress.done();
         });
-        // Without a thread nothing is told.
+        // Without a thread nothing is shown.
         Self { words: Some(words), thread: thread.ok() }
     }
 
@@ -307,12 +307,12 @@ impl Told {
         self.tell(Word::Set(position));
     }
 
-    /// Text beside the label of work of unknown length.
+    /// Sets the text beside the label, for work whose total is unknown.
     pub fn say(&self, text: String) {
         self.tell(Word::Say(text));
     }
 
-    /// A note above the bar.
+    /// Prints a note above the bar.
     pub fn note(&self, text: impl Into<String>) {
         self.tell(Word::Note(text.into()));
     }

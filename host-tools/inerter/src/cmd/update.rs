@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     report(&image, &back, "updated", args.json)
 }
 
-/// Says what runs now.
+/// Reports what runs now.
 pub fn report(image: &Image, back: &update::Back, kind: &str, json: bool) -> Result<(), Error> {
     let identity = &back.identity;
     if json {
@@ -99,7 +99,7 @@ pub fn report(image: &Image, back: &update::Back, kind: &str, json: bool) -> Res
     Ok(output::line(format!("{kind}: {identity}, serial {}, at {}; settings kept", back.serial, back.port))?)
 }
 
-/// How much there is to write.
+/// How many bytes there are to write.
 pub fn size(image: &Image) -> String {
     format!("{:.1} KB in {}", image.length() as f64 / 1024.0, plural(image.page_count() as u64, "page"))
 }

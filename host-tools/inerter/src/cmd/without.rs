@@ -1,11 +1,11 @@
-//! Stands in for `reports` and `tables` where they are not built in: says which feature it takes.
+//! Stands in for `reports` and `tables` if they are not built in: the error names the missing feature.
 
 use inerter_core::Machine;
 use inerter_data::{limits::Judged, selftest::SelfTest};
 
 use crate::{Error, feature::Feature};
 
-/// What arguments are read as: they are refused unread.
+/// Value parsers for arguments: here they accept any text, since the command is refused.
 pub mod values {
     pub type Day = String;
     pub type Shard = String;

@@ -1,10 +1,10 @@
-//! Addresses of the views that other programs show, and which of them other machines reach.
+//! Addresses for the views in other programs, and which of them other machines can reach.
 
 use std::net::{SocketAddr, ToSocketAddrs};
 
 use super::MonitorError;
 
-/// Where the page is when nothing else is said: any free port.
+/// Default address of the page: any free port.
 pub const PAGE: &str = "127.0.0.1:0";
 /// Where Teleplot listens.
 pub const TELEPLOT: &str = "127.0.0.1:47269";
@@ -21,12 +21,12 @@ pub fn resolve(option: &'static str, address: &str, example: &'static str) -> Re
     found.next().ok_or_else(|| failed(std::io::Error::other("the name has no address")))
 }
 
-/// The first address of those that an option names which other machines could connect to.
+/// The first address an option names to which other machines could connect.
 pub fn exposed(address: &str) -> Option<SocketAddr> {
     address.to_socket_addrs().ok()?.find(|found| !found.ip().is_loopback())
 }
 
-/// Fails where other machines could connect, unless `remote` ones are meant.
+/// Fails if other machines could connect, unless `remote` is set.
 pub fn check_exposed(option: &'static str, address: &str, remote: bool) -> Result<(), MonitorError> {
     match exposed(address).filter(|_| !remote) {
         Some(resolved) => Err(MonitorError::Exposed { option, address: address.into(), resolved }),

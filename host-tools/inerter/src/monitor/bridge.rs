@@ -1,7 +1,7 @@
-//! Bridges to the plotting programs that laboratories have: samples and estimates as they come.
+//! Bridges to common plotting programs: samples and estimates as they arrive.
 //!
-//! A program that does not listen is no error: it may be started later. Times are those of the host, so that the curves
-//! stand beside others.
+//! A program that does not listen is not an error: it may be started later. Times are the host's, so that the curves
+//! line up with others.
 
 mod datagrams;
 mod foxglove;

@@ -1,4 +1,4 @@
-//! Names what breaks the law while a device is watched: a thread of its own looks for it in the latest samples.
+//! Names what violates the law while a device is monitored: a separate thread searches the latest samples.
 
 use std::thread::{self, JoinHandle};
 
@@ -8,10 +8,10 @@ use inerter_wire::EventKind;
 
 use super::feed::Item;
 
-/// Motion before the first search, and between two of them \[s\].
+/// Motion required before the first search, and between two searches \[s\].
 const LEAST_S: f64 = 10.0;
 
-/// What is sought, and what was found last.
+/// The search in progress, and the latest findings.
 pub struct Causes {
     latest: Latest,
     search: Option<JoinHandle<Vec<Cause>>>,
@@ -20,7 +20,7 @@ pub struct Causes {
     told: Vec<Kind>,
 }
 
-/// A cause for a person.
+/// Describes a cause for a person.
 pub fn words(machine: Machine, cause: &Cause) -> String {
     format!("the law does not hold: {}", cause.sentence(machine))
 }
@@ -32,7 +32,7 @@ impl Default for Causes {
 }
 
 impl Causes {
-    /// Of a device with these settings, of which nothing is known.
+    /// State for a device with these settings, with no search yet.
     fn of(settings: &Settings) -> Self {
         Self { latest: Latest::new(settings), search: None, next_s: f64::NEG_INFINITY, told: Vec::new() }
     }
@@ -42,7 +42,7 @@ impl Causes {
         self.latest.push(sample);
     }
 
-    /// What is new by this.
+    /// What this item adds.
     pub fn look(&mut self, item: &Item) -> Vec<Item> {
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => *self = Self::of(settings),
@@ -75,7 +75,7 @@ impl Causes {
         Vec::new()
     }
 
-    /// What a search that has ended found and was not told yet.
+    /// New findings of a search that has ended.
     fn found(&mut self, law: &Law) -> Vec<Cause> {
         let Some(search) = self.search.take_if(|search| search.is_finished()) else { return Vec::new() };
         let found = if is_suspect(law) { search.join().unwrap_or_default() } else { Vec::new() };

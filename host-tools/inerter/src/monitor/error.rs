@@ -1,4 +1,4 @@
-//! Why the monitor cannot show something where it was asked to.
+//! Why the monitor cannot open a requested view.
 
 use std::{io, net::SocketAddr};
 
@@ -17,7 +17,7 @@ pub enum MonitorError {
     )]
     NotLoopback { address: String, resolved: SocketAddr },
 
-    /// Other machines could connect, which was not asked for.
+    /// Other machines could connect, which was not allowed.
     #[error("{option} {address} would let in other machines: {resolved} is not a loopback address")]
     #[diagnostic(
         code(inerter::monitor::remote),
@@ -38,12 +38,12 @@ pub enum MonitorError {
     )]
     Listen { what: &'static str, option: &'static str, address: String, example: &'static str, reason: String },
 
-    /// The operating system gives no randomness.
+    /// The operating system provides no randomness.
     #[error("no random token for the page's address could be generated: {reason}")]
     #[diagnostic(code(inerter::monitor::random), help("leave --web out"))]
     Random { reason: String },
 
-    /// The terminal.
+    /// The terminal failed.
     #[error("cannot draw on the terminal: {source}")]
     #[diagnostic(code(inerter::monitor::terminal), help("add --plain for lines"))]
     Terminal { source: io::Error },

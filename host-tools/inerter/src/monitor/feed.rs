@@ -1,4 +1,4 @@
-//! From frames to what can be shown: samples in SI units, estimates with what goes with them, and when each was.
+//! Converts frames into displayable items: samples in SI units, estimates with their details, and the time of each.
 
 use inerter_analysis::diagnose::Cause;
 use inerter_core::{Reversal, Settings};
@@ -6,10 +6,10 @@ use inerter_data::{series::Converter, text};
 use inerter_device::{Device, Received};
 use inerter_wire::{Estimated, EstimatorEvent, Event, EventKind, Frame, Health, Hello, Pairing, Record};
 
-/// When something was.
+/// The time of an item.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moment {
-    /// Time since the first thing shown, by the device's clock; goes on over restarts of the estimator \[s\].
+    /// Time since the first item, by the device's clock; continues across restarts of the estimator \[s\].
     pub run_s: f64,
     /// The same as host time since 1970 \[ns\].
     pub unix_ns: u64,
@@ -23,14 +23,14 @@ pub struct Sample {
     pub force_n: f64,
     /// Displacement of the screw \[m\].
     pub position_m: f64,
-    /// Displacement of the terminal, where there is a sensor \[m\].
+    /// Displacement of the terminal, if there is a sensor \[m\].
     pub terminal_m: Option<f64>,
 }
 
-/// Something to be shown.
+/// Something to display.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
-    /// Who is there: at the beginning and after each reconnection.
+    /// The connected device: sent at the beginning and after each reconnection.
     Device {
         /// Port or address.
         port: String,
@@ -49,16 +49,16 @@ pub enum Item {
     Settings(Settings),
     /// A batch of samples.
     Samples(Vec<Sample>),
-    /// An estimate; what goes with it is missing where an older firmware does not send it or a bad line lost it.
+    /// An estimate; its detail is missing if an older firmware does not send it or a bad line lost it.
     Estimate {
         at: Moment,
-        /// Time since the estimator began \[s\].
+        /// Time since the estimator started \[s\].
         t_s: f64,
         estimated: Estimated,
     },
     /// An accepted reversal.
     Reversal {
-        /// Time since the estimator began, where that is known \[s\].
+        /// Time since the estimator started, if known \[s\].
         t_s: Option<f64>,
         reversal: Reversal,
     },
@@ -67,25 +67,25 @@ pub enum Item {
     /// Something happened on the device.
     Event {
         at: Moment,
-        /// Time since the estimator began, where that is known \[s\].
+        /// Time since the estimator started, if known \[s\].
         t_s: Option<f64>,
         event: Event,
     },
-    /// What breaks the law, found by this program.
+    /// A cause of a violated law, found by this program.
     Cause {
         at: Moment,
-        /// Time since the estimator began \[s\].
+        /// Time since the estimator started \[s\].
         t_s: f64,
-        /// Index of the sample until which was looked.
+        /// Index of the last sample that was searched.
         index: u32,
         cause: Cause,
     },
-    /// Frames lost on the way so far.
+    /// Frames lost in transit so far.
     LostFrames(u64),
-    /// Frames left out so far because they hold what this program does not know: the firmware is newer. Told with the
-    /// health.
+    /// Frames dropped so far because this program does not know their contents: the firmware is newer. Reported with
+    /// the health.
     UnknownFrames(u64),
-    /// The device has not done what was asked for.
+    /// The device refused a request.
     Refused {
         /// What and why, for a person.
         words: String,
@@ -93,13 +93,13 @@ pub enum Item {
     /// The user's own note.
     Marker {
         at: Moment,
-        /// Time since the estimator began, where that is known \[s\].
+        /// Time since the estimator started, if known \[s\].
         t_s: Option<f64>,
         text: String,
     },
 }
 
-/// One time line for all that a device says, whatever happens to its counters.
+/// One continuous timeline for everything a device sends, even if its counters restart.
 #[derive(Clone, Copy, Debug, Default)]
 struct Timeline {
     period_s: f64,
@@ -110,14 +110,14 @@ struct Timeline {
 }
 
 impl Timeline {
-    /// The time of a sample counter that was heard of at `host_ns`.
+    /// The time of a sample counter value received at `host_ns`.
     fn at(&mut self, index: u32, host_ns: u64) -> Moment {
         let start_ns = *self.start_ns.get_or_insert(host_ns);
         let passed_s = host_ns.saturating_sub(start_ns) as f64 * 1e-9;
         let (from, from_s) = *self.anchor.get_or_insert((index, passed_s.max(self.latest_s)));
         let after = index.wrapping_sub(from).cast_signed();
         let run_s = from_s + f64::from(after) * self.period_s;
-        // Long before the counter has come half around.
+        // Well before the counter has advanced half its range.
         if after > 1 << 30 {
             self.anchor = Some((index, run_s));
         }
@@ -125,7 +125,7 @@ impl Timeline {
         self.moment(run_s)
     }
 
-    /// The latest time heard of.
+    /// The latest time received.
     fn now(&self) -> Moment {
         self.moment(self.latest_s)
     }
@@ -136,19 +136,19 @@ impl Timeline {
     }
 }
 
-/// Time after which the detail of an estimate is not waited for any more \[ns\]: the device sends it right behind.
+/// Time to wait for the detail of an estimate \[ns\]: the device sends it right after the estimate.
 const DETAIL_NS: u64 = 250_000_000;
 
-/// Turns what comes into items.
+/// Converts received frames into items.
 #[derive(Clone, Debug)]
 pub struct Feed {
     settings: Settings,
     converter: Converter,
     timeline: Timeline,
     pairing: Pairing,
-    /// When the latest estimate came.
+    /// When the latest estimate arrived.
     estimate_ns: u64,
-    /// The latest estimate's counter, and its time on either clock.
+    /// The latest estimate's counter, and its time on both clocks.
     latest: Option<(u32, f64, Moment)>,
     lost_frames: u64,
     unknown_frames: u64,
@@ -173,14 +173,14 @@ impl Default for Feed {
 }
 
 impl Feed {
-    /// A device that has just been connected to.
+    /// A newly connected device.
     pub fn device(&mut self, device: &Device) -> Item {
         self.connected(device.name(), device.hello(), device.settings())
     }
 
     fn connected(&mut self, port: &str, hello: &Hello, settings: &Settings) -> Item {
         self.use_settings(settings);
-        // It may have been restarted: its counter says nothing about the time before.
+        // The device may have restarted: its counter says nothing about the time before.
         self.timeline.anchor = None;
         Item::Device { port: port.into(), hello: hello.clone(), settings: *settings }
     }
@@ -191,14 +191,14 @@ impl Feed {
         self.timeline.period_s = 1.0 / settings.sample_rate_hz;
     }
 
-    /// The user's note, now.
+    /// The user's note, stamped now.
     pub fn marker(&self, text: &str) -> Item {
         let at = self.timeline.now();
         let t_s = self.latest.map(|(_, t_s, then)| t_s + at.run_s - then.run_s);
         Item::Marker { at, t_s, text: text.into() }
     }
 
-    /// What one finding says, in order. `lost_frames` counts those lost on the way so far.
+    /// The items of one received frame, in order. `lost_frames` counts those lost in transit so far.
     pub fn received(&mut self, received: &Received, lost_frames: u64, mut show: impl FnMut(Item)) {
         if lost_frames > self.lost_frames {
             show(Item::LostFrames(lost_frames));
@@ -212,7 +212,7 @@ impl Feed {
         }
     }
 
-    /// Hands out an estimate whose detail does not come. `now_ns` is host time, on the clock of what is received.
+    /// Emits an estimate whose detail does not arrive. `now_ns` is host time, on the same clock as the received frames.
     pub fn quiet(&mut self, now_ns: u64, mut show: impl FnMut(Item)) {
         if now_ns.saturating_sub(self.estimate_ns) < DETAIL_NS {
             return;
@@ -273,12 +273,12 @@ impl Feed {
             EstimatorEvent::Reversal(reversal) => {
                 show(Item::Reversal { t_s: self.time_of(reversal.index), reversal });
             }
-            // An event of the device like others.
+            // Handled like the device's other events.
             EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {}
         }
     }
 
-    /// Time of a sample on the clock of the estimates; not known before the first of them.
+    /// Time of a sample on the estimates' clock; unknown before the first estimate.
     fn time_of(&self, index: u32) -> Option<f64> {
         let (latest, t_s, _) = self.latest?;
         let after = index.wrapping_sub(latest).cast_signed();

@@ -59,7 +59,7 @@ fn samples_come_in_si_units_on_one_time_line() {
     let sample = samples[1];
     assert_eq!((sample.force_n, sample.position_m, sample.terminal_m), (10.0, 1e-3, None));
     assert_eq!((sample.at.run_s, sample.at.unix_ns), (1e-3, 5_001_000_000));
-    // The host's clock says when the line begins, the device's how it goes on.
+    // The host's clock sets where the timeline begins, the device's how it continues.
     for (index, run_s) in [(103, 3e-3), (1103, 1.003)] {
         let later = times(&items(&mut feed, 9_000_000_000, batch(index, 1)));
         assert!(matches!(later[..], [time] if (time - run_s).abs() < 1e-9), "{later:?}");
@@ -73,7 +73,7 @@ fn a_restart_goes_on_where_the_host_s_clock_is() {
     items(&mut feed, 1_000_000_000, batch(70_000, 1));
     feed.connected("port", &hello(), &settings());
     assert_eq!(times(&items(&mut feed, 3_500_000_000, batch(0, 2))), [2.5, 2.501]);
-    // A counter that comes around is no restart.
+    // A counter that wraps is not a restart.
     let mut feed = Feed::default();
     feed.connected("port", &hello(), &settings());
     assert_eq!(times(&items(&mut feed, 0, batch(u32::MAX, 1))), [0.0]);
@@ -92,7 +92,7 @@ fn an_estimate_waits_for_its_detail_and_no_longer() {
         "{shown:?}"
     );
 
-    // One of an older firmware is shown when the next one comes, or when nothing does.
+    // An estimate of an older firmware is shown when the next one arrives, or when nothing does.
     items(&mut feed, 0, Record::Estimate(estimate(19, 20)));
     let shown = items(&mut feed, 0, Record::Estimate(estimate(29, 30)));
     assert!(
@@ -104,7 +104,7 @@ fn an_estimate_waits_for_its_detail_and_no_longer() {
     assert!(late.is_empty(), "a busy line may still bring it");
     feed.quiet(DETAIL_NS, |item| late.push(item));
     assert!(matches!(&late[..], [Item::Estimate { t_s: 29e-3, .. }]), "{late:?}");
-    // A detail of another estimate belongs to none.
+    // A detail of another estimate is ignored.
     items(&mut feed, 0, Record::Estimate(estimate(39, 40)));
     assert_eq!(items(&mut feed, 0, Record::Detail(detail)), []);
 }

@@ -1,28 +1,28 @@
-//! Parameters over the whole run in bounded memory: when it is full, every other entry goes, and from then on only
-//! every other estimate is taken.
+//! Parameters over the whole run in bounded memory: when it is full, every second entry is removed, and from then on
+//! only every second estimate is stored.
 
 use inerter_core::{Interval, Machine};
 use inerter_wire::{Estimated, catalogue};
 
-/// Entries that are kept; a number that halves without rest.
+/// Maximum number of entries; divisible by two.
 const CAPACITY: usize = 8192;
 
-/// Quantities that are kept: the four parameters, and the backlash.
+/// Quantities per entry: the four parameters, and the backlash.
 pub const QUANTITIES: usize = 5;
 
-/// Value and interval of a quantity; the value is NaN where there is none.
+/// Value and interval of a quantity; the value is NaN if there is none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// Value, SI; the backlash in micrometres.
     pub value: f32,
-    /// Half width of the 95 % interval; infinite where none is known.
+    /// Half width of the 95 % interval; infinite if unknown.
     pub u95: f32,
 }
 
 impl Point {
     const NONE: Self = Self { value: f32::NAN, u95: f32::INFINITY };
 
-    /// Value and interval, where both are known.
+    /// Value and interval, if both are known.
     pub fn known(self) -> Option<(f64, f64)> {
         let u95 = if self.u95.is_finite() { self.u95 } else { 0.0 };
         self.value.is_finite().then_some((self.value.into(), u95.into()))
@@ -39,7 +39,7 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// What an estimate with its detail says.
+    /// The entry for an estimate with its detail.
     pub fn new(run_s: f64, Estimated { estimate, detail, .. }: &Estimated) -> Self {
         let mut points = [Point::NONE; QUANTITIES];
         let point = |known: Option<Interval>, scale: f32| {
@@ -68,7 +68,7 @@ impl Default for History {
 }
 
 impl History {
-    /// Takes an entry.
+    /// Adds an entry.
     pub fn push(&mut self, entry: Entry) {
         self.skipped += 1;
         if self.skipped < self.stride {

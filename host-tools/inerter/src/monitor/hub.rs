@@ -1,4 +1,4 @@
-//! Passes what comes from the device to the recording and to all viewers.
+//! Passes records from the device to the recording and to all viewers.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -16,39 +16,39 @@ use super::{
 };
 use crate::Error;
 
-/// Who looks on. What cannot be shown ends the monitor only where it is an error.
+/// A viewer of the data. Something that cannot be shown ends the monitor only if `show` returns an error.
 pub trait Viewer {
-    /// Shows one thing.
+    /// Shows one item.
     fn show(&mut self, item: &Item) -> Result<(), Error>;
 
-    /// Nothing more has come for the moment.
+    /// No more items for the moment.
     fn pause(&mut self) -> Result<(), Error> {
         Ok(())
     }
 
-    /// Nothing will come any more: what waits is shown.
+    /// No more items will come: shows what is still queued.
     fn end(&mut self) -> Result<(), Error> {
         Ok(())
     }
 }
 
-/// What those who look on may ask for.
+/// What viewers may request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wish {
-    /// A marker, here and now.
+    /// A marker, at the current time.
     Mark(String),
-    /// Let the estimator forget all motion.
+    /// Makes the estimator forget all motion.
     ResetEstimator,
 }
 
-/// The device, the recording, and who looks on.
+/// The device, the recording and the viewers.
 pub struct Hub {
     live: Live,
     feed: Feed,
     causes: Causes,
     recorder: Option<Recorder>,
     share: Option<Share>,
-    /// Number of the last reset that was asked for, until its reply has come.
+    /// Request number of the latest reset, until its reply arrives.
     asked: Option<u16>,
     viewers: Vec<Box<dyn Viewer + Send>>,
     wishes: (Sender<Wish>, Receiver<Wish>),
@@ -71,7 +71,7 @@ impl Hub {
         }
     }
 
-    /// Where wishes go.
+    /// The channel that takes requests.
     pub fn wishes(&self) -> Sender<Wish> {
         self.wishes.0.clone()
     }
@@ -81,23 +81,23 @@ impl Hub {
         self.recorder = Some(recorder);
     }
 
-    /// Lets other programs look on.
+    /// Lets other programs watch the device.
     pub fn share(&mut self, share: Share) {
         self.share = Some(share);
     }
 
-    /// One more who looks on.
+    /// Adds a viewer.
     pub fn add(&mut self, viewer: impl Viewer + Send + 'static) {
         self.viewers.push(Box::new(viewer));
     }
 
-    /// Runs until `stop` says so or something fails. Whatever happens, the recording is closed with what there is.
+    /// Runs until `stop` returns true or something fails. In either case the recording is closed properly.
     pub fn run(mut self, stop: impl Fn() -> bool) -> Result<(), Error> {
         let result = self.turn_by_turn(stop);
         let lost_frames = self.live.lost_frames();
         let reason = result.as_ref().err().map_or_else(|| "finished".into(), ToString::to_string);
         let closed = self.recorder.map_or(Ok(()), |recorder| recorder.close(&End { reason, lost_frames }));
-        // After the recording is safe.
+        // After the recording is safely closed.
         let shown = self.viewers.iter_mut().try_for_each(|viewer| viewer.end());
         result.and_then(|()| Ok(closed?)).and(shown)
     }
@@ -153,7 +153,7 @@ impl Hub {
         Ok(())
     }
 
-    /// What was asked for, when this is its refusal.
+    /// The request that this frame refuses, if any.
     fn refused(&mut self, received: &Received) -> Option<Item> {
         let Frame::Message { message: Record::Reply(Reply { id, result }), .. } = &received.frame else { return None };
         self.asked.take_if(|asked| *asked == *id)?;
@@ -161,14 +161,14 @@ impl Hub {
         Some(Item::Refused { words: format!("the device refused to reset its estimator: {refusal}") })
     }
 
-    /// Says who is there.
+    /// Announces the device.
     fn introduce(&mut self) -> Result<(), Error> {
         let Some(device) = self.live.device() else { return Ok(()) };
         let item = self.feed.device(device);
         self.show(vec![item])
     }
 
-    /// Hands out what was held back.
+    /// Emits items that were held back.
     fn settle(&mut self) -> Result<(), Error> {
         let mut items = Vec::new();
         self.feed.quiet(self.live.now_ns(), |item| items.push(item));
@@ -186,7 +186,7 @@ impl Hub {
                     let item = self.feed.marker(&text);
                     self.show(vec![item])?;
                 }
-                // The device says by an event that it has done so. One that went away has forgotten everything anyhow.
+                // The device confirms with an event. A device that went away has lost its state anyway.
                 Wish::ResetEstimator => {
                     if let Some(device) = self.live.device_mut() {
                         self.asked = reset(device)?;
@@ -206,8 +206,8 @@ impl Hub {
     }
 }
 
-/// Sent without waiting for the reply, whose number it gives: samples go on meanwhile. A link that breaks here is met
-/// by the next read.
+/// Sends the request without waiting for the reply, since samples continue meanwhile; returns the request number. If
+/// the link breaks here, the next read reports it.
 fn reset(device: &mut Device) -> Result<Option<u16>, DeviceError> {
     match device.send(Command::ResetEstimator) {
         Err(error) if !error.may_come_back() => Err(error),

@@ -1,27 +1,27 @@
-//! What went wrong on the device and on the way, for a person.
+//! Errors on the device and losses in transit, for a person.
 
 use inerter_data::words::plural;
 use inerter_wire::Health;
 
-/// What is said when frames of unknown kind come.
+/// The note when frames of an unknown kind arrive.
 pub const UNKNOWN_FRAMES: &str =
     "the device sends frames of a kind unknown to this program; a newer version may show more";
 
-/// Counts since we came.
+/// Counts since this program connected.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Losses {
     /// The latest health.
     pub health: Option<Health>,
-    /// Frames that the device had dropped or not understood before we came.
+    /// Frames that the device had dropped or not understood before this program connected.
     before: Option<(u32, u32)>,
-    /// Frames lost on the way.
+    /// Frames lost in transit.
     pub lost_frames: u64,
-    /// Frames left out because this program does not know what they hold.
+    /// Frames dropped because this program does not know their contents.
     pub unknown_frames: u64,
 }
 
 impl Losses {
-    /// Another device, or the same one anew.
+    /// Starts over for another device, or the same one restarted.
     pub fn begin(&mut self) {
         self.before = None;
     }
@@ -32,7 +32,7 @@ impl Losses {
         self.health = Some(health);
     }
 
-    /// What the device says went wrong so far; `None` when nothing did.
+    /// Errors that the device has reported so far; `None` if there were none.
     pub fn problems(&self) -> Option<String> {
         let health = self.health?;
         let (dropped, bad) = self.before.unwrap_or_default();
@@ -50,12 +50,12 @@ impl Losses {
         (!list.is_empty()).then(|| list.join(", "))
     }
 
-    /// Whether anything was lost or saturated, on the device or on the way.
+    /// Whether nothing was lost or saturated, on the device or in transit.
     pub fn is_clean(&self) -> bool {
         self.lost_frames == 0 && self.problems().is_none()
     }
 
-    /// One line: what went wrong, processor, temperature.
+    /// One line: errors, processor load, temperature.
     pub fn line(&self) -> String {
         let mut parts = vec![self.problems().unwrap_or_else(|| "nothing lost or saturated".into())];
         if self.lost_frames > 0 {

@@ -1,9 +1,9 @@
-//! What a device measures, for those who look on: the screen, the page on loopback, and bridges to other programs.
+//! Shows what a device measures in several views: the screen, the page on loopback, and bridges to other programs.
 //!
-//! [`hub`] takes what comes to all who look on; [`feed`] makes items in SI units on one time line of it, [`causes`]
-//! finds what breaks the law, and the rest shows them: `state` and `view` on a terminal, with the feature `screen`;
-//! [`others`] opens what needs the feature `bridges`: `web` on a page, `bridge` in Teleplot, PlotJuggler and Foxglove.
-//! All that is kept to be shown is bounded ([`trace`], [`history`]), however long it goes on.
+//! [`hub`] passes the data to all views; [`feed`] converts it to items in SI units on one timeline; [`causes`] finds
+//! what violates the law; the rest shows the items: `state` and `view` on a terminal, with the feature `screen`;
+//! [`others`] opens the views that need the feature `bridges`: `web` on a page, `bridge` in Teleplot, PlotJuggler and
+//! Foxglove. Everything stored for display is bounded ([`trace`], [`history`]), however long the monitor runs.
 
 pub mod address;
 #[cfg(feature = "bridges")]
@@ -27,7 +27,7 @@ pub use error::MonitorError;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What a mutex holds, whatever has become of a thread that held it.
+/// Locks a mutex, even if a thread panicked while it held the lock.
 pub fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,7 +1,6 @@
 //! Views in other programs: the page in a browser, Teleplot, PlotJuggler and Foxglove.
 //!
-//! The options are always there. A program that was built without the feature `bridges` refuses them
-//! ([`Wanted::check`]).
+//! The options always exist. A program that was built without the feature `bridges` refuses them ([`Wanted::check`]).
 
 use super::{
     address::{FOXGLOVE, PAGE, PLOTJUGGLER, TELEPLOT},
@@ -32,11 +31,11 @@ pub struct Wanted {
     foxglove_origin: Vec<String>,
 }
 
-/// What a view is called, and where it is.
+/// The name of a view, and its address.
 pub type Place = (&'static str, String);
 
 impl Wanted {
-    /// Fails where something is wanted that is not built in.
+    /// Fails if a view is requested that is not built in.
     pub fn check(&self) -> Result<(), Error> {
         let mut wanted = [
             ("--web", self.web),
@@ -50,7 +49,7 @@ impl Wanted {
         })
     }
 
-    /// Opens what is wanted and adds it to those who look on.
+    /// Opens the requested views and adds them to the hub.
     #[cfg(feature = "bridges")]
     pub fn open(&self, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Place>, Error> {
         use super::{
@@ -80,7 +79,7 @@ impl Wanted {
         Ok(places)
     }
 
-    /// Nothing is left to open: [`Self::check`] has refused it.
+    /// Nothing is left to open: [`Self::check`] has refused the request.
     #[cfg(not(feature = "bridges"))]
     pub fn open(&self, _: &mut Hub, _: Option<String>) -> Result<Vec<Place>, Error> {
         self.check()?;

@@ -1,4 +1,4 @@
-//! What the screen shows and how keys change it: no terminal, no clock, no threads.
+//! What the screen shows and how keys change it. Uses no terminal, no clock and no threads.
 
 use std::collections::VecDeque;
 
@@ -16,9 +16,9 @@ use super::{
     trace::{Traces, keep},
 };
 
-/// Lines of events, and markers, that are kept.
+/// Maximum number of stored event lines, and of markers.
 const KEPT: usize = 500;
-/// Letters of a marker's text.
+/// Maximum length of a marker's text.
 const MARKER_LETTERS: usize = 200;
 /// Spans of the signals' time axis \[s\].
 pub const TRACE_SPANS_S: [f64; 11] = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 300.0, 1800.0];
@@ -37,7 +37,7 @@ pub enum Tab {
     Parameters,
     /// Losses and health.
     Health,
-    /// What happened.
+    /// Events.
     Events,
 }
 
@@ -57,7 +57,7 @@ impl Tab {
     }
 }
 
-/// What the keys mean at the moment.
+/// What the keys currently mean.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Prompt {
     /// The commands.
@@ -67,7 +67,7 @@ pub enum Prompt {
     Help,
     /// The text of a marker so far.
     Marker(String),
-    /// Yes or no.
+    /// A yes-or-no question before a reset.
     Reset,
 }
 
@@ -75,9 +75,9 @@ pub enum Prompt {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Action {
     Quit,
-    /// Put a marker here, now.
+    /// Set a marker at the current time.
     Mark(String),
-    /// Let the estimator forget all motion.
+    /// Make the estimator forget all motion.
     ResetEstimator,
 }
 
@@ -90,7 +90,7 @@ pub enum Event<'a> {
     Key(KeyEvent),
 }
 
-/// Who is there.
+/// The connected device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Present {
     /// Port or address.
@@ -101,38 +101,38 @@ pub struct Present {
 /// The latest numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Values {
-    /// Time since the estimator began \[s\], and the estimate.
+    /// Time since the estimator started \[s\], and the estimate.
     pub estimate: Option<(f64, Estimated)>,
-    /// What breaks the law most, while it does not hold.
+    /// The largest violation of the law, while there is one.
     pub cause: Option<Cause>,
     /// Losses and health.
     pub losses: Losses,
 }
 
-/// What a line tells of.
+/// The kind of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineKind {
-    /// Something in the order of things.
+    /// Normal operation.
     Plain,
-    /// Something wrong.
+    /// A problem.
     Trouble,
     /// The user's own note.
     Marker,
 }
 
-/// A line among the events.
+/// A line in the list of events.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// By the time line of the feed \[s\].
+    /// Time on the feed's timeline \[s\].
     pub run_s: f64,
     pub words: String,
     pub kind: LineKind,
 }
 
-/// All that the screen shows.
+/// Everything that the screen shows.
 #[derive(Clone, Debug, Default)]
 pub struct State {
-    /// Who is there; `None` before the first.
+    /// The connected device; `None` before the first one.
     pub present: Option<Present>,
     /// Why the device is away, while it is.
     pub away: Option<String>,
@@ -143,35 +143,35 @@ pub struct State {
     pub traces: Traces,
     /// Parameters over time.
     pub history: History,
-    /// What happened, oldest first.
+    /// Events, oldest first.
     pub lines: VecDeque<Line>,
     /// Markers, oldest first.
     pub marks: VecDeque<(f64, String)>,
-    /// Time of the latest thing \[s\].
+    /// Time of the latest item \[s\].
     pub now_s: f64,
-    /// Since when the view stands still, and the numbers of that time.
+    /// Time at which the view was paused, and the values at that time.
     pub paused: Option<(f64, Values)>,
     /// Which pane is shown.
     pub tab: Tab,
-    /// Place in [`TRACE_SPANS_S`].
+    /// Index into [`TRACE_SPANS_S`].
     pub trace_span: usize,
-    /// Place in [`HISTORY_SPANS_S`].
+    /// Index into [`HISTORY_SPANS_S`].
     pub history_span: usize,
     /// What the keys mean.
     pub prompt: Prompt,
-    /// The file that is recorded into.
+    /// The file being recorded to.
     pub recording: Option<String>,
-    /// Where else it is shown.
+    /// Addresses of the other views.
     pub elsewhere: Vec<String>,
 }
 
 impl State {
-    /// At the beginning.
+    /// The initial state.
     pub fn new(recording: Option<String>, elsewhere: Vec<String>) -> Self {
         Self { trace_span: 5, history_span: 2, recording, elsewhere, ..Self::default() }
     }
 
-    /// The numbers to be shown: the latest, or those of the pause.
+    /// The values to show: the latest, or those at the pause.
     pub fn shown(&self) -> &Values {
         self.paused.as_ref().map_or(&self.values, |(_, values)| values)
     }
@@ -186,13 +186,13 @@ impl State {
         TRACE_SPANS_S.get(self.trace_span).copied().unwrap_or(5.0)
     }
 
-    /// Extent of the parameters' time axis \[s\]; all that there is where the last span is chosen.
+    /// Extent of the parameters' time axis \[s\]; the whole run if the last span is chosen.
     pub fn history_span_s(&self) -> f64 {
         let span_s = HISTORY_SPANS_S.get(self.history_span).copied().unwrap_or(60.0);
         if span_s.is_finite() { span_s } else { self.end_s().max(10.0) }
     }
 
-    /// Takes an event; gives what the program should do.
+    /// Processes an event; returns what the program should do.
     pub fn update(&mut self, event: Event<'_>) -> Option<Action> {
         match event {
             Event::Item(item) => {
@@ -271,7 +271,7 @@ impl State {
     }
 
     fn line(&mut self, run_s: f64, words: String, kind: LineKind) {
-        // A bad line loses frames many times a second: one line says it.
+        // A bad line loses frames many times a second, so that one event line counts them.
         match self.lines.back_mut() {
             Some(last) if last.words == words => last.run_s = run_s,
             _ => keep(&mut self.lines, KEPT, Line { run_s, words, kind }),
@@ -343,7 +343,7 @@ impl State {
         }
     }
 
-    /// Moves the time axis of a view that stands still by a part of its extent.
+    /// Moves the time axis of a paused view by a fraction of its extent.
     fn pan(&mut self, part: f64) {
         let span_s = if self.tab == Tab::Parameters { self.history_span_s() } else { self.trace_span_s() };
         let now_s = self.now_s;

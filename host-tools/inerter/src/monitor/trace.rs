@@ -1,23 +1,23 @@
-//! Signals over any time in bounded memory: rings of least and greatest values, each ring four times as coarse as the
+//! Signals over any time in bounded memory: rings of minimum and maximum values, each ring four times coarser than the
 //! one before.
 //!
-//! A window is drawn from the coarsest ring that is still finer than the columns: what is read does not grow with the
-//! window, and no peak is lost.
+//! A window is drawn from the coarsest ring that is still finer than the columns: the amount read does not grow with
+//! the window, and no peak is lost.
 
 use std::collections::VecDeque;
 
 use super::feed::Sample;
 
-/// Signals that are kept.
+/// Number of stored signals.
 pub const SIGNALS: usize = 3;
 /// Buckets in a ring.
 const RING: usize = 4096;
-/// Buckets of one ring in a bucket of the next.
+/// Buckets of one ring that make one bucket of the next.
 const FACTOR: u32 = 4;
 /// Rings: at 4 kHz the last one holds three days.
 const LEVELS: usize = 10;
 
-/// The signals kept, in order.
+/// The stored signals, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// Force \[N\].
@@ -28,7 +28,7 @@ pub enum Signal {
     Terminal,
 }
 
-/// Least and greatest values over a stretch of time.
+/// Minimum and maximum values over an interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bucket {
     /// Time of the first sample \[s\].
@@ -49,15 +49,15 @@ impl Bucket {
         Self { start_s: sample.at.run_s, end_s: sample.at.run_s, low: values, high: values }
     }
 
-    /// Takes a later one in.
+    /// Merges a later bucket into this one.
     fn join(&mut self, later: &Self) {
         self.end_s = later.end_s;
-        // `min` and `max` pass over NaN.
+        // `min` and `max` ignore NaN.
         self.low.iter_mut().zip(later.low).for_each(|(low, other)| *low = low.min(other));
         self.high.iter_mut().zip(later.high).for_each(|(high, other)| *high = high.max(other));
     }
 
-    /// Least and greatest value of a signal; `None` where there is none.
+    /// Minimum and maximum of a signal; `None` if it has no values.
     pub fn range(&self, signal: Signal) -> Option<(f64, f64)> {
         let low = f64::from(*self.low.get(signal as usize)?);
         let high = f64::from(*self.high.get(signal as usize)?);
@@ -86,23 +86,23 @@ impl Default for Traces {
 }
 
 impl Traces {
-    /// For samples with this time from one to the next.
+    /// For samples with this period.
     pub fn new(period_s: f64) -> Self {
         let level = || Level { ring: VecDeque::with_capacity(RING), open: None };
         Self { levels: (0..LEVELS).map(|_| level()).collect(), period_s }
     }
 
-    /// Takes a sample; times never go back.
+    /// Adds a sample; times never go back.
     pub fn push(&mut self, sample: &Sample) {
         if self.latest_s().is_some_and(|latest| sample.at.run_s - latest > 1.5 * self.period_s) {
-            // A bucket over a hole would draw a line across it.
+            // A bucket across a gap would draw a line across it.
             self.close();
         }
         let mut bucket = Bucket::new(sample);
         for level in &mut self.levels {
             keep(&mut level.ring, RING, bucket);
             let (open, count) = level.open.get_or_insert((bucket, 0));
-            // The first one is joined to itself, which changes nothing.
+            // The first bucket is merged with itself, which changes nothing.
             open.join(&bucket);
             *count += 1;
             let Some((full, _)) = level.open.take_if(|(_, count)| *count == FACTOR) else { break };
@@ -110,7 +110,7 @@ impl Traces {
         }
     }
 
-    /// Ends all buckets that are being filled, each into the ring that it belongs to.
+    /// Closes all partly filled buckets, each into its own ring.
     fn close(&mut self) {
         let mut carried: Option<Bucket> = None;
         for level in &mut self.levels {
@@ -133,7 +133,7 @@ impl Traces {
         Some(self.levels.first()?.ring.back()?.end_s)
     }
 
-    /// Buckets that begin after `start_s`, as coarse as they may be with `resolution_s`.
+    /// Buckets that begin after `start_s`, as coarse as `resolution_s` allows.
     pub fn after(&self, start_s: f64, resolution_s: f64) -> impl Iterator<Item = &Bucket> {
         let ring = self.levels.get(self.level(resolution_s)).map(|level| &level.ring);
         ring.into_iter().flat_map(move |ring| ring.range(ring.partition_point(|bucket| bucket.start_s <= start_s)..))
@@ -145,10 +145,10 @@ impl Traces {
         (1..LEVELS).take_while(|level| length_s(*level) <= resolution_s).count()
     }
 
-    /// The stretch from `from_s` to `to_s` in at most `columns` buckets; nothing stands where samples are missing.
+    /// The interval from `from_s` to `to_s` in at most `columns` buckets; there is none where samples are missing.
     pub fn window(&self, from_s: f64, to_s: f64, columns: usize) -> Vec<Bucket> {
         let column_s = (to_s - from_s) / columns.max(1) as f64;
-        // Not above 0 for a window without an extent, which is empty.
+        // Zero or less for an empty window.
         if column_s.is_nan() || column_s <= 0.0 {
             return Vec::new();
         }
@@ -170,7 +170,7 @@ impl Traces {
     }
 }
 
-/// Adds to a list of so many, from which the oldest goes.
+/// Appends to a list of bounded length, and removes the oldest item if needed.
 pub fn keep<T>(list: &mut VecDeque<T>, most: usize, item: T) {
     if list.len() >= most {
         list.pop_front();
@@ -198,7 +198,7 @@ mod tests {
             let window = traces.window(from_s, to_s, columns);
             assert!(window.len() <= columns + 1 && window.len() + 2 > columns.min(window.len()), "{}", window.len());
             let greatest = window.iter().filter_map(|bucket| bucket.range(Signal::Force)).map(|(_, high)| high);
-            // The finest ring has long forgotten it, the coarser ones have not.
+            // The finest ring has overwritten it long ago, the coarser ones have not.
             let expected = if to_s - from_s < 1.0 { None } else { Some(50.0) };
             assert_eq!(greatest.reduce(f64::max), expected, "{from_s} to {to_s}");
         }

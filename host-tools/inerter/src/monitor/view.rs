@@ -1,4 +1,4 @@
-//! The screen: draws a [`State`], and changes nothing.
+//! The screen: draws a [`State`] without changing it.
 
 mod charts;
 mod panels;

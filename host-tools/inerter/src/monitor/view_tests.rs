@@ -104,7 +104,7 @@ fn the_overview_fits_a_small_terminal() {
     assert!(screen.contains("3 saturated samples, processor 34 %"), "{screen}");
     assert!(screen.contains("Force [N]") & screen.contains("-5 s") & screen.contains("now"), "{screen}");
     assert!(lines[23].starts_with("q quit  ? keys"), "{screen}");
-    // The curve is there: Braille.
+    // The curve is drawn, in Braille.
     assert!(screen.chars().any(|letter| ('\u{2801}'..='\u{28ff}').contains(&letter)), "{screen}");
 }
 

@@ -1,8 +1,8 @@
-//! The page: one self-contained HTML page on loopback, with what the screen shows, live by WebSocket.
+//! The page: one self-contained HTML page on loopback, with the screen's contents, live through a WebSocket.
 //!
-//! Only who knows the random token in the address is let in. A request must name a loopback host, so that no other site
-//! can reach it by a name that it makes point here, and must not come from another origin. The page loads nothing from
-//! elsewhere and may not.
+//! Only clients that know the random token in the address are let in. A request must name a loopback host, so that no
+//! other site can reach the server through a host name that resolves to it, and must not come from another origin. The
+//! page loads nothing from elsewhere, and its content security policy forbids it.
 
 mod messages;
 
@@ -32,11 +32,11 @@ use super::{
 use crate::Error;
 use messages::Messages;
 
-/// Messages that wait for a slow page before it is told everything anew: some 20 s.
+/// Messages queued for a slow page before it receives the full state again: about 20 s.
 const BACKLOG: usize = 256;
-/// Bytes of the longest message that a page may send.
+/// Size limit of a message from a page \[bytes\].
 const MOST_FROM_PAGE: usize = 4096;
-/// Letters of a marker's text.
+/// Maximum length of a marker's text.
 const MARKER_LETTERS: usize = 200;
 
 const HTML: &str = include_str!("../../assets/monitor.html");
@@ -45,7 +45,7 @@ const SCRIPT: &str = include_str!("../../assets/monitor.js");
 const PLOT: &str = include_str!("../../assets/uplot/uPlot.iife.min.js");
 const PLOT_CSS: &str = include_str!("../../assets/uplot/uPlot.min.css");
 
-/// What a page may ask for.
+/// What a page may request.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 enum Asked {
@@ -60,7 +60,7 @@ struct Shared {
     wishes: Mutex<Sender<Wish>>,
 }
 
-/// The page's server, until it is dropped.
+/// The page's server, which runs until it is dropped.
 pub struct Web {
     shared: Arc<Shared>,
     url: String,
@@ -95,7 +95,7 @@ impl Viewer for Web {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         let mut messages = locked(&self.shared.messages);
         for message in messages.take(item) {
-            // Nobody looking on is no fault.
+            // Having no viewer is not an error.
             self.shared.sender.send(message.to_string().into()).ok();
         }
         Ok(())
@@ -127,7 +127,7 @@ async fn page(headers: HeaderMap) -> Response {
         .replace("{nonce}", &nonce)
         .replace("{css}", &[PLOT_CSS, CSS].concat())
         .replace("{script}", &[PLOT, SCRIPT].concat());
-    // `ws:` by name: not every browser takes 'self' for it.
+    // `ws:` is listed explicitly: not every browser includes it in 'self'.
     let policy = format!(
         "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src ws://{host}; \
          img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -146,14 +146,14 @@ async fn live(
     })
 }
 
-/// Tells a page everything so far, then whatever comes, and takes what it asks for; until either end is gone.
+/// Sends a page the full state, then every update, and accepts its requests, until either end is gone.
 async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Option<()> {
     let mut receiver = begin(&mut socket, &shared).await?;
     loop {
         tokio::select! {
             message = receiver.recv() => match message {
                 Ok(message) => send(&mut socket, Message::Text(message)).await?,
-                // The page was too slow: it is told everything anew.
+                // The page was too slow: it receives the full state again.
                 Err(broadcast::error::RecvError::Lagged(_)) => receiver = begin(&mut socket, &shared).await?,
                 Err(broadcast::error::RecvError::Closed) => return None,
             },
@@ -166,10 +166,10 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Opti
     }
 }
 
-/// Everything so far, and a receiver of what comes right after it.
+/// The full state so far, and a receiver for the messages right after it.
 async fn begin(socket: &mut WebSocket, shared: &Shared) -> Option<broadcast::Receiver<Utf8Bytes>> {
     let (all, receiver) = {
-        // Nothing is sent to the receivers while this is held.
+        // No message is sent to the receivers while this lock is held.
         let messages = locked(&shared.messages);
         (messages.all(), shared.sender.subscribe())
     };
@@ -187,7 +187,7 @@ fn asked(text: &str, shared: &Shared) {
             Wish::Mark(if letters.is_empty() { "marker".into() } else { letters })
         }
         Ok(Asked::ResetEstimator(true)) => Wish::ResetEstimator,
-        // Not from our page.
+        // The message is not from our page.
         Ok(Asked::ResetEstimator(false)) | Err(_) => return,
     };
     locked(&shared.wishes).send(wish).ok();

@@ -1,4 +1,4 @@
-//! What the steps share: where samples come from, and how a finding is told and kept.
+//! What the steps share: where samples come from, and how a finding is reported and saved.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -63,12 +63,12 @@ impl SourceArgs {
     }
 }
 
-/// A time whose samples can be kept.
+/// Parses a listening time that is short enough to keep all samples.
 pub fn listening_time(text: &str) -> Result<Duration, String> {
     time_within(text, 3600.0)
 }
 
-/// A time that is not zero, and at most so long.
+/// Parses a time above zero and at most this long.
 pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
     let duration = seconds(text)?;
     if duration.is_zero() || duration.as_secs_f64() > most_s {
@@ -77,13 +77,13 @@ pub fn time_within(text: &str, most_s: f64) -> Result<Duration, String> {
     Ok(duration)
 }
 
-/// A number with one of these units or none that makes sense; `problem` says of others why they do not.
+/// Parses a number with one of these units or none that satisfies `makes_sense`; `problem` explains a rejection.
 pub fn number_where(text: &str, units: Units, makes_sense: impl Fn(f64) -> bool, problem: &str) -> Result<f64, String> {
     let value = number(text, units).map_err(|error| error.to_string())?;
     if makes_sense(value) { Ok(value) } else { Err(problem.into()) }
 }
 
-/// Connects; a device that cannot keep what --write wants is refused before anything is measured.
+/// Connects; rejects a device that cannot save what --write needs before anything is measured.
 pub fn connect(args: &StepArgs) -> Result<Device, Error> {
     terminal::catch_interrupts();
     let device = args.link.device()?;
@@ -94,7 +94,7 @@ pub fn connect(args: &StepArgs) -> Result<Device, Error> {
     Ok(device)
 }
 
-/// Does a step at a device, tells what was found, and keeps it where that is wanted.
+/// Runs a step with a device, reports the finding, and saves it if requested.
 pub fn at_device(
     args: &StepArgs,
     step: impl FnOnce(&mut Station<'_, Person>) -> Result<Finding, Error>,
@@ -118,7 +118,7 @@ pub fn at_device(
     Ok(())
 }
 
-/// Tells what was found; a finding that is bad ends with an error.
+/// Reports the finding; a bad finding is returned as an error.
 pub fn report(finding: &Finding, source: &str, machine: Machine, json: bool, written: bool) -> Result<(), Error> {
     if json {
         let mut object = json!({ "kind": "calibration", "source": source });

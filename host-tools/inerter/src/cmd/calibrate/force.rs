@@ -1,4 +1,4 @@
-//! `inerter calibrate force`: the force scale by known loads.
+//! `inerter calibrate force`: the force scale from known loads.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -79,7 +79,7 @@ fn load(text: &str, units: Units) -> Result<Recorded, String> {
     Ok(Recorded { size: number(size, units).map_err(|error| error.to_string())?, file })
 }
 
-/// A number that lies between these.
+/// Parses a number between these limits.
 pub fn within(text: &str, units: Units, least: f64, most: f64) -> Result<f64, String> {
     let problem = format!("it must lie between {least} and {most}");
     number_where(text, units, |value| (least..=most).contains(&value), &problem)
@@ -93,7 +93,7 @@ fn latitude(text: &str) -> Result<f64, String> {
     within(text, DEGREES, -90.0, 90.0)
 }
 
-/// A part of the whole.
+/// Parses a fraction of the whole.
 pub fn part(text: &str) -> Result<f64, String> {
     within(text, PLAIN, 0.0, 1.0)
 }

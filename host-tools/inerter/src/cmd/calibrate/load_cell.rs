@@ -1,4 +1,4 @@
-//! `inerter calibrate load-cell`: what is wrong with the force channel.
+//! `inerter calibrate load-cell`: faults of the force channel.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! The steps that read settings off a motion, of a file or of a device: skew and stiffness.
+//! The steps that find settings from a motion, from a file or a device: skew and stiffness.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -29,7 +29,7 @@ pub struct MotionArgs {
     step: StepArgs,
 }
 
-/// What a motion has shown.
+/// What a motion showed.
 pub struct Shown<J> {
     /// What it is, for a person and as the kind of the JSON object.
     pub what: &'static str,
@@ -37,7 +37,7 @@ pub struct Shown<J> {
     pub words: Vec<String>,
     /// The settings that follow.
     pub values: Vec<(&'static str, f64)>,
-    /// Whether they say more than those in use.
+    /// Whether they are better than those in use.
     pub better: bool,
     /// What was found, for a program.
     pub json: J,
@@ -55,8 +55,7 @@ struct ShownJson<'a, J> {
     written: bool,
 }
 
-/// Takes a motion through the estimator, tells what it shows, and keeps that on the device where it is wanted and
-/// better.
+/// Runs a motion through the estimator, reports the finding, and saves it on the device if requested and better.
 pub fn run<J: Serialize>(
     args: &MotionArgs,
     shown: impl FnOnce(&Run, &Outcome) -> Result<Shown<J>, Error>,

@@ -1,4 +1,4 @@
-//! The person at the terminal, or the script that answers in his place.
+//! Answers from the person at the terminal, or from a script in their place.
 
 use std::{
     io::{self, IsTerminal},
@@ -15,7 +15,7 @@ use super::super::{
 };
 use crate::{Error, calibrate::Dialogue, error::DialogueError};
 
-/// Time between two looks for Ctrl-C while an answer is waited for.
+/// Time between two checks for Ctrl-C while waiting for an answer.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Questions on standard error, answers from standard input.
@@ -42,7 +42,7 @@ impl Dialogue for Person {
         self.bars.done();
         let lines = self.lines.get_or_insert_with(answers);
         if io::stdin().is_terminal() {
-            // What was typed before the question is no answer to it.
+            // Anything typed before the question is not an answer to it.
             while lines.try_recv().is_ok() {}
         }
         if self.json {
@@ -50,7 +50,7 @@ impl Dialogue for Person {
             output::flush()?;
         } else {
             let default = if default.is_empty() { String::new() } else { format!(" ({default})") };
-            // Nobody sees it where standard error is closed.
+            // If standard error is closed, nobody sees it.
             terminal::ask(format!("{question}{default}:")).ok();
         }
         loop {
@@ -75,7 +75,7 @@ impl Dialogue for Person {
     }
 }
 
-/// Lines of standard input, read in a thread of their own so that Ctrl-C is heard meanwhile.
+/// Lines of standard input, read in a separate thread so that Ctrl-C is noticed meanwhile.
 fn answers() -> Receiver<String> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {

@@ -1,4 +1,4 @@
-//! `inerter calibrate skew`: the delay of the force behind the position.
+//! `inerter calibrate skew`: the delay of the force relative to the position.
 
 use inerter_analysis::skew::skew;
 use inerter_data::{

@@ -1,4 +1,4 @@
-//! `inerter calibrate stiffness`: stiffness and damping of the contact, by the terminal's displacement sensor.
+//! `inerter calibrate stiffness`: stiffness and damping of the contact, from the terminal's displacement sensor.
 
 use inerter_analysis::contact::ContactLaw;
 use inerter_data::{

@@ -21,7 +21,7 @@ pub fn run(link: &LinkArgs) -> Result<(), Error> {
     let result = wizard.run();
     let accepted = wizard.accepted();
     if result.is_err() && !accepted.is_empty() {
-        // Below the question that stood there.
+        // Below the question on screen.
         terminal::say("");
         let set: Vec<String> = accepted.iter().map(|(name, _, value)| format!("{name}={value:?}")).collect();
         note(format!("the accepted values are not on the device yet: inerter settings set {}{save}", set.join(" ")));

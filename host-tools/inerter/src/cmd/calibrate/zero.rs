@@ -1,4 +1,4 @@
-//! `inerter calibrate zero`: the code at no force.
+//! `inerter calibrate zero`: the code at zero force.
 
 use std::time::Duration;
 

@@ -14,7 +14,7 @@ use inerter_data::{
 use super::written::Written;
 use crate::Error;
 
-/// Rates of a file \[Hz\].
+/// Allowed sample rates of a file \[Hz\].
 const RATES_HZ: (f64, f64) = (100.0, 192_000.0);
 
 /// What is written.
@@ -38,7 +38,7 @@ pub struct FileArgs {
 }
 
 impl FileArgs {
-    /// Refuses at once what would be refused in the end.
+    /// Rejects early what would be rejected at the end.
     pub fn check(&self) -> Result<(), Error> {
         let files = [&self.output, &self.wav];
         let paths: Vec<&Path> = files.into_iter().flatten().map(PathBuf::as_path).collect();
@@ -71,7 +71,7 @@ impl FileArgs {
         }
     }
 
-    /// Writes what was asked for.
+    /// Writes the requested files.
     pub fn write(&self, planned: &Planned) -> Result<Vec<Written>, Error> {
         let settings = &planned.expected().settings;
         let (machine, rate_hz) = (settings.machine, self.rate_hz.unwrap_or(settings.sample_rate_hz));

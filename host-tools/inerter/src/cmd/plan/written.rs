@@ -1,4 +1,4 @@
-//! What is told of a file that was written.
+//! What is reported about a file that was written.
 
 use inerter_core::Machine;
 use inerter_data::names::unit;
@@ -10,7 +10,7 @@ pub struct Written {
     /// `csv` or `wav`.
     pub format: &'static str,
     pub file: String,
-    /// Points a second \[Hz\].
+    /// Points per second \[Hz\].
     pub rate_hz: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     /// Displacement of full scale \[m\].

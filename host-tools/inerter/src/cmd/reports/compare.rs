@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     prove(&held).and(heard(said, true))
 }
 
-/// Writes page and figures, where they are asked for.
+/// Writes page and figures, if requested.
 fn write(args: &Args, comparison: &Comparison) -> Result<(), Error> {
     if args.output.is_none() && args.png.is_none() {
         return Ok(());
@@ -70,7 +70,7 @@ fn write(args: &Args, comparison: &Comparison) -> Result<(), Error> {
     Ok(())
 }
 
-/// What a person sees: each parameter with all runs below each other.
+/// Output for a person: each parameter with all runs one below the other.
 fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
     for row in &comparison.rows {
         let field = row.field(machine);
@@ -92,7 +92,7 @@ fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
     Ok(())
 }
 
-/// A line for each run, its columns below each other.
+/// One line per run, with aligned columns.
 fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
     let first = row.runs.first().and_then(|run| run.doubt);
     let cells: Vec<[String; 4]> = comparison

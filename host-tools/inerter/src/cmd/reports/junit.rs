@@ -9,11 +9,11 @@ use quick_junit::{NonSuccessKind, Report, TestCase, TestCaseStatus, TestSuite};
 
 use crate::Error;
 
-/// As servers of continuous integration read it: a suite for each run, by name, and what was judged of it.
+/// In the form that CI servers read: a suite for each run, by name, with its verdicts.
 pub fn junit<'a>(runs: impl Iterator<Item = (&'a str, Machine, &'a [Judged])>) -> Result<String, Error> {
     let mut report = Report::new("inerter");
     report.add_test_suites(runs.map(|(run, machine, judged)| suite(&printable(run), machine, judged)));
-    // It is written to memory.
+    // It writes to memory.
     Ok(report.to_string().unwrap_or_default())
 }
 

@@ -1,4 +1,4 @@
-//! `inerter report`: a run as a page to hand on.
+//! `inerter report`: a run as a page to share.
 
 use std::{fs, path::Path};
 
@@ -77,7 +77,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     prove(&held).and(heard(said.map_err(Error::from), true))
 }
 
-/// Reads a file and takes it through the estimator, with a bar.
+/// Reads a file and runs it through the estimator, with a progress bar.
 pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Error> {
     let run = settings.open(file)?;
     let mut progress = Progress::new("replaying", 1000);
@@ -86,7 +86,7 @@ pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Erro
     Ok(content)
 }
 
-/// Makes a folder and those above it.
+/// Creates a folder and its parents.
 pub fn make_folder(folder: &Path) -> Result<(), OutputError> {
     fs::create_dir_all(folder).map_err(|source| OutputError::Create { path: folder.into(), source })
 }

@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     Ok(())
 }
 
-/// One test as the rig records it, with settings that know the instruments and the weighed structure mass, and nothing
+/// One test as the rig records it. Its settings hold the instruments and the weighed mass of the structure, and nothing
 /// else.
 fn recorded(plan: &Plan, seed: u64) -> Result<Run, Error> {
     let sensors = Sensors { terminal_noise_m: TERMINAL_NOISE_M, seed, ..bench_sensors() };
@@ -65,7 +65,7 @@ fn recorded(plan: &Plan, seed: u64) -> Result<Run, Error> {
     Ok(Run { name, settings: setup.settings, samples, ..Run::default() })
 }
 
-/// The three tests recorded and evaluated; `progress` is handed the part that is done, from 0 to 1.
+/// The three tests recorded and evaluated; `progress` gets the completed fraction, from 0 to 1.
 fn reproduced(mut progress: impl FnMut(f64)) -> Result<Reproduction, Error> {
     let [first, second, third] = &PLANS;
     let runs = [recorded(first, SEED)?, recorded(second, SEED + 1)?, recorded(third, SEED + 2)?];

@@ -27,7 +27,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         output::refuse_existing(path)?;
     }
     terminal::tidy_at_interrupts();
-    // clap has let through only these names.
+    // clap accepts only these names.
     let kind = Kind::ALL.into_iter().find(|kind| kind.name() == args.figure).unwrap_or(Kind::Force);
     let drawn = figure(&page::content(&args.file, &args.settings)?, kind)?;
     if bitmap {

@@ -1,4 +1,4 @@
-//! The part of the self-test that needs four wires. The outputs are driven only after somebody has said that no rig is
+//! The part of the self-test that needs four wires. The outputs are driven only after the user confirms that no rig is
 //! connected.
 
 use std::time::{Duration, Instant};
@@ -14,12 +14,12 @@ use crate::{
     cmd::{calibrate::person::Person, terminal::can_ask},
 };
 
-/// Name and label of the whole.
+/// Name and label of the check as a whole.
 pub const CHECK: (&str, &str) = ("jumpers", "Signals through jumpers");
 const QUESTION: &str =
     "Drive the board's outputs? Only with no rig connected and the four wires of docs/HARDWARE.md in place: yes or no";
 
-/// The device as the test with jumpers sees it.
+/// The device as the jumper test sees it.
 struct Wired<'a> {
     device: &'a mut Device,
     heard: Vec<(f64, Record)>,
@@ -70,7 +70,7 @@ impl Board for Wired<'_> {
     }
 }
 
-/// Asks whether the outputs may be driven; nobody there is a no.
+/// Asks whether the outputs may be driven; without a user the answer is no.
 pub fn may_drive() -> Result<bool, Error> {
     if !can_ask() {
         return Ok(false);
@@ -79,8 +79,8 @@ pub fn may_drive() -> Result<bool, Error> {
     Ok(matches!(answer.to_lowercase().as_str(), "y" | "yes"))
 }
 
-/// Plays and judges; the board's clock too, where USB has not told it. An error is the link's; what else goes wrong is
-/// a check that failed, and nothing is measured then.
+/// Plays and judges the signals, and the board's clock if USB has not given it. An error is the link's; any other
+/// failure is a failed check, with nothing measured.
 pub fn play(device: &mut Device, clock_is_known: bool) -> Result<(Vec<Check>, Option<Measured>), DeviceError> {
     let mut wired = Wired { device, heard: Vec::new(), failed: None };
     let outcome = run(&mut wired, clock_is_known);
@@ -92,7 +92,7 @@ pub fn play(device: &mut Device, clock_is_known: bool) -> Result<(Vec<Check>, Op
             Ok((checks.collect(), report.measured))
         }
         (Err(_), Some(error)) => Err(error),
-        // This computer was too slow, which says nothing of the board.
+        // This computer was too slow, which says nothing about the board.
         (Err(error @ JumperError::TooLate(_)), None) => {
             Ok((vec![Check::skipped(CHECK.0, CHECK.1, error.to_string())], None))
         }

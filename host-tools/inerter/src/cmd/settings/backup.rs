@@ -107,7 +107,7 @@ pub fn restore(args: &RestoreArgs) -> Result<(), Error> {
     let before = *device.settings();
     let mut wanted = before;
     backup.values.apply(&mut wanted)?;
-    // What the device would refuse is refused here, with more words.
+    // Reject here what the device would reject, with a fuller message.
     validate(&wanted)?;
     device.write_settings(&wanted)?;
     finish(&mut device, &before, args.save, args.common.json)
@@ -115,7 +115,7 @@ pub fn restore(args: &RestoreArgs) -> Result<(), Error> {
 
 pub fn diff(args: &DiffArgs) -> Result<(), Error> {
     let values = |name: &str| -> Result<Vec<Option<f64>>, Error> {
-        // A file of that name is meant when it is written as a path.
+        // A file of that name has to be given as a path.
         if name == DEVICE {
             let device = args.link.device()?;
             return Ok(device.settings().values().into_iter().map(Some).collect());

@@ -1,4 +1,4 @@
-//! What the commands on a device's settings share: how it is reached, and how the result is shown.
+//! Shared by the commands for a device's settings: how to reach it, and how to show the result.
 
 use inerter_core::Settings;
 use inerter_data::{backup::changes, output};
@@ -20,7 +20,7 @@ pub struct Common {
     pub json: bool,
 }
 
-/// Saves if that is wanted, and says what has come of it.
+/// Saves if requested, and reports the result.
 pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) -> Result<(), Error> {
     if save {
         device.save_settings()?;
@@ -44,7 +44,7 @@ pub fn print_settings(device: &Device) -> Result<(), Error> {
     print_json(&line)
 }
 
-/// Prints each setting that is another one than before; gives whether there were any.
+/// Prints each setting that has changed; returns whether there were any.
 pub fn print_changes(before: &Settings, after: &Settings) -> Result<bool, Error> {
     let changes = changes(before, after);
     for (name, before, after) in &changes {

@@ -1,4 +1,4 @@
-//! Runs of a store through the estimator, all of them or a part: for Slurm and plain shells.
+//! Runs of a store through the estimator, all or a share of them: for Slurm and plain shells.
 
 use inerter_analysis::results::replayed;
 use inerter_data::{export::Source, json::machine_json, settings::Overrides, words::plural};
@@ -16,7 +16,8 @@ use crate::{
     },
 };
 
-/// Replays the runs that the batch does not have yet. One that fails is kept with its error, and the others are done.
+/// Replays the runs that the batch does not have yet. A run that fails is saved with its error, and the others
+/// continue.
 pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bool) -> Result<(), Error> {
     terminal::catch_interrupts();
     let store = Store::open(url)?;
@@ -32,7 +33,7 @@ pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bo
         let result = match last_line(&store, place, &overrides) {
             Ok(line) => Ok(line),
             Err(error) if terminal::interrupted() || is_of_store(&error) => return Err(error),
-            // It was removed meanwhile.
+            // The run was removed meanwhile.
             Err(_) if !store.has_run(place)? => continue,
             Err(error) => Err((error.code().map(|code| code.to_string()).unwrap_or_default(), error.to_string())),
         };
@@ -57,7 +58,7 @@ pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bo
     if failed > 0 { Err(Error::NotReplayed { failed, of: todo.len() }) } else { Ok(()) }
 }
 
-/// What hangs on the store and not on the run is nobody's result.
+/// Whether the store, not the run, is at fault; such an error is not saved as a result.
 fn is_of_store(error: &Error) -> bool {
     matches!(error, Error::Store(error) if !matches!(error, StoreError::Damaged { .. }))
 }
@@ -68,6 +69,6 @@ fn last_line(store: &Store, place: &Place, overrides: &Overrides) -> Result<Valu
     let source = Source::open(recording.path(), overrides, |_| ())?;
     let samples = source.samples()?.map(|sample| sample.map_err(Error::from));
     let replayed = replayed(&source.settings, source.start_s, samples, |_, _| terminal::go_on().map_err(Error::from))?;
-    // As it would be printed.
+    // In the form in which it would be printed.
     Ok(serde_json::from_slice(&machine_json(source.settings.machine, &replayed.json(None))).unwrap_or_default())
 }

@@ -24,7 +24,7 @@ use crate::{
     error::{DialogueError, Shown},
 };
 
-/// Letters of a run's name that a table shows.
+/// Characters of a run's name that a table shows.
 const SHORT: usize = 12;
 
 pub fn run(args: &Args) -> Result<(), Error> {
@@ -39,7 +39,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
 }
 
-/// Shows how far the work is; Ctrl-C ends it.
+/// Shows the progress; Ctrl-C stops the work.
 fn watched(bar: &mut Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
     |part| {
         bar.set((part * 1000.0) as u64);
@@ -66,7 +66,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
-            // Of the store, not of the file: the others would meet it too.
+            // The store is at fault, not the file: the other files would fail too.
             Err(error)
                 if !matches!(
                     error,
@@ -104,7 +104,7 @@ fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> 
     prove(&held(&listed.rows, within.as_deref())).and(said)
 }
 
-/// What each run says of limits, where there are any; the files on them are written.
+/// The verdicts for each run, if there are limits; writes the files that hold them.
 fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Error> {
     if !args.limits.are_given() {
         return Ok(None);
@@ -115,7 +115,7 @@ fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Err
     };
     let (linear, rotary) = (of(Machine::Linear)?, of(Machine::Rotary)?);
     if rows.is_empty() {
-        // A mistake in the file is told all the same.
+        // Report a mistake in the limits file even if there are no runs.
         args.limits.read(Machine::Linear).or_else(|error| args.limits.read(Machine::Rotary).map_err(|_| error))?;
     }
     let judged = |row: &Row| {
@@ -137,7 +137,7 @@ fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
     rows.iter().zip(within.unwrap_or_default()).map(of).collect()
 }
 
-/// Names what is damaged, on standard error.
+/// Lists the damaged files on standard error.
 fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
     damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
     if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
@@ -190,9 +190,9 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
     Ok(())
 }
 
-/// What a person sees of a run in a list.
+/// The cells of a run in the list for a person.
 fn cells(row: &Row) -> [String; 8] {
-    // Of a linear machine, or of a rotary one.
+    // Columns of a linear machine, or of a rotary one.
     let value = |columns: [(&str, &str, &str); 2]| {
         let known = columns.into_iter().find_map(|(name, u95, unit)| Some((row.number(name)?, row.number(u95)?, unit)));
         known.map_or("-".into(), |(value, u95, unit)| format!("{} {unit}", interval_text(value, u95)))
@@ -217,7 +217,7 @@ fn is_object(name: &&str) -> bool {
     OBJECTS.contains(name)
 }
 
-/// All columns but objects, and the verdict where there are limits; a rotary machine has others.
+/// All columns except objects, and the verdict if there are limits; a rotary machine has other columns.
 fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let mut names: Vec<&str> = Vec::new();
     for name in rows.iter().flat_map(Row::columns).filter(|name| !is_object(name)) {
@@ -307,7 +307,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
 fn remove(args: &RemoveArgs) -> Result<(), Error> {
     tidy_at_interrupts();
     let store = Store::open(&args.url)?;
-    // All of them, before the first one goes.
+    // Find all runs before the first one is removed.
     let places = args.runs.iter().map(|run| store.find(run)).collect::<Result<BTreeSet<Place>, _>>()?;
     if !args.yes && !terminal::can_ask() {
         return Err(DialogueError::UnconfirmedRemoval.into());

@@ -1,3 +1,3 @@
-//! What arguments are read as.
+//! Value parsers for arguments.
 
 pub use inerter_store::{Day, Shard};

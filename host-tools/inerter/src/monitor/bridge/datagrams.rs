@@ -4,7 +4,7 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
 use crate::monitor::{MonitorError, address::resolve};
 
-/// A socket to send from. It is not connected: a program that does not listen would make every other send fail.
+/// A socket to send from. It is not connected: if no program listens, every other send would fail.
 pub struct Datagrams {
     socket: UdpSocket,
     to: SocketAddr,
@@ -13,7 +13,7 @@ pub struct Datagrams {
 impl Datagrams {
     pub fn new(option: &'static str, address: &str, example: &'static str) -> Result<Self, MonitorError> {
         let to = resolve(option, address, example)?;
-        // Where all stays on this machine, nobody else reaches the socket either.
+        // If the destination is local, nobody outside can reach the socket either.
         let from = match to {
             SocketAddr::V4(to) if to.ip().is_loopback() => Ipv4Addr::LOCALHOST.into(),
             SocketAddr::V4(_) => IpAddr::from(Ipv4Addr::UNSPECIFIED),
@@ -22,7 +22,7 @@ impl Datagrams {
         };
         let failed = |source| MonitorError::Address { option, address: address.into(), example, source };
         let socket = UdpSocket::bind((from, 0)).map_err(failed)?;
-        // A full buffer loses a datagram rather than a sample: what is measured must not wait for a plot.
+        // A full buffer loses a datagram, not a sample: the measurement must not wait for a plot.
         socket.set_nonblocking(true).map_err(failed)?;
         Ok(Self { socket, to })
     }

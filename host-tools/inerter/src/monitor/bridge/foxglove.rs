@@ -1,8 +1,8 @@
-//! Foxglove: a WebSocket server with a JSON channel, and its schema, for each kind of thing.
+//! Foxglove: a WebSocket server with a JSON channel and its schema for each kind of message.
 //!
-//! Who may connect: programs that are no browser, and pages of this machine, of Foxglove itself or named by
-//! `--foxglove-origin`. Nothing that comes from there but subscriptions is obeyed. Source: the specification of
-//! `foxglove/ws-protocol`, version 1.
+//! These may connect: programs other than browsers, and pages of this machine, of Foxglove itself or named by
+//! `--foxglove-origin`. The server acts only on subscriptions and ignores all other requests. Source: the specification
+//! of `foxglove/ws-protocol`, version 1.
 
 use std::{
     collections::HashMap,
@@ -38,21 +38,20 @@ use crate::{
     },
 };
 
-/// Messages that wait for a slow client, which then misses some: a second of samples, and more at 4 kHz.
+/// Messages queued for a slow client, which then misses some: a second of samples, and more at 4 kHz.
 const BACKLOG: usize = 8192;
-/// Bytes of the longest message that a client may send.
+/// Size limit of a message from a client \[bytes\].
 const MOST_FROM_CLIENT: usize = 1 << 16;
 /// Channels that a client may subscribe to, more than there are.
 const MOST_SUBSCRIPTIONS: usize = 64;
 /// Names of version 1 of the protocol, of newer and of older programs.
 const PROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
-/// Pages that may connect beside those of this machine: Foxglove's own, and its programs for the desktop, which are
-/// files.
+/// Origins that may connect besides this machine's: Foxglove's own, and its desktop programs, which use `file://`.
 const ORIGINS: [&str; 2] = ["https://app.foxglove.dev", "file://"];
 /// Opcode of a message.
 const MESSAGE_DATA: u8 = 1;
 
-/// A kind of thing, each with its channel.
+/// A kind of message, each with its channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Topic {
     Samples,
@@ -74,7 +73,7 @@ const TOPICS: [(Topic, &str); 6] = [
 ];
 
 impl Topic {
-    /// What its messages hold, in the names of this machine.
+    /// The properties of its messages, with the key names of this machine.
     fn properties(self, machine: Machine) -> Map<String, Value> {
         let metre = catalogue::unit(machine, "m");
         match self {
@@ -90,7 +89,7 @@ impl Topic {
     }
 }
 
-/// What all clients are told.
+/// What all clients receive.
 #[derive(Clone)]
 enum Told {
     /// Channels that come or go.
@@ -99,7 +98,7 @@ enum Told {
     Message { channel: u32, unix_ns: u64, payload: Bytes },
 }
 
-/// The channels that there are. Their numbers begin anew with another machine.
+/// The channels on offer. Another machine renumbers them.
 struct Channels {
     first: u32,
     machine: Machine,
@@ -131,7 +130,7 @@ impl Channels {
 struct Shared {
     channels: Mutex<Channels>,
     sender: broadcast::Sender<Told>,
-    /// Tells this run from others.
+    /// Distinguishes this run from others.
     session: String,
     origins: Vec<String>,
     /// Only this machine can connect.
@@ -147,7 +146,7 @@ pub struct Foxglove {
 }
 
 impl Foxglove {
-    /// Listens at this address; pages of these origins are let in besides.
+    /// Listens at this address; also accepts pages of these origins.
     pub fn new(address: &str, origins: &[String]) -> Result<Self, MonitorError> {
         let at = resolve("--foxglove", address, FOXGLOVE)?;
         let is_local = at.ip().is_loopback();
@@ -167,7 +166,7 @@ impl Foxglove {
         Ok(Self { shared, settings: Settings::default(), latest: Moment::default(), address, _server: server })
     }
 
-    /// What Foxglove connects to.
+    /// The address that Foxglove connects to.
     pub fn address(&self) -> &str {
         &self.address
     }
@@ -180,7 +179,7 @@ impl Foxglove {
         }
     }
 
-    /// Other names and units: other channels.
+    /// Replaces the channels, because the names and units change.
     fn turn_to(&self, machine: Machine) {
         let mut channels = locked(&self.shared.channels);
         let before = channels.unadvertise();
@@ -200,7 +199,7 @@ fn may_ask(origin: &str, named: &[String]) -> bool {
 }
 
 fn refusal(headers: &HeaderMap, shared: &Shared) -> Option<&'static str> {
-    // A name that somebody makes point here would pass for this machine.
+    // A foreign host name that somebody points at this address must not pass for this machine.
     if shared.is_local && local_host(headers).is_none() {
         return Some("only this machine may connect, by its own name\n");
     }
@@ -227,7 +226,7 @@ async fn live(
     })
 }
 
-/// What a client asks for.
+/// What a client requests.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
 enum Asked {
@@ -249,7 +248,7 @@ struct Subscription {
     channel_id: u32,
 }
 
-/// Tells a client of the channels, then what comes on those that it subscribes to, until either end is gone.
+/// Announces the channels to a client, then sends messages on its subscriptions until either end is gone.
 async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Option<()> {
     let (advertised, mut receiver) = {
         // Channels do not change while this is held.
@@ -274,7 +273,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Opti
                         let wanted = subscriptions.iter().filter(|(_, of)| **of == channel);
                         wanted.map(|(id, _)| Message::Binary(data(*id, unix_ns, &payload))).collect()
                     }
-                    // The client was too slow: the oldest are left out.
+                    // The client was too slow: the oldest messages are dropped.
                     Err(broadcast::error::RecvError::Lagged(_)) => continue,
                     Err(broadcast::error::RecvError::Closed) => return None,
                 };
@@ -291,7 +290,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Opti
                     Ok(Asked::Unsubscribe { subscription_ids }) => {
                         subscriptions.retain(|id, _| !subscription_ids.contains(id));
                     }
-                    // There is nothing else that this server offers.
+                    // This server offers nothing else.
                     Ok(Asked::Other) | Err(_) => {}
                 },
                 Some(Ok(Message::Close(_)) | Err(_)) | None => return None,
@@ -301,7 +300,7 @@ async fn talk(mut socket: WebSocket, shared: Arc<Shared>, _place: Place) -> Opti
     }
 }
 
-/// A message as the protocol writes it.
+/// A message encoded as the protocol requires.
 fn data(subscription: u32, unix_ns: u64, payload: &[u8]) -> Bytes {
     [&[MESSAGE_DATA], &subscription.to_le_bytes()[..], &unix_ns.to_le_bytes(), payload].concat().into()
 }
@@ -315,13 +314,13 @@ fn plain(list: &[(&str, &str, &str)]) -> Map<String, Value> {
     list.iter().map(|(name, kind, unit)| (name.to_string(), property(kind, "", unit))).collect()
 }
 
-/// Keys are those of a linear machine, to be renamed when they are written.
+/// Keys are those of a linear machine; they are renamed on output.
 fn fields(machine: Machine, group: Group) -> Map<String, Value> {
     let of = |(linear, field): (&Field, &Field)| (linear.path.to_string(), property("number", field.label, field.unit));
     catalogue::fields(Machine::Linear, group).zip(catalogue::fields(machine, group)).map(of).collect()
 }
 
-/// Value, interval and status of each parameter and of the backlash; further keys are as docs/CLI.md says.
+/// Value, interval and status of each parameter and of the backlash; docs/CLI.md lists further keys.
 fn estimate_fields(machine: Machine) -> Map<String, Value> {
     let quantity = |(linear, field): (&Field, &Field)| {
         let parts = json!({

@@ -1,4 +1,4 @@
-//! PlotJuggler: its UDP server with the protocol JSON; one object a datagram, its time in `timestamp` \[s\].
+//! PlotJuggler: its UDP server with the protocol JSON; one object per datagram, its time in `timestamp` \[s\].
 
 use inerter_core::Settings;
 use inerter_data::json::{EstimateJson, machine_json_line};
@@ -34,7 +34,7 @@ impl PlotJuggler {
     }
 }
 
-/// Without what is not known: a curve has no point there.
+/// Drops unknown values: a curve has no point there.
 fn known(value: Value) -> Value {
     match value {
         Value::Object(object) => {
@@ -58,7 +58,7 @@ impl Viewer for PlotJuggler {
             }
             Item::Estimate { at, t_s, estimated } => {
                 let estimate = EstimateJson::live(*t_s, estimated, &self.settings);
-                // Plain numbers and texts: there is nothing that could fail.
+                // Plain numbers and texts: serialisation cannot fail.
                 self.send(*at, "estimate", serde_json::to_value(estimate).unwrap_or_default());
             }
             _ => {}

@@ -1,4 +1,4 @@
-//! Teleplot: UDP text, `name:milliseconds:value;milliseconds:value§unit|g`, one line a quantity.
+//! Teleplot: UDP text, `name:milliseconds:value;milliseconds:value§unit|g`, one line per quantity.
 //! Source: README of Teleplot, "Telemetry Format"; a datagram stays below the 1432 bytes named there.
 
 use std::fmt::Write;
@@ -19,7 +19,7 @@ use crate::{
     },
 };
 
-/// Bytes in a datagram.
+/// Maximum size of a datagram \[bytes\].
 const MOST: usize = 1400;
 
 pub struct Teleplot {
@@ -33,7 +33,7 @@ impl Teleplot {
         Ok(Self { datagrams: Datagrams::new("--teleplot", address, TELEPLOT)?, machine: Machine::Linear })
     }
 
-    /// One quantity with all its points, in as many datagrams as it takes.
+    /// One quantity with all its points, in as many datagrams as needed.
     fn series(&self, name: &str, unit: &str, points: impl Iterator<Item = (Moment, f64)>) {
         let tail = if unit.is_empty() { "|g".to_string() } else { format!("§{unit}|g") };
         let mut text = String::new();
@@ -105,7 +105,7 @@ impl Viewer for Teleplot {
     }
 }
 
-/// Text from outside in one line of the log.
+/// Text from outside, reduced to one line of the log.
 fn line(words: &str) -> String {
     printable(&words.replace(['\n', '|'], " ")).into_owned()
 }

@@ -1,4 +1,4 @@
-//! Charts over time: signals as the range that they went through, parameters with their intervals.
+//! Charts over time: signals as the range of their values, parameters with their intervals.
 
 use inerter_data::words::interval_text;
 use inerter_wire::catalogue::{self, Group};
@@ -14,7 +14,7 @@ use ratatui::{
 use super::Theme;
 use crate::monitor::{state::State, trace::Signal};
 
-/// Rows that a chart needs to be worth its place.
+/// Minimum number of rows for a chart.
 const CHART_ROWS: u16 = 6;
 
 /// Force and displacements, one below the other.
@@ -37,20 +37,20 @@ pub fn trace(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, sig
     let title = format!("{} [{unit}]", field.map_or("", |field| field.label));
     let (end_s, span_s) = (state.end_s(), state.trace_span_s());
     let from_s = end_s - span_s;
-    // A cell of Braille is two dots wide.
+    // A Braille cell is two dots wide.
     let columns = usize::from(area.width).saturating_mul(2);
     let window = state.traces.window(from_s, end_s, columns);
     let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
     let mut before_s = f64::NEG_INFINITY;
     for bucket in &window {
         let Some((low, high)) = bucket.range(signal) else { continue };
-        // Nothing is drawn across a hole wider than a column.
+        // Nothing is drawn across a gap wider than a column.
         if bucket.start_s - before_s > 2.5 * span_s / columns.max(1) as f64 + 2.0 / state.settings.sample_rate_hz {
             pieces.push(Vec::new());
         }
         before_s = bucket.end_s;
         if let Some(piece) = pieces.last_mut() {
-            // From where the line stands to the nearer end first, lest two columns be joined by an edge that is none.
+            // Start with the end nearer to the previous point, so that two columns are not joined by a false edge.
             let rising = piece.last().is_none_or(|(_, last)| (last - low).abs() <= (last - high).abs());
             let (first, second) = if rising { (low, high) } else { (high, low) };
             let x = bucket.start_s - end_s;
@@ -96,9 +96,9 @@ pub fn parameter(
             Some((entry.run_s - end_s, value, u95))
         })
         .collect();
-    // More points than dots would only cost time.
+    // Draw no more points than there are dots.
     let step = known.len().div_ceil(usize::from(area.width).max(1) * 2).max(1);
-    // The last one counts: it is the one that the title names.
+    // The last one must stay: the title shows its value.
     let thinned: Vec<(f64, f64, f64)> = known.iter().rev().step_by(step).rev().copied().collect();
     let title = match known.last() {
         Some((_, value, u95)) => format!("{label} {} {unit}", interval_text(*value, *u95)),
@@ -112,7 +112,7 @@ pub fn parameter(
     plot(frame, area, state, theme, Plot { title, curves, span_s });
 }
 
-/// What stands in a chart; times count from its right end.
+/// Contents of a chart; times count from its right end.
 struct Plot<'a> {
     title: String,
     curves: Vec<(&'a [(f64, f64)], Style)>,
@@ -122,7 +122,7 @@ struct Plot<'a> {
 fn plot(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, plot: Plot<'_>) {
     let Plot { title, curves, span_s } = plot;
     let title = Line::styled(format!(" {title} "), theme.title());
-    // Below this there is no room for axes.
+    // Smaller areas have no room for axes.
     if area.height < 4 || area.width < 16 {
         frame.render_widget(title, area);
         return;
@@ -154,7 +154,7 @@ fn plot(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme, plot: Pl
     frame.render_widget(chart, area);
 }
 
-/// Bounds that hold all values, on round numbers so that they do not change with each of them.
+/// Bounds that contain all values, rounded so that they do not change with every value.
 fn bounds(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let (low, high) = values
         .filter(|value| value.is_finite())
@@ -169,7 +169,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> [f64; 2] {
     if high > low { [low, high] } else { [low - step, high + step] }
 }
 
-/// A label with the digits that tell it from its neighbours.
+/// A label with enough digits to distinguish it from its neighbours.
 fn number(value: f64, extent: f64) -> String {
     let decimals = (1.0 - extent.max(1e-12).log10().floor()).max(0.0) as usize;
     if decimals > 6 && value != 0.0 {
@@ -177,7 +177,7 @@ fn number(value: f64, extent: f64) -> String {
         return format!("{value:>7.*e}", (decimals as i32 + exponent).max(0) as usize);
     }
     let decimals = decimals.min(6);
-    // No "-0.0".
+    // Avoids "-0.0".
     let text = format!("{value:>7.decimals$}");
     if text.contains(|letter: char| ('1'..='9').contains(&letter)) { text } else { text.replace('-', " ") }
 }

@@ -1,4 +1,4 @@
-//! Panes of text: the table with its status words, losses and health, what happened.
+//! Text panes: the table with its status, losses and health, and the events.
 
 use inerter_core::Parameter;
 use inerter_data::{
@@ -22,7 +22,7 @@ use crate::monitor::{
     trace::Signal,
 };
 
-/// Rows below which the signals are left out of the overview.
+/// Minimum rows for the signals in the overview.
 const ROOM_FOR_SIGNALS: u16 = 6;
 
 /// The table, and the force below or beside it.
@@ -30,7 +30,7 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     let rows = rows(state, theme);
     let height = rows.len() as u16 + 3;
     let words = words(state, theme);
-    // Where there is no room for all, the table comes first.
+    // If there is not room for everything, the table has priority.
     let word_rows = area
         .height
         .saturating_sub(height)
@@ -52,7 +52,7 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     };
     let memory = format!("last {} s", state.settings.memory_s);
     let head = Row::new(["", "", memory.as_str(), "status", "whole run"]).style(theme.quiet());
-    // Label, unit, memory, status, whole run; on a narrow terminal only what the table is about.
+    // Label, unit, memory, status, whole run; a narrow terminal shows only the essential columns.
     let (widths, spacing) = if area.width < 60 { ([21, 0, 17, 0, 0], 0) } else { ([20, 5, 17, 16, 16], 1) };
     let widths = widths.map(Constraint::Length);
     frame.render_widget(Table::new(rows, widths).column_spacing(spacing).header(head).block(theme.block(title)), top);
@@ -76,7 +76,7 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     }
 }
 
-/// The table's rows: parameters, backlash, and what a terminal sensor shows.
+/// The table's rows: parameters, backlash, and the terminal sensor's value.
 fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
     let Estimated { estimate, detail, .. } =
         &state.shown().estimate.map(|(_, estimated)| estimated).unwrap_or_default();
@@ -96,7 +96,7 @@ fn rows(state: &State, theme: Theme) -> Vec<Row<'static>> {
         (None, "ok") => (theme.good(), "ok", text, String::new()),
         (None, _) => (theme.doubtful(), "maybe none", text.replace(" (maybe none)", ""), String::new()),
     };
-    // It is of the whole run; the other column has room to say why there is none.
+    // The backlash belongs to the whole run; the other column has room for the reason if there is none.
     rows.push(row("Backlash", catalogue::unit(state.settings.machine, "µm"), reason, Span::styled(word, style), value));
     if state.settings.terminal_sensor {
         rows.extend(catalogue::contact(state.settings.machine, detail).map(|(field, parameter)| {
@@ -128,7 +128,7 @@ fn status(shown: Shown, theme: Theme) -> Span<'static> {
     Span::styled(word, style)
 }
 
-/// What was lost, how the device behaves, and where else it is shown.
+/// Losses, the device's health, and the addresses of the other views.
 fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
     let Values { estimate, cause, losses } = state.shown();
     let machine = state.settings.machine;
@@ -140,7 +140,7 @@ fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
     lines
 }
 
-/// Everything that the device says of itself.
+/// Everything that the device reports about itself.
 pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let losses = &state.shown().losses;
     let Some(health) = losses.health else {
@@ -161,7 +161,7 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let rows = catalogue::health(&health).map(|(field, value)| {
         let is_loss = match field.path {
             "lost_samples" | "discontinuities" | "overruns" | "saturated" => true,
-            // Those before we came are no loss of ours.
+            // Losses before this program connected are not ours.
             "dropped_frames" | "bad_frames" => !losses.is_clean(),
             _ => false,
         };
@@ -182,7 +182,7 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: true }), bottom);
 }
 
-/// What happened, the latest at the bottom.
+/// Events, the latest at the bottom.
 pub fn events(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let room = usize::from(area.height.saturating_sub(2));
     let skip = state.lines.len().saturating_sub(room);

@@ -6,7 +6,7 @@ use ratatui::{
     widgets::Block,
 };
 
-/// Colours, or only what every terminal can do.
+/// Colours, or only the attributes that every terminal supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Theme {
     /// Whether colours may be used (`NO_COLOR` is not set).

@@ -1,4 +1,4 @@
-//! What the page is told: everything so far when it comes, then each thing as it happens.
+//! Messages to the page: the full state when it connects, then each item as it happens.
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -16,14 +16,14 @@ use crate::monitor::{
     trace::{Bucket, Signal},
 };
 
-/// Signals are sent as ranges over so long a time \[s\]: a display shows no more.
+/// Signals are sent as ranges over this time \[s\]: a display cannot show more.
 const RESOLUTION_S: f64 = 0.02;
-/// Time that goes into one message of signals \[s\].
+/// Duration of one message of signals \[s\].
 const PORTION_S: f64 = 0.1;
-/// Signals that a new page is told of \[s\].
+/// Signals that a new page receives \[s\].
 const PAST_S: f64 = 60.0;
 
-/// What the page knows already.
+/// What the page already knows.
 pub struct Messages {
     state: State,
     sent_s: f64,
@@ -34,7 +34,7 @@ impl Messages {
         Self { state: State::new(recording, Vec::new()), sent_s: f64::NEG_INFINITY }
     }
 
-    /// What one thing has to say to the pages.
+    /// The messages to the pages for one item.
     pub fn take(&mut self, item: &Item) -> Vec<Value> {
         self.state.update(Event::Item(item));
         match item {
@@ -56,7 +56,7 @@ impl Messages {
         }
     }
 
-    /// Everything so far.
+    /// The full state so far.
     pub fn all(&self) -> Vec<Value> {
         let state = &self.state;
         let mut all = vec![json!({ "kind": "begin", "recording": state.recording })];
@@ -68,7 +68,7 @@ impl Messages {
         all.push(self.history());
         all.extend(state.values.estimate.and_then(|_| self.estimate(state.now_s)));
         all.extend(self.health());
-        // Markers are among the lines and told as such.
+        // Markers are among the lines, but are sent as markers.
         let lines = state.lines.iter().filter(|one| one.kind != LineKind::Marker);
         let lines = lines.map(|one| (one.run_s, line(one.run_s, &one.words, one.kind == LineKind::Trouble)));
         let marks = state.marks.iter().map(|(run_s, text)| (*run_s, mark(*run_s, text)));
@@ -83,7 +83,7 @@ impl Messages {
         let present = self.state.present.as_ref()?;
         let hello = &present.hello;
         let machine = self.state.settings.machine;
-        // The keys of the page's messages are those of a linear machine; what people see is not.
+        // The keys of the page's messages are those of a linear machine; the labels are those of this machine.
         let field = |(linear, field): (&Field, &Field)| json!({ "path": linear.path, "label": field.label, "unit": field.unit });
         let fields = |group| catalogue::fields(Machine::Linear, group).zip(catalogue::fields(machine, group));
         let contact = catalogue::contact_fields(Machine::Linear).zip(catalogue::contact_fields(machine));
@@ -116,7 +116,7 @@ impl Messages {
     fn ranges(&self, buckets: &[&Bucket]) -> Value {
         let of = |signal: Signal| -> [Vec<Value>; 2] {
             let ranges = buckets.iter().map(|bucket| bucket.range(signal));
-            // To a millionth of what they may be: shorter than all digits of a float.
+            // Five decimals are enough, and shorter than all digits of a float.
             let short = |value: Option<f64>| value.map_or(Value::Null, |value| json!((value * 1e5).round() / 1e5));
             ranges.map(|range| (short(range.map(|(low, _)| low)), short(range.map(|(_, high)| high)))).unzip().into()
         };
@@ -131,7 +131,7 @@ impl Messages {
     fn estimate(&self, run_s: f64) -> Option<Value> {
         let state = &self.state;
         let (t_s, estimated) = state.values.estimate?;
-        // Plain numbers and texts: there is nothing that could fail.
+        // Plain numbers and texts: serialisation cannot fail.
         let mut value = serde_json::to_value(EstimateJson::live(t_s, &estimated, &state.settings)).unwrap_or_default();
         value["run_s"] = json!((run_s * 1e4).round() / 1e4);
         value["state"] = text::line(state.settings.machine, &estimated).into();
