@@ -1,6 +1,6 @@
 //! Settings of a device in a file, with the device they belong to; and the differences between two sets.
 //!
-//! The file is one that `--settings` takes; the device is given in comments at its beginning.
+//! The file is one that `--settings` takes; comments at its beginning name the device.
 
 use std::{
     borrow::Cow,
@@ -31,7 +31,7 @@ pub enum BackupError {
         help("a calibration belongs to its board, cell and screw; if they were moved to this board, add --force")
     )]
     Other { path: PathBuf, theirs: String, ours: String },
-    /// It does not say of which device it is.
+    /// It does not name its device.
     #[error("{path} does not say to which device its settings belong", path = path.display())]
     #[diagnostic(
         code(inerter::backup::nobody),
@@ -41,7 +41,7 @@ pub enum BackupError {
     Nobody { path: PathBuf },
 }
 
-/// Whose settings they are.
+/// The device that settings belong to.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Owner {
     /// Board.
@@ -62,12 +62,12 @@ impl Owner {
     }
 }
 
-/// Settings as they are in a file: only those that it names.
+/// Settings in a file: only those that it names.
 #[derive(Clone, Debug, Default)]
 pub struct Backup {
     /// The settings.
     pub values: Overrides,
-    /// Whose they are.
+    /// The device that they belong to.
     pub owner: Owner,
 }
 
@@ -85,45 +85,45 @@ pub fn text(hello: &Hello, settings: &Settings) -> String {
     text + "\n" + &to_toml(settings)
 }
 
-/// A text for a comment of TOML, which may hold no control characters: where it would not be read back as it is, as a
-/// JSON string.
+/// A text for a TOML comment, which may hold no control characters: written as a JSON string if it would not read back
+/// unchanged.
 fn commented(value: &str) -> Cow<'_, str> {
     let plain = !value.is_empty() && value.trim() == value && !value.starts_with('"') && printable(value) == value;
     if plain { value.into() } else { printable(&json!(value).to_string()).into_owned().into() }
 }
 
-/// The text that [`commented`] wrote, or somebody by hand; none where nothing stands.
+/// The text that [`commented`] or a user wrote; `None` if it is empty.
 fn uncommented(text: &str) -> Option<String> {
     let text = text.trim();
     serde_json::from_str(text).ok().or_else(|| (!text.is_empty()).then(|| text.to_string()))
 }
 
-/// Writes a backup, whole or not at all. Only `replace` lets it take the place of a file.
+/// Writes a backup, whole or not at all. Replaces an existing file only with `replace`.
 pub fn write(path: &Path, replace: bool, hello: &Hello, settings: &Settings) -> Result<(), OutputError> {
     output::write(path, replace, text(hello, settings))
 }
 
-/// A backup, and where it is.
+/// A backup, and its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Kept {
     /// The file.
     pub path: PathBuf,
-    /// Others of such a name, which hold something else.
+    /// Other files with such a name but different contents.
     pub others: usize,
 }
 
-/// Writes a backup beside those that are there: `NAME.toml`, or `NAME.2.toml` and so on where that is taken. One that
-/// holds the same already is as good. No file is replaced: it may be the only one with settings that a device has lost
-/// since.
+/// Writes a backup beside existing ones: `NAME.toml`, or `NAME.2.toml` and so on if that is taken. An existing backup
+/// with the same contents is reused. No file is replaced: it may be the only copy of settings that the device has since
+/// lost.
 pub fn write_beside(path: &Path, hello: &Hello, settings: &Settings) -> Result<Kept, OutputError> {
     let text = text(hello, settings);
     let mut others = 0;
     loop {
         let path = if others == 0 { path.into() } else { path.with_extension(format!("{}.toml", others + 1)) };
-        // A pipe is no backup, nor is a link that leads nowhere. What has no name is refused.
+        // A pipe is not a backup, nor is a dangling link. A path without a name is refused.
         if path.file_name().is_none() || path.symlink_metadata().is_err() {
             match output::write(&path, false, &text) {
-                // Another program was first.
+                // Another program created the file first.
                 Err(OutputError::Exists { .. }) => {}
                 result => return result.map(|()| Kept { path, others }),
             }
@@ -148,7 +148,7 @@ pub fn read(path: &Path) -> Result<Backup, SettingsInputError> {
 }
 
 impl Backup {
-    /// Refuses what is not of this device.
+    /// Rejects a backup of another device.
     pub fn check_owner(&self, path: &Path, hello: &Hello) -> Result<(), BackupError> {
         let ours = Owner::of(hello);
         match &self.owner {
@@ -171,7 +171,7 @@ pub fn values_of(path: &Path) -> Result<Vec<Option<f64>>, Error> {
     Ok(Settings::TABLE.iter().map(|info| backup.values.get(info.name)).collect())
 }
 
-/// Settings that differ, by name: as before and as after.
+/// Settings that differ, by name: the old and the new value.
 pub fn changes(before: &Settings, after: &Settings) -> Vec<(&'static str, f64, f64)> {
     let values = before.values().into_iter().zip(after.values());
     let all = Settings::TABLE.iter().zip(values).map(|(info, (before, after))| (info.name, before, after));
@@ -228,11 +228,11 @@ mod tests {
         let named = |name: &str, others| Kept { path: folder.path().join(name), others };
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
         let first = std::fs::read(&path).unwrap();
-        // A test that was cut off leaves other settings, and the next one finds them.
+        // An interrupted test leaves other settings, and the next test finds them.
         assert_eq!(kept(with(2e-6)), named("board.settings.2.toml", 1));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
         assert_eq!(std::fs::read(&path).unwrap(), first);
-        // What is there already need not be there twice.
+        // A backup that exists is not written twice.
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
         assert_eq!(write_beside(&path, &hello("2"), &with(1e-6)).unwrap(), named("board.settings.4.toml", 3));
@@ -255,7 +255,7 @@ mod tests {
         assert!(read(&kept.path).unwrap().check_owner(&kept.path, &hello("1")).is_ok());
     }
 
-    /// Any text, and often one that means something in TOML, in JSON, in a comment or to a terminal.
+    /// Any text, often one with a meaning in TOML, in JSON, in a comment or to a terminal.
     fn any_text() -> impl Strategy<Value = String> {
         let special = prop::sample::select(vec![
             "\u{1b}[2J",
@@ -280,7 +280,7 @@ mod tests {
         prop::collection::vec(part, 0..5).prop_map(|parts| parts.concat())
     }
 
-    /// Any value, and often one at the edge of what a setting takes.
+    /// Any value, often one at the limit of a setting.
     fn any_value() -> impl Strategy<Value = f64> {
         let edges =
             vec![0.0, -0.0, 1.0, -1.0, f64::MIN_POSITIVE, 5e-324, f64::MAX, f64::INFINITY, f64::NAN, 1e16, 1e-7];
@@ -302,7 +302,7 @@ mod tests {
             };
             let mut settings = Settings::default();
             for (number, value) in values.iter().enumerate() {
-                // A device takes no others.
+                // A device accepts no others.
                 settings.set(number, *value).ok();
             }
             let folder = tempfile::tempdir().unwrap();
@@ -313,7 +313,7 @@ mod tests {
             let mut restored = Settings::default();
             backup.values.apply(&mut restored).unwrap();
             prop_assert_eq!(changes(&settings, &restored), []);
-            // Nor does a terminal that shows it do anything.
+            // Nor does it trigger anything on a terminal that shows it.
             let text = std::fs::read_to_string(&path).unwrap();
             prop_assert!(text.lines().all(|line| printable(line) == line), "{text:?}");
         }

@@ -15,7 +15,7 @@ use crate::words::{printable, shortened_to, utc};
 
 /// Name of the table in a settings file.
 pub const TABLE: &str = "calibration";
-/// Letters of a certificate or note.
+/// Maximum length of a certificate or note.
 const LONGEST: usize = 120;
 
 /// When and how a rig was calibrated.
@@ -30,7 +30,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// From a table of TOML: `date`, and where they are known `certificate` and `expires`. Else what is wrong.
+    /// From a TOML table: `date`, and `certificate` and `expires` if known. The error says what is wrong.
     pub(crate) fn of_table(table: &DeTable) -> Result<Self, String> {
         let mut texts = BTreeMap::new();
         for (key, value) in table {
@@ -44,7 +44,7 @@ impl Calibration {
         Self::of_texts(&texts)
     }
 
-    /// From the texts of a recording's metadata. Else what is wrong.
+    /// From the texts of a recording's metadata. The error says what is wrong.
     pub fn of_texts(texts: &BTreeMap<String, String>) -> Result<Self, String> {
         if let Some(unknown) = texts.keys().find(|key| !["date", "certificate", "expires"].contains(&key.as_str())) {
             return Err(format!("it has `date`, `certificate` and `expires`, not `{unknown}`"));
@@ -77,7 +77,7 @@ impl Calibration {
 
     /// As a table of a settings file.
     pub(crate) fn to_toml(&self) -> String {
-        // A text of JSON is one of TOML, but for DEL.
+        // A JSON string is a valid TOML string, except for DEL.
         let line = |(name, text): (String, String)| {
             format!("{name} = {}\n", json!(text).to_string().replace('\u{7f}', "\\u007f"))
         };

@@ -1,52 +1,52 @@
-//! What may be wrong with a run: with its samples, by the estimator, or with the law, by a diagnosis. One list of names
-//! for programs, and words for people.
+//! What may be wrong with a run: problems of its samples, found by the estimator, or violations of the law, found by a
+//! diagnosis. One list of names for programs, and texts for people.
 
 use inerter_core::{Machine, WarningKind};
 
 use crate::names::description;
 
-/// What may break the law.
+/// What may violate the law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kind {
     /// Friction grows with the force.
     LoadDependent,
-    /// Force or friction repeats with the turns of the screw.
+    /// Force or friction repeats with the revolutions of the screw.
     PositionPeriodic,
-    /// Friction falls with the velocity.
+    /// Friction falls with the speed (Stribeck effect).
     Stribeck,
-    /// Friction turns over a distance.
+    /// Friction reverses gradually over a distance.
     Presliding,
     /// Offset or friction changes with time.
     Drift,
-    /// Force and position are not of the same moment.
+    /// Force and position are not sampled at the same time.
     Skew,
-    /// The position is wrong once a turn, or within a line.
+    /// The position has an error per revolution, or within a line.
     EncoderError,
     /// Friction differs by direction.
     Direction,
     /// Friction grows with the square of the velocity.
     QuadraticFriction,
-    /// Something pulls by the position.
+    /// A force depends on the position.
     Spring,
-    /// The position gives way with the force.
+    /// The position yields under the force.
     Compliance,
-    /// The force that is measured is not in proportion to what acts.
+    /// The measured force is not proportional to the true force.
     ForceNonlinear,
-    /// A mass on the terminal moves otherwise than the screw.
+    /// A mass on the terminal does not move with the screw.
     Structure,
 }
 
-/// Anything that may be wrong.
+/// Any possible fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// With samples, which are left out.
+    /// A fault of samples, which are left out.
     Samples(WarningKind),
-    /// With the law.
+    /// A violation of the law.
     Law(Kind),
 }
 
 impl Cause {
-    /// All of them: first what is wrong with samples.
+    /// All of them: faults of samples first.
     pub const ALL: [Self; 17] = [
         Self::Samples(WarningKind::WrongSign),
         Self::Samples(WarningKind::CountSlip),
@@ -72,7 +72,7 @@ impl Cause {
         self.texts().0
     }
 
-    /// The same for a person: what is wrong with samples with what to do, what may break the law as a few words.
+    /// The same for a person: for samples the fault and what to do, for the law a few words.
     pub const fn words(self) -> &'static str {
         self.texts().1
     }
@@ -127,7 +127,7 @@ impl Kind {
         self.texts().0
     }
 
-    /// The same in words.
+    /// A description for a person.
     pub const fn words(self) -> &'static str {
         self.texts().1
     }

@@ -1,4 +1,4 @@
-//! Whatever may fail between a file and a run.
+//! Everything that may fail between a file and a run.
 
 use miette::Diagnostic;
 
@@ -23,7 +23,7 @@ pub enum Error {
     #[error(transparent)]
     #[diagnostic(transparent)]
     Output(#[from] OutputError),
-    /// The caller ended the work where it could not be finished early.
+    /// The caller cancelled work that cannot be finished early.
     #[error("interrupted")]
     #[diagnostic(code(inerter::interrupted), help("nothing was left half done; start again when you like"))]
     Interrupted,

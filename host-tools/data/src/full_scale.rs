@@ -1,4 +1,4 @@
-//! How fast a motion is, and whether the settings of full scale hold it: axes turn at tens of rad/s, inerters move at
+//! How fast a motion is, and whether the full-scale settings cover it: axes turn at tens of rad/s, inerters move at
 //! tenths of m/s.
 
 use inerter_core::{Counters, Machine, Settings};
@@ -9,9 +9,9 @@ use crate::{
     settings::{Overrides, SettingsInputError, range_of},
 };
 
-/// Length over which velocity and acceleration are taken \[s\]: half a box of the fast bank, which smooths more.
+/// Length over which velocity and acceleration are measured \[s\]: half a box of the fast bank, which smooths more.
 const LENGTH_S: f64 = 0.008;
-/// Room above the greatest that is seen.
+/// Margin above the largest value found.
 const ROOM: f64 = 1.25;
 
 /// Greatest velocity \[m/s\] and acceleration \[m/s^2\] of a run.
@@ -24,7 +24,7 @@ pub struct Peaks {
 }
 
 impl Peaks {
-    /// Of all samples.
+    /// The peaks of all samples.
     pub fn of(series: &Series) -> Self {
         let m = (LENGTH_S / series.period_s).round().max(1.0);
         let length_s = m * series.period_s;
@@ -40,8 +40,8 @@ impl Peaks {
         peaks
     }
 
-    /// Raises the settings of full scale that were not given, in powers of two, until they cover these, as far as the
-    /// other settings allow: a count that leaps is not motion, and what is beyond is left out.
+    /// Raises the full-scale settings that were not given, in powers of two, until they cover these peaks, as far as
+    /// the other settings allow. A jump of the count is not motion; samples beyond full scale are left out.
     pub fn hold(&self, settings: &mut Settings, given: &Overrides) -> Result<(), SettingsInputError> {
         for (name, peak) in self.named() {
             let is_held = settings.get(name).is_none_or(|scale| ROOM * peak <= scale);
@@ -54,7 +54,7 @@ impl Peaks {
                 let mut tried = *settings;
                 tried.set_by_name(name, scale).is_ok() && tried.validate().is_ok()
             };
-            // Settings that are wrong already are told of as they are.
+            // Settings that are already invalid are reported as they are.
             let is_wrong_already = settings.validate().is_err();
             let is_raised = |scale: f64| settings.get(name).is_some_and(|before| scale > before);
             while is_raised(scale) && !is_wrong_already && !is_usable(scale) {
@@ -69,7 +69,7 @@ impl Peaks {
         Ok(())
     }
 
-    /// What to say where the estimator left samples out because they are beyond full scale.
+    /// The message if the estimator left samples out because they exceed full scale.
     pub fn beyond(&self, settings: &Settings, counters: &Counters) -> Option<String> {
         let beyond: Vec<(&str, f64)> = self
             .named()
@@ -120,7 +120,7 @@ mod tests {
         let mut settings = Settings::default();
         series(0.02).hold(&mut settings, &Overrides::default()).unwrap();
         assert_eq!(settings, Settings::default());
-        // A leap of 112 m in a sample: as far as a sample's counts allow, not as far as it goes.
+        // A jump of 112 m in a sample: full scale rises as far as a sample's counts allow, not that far.
         let leap = Peaks { velocity: 1.4e4, acceleration: 3e6 };
         let mut leaping = Settings { sample_rate_hz: 234.0, metres_per_count: 1e-6, ..Settings::default() };
         leap.hold(&mut leaping, &Overrides::default()).unwrap();

@@ -1,13 +1,13 @@
 //! A run without the wrong samples, which the estimator's gates leave out.
 //!
-//! The estimator sees each sample once, and reports the one at which it knew. Here the whole run is available, so the
-//! same faults are found from their first sample on, by the same rules:
-//! - *Clipped force*: codes pile up at an extreme below the rails. Codes so near to it that noise is cut off on one
-//!   side are left out too.
+//! The estimator sees each sample once, and reports the sample at which it detected a fault. Here the whole run is
+//! available, so the same rules find the same faults from their first sample on:
+//! - *Clipped force*: codes pile up at an extreme below the rails. Codes so close to it that the noise is cut off on
+//!   one side are left out too.
 //! - *Dead force*: the code stays constant while the screw moves back and forth. It is then invalid wherever it stays
 //!   constant.
-//! - *Slipped counts*: the position bends by as much as where the estimator reported it. No sample is lost; the stretch
-//!   ends there.
+//! - *Slipped counts*: the position bends by as much as at a sample that the estimator reported. No sample is lost; the
+//!   stretch ends there.
 
 use inerter_core::{
     RawSample, Warning, WarningKind,
@@ -16,23 +16,25 @@ use inerter_core::{
 
 use crate::{run::Run, series::Series};
 
-/// Codes near the extreme have piled up where they are so many, and more than half of those they are compared with.
+/// Codes near the extreme count as piled up if there are at least this many, and more than half of those within the
+/// wider range.
 const FEWEST: usize = 16;
-/// Noise by which a clipped force is left out below the extreme, in rms: of what lies nearer, one side is cut off.
+/// How far below the extreme a clipped force is left out, in rms of the noise: closer codes have their noise cut off on
+/// one side.
 const CUT_OFF: f64 = 3.0;
-/// Counts that the screw must go to have reversed.
+/// Counts that the screw must move back to count as a reversal.
 const REVERSED_COUNTS: f64 = 4.0;
-/// Time for which no live force stands still in motion \[s\].
+/// A working force never stays constant for this long in motion \[s\].
 const STILL_S: f64 = 0.1;
 
 /// A run without wrong samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gated {
-    /// The rest.
+    /// The remaining samples.
     pub series: Series,
-    /// What was left out, or split.
+    /// What was left out, or where the run was split.
     pub left_out: Vec<WarningKind>,
-    /// What the estimator said of samples that are not found here: it may be anywhere.
+    /// Faults that the estimator reported and that are not found here; they may be anywhere.
     pub not_found: Vec<WarningKind>,
 }
 
@@ -42,7 +44,7 @@ impl Gated {
         self.left_out.iter().any(|kind| matches!(kind, WarningKind::ClippedForce | WarningKind::DeadForce))
     }
 
-    /// A run of which the estimator said this.
+    /// Gates a run for which the estimator reported these warnings.
     pub fn of(run: &Run, told: &[Warning]) -> Self {
         let is_in = |warning: &&Warning| {
             run.samples.first().is_none_or(|first| warning.index.wrapping_sub(first.index) < 1 << 31)
@@ -67,7 +69,7 @@ impl Gated {
     }
 }
 
-/// Codes of a force that is not clipped.
+/// Range of codes that are not clipped.
 #[derive(Clone, Copy, Debug)]
 struct Within {
     above: f64,
@@ -81,7 +83,7 @@ impl Within {
     }
 }
 
-/// What of the force is not clipped, where it is.
+/// The range of codes that is not clipped, if the force is clipped anywhere.
 fn clipped(run: &Run) -> Option<Within> {
     let settings = &run.settings;
     let is_within = |code: f64| code > settings.force_min_code && code < settings.force_max_code;
@@ -95,7 +97,7 @@ fn clipped(run: &Run) -> Option<Within> {
     let resolution = ((0.5 * noise) as i64).max(1);
     let wide = i64::from(PILED_WITHIN) * resolution;
     let (greatest, least) = (codes.iter().max()?, codes.iter().min()?);
-    // A force that hardly changes has no extremes.
+    // A nearly constant force has no extremes.
     if greatest - least <= 2 * wide {
         return None;
     }
@@ -110,7 +112,7 @@ fn clipped(run: &Run) -> Option<Within> {
     (high || low).then_some(Within { above, below })
 }
 
-/// Noise of the force beside what is clipped \[codes, rms\], by the fourth differences; nothing where it is too little.
+/// Noise of the force that is not clipped \[codes, rms\], from the fourth differences; `None` if there is too little.
 fn noise(codes: &[i64]) -> Option<f64> {
     let differences = codes.windows(5).filter_map(|five| match five {
         [a, b, c, d, e] => Some((a - 4 * b + 6 * c - 4 * d + e).abs()),
@@ -124,7 +126,8 @@ fn noise(codes: &[i64]) -> Option<f64> {
     QUARTILES.into_iter().enumerate().filter_map(rms).find(|rms| *rms >= LEAST_NOISE)
 }
 
-/// In which samples the force is dead; none where it nowhere is, unless the estimator said so.
+/// Marks the samples in which the force is dead; none if the force is alive throughout, unless the estimator reported
+/// it.
 fn dead(run: &Run, is_told: bool) -> Vec<bool> {
     let settings = &run.settings;
     let longest = (STILL_S * settings.sample_rate_hz) as usize;
@@ -144,7 +147,7 @@ fn dead(run: &Run, is_told: bool) -> Vec<bool> {
     if is_dead { dead } else { vec![false; samples.len()] }
 }
 
-/// How often the screw turns round and goes so far.
+/// How often the screw reverses and moves `far` counts.
 fn reversals<'a>(samples: impl Iterator<Item = &'a RawSample>, far: i32) -> usize {
     let (mut extreme, mut way, mut times) = (None, 0, 0);
     for sample in samples {
@@ -161,8 +164,8 @@ fn reversals<'a>(samples: impl Iterator<Item = &'a RawSample>, far: i32) -> usiz
     times
 }
 
-/// Samples before which the counts slipped, in order: wherever the position bends by as much as in one of which the
-/// estimator said so.
+/// Samples before which the counts slipped, in order: wherever the position bends by as much as at one that the
+/// estimator reported.
 fn jumps(run: &Run, told: &[Warning]) -> Vec<usize> {
     let bend = |three: &[RawSample]| match three {
         [a, b, c] => {

@@ -2,7 +2,7 @@ use inerter_core::Settings;
 
 use super::*;
 
-/// Sums of twelve are normal enough.
+/// The sum of twelve uniform numbers is close enough to normal.
 fn normal(seed: &mut u64) -> f64 {
     (0..12).fold(-6.0, |sum, _| {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -10,7 +10,7 @@ fn normal(seed: &mut u64) -> f64 {
     })
 }
 
-/// Ten seconds to and fro at 1 kHz, with noise of 20 codes, and what the instruments make of it.
+/// Ten seconds of oscillation at 1 kHz, with noise of 20 codes, as the given instruments record it.
 fn run_of(instruments: impl Fn(usize, f64) -> (i32, f64)) -> Run {
     let mut seed = 5;
     let samples = (0..10_000).map(|n| {
@@ -47,7 +47,7 @@ fn a_clipped_force_is_left_out_with_what_noise_may_have_clipped() {
         let below = rail - greatest / run.settings.newtons_per_code.abs();
         assert!((20.0..90.0).contains(&below), "{rail}: {below}");
     }
-    // Beyond what was taken for an extreme there is a force.
+    // Forces occur beyond the supposed extreme.
     let run = run_of(|n, force| (0, if n < 5000 { force.min(8000.0) } else { force }));
     let told = [Warning { index: 4000, kind: WarningKind::ClippedForce }];
     assert_eq!(Gated::of(&run, &told).not_found, [WarningKind::ClippedForce]);

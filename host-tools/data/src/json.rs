@@ -1,6 +1,6 @@
 //! Estimates, events and health as JSON, for programs.
 //!
-//! The JSON is a public contract, written down in `docs/CLI.md`: one object a line, keys and units as below, never a
+//! The JSON is a public contract, documented in `docs/CLI.md`: one object per line, keys and units as below, never a
 //! NaN or an infinity. Unknown values are `null`.
 
 use inerter_core::{
@@ -38,7 +38,7 @@ impl From<Parameter> for ParameterJson {
 }
 
 impl ParameterJson {
-    /// Of an offset, of which none at all is as good a finding as any other.
+    /// For an offset, where zero is as good a result as any.
     pub fn offset(parameter: Parameter) -> Self {
         Self::of(&parameter, Shown::of_offset(&parameter))
     }
@@ -106,13 +106,13 @@ fn is_false(value: &bool) -> bool {
     !value
 }
 
-/// What JSON has numbers for.
+/// The number, if JSON can represent it.
 pub(crate) fn finite(value: f32) -> Option<f32> {
     Some(value).filter(|value| value.is_finite())
 }
 
 impl EstimateJson {
-    /// An estimate on the way, at time `t_s`; what goes with it is missing where an older firmware does not send it.
+    /// An estimate during the run, at time `t_s`; its detail is missing if an older firmware does not send it.
     pub fn live(t_s: f64, estimated: &Estimated, settings: &Settings) -> Self {
         let Estimated { estimate, law, detail } = estimated;
         Self {
@@ -202,7 +202,7 @@ pub struct FrictionJson {
     pub regime: &'static str,
 }
 
-/// What goes with an estimate, in JSON.
+/// The detail of an estimate, in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct DetailJson {
@@ -218,7 +218,7 @@ pub struct DetailJson {
 }
 
 impl DetailJson {
-    /// Stiffness and damping are there when the settings know of a terminal displacement sensor.
+    /// Stiffness and damping are present if the settings include a terminal displacement sensor.
     pub fn new(detail: &Detail, settings: &Settings) -> Self {
         let measured = |parameter| Some(parameter).filter(|_| settings.terminal_sensor).map(ParameterJson::from);
         let Detail { band, backlash, contact, stiffness_n_per_m, contact_damping_n_s_per_m, friction, .. } = *detail;
@@ -251,7 +251,7 @@ pub struct ReversalJson {
 }
 
 impl ReversalJson {
-    /// A reversal; `t_s` is the time of the middle of its flight, where that is known.
+    /// A reversal; `t_s` is the time at the middle of its flight, if known.
     pub fn new(t_s: Option<f64>, reversal: &Reversal) -> Self {
         Self {
             kind: "reversal",
@@ -278,7 +278,7 @@ pub struct EventJson {
     pub change: Option<ChangeJson>,
 }
 
-/// What an event of a changed device has besides.
+/// Additional keys of an event about a changed device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md")]
 pub struct ChangeJson {
@@ -288,13 +288,13 @@ pub struct ChangeJson {
 }
 
 impl EventJson {
-    /// A cause that this program found, by its name and in words, in the samples until `index`.
+    /// A cause that this program found in the samples up to `index`, by its name and in words.
     pub fn cause(t_s: f64, index: u32, name: &str, words: String) -> Self {
         let (t_s, code) = (Some(rounded_s(t_s)), format!("cause.{name}"));
         Self { kind: "event", t_s, index, code, event: words, change: None }
     }
 
-    /// An event; `t_s` is its time, where that is known.
+    /// An event; `t_s` is its time, if known.
     pub fn new(t_s: Option<f64>, index: u32, kind: &EventKind, machine: Machine) -> Self {
         let change = match kind {
             EventKind::Changed(change) => Some(ChangeJson {
@@ -329,8 +329,8 @@ impl WarningJson {
     }
 }
 
-/// An event for a program: `started`, `fault.newer_settings`, `reset_by.watchdog`; only what follows `panicked` is left
-/// to the words.
+/// An event's code for programs: `started`, `fault.newer_settings`, `reset_by.watchdog`; the text after `panicked` is
+/// only in the words.
 pub fn event_code(kind: &EventKind) -> String {
     if let EventKind::Warned(warning) = kind {
         return format!("warned.{}", Cause::Samples(warning.kind).name());
@@ -360,31 +360,31 @@ fn snake_case(name: &str) -> String {
     text
 }
 
-/// A time to the nanosecond: more digits would be noise of the arithmetic.
+/// A time rounded to the nanosecond: more digits would be arithmetic noise.
 pub fn rounded_s(t_s: f64) -> f64 {
     (t_s * 1e9).round() / 1e9
 }
 
-/// One line of JSON in the names of this machine.
+/// One line of JSON with the key names of this machine.
 pub fn machine_json_line(machine: Machine, value: &impl Serialize) -> String {
     String::from_utf8(machine_json(machine, value)).unwrap_or_default()
 }
 
-/// JSON in the names of this machine.
+/// JSON with the key names of this machine.
 pub fn machine_json(machine: Machine, value: &impl Serialize) -> Vec<u8> {
     let mut out = Vec::new();
-    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    // Only maps with text keys and plain numbers: serialisation cannot fail.
     value.serialize(&mut serde_json::Serializer::with_formatter(&mut out, Names::new(machine))).unwrap_or_default();
     out
 }
 
 /// One line of JSON.
 pub fn json_line(value: &impl Serialize) -> String {
-    // Maps with text keys and plain numbers only: there is nothing that could fail.
+    // Only maps with text keys and plain numbers: serialisation cannot fail.
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// The device's health in JSON, keys from the catalogue, `null` where the device does not know.
+/// The device's health in JSON, with the catalogue's keys; `null` for values the device does not know.
 pub fn health_json(health: &Health) -> Value {
     let mut object = serde_json::Map::from_iter([("kind".to_string(), "health".into())]);
     for (field, value) in catalogue::health(health) {
@@ -398,26 +398,26 @@ pub fn health_json(health: &Health) -> Value {
     object.into()
 }
 
-/// What a parameter's status is called where it is shown.
+/// A parameter's status as displayed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
-    /// Value and interval hold.
+    /// Value and interval are valid.
     Ok,
-    /// The same, and the value is smaller than the interval: it may be zero.
+    /// The same, but the value is smaller than its interval: it may be zero.
     BelowU95,
-    /// Nothing moves.
+    /// The device is at rest, and the last value is held.
     Held,
     /// There is no value.
     NotIdentifiable,
 }
 
 impl Shown {
-    /// Of a parameter of the catalogue.
+    /// The status of a parameter of the catalogue.
     pub fn of(field: &Field, parameter: &Parameter) -> Self {
         if field.path.starts_with("offset_") { Self::of_offset(parameter) } else { Self::of_size(parameter) }
     }
 
-    /// Of what is there in some size.
+    /// The status of a magnitude: a value within its interval of zero is `BelowU95`.
     pub fn of_size(parameter: &Parameter) -> Self {
         match (Self::of_offset(parameter), parameter.fitted()) {
             (Self::Ok, Interval { value, u95 }) if value.abs() <= u95 => Self::BelowU95,
@@ -425,7 +425,7 @@ impl Shown {
         }
     }
 
-    /// Of what may as well be none. A device may say `Ok` of a value that is no number.
+    /// The status of an offset, which may be zero. A device may report `Ok` for a value that is not a number.
     pub fn of_offset(parameter: &Parameter) -> Self {
         match (parameter.value(), parameter.status()) {
             (Some(value), Status::Ok) if value.is_finite() => Self::Ok,

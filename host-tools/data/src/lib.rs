@@ -1,10 +1,10 @@
 //! Runs of an instrumented inerter: reading, replaying and writing them.
 //!
-//! [`open`] reads a [`run::Run`] from a [`recording`] or a [`csv`] file; [`replay`] takes it through the estimator;
-//! [`series`] converts its samples to SI units, [`full_scale`] finds how fast they are. [`json`], [`text`] and
-//! [`words`] write results for programs and for people, [`causes`] lists what may be wrong; [`mod@export`] writes
-//! samples and estimates for other tools. [`settings`] and [`backup`] keep settings in files; [`wants`] parses wanted
-//! intervals, [`wav`] writes a motion.
+//! [`open`] reads a [`run::Run`] from a [`recording`] or a [`csv`] file; [`replay`] runs it through the estimator;
+//! [`series`] converts its samples to SI units; [`full_scale`] finds the peak velocity and acceleration. [`json`],
+//! [`text`] and [`words`] write results for programs and for people, [`causes`] lists what may be wrong; [`mod@export`]
+//! writes samples and estimates for other tools. [`settings`] and [`backup`] store settings in files; [`wants`] parses
+//! wanted intervals, [`wav`] writes a motion.
 //!
 //! Every error names the file, field or line; its help says what to do next.
 

@@ -1,5 +1,5 @@
 //! Limits of a device, and the verdicts of a measurement on them by ISO 14253-1: the whole interval decides, not the
-//! value.
+//! value alone.
 //!
 //! A parameter passes if its 95 % interval lies within the limits, and fails if it lies beyond one. Otherwise it is
 //! undecided: a narrower interval would decide.
@@ -21,7 +21,7 @@ use crate::{
     words::{amount_text, interval_text, no_parameter},
 };
 
-/// What can be limited, by its name for a linear machine.
+/// The parameters that can be limited, named as for a linear machine.
 pub const NAMES: [&str; 7] = [
     "inertance_kg",
     "viscous_n_s_per_m",
@@ -49,10 +49,10 @@ pub enum LimitsError {
     Form { path: PathBuf, line: usize, problem: String, help: String },
 }
 
-/// Limits of one parameter, in its own unit; one at least.
+/// Limits of one parameter, in its own unit; at least one is set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit {
-    /// Place in [`NAMES`].
+    /// Index into [`NAMES`].
     pub place: usize,
     /// Least value that passes.
     pub min: Option<f64>,
@@ -63,19 +63,19 @@ pub struct Limit {
 /// The limits of a kind of device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// Where they stand.
+    /// The file that they come from.
     pub path: PathBuf,
     /// Each parameter once, in the alphabetical order of their names.
     pub all: Vec<Limit>,
 }
 
-/// The verdict of a measurement on a limit.
+/// The verdict on a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The interval lies within the limits.
     Pass,
-    /// It extends beyond them, or is unknown.
+    /// It extends beyond a limit, or is unknown.
     Undecided,
     /// It lies beyond them.
     Fail,
@@ -91,16 +91,16 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A parameter as it was measured.
+/// A measured parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Value, and half width of its 95 % interval; nothing where the motion cannot identify it.
+    /// Value, and half width of its 95 % interval; `None` if the motion cannot identify it.
     pub found: Option<(f32, f32)>,
-    /// Why it proves nothing, whatever its value.
+    /// Why the measurement proves nothing, whatever its value.
     pub doubt: Option<&'static str>,
 }
 
-/// Why the parameters of a run prove nothing, if so.
+/// Why the parameters of a run prove nothing, if there is a reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Doubts {
     of_run: Option<&'static str>,
@@ -109,11 +109,11 @@ pub struct Doubts {
 }
 
 impl Doubts {
-    /// Parameters of the law come first in [`NAMES`].
+    /// The parameters of the law come first in [`NAMES`]; this is how many there are.
     const OF_LAW: usize = 4;
 
-    /// Of a run in which the device `changed`, `are_wrong` samples were met, and the law came to this state;
-    /// `is_beyond` says that it leaves more over than noise and steps explain.
+    /// The doubts about a run: whether the device `changed`, whether samples `are_wrong`, and the state of the law;
+    /// `is_beyond` means that the residual exceeds what noise and steps explain.
     pub fn new(changed: bool, are_wrong: bool, law: LawStatus, is_beyond: bool) -> Self {
         let of_run = if changed {
             Some("the device changed during the run")
@@ -122,7 +122,7 @@ impl Doubts {
         } else {
             None
         };
-        // Of a law that nobody can call broken where flanks may part no interval says how far that may reach.
+        // Where the flanks may part, the law is not called broken, but no interval covers the error that this causes.
         let of_law = match law {
             LawStatus::Broken => Some("the law is broken"),
             _ if is_beyond => Some("the residual of the law is more than noise and steps explain"),
@@ -131,18 +131,18 @@ impl Doubts {
         Self { of_run, of_law, is_broken: law == LawStatus::Broken }
     }
 
-    /// Of a run of which this is wrong.
+    /// Doubts about a whole run, for this reason.
     pub const fn because(of_run: &'static str) -> Self {
         Self { of_run: Some(of_run), of_law: None, is_broken: false }
     }
 
-    /// Why nothing is proven of the parameter at this place of [`NAMES`].
+    /// Why nothing is proven about the parameter at this index of [`NAMES`].
     pub fn of(&self, place: usize) -> Option<&'static str> {
         self.of_run.or(self.of_law.filter(|_| place < Self::OF_LAW || self.is_broken))
     }
 }
 
-/// A limited parameter with what is said of it.
+/// A limited parameter with its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judged {
     /// Its name, for a linear machine.
@@ -151,13 +151,13 @@ pub struct Judged {
     pub min: Option<f64>,
     /// Greatest value that passes.
     pub max: Option<f64>,
-    /// As it was measured; nothing where the motion cannot identify it.
+    /// The measured value; `None` if the motion cannot identify it.
     pub value: Option<f32>,
     /// Half width of the 95 % interval.
     pub u95: Option<f32>,
-    /// What that says.
+    /// The verdict.
     pub verdict: Verdict,
-    /// Half width under which it would be decided; nothing where that is of no use.
+    /// Half width below which the limit would be decided; `None` if a narrower interval does not help.
     pub needed_u95: Option<f32>,
     /// Why it is undecided.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -218,7 +218,7 @@ impl Limits {
         Ok(Self { path: path.into(), all })
     }
 
-    /// What is said of each parameter; `measured` gives it by its place in [`NAMES`].
+    /// The verdict on each parameter; `measured` returns the one at an index of [`NAMES`].
     pub fn judge(&self, measured: impl Fn(usize) -> Measured) -> Vec<Judged> {
         self.all.iter().map(|limit| limit.judge(&measured(limit.place))).collect()
     }
@@ -230,14 +230,14 @@ pub fn field(machine: Machine, name: &str) -> &'static Field {
     groups.into_iter().find_map(|group| catalogue::find(machine, group, name)).unwrap_or(&catalogue::FIELDS[0])
 }
 
-/// To two digits, and not above it.
+/// Rounded to two digits, never upwards.
 fn rounded_down(amount: f64) -> String {
     let digit = 10_f64.powf(amount.log10().floor() - 1.0);
-    // What is two digits already stays.
+    // A value of two digits stays as it is.
     amount_text((amount / digit * (1.0 + 1e-6)).floor() * digit, 2)
 }
 
-/// The worst of all.
+/// The worst verdict of all.
 pub fn verdict(all: &[Judged]) -> Verdict {
     all.iter().map(|judged| judged.verdict).max().unwrap_or(Verdict::Pass)
 }
@@ -276,15 +276,15 @@ impl Judged {
         field(machine, self.parameter).path
     }
 
-    /// What would decide it, as `inerter plan --want` takes it; nothing where a narrower interval is of no use, or no
-    /// motion is planned for it.
+    /// What would decide it, in the form of `inerter plan --want`; `None` if a narrower interval does not help, or no
+    /// motion can be planned for it.
     pub fn want(&self, machine: Machine) -> Option<String> {
         let Field { group, symbol, unit, .. } = field(machine, self.parameter);
         let u95 = self.needed_u95.filter(|_| *group == Group::Parameter)?;
         Some(format!("{symbol} to {} {unit}", rounded_down(u95.into())))
     }
 
-    /// For a person: what was found, its limits, and why it is undecided.
+    /// For a person: the value, its limits, and why it is undecided.
     pub fn words(&self, machine: Machine) -> String {
         let Field { label, unit, .. } = field(machine, self.parameter);
         let found = match (self.value, self.u95) {

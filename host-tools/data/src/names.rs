@@ -1,4 +1,4 @@
-//! Names of quantities for a rotary machine, made from those of a linear one by the catalogue's units and words.
+//! Names of quantities for a rotary machine, derived from those of a linear one with the catalogue's units and words.
 
 use std::{borrow::Cow, io};
 
@@ -7,18 +7,18 @@ pub use inerter_wire::catalogue::unit;
 use inerter_wire::catalogue::{self, Field, Group, ROTARY_UNITS, ROTARY_WORDS};
 use serde_json::ser::{CompactFormatter, Formatter};
 
-/// Objects whose keys are settings, or the words of a simulated device: those have one name for all machines.
+/// Objects whose keys are names of settings or of a simulated device's parameters, which are the same for all machines.
 const VERBATIM: [&str; 6] = ["settings", "truth", "expected", "values", "u95", "differences"];
 
 /// Keys whose values are names.
 const HOLD_NAMES: [&str; 5] = ["parameter", "names", "lacking", "told", "differs"];
 
-/// The end of a name in this unit: `n_s_per_m`.
+/// The suffix for this unit in a name: `n_s_per_m`.
 pub(crate) fn unit_suffix(unit: &str) -> String {
     unit.to_lowercase().replace('/', "_per_").replace(' ', "_").replace('²', "2").replace('µ', "u")
 }
 
-/// The name that this machine has in the place of a linear one's: `residual_rms_n_m` for `residual_rms_n`.
+/// The name on this machine for a linear machine's name: `residual_rms_n_m` for `residual_rms_n`.
 pub fn name(machine: Machine, linear: &str) -> Cow<'_, str> {
     if machine == Machine::Linear {
         return linear.into();
@@ -26,14 +26,15 @@ pub fn name(machine: Machine, linear: &str) -> Cow<'_, str> {
     let split = |(of_linear, rotary): &(&str, &str)| {
         Some((linear.strip_suffix(&unit_suffix(of_linear))?.strip_suffix('_')?, unit_suffix(rotary)))
     };
-    // `n_s_per_m` ends in `m` as well: the longest unit is the one meant, which the catalogue lists first.
+    // `n_s_per_m` ends in `m` as well: the longest unit applies, which the catalogue lists first.
     let Some((stem, suffix)) = ROTARY_UNITS.iter().find_map(split) else { return linear.into() };
     let word = |part| ROTARY_WORDS.iter().find(|(of_linear, _)| *of_linear == part).map_or(part, |(_, rotary)| *rotary);
     let stem = stem.split('_').map(word).collect::<Vec<_>>().join("_");
     format!("{stem}_{suffix}").into()
 }
 
-/// The name of what goes with a field, its unit at the end again: `inertance_u95_kg` for `_u95` of `inertance_kg`.
+/// The name of a quantity derived from a field, with the unit at the end again: `inertance_u95_kg` for `_u95` of
+/// `inertance_kg`.
 pub fn beside(field: &Field, what: &str) -> String {
     format!("{}{what}_{}", stem(field), unit_suffix(field.unit))
 }
@@ -43,7 +44,7 @@ pub fn stem(field: &Field) -> &'static str {
     field.path.strip_suffix(&unit_suffix(field.unit)).map_or(field.path, |stem| stem.trim_end_matches('_'))
 }
 
-/// Label, symbol and unit of inertance, viscous and Coulomb friction and offset, or of one of them.
+/// The field of a parameter by its index (inertance, viscous and Coulomb friction, offset): label, symbol and unit.
 pub fn parameter(machine: Machine, place: usize) -> &'static Field {
     catalogue::fields(machine, Group::Parameter).nth(place).unwrap_or(&catalogue::FIELDS[0])
 }
@@ -106,7 +107,7 @@ impl Formatter for Names {
             self.verbatim_from = None;
         }
         self.depth -= 1;
-        // The next object of a list belongs to no key of this one.
+        // The next object in a list does not belong to this object's keys.
         self.key.clear();
         CompactFormatter.end_object(writer)
     }

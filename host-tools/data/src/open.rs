@@ -1,4 +1,4 @@
-//! A run from a file, whatever it is.
+//! A run from a file of any supported kind.
 
 use std::path::Path;
 
@@ -10,8 +10,8 @@ use crate::{
     settings::Overrides,
 };
 
-/// Reads a recording or a CSV file, told apart by how they begin; `overrides` go over the settings of a recording or
-/// the defaults.
+/// Reads a recording or a CSV file, distinguished by their first bytes; `overrides` take precedence over the settings
+/// of a recording or the defaults.
 pub fn open(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
     if recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
         recording::read_run(path, overrides)

@@ -1,4 +1,4 @@
-//! Writing results: to standard output, and to files that may meet a full disk.
+//! Writes results to standard output and to files, on disks that may fill up.
 
 use std::{
     collections::BTreeSet,
@@ -21,7 +21,7 @@ pub enum OutputError {
     #[error("{path} cannot be created: {source}", path = path.display())]
     #[diagnostic(code(inerter::output::create), help("{}", create_help(source, path)))]
     Create { path: PathBuf, source: io::Error },
-    /// The file is there already.
+    /// The file already exists.
     #[error("{path} exists already", path = path.display())]
     #[diagnostic(code(inerter::output::exists), help("choose another name, or add --force to replace it"))]
     Exists { path: PathBuf },
@@ -29,32 +29,32 @@ pub enum OutputError {
     #[error("{path} is another file of this command, and would be overwritten", path = path.display())]
     #[diagnostic(code(inerter::output::input), help("choose another name"))]
     Input { path: PathBuf },
-    /// The format is not built in.
+    /// The format's feature is not built in.
     #[error("{path} cannot be written: `inerter-data` was built without its format", path = path.display())]
     #[diagnostic(code(inerter::output::built_without), help("add the feature `parquet` or `matlab`"))]
     BuiltWithout { path: PathBuf },
-    /// Writing failed part of the way.
+    /// Writing failed partway.
     #[error("{name} cannot be written{}: {source}", progress(written))]
     #[diagnostic(code(inerter::output::write), help("{}", write_help(source, written)))]
     Write {
         /// The file, or `standard output`.
         name: String,
-        /// What was written before, for a person; empty when that is of no use.
+        /// What was written before, for a person; empty if that is of no use.
         written: String,
         source: io::Error,
     },
 }
 
-/// What another program did to a file while it was written.
+/// What another program did to a file while it was being written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Disturbance {
-    /// It has no name any more.
+    /// It no longer has a name.
     #[error("another program deleted it")]
     Deleted,
     /// Its name is gone or belongs to another file.
     #[error("another program moved it or replaced it")]
     Moved,
-    /// It is shorter or longer than what was written.
+    /// It is shorter or longer than the data written.
     #[error("another program shortened it or wrote into it")]
     Changed,
 }
@@ -125,8 +125,8 @@ fn write_help(source: &io::Error, written: &str) -> String {
     }
 }
 
-/// Creates a file that has its name from the beginning. Only `replace` lets it take the place of one that is there; a
-/// pipe or a device is written as it is.
+/// Creates a file that has its final name from the start. Replaces an existing file only with `replace`; a pipe or a
+/// device is written directly.
 pub fn create(path: &Path, replace: bool) -> Result<File, OutputError> {
     let mut options = OpenOptions::new();
     options.write(true);
@@ -144,34 +144,34 @@ pub fn write(path: &Path, replace: bool, bytes: impl AsRef<[u8]>) -> Result<(), 
     pending.commit().map(drop)
 }
 
-/// Files that have not taken their names yet.
+/// Files that do not have their final names yet.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn unfinished() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes every [`Pending`] file, for a program that ends at once: none can be begun or completed after this.
+/// Removes every [`Pending`] file, for a program that ends at once: none can be created or completed after this.
 pub fn remove_unfinished() {
     let unfinished = unfinished();
     for path in unfinished.iter() {
         fs::remove_file(path).ok();
     }
-    // Locked from here on.
+    // The lock is never released.
     std::mem::forget(unfinished);
 }
 
-/// A file that takes its name when it is complete: what stood there before stays until then.
+/// A file that gets its name when it is complete; an existing file stays until then.
 #[derive(Debug)]
 pub struct Pending {
     path: PathBuf,
     replace: bool,
-    /// `None` for a pipe or a device, which are written as they are.
+    /// `None` for a pipe or a device, which are written directly.
     temporary: Option<TempPath>,
 }
 
 impl Pending {
-    /// Begins a temporary file beside the final one. Only `replace` lets it replace one that exists.
+    /// Begins a temporary file beside the final one. Replaces an existing file only with `replace`.
     pub fn create(path: &Path, replace: bool) -> Result<Self, OutputError> {
         if is_special(path) {
             return Ok(Self { path: path.into(), replace, temporary: None });
@@ -184,7 +184,7 @@ impl Pending {
         let mut builder = tempfile::Builder::new();
         let prefix = format!(".{}.", name.to_string_lossy());
         builder.prefix(&prefix).suffix(".part");
-        // As any new file: temporary ones are closed to others.
+        // The permissions of any new file: temporary files are private by default.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let mut unfinished = unfinished();
@@ -198,17 +198,17 @@ impl Pending {
         self.temporary.as_deref().unwrap_or(&self.path)
     }
 
-    /// Opens it, empty.
+    /// Opens it as an empty file.
     pub fn open(&self) -> Result<File, OutputError> {
         File::create(self.path()).map_err(|source| OutputError::Create { path: self.path.clone(), source })
     }
 
-    /// The name that it will have, for messages.
+    /// Its final name, for messages.
     pub fn name(&self) -> String {
         self.path.display().to_string()
     }
 
-    /// Gives it its name once it is safe on the disk, and says the name.
+    /// Gives it its final name once it is safely on disk, and returns the name.
     pub fn commit(mut self) -> Result<PathBuf, OutputError> {
         if self.temporary.is_some() {
             let synced = OpenOptions::new().write(true).open(self.path()).and_then(|file| synced(file.sync_all()));
@@ -227,7 +227,7 @@ impl Pending {
             temporary.persist(&self.path)
         } else {
             temporary.persist_noclobber(&self.path).or_else(|refused| match refused.error.kind() {
-                // A file system that cannot do both in one step, such as exFAT.
+                // A file system such as exFAT, which cannot do both in one step.
                 kind if kind != io::ErrorKind::AlreadyExists && self.path.symlink_metadata().is_err() => {
                     refused.path.persist(&self.path)
                 }
@@ -247,7 +247,7 @@ impl Drop for Pending {
     }
 }
 
-/// Whether it is there and no ordinary file.
+/// Whether it exists and is not a regular file.
 fn is_special(path: &Path) -> bool {
     path.metadata().is_ok_and(|metadata| !metadata.is_file())
 }
@@ -256,13 +256,13 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Brings the name of a file onto the disk: without it a power cut may leave data that nothing leads to.
+/// Syncs the name of a file to disk: without it a power failure may leave data without a name.
 pub fn sync_folder(path: &Path) -> io::Result<()> {
-    // Elsewhere folders cannot be opened; one that may not be read cannot be synchronised either.
+    // On other systems folders cannot be opened; one without read permission cannot be synchronised either.
     if cfg!(unix) { File::open(folder_of(path)).map_or(Ok(()), |folder| synced(folder.sync_all())) } else { Ok(()) }
 }
 
-/// Pipes, devices and some file systems cannot be synchronised, which is no fault.
+/// Pipes, devices and some file systems cannot be synchronised, which is not an error.
 pub(crate) fn synced(result: io::Result<()>) -> io::Result<()> {
     result.or_else(|error| match error.kind() {
         io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported => Ok(()),
@@ -270,7 +270,7 @@ pub(crate) fn synced(result: io::Result<()>) -> io::Result<()> {
     })
 }
 
-/// As the operating system gave it, without the temporary name, which would only puzzle.
+/// The operating system's error, without the temporary name, which would only confuse.
 fn plain(error: io::Error) -> io::Error {
     match error.to_string().split_once(" at path ") {
         Some((reason, _)) => io::Error::new(error.kind(), reason),
@@ -278,15 +278,15 @@ fn plain(error: io::Error) -> io::Error {
     }
 }
 
-/// Refuses to continue if `path` is an ordinary file, even an empty one, or a link that leads nowhere.
+/// Fails if `path` is a regular file, even an empty one, or a dangling link.
 pub fn refuse_existing(path: &Path) -> Result<(), OutputError> {
     let is_there = path.symlink_metadata().is_ok() && !is_special(path);
     if is_there { Err(OutputError::Exists { path: path.into() }) } else { Ok(()) }
 }
 
-/// Refuses to write a file that is read, by whatever path.
+/// Fails if a file to be written is also read, through whatever path.
 pub fn refuse_inputs<'a>(written: &[&Path], read: impl IntoIterator<Item = &'a Path>) -> Result<(), OutputError> {
-    // Of what is not there yet the folder is.
+    // For a file that does not exist yet, compare its folder.
     let place = |path: &Path| {
         let beside = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
         path.canonicalize().ok().or_else(beside).unwrap_or_else(|| path.into())
@@ -310,7 +310,7 @@ pub fn lines(lines: impl AsRef<str>) -> Result<(), OutputError> {
     lines.as_ref().lines().try_for_each(line)
 }
 
-/// Writes to standard output as it is.
+/// Writes text to standard output unchanged.
 pub fn text(text: impl AsRef<str>) -> Result<(), OutputError> {
     io::stdout()
         .lock()
@@ -318,7 +318,7 @@ pub fn text(text: impl AsRef<str>) -> Result<(), OutputError> {
         .map_err(|source| OutputError::write("standard output", source))
 }
 
-/// Hands everything to standard output's reader; without it a full disk would go unnoticed.
+/// Flushes standard output; without this a full disk would go unnoticed.
 pub fn flush() -> Result<(), OutputError> {
     io::stdout().lock().flush().map_err(|source| OutputError::write("standard output", source))
 }

@@ -1,4 +1,4 @@
-//! A run through the estimator, as the device would have done it.
+//! Runs a run through the estimator, as the device would have done.
 
 use inerter_core::{
     Active, Bank, Budgets, Counters, Detail, Estimate, Law, MoreSums, Motion, Output, Published, RawSample, Settings,
@@ -22,7 +22,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// An estimator that has seen nothing; the first sample that it takes is at `start_s` \[s\].
+    /// A new estimator; its first sample is at `start_s` \[s\].
     pub fn new(settings: &Settings, start_s: f64) -> Result<Self, SettingsInputError> {
         let active = validate(settings)?;
         let state = Box::new(State::new(&active));
@@ -45,13 +45,13 @@ impl Replay {
         self.start_s + self.elapsed as f64 / self.rate_hz
     }
 
-    /// Time of what it speaks of \[s\].
+    /// Time of the sample that the event refers to \[s\].
     fn time_of(&self, event: &EstimatorEvent) -> f64 {
         let ago = self.last_index.unwrap_or(0).wrapping_sub(event.index());
         self.time_s() - f64::from(ago) / self.rate_hz
     }
 
-    /// The whole run's sums of one bank as they stand now.
+    /// The current whole-run sums of one bank.
     pub fn sums(&self, bank: Bank) -> (Sums, MoreSums) {
         (self.active.sums(&self.state, bank), self.active.more_sums(&self.state, bank))
     }
@@ -72,13 +72,13 @@ impl Replay {
         }
     }
 
-    /// What has been counted so far.
+    /// The counters so far.
     pub fn counters(&self) -> Counters {
         self.state.counters()
     }
 }
 
-/// What a whole run came to.
+/// The outcome of a whole run.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     /// Time of the last sample \[s\].
@@ -87,27 +87,27 @@ pub struct Outcome {
     pub estimate: Estimate,
     /// Whether its law holds.
     pub law: Law,
-    /// What else goes with it.
+    /// The detail of the estimate.
     pub detail: Detail,
     /// Samples, discontinuities and saturation.
     pub counters: Counters,
-    /// What is known of the motion beside the sums.
+    /// Statistics of the motion besides the sums.
     pub motion: Motion,
-    /// What the intervals are made of.
+    /// Components of the intervals.
     pub budgets: Budgets,
-    /// The sums of the fast bank, since the start or the last change.
+    /// The sums of the fast bank since the start or the latest change.
     pub fast: (Sums, MoreSums),
-    /// Those of the slow bank.
+    /// The sums of the slow bank since then.
     pub slow: (Sums, MoreSums),
 }
 
 impl Outcome {
-    /// The estimate with all that goes with it.
+    /// The estimate with its detail.
     pub fn estimated(&self) -> Estimated {
         self.published().into()
     }
 
-    /// The same as the estimator gives it.
+    /// The same in the estimator's own form.
     pub fn published(&self) -> Published {
         Published { estimate: self.estimate, law: self.law, detail: self.detail }
     }
@@ -121,7 +121,7 @@ impl Outcome {
     }
 }
 
-/// Replays a whole run; `publish` is handed all that the estimator says, and the time of each \[s\].
+/// Replays a whole run; `publish` gets everything that the estimator reports, with its time \[s\].
 pub fn replay_all<E: From<SettingsInputError>>(
     run: &Run,
     publish: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,
@@ -129,7 +129,7 @@ pub fn replay_all<E: From<SettingsInputError>>(
     replay_samples(&run.settings, run.start_s, run.samples.iter().copied().map(Ok), publish)
 }
 
-/// Replays samples that come one by one, the first of them at `start_s` \[s\].
+/// Replays samples one by one; the first is at `start_s` \[s\].
 pub fn replay_samples<E: From<SettingsInputError>>(
     settings: &Settings,
     start_s: f64,
@@ -145,7 +145,7 @@ pub fn replay_samples<E: From<SettingsInputError>>(
     Ok(replay.outcome())
 }
 
-/// Replays a whole run; `publish` is handed the time \[s\] and each estimate at the publish rate.
+/// Replays a whole run; `publish` gets the time \[s\] and each estimate at the publish rate.
 pub fn replay<E: From<SettingsInputError>>(
     run: &Run,
     mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,

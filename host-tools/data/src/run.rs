@@ -1,4 +1,4 @@
-//! A run: settings and raw samples, wherever they came from.
+//! A run: settings and raw samples from any source.
 
 use std::collections::BTreeMap;
 
@@ -12,26 +12,26 @@ use crate::calibration::Calibration;
 pub struct Run {
     /// Name for messages: the file.
     pub name: String,
-    /// Settings that the samples were taken with, the user's overrides included.
+    /// Settings that the samples were taken with, including the user's overrides.
     pub settings: Settings,
     /// Raw samples in order; a jump of the index is a discontinuity.
     pub samples: Vec<RawSample>,
     /// Time of the first sample \[s\].
     pub start_s: f64,
-    /// Host time of the first frame \[ns since 1970\]; `None` where no clock was there, as in a simulation.
+    /// Host time of the first frame \[ns since 1970\]; `None` if there was no clock, as in a simulation.
     pub recorded_ns: Option<u64>,
-    /// What was repaired or found missing on reading.
+    /// What was repaired or found missing while reading.
     pub notes: Vec<String>,
     /// The device that recorded it, when known.
     pub hello: Option<Hello>,
-    /// What is known of the calibration of its rig.
+    /// The calibration of its rig, if known.
     pub calibration: Option<Calibration>,
-    /// What is true of a simulated device, by name.
+    /// The true parameters of a simulated device, by name.
     pub truth: Option<BTreeMap<String, String>>,
 }
 
 impl Run {
-    /// The samples, each with the number of sample periods since the first one, missing ones included.
+    /// The samples, each with the number of sample periods since the first one, including missing ones.
     pub fn elapsed(&self) -> impl Iterator<Item = (u64, &RawSample)> {
         let mut previous: Option<(u32, u64)> = None;
         self.samples.iter().map(move |sample| {
@@ -44,7 +44,7 @@ impl Run {
         })
     }
 
-    /// Places where samples are missing, and how many are missing in all.
+    /// Number of gaps, and total number of missing samples.
     pub fn discontinuities(&self) -> (u64, u64) {
         let jumps = self.samples.windows(2).filter_map(|pair| match pair {
             [this, next] => Some(step(this.index, next.index).saturating_sub(1)),
@@ -53,7 +53,7 @@ impl Run {
         jumps.filter(|jump| *jump > 0).fold((0, 0), |(places, missing), jump| (places + 1, missing + jump))
     }
 
-    /// Time from the first sample to the last \[s\], missing ones included.
+    /// Time from the first sample to the last \[s\], including missing ones.
     pub fn duration_s(&self) -> f64 {
         self.elapsed().last().map_or(0.0, |(elapsed, _)| elapsed as f64 / self.settings.sample_rate_hz)
     }

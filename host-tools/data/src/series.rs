@@ -1,4 +1,4 @@
-//! Raw samples in SI units: one by one, or a whole run in stretches without a discontinuity.
+//! Raw samples in SI units: one by one, or a whole run as stretches without a discontinuity.
 
 use std::borrow::Cow;
 
@@ -10,13 +10,13 @@ use crate::run::Run;
 /// One sample in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Sample periods since the first sample, missing ones included.
+    /// Sample periods since the first sample, including missing ones.
     pub elapsed: u64,
-    /// Encoder count that does not wrap: sum of `oversampling` counts, as the device latches them.
+    /// Unwrapped encoder count: the sum of `oversampling` counts, as the device latches them.
     pub count: i64,
-    /// Displacement of the screw, positive as the setting `metres_per_count` says \[m\].
+    /// Displacement of the screw, with the sign of the setting `metres_per_count` \[m\].
     pub position_m: f64,
-    /// Force, less the code at no force \[N\].
+    /// Force, less the code at zero force \[N\].
     pub force_n: f64,
     /// Displacement of the terminal; `None` without such a sensor \[m\].
     pub terminal_m: Option<f64>,
@@ -24,7 +24,7 @@ pub struct Point {
     pub saturated: bool,
 }
 
-/// From raw samples to points; the first one fixes the origin of time, not that of the position.
+/// Converts raw samples to points; the first one fixes the origin of time, not of position.
 #[derive(Clone, Debug)]
 pub struct Converter {
     settings: Settings,
@@ -64,7 +64,7 @@ impl Converter {
     }
 }
 
-/// Samples in a row, none missing and none left out; all columns are of one length.
+/// Consecutive samples, none missing and none left out; all columns have the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stretch {
     /// Time of the first sample \[s\].
@@ -80,19 +80,19 @@ pub struct Stretch {
 /// A run in SI units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
-    /// Time from sample to sample \[s\].
+    /// Sample period \[s\].
     pub period_s: f64,
     /// In order of time; split at discontinuities and at samples that are left out, as saturated ones are.
     pub stretches: Vec<Stretch>,
 }
 
 impl Series {
-    /// All of a run.
+    /// The series of a whole run.
     pub fn of(run: &Run) -> Self {
         Self::without(run, |_, _| false, |_| false)
     }
 
-    /// A run without some of its samples, and parted before others; both are told by their place.
+    /// A run without some of its samples, and split before others; both are selected by their index.
     pub(crate) fn without(
         run: &Run,
         is_left_out: impl Fn(usize, &RawSample) -> bool,
@@ -121,7 +121,7 @@ impl Series {
         Self { period_s, stretches }
     }
 
-    /// Leaves out what comes before a time \[s\].
+    /// Removes everything before a time \[s\].
     pub fn cut_before(&mut self, from_s: f64) {
         let period_s = self.period_s;
         for stretch in &mut self.stretches {
@@ -134,7 +134,7 @@ impl Series {
         self.stretches.retain(|stretch| !stretch.force_n.is_empty());
     }
 
-    /// Force and position of the same moment beside each other, by whole samples of the skew; what is left of it stays
+    /// Pairs force and position of the same instant, by whole samples of the skew; the fractional rest remains
     /// ([`Settings::skew_parts`]).
     pub fn aligned(&self, settings: &Settings) -> Cow<'_, Self> {
         let (late, _) = settings.skew_parts();

@@ -1,7 +1,7 @@
 //! Settings from the command line and from TOML files.
 //!
 //! Later ones win: the run's own (a recording's, or the defaults for a CSV), then `--settings FILE.toml`, then `--set`,
-//! then the flags that have a name of their own such as `--metres-per-count`.
+//! then dedicated flags such as `--metres-per-count`.
 
 use std::{
     fs::File,
@@ -46,11 +46,11 @@ pub enum SettingsInputError {
     #[error("{origin}: {source}")]
     #[diagnostic(code(inerter::settings::value), help("{}", value_help(source)))]
     Value { origin: String, source: SettingsError },
-    /// The settings contradict each other once they are put together.
+    /// The combined settings contradict each other.
     #[error("the settings cannot be used: {source}")]
     #[diagnostic(code(inerter::settings::refused), help("{}", value_help(source)))]
     Refused { source: SettingsError },
-    /// The table on the calibration is not one.
+    /// The table on the calibration is invalid.
     #[error("{origin}: [calibration]: {problem}")]
     #[diagnostic(
         code(inerter::settings::calibration),
@@ -72,7 +72,7 @@ pub enum SettingsInputError {
     Toml { path: PathBuf, line: usize, message: String },
 }
 
-/// Settings that the user gave, to be laid over the run's own.
+/// Settings that the user gave, which override the run's own.
 #[derive(Clone, Debug)]
 pub struct Overrides {
     values: [Option<f64>; Settings::COUNT],
@@ -86,7 +86,7 @@ impl Default for Overrides {
 }
 
 impl Overrides {
-    /// Reads the TOML file and then the assignments `key=value`, the later ones winning.
+    /// Reads the TOML file and then the assignments `key=value`; later ones win.
     pub fn from_inputs(file: Option<&Path>, assignments: &[String]) -> Result<Self, SettingsInputError> {
         let mut overrides = Self::default();
         if let Some(path) = file {
@@ -98,7 +98,7 @@ impl Overrides {
         Ok(overrides)
     }
 
-    /// Takes one value by its name.
+    /// Sets one value by its name.
     pub fn set(&mut self, name: &str, value: f64, origin: &str) -> Result<(), SettingsInputError> {
         let unknown = || SettingsInputError::Unknown { origin: origin.into(), name: name.into() };
         let mut entries = Settings::TABLE.iter().zip(&mut self.values);
@@ -108,7 +108,7 @@ impl Overrides {
         Ok(())
     }
 
-    /// The value that was given for this setting, if any.
+    /// The value given for this setting, if any.
     pub fn get(&self, name: &str) -> Option<f64> {
         self.values.get(Settings::find(name)?).copied().flatten()
     }
@@ -118,12 +118,12 @@ impl Overrides {
         self.calibration.as_ref()
     }
 
-    /// The values that were given, by name.
+    /// The given values, by name.
     pub fn given(&self) -> impl Iterator<Item = (&'static str, f64)> {
         Settings::TABLE.iter().zip(&self.values).filter_map(|(info, value)| Some((info.name, (*value)?)))
     }
 
-    /// Puts the given values over `settings`.
+    /// Writes the given values into `settings`.
     pub fn apply(&self, settings: &mut Settings) -> Result<(), SettingsInputError> {
         for (number, value) in self.values.iter().enumerate() {
             if let Some(value) = *value {
@@ -147,7 +147,7 @@ impl Overrides {
         self.set_written(name.trim(), value, value.parse().ok(), origin)
     }
 
-    /// Takes one value as it is written, and as the number that this is.
+    /// Sets one value, both as it is written and as a number.
     fn set_written(
         &mut self,
         name: &str,
@@ -156,7 +156,7 @@ impl Overrides {
         origin: &str,
     ) -> Result<(), SettingsInputError> {
         match value {
-            // A name that is unknown is told first.
+            // An unknown name is reported first.
             None if Settings::find(name).is_some() => {
                 Err(SettingsInputError::Number { origin: origin.into(), name: name.into(), text: text.into() })
             }
@@ -201,7 +201,7 @@ pub fn beside(csv: &Path) -> PathBuf {
     csv.with_extension("settings.toml")
 }
 
-/// Writes the settings beside a CSV. Gives the name. Only `replace` lets it take the place of a file.
+/// Writes the settings beside a CSV and returns the file's name. Replaces an existing file only with `replace`.
 pub fn write_beside(
     settings: &Settings,
     calibration: Option<&Calibration>,
@@ -215,7 +215,7 @@ pub fn write_beside(
     Ok(path)
 }
 
-/// The text of a file that a person writes, of settings or of flags. Anything longer than 1 MB is refused unread.
+/// The text of a file that a person writes, of settings or flags. A file above 1 MB is rejected unread.
 pub fn text_of(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     if File::open(path)?.take(LONGEST + 1).read_to_string(&mut text)? as u64 > LONGEST {
@@ -224,10 +224,10 @@ pub fn text_of(path: &Path) -> io::Result<String> {
     Ok(text)
 }
 
-/// Longest such file \[bytes\].
+/// Maximum size of such a file \[bytes\].
 const LONGEST: u64 = 1 << 20;
 
-/// The rig's calibration in a settings file, which must have one.
+/// The rig's calibration in a settings file; an error if there is none.
 pub fn calibration(path: &Path) -> Result<Calibration, SettingsInputError> {
     let none = || SettingsInputError::Calibration {
         origin: path.display().to_string(),
@@ -236,13 +236,13 @@ pub fn calibration(path: &Path) -> Result<Calibration, SettingsInputError> {
     Overrides::from_inputs(Some(path), &[])?.calibration().cloned().ok_or_else(none)
 }
 
-/// Line of a text in which something begins, from 1.
+/// The line of a text in which a span begins, from 1.
 pub(crate) fn line_of(text: &str, span: Option<Range<usize>>) -> usize {
     let start = span.map_or(0, |span| span.start);
     text.bytes().take(start).filter(|byte| *byte == b'\n').count() + 1
 }
 
-/// How a value of TOML is written, and the number that it is.
+/// A TOML value as written, and as a number.
 pub(crate) fn written<'a>(text: &'a str, value: &Spanned<DeValue>) -> (&'a str, Option<f64>) {
     let shown = text.get(value.span()).unwrap_or_default().trim();
     let is_number = matches!(value.get_ref(), DeValue::Integer(_) | DeValue::Float(_));
@@ -254,7 +254,7 @@ pub(crate) fn range_of(name: &str) -> (f64, f64) {
     Settings::TABLE.iter().find(|info| info.name == name).map_or((f64::MIN, f64::MAX), |info| (info.min, info.max))
 }
 
-/// Checks the settings as a whole, naming what is wrong.
+/// Checks the settings as a whole; the error names the faulty one.
 pub fn validate(settings: &Settings) -> Result<inerter_core::Active, SettingsInputError> {
     settings.validate().map_err(|source| SettingsInputError::Refused { source })
 }

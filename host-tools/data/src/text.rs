@@ -1,4 +1,4 @@
-//! Estimates, events and what goes with them in words and tables, for people.
+//! Estimates, their details and events as text and tables, for people.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ use crate::{
     words::{amount_text, duration_text, interval_text, plural},
 };
 
-/// Value and interval to the digits that the interval bears: `95.11 ± 0.48`.
+/// Value and interval to the digits that the interval justifies: `95.11 ± 0.48`.
 pub fn value_text(parameter: &Parameter) -> String {
     let Some(Interval { value, u95 }) = parameter.known().filter(|known| known.value.is_finite()) else {
         return "not identifiable".into();
@@ -40,8 +40,8 @@ pub fn backlash_text(backlash: &Backlash) -> String {
     }
 }
 
-/// A table of all parameters: recent memory, whole run, and, of a simulated device, the truth; below it a line on how
-/// the device behaves.
+/// A table of all parameters: recent memory, whole run and, for a simulated device, the true values; below it a line on
+/// friction and contact.
 pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap<String, String>>) -> String {
     let Estimated { estimate, detail, .. } = estimated;
     let machine = settings.machine;
@@ -53,7 +53,7 @@ pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap
     text.truncate(text.trim_end().len());
     let linear = catalogue::fields(Machine::Linear, Group::Parameter);
     for (((field, recent), (_, whole)), linear) in recent.zip(whole).zip(linear) {
-        // The plant knows the offset as the load cell's.
+        // In the plant, the offset belongs to the load cell.
         let name = if linear.path == "offset_n" { "force_offset_n" } else { linear.path };
         let truth = truth.map(|truth| true_text(truth, name, 1.0)).unwrap_or_default();
         let (recent, whole) = (value_text(&recent), value_text(&whole));
@@ -69,9 +69,9 @@ pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap
     format!("{text}\n\n{}", line(machine, estimated))
 }
 
-/// What is true, `factor` bringing it to the unit shown; of a device that was changed on the way both values.
+/// The true value, converted by `factor` to the unit shown; both values if the device was changed during the run.
 fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> String {
-    // Nine digits: more would be the arithmetic's.
+    // Nine digits: more would be arithmetic noise.
     let digits = |value: f64| {
         format!("{:.8e}", value * factor).parse().map_or_else(|_| String::new(), |value: f64| format!("{value:?}"))
     };
@@ -82,7 +82,7 @@ fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> Strin
     }
 }
 
-/// One line on what the estimator took and left out.
+/// One line on what the estimator used and left out.
 pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> String {
     let counters = outcome.counters;
     let lost = match (counters.discontinuities, counters.lost_samples) {
@@ -102,7 +102,7 @@ pub fn counts_line(settings: &Settings, duration_s: f64, outcome: &Outcome) -> S
     )
 }
 
-/// The force that is left unexplained, for a person: `1.82 N rms`.
+/// The unexplained force, for a person: `1.82 N rms`.
 pub fn residual_text(machine: Machine, estimate: &Estimate) -> String {
     if !estimate.residual_rms_n.is_finite() {
         return "unknown".into();
@@ -115,7 +115,8 @@ pub fn force_text(machine: Machine, force_n: f64) -> String {
     format!("{} {}", amount_text(force_n, 2), catalogue::unit(machine, "N"))
 }
 
-/// Heads the lines of [`row`]. The residual is in parts of what noise and steps explain: about 1 where the law holds.
+/// The header of the lines of [`row`]. The residual is relative to what noise and steps explain: about 1 if the law
+/// holds.
 pub fn row_header(machine: Machine) -> String {
     let mut text = format!("{:>9}", "t [s]");
     for field in catalogue::fields(machine, Group::Parameter) {
@@ -146,7 +147,7 @@ pub fn elapsed_s(estimate: &Estimate, rate_hz: f64) -> f64 {
     estimate.elapsed_samples.saturating_sub(1) as f64 / rate_hz
 }
 
-/// What to say where a device sends other settings than this program knows.
+/// The note if a device has other settings than this program knows.
 pub fn settings_note(reading: &Reading) -> Option<String> {
     let some = |count: usize, thing| (count > 0).then(|| plural(count as u64, thing));
     let newer = [some(reading.unknown, "setting"), some(reading.impossible, "value")];
@@ -210,7 +211,7 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
     let Field { label, unit, .. } = changed_field(machine, change);
     let digits = |value: f32| {
         let text = amount_text(value.into(), 4);
-        // Of an exponent no nought may go.
+        // The zeros of an exponent must stay.
         if text.contains('e') { text } else { text.trim_end_matches('0').trim_end_matches('.').to_string() }
     };
     let (before, after) = (digits(change.before), digits(change.after));
@@ -237,7 +238,7 @@ pub fn law_text(law: &Law) -> String {
     }
 }
 
-/// One line on everything that is not a parameter; empty where a device sends the parameters alone.
+/// One line on everything that is not a parameter; empty if a device sends only the parameters.
 pub fn line(machine: Machine, estimated: &Estimated) -> String {
     let mut parts = estimated.detail.as_ref().map(detail_parts).unwrap_or_default();
     parts.extend(estimated.law.map(|law| format!("law: {}", law_text(&law))));
@@ -269,7 +270,7 @@ fn detail_parts(detail: &Detail) -> Vec<String> {
     parts
 }
 
-/// Remarks of a row beside its numbers: only what is not as it should be.
+/// Remarks on a row besides its numbers: only about problems.
 pub fn remarks(estimated: &Estimated) -> impl Iterator<Item = &'static str> {
     let of_detail = |detail: Detail| {
         let contact =
@@ -281,7 +282,7 @@ pub fn remarks(estimated: &Estimated) -> impl Iterator<Item = &'static str> {
     estimated.detail.map(of_detail).into_iter().flatten().chain([law]).flatten()
 }
 
-/// Rows of a table: label, unit, value, and the name of the truth with the factor to that unit.
+/// Rows of a table: label, unit, value, and the name of the true value with the factor to that unit.
 pub fn rows(detail: &Detail, settings: &Settings) -> Vec<(&'static str, &'static str, String, &'static str, f64)> {
     let label = catalogue::find(settings.machine, Group::Detail, "backlash_m").map_or("", |field| field.label);
     let mut rows =
@@ -300,7 +301,7 @@ pub(crate) fn seen(band: Band) -> Option<Band> {
     Some(band).filter(|band| band.low_hz > 0.0 && band.high_hz.is_finite())
 }
 
-/// Three digits of a frequency.
+/// Decimals that give a frequency three digits.
 fn decimals(hertz: f32) -> usize {
     (2.0 - hertz.log10().floor()).clamp(0.0, 6.0) as usize
 }

@@ -37,9 +37,9 @@ fn the_json_contract_holds_to_the_letter() {
     let middle = r#""stiffness_n_per_m":{"value":2100000.0,"u95":4000.0,"status":"ok"},"contact_damping_n_s_per_m":{"value":1200.0,"u95":100.0,"status":"ok"}"#;
     let tail = r#""band_hz":[3.125,6.5],"contact":"backlash","friction":{"reversal_ratio":0.75,"regime":"coulomb"},"changes":1"#;
     assert_eq!(json_line(&DetailJson::new(&detail(), &settings(true))), format!("{{{head},{middle},{tail}}}"));
-    // Without a sensor there is nothing to say of the contact's own parameters.
+    // Without a sensor the contact's own parameters are left out.
     assert_eq!(json_line(&DetailJson::new(&detail(), &settings(false))), format!("{{{head},{tail}}}"));
-    // Beside the estimate, in one object.
+    // In the same object as the estimate.
     let line = json_line(&EstimateJson::live(0.2, &estimated(detail()), &settings(false)));
     assert!(line.ends_with(&format!(r#""updates":0,{head},{tail}}}"#)), "{line}");
 }
@@ -62,7 +62,7 @@ fn what_is_not_known_is_null_with_its_reason() {
         (Reason::StiffnessUnknown, "stiffness_unknown"),
         (Reason::Scattered, "scattered"),
     ] {
-        // Whatever the device puts beside it.
+        // Whatever else the device sends with it.
         let backlash = Backlash { size: BacklashSize::NotIdentifiable(reason), ..detail().backlash };
         let json = BacklashJson::from(backlash);
         assert_eq!((json.value, json.u95, json.reason), (None, None, Some(code)));
@@ -113,7 +113,7 @@ fn a_person_sees_it_at_a_glance() {
     let words = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
                 friction: Coulomb's; the device has changed 1 time";
     assert!(text.ends_with(words), "{text}");
-    // What is as it should be needs no remark.
+    // Normal states get no remark.
     assert!(row(1.0, &estimated(detail())).ends_with("50.0 ± 2.0                        at rest"));
     let odd = Detail {
         contact: Contact::Bouncing,

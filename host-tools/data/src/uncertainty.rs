@@ -1,16 +1,16 @@
-//! The sources of the intervals of a run, for programs and for people.
+//! The sources of a run's intervals, for programs and for people.
 
 use inerter_core::{Budget, ContactBudgets, Source};
 use serde::Serialize;
 
 use crate::json::finite;
 
-/// One part of an interval.
+/// One component of an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PartJson {
-    /// Where it comes from.
+    /// Its source.
     pub source: &'static str,
-    /// Half width in the unit of the parameter: the squares of all add up to that of the whole.
+    /// Half width in the parameter's unit: the squares of all components add up to the square of the total.
     pub u95: f32,
 }
 
@@ -21,23 +21,24 @@ pub struct BudgetJson {
     pub u95: Option<f32>,
     /// The same for comparing runs on one rig: without force gain, lead and clock.
     pub same_rig_u95: Option<f32>,
-    /// Standard uncertainty by the scatter of the run.
+    /// Standard uncertainty from the scatter of the run (type A).
     pub u_a: Option<f32>,
     /// Degrees of freedom of the scatter.
     pub scatter_degrees_of_freedom: f32,
-    /// Degrees of freedom of all together, after Welch and Satterthwaite.
+    /// Effective degrees of freedom of the total, after Welch and Satterthwaite.
     pub degrees_of_freedom: Option<f32>,
-    /// Its parts, without those that are zero.
+    /// Its components, without those that are zero.
     pub budget: Vec<PartJson>,
-    /// The cause that moves it most by the samples, whether named or too small for that.
+    /// The cause that moves the parameter most according to the samples, whether identified or too small for that.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_by: Option<&'static str>,
-    /// Causes that this motion cannot separate from it: it is right only in their absence.
+    /// Causes that this motion cannot separate from the parameter: its value is right only in their absence.
     pub assumes: Vec<&'static str>,
 }
 
 impl BudgetJson {
-    /// Of a budget, and the names of what may have moved it and of what the motion hides in it.
+    /// From a budget, the cause that may have moved the parameter, and the causes that the motion cannot separate from
+    /// it.
     pub fn new(budget: &Budget, moved_by: Option<&'static str>, assumes: Vec<&'static str>) -> Self {
         Self {
             u95: finite(budget.u95()),
@@ -66,13 +67,13 @@ pub struct UncertaintyJson {
     pub stiffness_n_per_m: Option<BudgetJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_damping_n_s_per_m: Option<BudgetJson>,
-    /// Correlation of the errors of the first four, in this order: 1 where one follows the other; `null` if the motion
-    /// does not identify it.
+    /// Correlation of the errors of the first four, in this order: 1 if two vary together; `null` if the motion does
+    /// not identify it.
     pub correlation: Option<[[f64; 4]; 4]>,
 }
 
 impl UncertaintyJson {
-    /// Of these budgets, in the order of the parameters; those of the contact only as far as they are identified.
+    /// From these budgets, in the order of the parameters; those of the contact only if identified.
     pub fn new(
         [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [BudgetJson; 4],
         contact: &ContactBudgets,
@@ -92,7 +93,7 @@ impl UncertaintyJson {
     }
 }
 
-/// What an interval is made of, without what has no part in it.
+/// The components of an interval, without those that are zero.
 pub fn parts(budget: &Budget) -> impl Iterator<Item = (Source, f32)> {
     budget.parts().into_iter().filter(|(_, u95)| u95.is_finite() && *u95 > 0.0)
 }

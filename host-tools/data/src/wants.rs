@@ -1,4 +1,4 @@
-//! What is wanted: `fc to 0.3 N, mt to 0.1 %`.
+//! Wanted intervals: `fc to 0.3 N, mt to 0.1 %`.
 
 use inerter_core::Machine;
 use inerter_wire::catalogue::{self, Field, Group};
@@ -6,7 +6,7 @@ use miette::Diagnostic;
 
 use crate::words::no_parameter;
 
-/// What is wanted is not written as it must be.
+/// The wanted intervals are written incorrectly.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[error("--want, at `{part}`: {problem}")]
 #[diagnostic(
@@ -24,18 +24,18 @@ pub struct WantError {
     known: String,
 }
 
-/// One parameter, and the half width of the 95 % interval to which it is wanted.
+/// One parameter, and the half width of the 95 % interval that is wanted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Want {
-    /// Place in `[mt, cf, fc, F0]`.
+    /// Index into `[mt, cf, fc, F0]`.
     pub place: usize,
     /// Half width \[its unit\].
     pub u95: f64,
 }
 
-/// Understands what is wanted; `values` are what is expected of each parameter, for percents of it.
+/// Parses wanted intervals; `values` are the expected parameters, for percentages of them.
 ///
-/// Of two wants for one parameter the narrower one counts.
+/// Of two wants for the same parameter the narrower one counts.
 pub fn parse(text: &str, machine: Machine, values: [f64; 4]) -> Result<Vec<Want>, WantError> {
     let fields: Vec<&Field> = catalogue::fields(machine, Group::Parameter).collect();
     let wrong = |part: &str, problem: String| {
@@ -82,7 +82,7 @@ pub fn parse(text: &str, machine: Machine, values: [f64; 4]) -> Result<Vec<Want>
     Ok(wants)
 }
 
-/// Whether both are one unit, however a keyboard writes it.
+/// Whether both are the same unit, however it is typed.
 fn same_unit(given: &str, unit: &str) -> bool {
     let plain = |unit: &str| unit.replace('²', "2").replace('^', "").split_whitespace().collect::<Vec<_>>().join(" ");
     plain(given) == plain(unit)

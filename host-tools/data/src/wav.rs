@@ -1,7 +1,8 @@
-//! A motion as a sound file: what many shaker controllers take for a waveform.
+//! A motion as a sound file: the waveform format of many shaker controllers.
 //!
-//! RIFF WAVE, one channel, 24 bits. Full scale (2^23 - 1) is a displacement that the file's comment names, as the
-//! format has no unit: `LIST` `INFO` `ICMT`, behind the samples, where programs that do not know it pass it over.
+//! RIFF WAVE, one channel, 24 bits. Full scale (2^23 - 1) is a displacement that the file's comment names, because the
+//! format has no unit. The comment is `LIST` `INFO` `ICMT`, after the samples, where programs that do not know it skip
+//! it.
 
 use std::{io::Cursor, path::Path};
 
@@ -9,13 +10,13 @@ use hound::{SampleFormat, WavSpec, WavWriter};
 
 use crate::output::{self, OutputError};
 
-/// Greatest value of a sample.
+/// Largest value of a sample.
 const FULL_SCALE: f64 = ((1 << 23) - 1) as f64;
-/// Bytes of a chunk's name and length.
+/// Size of a chunk's name and length \[bytes\].
 const HEAD: usize = 8;
 
-/// Writes values whole or not at all; `full_scale` of them is full scale, and what is beyond is held to it. Only
-/// `replace` lets it take the place of a file.
+/// Writes values whole or not at all. A value of `full_scale` is full scale; larger ones are clipped. Replaces an
+/// existing file only with `replace`.
 pub fn write(
     path: &Path,
     replace: bool,
@@ -50,7 +51,7 @@ fn bytes(
     Ok(with_comment(bytes, comment))
 }
 
-/// With a comment behind the samples, each chunk at an even place.
+/// Appends a comment after the samples, each chunk at an even offset.
 fn with_comment(mut bytes: Vec<u8>, comment: &str) -> Vec<u8> {
     let even = |bytes: &mut Vec<u8>| bytes.extend(vec![0; bytes.len() % 2]);
     let mut text = comment.as_bytes().to_vec();
@@ -63,7 +64,7 @@ fn with_comment(mut bytes: Vec<u8>, comment: &str) -> Vec<u8> {
     bytes.extend(b"LIST");
     bytes.extend((info.len() as u32).to_le_bytes());
     bytes.extend(info);
-    // The whole file's length stands behind its first name.
+    // The whole file's length follows its first name.
     let length = (bytes.len() - HEAD) as u32;
     if let Some(place) = bytes.get_mut(4..HEAD) {
         place.copy_from_slice(&length.to_le_bytes());

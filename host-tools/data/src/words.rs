@@ -1,11 +1,11 @@
-//! Numbers, intervals, counts and times in words.
+//! Numbers, intervals, counts and times as text.
 
 use std::borrow::Cow;
 
 use chrono::{DateTime, SecondsFormat};
 
-/// One line of text that is safe to print on a terminal, wherever it comes from: control characters, those that turn
-/// the writing direction and invisible ones become JSON escapes, so JSON stays the same JSON.
+/// One line of text that is safe to print on a terminal, wherever it comes from: control characters, bidirectional
+/// controls and invisible characters become JSON escapes, so that JSON keeps its meaning.
 pub fn printable(text: &str) -> Cow<'_, str> {
     if !text.contains(is_unprintable) {
         return text.into();
@@ -17,7 +17,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
             '\r' => out.push_str("\\r"),
             '\t' => out.push_str("\\t"),
             letter if is_unprintable(letter) => {
-                // JSON writes what is beyond 16 bits as two escapes.
+                // JSON writes characters beyond 16 bits as two escapes.
                 for unit in letter.encode_utf16(&mut [0; 2]) {
                     out.push_str(&format!("\\u{unit:04x}"));
                 }
@@ -28,12 +28,12 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     out.into()
 }
 
-/// The beginning of a text that may be of any length, for a part of a message.
+/// The beginning of a text of any length, for part of a message.
 pub fn shortened(text: &str) -> Cow<'_, str> {
     shortened_to(200, text)
 }
 
-/// So many letters of a text that may be of any length.
+/// At most this many characters of a text.
 pub fn shortened_to(letters: usize, text: &str) -> Cow<'_, str> {
     match text.char_indices().nth(letters) {
         Some((end, _)) => format!("{}...", text.get(..end).unwrap_or_default()).into(),
@@ -41,20 +41,20 @@ pub fn shortened_to(letters: usize, text: &str) -> Cow<'_, str> {
     }
 }
 
-/// What Unicode gives no shape of its own: controls, formats (zero width, writing direction, tags), separators, private
+/// Characters without a visible glyph: controls, formats (zero width, writing direction, tags), separators, private
 /// use.
 fn is_unprintable(letter: char) -> bool {
     if letter.is_ascii() {
         return letter.is_control();
     }
-    // The standard library knows them, and escapes accents too unless a letter stands before them.
+    // The standard library knows them, but also escapes accents unless a letter precedes them.
     ['a', letter].iter().collect::<String>().escape_debug().count() > 2
 }
 
-/// Below it a number is written with an exponent.
+/// Smaller numbers are written with an exponent.
 const TINY: f64 = 1e-5;
 
-/// A value with its interval, both with the digits that the interval bears.
+/// A value with its interval, both with the digits that the interval justifies.
 pub fn interval_text(value: f64, u95: f64) -> String {
     if !(u95.is_finite() && u95 > 0.0) {
         return amount_text(value, 4);
@@ -67,7 +67,7 @@ pub fn interval_text(value: f64, u95: f64) -> String {
     format!("({})e{exponent}", parts.join(" ± "))
 }
 
-/// A number with the digits that an interval bears, which is above 0: two of its own.
+/// A number with the digits that an interval above 0 justifies: two significant digits of the interval.
 pub fn rounded_text(value: f64, u95: f64) -> String {
     let digits = 1.0 - u95.log10().floor();
     if u95 < TINY && value.is_finite() {
@@ -77,12 +77,12 @@ pub fn rounded_text(value: f64, u95: f64) -> String {
     let digits = digits.min(9.0);
     let unit = 10f64.powf(-digits);
     let decimals = digits.max(0.0) as usize;
-    // What is left of the point is rounded too.
+    // Digits before the point are rounded too.
     let value = if unit > 1.0 { (value / unit).round() * unit } else { value };
     format!("{value:.decimals$}")
 }
 
-/// A number with three digits, as small or large as it may be: `0.00207`, `12.3`, `3.14e-7`.
+/// A number with three significant digits, however small or large: `0.00207`, `12.3`, `3.14e-7`.
 pub fn three_digits(value: f64) -> String {
     if !value.is_finite() || value == 0.0 {
         return format!("{value}");
@@ -93,7 +93,7 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
-/// Words in a row: `mt, cf and fc`.
+/// A list of words: `mt, cf and fc`.
 pub fn listed(words: &[String]) -> String {
     match words {
         [] => String::new(),
@@ -102,9 +102,8 @@ pub fn listed(words: &[String]) -> String {
     }
 }
 
-/// A number with so many decimals, and with as many more as its first two digits need: machines of 2e-4 kg m² have
-/// forces of
-/// 0.03 N m.
+/// A number with this many decimals, or as many more as its first two digits need: machines of 2e-4 kg m² have forces
+/// of 0.03 N m.
 pub fn amount_text(value: f64, decimals: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value:.decimals$}");
@@ -116,7 +115,7 @@ pub fn amount_text(value: f64, decimals: usize) -> String {
     format!("{value:.*}", (needed as usize).max(decimals))
 }
 
-/// Number of things with the right ending.
+/// A count of things with the right plural.
 pub fn plural(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
@@ -136,7 +135,7 @@ pub fn utc(time_ns: u64) -> String {
     time.to_rfc3339_opts(SecondsFormat::Millis, true)
 }
 
-/// That no parameter has this name, and which of the `known` ones may be meant.
+/// The message that no parameter has this name, with the likely one among `known`.
 pub(crate) fn no_parameter<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
     let hint = nearest(name, known).map(|near| format!("; did you mean `{near}`?")).unwrap_or_default();
     format!("no parameter is called `{name}`{hint}")

@@ -1,12 +1,12 @@
-//! Names and addresses of this machine.
+//! Host names and addresses of this machine.
 
 use std::net::{IpAddr, SocketAddr};
 
-/// `HOST:PORT`, as in a Host header, when it names this machine, written anew from what it means; the port may differ
-/// where it is forwarded, or be missing.
+/// A `HOST:PORT`, as in a Host header, in normal form if it names this machine; the port may differ because of
+/// forwarding, or be missing.
 pub fn loopback(host: &str) -> Option<String> {
     if let Ok(address) = host.parse::<SocketAddr>() {
-        // Without a scope, which has no place in a header.
+        // Without a scope ID, which a header cannot hold.
         return address.ip().is_loopback().then(|| SocketAddr::new(address.ip(), address.port()).to_string());
     }
     let (name, port) = match host.rsplit_once(':').filter(|_| !host.ends_with(']')) {

@@ -1,9 +1,8 @@
-//! HTTP for the page and for Foxglove, in a separate thread, with limits, as anybody may connect.
+//! HTTP for the page and for Foxglove, in a separate thread, with limits, because anybody may connect.
 //!
-//! A connection ends [`REQUEST_TIME`] after it began, whatever came; a WebSocket stays as long as its other end takes
-//! what is sent, each message within [`SEND_TIME`]. Of [`MOST`] connections the oldest that is no WebSocket makes room
-//! for a new one. Where few files may be open there are fewer connections, so that the device can be opened again
-//! whatever others do.
+//! A connection ends [`REQUEST_TIME`] after it began, whatever it sent; a WebSocket stays as long as its peer accepts
+//! each message within [`SEND_TIME`]. At [`MOST`] connections the oldest one that is not a WebSocket makes room for a
+//! new one. With a low limit on open files there are fewer connections, so that the device can always be opened again.
 
 use std::{collections::VecDeque, io, net::SocketAddr, sync::Arc, thread::JoinHandle, time::Duration};
 
@@ -29,26 +28,26 @@ use tokio::{
 
 use crate::host::loopback;
 
-/// Time for requests and their answers.
+/// Time for a connection's requests and answers.
 const REQUEST_TIME: Duration = Duration::from_secs(5);
-/// Time for a message to the other end of a WebSocket.
+/// Time to send a message to the peer of a WebSocket.
 const SEND_TIME: Duration = Duration::from_secs(30);
-/// Connections at a time.
+/// Maximum number of connections.
 const MOST: usize = 32;
-/// Files that stay free for all else: the device, the recording, the list of ports.
+/// File descriptors reserved for everything else: the device, the recording, the list of ports.
 const RESERVE: usize = 32;
-/// The page and the bridge to Foxglove.
+/// Number of servers: the page and the bridge to Foxglove.
 const SERVERS: usize = 2;
-/// Pause after a connection that could not be taken.
+/// Pause after a connection could not be accepted.
 const RETRY: Duration = Duration::from_millis(100);
 
-/// A connection's place among all; whoever goes on with it holds it.
+/// A connection's slot among all; whoever continues with the connection keeps it.
 #[derive(Clone)]
 pub struct Place {
     _permit: Arc<OwnedSemaphorePermit>,
 }
 
-/// A server, until it is dropped.
+/// A server that runs until it is dropped.
 pub struct Server {
     address: SocketAddr,
     stop: Option<oneshot::Sender<()>>,
@@ -75,7 +74,7 @@ impl Server {
         Ok(Self { address, stop: Some(stop), thread: Some(thread) })
     }
 
-    /// Where it listens, with the true port number.
+    /// The address it listens at, with the actual port number.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -94,7 +93,7 @@ async fn serve(listener: &TcpListener, router: &Router) {
     let places = Arc::new(Semaphore::new(most_connections(open_files())));
     let mut requests: VecDeque<Task<_>> = VecDeque::new();
     loop {
-        // Fails where there are no more open files.
+        // Fails if no more files can be opened.
         let Ok((stream, _)) = listener.accept().await else {
             sleep(RETRY).await;
             continue;
@@ -106,22 +105,22 @@ async fn serve(listener: &TcpListener, router: &Router) {
             oldest.abort();
             oldest.await.ok();
         }
-        // None is free where all are WebSockets.
+        // No slot is free if all connections are WebSockets.
         let Ok(place) = places.clone().try_acquire_owned() else { continue };
         let router = router.clone().layer(Extension(Place { _permit: Arc::new(place) }));
         requests.push_back(tokio::spawn(serve_connection(stream, router)));
     }
 }
 
-/// Answers what comes by one connection, for five seconds at most.
+/// Answers the requests on one connection, for five seconds at most.
 pub async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let connection =
         http1::Builder::new().serve_connection(TokioIo::new(stream), TowerToHyperService::new(router)).with_upgrades();
-    // Why a connection ended is of no use to anybody here.
+    // The reason why a connection ended is not needed.
     drop(timeout(REQUEST_TIME, connection).await);
 }
 
-/// Files that this program may have open.
+/// Maximum number of open files.
 #[cfg(unix)]
 fn open_files() -> Option<u64> {
     rustix::process::getrlimit(rustix::process::Resource::Nofile).current
@@ -137,18 +136,18 @@ fn most_connections(open_files: Option<u64>) -> usize {
     (all.saturating_sub(RESERVE) / SERVERS).clamp(1, MOST)
 }
 
-/// Sends a message; `None` where the other end is gone or does not take it.
+/// Sends a message; `None` if the peer is gone or does not accept it.
 pub async fn send(socket: &mut WebSocket, message: Message) -> Option<()> {
     timeout(SEND_TIME, socket.send(message)).await.ok()?.ok()
 }
 
-/// Nothing larger than this many bytes is kept of what the other end sends.
+/// Limits the size of messages from the peer to this many bytes.
 pub fn limited(upgrade: WebSocketUpgrade, bytes: usize) -> WebSocketUpgrade {
-    // One frame of a message has a limit of its own, which is checked first.
+    // Single frames have their own limit, which is checked first.
     upgrade.max_message_size(bytes).max_frame_size(bytes)
 }
 
-/// A header that is there once at most; an error where it is there twice or is no text.
+/// A header that occurs at most once; an error if it occurs twice or is not text.
 fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()> {
     let mut values = headers.get_all(name).iter();
     match (values.next(), values.next()) {
@@ -157,13 +156,13 @@ fn single(headers: &HeaderMap, name: HeaderName) -> Result<Option<&str>, ()> {
     }
 }
 
-/// The only `Host` of a request, when it names this machine.
+/// The only `Host` of a request, if it names this machine.
 pub fn local_host(headers: &HeaderMap) -> Option<String> {
     loopback(single(headers, header::HOST).ok()??)
 }
 
-/// Lets through only requests that name this machine and come from no page of elsewhere, and says to browsers what the
-/// answer may not do.
+/// Accepts only requests that name this machine and do not come from a page elsewhere, and adds the security headers to
+/// the answer.
 pub fn guarded(router: Router) -> Router {
     router.layer(middleware::from_fn(guard))
 }
@@ -190,7 +189,7 @@ fn from_here(headers: &HeaderMap) -> bool {
     loopback(host).is_some() && comes_from(headers, |origin| origin == format!("http://{host}"))
 }
 
-/// Whether a request names no origin, or only one that is allowed. Browsers name it wherever it matters; curl does not.
+/// Whether a request names no origin, or only an allowed one. Browsers send it wherever it matters; curl does not.
 pub fn comes_from(headers: &HeaderMap, is_allowed: impl Fn(&str) -> bool) -> bool {
     single(headers, header::ORIGIN).is_ok_and(|origin| origin.is_none_or(is_allowed))
 }
@@ -205,7 +204,7 @@ mod tests {
 
     use super::*;
 
-    /// Requests under way, and the most that there were.
+    /// Requests in progress, and their maximum so far.
     #[derive(Default)]
     struct Load {
         now: AtomicUsize,
@@ -246,7 +245,7 @@ mod tests {
             streams.push(stream);
         }
         assert_eq!((load.most.load(SeqCst), load.now.load(SeqCst)), (most, most));
-        // Those that made room have ended.
+        // The connections that made room have ended.
         for stream in streams.iter_mut().take(8) {
             assert!(matches!(stream.read(&mut [0; 1]), Ok(0) | Err(_)));
         }

@@ -1,4 +1,4 @@
-//! Which runs of a store are meant.
+//! Selects runs of a store.
 
 use std::str::FromStr;
 
@@ -11,16 +11,16 @@ use crate::{
     row::Row,
 };
 
-/// Some of the runs; by default all.
+/// A selection of runs; by default all.
 #[derive(Clone, Debug, Default)]
 pub struct Choice {
-    /// Of this device alone, by its serial number.
+    /// Only of this device, by its serial number.
     pub device: Option<String>,
     /// From this day on.
     pub from: Option<Day>,
-    /// To this day, which is among them.
+    /// Up to and including this day.
     pub to: Option<Day>,
-    /// What their columns must be, each of it.
+    /// Conditions on columns; all must hold.
     pub conditions: Vec<Condition>,
 }
 
@@ -51,7 +51,7 @@ impl FromStr for Day {
     }
 }
 
-/// What a column must be: `inertance_kg < 300`.
+/// A condition on a column: `inertance_kg < 300`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
     text: String,
@@ -70,7 +70,7 @@ enum Relation {
     Unequal,
 }
 
-/// How relations are written; of those that begin alike the longer one first.
+/// How relations are written; a longer one comes before a shorter one with the same beginning.
 const RELATIONS: [(&str, Relation); 7] = [
     ("<=", Relation::AtMost),
     (">=", Relation::AtLeast),
@@ -81,7 +81,7 @@ const RELATIONS: [(&str, Relation); 7] = [
     ("=", Relation::Equal),
 ];
 
-/// Texts that have an order.
+/// Texts that can be ordered.
 const TIMES: [&str; 2] = ["date", "recorded_utc"];
 
 impl FromStr for Condition {
@@ -115,7 +115,7 @@ fn refused(condition: &str, problem: &str, more: String) -> StoreError {
 }
 
 impl Condition {
-    /// Refuses a column that no run has. Not every run has each: a rotary machine has others.
+    /// Rejects a column that no run has. Not every run has every column: a rotary machine has others.
     pub(crate) fn check(&self, rows: &[Row]) -> Result<(), StoreError> {
         if rows.is_empty() || rows.iter().any(|row| row.columns().any(|name| name == self.column)) {
             return Ok(());
@@ -125,7 +125,7 @@ impl Condition {
         Err(refused(&self.text, "no run has such a column", more))
     }
 
-    /// Whether a row meets it. An unknown value does not: it is neither equal nor unequal.
+    /// Whether a row meets the condition. An unknown value does not: it is neither equal nor unequal.
     pub(crate) fn holds(&self, row: &Row) -> Result<bool, StoreError> {
         let Some(found) = row.get(&self.column) else { return Ok(false) };
         let is_order = !matches!(self.relation, Relation::Equal | Relation::Unequal);
@@ -142,7 +142,7 @@ impl Condition {
             Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
                 return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));
             }
-            // A day is all of it, and a month all of its days.
+            // A day includes all its times, a month all its days.
             Value::String(text) if is_time => {
                 Some(text.get(..self.value.len()).unwrap_or(&text).cmp(self.value.as_str()))
             }
@@ -161,12 +161,12 @@ impl Condition {
 }
 
 impl Choice {
-    /// Whether the place alone can be meant.
+    /// Whether the place alone allows the run to be selected.
     pub(crate) fn may_be(&self, place: &Place) -> bool {
         let date = place.date.as_str();
         self.device.as_ref().is_none_or(|device| as_part(device) == place.device)
             && self.from.as_ref().is_none_or(|Day(from)| date >= from.as_str())
-            // All days of a month begin like it.
+            // All days of a month begin with its text.
             && self.to.as_ref().is_none_or(|Day(to)| date <= to.as_str() || date.starts_with(to.as_str()))
     }
 

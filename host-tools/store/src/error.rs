@@ -14,22 +14,22 @@ use crate::place::VERSION;
 #[derive(Debug, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum StoreError {
-    /// No store is there.
+    /// There is no store at this address.
     #[error("there is no store at {url}")]
     #[diagnostic(
         code(inerter::store::none),
         help("check the address; `inerter store add {url} FILE` makes a store with its first run")
     )]
     None { url: String },
-    /// Something else is there.
+    /// The place holds something else.
     #[error("{url} holds files, but no store")]
     #[diagnostic(code(inerter::store::foreign), help("name an empty folder, or one that does not exist yet"))]
     Foreign { url: String },
-    /// A later version has written it.
+    /// A later version of the program has written it.
     #[error("the store at {url} is of version {version}; this program reads up to version {VERSION}")]
     #[diagnostic(code(inerter::store::newer), help("install a newer inerter; nothing was changed"))]
     Newer { url: String, version: u64 },
-    /// The address is of a kind that this program cannot use.
+    /// The program cannot use this kind of address.
     #[error("{url} cannot be used as a store: {problem}")]
     #[diagnostic(code(inerter::store::address), help("{help}"))]
     Address { url: String, problem: String, help: String },
@@ -44,18 +44,18 @@ pub enum StoreError {
         action: &'static str,
         source: io::Error,
     },
-    /// A file in the store is not what it should be.
+    /// The contents of a file in the store are invalid.
     #[error("{file} in the store {url} is damaged: {problem}")]
     #[diagnostic(code(inerter::store::damaged), help("`inerter store verify {url}` lists all that is damaged"))]
     Damaged { url: String, file: String, problem: String },
-    /// Nothing has this name.
+    /// No run has this name.
     #[error("the store {url} has no run {run}")]
     #[diagnostic(
         code(inerter::store::no_run),
         help("`inerter store ls {url}` lists the runs; the beginning of a name is enough")
     )]
     NoRun { url: String, run: String },
-    /// Several runs begin like this.
+    /// Several runs' names begin like this.
     #[error("{count} runs in the store {url} begin with {run}")]
     #[diagnostic(code(inerter::store::ambiguous), help("give more of the name"))]
     Ambiguous { url: String, run: String, count: usize },
@@ -66,11 +66,11 @@ pub enum StoreError {
         help("a store holds recordings (.mcap): `inerter record` makes one, and `inerter cut` a part of one")
     )]
     NoRecording { path: PathBuf },
-    /// A recording was written to meanwhile.
+    /// A recording was changed while it was added.
     #[error("{path} changed while it was added", path = path.display())]
     #[diagnostic(code(inerter::store::changed), help("add it when its recording has ended; nothing was added"))]
     Changed { path: PathBuf },
-    /// A condition cannot be read.
+    /// A condition cannot be parsed.
     #[error("`{condition}` is not a condition: {problem}")]
     #[diagnostic(code(inerter::store::condition), help("{help}"))]
     Condition { condition: String, problem: String, help: String },
@@ -78,7 +78,7 @@ pub enum StoreError {
     #[error("`{name}` cannot be the name of a batch")]
     #[diagnostic(code(inerter::store::batch), help("use letters, digits, - and _, at most 80 of them"))]
     Batch { name: String },
-    /// A batch was made in another way.
+    /// A batch was made by another command or with other settings.
     #[error("the batch {name} was made by {kind} with the settings {given}")]
     #[diagnostic(code(inerter::store::other_batch), help("choose another name for this one, or redo the whole batch"))]
     OtherBatch { name: String, kind: String, given: String },
@@ -100,7 +100,7 @@ impl From<inerter_data::output::OutputError> for StoreError {
     }
 }
 
-/// What it is when this recording cannot be read.
+/// The error for a recording that cannot be read.
 pub(crate) fn unreadable(path: &Path) -> impl Fn(io::Error) -> StoreError + Copy + '_ {
     |source| inerter_data::Error::from(RecordingError::Read { path: path.into(), source }).into()
 }

@@ -1,14 +1,14 @@
-//! What a store asks of the place where its files lie.
+//! What a store needs from the place that holds its files.
 
 use std::{
     io::{self, Read},
     path::PathBuf,
 };
 
-/// Most bytes of a file that is read at once: rows and sums have some kilobytes, results some tens.
+/// Maximum size of a file that is read at once \[bytes\]: rows and sums have some kilobytes, results some tens.
 const SMALL: usize = 16 << 20;
 
-/// What there is, where it is there.
+/// The result, or `None` if there is no such file.
 pub(crate) fn found<T>(result: io::Result<T>) -> io::Result<Option<T>> {
     match result {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -16,27 +16,27 @@ pub(crate) fn found<T>(result: io::Result<T>) -> io::Result<Option<T>> {
     }
 }
 
-/// A place for files: each whole or not there, under a name with `/`.
+/// Storage for files: each is either complete or absent, under a name with `/`.
 pub(crate) trait Files: Send + Sync {
-    /// Writes a file, in place of one that is there. Nobody sees a part of it, and what cannot be read to its end is
-    /// not written.
+    /// Writes a file, replacing an existing one. Nobody sees a partial file, and a source that cannot be read to its
+    /// end is not written.
     fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()>;
-    /// Hands over the bytes of a file from the first to the last.
+    /// Passes the bytes of a file to `take`, from first to last.
     fn read(&self, name: &str, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()>;
-    /// Names of the files below this folder, in alphabetical order. Of nothing there is nothing.
+    /// Names of the files below this folder, in alphabetical order; empty if the folder does not exist.
     fn list(&self, folder: &str) -> io::Result<Vec<String>>;
-    /// Whether nothing at all is there.
+    /// Whether the storage is completely empty.
     fn is_empty(&self) -> io::Result<bool>;
-    /// Removes a file; one that is not there is no fault.
+    /// Removes a file; a missing one is not an error.
     fn remove(&self, name: &str) -> io::Result<()>;
-    /// Removes what a writer left behind that was ended.
+    /// Removes the remains of an interrupted writer.
     fn remove_unfinished(&self) -> io::Result<()>;
-    /// Where it lies on this computer, where it does.
+    /// Its path on this computer, if it is local.
     fn file(&self, name: &str) -> Option<PathBuf>;
-    /// Whether a file is there.
+    /// Whether a file exists.
     fn has(&self, name: &str) -> io::Result<bool>;
 
-    /// All of a small file.
+    /// The contents of a small file.
     fn get(&self, name: &str) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.read(name, &mut |part| {

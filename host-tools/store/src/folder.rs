@@ -10,7 +10,7 @@ use inerter_data::output::{OutputError, Pending, sync_folder};
 
 use crate::files::{Files, found};
 
-/// Bytes that are read at once.
+/// Bytes read at once.
 const PORTION: usize = 1 << 16;
 
 /// Files below a folder.
@@ -27,7 +27,7 @@ impl Folder {
         name.split('/').filter(|part| !part.is_empty()).fold(self.root.clone(), |path, part| path.join(part))
     }
 
-    /// Ordinary files below a folder: links and pipes are nothing of ours, and reading one might never end.
+    /// Regular files below a folder: links and pipes are not ours, and a read of one might never end.
     fn walk(folder: &Path, name: &str, take: &mut dyn FnMut(String, PathBuf) -> io::Result<()>) -> io::Result<()> {
         for entry in found(fs::read_dir(folder))?.into_iter().flatten() {
             let entry = entry?;
@@ -49,7 +49,7 @@ fn last(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or(name)
 }
 
-/// A file that is being written, or was.
+/// A file being written, or left unfinished.
 fn is_unfinished(name: &str) -> bool {
     last(name).starts_with('.') && name.ends_with(".part")
 }
@@ -57,7 +57,7 @@ fn is_unfinished(name: &str) -> bool {
 impl Files for Folder {
     fn put(&self, name: &str, from: &mut dyn Read) -> io::Result<()> {
         let path = self.path(name);
-        // A pipe or a link there is nothing of ours, and would be written through.
+        // A pipe or a link there is not ours, and would be written through.
         if fs::symlink_metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
             fs::remove_file(&path)?;
         }
@@ -65,10 +65,10 @@ impl Files for Folder {
         let pending = begun(&path)?;
         io::copy(from, &mut pending.open().map_err(reason)?)?;
         pending.commit().map_err(reason)?;
-        // The names of new folders must be on the disk too, or nothing leads to the file.
+        // The names of new folders must be synced to disk too, or the file cannot be found.
         let folders = new_folder.into_iter().flat_map(Path::ancestors);
         folders.take_while(|folder| *folder != self.root).try_for_each(sync_folder)?;
-        // Sealed. Elsewhere a file that may not be written may not be removed either.
+        // Makes the file read-only. On other systems a read-only file cannot be removed either.
         #[cfg(unix)]
         fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o444))?;
         Ok(())
@@ -113,7 +113,7 @@ impl Files for Folder {
     fn remove(&self, name: &str) -> io::Result<()> {
         let path = self.path(name);
         found(fs::remove_file(&path).map_err(absent))?;
-        // Folders go with their last file; one that holds another stays.
+        // Folders are removed with their last file; one that holds another stays.
         let mut folder = path.parent();
         while let Some(empty) = folder.filter(|folder| *folder != self.root && fs::remove_dir(folder).is_ok()) {
             folder = empty.parent();
@@ -135,12 +135,12 @@ impl Files for Folder {
     }
 }
 
-/// Below what is no folder there is nothing.
+/// Below a path that is not a folder there are no files.
 fn absent(error: io::Error) -> io::Error {
     if error.kind() == io::ErrorKind::NotADirectory { io::ErrorKind::NotFound.into() } else { error }
 }
 
-/// Begins a file; another process may remove the folder, empty as it is, as soon as it is there.
+/// Begins a file; another process may remove the folder while it is still empty.
 fn begun(path: &Path) -> io::Result<Pending> {
     let mut attempts = 0..8;
     loop {
@@ -152,7 +152,7 @@ fn begun(path: &Path) -> io::Result<Pending> {
     }
 }
 
-/// The system's reason alone: the store says which file.
+/// The system's reason alone: the store adds the file name.
 fn reason(error: OutputError) -> io::Error {
     match error {
         OutputError::Create { source, .. } | OutputError::Write { source, .. } => source,

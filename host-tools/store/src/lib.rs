@@ -5,8 +5,8 @@
 //!
 //! Recordings are never changed. Everything else follows from them: the same recording added twice, or by many
 //! processes at once, gives the same files with the same bytes. A run exists while its row does, which is written last
-//! and removed first; what an interrupted process leaves behind is not a run, and adding the recording again completes
-//! it. docs/STORE.md describes the layout, for those who read the files without this crate.
+//! and removed first; the remains of an interrupted process are not a run, and adding the recording again completes
+//! them. docs/STORE.md describes the layout, for those who read the files without this crate.
 
 mod choice;
 mod error;

@@ -1,21 +1,21 @@
-//! Where the files of a run lie.
+//! Where the files of a run are.
 
 use inerter_data::{export::Source, words::utc};
 
-/// Version of the layout and of the tables, which later versions read too. A column or a file more is none; one less,
-/// or another meaning, is.
+/// Version of the layout and of the tables; later versions read it too. An added column or file does not change it; a
+/// removed one, or another meaning, does.
 pub const VERSION: u64 = 1;
 
-/// The file that makes a folder a store.
+/// The file that marks a folder as a store.
 pub(crate) const MARK: &str = "inerter-store.json";
 
-/// Folder of what else was made of the runs.
+/// Folder of further results.
 pub(crate) const RESULTS: &str = "results";
 
-/// Letters of a serial number that are kept.
+/// Maximum length of a serial number in names.
 const SERIAL: usize = 40;
 
-/// What a store holds of a run.
+/// A file that a store holds for a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Part {
     Recording,
@@ -25,12 +25,12 @@ pub(crate) enum Part {
     /// Its row as JSON, which this program reads.
     Row,
     Sums,
-    /// Its row as a table. With it the run is there.
+    /// Its row as a table. Once it exists, the run exists.
     Run,
 }
 
 impl Part {
-    /// In the order in which they are written.
+    /// In writing order.
     pub(crate) const ALL: [Self; 7] =
         [Self::Recording, Self::Estimates, Self::Reversals, Self::Events, Self::Row, Self::Sums, Self::Run];
 
@@ -56,7 +56,7 @@ impl Part {
     }
 }
 
-/// The place of a run: the same part of the name in each folder of the store.
+/// The place of a run: the part of the name that is the same in each folder of the store.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     pub(crate) device: String,
@@ -71,24 +71,24 @@ impl Place {
         Self { device: as_part(serial(source).unwrap_or_default()), date, run }
     }
 
-    /// Reads the place back from the name of a file, which must be the one that this place has.
+    /// Parses the place from a file name, which must be exactly the name that this place has.
     pub(crate) fn parse(name: &str, part: Part) -> Option<Self> {
         let place = Self::parts(name.strip_prefix(part.folder())?.strip_prefix('/')?)?;
         (place.file(part) == name).then_some(place)
     }
 
-    /// The same of a key.
+    /// The same for a key.
     pub(crate) fn parse_key(key: &str) -> Option<Self> {
         let place = Self::parts(key)?;
         (place.key() == key).then_some(place)
     }
 
-    /// The part of the name that is the same everywhere: with it a run is found without a look at all others.
+    /// The part of the name that is the same everywhere: it finds a run without a search through all others.
     pub fn key(&self) -> String {
         format!("device={}/date={}/{}", self.device, self.date, self.run)
     }
 
-    /// The same of a result.
+    /// The same for a result.
     pub(crate) fn parse_result(name: &str, batch: &str) -> Option<Self> {
         let place = Self::parts(name.strip_prefix(&format!("{RESULTS}/{batch}/"))?)?;
         (place.result(batch) == name).then_some(place)
@@ -117,12 +117,12 @@ impl Place {
     }
 }
 
-/// The device's serial number as it says it.
+/// The device's serial number as it reports it.
 pub(crate) fn serial(source: &Source) -> Option<&str> {
     source.device.as_ref()?.get("serial").map(String::as_str)
 }
 
-/// A serial number as a part of a file's name: it comes from outside, and may hold anything.
+/// A serial number made safe for a file name: it comes from outside and may hold any characters.
 pub(crate) fn as_part(serial: &str) -> String {
     let kept = |letter: char| if letter.is_ascii_alphanumeric() || "-_".contains(letter) { letter } else { '_' };
     let part: String = serial.chars().take(SERIAL).map(kept).collect();

@@ -4,19 +4,19 @@ use serde_json::{Value, json};
 
 use crate::{error::StoreError, place::Place};
 
-/// What became of one run in a batch.
+/// The outcome of one run in a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// What was done: `replay`, `diagnose` or `identify`.
+    /// The command: `replay`, `diagnose` or `identify`.
     pub kind: String,
-    /// With what: settings by name.
+    /// Its settings by name.
     pub given: Value,
-    /// What the command prints with `--json`, or code and text of the error.
+    /// The output of the command with `--json`, or code and text of the error.
     pub result: Result<Value, (String, String)>,
 }
 
 impl Outcome {
-    /// As it is kept.
+    /// The stored form.
     pub(crate) fn json(&self, place: &Place) -> Value {
         let (result, error) = (self.result.as_ref().ok(), self.result.as_ref().err());
         json!({
@@ -26,14 +26,14 @@ impl Outcome {
     }
 }
 
-/// The name of a batch is a folder.
+/// Checks the name of a batch, which becomes a folder.
 pub(crate) fn checked(batch: &str) -> Result<&str, StoreError> {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_".contains(letter);
     let is_name = batch.chars().all(is_plain) && (1..=80).contains(&batch.len());
     if is_name { Ok(batch) } else { Err(StoreError::Batch { name: batch.into() }) }
 }
 
-/// Some runs of a store, the same ones for every caller: part `number` of `of`, from 1.
+/// A part of a store's runs, the same for every caller: part `number` of `of`, from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     number: u64,
@@ -41,7 +41,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Whether the run at this place belongs to it; a run that is added later changes no other's.
+    /// Whether the run at this place belongs to it; a run added later does not move any other.
     pub fn has(self, place: &Place) -> bool {
         let beginning = place.name().get(..15).and_then(|digits| u64::from_str_radix(digits, 16).ok());
         beginning.unwrap_or_default() % self.of == self.number - 1

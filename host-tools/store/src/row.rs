@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use crate::place::Place;
 
-/// Columns that hold objects: in JSON as such, in the table as text.
+/// Columns that hold objects: objects in JSON, text in the table.
 pub const OBJECTS: [&str; 2] = ["settings", "truth"];
 
 /// A run of a store: its columns by name.
@@ -22,7 +22,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Where it is.
+    /// The run's place.
     pub fn place(&self) -> &Place {
         &self.place
     }
@@ -32,17 +32,17 @@ impl Row {
         self.place.name()
     }
 
-    /// The device, as the folders have it.
+    /// The device, as in the folder names.
     pub fn device(&self) -> &str {
         &self.place.device
     }
 
-    /// Day on which it was recorded, in UTC: `2026-01-31`. Of a simulation it is 1970-01-01.
+    /// Day of the recording in UTC: `2026-01-31`. For a simulation it is 1970-01-01.
     pub fn date(&self) -> &str {
         &self.place.date
     }
 
-    /// A column, where it is known; `run`, `device` and `date` are columns too.
+    /// A column, if known; `run`, `device` and `date` are columns too.
     pub fn get(&self, column: &str) -> Option<Value> {
         match column {
             "run" => Some(json!(self.name())),
@@ -52,17 +52,17 @@ impl Row {
         }
     }
 
-    /// A number, where it is known.
+    /// A number, if known.
     pub fn number(&self, column: &str) -> Option<f64> {
         self.values.get(column)?.as_f64()
     }
 
-    /// A text, where it is known.
+    /// A text, if known.
     pub fn text(&self, column: &str) -> Option<&str> {
         self.values.get(column)?.as_str()
     }
 
-    /// Kind of its machine.
+    /// Its machine kind.
     pub fn machine(&self) -> Machine {
         if self.text("machine") == Some("rotary") { Machine::Rotary } else { Machine::Linear }
     }
@@ -77,7 +77,7 @@ impl Row {
         })
     }
 
-    /// Why what it says proves nothing, if so.
+    /// Why its values prove nothing, if there is a reason.
     fn doubts(&self) -> Doubts {
         let Some(wrong) = self.number("wrong_samples") else {
             return Doubts::because("it was added by a version that did not count wrong samples");

@@ -19,13 +19,13 @@ use tokio::runtime::{Builder, Runtime};
 
 use crate::files::{Files, found};
 
-/// Bytes that go at once; S3 wants 5 MiB of each part but the last one.
+/// Bytes sent at once; S3 requires 5 MiB for each part except the last.
 const PART: usize = 8 << 20;
-/// A server that is busy is asked again so often, and for so long.
+/// Retries of a request to a busy server, and their total time.
 const RETRIES: usize = 5;
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Variables with an address.
+/// Environment variables for the server's address.
 const ENDPOINTS: [&str; 3] = ["AWS_ENDPOINT", "AWS_ENDPOINT_URL", "AWS_ENDPOINT_URL_S3"];
 
 /// Objects below a prefix.
@@ -53,7 +53,7 @@ impl Bucket {
                 return Err(io::Error::other(format!("{variable} is not an address such as http://localhost:9000")));
             }
         }
-        // Letters that would have to be written otherwise lead others elsewhere.
+        // Reject characters that would be escaped: others would then look under another name.
         let prefix = Path::parse(folder.trim_end_matches('/')).map_err(io::Error::other)?;
         if Path::from(prefix.as_ref()) != prefix {
             return Err(io::Error::other("the folder must be of plain letters, digits, -, _, . and /"));
@@ -73,7 +73,7 @@ impl Bucket {
     }
 }
 
-/// The next part; a short one is the last.
+/// Reads the next part; a short one is the last.
 fn part(from: &mut dyn Read) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     from.take(PART as u64).read_to_end(&mut bytes)?;
@@ -85,7 +85,7 @@ impl Files for Bucket {
         let path = self.path(name);
         let first = part(from)?;
         self.runtime.block_on(async {
-            // A short part was read to its very end, which is where a reader may refuse.
+            // A short part was read to its end, which is where a reader may fail.
             if first.len() < PART {
                 return self.objects.put(&path, PutPayload::from(first)).await.map(drop).map_err(plain);
             }
@@ -101,7 +101,7 @@ impl Files for Bucket {
             };
             let sent: io::Result<()> = sent.await;
             if sent.is_err() {
-                // Parts that stay cost money, and no more can be done about them.
+                // Parts left on the server cost money; nothing more can be done about a failure here.
                 upload.abort().await.ok();
             }
             sent
@@ -148,7 +148,7 @@ impl Files for Bucket {
     }
 
     fn remove_unfinished(&self) -> io::Result<()> {
-        // Parts of an upload that never ended are seen by the bucket's owner alone.
+        // Only the bucket's owner can see parts of an unfinished upload.
         Ok(())
     }
 
@@ -162,7 +162,7 @@ impl Files for Bucket {
     }
 }
 
-/// As the system would say it.
+/// In the form of a system error.
 fn plain(error: object_store::Error) -> io::Error {
     let kind = match &error {
         object_store::Error::NotFound { .. } => io::ErrorKind::NotFound,

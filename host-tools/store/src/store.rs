@@ -1,4 +1,4 @@
-//! A store: runs go in, are found, checked and removed.
+//! A store: adds, finds, verifies and removes runs.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,10 +22,10 @@ use crate::{
     tables::{Tables, opened},
 };
 
-/// A run that another process removes while it is added is written anew so often.
+/// How often a run is written again if another process removes it meanwhile.
 const ATTEMPTS: usize = 4;
 
-/// What is the matter with a file that the system does not let read.
+/// The problem of a file that the system cannot read.
 const UNREADABLE: &str = "unreadable";
 
 /// A store of runs, in a folder or at `s3://BUCKET/FOLDER`.
@@ -34,46 +34,46 @@ pub struct Store {
     files: Box<dyn Files>,
 }
 
-/// What became of a recording that was added.
+/// The outcome of adding a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Added {
     /// Its row.
     pub row: Row,
-    /// False where the run was there already.
+    /// False if the run already existed.
     pub is_new: bool,
 }
 
 /// Some runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Listed {
-    /// Those that are meant, by device, date and name.
+    /// The selected runs, by device, date and name.
     pub rows: Vec<Row>,
     /// Rows that cannot be read.
     pub damages: Vec<Damage>,
 }
 
-/// What a look at every file found.
+/// The result of a check of every file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// Runs that are there.
+    /// Number of runs.
     pub runs: usize,
-    /// Files that are not as they were written.
+    /// Files that have changed since they were written.
     pub damages: Vec<Damage>,
 }
 
-/// A file that is not as it was written.
+/// A file that has changed since it was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// The run; empty for a file of none.
+    /// The run; empty for a file that belongs to none.
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unreadable`, `unfinished` (of a run that was not added, or not removed, to its end) or
-    /// `foreign` (nothing of ours).
+    /// `missing`, `changed`, `unreadable`, `unfinished` (a run whose adding or removal was interrupted) or `foreign`
+    /// (not ours).
     pub problem: &'static str,
 }
 
-/// A recording on this computer.
+/// A recording as a local file.
 #[derive(Debug)]
 pub struct Local {
     file: PathBuf,
@@ -87,20 +87,20 @@ impl Local {
     }
 }
 
-/// Hears of the part of the work that is done, from 0 to 1; an error ends it.
+/// Called with the completed fraction, from 0 to 1; an error stops the work.
 pub type Progress<'a> = &'a mut dyn FnMut(f64) -> Result<(), StoreError>;
 
 impl Store {
-    /// Opens a store that is there.
+    /// Opens an existing store.
     pub fn open(url: &str) -> Result<Self, StoreError> {
         let store = Self::at(url)?;
         if store.is_there()? { Ok(store) } else { Err(StoreError::None { url: url.into() }) }
     }
 
-    /// Opens a store, or a place where one can be: the first run makes it.
+    /// Opens a store, or a place for one: the first run creates it.
     pub fn create(url: &str) -> Result<Self, StoreError> {
         let store = Self::at(url)?;
-        // Another process may have made it between the first look and the second.
+        // Another process may have created it between the two checks.
         if !store.is_there()? && !store.tried("it", "listed", store.files.is_empty())? && !store.is_there()? {
             return Err(StoreError::Foreign { url: url.into() });
         }
@@ -136,7 +136,7 @@ impl Store {
         &self.url
     }
 
-    /// Whether a store is there that this version can read.
+    /// Whether there is a store that this version can read.
     fn is_there(&self) -> Result<bool, StoreError> {
         if !self.has(MARK)? {
             return Ok(false);
@@ -149,8 +149,8 @@ impl Store {
         }
     }
 
-    /// Adds a recording: the same one twice is one run. `progress` is handed the part that is done and may end the work
-    /// until the run is there.
+    /// Adds a recording; adding the same one twice gives one run. `progress` gets the completed fraction and may stop
+    /// the work until the run exists.
     pub fn add(&self, recording: &Path, progress: Progress<'_>) -> Result<Added, StoreError> {
         let mut before = Summed::new(File::open(recording).map_err(unreadable(recording))?);
         io::copy(&mut before, &mut io::sink()).map_err(unreadable(recording))?;
@@ -168,7 +168,7 @@ impl Store {
         Ok(Added { row: self.row(&tables.place)?, is_new: true })
     }
 
-    /// Writes what is not there yet, or is not what it should be; `progress` is asked until the run is there.
+    /// Writes the files that are missing or invalid; `progress` is called until the run exists.
     fn write(&self, recording: &Path, tables: &Tables, progress: Progress<'_>) -> Result<(), StoreError> {
         let place = &tables.place;
         if !self.has(MARK)? {
@@ -177,7 +177,7 @@ impl Store {
         let name = place.file(Part::Recording);
         for _ in 0..ATTEMPTS {
             progress(1.0)?;
-            // What cannot be read is written.
+            // A file that cannot be read is written again.
             if !self.has_sum(&name, &place.run) {
                 let file = File::open(recording).map_err(unreadable(recording))?;
                 let mut from = Expected::new(file, &place.run);
@@ -191,7 +191,7 @@ impl Store {
                 progress(1.0)?;
                 let name = place.file(*part);
                 if !self.has_sum(&name, &Sum::of(bytes)) {
-                    // The last one is the run's: from there on it is there.
+                    // The last one is the run's row: after it the run exists.
                     self.put(&name, bytes)?;
                 }
             }
@@ -208,11 +208,11 @@ impl Store {
         Err(self.damaged(&name, "another process keeps removing this run, or another version keeps adding it"))
     }
 
-    /// The runs that are meant.
+    /// The selected runs.
     pub fn runs(&self, choice: &Choice) -> Result<Listed, StoreError> {
         let mut listed = Listed::default();
         let mut all = Vec::new();
-        // Which columns there are, all rows together say.
+        // All rows are needed to know which columns exist.
         let are_asked = |place: &Place| !choice.conditions.is_empty() || choice.may_be(place);
         for place in self.places()?.into_iter().filter(are_asked) {
             let problem = match self.row(&place) {
@@ -243,12 +243,12 @@ impl Store {
                 Err(error) => refused = Some(error),
             }
         }
-        // A row of its own kind keeps nobody from the others.
+        // An unusual row must not hide the others.
         refused.filter(|_| !is_understood).map_or(Ok(listed), Err)
     }
 
-    /// The run whose name begins like this, for which all are looked through; or the one with this [`Place::key`],
-    /// which is there or not.
+    /// The run whose name begins like this, found by a search through all; or the run with this [`Place::key`], whether
+    /// or not it exists.
     pub fn find(&self, beginning: &str) -> Result<Place, StoreError> {
         let none = || StoreError::NoRun { url: self.url.clone(), run: beginning.into() };
         if let Some(place) = Place::parse_key(beginning) {
@@ -272,13 +272,12 @@ impl Store {
         }
     }
 
-    /// The file with the recording of a run, where that is one of this computer.
+    /// The path of a run's recording, if it is local.
     pub fn file(&self, place: &Place) -> Option<PathBuf> {
         self.files.file(&place.file(Part::Recording))
     }
 
-    /// The recording of a run as a file of this computer: the store's own, or one that is fetched and goes when it is
-    /// dropped.
+    /// The recording of a run as a local file: the store's own, or a downloaded copy that is removed when dropped.
     pub fn local(&self, place: &Place) -> Result<Local, StoreError> {
         if let Some(file) = self.file(place) {
             return Ok(Local { file, _fetched: None });
@@ -290,7 +289,7 @@ impl Store {
         Ok(Local { file, _fetched: Some(folder) })
     }
 
-    /// Writes the recording of a run into a file; only `replace` lets it take the place of one that is there.
+    /// Copies the recording of a run into a file. Replaces an existing file only with `replace`.
     pub fn get(&self, place: &Place, file: &Path, replace: bool) -> Result<(), StoreError> {
         let name = place.file(Part::Recording);
         let pending = Pending::create(file, replace)?;
@@ -317,9 +316,9 @@ impl Store {
         Ok(())
     }
 
-    /// Reads every file of every run, and lists what is not as it was written.
+    /// Reads every file of every run, and lists those that have changed since they were written.
     pub fn verify(&self, progress: Progress<'_>) -> Result<Verified, StoreError> {
-        // Before the runs: what is completed meanwhile is whole.
+        // Before the runs, so that files completed meanwhile count as complete.
         let mut others = self.others()?;
         let whole = self.places()?;
         let mut damages = Vec::new();
@@ -355,7 +354,7 @@ impl Store {
         }
         for part in summed {
             let name = place.file(part);
-            // The recording is named by its own.
+            // The recording's sum is the run's name.
             let wanted = if part == Part::Recording { Some(&place.run) } else { expected.get(&name) };
             match self.sum(&name) {
                 Ok(None) => damages.push(Damage::of(place, part, "missing")),
@@ -370,12 +369,12 @@ impl Store {
         Ok(damages)
     }
 
-    /// Whether its files are of this computer: what cannot be read there is damaged, and nobody's network is at fault.
+    /// Whether its files are local: then an unreadable file is damaged, and the network is not to blame.
     fn is_local(&self) -> bool {
         self.files.file(MARK).is_some()
     }
 
-    /// Files of what is no run, and of nobody.
+    /// Files that belong to an incomplete run, or to none.
     fn others(&self) -> Result<Vec<(Option<Place>, Damage)>, StoreError> {
         let mut found = Vec::new();
         for file in self.list("")?.into_iter().filter(|file| file != MARK && !file.starts_with(&format!("{RESULTS}/")))
@@ -392,8 +391,8 @@ impl Store {
         Ok(found)
     }
 
-    /// Rebuilds what follows from intact recordings, and removes what is left of others; gives how many runs
-    /// were made whole. A damaged recording stays as it is, and so does one that this version cannot use.
+    /// Rebuilds the derived files of intact recordings, and removes the remains of others; returns how many runs were
+    /// completed. A damaged recording stays as it is, and so does one that this version cannot use.
     pub fn repair(&self, progress: Progress<'_>) -> Result<usize, StoreError> {
         let damages = self.verify(progress)?.damages;
         let place = |damage: &Damage| Part::ALL.iter().find_map(|part| Place::parse(&damage.file, *part));
@@ -408,7 +407,7 @@ impl Store {
                         Tables::of(&source, place, progress)
                     });
                     match tables {
-                        // Each file takes its place when it is whole, so that nothing is lost where this breaks off.
+                        // Each file appears only when complete, so nothing is lost if this is interrupted.
                         Ok(tables) => self.write(local.path(), &tables, progress)?,
                         Err(StoreError::Data(inerter_data::Error::Interrupted)) => {
                             return Err(inerter_data::Error::Interrupted.into());
@@ -427,20 +426,20 @@ impl Store {
         Ok(whole)
     }
 
-    /// Removes a run with its recording and its results; from the beginning on it is no run any more.
+    /// Removes a run with its recording and its results; it stops being a run at the first step.
     pub fn remove(&self, place: &Place) -> Result<(), StoreError> {
         let results = self.batches()?.into_iter().map(|batch| place.result(&batch));
         let others = Part::ALL.iter().rev().skip(1).map(|part| place.file(*part));
         [place.file(Part::Run)].into_iter().chain(results).chain(others).try_for_each(|name| self.remove_file(&name))
     }
 
-    /// Keeps what became of a run; where the batch has it already, this takes its place.
+    /// Saves the outcome of a run, replacing an earlier one in the same batch.
     pub fn keep(&self, batch: &str, place: &Place, outcome: &Outcome) -> Result<(), StoreError> {
         self.put(&place.result(checked(batch)?), format!("{}\n", outcome.json(place)).as_bytes())
     }
 
-    /// What a batch has, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and `result`,
-    /// the last three null where they are not. What cannot be read is as if it were not there.
+    /// The outcomes in a batch, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and
+    /// `result`, the last three null where absent. An unreadable file counts as missing.
     pub fn results(&self, batch: &str) -> Result<BTreeMap<String, Map<String, Value>>, StoreError> {
         let mut rows = BTreeMap::new();
         for (place, name) in self.results_of(batch)? {
@@ -456,7 +455,7 @@ impl Store {
         Ok(rows)
     }
 
-    /// Names of the runs that a batch has, which must have been made in the same way.
+    /// Names of the runs that a batch already has; an error if they were made in another way.
     pub fn kept(&self, batch: &str, kind: &str, given: &Value) -> Result<BTreeSet<String>, StoreError> {
         let rows = self.results(batch)?;
         if let Some(other) =
@@ -480,7 +479,7 @@ impl Store {
         Ok(names.into_iter().filter_map(|name| Some((Place::parse_result(&name, batch)?, name))).collect())
     }
 
-    /// Whether the run is there.
+    /// Whether the run exists.
     pub fn has_run(&self, place: &Place) -> Result<bool, StoreError> {
         self.has(&place.file(Part::Run))
     }
@@ -493,7 +492,7 @@ impl Store {
         Ok(places)
     }
 
-    /// The sum of a file, where it is there.
+    /// The sum of a file, if it exists.
     fn sum(&self, name: &str) -> Result<Option<String>, StoreError> {
         let mut sum = Sum::default();
         let read = self.files.read(name, &mut |part| {
@@ -528,7 +527,7 @@ impl Store {
         self.tried(name, "removed", self.files.remove(name))
     }
 
-    /// What was done to a file, or that it cannot be.
+    /// The result of an operation on a file, with an error that names the file.
     fn tried<T>(&self, file: &str, action: &'static str, result: io::Result<T>) -> Result<T, StoreError> {
         result.map_err(|error| self.access(file, action, error))
     }

@@ -1,10 +1,10 @@
-//! Sums of the files of a run, as `sha256sum` writes and checks them.
+//! Checksums of the files of a run, as `sha256sum` writes and checks them.
 
 use std::io::{self, Read};
 
 use sha2::{Digest, Sha256};
 
-/// The SHA-256 of bytes that come one after the other.
+/// The SHA-256 of data that arrive piece by piece.
 #[derive(Clone, Default)]
 pub(crate) struct Sum(Sha256);
 
@@ -24,7 +24,7 @@ impl Sum {
     }
 }
 
-/// A reader that takes the sum of what goes through it.
+/// A reader that computes the sum of the data passing through.
 pub(crate) struct Summed<R> {
     from: R,
     pub sum: Sum,
@@ -46,11 +46,11 @@ impl<R: Read> Read for Summed<R> {
     }
 }
 
-/// A reader that fails at the end of what does not have this sum.
+/// A reader that fails at the end if the data do not have this sum.
 pub(crate) struct Expected<'a, R> {
     from: Summed<R>,
     sum: &'a str,
-    /// Whether it failed for that.
+    /// Whether it failed for that reason.
     pub is_other: bool,
 }
 
@@ -78,7 +78,7 @@ pub(crate) fn lines(files: &[(String, String)]) -> String {
     files.iter().map(|(name, sum)| format!("{sum}  {name}\n")).collect()
 }
 
-/// Reads them back: name and sum; a line that is none is left out.
+/// Parses them: name and sum; an invalid line is skipped.
 pub(crate) fn parse(text: &str) -> Vec<(String, String)> {
     let line = |line: &str| line.split_once("  ").map(|(sum, name)| (name.to_owned(), sum.to_owned()));
     text.lines().filter_map(line).collect()

@@ -1,4 +1,4 @@
-//! The tables of a recording: the results of our estimator, and nothing else.
+//! The tables of a recording: results of our estimator only.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ use crate::{
     sums::{Sum, lines},
 };
 
-/// Opens what must be a recording.
+/// Opens a file that must be a recording.
 pub(crate) fn opened(path: &Path) -> Result<Source, StoreError> {
     if !recording::is_recording(path).map_err(unreadable(path))? {
         return Err(StoreError::NoRecording { path: path.into() });
@@ -31,15 +31,16 @@ pub(crate) fn opened(path: &Path) -> Result<Source, StoreError> {
     Ok(Source::open(path, &Default::default(), |_| ())?)
 }
 
-/// All files of a run but its recording.
+/// All files of a run except its recording.
 pub(crate) struct Tables {
     pub place: Place,
-    /// In the order in which they are written, the run's last.
+    /// In writing order, the run's row last.
     pub files: Vec<(Part, Vec<u8>)>,
 }
 
 impl Tables {
-    /// Of a recording at its place; `progress` is handed the part that is done, from 0 to 1, and may end the work.
+    /// The tables of a recording at its place; `progress` gets the completed fraction, from 0 to 1, and may stop the
+    /// work.
     pub(crate) fn of(
         source: &Source,
         place: Place,
@@ -109,7 +110,7 @@ impl Tables {
     }
 }
 
-/// A row as JSON; what is an object stands there as one.
+/// A row as JSON; objects stay objects.
 fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
     let value = |column: &HeldColumn<'_>| match &column.cells {
         Cells::Float(values) => json!(values.first().copied().flatten()),
@@ -173,7 +174,7 @@ fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColum
     ]
 }
 
-/// What the run came to: one row.
+/// The result of the run: one row.
 fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let outcome = &replayed.outcome;
     let (settings, extent) = (&source.settings, &source.extent);
@@ -237,7 +238,8 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     columns
 }
 
-/// Value, intervals and status. Without an `interval` its own is the one, and of the same rig nothing is known.
+/// Value, intervals and status. Without an `interval` the parameter's own is used, and the same-rig interval is
+/// unknown.
 fn of_parameter(
     field: &'static catalogue::Field,
     parameter: &Parameter,

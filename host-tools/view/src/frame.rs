@@ -1,10 +1,10 @@
-//! What all pages have: one file, nothing to load, light and dark, and on paper.
+//! What all pages share: one file that loads nothing, light and dark schemes, and a print layout.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 use crate::figure::{Colour, Figure, css, svg_for_page};
 
-/// Look of a page, for both schemes and paper. Colours come from the figures' own table.
+/// The style sheet of a page, for both schemes and print. Colours come from the figures' table.
 pub fn page_css() -> String {
     let variables = |of: fn(Colour) -> [u8; 3]| {
         Colour::ALL.map(|colour| format!("{}:{};", colour.variable(), css(of(colour)))).concat()
@@ -19,7 +19,7 @@ pub fn page_css() -> String {
     )
 }
 
-/// A page with this title, of this kind, with a heading, a line below it, and its sections.
+/// A page with this title and kind, a heading, a line below it, and its sections.
 pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main: &Markup) -> String {
     markup! {
         (DOCTYPE)

@@ -1,4 +1,4 @@
-//! The page that lists pages of runs, with what is known to be true beside what was found.
+//! The page that lists pages of simulated runs, with the true values beside the results.
 
 use maud::{Markup, html as markup};
 
@@ -7,7 +7,7 @@ use crate::frame::{framed, head};
 /// A run with its page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Listed {
-    /// What it was.
+    /// Its description.
     pub title: String,
     /// File name of its page, beside this one.
     pub page: String,
@@ -24,7 +24,7 @@ pub struct Found {
     pub value: String,
     /// The true value.
     pub truth: String,
-    /// Whether the interval holds the truth; nothing where there is no interval.
+    /// Whether the interval contains the true value; `None` if there is no interval.
     pub holds: Option<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! The page of a board's self-test: one file, to be sent on.
+//! The page of a board's self-test: one file to send to others.
 
 use inerter_data::{
     selftest::{Check, SelfTest, Skew, Verdict},

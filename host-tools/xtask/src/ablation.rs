@@ -1,8 +1,4 @@
-//! What each part of the estimator buys: core without that part against core itself, on the same runs.
-//!
-//! The copies of core are in target/ablation. A small test program that uses nothing else is built with them, so the
-//! firmware's source needs no switch and the image no extra instruction. [`host`] does the same for what the host
-//! computes from a run.
+//! What each part of the estimator contributes: core without that part, compared with core itself, on the same runs.
 
 mod heuristics;
 mod host;
@@ -20,7 +16,7 @@ const FLOOR: f64 = 0.1;
 /// A part matters if the error of one cell grows by the first factor, or that of all cells together by the second.
 const WORSE: (f64, f64) = (1.25, 1.02);
 
-/// So many more values outside their intervals may be chance.
+/// Up to this many more values outside their intervals may be chance.
 const BY_CHANCE: u32 = 1;
 
 /// One cell and parameter of the program's output.
@@ -169,7 +165,7 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
 }
 
 impl Row {
-    /// What is lost without it.
+    /// What gets worse without it.
     fn buys(&self) -> String {
         let mut all = Vec::new();
         if self.worst.1 >= WORSE.0 || self.error >= WORSE.1 {

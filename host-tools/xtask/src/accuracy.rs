@@ -1,4 +1,4 @@
-//! Test programs that take longer than a test may.
+//! Programs that measure longer than a test may.
 
 use crate::{
     process,
@@ -28,7 +28,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// As the program receives them.
+    /// Arguments in the form that the program receives.
     pub fn as_given(&self) -> Vec<&str> {
         self.arguments.iter().map(String::as_str).collect()
     }

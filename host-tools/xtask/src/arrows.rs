@@ -1,8 +1,8 @@
 //! Which crate may use which, and which modules import each other.
 //!
 //! Arrow: a dependency of one workspace member on another. The table below lists all that are allowed. A member that is
-//! not in it is refused, so a new crate must be added there first. Within a crate no module may import itself, directly
-//! or through others ([`imports`]).
+//! not in it is rejected, so a new crate must be added there first. Within a crate no module may import itself,
+//! directly or through others ([`imports`]).
 
 use crate::{
     foreign, imports, process, tree,
@@ -23,12 +23,12 @@ struct Law {
     /// Further members that only its tests may use.
     tests_may_use: &'static [&'static str],
     /// Packages that must not be among its direct or indirect dependencies, with its default features; `dfu-*` means
-    /// all names that begin so.
+    /// all names that begin with `dfu-`.
     never: &'static [&'static [&'static str]],
 }
 
 impl Law {
-    /// Uses none of ours.
+    /// A member that uses none of ours.
     const fn of(member: &'static str) -> Self {
         Self { member, may_use: &[], tests_may_use: &[], never: &[] }
     }
@@ -46,13 +46,13 @@ impl Law {
     }
 }
 
-/// What reads a command line.
+/// Packages that parse a command line.
 const COMMAND_LINE: &[&str] = &["clap"];
-/// What talks to USB or a serial port.
+/// Packages that use USB or a serial port.
 const USB: &[&str] = &["nusb", "serialport", "dfu-*", "probe-rs"];
-/// What shows something on a terminal or in a browser.
+/// Packages that display on a terminal or in a browser.
 const SCREEN: &[&str] = &["ratatui", "crossterm", "axum", "indicatif"];
-/// What writes Parquet and MATLAB files.
+/// Packages that write Parquet and MATLAB files.
 const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 
 /// The law. Nothing may use a program: the images, the host's, `xtask`, `inerter-bench`, `inerter-twin` and the foreign
@@ -264,7 +264,7 @@ fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
         .collect()
 }
 
-/// Circles of imports within a member's library and programs.
+/// Import cycles within a member's library and programs.
 fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
     let mut faults = Vec::new();
     for file in &member.roots {

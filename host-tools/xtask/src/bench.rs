@@ -7,7 +7,7 @@ use crate::{
 use anyhow::Result;
 use std::{path::Path, process::Command};
 
-/// The packages that join the comparison, as Python imports them.
+/// The packages in the comparison, as Python imports them.
 const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
 
 /// Their versions.
@@ -28,7 +28,7 @@ pub fn run(options: &Options) -> Result<()> {
     let folder = workspace::folder("bench")?;
     let regressors = folder.join("regressors.bin");
     let rivals = folder.join("python.json");
-    // An earlier run's file must not pass for this one's.
+    // A file of an earlier run must not be mistaken for this run's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
     accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
@@ -54,9 +54,9 @@ pub fn run(options: &Options) -> Result<()> {
     accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
-/// `inerter identify` must be at least so many times faster.
+/// `inerter identify` must be at least this many times faster.
 const FASTER: f64 = 20.0;
-/// How long scipy may take \[s\].
+/// Time limit for scipy \[s\].
 const MOST_S: f64 = 600.0;
 
 /// The complete model by our program and by scipy, one after the other on the same samples.

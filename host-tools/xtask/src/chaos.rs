@@ -1,9 +1,9 @@
-//! Campaigns of disturbances: kills, full disks, hostile devices, slow readers, a clock that is changed.
+//! Campaigns of disturbances: kills, full disks, hostile devices, slow readers, a changed clock.
 //!
 //! Each campaign is a test of `host-tools/inerter/tests/chaos` that runs only on request. It leaves one line with its
 //! figures; a table is printed at the end. With `--keep` each line also goes into `docs/tables/chaos.md`, and what is
 //! already there is not run again. So a long campaign of many seeds can be stopped at any time and continues where it
-//! was.
+//! stopped.
 
 use crate::{
     commit::{UNKNOWN, commit},
@@ -59,7 +59,7 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(!chosen.is_empty(), "no campaign of this name; there are: {}", names.join(", "));
     println!("each line also goes to {}", report.display());
     let mut kept = Kept::parse(&tree::text_if_there(TABLE)?);
-    // Before the table is written, which would count as a difference.
+    // Taken before the table is written, which would count as a difference.
     let commit = commit();
     for seed in options.seed..options.seed.saturating_add(options.seeds) {
         for test in &chosen {
@@ -118,10 +118,10 @@ struct Key {
     cycles: u64,
 }
 
-/// Result of a run that passed.
+/// Result of a campaign that passed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Row {
-    /// Of the tree that was tested.
+    /// Commit of the tree that was tested.
     commit: String,
     seconds: String,
     figures: String,
@@ -141,7 +141,7 @@ impl Kept {
             let [Ok(seed), Ok(kills), Ok(cycles)] = [*seed, *kills, *cycles].map(str::parse) else { return None };
             let (commit, seconds, figures) = match *rest {
                 [commit, seconds, figures] => (commit, seconds, figures),
-                // A row of an earlier program, which kept no commit.
+                // A row from an earlier version of this program, which recorded no commit.
                 [seconds, figures] => (UNKNOWN, seconds, figures),
                 _ => return None,
             };

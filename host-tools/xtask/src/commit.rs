@@ -3,7 +3,7 @@
 use crate::{process, tree};
 use std::process::Command;
 
-/// In place of a commit that is not known.
+/// Placeholder for an unknown commit.
 pub const UNKNOWN: &str = "unknown";
 
 /// The commit that is checked out, and whether the tree differs from it.

@@ -4,11 +4,11 @@ use crate::{process, tree};
 use anyhow::{Result, ensure};
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
-/// One change of a source: file, passage that is in it exactly once, replacement.
+/// One change of a source: file, passage that must occur exactly once in it, replacement.
 pub type Edit = (&'static str, &'static str, &'static str);
 
 /// Makes `copy` equal to the tree below these folders, or to all of it if none is given; ignored files are left out.
-/// Only what differs is written, as cargo takes a file with a new time for a new file.
+/// Only files that differ are written, because cargo treats a file with a new time as changed.
 pub fn tree(copy: &Path, below: &[&str]) -> Result<()> {
     let mut command = Command::new("git");
     command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(below);
@@ -39,7 +39,7 @@ pub fn edit(folder: &Path, edits: &[Edit]) -> Result<()> {
     Ok(())
 }
 
-/// Writes what is not there already.
+/// Writes a file unless it already has these contents.
 pub fn written(path: &Path, bytes: &[u8]) -> Result<()> {
     if fs::read(path).is_ok_and(|present| present == bytes) {
         return Ok(());

@@ -9,16 +9,16 @@ use crate::{
 use anyhow::{Context, Result, ensure};
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
-/// How much processor time may move: compilers differ, and the machine may have other work.
+/// Allowed deviation of processor time: compilers differ, and the machine may have other work.
 const TIME_TOLERANCE: f64 = 0.3;
-/// Goal for the processor time of the demo, at most \[min\].
+/// Upper limit for the processor time of the demo \[min\].
 const DEMO_GOAL_MIN: f64 = 6.0;
 
 /// The program as a user installs it.
 struct Installed {
     name: &'static str,
     features: &'static [&'static str],
-    /// Goal for its size, at most \[MB\].
+    /// Upper limit for its size \[MB\].
     most_mb: f64,
 }
 
@@ -83,7 +83,7 @@ fn minutes(name: &str, seconds: f64) -> Row {
     Row::new(name, (seconds / 6.0).round() / 10.0, "min of processor time").within(TIME_TOLERANCE)
 }
 
-/// Processor time of a command of cargo in an empty folder \[s\].
+/// Processor time of a cargo command in an empty folder \[s\].
 fn from_nothing(folder: &Path, mut command: Command) -> Result<f64> {
     tree::remove(folder)?;
     let before = process::spent();
@@ -91,7 +91,7 @@ fn from_nothing(folder: &Path, mut command: Command) -> Result<f64> {
     Ok((process::spent() - before).as_secs_f64())
 }
 
-/// Edges of what is compiled for a program.
+/// Dependency edges that are compiled for a program.
 const LINKED: &str = "normal,build";
 
 /// How many packages are compiled, by name and version.

@@ -7,7 +7,7 @@ use crate::{
 use anyhow::{Context, Result};
 use std::path::{PathBuf, absolute};
 
-/// Environment variable with the folder of recordings, relative to the root.
+/// Environment variable that names the folder of recordings, relative to the root.
 const FOLDER: &str = "INERTER_DATA";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -20,7 +20,7 @@ pub struct Options {
     output: Option<PathBuf>,
 }
 
-/// The folder that the variable gives.
+/// The folder that the variable names.
 fn named() -> Option<PathBuf> {
     let named = std::env::var_os(FOLDER).filter(|named| !named.is_empty());
     named.map(|named| tree::root().join(named))

@@ -19,11 +19,11 @@ const TABLE: &str = "docs/tables/files.md";
 /// Length of the recording \[s\], and its samples per second.
 const DURATION_S: u64 = 3600;
 const RATE_HZ: u64 = 4000;
-/// Length that the Python reader reads of it \[s\]: all of it would take minutes.
+/// Length of the part that the Python reader reads \[s\]: the whole recording would take minutes.
 const PYTHON_S: u64 = 300;
 /// Passes of each export; the best one counts.
 const PASSES: usize = 2;
-/// The goals: so many megabytes at most, and so many times faster at least.
+/// The goals: at most this many megabytes, and at least this many times faster.
 const MEMORY_MB: f64 = 100.0;
 const FASTER: f64 = 10.0;
 
@@ -66,7 +66,7 @@ pub fn run(options: &Options) -> Result<()> {
         ensure!(samples >= (PYTHON_S * RATE_HZ) as f64, "the Python reader found {samples} samples");
         Ok(took / samples * (DURATION_S * RATE_HZ) as f64)
     };
-    // The fastest of as many passes, taken in turn with those of the exports: the machine may have other work.
+    // The fastest of as many passes, alternating with those of the exports: the machine may have other work.
     let (mut python_s, mut all) = (f64::INFINITY, Vec::<Measured>::new());
     for _ in 0..PASSES {
         python_s = python_s.min(reader()?);

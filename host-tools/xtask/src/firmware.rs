@@ -49,7 +49,7 @@ impl Image {
         }
     }
 
-    /// Own file name of an image that cargo builds under the shipping image's name.
+    /// The file name of an image that cargo builds under the shipping image's name.
     const fn file(self) -> Option<&'static str> {
         match self {
             Self::Qemu | Self::Board => None,
@@ -94,7 +94,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let built = executable(&messages, program)
         .with_context(|| format!("cargo built no image; is {program} still a program?"))?;
     let Some(file) = image.file() else { return Ok(built) };
-    // Renamed, so that it is never found where the shipping image belongs.
+    // Renamed, so that it is never mistaken for the shipping image.
     let own = built.with_file_name(file);
     fs::rename(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
     Ok(own)

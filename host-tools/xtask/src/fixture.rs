@@ -11,7 +11,7 @@ use std::{
 pub struct Fixture(pub PathBuf);
 
 impl Fixture {
-    /// With these files: path and text.
+    /// Creates the folder with these files: path and text.
     pub fn new(files: &[(&str, &str)]) -> Self {
         static COUNT: AtomicUsize = AtomicUsize::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);

@@ -40,7 +40,7 @@ pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
     let examples = package(&metadata, PUBLISHED).context("the published examples are not among the dependencies")?;
     let (from, to) = (examples.join("examples"), target.join("foreign").join(PUBLISHED));
     for file in tree::files(&from)? {
-        // One that is the same stays untouched, so that cargo does not rebuild it.
+        // A file that has not changed stays untouched, so that cargo does not rebuild it.
         copy::written(&to.join(file.strip_prefix(&from)?), &tree::read(&file)?)?;
     }
     let mut command = at(toolchain.cargo("build"));

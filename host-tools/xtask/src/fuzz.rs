@@ -2,7 +2,7 @@
 //!
 //! Terms:
 //! - *corpus*: inputs of a target that together reach all edges ever reached, packed into `tests/fuzz/corpus/TARGET`.
-//! - *edges*: jumps of the compiled code that inputs have taken.
+//! - *edges*: branches of the compiled code that inputs have taken.
 //! - *finding*: an input at which a target panics, hangs or takes too much memory.
 //!
 //! A packed corpus holds, for each input, its length (u32, little-endian) and its bytes. What a run finds stays in
@@ -50,10 +50,10 @@ impl Options {
     pub const USUAL: Self = Self { target: None, seconds: 30, seed: None, fast: false, keep: false, input: None };
 }
 
-/// A program of `tests/fuzz`.
+/// A fuzz target: a program of `tests/fuzz`.
 struct Target {
     name: &'static str,
-    /// Longest input \[bytes\].
+    /// Maximum input size \[bytes\].
     longest: usize,
 }
 
@@ -79,13 +79,13 @@ const FLAGS: &[&str] = &[
     "--cfg=fuzzing",
 ];
 
-/// Shows comparisons to libFuzzer, which takes half to four fifths of a target's time.
+/// Reports comparisons to libFuzzer, which takes half to four fifths of a target's time.
 const COMPARES: &str = "-Cllvm-args=-sanitizer-coverage-trace-compares";
 
-/// Longest time for one input \[s\], and most memory \[MB\].
+/// Time limit for one input \[s\], and memory limit \[MB\].
 const LIMITS: [&str; 2] = ["-timeout=20", "-rss_limit_mb=2048"];
 
-/// Tells a target to write its seeds, as `tests/fuzz/src/lib.rs` has it.
+/// Makes a target write its seeds; `tests/fuzz/src/lib.rs` reads it.
 const SEEDS: &str = "INERTER_FUZZ_SEEDS";
 
 /// Runs the targets; fails if one has found something.
@@ -102,7 +102,7 @@ pub fn run(options: &Options) -> Result<()> {
     if let (Some(input), [target]) = (&options.input, &chosen[..]) {
         return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
     }
-    // Before a corpus is written, which would count as a difference.
+    // Taken before a corpus is written, which would count as a difference.
     let commit = commit();
     let mut rows = Vec::new();
     for target in chosen {
@@ -132,8 +132,8 @@ fn folder_of_targets() -> PathBuf {
     tree::root().join("tests/fuzz")
 }
 
-/// Compiles the targets with counters and returns their folder. Build scripts get no counters, as a target triple is
-/// given.
+/// Compiles the targets with counters and returns their folder. Build scripts get no counters because a target triple
+/// is given.
 fn build(targets: &[&Target], fast: bool) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
@@ -152,13 +152,13 @@ struct Session {
     seconds: f64,
     /// Edges after half of the time and at the end.
     edges: [u64; 2],
-    /// Samples that the target says it has processed.
+    /// Samples that the target reports to have processed.
     samples: Option<u64>,
     finding: Option<PathBuf>,
 }
 
 impl Session {
-    /// Takes a line of libFuzzer's output; `half`: half of the time has passed.
+    /// Processes a line of libFuzzer's output; `half`: half of the time has passed.
     fn take(&mut self, line: &str, half: bool) {
         let number = |after: &str| -> Option<u64> {
             let (_, rest) = line.split_once(after)?;
@@ -263,7 +263,7 @@ impl Place {
         let status = child.wait()?;
         session.seconds = start.elapsed().as_secs_f64();
         if !status.success() {
-            // From the panic on.
+            // From the panic message on.
             let panic =
                 said.iter().position(|line| line.contains("panicked at")).unwrap_or(said.len().saturating_sub(20));
             said.iter().skip(panic).take(20).for_each(|line| println!("  {line}"));
@@ -286,7 +286,7 @@ impl Place {
         fs::create_dir_all(self.packed.parent().context("a folder")?)?;
         tree::write(&self.packed, &packed)?;
         println!("{}: {} inputs, {} bytes", self.packed.display(), inputs.len(), packed.len());
-        // Those that reach anything new are in the corpus now.
+        // Inputs that reach anything new are in the corpus now.
         empty(&self.found)
     }
 }
@@ -301,7 +301,7 @@ fn empty(folder: &Path) -> Result<()> {
     tree::make(folder)
 }
 
-/// Lines of any bytes: a panic may print what is not text.
+/// Lines of arbitrary bytes: a panic may print something that is not text.
 fn lines(source: impl Read) -> impl Iterator<Item = String> {
     let bytes = BufReader::new(source).split(b'\n').map_while(|line| line.ok());
     bytes.map(|line| String::from_utf8_lossy(&line).into_owned())

@@ -1,20 +1,20 @@
-//! Columns that are in memory already, every number checked.
+//! Columns already in memory, with every number checked.
 
 use inerter_core::Machine;
 use miette::Diagnostic;
 
 use super::read::{Table, column_names};
 
-/// Decimals of a time beyond which nothing is looked for.
+/// Maximum number of decimals considered for a time.
 const MOST_DECIMALS: i32 = 12;
-/// Part of the last decimal by which a time may miss it.
+/// Fraction of the last decimal by which a time may miss it.
 const MISSED: f64 = 1e-3;
 
 /// Columns that cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum ColumnsError {
-    /// One column is longer than another.
+    /// The columns differ in length.
     #[error("{name}: `{column}` has {length} values, and `t_s` has {samples}")]
     #[diagnostic(code(inerter::columns::length), help("give each column one value per sample"))]
     Length { name: String, column: &'static str, length: usize, samples: usize },
@@ -32,7 +32,7 @@ pub enum ColumnsError {
     #[diagnostic(code(inerter::columns::time), help("`t_s` is in seconds and increases from sample to sample"))]
     Time { name: String, row: usize, previous: f64, time: f64 },
 
-    /// Nothing at all.
+    /// No rows.
     #[error("{name}: there are no samples")]
     #[diagnostic(code(inerter::columns::empty), help("give columns with one value per sample"))]
     Empty { name: String },
@@ -40,7 +40,7 @@ pub enum ColumnsError {
 
 impl Table {
     /// A table of these columns: time \[s\], encoder count, force \[N\] or torque \[N m\], and displacement of the
-    /// terminal \[m\] or \[rad\], which is empty where it was not measured. `name` is that of the run in messages.
+    /// terminal \[m\] or \[rad\], which is empty if it was not measured. `name` identifies the run in messages.
     pub fn of_columns(
         name: String,
         machine: Machine,
@@ -87,7 +87,7 @@ impl Table {
     }
 }
 
-/// Decimals that these times would be written with.
+/// The number of decimals needed to write these times.
 fn decimals(t_s: &[f64]) -> u32 {
     let have = |decimals: i32| {
         let scale = 10f64.powi(decimals);
@@ -118,7 +118,7 @@ mod tests {
     fn times_have_the_decimals_they_are_written_with() {
         let of = |period: f64| decimals(&(0..1000).map(|n| 5000.0 + f64::from(n) * period).collect::<Vec<_>>());
         assert_eq!([1.0, 0.25, 1e-3].map(of), [0, 2, 3]);
-        // As many as a double has there.
+        // As many as a double resolves there.
         assert!(of(1.0 / 3.0) >= 10);
     }
 

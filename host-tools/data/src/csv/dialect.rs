@@ -2,7 +2,7 @@
 
 use super::error::CsvError;
 
-/// What other files begin with, and what to do about them.
+/// The first bytes of other kinds of file, and what to do about them.
 const OTHER_KINDS: &[(&[u8], &str, &str)] = &[
     (b"PK\x03\x04", "an Excel workbook or a zip file", "open it and save it as CSV (UTF-8)"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "open it and save it as CSV (UTF-8)"),
@@ -15,7 +15,7 @@ const OTHER_KINDS: &[(&[u8], &str, &str)] = &[
 
 /// The file's text without its byte order mark.
 ///
-/// Bytes that are not UTF-8 (a Latin-1 micro sign in a column that is not ours) do no harm and are replaced.
+/// Bytes that are not UTF-8 (a Latin-1 micro sign in a column that is not ours) are harmless and are replaced.
 pub fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<std::borrow::Cow<'a, str>, CsvError> {
     for (magic, kind, advice) in OTHER_KINDS {
         if bytes.starts_with(magic) {
@@ -32,14 +32,14 @@ pub fn decode<'a>(file: &str, bytes: &'a [u8]) -> Result<std::borrow::Cow<'a, st
     Ok(String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)))
 }
 
-/// Between fields, and within numbers.
+/// The delimiter between fields, and the decimal sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dialect {
     delimiter: char,
 }
 
 impl Dialect {
-    /// Found from the header: the one of `;`, tab and `,` that is there most often.
+    /// Detected from the header: the most frequent of `;`, tab and `,`.
     pub fn detect(header: &str) -> Self {
         let count = |delimiter: char| header.matches(delimiter).count();
         let delimiter = [',', '\t', ';'].into_iter().max_by_key(|delimiter| count(*delimiter)).unwrap_or(',');

@@ -28,7 +28,7 @@ pub enum CsvError {
     #[diagnostic(code(inerter::input::kind), help("{advice}"))]
     WrongKind { file: String, kind: &'static str, advice: &'static str },
 
-    /// No line of samples is that long.
+    /// The line is too long for samples.
     #[error("{file}, line {line}: the line is longer than {longest} bytes")]
     #[diagnostic(
         code(inerter::csv::long),
@@ -36,7 +36,7 @@ pub enum CsvError {
     )]
     LongLine { file: String, line: usize, longest: usize },
 
-    /// The first line holds numbers.
+    /// The first line holds numbers instead of names.
     #[error("{file}, line {line}: the header is missing: the first line holds numbers")]
     #[diagnostic(code(inerter::csv::header), help("put the column names above the numbers: {header}"))]
     NoHeader {
@@ -49,7 +49,7 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
-    /// A column is not there.
+    /// A column is missing.
     #[error("{file}, line {line}: the column `{column}` is missing")]
     #[diagnostic(code(inerter::csv::column), help("{advice}"))]
     MissingColumn {
@@ -63,7 +63,7 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
-    /// A column is there twice.
+    /// A column occurs twice.
     #[error("{file}, line {line}: the column `{column}` appears twice")]
     #[diagnostic(code(inerter::csv::twice), help("rename one of them: it is unclear which is meant"))]
     DuplicateColumn {
@@ -76,7 +76,7 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
-    /// The columns speak of two kinds of machine.
+    /// The columns belong to both kinds of machine.
     #[error("{file}, line {line}: the column `{column}` does not go with `{other}`")]
     #[diagnostic(
         code(inerter::csv::machine),
@@ -93,7 +93,7 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
-    /// The columns are those of one kind of machine, and the settings say the other.
+    /// The columns belong to one kind of machine, and the settings state the other.
     #[error("{file}: the column `{column}` contradicts the setting machine = {set}")]
     #[diagnostic(
         code(inerter::csv::machine),
@@ -117,7 +117,7 @@ pub enum CsvError {
         at: SourceSpan,
     },
 
-    /// A cell does not hold the number that it should.
+    /// A cell does not hold a valid number.
     #[error("{file}, line {line}, column {column}: {what}")]
     #[diagnostic(code(inerter::csv::number), help("{advice}"))]
     Cell {
@@ -163,12 +163,12 @@ pub enum CsvError {
     )]
     Irregular { file: String, percent: f64, median_s: f64 },
 
-    /// More is missing than a sample counter of 32 bits can tell from a restart.
+    /// More samples are missing than a 32-bit sample counter can distinguish from a restart.
     #[error("{file}, column t_s: a gap of {gap_s:.3e} s, while the samples are {median_s:.6} s apart")]
     #[diagnostic(code(inerter::csv::gap), help("check the times there; a file with two recordings must be split"))]
     Gap { file: String, gap_s: f64, median_s: f64 },
 
-    /// A motion is not given at every point.
+    /// A motion is not given at every point in time.
     #[error("{file}, column t_s: the points of a motion are not evenly spaced, or some are missing")]
     #[diagnostic(
         code(inerter::csv::uneven),
@@ -181,7 +181,7 @@ pub enum CsvError {
     #[diagnostic(code(inerter::csv::rate), help("check that t_s is in seconds"))]
     Rate { file: String, rate_hz: f64, min_hz: f64, max_hz: f64 },
 
-    /// `sample_rate_hz` was set to something else than the file says.
+    /// The setting `sample_rate_hz` contradicts the file.
     #[error("sample_rate_hz was set to {set_hz}, but t_s in {file} says {} Hz", rounded(*rate_hz))]
     #[diagnostic(
         code(inerter::csv::rate_conflict),
@@ -205,7 +205,7 @@ pub enum CsvError {
     DoesNotFit { file: String, line: usize, column: &'static str, value: f64, scale: String, advice: &'static str },
 }
 
-/// A rate to the micro-hertz.
+/// A rate rounded to the micro-hertz.
 fn rounded(rate_hz: f64) -> f64 {
     (rate_hz * 1e6).round() / 1e6
 }

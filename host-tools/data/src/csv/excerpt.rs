@@ -4,10 +4,10 @@ use miette::{MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanConten
 
 use crate::words::printable;
 
-/// Letters shown on either side of what is meant, and of that itself at most.
+/// Maximum number of characters shown on either side of the error, and of the error itself.
 const AROUND: usize = 60;
 
-/// Some letters of a line, printable, with the place that they have in their file.
+/// Part of a line, made printable, with its position in the file.
 #[derive(Debug)]
 pub struct Excerpt {
     file: String,
@@ -18,7 +18,7 @@ pub struct Excerpt {
 }
 
 impl Excerpt {
-    /// What stands around `length` bytes from byte `at` on, and the span of those in it.
+    /// The text around the `length` bytes at `at`, and the span of those bytes in it.
     pub(super) fn of(file: &str, line: usize, text: &str, at: usize, length: usize) -> (Self, SourceSpan) {
         let (before, rest) = text.split_at_checked(at).unwrap_or((text, ""));
         let (meant, after) = rest.split_at_checked(length).unwrap_or((rest, ""));
@@ -26,7 +26,7 @@ impl Excerpt {
         let last = before.char_indices().rev().nth(AROUND - 1).map_or(0, |(at, _)| at);
         let [before, meant, after] =
             [before.get(last..), meant.get(..first(meant)), after.get(..first(after))].map(|part| {
-                // A tab stays what it is between columns.
+                // A tab between columns stays a tab.
                 part.unwrap_or_default().split('\t').map(printable).collect::<Vec<_>>().join("\t")
             });
         let span = SourceSpan::new(before.len().into(), meant.len());

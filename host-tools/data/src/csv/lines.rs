@@ -1,4 +1,4 @@
-//! Lines of a CSV text and the cells in them, with where each is for a message.
+//! Lines of a CSV text and their cells, each with its position for messages.
 
 use std::{
     fs::File,
@@ -21,7 +21,7 @@ pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, CsvError> {
     File::open(path).and_then(as_far_as_needed).map_err(failed)
 }
 
-/// All of a CSV file; of another one, however great, the beginning that shows that it is none.
+/// The whole of a CSV file; of any other file, however large, only enough to recognise it.
 pub(super) fn as_far_as_needed(source: impl Read) -> io::Result<Vec<u8>> {
     let (mut source, mut bytes) = (BufReader::new(source), Vec::new());
     loop {
@@ -45,7 +45,7 @@ pub(super) struct Line<'a> {
 }
 
 impl Line<'_> {
-    /// Refuses what no line of samples is.
+    /// Rejects a line too long for samples.
     pub fn check_length(&self) -> Result<(), CsvError> {
         if self.text.len() > LONGEST_LINE {
             return Err(CsvError::LongLine { file: self.file.into(), line: self.number, longest: LONGEST_LINE });
@@ -58,7 +58,7 @@ impl Line<'_> {
         self.offset + self.text.len() == all.len()
     }
 
-    /// The time in a cell, which must be later than the one before, and its decimals.
+    /// The time in a cell, which must be later than the previous one, and its decimals.
     pub fn later(&self, previous: Option<&f64>, (time, at, written): Cell) -> Result<(f64, u32), CsvError> {
         if let Some(previous) = previous.copied().filter(|previous| time <= *previous) {
             let (file, line, text, at) = self.source(at, written.len());
@@ -67,7 +67,7 @@ impl Line<'_> {
         Ok((time, decimals(written)))
     }
 
-    /// Where something in it is, for a message: file and line, what stands there, and its place in that.
+    /// The position of something in the line, for a message: file and line, the excerpt, and the span in it.
     pub fn source(&self, at: usize, length: usize) -> (String, usize, Arc<Excerpt>, SourceSpan) {
         let (excerpt, span) = Excerpt::of(self.file, self.number, self.text, at, length);
         (self.file.into(), self.number, Arc::new(excerpt), span)
@@ -83,7 +83,7 @@ pub(super) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// Of this text; `file` is its name in messages.
+    /// The lines of this text; `file` is its name in messages.
     pub fn of(file: &'a str, text: &'a str) -> Self {
         Self { file, text, offset: 0, number: 0 }
     }
@@ -96,7 +96,7 @@ impl<'a> Iterator for Lines<'a> {
         loop {
             let rest = self.text.get(self.offset..).filter(|rest| !rest.is_empty())?;
             let end = rest.find(['\n', '\r']).unwrap_or(rest.len());
-            // Windows ends a line by both, old spreadsheets by the carriage return alone.
+            // Windows ends a line with both characters, old spreadsheets with the carriage return alone.
             let ending =
                 rest.get(end..).map_or(0, |ending| if ending.starts_with("\r\n") { 2 } else { ending.len().min(1) });
             let (line, length) = (rest.get(..end)?, end + ending);
@@ -115,12 +115,12 @@ impl<'a> Iterator for Lines<'a> {
 pub(super) struct Header<'a> {
     pub line: Line<'a>,
     pub dialect: Dialect,
-    /// Where each name begins, and the name.
+    /// The position of each name, and the name.
     pub names: Vec<(usize, &'a str)>,
 }
 
 impl<'a> Header<'a> {
-    /// The first of the lines; `header` would do as one.
+    /// Reads the first line; `header` is an example of a valid one.
     pub fn read(lines: &mut Lines<'a>, header: &'static str) -> Result<Self, CsvError> {
         let line = lines.next().ok_or_else(|| CsvError::Empty { file: lines.file.into(), header })?;
         line.check_length()?;
@@ -133,7 +133,7 @@ impl<'a> Header<'a> {
         Ok(Self { line, dialect, names })
     }
 
-    /// The place of a column; an error where two have the name.
+    /// The index of a column; an error if two have the name.
     pub fn find(&self, column: &'static str) -> Result<Option<usize>, CsvError> {
         let mut places = self.names.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
         let first = places.next();
@@ -144,7 +144,7 @@ impl<'a> Header<'a> {
         Ok(first.map(|(place, _)| place))
     }
 
-    /// The place of a column that must be there; `advice` says what to do where it is not.
+    /// The index of a required column; `advice` says what to do if it is missing.
     pub fn need(&self, column: &'static str, advice: impl Fn(&[(usize, &str)]) -> String) -> Result<usize, CsvError> {
         self.find(column)?.ok_or_else(|| {
             let (file, line, text, at) = self.line.source(0, self.line.text.len());
@@ -153,7 +153,7 @@ impl<'a> Header<'a> {
     }
 }
 
-/// The number in a cell, where it begins, and how it is written.
+/// The number in a cell, its position, and its text.
 pub(super) type Cell<'a> = (f64, usize, &'a str);
 
 /// Reads a cell.
@@ -191,7 +191,7 @@ fn cell_words(field: &str, number: Option<f64>) -> (String, &'static str) {
     }
 }
 
-/// Decimals behind the point of a written number, exponent included.
+/// Decimals after the point of a written number, including its exponent.
 pub(super) fn decimals(text: &str) -> u32 {
     let (mantissa, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let written = mantissa.split_once(['.', ',']).map_or(0, |(_, fraction)| fraction.len());

@@ -1,10 +1,10 @@
-//! CSV files with the columns `t_s, encoder_count, force_n` and, where there is one, `terminal_m`; of a rotary machine
+//! CSV files with the columns `t_s, encoder_count, force_n` and optionally `terminal_m`; for a rotary machine
 //! `torque_n_m` and `terminal_rad`.
 //!
-//! Columns come in any order, other columns are left alone, blank lines and lines that begin with `#` or `%` are
-//! skipped. [`read`] checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`]
-//! quantises what a board would have delivered. [`export`](crate::export) writes such files. [`Table::of_columns`]
-//! takes columns that are in memory already. [`motion`] reads and writes motions for a shaker.
+//! Columns may be in any order. Other columns, blank lines and lines that begin with `#` or `%` are ignored. [`read`]
+//! checks every cell, [`timebase`] finds the sample rate and missing samples, and [`to_run`] quantises what a board
+//! would have delivered. [`export`](crate::export) writes such files. [`Table::of_columns`] takes columns already in
+//! memory. [`motion`] reads and writes motions for a shaker.
 
 mod columns;
 mod dialect;

@@ -1,7 +1,7 @@
 //! A motion as a CSV, for a shaker and for the plant.
 //!
-//! Columns `t_s,terminal_m,velocity_m_per_s,acceleration_m_per_s2`, of a rotary machine
-//! `t_s,terminal_rad,velocity_rad_per_s, acceleration_rad_per_s2`; comments above them say what it is. Only time and
+//! Columns `t_s,terminal_m,velocity_m_per_s,acceleration_m_per_s2`, for a rotary machine
+//! `t_s,terminal_rad,velocity_rad_per_s,acceleration_rad_per_s2`; comments above them describe it. Only time and
 //! displacement are read back.
 
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::{
     words::{printable, shortened},
 };
 
-/// A header that would do.
+/// An example of a valid header.
 const HEADER: &str = "t_s,terminal_m";
 
 /// One point of a motion.
@@ -36,7 +36,7 @@ pub struct Point {
     pub acceleration_m_per_s2: f64,
 }
 
-/// Displacements of a terminal at even distances in time.
+/// Displacements of a terminal at equal time steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Displacements {
     /// Time from point to point \[s\].
@@ -45,8 +45,7 @@ pub struct Displacements {
     pub terminal_m: Vec<f64>,
 }
 
-/// Writes a motion whole or not at all, with lines of comment above it. Only `replace` lets it take the place of a
-/// file.
+/// Writes a motion whole or not at all, with comment lines above it. Replaces an existing file only with `replace`.
 pub fn write(
     path: &Path,
     replace: bool,
@@ -70,9 +69,9 @@ pub fn text(machine: Machine, comments: &[String], points: impl Iterator<Item = 
     text
 }
 
-/// To a picometre and its like: no more digits than a shaker could follow.
+/// To a picometre (or the equivalent): more digits than any shaker can follow.
 fn rounded(value: f64) -> f64 {
-    // Without a minus before a zero.
+    // Avoids a negative zero.
     (value * 1e12).round() / 1e12 + 0.0
 }
 

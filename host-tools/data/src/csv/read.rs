@@ -1,4 +1,4 @@
-//! CSV text to columns of numbers, every cell checked.
+//! Parses CSV text into columns of numbers and checks every cell.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use super::{
 use crate::words::{nearest, shortened};
 
 const T_S: &str = "t_s";
-/// A header that would do.
+/// An example of a valid header.
 const HEADER: &str = "t_s,encoder_count,force_n";
 const ENCODER_COUNT: &str = "encoder_count";
 
@@ -24,10 +24,10 @@ pub fn column_names(machine: Machine) -> (&'static str, &'static str) {
     }
 }
 
-/// Largest count up to which a double holds every whole number.
+/// Largest count up to which a double represents every integer.
 const MAX_COUNT: f64 = 9_007_199_254_740_992.0;
 
-/// The columns that matter, one entry per sample.
+/// The columns that are used, one entry per sample.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     /// Name for messages.
@@ -40,13 +40,13 @@ pub struct Table {
     pub machine: Machine,
     /// Force \[N\].
     pub force_n: Vec<f64>,
-    /// Terminal displacement \[m\], empty where the file has none.
+    /// Terminal displacement \[m\], empty if the file has none.
     pub terminal_m: Vec<f64>,
     /// Line of each sample, from 1.
     pub line: Vec<usize>,
-    /// Decimals that `t_s` is written with: how well the sample instants are known.
+    /// Number of decimals of `t_s`: the resolution of the sample times.
     pub time_decimals: u32,
-    /// What was repaired on reading, for the user.
+    /// What was repaired while reading, for the user.
     pub notes: Vec<String>,
 }
 
@@ -95,7 +95,7 @@ struct Row<'a> {
     terminal_m: Option<f64>,
 }
 
-/// Where each column is.
+/// The index of each column.
 struct Columns {
     t_s: usize,
     encoder_count: usize,

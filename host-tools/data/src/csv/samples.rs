@@ -1,7 +1,7 @@
-//! Columns of SI numbers to the counts and codes that a board would have delivered.
+//! Converts columns of SI numbers to the counts and codes that a board would have delivered.
 //!
-//! Rates above 5000 Hz are brought down as the board does it: the counts of N samples are summed, the force is their
-//! mean. The force scale is the power of two at which the largest force uses a little under 22 bits.
+//! Rates above 5000 Hz are decimated as on the board: the counts of N samples are summed, their forces averaged. The
+//! force scale is the power of two at which the largest force uses a little under 22 bits.
 
 use inerter_core::{RawSample, Settings};
 
@@ -19,7 +19,7 @@ use crate::{
     words::plural,
 };
 
-/// Largest code that `max |F| * 1.25` may reach.
+/// `max |F| * 1.25` may reach this code at most.
 const FULL_SCALE_CODE: f64 = 4_194_304.0;
 
 /// Quantises a table; `overrides` must hold `metres_per_count`.
@@ -120,14 +120,14 @@ fn set_rate(file: &str, settings: &mut Settings, rate_hz: f64, given: Option<f64
     Ok(group as usize)
 }
 
-/// The power of two at which the largest value with a quarter to spare stays within 22 bits, at most `most`.
+/// The power of two at which the largest value plus 25 % stays within 22 bits, at most `most`.
 fn scale(values: &[f64], most: f64) -> f64 {
     let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
     let exponent = (largest * 1.25 / FULL_SCALE_CODE).log2().ceil();
     if largest == 0.0 { 2f64.powi(-20) } else { exponent.clamp(-39.0, 60.0).exp2().min(most.log2().floor().exp2()) }
 }
 
-/// Groups of complete samples to raw samples; also returns the number of the first group that is there.
+/// Averages groups of complete samples into raw samples; also returns the number of the first group that exists.
 fn quantise(
     table: &Table,
     index: &[u64],

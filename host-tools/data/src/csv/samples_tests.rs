@@ -104,7 +104,7 @@ fn a_force_that_does_not_fit_names_its_line() {
     assert!(error.to_string().starts_with("run.csv, line 3, column force_n: 9.98"), "{error}");
 }
 
-/// A leap of 112 m between two samples asks for more full scale than a sample's counts allow.
+/// A jump of 112 m between two samples would need a larger full scale than a sample's counts allow.
 #[test]
 fn a_count_that_leaps_is_replayed() {
     let mut leaping = table(234.0, 8);
@@ -120,7 +120,7 @@ proptest::proptest! {
         let mut table = Table::default();
         let mut t_s = 0.0;
         for (number, (pause, count, force_n)) in rows.into_iter().enumerate() {
-            // Mostly regular, sometimes with a hole.
+            // Mostly regular, sometimes with a gap.
             t_s += if number % 7 == 0 { fine * pause.ceil() + fine } else { fine };
             table.t_s.push(t_s);
             table.encoder_count.push(count);

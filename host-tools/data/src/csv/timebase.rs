@@ -1,18 +1,19 @@
-//! From written times to a sample rate and sample numbers, with what is missing.
+//! Finds the sample rate, the sample numbers and the missing samples from written times.
 //!
-//! Written times are rounded (0.000333, 0.000667, 0.001), jitter, drift against a nominal rate and skip what was lost.
+//! Written times are rounded (0.000333, 0.000667, 0.001), jitter, drift against a nominal rate and skip lost samples.
 //! So the period is first taken from the median interval, then from the whole span divided by the number of periods in
-//! it, and each sample's number comes from a grid that follows the times slowly: a tenth of the deviation per sample.
+//! it, and each sample's number comes from a grid that follows the times slowly, by a tenth of the deviation per
+//! sample.
 
 use super::error::CsvError;
 
-/// Intervals that are further than this from a whole number of periods count as irregular, in periods.
+/// Intervals further than this from a whole number of periods count as irregular, in periods.
 const TOLERANCE: f64 = 0.2;
-/// Share of irregular intervals beyond which there is no rate to speak of.
+/// Share of irregular intervals above which no rate can be found.
 const MOST: f64 = 0.5;
-/// Periods that may be missing in a row: a counter of 32 bits that goes on by more has gone back.
+/// Periods that may be missing in a row: a larger step of a 32-bit counter looks like a step back.
 const LONGEST_GAP: f64 = (1_u32 << 31) as f64;
-/// Part of the deviation by which the grid follows the times.
+/// Fraction of the deviation by which the grid follows the times.
 const FOLLOW: f64 = 0.1;
 
 /// Rate and sample numbers.
@@ -22,15 +23,15 @@ pub struct Timebase {
     pub rate_hz: f64,
     /// Number of each sample, from 0; a jump is a discontinuity.
     pub index: Vec<u64>,
-    /// Places where samples are missing.
+    /// Number of gaps.
     pub discontinuities: u64,
-    /// Samples that are missing in all.
+    /// Total number of missing samples.
     pub missing: u64,
     /// Intervals further than 20 % from a whole number of periods.
     pub irregular: u64,
 }
 
-/// Finds rate and sample numbers of strictly increasing times, written with `decimals` decimals.
+/// Finds rate and sample numbers from strictly increasing times, written with `decimals` decimals.
 pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError> {
     let span = match t_s {
         [first, .., last] if t_s.len() >= 8 => last - first,
@@ -71,7 +72,7 @@ pub fn find(file: &str, t_s: &[f64], decimals: u32) -> Result<Timebase, CsvError
     })
 }
 
-/// A rate that the written times cannot tell from a whole number is that number.
+/// Rounds a rate to a whole number if the written times cannot distinguish the two.
 fn snap(rate_hz: f64, relative_resolution: f64) -> f64 {
     let whole = rate_hz.round();
     let close = (rate_hz - whole).abs() <= rate_hz * relative_resolution.clamp(1e-12, 1e-3);
@@ -138,7 +139,7 @@ mod tests {
 
     #[test]
     fn jitter_makes_no_discontinuity() {
-        // A fifth of a period either way, evenly spread.
+        // A fifth of a period either way, uniformly distributed.
         let jitter = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 16) / 65536.0 - 0.5;
         let t: Vec<f64> = (0..5000).map(|i| (f64::from(i) + 0.4 * jitter(i)) / 1000.0).collect();
         let found = find("f", &t, 6).unwrap();
@@ -155,7 +156,7 @@ mod tests {
         assert!(matches!(find("f", &huge, 6), Err(CsvError::Irregular { .. })));
     }
 
-    /// Their numbers went beyond 64 bits, where two samples had the same one.
+    /// Their sample numbers would exceed 64 bits, so that two samples would get the same number.
     #[test]
     fn a_gap_beyond_any_sample_counter_is_refused() {
         let with = |gap_s: f64| (0..8).map(f64::from).chain([7.0 + gap_s, 7.0 + 2.0 * gap_s]).collect::<Vec<_>>();

@@ -1,4 +1,4 @@
-//! What goes with the numbers: units, settings, device.
+//! What accompanies the numbers: units, settings, device.
 #![cfg_attr(
     not(all(feature = "parquet", feature = "matlab")),
     allow(dead_code, reason = "MCAP carries the settings alone")
@@ -15,7 +15,7 @@ pub(super) fn settings(source: &Source) -> Map<String, Value> {
     values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
 }
 
-/// The device as it describes itself; empty where nothing is known of it.
+/// The device as it describes itself; empty if unknown.
 pub(super) fn device(source: &Source) -> Map<String, Value> {
     source.device.iter().flatten().map(|(name, text)| (name.clone(), json!(text))).collect()
 }

@@ -1,4 +1,4 @@
-//! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables that are held.
+//! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables in memory.
 
 use std::{fs::File, io::Write, sync::Arc};
 
@@ -18,7 +18,7 @@ use serde_json::{Map, Value, json};
 use super::{Batch, Cells, Column, EstimateTable, HeldColumn, Kind, Source, Values, about, selection::Sink};
 use crate::output::{OutputError, Pending};
 
-/// A Parquet file that is being written.
+/// A Parquet file being written.
 pub(super) struct Parquet {
     name: String,
     writer: SerializedFileWriter<File>,
@@ -55,7 +55,7 @@ impl Sink for Parquet {
     }
 }
 
-/// Writes the table of estimates; what is not known is null.
+/// Writes the table of estimates; unknown values are null.
 pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateTable) -> Result<(), OutputError> {
     let metadata = metadata(source, about::estimate_units(table));
     let columns: Vec<_> = table.held().collect();
@@ -93,7 +93,7 @@ fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<Ke
     writer.into_inner()
 }
 
-/// What is known of a column, and where.
+/// The known values of a column, and where they are.
 fn put_known<T: DataType>(
     writer: &mut SerializedColumnWriter<'_>,
     cells: impl Iterator<Item = Option<T::T>> + Clone,
@@ -103,7 +103,7 @@ fn put_known<T: DataType>(
     put::<T>(writer, &known, Some(&levels))
 }
 
-/// One group of rows; `fill` is handed the columns in order.
+/// One row group; `fill` gets the columns in order.
 fn group<W: Write + Send>(
     writer: &mut SerializedFileWriter<W>,
     mut fill: impl FnMut(&mut SerializedColumnWriter<'_>) -> Result<(), ParquetError>,
@@ -124,7 +124,7 @@ fn put<T: DataType>(
     writer.typed::<T>().write_batch(values, levels, None).map(drop)
 }
 
-/// What a column holds.
+/// The type of a column.
 #[derive(Clone, Copy)]
 enum Held {
     Number(Kind),
@@ -136,7 +136,7 @@ fn writer<'a, W: Write + Send>(
     fields: impl Iterator<Item = (&'a str, Held, Repetition)>,
     metadata: Vec<KeyValue>,
 ) -> Result<SerializedFileWriter<W>, ParquetError> {
-    // Hardly a number comes twice: a dictionary would be built in vain.
+    // Hardly any number repeats, so a dictionary would not help.
     let mut properties = WriterProperties::builder()
         .set_writer_version(WriterVersion::PARQUET_1_0)
         .set_created_by(concat!("inerter ", env!("CARGO_PKG_VERSION")).into())
@@ -147,7 +147,7 @@ fn writer<'a, W: Write + Send>(
     for (name, kind, repetition) in fields {
         let path = ColumnPath::from(name);
         let (physical, encoding) = match kind {
-            // Bytes of the same weight side by side pack well.
+            // Bytes of equal significance compress well side by side.
             Held::Number(Kind::Float) => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
             Held::Number(Kind::Whole) => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
             Held::Number(Kind::Flag) => (Physical::BOOLEAN, Encoding::PLAIN),
@@ -165,7 +165,7 @@ fn writer<'a, W: Write + Send>(
     SerializedFileWriter::new(to, Arc::new(schema), Arc::new(properties.build()))
 }
 
-/// Everything that goes with the numbers, each as JSON; pandas puts the first one into `DataFrame.attrs`.
+/// Everything that accompanies the numbers, each as JSON; pandas puts the first one into `DataFrame.attrs`.
 fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
     let (settings, device, markers) = (about::settings(source), about::device(source), about::markers(source));
     let attributes = json!({"units": units, "settings": settings, "device": device, "markers": markers});
@@ -180,7 +180,7 @@ fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
     ])
 }
 
-/// Those that are known.
+/// The entries that are known.
 fn key_values(entries: impl IntoIterator<Item = (&'static str, Option<Value>)>) -> Vec<KeyValue> {
     let known = entries.into_iter().filter_map(|(name, value)| Some(KeyValue::new(name.into(), value?.to_string())));
     known.collect()

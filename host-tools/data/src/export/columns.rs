@@ -1,4 +1,4 @@
-//! The columns that a file for other tools can have, and stretches of them.
+//! The columns that a file for other tools can have, and batches of them.
 
 use inerter_core::{Machine, RawSample};
 use inerter_wire::catalogue::{self, Group};
@@ -12,11 +12,11 @@ use crate::series::Point;
 pub enum Column {
     /// Time \[s\].
     Time,
-    /// Encoder count that does not wrap.
+    /// Unwrapped encoder count.
     EncoderCount,
     /// Displacement of the screw \[m\].
     Position,
-    /// Force, less the code at no force \[N\].
+    /// Force, less the code at zero force \[N\].
     Force,
     /// Displacement of the terminal \[m\]; not a number without such a sensor.
     Terminal,
@@ -26,14 +26,14 @@ pub enum Column {
     Saturated,
 }
 
-/// What a column holds.
+/// The type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Numbers with a fraction.
+    /// Floating-point numbers.
     Float,
-    /// Whole numbers.
+    /// Integers.
     Whole,
-    /// Yes or no.
+    /// Booleans.
     Flag,
 }
 
@@ -42,7 +42,7 @@ impl Column {
     pub const ALL: [Self; 7] =
         [Self::Time, Self::EncoderCount, Self::Position, Self::Force, Self::Terminal, Self::Index, Self::Saturated];
 
-    /// Name in a file of this machine, with the unit at its end where there is one.
+    /// Name in a file of this machine, with its unit at the end, if any.
     pub fn name(self, machine: Machine) -> &'static str {
         let linear = self.linear_name();
         catalogue::find(machine, Group::Signal, linear).map_or(linear, |field| field.path)
@@ -65,14 +65,14 @@ impl Column {
         catalogue::find(machine, Group::Signal, self.linear_name()).map_or("", |field| field.unit)
     }
 
-    /// The column of this name, of either kind of machine.
+    /// The column with this name, for either kind of machine.
     pub fn find(name: &str) -> Option<Self> {
         let named =
             |column: &Self| [Machine::Linear, Machine::Rotary].map(|machine| column.name(machine)).contains(&name);
         Self::ALL.into_iter().find(named)
     }
 
-    /// What it holds.
+    /// Its type.
     pub fn kind(self) -> Kind {
         match self {
             Self::Time | Self::Position | Self::Force | Self::Terminal => Kind::Float,
@@ -81,7 +81,7 @@ impl Column {
         }
     }
 
-    /// Its value as a number; whole ones and flags exactly.
+    /// Its value as a number; exact for integers and flags.
     pub fn value(self, source: &Source, sample: &RawSample, point: &Point) -> f64 {
         match self {
             Self::Time => source.time_s(point.elapsed),
@@ -98,11 +98,11 @@ impl Column {
 /// Values of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
-    /// Numbers with a fraction.
+    /// Floating-point numbers.
     Float(Vec<f64>),
-    /// Whole numbers.
+    /// Integers.
     Whole(Vec<i64>),
-    /// Yes or no.
+    /// Booleans.
     Flag(Vec<bool>),
 }
 
@@ -110,9 +110,9 @@ pub enum Values {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Cell {
-    /// With a fraction.
+    /// A floating-point number.
     Float(f64),
-    /// Whole.
+    /// An integer.
     Whole(i64),
     /// 0 or 1.
     Flag(u8),
@@ -141,7 +141,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Without rows, with room for some.
+    /// An empty batch with room for `room` rows.
     pub fn new(columns: &[Column], room: usize) -> Self {
         let values = |column: Column| match column.kind() {
             Kind::Float => Values::Float(Vec::with_capacity(room)),
@@ -168,7 +168,7 @@ impl Batch {
         self.rows += 1;
     }
 
-    /// Takes the rows away and keeps the room.
+    /// Removes the rows and keeps the allocation.
     pub fn clear(&mut self) {
         for (_, values) in &mut self.columns {
             match values {

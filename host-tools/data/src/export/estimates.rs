@@ -1,4 +1,4 @@
-//! What the device published, as a table: for a CSV what it would have published.
+//! What the device published, as a table; for a CSV what it would have published.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ use crate::{
 /// A column of the table; unknown values are `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimateColumn {
-    /// Name, with the unit at its end where there is one.
+    /// Name, with its unit at the end, if any.
     pub name: String,
     /// Unit; empty for a plain number.
     pub unit: &'static str,
@@ -67,7 +67,7 @@ impl EstimateTable {
                         batch.iter().flatten().for_each(|sample| clock.take(&sample));
                     }
                 })?;
-                // One whose detail did not come.
+                // An estimate whose detail did not arrive.
                 if let Some(event) = pairing.flush() {
                     take(since_s(&clock, event.index()), &event);
                 }
@@ -84,7 +84,7 @@ impl EstimateTable {
         Ok(table)
     }
 
-    /// What the columns are, without a row, for the run that came to this.
+    /// The columns without rows, for a run that ended with this estimate.
     pub fn without_rows(source: &Source, last: &Estimated) -> Self {
         let mut table = Self::default();
         table.push(0.0, source, last);
@@ -92,7 +92,7 @@ impl EstimateTable {
         table
     }
 
-    /// The columns as any table that is held.
+    /// The columns as a table in memory.
     #[cfg(feature = "parquet")]
     pub fn held(&self) -> impl Iterator<Item = HeldColumn<'_>> {
         self.columns.iter().map(|column| HeldColumn {
@@ -119,7 +119,7 @@ impl EstimateTable {
         }
     }
 
-    /// Writes it as CSV; what is not known is an empty cell.
+    /// Writes it as CSV; an unknown value is an empty cell.
     pub(super) fn write_csv(&self, file: &Pending) -> Result<(), OutputError> {
         let failed = |error| OutputError::write(file.name(), super::text::into_io(error));
         let mut writer = csv::Writer::from_writer(std::io::BufWriter::new(file.open()?));
@@ -136,7 +136,7 @@ impl EstimateTable {
 /// Name, unit and value.
 type Cell = (String, &'static str, Option<f64>);
 
-/// One row: always the same columns.
+/// One row; the columns are always the same.
 fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
     let Estimated { estimate, law, detail } = estimated;
     let plain = |name: &str, value: Option<f64>| (name.to_string(), "", value);
@@ -151,7 +151,7 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
         catalogue::parameters(machine, &estimate.whole_run)
             .flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
     );
-    // As in the JSON: what stands for nothing is left out there.
+    // As in the JSON, which leaves placeholder values out.
     let detail = detail.as_ref().map(|detail| (detail, DetailJson::new(detail, &source.settings)));
     let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
     row.extend([

@@ -1,15 +1,15 @@
-//! Tables that are in memory.
+//! Tables in memory.
 
 use std::borrow::Cow;
 
 /// A column of a table in memory; unknown values are `None`, and null in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeldColumn<'a> {
-    /// Name, with the unit at its end where there is one.
+    /// Name, with its unit at the end, if any.
     pub name: Cow<'a, str>,
     /// Unit; empty for a plain number or a text.
     pub unit: &'static str,
-    /// Values, as many as in all columns of the table.
+    /// Values, as many as in every other column of the table.
     pub cells: Cells<'a>,
 }
 
@@ -18,8 +18,8 @@ pub struct HeldColumn<'a> {
 pub enum Cells<'a> {
     /// Numbers.
     Float(Cow<'a, [Option<f64>]>),
-    /// Whole numbers.
+    /// Integers.
     Whole(Cow<'a, [Option<i64>]>),
-    /// Texts; where they all are the same they take hardly any room.
+    /// Texts; if they are all the same, they take hardly any space.
     Text(Vec<Option<Cow<'a, str>>>),
 }

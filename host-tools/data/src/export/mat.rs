@@ -1,7 +1,7 @@
 //! MATLAB v7.3: column vectors, and structs with settings, units, device and estimates.
 //!
-//! The layout wants each column whole, one after the other: the samples are read once for each, so that none is ever
-//! held.
+//! The layout needs whole columns, one after the other. The samples are read once per column, so that no column is ever
+//! held in memory.
 
 use std::{
     io::BufWriter,
@@ -60,11 +60,11 @@ impl Producer {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    // What another thread left when it failed is whole all the same.
+    // The data are consistent even if another thread panicked while it held the lock.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Writes the file; `progress` is handed the columns that are done.
+/// Writes the file; `progress` gets the number of columns done.
 pub(super) fn write(
     file: &Pending,
     source: &Source,
@@ -143,7 +143,7 @@ fn failed(file: &Pending, state: &State, error: MatError) -> Error {
     OutputError::write(file.name(), source).into()
 }
 
-/// Tells of the progress while it writes, and breaks off where that is wanted.
+/// Reports progress while writing, and stops if requested.
 struct Watched<'a, W> {
     out: W,
     state: &'a State,

@@ -13,10 +13,10 @@ use crate::{
     recording::{CALIBRATION_METADATA, SETTINGS_METADATA, into_io},
 };
 
-/// Bytes of a chunk: what a viewer reads at once.
+/// Size of a chunk, which a viewer reads at once \[bytes\].
 const CHUNK: u64 = 1 << 20;
 
-/// An MCAP file that is being written.
+/// An MCAP file being written.
 pub(super) struct Mcap {
     name: String,
     machine: Machine,

@@ -1,8 +1,8 @@
 //! Samples and estimates for other tools: CSV, Parquet, MATLAB and MCAP, in bounded memory.
 //!
-//! A [`Source`] is gone through once to learn its extent, then once for all of CSV, Parquet and MCAP together, where
-//! one thread reads and another writes, and once for each column of a MATLAB file, whose layout wants whole columns.
-//! Files take their names when they are complete ([`output::Pending`](crate::output::Pending)).
+//! A [`Source`] is read once to find its extent, once more for CSV, Parquet and MCAP together, with one thread reading
+//! and another writing, and once for each column of a MATLAB file, whose layout needs whole columns. Files get their
+//! names when they are complete ([`output::Pending`](crate::output::Pending)).
 
 mod about;
 #[cfg(feature = "parquet")]
@@ -37,9 +37,9 @@ use selection::Sink;
 
 use crate::{error::Error, output::Pending, recording::RecordingError};
 
-/// Rows that are read, handed on and written together.
+/// Rows that are read, passed on and written together.
 const BATCH: usize = 1 << 17;
-/// Batches that are under way between the two threads.
+/// Batches in flight between the two threads.
 const BATCHES: usize = 2;
 
 /// What has been written.
@@ -49,14 +49,14 @@ pub struct Exported {
     pub rows: u64,
     /// Rows in each table of estimates.
     pub estimates: u64,
-    /// The files, each with its format; tables of estimates beside them included.
+    /// The files, each with its format, including the tables of estimates beside them.
     pub files: Vec<(Format, PathBuf)>,
 }
 
-/// Writes the selection into all of the files.
+/// Writes the selection to all of the files.
 ///
-/// `progress` is handed the part that is done, from 0 to 1, and may end the work. Nothing replaces a file before all of
-/// it is there, and nothing at all unless `replace` says so.
+/// `progress` gets the completed fraction, from 0 to 1, and may stop the work. A new file replaces an existing one only
+/// when complete, and only if `replace` is set.
 pub fn export(
     source: &Source,
     selection: &Selection,
@@ -67,7 +67,7 @@ pub fn export(
 ) -> Result<Exported, Error> {
     let mut pending = Vec::new();
     let mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)> = Vec::new();
-    // What wants its columns one by one, by its place among the pending files.
+    // Formats that need their columns one by one, with their index among the pending files.
     let mut mats: Vec<(Vec<Column>, usize)> = Vec::new();
     for (format, path) in targets {
         let file = Pending::create(path, replace)?;
@@ -126,7 +126,7 @@ pub fn export(
     Ok(Exported { rows, estimates, files })
 }
 
-/// Writes the selected columns as CSV to anything that can be written to, such as standard output.
+/// Writes the selected columns as CSV to any writer, such as standard output.
 pub fn write_csv(
     source: &Source,
     selection: &Selection,
@@ -142,7 +142,7 @@ pub fn write_csv(
     }
 }
 
-/// Nothing lies in the range.
+/// The error when nothing lies in the range.
 fn empty(source: &Source, selection: &Selection) -> Error {
     let Range { start: from_s, end: to_s } = selection.range_s;
     RecordingError::EmptyRange { file: source.name.clone(), from_s, to_s, duration_s: source.duration_s() }.into()
@@ -164,7 +164,7 @@ fn count(source: &Source, selection: &Selection) -> Result<u64, Error> {
     source.rows(range.clone())?.try_fold(0, |count, row| row.map(|_| count + 1))
 }
 
-/// One pass for all sinks: a thread reads, this one writes.
+/// One pass for all sinks: another thread reads, this one writes.
 fn write_rows(
     source: &Source,
     selection: &Selection,
@@ -181,7 +181,7 @@ fn write_rows(
                 let mut rows = source.rows(selection.range_s.clone())?;
                 let mut over = false;
                 while !over {
-                    // Used ones come back, so that no more than a few are ever made.
+                    // Used batches come back, so that only a few are ever allocated.
                     let mut batches: Vec<Batch> = emptied
                         .try_recv()
                         .unwrap_or_else(|_| columns.iter().map(|columns| Batch::new(columns, room)).collect());
@@ -193,7 +193,7 @@ fn write_rows(
                         let (sample, point) = row?;
                         batches.iter_mut().for_each(|batch| batch.push(source, &sample, &point));
                     }
-                    // Nobody takes them once writing has failed.
+                    // Nobody receives them once writing has failed.
                     if full.send(Ok(batches)).is_err() {
                         break;
                     }

@@ -1,4 +1,4 @@
-//! What is written, and in which format.
+//! What to write, and in which format.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use crate::output::OutputError;
 /// A format for other tools.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// Text, a line a sample.
+    /// Text, one line per sample.
     Csv,
     /// Columns for pandas, Polars, DuckDB and MATLAB's `parquetread`; with the feature `parquet`.
     Parquet,
@@ -21,20 +21,20 @@ pub enum Format {
     Mcap,
 }
 
-/// Columns of a format that holds them cheaply.
+/// Columns of formats in which they take little space.
 const WHOLE: &[Column] = &[Column::Time, Column::EncoderCount, Column::Position, Column::Force];
 
-/// What is to be written.
+/// What to write.
 #[derive(Clone, Debug)]
 pub struct Selection {
-    /// Columns, when the usual ones will not do.
+    /// Columns, if not the usual ones.
     pub columns: Option<Vec<Column>>,
-    /// Time since the first sample \[s\]; its end is not part of it.
+    /// Time since the first sample \[s\]; the end is excluded.
     pub range_s: Range<f64>,
 }
 
 impl Format {
-    /// Whether a table of estimates is a file of its own, beside the samples.
+    /// Whether the estimates get a file of their own beside the samples.
     pub(super) fn has_estimates_beside(self) -> bool {
         match self {
             Self::Csv | Self::Parquet => true,
@@ -62,7 +62,7 @@ impl Selection {
     }
 }
 
-/// Takes the rows of a file, batch after batch.
+/// Accepts the rows of a file, batch by batch.
 pub(super) trait Sink {
     fn take(&mut self, batch: &Batch) -> Result<(), OutputError>;
     /// Completes the file.

@@ -1,4 +1,4 @@
-//! Where the samples come from: a recording, read again for each pass, or a CSV, which is held in memory.
+//! The source of the samples: a recording, read again for each pass, or a CSV, held in memory.
 
 use std::{collections::BTreeMap, ops::Range, path::Path, path::PathBuf, sync::Arc};
 
@@ -14,28 +14,28 @@ use crate::{
     settings::Overrides,
 };
 
-/// Samples with what is known of them; those of a recording are never held.
+/// Samples and what is known about them; those of a recording are never held in memory.
 #[derive(Clone, Debug)]
 pub struct Source {
     /// Name for messages: the file.
     pub name: String,
-    /// Settings that the samples were taken with, the user's overrides included.
+    /// Settings that the samples were taken with, including the user's overrides.
     pub settings: Settings,
     /// Time of the first sample \[s\].
     pub start_s: f64,
-    /// What was repaired or found missing on reading.
+    /// What was repaired or found missing while reading.
     pub notes: Vec<String>,
     /// The device, when known.
     pub device: Option<BTreeMap<String, String>>,
-    /// What is known of the calibration of its rig.
+    /// The calibration of its rig, if known.
     pub calibration: Option<Calibration>,
-    /// What is true of a simulated device.
+    /// The true parameters of a simulated device.
     pub truth: Option<BTreeMap<String, String>>,
     /// How much there is.
     pub extent: Extent,
     /// Remarks made during the recording.
     pub markers: Vec<Marker>,
-    /// Host time of the first frame \[ns\]; 0 where it is not known.
+    /// Host time of the first frame \[ns\]; 0 if unknown.
     pub first_ns: u64,
     samples: Origin,
 }
@@ -47,8 +47,8 @@ enum Origin {
 }
 
 impl Source {
-    /// Opens a recording or a CSV, told apart by how they begin, and goes through it once; `progress` is handed the
-    /// bytes of a recording read so far.
+    /// Opens a recording or a CSV, distinguished by their first bytes, and reads it once; `progress` gets the bytes of
+    /// a recording read so far.
     pub fn open(path: &Path, overrides: &Overrides, progress: impl FnMut(u64)) -> Result<Self, Error> {
         if !recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
             return Ok(Self::held(csv::to_run(csv::read(path)?, overrides)?));
@@ -73,7 +73,7 @@ impl Source {
         })
     }
 
-    /// Samples that are in memory already; of the device nothing is known but what is true of a simulated one.
+    /// Samples already in memory; nothing is known about the device except the true parameters of a simulated one.
     pub fn held(run: Run) -> Self {
         Self {
             name: run.name,
@@ -107,7 +107,7 @@ impl Source {
         }
     }
 
-    /// The recording, unless the samples are held.
+    /// The recording, unless the samples are in memory.
     pub fn recording(&self) -> Option<&Path> {
         match &self.samples {
             Origin::Recording(path) => Some(path),
@@ -121,7 +121,7 @@ impl Source {
             Origin::Recording(path) => Reader::Recording(Box::new(recording::samples(path)?)),
             Origin::Held(samples) => Reader::Held(samples.clone(), 0),
         };
-        // What a recording that is still being written gains meanwhile does not count.
+        // Samples that are added meanwhile to a recording still being written do not count.
         Ok(Samples { left: self.extent.samples, origin })
     }
 
@@ -147,7 +147,7 @@ impl Source {
     }
 }
 
-/// Samples one after the other.
+/// Iterator over samples.
 pub struct Samples {
     left: u64,
     origin: Reader,
@@ -174,7 +174,7 @@ impl Iterator for Samples {
     }
 }
 
-/// Samples in SI.
+/// Iterator over samples in SI units.
 pub struct Rows {
     samples: Samples,
     converter: Converter,
@@ -183,7 +183,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Samples looked at so far, those outside of the range included.
+    /// Samples read so far, including those outside the range.
     pub fn taken(&self) -> u64 {
         self.taken
     }

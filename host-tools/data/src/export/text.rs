@@ -5,7 +5,7 @@ use std::io::Write;
 use super::{Batch, Column, Source, selection::Sink};
 use crate::output::{OutputError, Pending};
 
-/// A CSV that is being written. Numbers have the digits that bring back the same number.
+/// A CSV being written. Numbers have enough digits to read back exactly.
 pub(super) struct Csv {
     name: String,
     writer: csv::Writer<Box<dyn Write>>,
@@ -22,7 +22,7 @@ impl Csv {
         source: &Source,
         columns: &[Column],
     ) -> Result<Self, OutputError> {
-        // Numbers need no quotes, and are not searched for what would.
+        // Numbers need no quotes, so they are not searched for characters that would.
         let mut builder = csv::WriterBuilder::new();
         builder.has_headers(false).quote_style(csv::QuoteStyle::Never).buffer_capacity(1 << 16);
         let mut csv = Self { name: name.into(), writer: builder.from_writer(out) };
@@ -36,7 +36,7 @@ impl Csv {
     }
 }
 
-/// The reason as the operating system gave it.
+/// The operating system's reason.
 pub(super) fn into_io(error: csv::Error) -> std::io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,

@@ -1,4 +1,5 @@
-//! The decoded channels of a recording: the frames once more, as JSON that PlotJuggler and Foxglove show as it is.
+//! The decoded channels of a recording: the frames' contents again, as JSON that PlotJuggler and Foxglove display
+//! directly.
 
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{Estimated, EstimatorEvent, Frame, Pairing, Record};
@@ -11,10 +12,10 @@ use crate::{
     text::elapsed_s,
 };
 
-/// Time that one message of `motion` is the mean of \[s\]: force and motion of a shaker can be seen, at little size.
+/// Averaging time of one message of `motion` \[s\]: it shows a shaker's force and motion, and takes little space.
 const MOTION_S: f64 = 0.05;
-/// Least time between two messages of `estimate` \[s\], of which each takes the room of two hundred samples, and of
-/// `reversal`. The frames hold every one.
+/// Minimum time between two messages of `reversal`, and of `estimate` \[s\], each of which takes as much space as two
+/// hundred samples. The frames hold every one.
 const ESTIMATE_S: f64 = 1.0;
 const REVERSAL_S: f64 = 0.1;
 
@@ -45,7 +46,7 @@ impl Channel {
     }
 }
 
-/// A message of the channel `motion`; 32 bits are plenty for a plot.
+/// A message of the channel `motion`; 32 bits are enough for a plot.
 #[derive(Serialize)]
 struct MotionJson {
     t_s: f64,
@@ -60,7 +61,7 @@ struct MotionJson {
 /// A message on a channel.
 pub(super) type Decoded = (Channel, Vec<u8>);
 
-/// From frames to messages.
+/// Decodes frames into messages.
 pub(super) struct Decoder {
     framing: Framing,
     settings: Settings,
@@ -70,11 +71,11 @@ pub(super) struct Decoder {
     pairing: Pairing,
     estimates: Sparse,
     reversals: Sparse,
-    /// What is not given yet.
+    /// Messages not handed out yet.
     decoded: Vec<Decoded>,
 }
 
-/// Lets through what comes often only now and then.
+/// Thins out frequent messages.
 struct Sparse {
     every_s: f64,
     due_s: f64,
@@ -87,7 +88,7 @@ impl Sparse {
 
     fn is_due(&mut self, t_s: f64) -> bool {
         let began_anew = t_s < self.due_s - 2.0 * self.every_s;
-        // What comes at a steady rate: the tenth keeps rounding from leaving one out.
+        // The tenth prevents rounding from skipping one of a steady series.
         let due = t_s + 0.1 * self.every_s >= self.due_s || began_anew;
         if due {
             self.due_s = t_s + self.every_s;
@@ -112,7 +113,7 @@ impl Decoder {
         }
     }
 
-    /// Takes the bytes of a message of channel `raw`; gives what they hold.
+    /// Processes the bytes of a message of channel `raw`; returns its contents.
     pub(super) fn take(&mut self, part: u16, bytes: &[u8]) -> Vec<Decoded> {
         let mut framing = std::mem::take(&mut self.framing);
         framing.take(part, bytes, |frame| {
@@ -124,7 +125,7 @@ impl Decoder {
         std::mem::take(&mut self.decoded)
     }
 
-    /// An estimate whose detail did not come before the end.
+    /// An estimate whose detail did not arrive before the end.
     pub(super) fn end(&mut self) -> Vec<Decoded> {
         if let Some(event) = self.pairing.flush() {
             self.event(event);
@@ -141,7 +142,7 @@ impl Decoder {
                     self.put(Channel::Reversal, &ReversalJson::new(t_s, &reversal));
                 }
             }
-            // An event of the device like others.
+            // Handled like the device's other events.
             EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => {}
         }
     }
@@ -161,7 +162,7 @@ impl Decoder {
             }
             Record::Health(health) => self.put(Channel::Health, &health_json(&health)),
             Record::Settings(values) => {
-                // The channels keep the names that they began with.
+                // The channels keep the names that they started with.
                 let settings = Settings { machine: self.settings.machine, ..values.read(&self.settings).settings };
                 if settings != self.settings {
                     self.settings = settings;

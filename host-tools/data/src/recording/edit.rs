@@ -1,4 +1,4 @@
-//! Recordings out of recordings: a part of one, several in a row. Frames stay as they were received.
+//! Edits recordings: cuts a part out of one, or joins several. Frames stay as they were received.
 
 use std::{
     ops::Range,
@@ -20,7 +20,7 @@ use crate::{
     output::{OutputError, Pending},
 };
 
-/// What has been cut out.
+/// The result of a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cut {
     /// Samples in it.
@@ -31,7 +31,7 @@ pub struct Cut {
     pub span_s: (f64, f64),
 }
 
-/// What has been put together.
+/// The result of a merge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Merged {
     /// Samples in it.
@@ -44,8 +44,9 @@ pub struct Merged {
 
 /// Writes the part of a recording whose time since its first sample lies in `range_s`.
 ///
-/// Frames are whole: one that holds samples belongs where its first sample does, anything else where the samples before
-/// it do. So parts that follow each other hold everything once. Only `replace` lets `to` take the place of a file.
+/// Frames stay whole: a frame of samples belongs to the part that contains its first sample, any other frame to the
+/// part that contains the samples before it. So adjacent parts hold everything exactly once. Replaces an existing file
+/// only with `replace`.
 pub fn cut(
     path: &Path,
     range_s: Range<f64>,
@@ -103,10 +104,10 @@ pub fn cut(
     Ok(Cut { samples, frames, span_s })
 }
 
-/// Puts recordings of one device in a row, the earliest first.
+/// Joins recordings of one device, the earliest first.
 ///
-/// Each stays a stream of its own. Settings must be the same, and no two may have been made at the same time. Only
-/// `replace` lets `to` take the place of a file.
+/// Each remains a separate stream. Settings must be the same, and no two may overlap in time. Replaces an existing file
+/// only with `replace`.
 pub fn merge(
     paths: &[PathBuf],
     to: &Path,
@@ -159,7 +160,7 @@ pub fn merge(
     Ok(merged)
 }
 
-/// Copies a frame, and begins another stream where the one that is copied does.
+/// Copies a frame, and begins a new stream where the source does.
 fn follow(
     recorder: &mut Recorder,
     channel: &mut Option<u16>,
@@ -180,7 +181,7 @@ fn batch(frame: &Frame<Record>) -> Option<&Samples> {
     }
 }
 
-/// A recording with what is known of `like`.
+/// Begins a recording with the device data of `like`.
 fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
     let mut recorder = Recorder::fill(to)?;
     for name in [HELLO_METADATA, SETTINGS_METADATA, TRUTH_METADATA] {
@@ -195,7 +196,7 @@ fn begin(to: &Pending, like: &Summary) -> Result<Recorder, Error> {
     Ok(recorder)
 }
 
-/// The calibration that all have. Of runs by several, or by one that not all know, none is said.
+/// The calibration that all parts share. If they differ, or one has none, none is written.
 fn calibrated<'a>(recorder: &mut Recorder, like: impl IntoIterator<Item = &'a Summary>) -> Result<(), OutputError> {
     let mut all = like.into_iter().map(|summary| summary.contents.metadata.get(CALIBRATION_METADATA));
     match all.next().flatten() {
@@ -215,7 +216,7 @@ fn reason(summary: &Summary) -> String {
     }
 }
 
-/// Whether `next` may follow.
+/// Whether `next` may follow this recording.
 fn check(path: &Path, summary: &Summary, next_path: &Path, next: &Summary) -> Result<(), RecordingError> {
     let (file, other) = (path.display().to_string(), next_path.display().to_string());
     let serial = |summary: &Summary| {

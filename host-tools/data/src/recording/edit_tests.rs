@@ -60,7 +60,7 @@ fn settings() -> Settings {
     Settings { sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() }
 }
 
-/// 3.2 s of samples, an event and two markers among them.
+/// 3.2 s of samples, with an event and two markers.
 fn recording(path: &Path) {
     let mut stream = Stream::new(path, "1", &settings(), 500, 0);
     stream.samples(40);
@@ -205,7 +205,7 @@ proptest::proptest! {
         if let Ok(cut) = cut(&run, from_s..f64::INFINITY, &part, true, quiet) {
             proptest::prop_assert_eq!(cut.samples as usize, indices(&part).len());
         }
-        // The same one twice overlaps, unless the damage has changed its times.
+        // The same recording twice overlaps, unless the damage has changed its times.
         merge(&[run.clone(), run], &twice, true, quiet).ok();
     }
 }

@@ -34,7 +34,7 @@ pub enum RecordingError {
     )]
     NoChannel { file: String },
 
-    /// Somebody compressed the file.
+    /// The file has been compressed.
     #[error("{file} has chunks compressed with {compression}, which this program cannot read")]
     #[diagnostic(
         code(inerter::recording::compression),
@@ -63,7 +63,7 @@ pub enum RecordingError {
     #[diagnostic(code(inerter::wire::version), help("{}", VersionAdvice { theirs: *version }))]
     ForeignVersion { file: String, version: u16 },
 
-    /// Nothing lies in the range.
+    /// The range contains nothing.
     #[error("{file} has no samples from {from_s} s to {}: it is {duration_s:.3} s long", end(*to_s))]
     #[diagnostic(
         code(inerter::recording::range),
@@ -71,12 +71,12 @@ pub enum RecordingError {
     )]
     EmptyRange { file: String, from_s: f64, to_s: f64, duration_s: f64 },
 
-    /// To be put in a row, and not of one device.
+    /// Cannot be joined: of different devices.
     #[error("{file} was recorded from the device with serial number {serial}, {other} from {other_serial}")]
     #[diagnostic(code(inerter::recording::device), help("merge recordings of one device; analyse these one by one"))]
     OtherDevice { file: String, serial: String, other: String, other_serial: String },
 
-    /// To be put in a row, and the numbers mean different things.
+    /// Cannot be joined: the numbers have different meanings.
     #[error("the setting {setting} is {value} in {file} and {other_value} in {other}")]
     #[diagnostic(
         code(inerter::recording::setting),
@@ -84,7 +84,7 @@ pub enum RecordingError {
     )]
     OtherSetting { setting: &'static str, file: String, value: f64, other: String, other_value: f64 },
 
-    /// To be put in a row, and made at the same time.
+    /// Cannot be joined: recorded at the same time.
     #[error("{file} and {other} overlap by {overlap_s:.3} s of the host's time: they cannot be joined")]
     #[diagnostic(
         code(inerter::recording::overlap),

@@ -1,10 +1,10 @@
-//! Names of what lies where in a recording.
+//! Names of the parts of a recording.
 
 use std::{fs::File, io::Read, path::Path};
 
 /// Topic of the channel that holds the frames.
 pub const RAW_TOPIC: &str = "raw";
-/// Topic of the channel with remarks.
+/// Topic of the channel with markers.
 pub const MARKER_TOPIC: &str = "marker";
 /// Message encoding of the channel that holds the frames.
 pub const RAW_ENCODING: &str = "inerter";
@@ -12,14 +12,14 @@ pub const RAW_ENCODING: &str = "inerter";
 pub const HELLO_METADATA: &str = "inerter.hello";
 /// Name of the metadata that holds the settings.
 pub const SETTINGS_METADATA: &str = "inerter.settings";
-/// Name of the metadata that holds what is known of the rig's calibration.
+/// Name of the metadata that holds the rig's calibration.
 pub const CALIBRATION_METADATA: &str = "inerter.calibration";
 /// Name of the metadata that says how the recording ended.
 pub const END_METADATA: &str = "inerter.end";
-/// Name of the metadata that holds what is true of a simulated device.
+/// Name of the metadata that holds the true parameters of a simulated device.
 pub const TRUTH_METADATA: &str = "inerter.truth";
 
-/// True for a file that begins like an MCAP file, even when it ends within its first bytes.
+/// Whether a file begins like an MCAP file, even if it ends within the first bytes.
 pub fn is_recording(path: &Path) -> std::io::Result<bool> {
     let mut start = Vec::new();
     File::open(path)?.take(8).read_to_end(&mut start)?;
@@ -33,11 +33,11 @@ pub enum Ending {
     Closed,
     /// It is truncated: everything before the cut is there.
     CutOff,
-    /// It is damaged at about this byte, and was read up to there.
+    /// It is damaged at about this byte, and readable up to there.
     Damaged {
         /// Offset of the damage.
         byte: u64,
-        /// What is wrong.
+        /// What is damaged.
         reason: String,
     },
 }

@@ -27,13 +27,13 @@ pub(super) struct MarkerJson {
 /// One message.
 #[derive(Debug)]
 pub(super) enum Message<'a> {
-    /// Bytes of the stream, as received at host time `time_ns`; `part` changes where another stream begins.
+    /// Bytes of the stream, as received at host time `time_ns`; `part` changes when another stream begins.
     Raw { time_ns: u64, part: u16, bytes: &'a [u8] },
     /// A remark made at that time.
     Marker { time_ns: u64, text: String },
 }
 
-/// The messages of a file, and what is learnt from it on the way.
+/// The messages of a file, and what has been read from it on the way.
 pub(super) struct Messages<R> {
     file: String,
     walker: Walker<R>,
@@ -41,7 +41,7 @@ pub(super) struct Messages<R> {
     ending: Option<Ending>,
 }
 
-/// What the file has said so far.
+/// What the file has stated so far.
 #[derive(Default)]
 struct Known {
     raw: BTreeSet<u16>,
@@ -65,7 +65,7 @@ impl Messages<BufReader<File>> {
 }
 
 impl<R: Read> Messages<R> {
-    /// Reads any bytes; `file` is their name in messages.
+    /// Reads from any source; `file` is its name in messages.
     pub(super) fn new(file: &str, source: R) -> Self {
         Self { file: file.into(), walker: Walker::new(source), known: Known::default(), ending: None }
     }
@@ -80,12 +80,12 @@ impl<R: Read> Messages<R> {
         self.known.metadata
     }
 
-    /// Host time of the first and the last bytes so far \[ns\].
+    /// Host time of the first and the latest bytes so far \[ns\].
     pub(super) fn span_ns(&self) -> Option<(u64, u64)> {
         self.known.span_ns
     }
 
-    /// How the file ends, once [`next`](Self::next) gave `None`.
+    /// How the file ends, once [`next`](Self::next) has returned `None`.
     pub(super) fn ending(&self) -> Ending {
         self.ending.clone().unwrap_or(Ending::CutOff)
     }
@@ -156,7 +156,7 @@ impl Known {
     }
 }
 
-/// From the bytes of messages to frames.
+/// Splits the bytes of messages into frames.
 #[derive(Default)]
 pub(super) struct Framing {
     reader: FrameReader<Record>,
@@ -164,13 +164,13 @@ pub(super) struct Framing {
 }
 
 impl Framing {
-    /// Hands out the frames in the bytes of one message.
+    /// Emits the frames in the bytes of one message.
     pub(super) fn take(&mut self, part: u16, bytes: &[u8], mut found: impl FnMut(Frame<Record>)) {
-        // Sequence numbers mean nothing from one stream to the next.
+        // Sequence numbers do not continue from one stream to the next.
         if self.part.replace(part).is_some_and(|before| before != part) {
             self.reader.reset();
         }
-        // A link that went away leaves half a frame: it ends here, lest it spoil the one that follows.
+        // A broken link leaves half a frame: end it here, so that it does not spoil the next one.
         let end: &[u8] = if bytes.ends_with(&[DELIMITER]) { &[] } else { &[DELIMITER] };
         for mut input in [bytes, end] {
             while let Some(frame) = self.reader.read(&mut input) {

@@ -6,15 +6,15 @@
 //! | the device's Hello | metadata `inerter.hello` |
 //! | its settings, by name | metadata `inerter.settings` |
 //! | when and how its rig was calibrated | metadata `inerter.calibration` |
-//! | what is true of a simulated device | metadata `inerter.truth` |
+//! | the true parameters of a simulated device | metadata `inerter.truth` |
 //! | how and why the recording ended | metadata `inerter.end`; missing when the writer was killed |
 //! | remarks made during the recording | channel `marker`, JSON |
 //! | the same decoded, for PlotJuggler and Foxglove | channels `motion`, `estimate`, `reversal`, `event`, `health`, JSON |
 //!
 //! The frames are authoritative: readers here ignore the decoded channels.
 //!
-//! Chunks are written whole, uncompressed, so that a file which is cut off anywhere reads up to the cut, within a chunk
-//! too. Of a live device they are written and synchronised twice a second: a power cut costs a second at most.
+//! Chunks are written whole, uncompressed, so that a truncated file can be read up to the cut, even within a chunk. For
+//! a live device they are written and synchronised twice a second: a power failure loses a second at most.
 
 mod decode;
 mod edit;

@@ -10,48 +10,48 @@ use super::{
     messages::{Framing, Message, Messages},
 };
 
-/// One finding in the file with the host time \[ns\] at which it arrived.
+/// A frame or marker in the file with the host time \[ns\] at which it arrived.
 #[derive(Debug)]
 pub struct Incoming {
     /// Host time \[ns\].
     pub time_ns: u64,
     /// Bytes of the file read so far.
     pub offset: u64,
-    /// What was found.
+    /// The frame or marker.
     pub item: Item,
 }
 
-/// What a recording holds, in the order in which it came.
+/// The contents of a recording, in order of arrival.
 #[derive(Debug)]
 #[allow(clippy::large_enum_variant, reason = "nearly all are frames")]
 pub enum Item {
-    /// Something in the stream.
+    /// A frame, or a loss, in the stream.
     Frame(Frame<Record>),
     /// A remark made during the recording.
     Marker(String),
 }
 
-/// What a file holds beside its frames.
+/// What a file holds besides its frames.
 #[derive(Clone, Debug)]
 pub struct Contents {
     /// Metadata by name.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
-    /// How it ends.
+    /// How the file ends.
     pub ending: Ending,
     /// Frames, and what was lost or damaged among them.
     pub counts: Counts,
     /// Host time of the first and the last frame \[ns\].
     pub span_ns: Option<(u64, u64)>,
-    /// Size of the file as far as it was read \[bytes\].
+    /// Bytes of the file that were read.
     pub bytes: u64,
 }
 
-/// Reads a file; `take` is handed every finding in order.
+/// Reads a file; `take` gets every item in order.
 pub fn read(path: &Path, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
     read_all(Messages::open(path)?, take)
 }
 
-/// Reads any bytes; `file` is their name in messages.
+/// Reads from any source; `file` is its name in messages.
 #[cfg(test)]
 pub(super) fn read_from(file: &str, source: impl Read, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
     read_all(Messages::new(file, source), take)

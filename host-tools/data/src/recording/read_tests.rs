@@ -47,7 +47,7 @@ fn recording(path: &Path, close: bool) {
     if close {
         recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
     } else {
-        // As when the program is killed: all frames are written, and the summary is not.
+        // As when the program is killed: all frames are written, the summary is not.
         drop(recorder);
         let bytes = std::fs::read(path).unwrap();
         let footer = mcap::read::footer(&bytes).unwrap();
@@ -152,13 +152,13 @@ fn a_file_cut_off_anywhere_reads_up_to_the_cut() {
     recording(&path, true);
     let bytes = std::fs::read(&path).unwrap();
     let mut before = 0;
-    // Channels and schemas come first.
+    // Size of the channels and schemas, which come first.
     let head = 12_000;
     for cut in (0..=bytes.len()).step_by(97) {
         match samples_of(bytes.get(..cut).unwrap()) {
             Ok((samples, ending)) => {
                 assert!(samples >= before);
-                // A frame's 32 samples in its bytes: no more than two frames before the cut are missing.
+                // Each frame holds 32 samples: no more than two frames before the cut are missing.
                 let part = cut.saturating_sub(head) as f64 / (bytes.len() - head) as f64;
                 let expected = (part * 10_000.0) as usize;
                 assert!(samples + 800 > expected, "{samples} of about {expected} at {cut}");
@@ -220,7 +220,7 @@ fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
     let mut recorder = Recorder::create(&path, false).unwrap();
     let (mut out, mut sequence) = ([0; MAX_FRAME], SequenceCounter::new());
     for number in 0..100_000 {
-        // Each text twice.
+        // Each text occurs twice.
         let kind = EventKind::Panicked(Hello::text(&format!("at line {}", number / 2)));
         let length = encode_record(&Record::Event(Event { index: 0, kind }), sequence.take(), &mut out).unwrap();
         recorder.frame(number, out.get(..length - 1).unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! From the frames of a recording to a run, to its samples one by one, and to a summary of what the file holds.
+//! Reads the frames of a recording as a run, as single samples, or as a summary of what the file holds.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -30,13 +30,13 @@ use crate::{
 /// What a recording holds.
 #[derive(Clone, Debug)]
 pub struct Summary {
-    /// Everything beside the frames.
+    /// Everything besides the frames.
     pub contents: Contents,
-    /// The device, when its Hello is there.
+    /// The device, if its Hello is present.
     pub hello: Option<Hello>,
-    /// Settings, when they are there.
+    /// Settings, if present.
     pub settings: Option<Settings>,
-    /// How much there is of samples.
+    /// The extent of the samples.
     pub extent: Extent,
     /// Remarks made during the recording.
     pub markers: Vec<Marker>,
@@ -46,34 +46,34 @@ pub struct Summary {
     pub health: Option<Health>,
     /// Records by name.
     pub records: BTreeMap<&'static str, u64>,
-    /// What is worth knowing about the file.
+    /// Notes about the file.
     pub notes: Vec<String>,
 }
 
-/// How much there is of samples, and what is missing among them.
+/// How many samples there are, and how many are missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Extent {
     /// Samples.
     pub samples: u64,
-    /// Sample periods from the first one to the last, missing ones included.
+    /// Sample periods from the first one to the last, including missing ones.
     pub periods: u64,
-    /// Places where samples are missing.
+    /// Number of gaps.
     pub discontinuities: u64,
-    /// Samples that are missing in all.
+    /// Total number of missing samples.
     pub missing: u64,
     /// Sample counter of the first and the last one.
     pub indices: Option<(u32, u32)>,
 }
 
 impl Extent {
-    /// Of these samples.
+    /// The extent of these samples.
     pub fn of<'a>(samples: impl IntoIterator<Item = &'a RawSample>) -> Self {
         let mut extent = Self::default();
         samples.into_iter().for_each(|sample| extent.take(sample));
         extent
     }
 
-    /// Takes the next sample.
+    /// Adds the next sample.
     pub fn take(&mut self, sample: &RawSample) {
         let (first, last) = self.indices.unwrap_or((sample.index, sample.index.wrapping_sub(1)));
         let jump = if self.samples == 0 { 0 } else { step(last, sample.index) };
@@ -84,11 +84,11 @@ impl Extent {
         self.indices = Some((first, sample.index));
     }
 
-    /// Sample periods from the first sample to the one with this counter, seen from the latest one: what the device
-    /// says of a sample may come before it or after.
+    /// Sample periods from the first sample to the one with this counter value, relative to the latest one: the
+    /// device's records about a sample may arrive before or after it.
     pub fn periods_of(&self, index: u32) -> Option<i64> {
         let (_, last) = self.indices?;
-        // Wraps on purpose: the nearer of the two directions.
+        // The wrap-around is intended: it finds the nearer of the two directions.
         Some(self.periods as i64 + i64::from(index.wrapping_sub(last) as i32))
     }
 }
@@ -98,18 +98,18 @@ impl Extent {
 pub struct Marker {
     /// Host time \[ns\].
     pub time_ns: u64,
-    /// Sample periods from the first sample to the latest one that had come.
+    /// Sample periods from the first sample to the latest one received by then.
     pub periods: u64,
     /// The remark.
     pub text: String,
 }
 
-/// Different faults that are told; of more there is only their number.
+/// Maximum number of distinct faults listed; of further ones only the count is given.
 const FAULTS: usize = 20;
 
 #[derive(Default)]
 struct Collected {
-    /// Samples of the latest batch that are not handed on yet.
+    /// Samples of the latest batch not handed out yet.
     batch: VecDeque<RawSample>,
     hello: Option<Hello>,
     settings: Vec<SettingsValues>,
@@ -152,14 +152,14 @@ impl Collected {
             Record::Hello(hello) => self.hello = Some(hello),
             Record::Samples(batch) => self.batch(&batch),
             Record::Health(health) => self.health = Some(health),
-            // Each once: a host that comes back again and again reads them each time.
+            // Each value once: a host that reconnects reads the settings each time.
             Record::Settings(values) if self.settings.last() != Some(&values) => self.settings.push(values),
             Record::Event(event) => match event.kind {
                 EventKind::Fault(fault) => self.fault(format!("the device reported: {fault}")),
                 EventKind::Panicked(text) => {
                     self.fault(format!("the device's firmware had failed before this run: {text}; please report it"));
                 }
-                // What a replay says anew.
+                // A replay produces these again.
                 EventKind::Changed(_) | EventKind::Warned(_) => {}
                 ref kind if is_trouble(kind) => self.fault(event_words(Machine::Linear, kind)),
                 _ => {}
@@ -168,7 +168,7 @@ impl Collected {
         }
     }
 
-    /// Each once, however often it came.
+    /// Notes each fault once, however often it occurred.
     fn fault(&mut self, words: String) {
         if self.faults.contains(&words) {
             return;
@@ -188,17 +188,17 @@ impl Collected {
     }
 }
 
-/// Reads a recording as far as it goes, holding no samples.
+/// Reads a recording as far as possible, without keeping samples.
 pub fn summary(path: &Path) -> Result<Summary, RecordingError> {
     summary_with(path, |_| (), |_| ())
 }
 
-/// The same; `progress` is handed the bytes read so far.
+/// The same; `progress` gets the bytes read so far.
 pub fn summary_watched(path: &Path, progress: impl FnMut(u64)) -> Result<Summary, RecordingError> {
     summary_with(path, |_| (), progress)
 }
 
-/// The same; `each` is handed every sample in order.
+/// The same; `each` gets every sample in order.
 fn summary_with(
     path: &Path,
     mut each: impl FnMut(RawSample),
@@ -231,7 +231,7 @@ fn summary_with(
     Ok(Summary { contents, hello, settings, extent, markers, estimated, health, records, notes })
 }
 
-/// Reads the run that a recording holds; `overrides` are laid over the recorded settings.
+/// Reads the run in a recording; `overrides` take precedence over the recorded settings.
 pub fn read_run(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
     let mut samples = Vec::new();
     let summary = summary_with(path, |sample| samples.push(sample), |_| ())?;
@@ -245,7 +245,7 @@ pub fn read_run(path: &Path, overrides: &Overrides) -> Result<Run, Error> {
     Ok(Run { name, settings, samples, start_s: 0.0, recorded_ns, notes, hello, calibration, truth })
 }
 
-/// What is known of the calibration, what the `overrides` say or else the recording, and what is wrong with it.
+/// The calibration, from the `overrides` or else from the recording, and what is wrong with it.
 pub fn calibration(path: &Path, summary: &Summary, overrides: &Overrides) -> (Option<Calibration>, Option<String>) {
     let recorded = || summary.contents.metadata.get(CALIBRATION_METADATA).map(Calibration::of_texts);
     let (calibration, trouble) = match overrides.calibration().cloned().map(Ok).or_else(recorded) {
@@ -257,7 +257,7 @@ pub fn calibration(path: &Path, summary: &Summary, overrides: &Overrides) -> (Op
 }
 
 impl Summary {
-    /// Host time of the first frame \[ns since 1970\]; nothing where no clock was there, as in a simulation.
+    /// Host time of the first frame \[ns since 1970\]; `None` if there was no clock, as in a simulation.
     pub fn recorded_ns(&self) -> Option<u64> {
         self.contents.span_ns.map(|(first, _)| first).filter(|first| *first >= LEAST_DATE_NS)
     }
@@ -266,7 +266,7 @@ impl Summary {
 /// Earlier than any recording \[ns since 1970\]: the beginning of 2000. The time of a simulation begins at 0.
 const LEAST_DATE_NS: u64 = 946_684_800_000_000_000;
 
-/// Settings of a recording that has samples, with `overrides` laid over them.
+/// Settings of a recording that has samples, with `overrides` taking precedence.
 pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) -> Result<Settings, Error> {
     let file = path.display().to_string();
     if summary.extent.samples == 0 {
@@ -278,7 +278,7 @@ pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) ->
     Ok(settings)
 }
 
-/// The raw samples of a recording one after the other, holding one batch of them.
+/// Reads the raw samples of a recording one after the other, one batch in memory.
 pub struct SampleReader {
     messages: Messages<BufReader<File>>,
     framing: Framing,
@@ -318,7 +318,7 @@ impl Iterator for SampleReader {
     }
 }
 
-/// Appends the samples of a batch, all of them or, when it is at fault, none.
+/// Appends the samples of a batch, or none if the batch is invalid.
 fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
     let before = queue.len();
     for sample in batch {
@@ -336,7 +336,7 @@ fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
 /// Settings from the metadata, or else from the first Settings record.
 fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: &mut Vec<String>) -> Option<Settings> {
     let reading = records.first().map(|values| values.read(&Settings::default()));
-    // What an older firmware does not send has its default in every recording of it: no news.
+    // Settings that an older firmware does not send have their defaults in all its recordings: not worth a note.
     let newer = reading.as_ref().filter(|reading| reading.unknown + reading.impossible > 0);
     notes.extend(newer.and_then(settings_note).map(|note| format!("{file}: {note}")));
     let recorded = reading.map(|reading| reading.settings);

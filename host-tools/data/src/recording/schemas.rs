@@ -1,7 +1,6 @@
-//! JSON schemas of the decoded channels: what PlotJuggler and Foxglove show beside the numbers.
+//! JSON schemas of the decoded channels: the descriptions that PlotJuggler and Foxglove show beside the numbers.
 //!
-//! Types are plain (`number`, never a list of types), as Foxglove wants them; a number that is not known is `null` all
-//! the same.
+//! Types are plain (`number`, never a list of types), as Foxglove requires; an unknown number is nevertheless `null`.
 
 use inerter_core::Machine;
 use inerter_wire::catalogue::{self, Field, Group};
@@ -27,7 +26,7 @@ pub(super) fn schema(machine: Machine, channel: Channel) -> String {
     machine_json_line(machine, &schema)
 }
 
-/// Puts the descriptions into the words of this machine.
+/// Rewrites the descriptions in the words of this machine.
 fn describe(machine: Machine, schema: &mut Value) {
     for (key, value) in schema.as_object_mut().into_iter().flatten() {
         match value {
@@ -68,7 +67,7 @@ fn motion() -> Value {
     })
 }
 
-/// The parameters of a group of the catalogue, each with its interval.
+/// The parameters in a group of the catalogue, each with its interval.
 fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value> {
     let parameter = |field: &Field| {
         json!({"type": "object", "description": described(field), "properties": {

@@ -1,4 +1,4 @@
-//! The file of a recording, filled by a separate thread, so that a slow disk does not delay reading the device.
+//! The file of a recording, written by a separate thread, so that a slow disk does not delay reading the device.
 
 use std::{
     fs::File,
@@ -14,12 +14,12 @@ use std::{
 
 use crate::output::{Disturbance, sync_folder, synced};
 
-/// Bytes that are handed over at the latest.
+/// Bytes after which a batch is handed over.
 const BATCH: usize = 1 << 18;
-/// Batches that may wait for the disk: half a minute of a live device. Then the one who writes waits too.
+/// Batches that may wait for the disk: half a minute of a live device. After that the producer waits too.
 const WAITING: usize = 64;
 
-/// How much of the recording is written \[ns\], known to both sides.
+/// How much of the recording is written \[ns\], shared by both threads.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Safe {
     handed_over_ns: Arc<AtomicU64>,
@@ -27,12 +27,12 @@ pub(super) struct Safe {
 }
 
 impl Safe {
-    /// What is flushed next reaches so far.
+    /// Sets the recording's duration at the next flush.
     pub(super) fn hand_over(&self, duration_ns: u64) {
         self.handed_over_ns.store(duration_ns, Ordering::Relaxed);
     }
 
-    /// What has reached the disk; 0 for a file that is not watched.
+    /// The duration that has reached the disk; 0 for a file that is not watched.
     pub(super) fn written_ns(&self) -> u64 {
         self.written_ns.load(Ordering::Relaxed)
     }
@@ -40,11 +40,11 @@ impl Safe {
 
 struct Batch {
     bytes: Vec<u8>,
-    /// The recording's duration with it, where it ends with whole frames \[ns\].
+    /// The recording's duration including this batch, if it ends with a whole frame \[ns\].
     until_ns: Option<u64>,
 }
 
-/// Takes bytes from front to back; it need not be able to seek (a pipe, `/dev/full`).
+/// Accepts bytes in sequence; the file need not be seekable (a pipe, `/dev/full`).
 pub(super) struct Sink {
     position: u64,
     waiting: Vec<u8>,
@@ -54,12 +54,12 @@ pub(super) struct Sink {
 }
 
 impl Sink {
-    /// Writes, and no more.
+    /// Only writes, without syncing.
     pub(super) fn new(file: File, safe: Safe) -> io::Result<Self> {
         Self::start(Output { file, written: 0, watched: None }, safe)
     }
 
-    /// Brings each flush onto the disk, and checks that the file at `path` is still the one that is written.
+    /// Syncs each flush to disk, and checks that the file at `path` is still the one being written.
     pub(super) fn watching(path: &Path, file: File, safe: Safe) -> io::Result<Self> {
         let watched = file.metadata()?.is_file().then(|| path.into());
         Self::start(Output { file, written: 0, watched }, safe)
@@ -81,7 +81,7 @@ impl Sink {
         }
     }
 
-    /// Waits until all is written.
+    /// Waits until everything is written.
     pub(super) fn finish(mut self) -> io::Result<()> {
         self.flush()?;
         self.end()
@@ -122,16 +122,16 @@ impl Seek for Sink {
 
 impl Drop for Sink {
     fn drop(&mut self) {
-        // Whoever drops it has an error of his own to tell; what was handed over is written nevertheless.
+        // Whoever drops it is already reporting an error; data handed over are still written.
         self.end().ok();
     }
 }
 
-/// What the thread holds.
+/// State of the thread.
 struct Output {
     file: File,
     written: u64,
-    /// Where the file must stay, when it is a file and synchronised.
+    /// The path at which the file must stay, if it is a regular file that is synchronised.
     watched: Option<PathBuf>,
 }
 
@@ -174,7 +174,7 @@ impl Output {
         Ok(std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0)
     }
 
-    /// A name that is gone is all that is known elsewhere.
+    /// On other systems the name is the only evidence.
     #[cfg(not(unix))]
     fn is_deleted(&self) -> io::Result<bool> {
         Ok(self.watched.as_ref().is_none_or(|path| !path.exists()))

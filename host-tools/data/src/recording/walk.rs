@@ -1,25 +1,25 @@
-//! The records of an MCAP file one after the other, those in chunks too, whatever state the file is in.
+//! Reads the records of an MCAP file one after the other, including those in chunks, whatever state the file is in.
 //!
 //! A file is a magic number and records: operation code (u8), length (u64), content. A chunk's content is a header and
-//! records again. Nothing is read ahead of what is needed and no length is believed beyond [`LONGEST_RECORD`], so that
-//! a file which is cut off or damaged gives all that lies before. (The `mcap` crate's own linear reader, 0.26, panics
-//! on a record that is longer than its chunk.)
+//! further records. Nothing is read ahead and no length above [`LONGEST_RECORD`] is trusted, so that everything before
+//! a cut or damage can be read. (The `mcap` crate's own linear reader, 0.26, panics on a record that is longer than its
+//! chunk.)
 
 use std::io::{self, Read};
 
 use mcap::{MAGIC, records::op};
 
-/// No record that is looked into is longer; a length beyond this is damage.
+/// Maximum length of a record that is parsed; a larger length means damage.
 const LONGEST_RECORD: u64 = 1 << 20;
 /// Operation code and length.
 const HEAD: usize = 9;
 /// A chunk's header up to the name of its compression: two times, size, CRC, length of the name.
 const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4;
 
-/// What comes next in a file.
+/// What follows in a file.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Step<'a> {
-    /// A record that may be looked into.
+    /// A record that may be parsed.
     Record {
         /// Operation code.
         opcode: u8,
@@ -31,9 +31,9 @@ pub enum Step<'a> {
     Closed,
     /// The file ends without a footer.
     CutOff,
-    /// A chunk is compressed in this way.
+    /// A chunk uses this compression.
     Compressed(String),
-    /// No sense can be made of what follows.
+    /// What follows cannot be parsed.
     Damaged(String),
 }
 
@@ -42,7 +42,7 @@ pub struct Walker<R> {
     source: R,
     buffer: Vec<u8>,
     begun: bool,
-    /// Bytes left in the chunk under way.
+    /// Bytes left in the current chunk.
     chunk_left: u64,
     offset: u64,
 }
@@ -58,7 +58,7 @@ impl<R: Read> Walker<R> {
         self.offset
     }
 
-    /// The next step. After anything but a record there is nothing more.
+    /// The next step. After anything but a record nothing more follows.
     pub fn step(&mut self) -> io::Result<Step<'_>> {
         if !self.begun {
             if !self.fill(MAGIC.len())? || self.buffer != MAGIC {
@@ -89,7 +89,7 @@ impl<R: Read> Walker<R> {
                     if length > LONGEST_RECORD {
                         return Ok(Step::Damaged(format!("a record claims to be {length} bytes long")));
                     }
-                    // No longer than the limit above.
+                    // Not above the limit checked before.
                     if !self.fill(length as usize)? {
                         return Ok(Step::CutOff);
                     }
@@ -134,7 +134,7 @@ impl<R: Read> Walker<R> {
         Ok(None)
     }
 
-    /// Puts the next `count` bytes into the buffer; false when there are fewer.
+    /// Reads the next `count` bytes into the buffer; false if there are fewer.
     fn fill(&mut self, count: usize) -> io::Result<bool> {
         self.buffer.clear();
         let read = self.source.by_ref().take(count as u64).read_to_end(&mut self.buffer)?;

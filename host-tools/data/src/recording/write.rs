@@ -1,4 +1,4 @@
-//! Writing a recording so that whatever happens, what was written can be read.
+//! Writes a recording such that whatever was written can be read, whatever happens.
 
 use std::{collections::BTreeMap, io, path::Path};
 
@@ -19,10 +19,10 @@ use crate::{
     words::duration_text,
 };
 
-/// Time after which a chunk is closed, written and, where a device is recorded, brought onto the disk \[ns\]: with the
-/// time that the disk takes, a power cut costs a second at most.
+/// Time after which a chunk is closed, written and, for a live device, synced \[ns\]: including the time that the disk
+/// takes, a power failure loses a second at most.
 const LIVE_FLUSH_NS: u64 = 500_000_000;
-/// The same where the file gets its name at the end \[ns\].
+/// The same if the file gets its name at the end \[ns\].
 const FLUSH_NS: u64 = 1_000_000_000;
 
 /// How a recording ended, for its readers.
@@ -30,20 +30,20 @@ const FLUSH_NS: u64 = 1_000_000_000;
 pub struct End {
     /// One sentence.
     pub reason: String,
-    /// Frames that were lost on the way.
+    /// Frames lost in transit.
     pub lost_frames: u64,
 }
 
-/// A recording that is being written.
+/// A recording being written.
 pub struct Recorder {
     name: String,
     writer: mcap::Writer<Sink>,
     safe: Safe,
-    /// Channel of the frames, and how many streams they have been so far.
+    /// Channel of the frames, and the number of streams so far.
     channel: u16,
     part: u16,
     sequence: u32,
-    /// Channels of what is decoded, with the number of messages on each.
+    /// Channels of decoded messages, with the number of messages on each.
     decoded: Vec<(Channel, u16, u32)>,
     decoder: Option<Decoder>,
     start_ns: Option<u64>,
@@ -54,14 +54,14 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Begins a recording of what happens now: what is written survives a power cut, and a file that another program
-    /// deletes, replaces or changes ends it. Only `replace` lets it take the place of a file that is there.
+    /// Begins a live recording: what is written survives a power failure, and the recording ends if another program
+    /// deletes, replaces or changes the file. Replaces an existing file only with `replace`.
     pub fn create(path: &Path, replace: bool) -> Result<Self, OutputError> {
         let file = output::create(path, replace)?;
         Self::begin(path.display().to_string(), LIVE_FLUSH_NS, |safe| Sink::watching(path, file, safe))
     }
 
-    /// Begins a recording that takes its name when it is complete.
+    /// Begins a recording that gets its name when it is complete.
     pub fn fill(pending: &Pending) -> Result<Self, OutputError> {
         let file = pending.open()?;
         Self::begin(pending.name(), FLUSH_NS, |safe| Sink::new(file, safe))
@@ -72,7 +72,7 @@ impl Recorder {
             .profile("inerter")
             .library(concat!("inerter ", env!("CARGO_PKG_VERSION")))
             .compression(None)
-            // Whole chunks from memory: a header is never written before its length is known.
+            // Writes whole chunks from memory: a header is never written before its length is known.
             .disable_seeking(true)
             .chunk_size(Some(4 << 20));
         let safe = Safe::default();
@@ -97,7 +97,7 @@ impl Recorder {
         })
     }
 
-    /// Writes down who the device is and what its numbers mean.
+    /// Records the device's identity and settings, which define its numbers.
     pub fn describe(&mut self, hello: &Hello, settings_in_use: &Settings) -> Result<(), OutputError> {
         let values = Settings::TABLE.iter().zip(settings_in_use.values());
         let settings = values.map(|(info, value)| (info.name.to_string(), format!("{value:?}"))).collect();
@@ -107,19 +107,19 @@ impl Recorder {
         self.flush()
     }
 
-    /// Writes down when and how the rig was calibrated.
+    /// Records when and how the rig was calibrated.
     pub fn calibrated(&mut self, calibration: &Calibration) -> Result<(), OutputError> {
         self.metadata(CALIBRATION_METADATA, calibration.texts())
     }
 
-    /// From now on the frames are also written decoded, by these settings and by those that the stream brings.
+    /// From now on the frames are also written decoded, with these settings and those that follow in the stream.
     pub fn decode_by(&mut self, settings: &Settings) -> Result<(), OutputError> {
         self.add_decoded(settings.machine)?;
         self.decoder = Some(Decoder::new(settings));
         Ok(())
     }
 
-    /// What follows is another stream: its sequence numbers do not continue those before.
+    /// Begins another stream: its sequence numbers do not continue the previous ones.
     pub fn begin_part(&mut self) -> Result<(), OutputError> {
         self.part += 1;
         self.channel = self
@@ -129,16 +129,17 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes down a remark, at once.
+    /// Writes a marker at once.
     pub fn marker(&mut self, time_ns: u64, text: &str) -> Result<(), OutputError> {
         let time_ns = time_ns.max(self.last_ns);
-        // Two plain fields: there is nothing that could fail.
+        // Two plain fields: serialisation cannot fail.
         let json = serde_json::to_vec(&MarkerJson { t_ns: time_ns, text: text.into() }).unwrap_or_default();
         self.say(Channel::Marker, time_ns, &json)?;
         self.flush()
     }
 
-    /// Takes one frame as received (without its delimiter) at host time `time_ns`, never earlier than the one before.
+    /// Writes one frame as received (without its delimiter) at host time `time_ns`, never earlier than the previous
+    /// one.
     pub fn frame(&mut self, time_ns: u64, stuffed: &[u8]) -> Result<(), OutputError> {
         let time_ns = time_ns.max(self.last_ns);
         self.frame.clear();
@@ -162,7 +163,7 @@ impl Recorder {
         self.flush_by(time_ns)
     }
 
-    /// Nothing has come until `time_ns`: what came before is not kept waiting for more.
+    /// Nothing has arrived until `time_ns`: flushes earlier frames if they are due.
     pub fn quiet(&mut self, time_ns: u64) -> Result<(), OutputError> {
         if self.last_ns > self.flushed_ns { self.flush_by(time_ns) } else { Ok(()) }
     }
@@ -176,7 +177,7 @@ impl Recorder {
         self.flush()
     }
 
-    /// Adds the channels of what is decoded, once, in the names of this machine.
+    /// Adds the decoded channels, once, with the names of this machine.
     fn add_decoded(&mut self, machine: Machine) -> Result<(), OutputError> {
         if !self.decoded.is_empty() {
             return Ok(());
@@ -193,7 +194,7 @@ impl Recorder {
     }
 
     fn say(&mut self, channel: Channel, time_ns: u64, json: &[u8]) -> Result<(), OutputError> {
-        // A marker may come before anything is known of the device.
+        // A marker may come before the device is known.
         self.add_decoded(Machine::Linear)?;
         let Some((_, id, sequence)) = self.decoded.iter_mut().find(|(known, ..)| *known == channel) else {
             return Ok(());
@@ -203,7 +204,7 @@ impl Recorder {
         self.writer.write_to_known_channel(&header, json).map_err(|error| self.failed(error))
     }
 
-    /// Hands everything so far to the thread that writes.
+    /// Hands everything so far to the writing thread.
     pub fn flush(&mut self) -> Result<(), OutputError> {
         self.safe.hand_over(self.duration_ns());
         self.writer.flush().map_err(|error| self.failed(error))
@@ -223,7 +224,7 @@ impl Recorder {
         self.last_ns.saturating_sub(self.start_ns.unwrap_or(self.last_ns))
     }
 
-    /// Closes the recording: index, and the reason that it ended.
+    /// Closes the recording: writes the index and the reason for the end.
     pub fn close(mut self, end: &End) -> Result<(), OutputError> {
         for (channel, json) in self.decoder.as_mut().map(Decoder::end).unwrap_or_default() {
             self.say(channel, self.last_ns, &json)?;
@@ -239,7 +240,7 @@ impl Recorder {
         writer.into_inner().finish().map_err(|source| write_error(name, &safe, source))
     }
 
-    /// Writes down anything else about the run.
+    /// Records other metadata of the run.
     pub fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), OutputError> {
         let metadata = Metadata { name: name.into(), metadata };
         self.writer.write_metadata(&metadata).map_err(|error| self.failed(error))
@@ -258,7 +259,7 @@ fn write_error(name: String, safe: &Safe, source: io::Error) -> OutputError {
     OutputError::Write { name, written, source }
 }
 
-/// What a reader must know of the channel `raw`; each stream has a channel of its own.
+/// What a reader must know about the channel `raw`; each stream has its own channel.
 fn channel_metadata(part: u16) -> BTreeMap<String, String> {
     let mut metadata = map([("wire_version", WIRE_VERSION.to_string())]);
     if part > 1 {
@@ -267,7 +268,7 @@ fn channel_metadata(part: u16) -> BTreeMap<String, String> {
     metadata
 }
 
-/// The reason as the operating system gave it.
+/// The operating system's reason.
 pub(crate) fn into_io(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,

@@ -1,7 +1,7 @@
-//! What raw figures and samples of a board mean.
+//! Judges the raw figures and samples of a board.
 //!
-//! Each judgement takes what the board reported, and gives its checks in a fixed order. A missing figure fails its
-//! check, unless there is a plain reason for it.
+//! Each function takes what the board reported and returns its checks in a fixed order. A missing figure fails its
+//! check, unless there is a good reason for it.
 
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
@@ -9,7 +9,7 @@ use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
 use super::Check;
 use crate::{backup, words::three_digits};
 
-/// Device of category 3 of the STM32G4: DBGMCU_IDCODE.DEV_ID (RM0440 47.6.1).
+/// Device ID of category 3 of the STM32G4: DBGMCU_IDCODE.DEV_ID (RM0440 47.6.1).
 const DEVICE: u32 = 0x469;
 /// Flash that the firmware needs (KB).
 const FLASH_KB: f64 = 512.0;
@@ -19,28 +19,28 @@ const WATCHDOG_RESET: u32 = 1 << 29;
 /// RCC_CR (RM0440 7.4.1).
 const CRYSTAL_READY: u32 = 1 << 17;
 const PLL_READY: u32 = 1 << 25;
-/// CRS_ISR (RM0440 8.7.3): the sum of errors, and trimming at its end.
+/// CRS_ISR (RM0440 8.7.3): error flags, and trimming at its limit.
 const TRIM_ENDED: u32 = 1 << 10;
-/// Supply at which the chip's factory values were taken (V).
+/// Supply voltage of the chip's factory calibration (V).
 const FACTORY_V: f64 = 3.0;
-/// Conversions that a sample is worth, and the codes of one.
+/// Conversions to which a sample is scaled, and the codes of one conversion.
 const WEIGHT: f64 = 64.0;
 const RAIL: f64 = 64.0 * 4095.0;
-/// Clock of the triggers (Hz).
+/// Trigger rate (Hz).
 const TRIGGER_HZ: f64 = 64e3;
 
 /// Share of the stack that must never have been used.
 const FREE_STACK: f64 = 0.25;
-/// What a quartz and the USB's clock may differ by: 500 ppm by USB 2.0 7.1.11, 100 ppm for the quartz.
+/// Allowed difference between a crystal and the USB clock: 500 ppm by USB 2.0 7.1.11, 100 ppm for the crystal.
 const CRYSTAL_PPM: f64 = 600.0;
-/// What the chip's own oscillator may be off by besides (DS12288, table 43).
+/// Allowed error of the chip's internal oscillator (DS12288, table 43).
 const INTERNAL_PPM: f64 = 20_000.0;
-/// Noise of one conversion, rms: 66 dB of signal to noise are 0.7 codes (DS12288, table 67), an amplifier may double
-/// it.
+/// Noise of one conversion, rms: a signal-to-noise ratio of 66 dB is 0.7 codes (DS12288, table 67); an amplifier may
+/// double it.
 const NOISE_CODES: f64 = 2.0;
-/// A converter that converts is never quieter (codes).
+/// A working converter is never quieter than this (codes).
 const LEAST_NOISE_CODES: f64 = 0.05;
-/// What the first sample after a start may lie beside the others, in their scatter.
+/// Allowed deviation of the first sample after a start from the others, in their standard deviations.
 const FIRST_SIGMA: f64 = 8.0;
 
 fn ratio(above: Option<u32>, below: Option<u32>) -> Option<f64> {
@@ -102,22 +102,22 @@ pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     vec![device, flash, agree, options, stack]
 }
 
-/// By how much the time since the start must fall short of what it would be without a start (s): it comes in whole
-/// seconds, and late.
+/// By how much the reported time since the start must fall short of the time without a restart (s): the report has
+/// whole seconds, and arrives late.
 const YOUNGER_S: f64 = 2.0;
 
-/// What a board shows of its start, after it was told to restart.
+/// Evidence of a board's start after it was told to restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Start {
-    /// What it tells; it tells once, and may have told a connection that came to nothing.
+    /// The cause it reports; it reports once, possibly on a connection that failed.
     pub told: Option<ResetCause>,
-    /// The chip's flags, which stay until the next start: so do those of an earlier one.
+    /// The chip's reset flags, which stay until the next start, so those of an earlier start may remain.
     pub flags: Option<u32>,
-    /// Time since its start, and what that would be if it had not restarted (s).
+    /// Time since its start, and the value it would have without a restart (s).
     pub uptime_s: Option<(u32, f64)>,
 }
 
-/// How a start must have come about: as the device tells, or else a start by its time since then, and by the chip's own
+/// Checks the cause of a start: by the device's report, or else by the time since the start, and by the chip's own
 /// flags.
 pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, start: &Start) -> Check {
     let Start { told, flags, uptime_s } = *start;
@@ -144,7 +144,7 @@ pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, st
     Check::words(name, label, expected.to_string(), found, cause.map(str::to_owned))
 }
 
-/// The clocks against each other and against the host's USB.
+/// The clocks, compared with each other and with the host's USB clock.
 pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
     let core_hz = get(Quantity::CoreHz).filter(|hz| *hz > 0);
@@ -204,11 +204,11 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
     vec![source, usb, own, lsi, recovery]
 }
 
-/// Supply and temperature by the chip's own references.
+/// Supply voltage and temperature from the chip's own references.
 pub fn supply(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity).filter(|code| (1..4095).contains(code)).map(f64::from);
     let factory = get(Quantity::ReferenceFactoryCode);
-    // 1.182 to 1.232 V (DS12288, table 20) of 3.0 V.
+    // 1.182 to 1.232 V (DS12288, table 20) at 3.0 V.
     let range = 1600.0..=1700.0;
     let reference = Check::range("reference", "Voltage reference at the factory", "codes", range, factory, |_| {
         "the chip's factory values are missing or not credible".into()
@@ -228,9 +228,9 @@ pub fn supply(measured: &Measured) -> Vec<Check> {
     vec![reference, volts, warm]
 }
 
-/// Cycles that each task takes in a second, as a quantity, a name and a label, and the instructions that the twin took in
-/// the same second, the least that it takes: sampling at 1 kHz with every stream on and nothing in motion; its test
-/// `selftest` compares. Two have no work then, because nothing is requested, and the USB's task only answers the host's
+/// Cycles of each task per second, as a quantity, a name and a label, and the instructions that the twin executed in
+/// the same second, at its minimum: sampling at 1 kHz with every stream on and nothing moving; its test `selftest`
+/// compares them. Two tasks have no work then, because nothing is requested, and the USB task only answers the host's
 /// control requests.
 const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
     (Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
@@ -241,17 +241,16 @@ const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
     (Quantity::SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
 ];
 
-/// Cycles of the chip for an instruction at most, by the pessimistic bound of the twin's model and half as much again.
+/// Maximum cycles per instruction on the chip: the pessimistic bound of the twin's model plus 50 %.
 const MOST_PER_INSTRUCTION: f64 = 4.5;
-/// Part of the twin's instructions that must be taken: motion and streams differ.
+/// Minimum share of the twin's instructions: motion and streams differ.
 const LEAST_PER_INSTRUCTION: f64 = 0.4;
-/// Times over which cycles are counted (us): a board measures for a second, and its counts are right for less than 25
-/// s.
+/// Allowed counting times (us): a board counts for a second, and its counters are valid for less than 25 s.
 const WORK_US: std::ops::RangeInclusive<u32> = 100_000..=20_000_000;
-/// What any task may take besides (cycles/s).
+/// What any task may take in addition (cycles/s).
 const SPARE: f64 = 1e6;
 
-/// Cycles of each task beside those that the twin predicts, and the load.
+/// Cycles of each task compared with the twin's prediction, and the load.
 pub fn work(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
     let window_s = get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)).map(|us| f64::from(us) / 1e6);
@@ -284,7 +283,7 @@ pub fn work(measured: &Measured) -> Vec<Check> {
     checks
 }
 
-/// Which input.
+/// An analogue input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
     /// The force.
@@ -311,10 +310,11 @@ impl Input {
     }
 }
 
-/// Noise floor of an input at rest, in codes of one conversion, and whether the first sample after a start is like the
-/// others.
+/// Noise floor of an input at rest, in codes of one conversion, and whether the first sample after a start agrees with
+/// the others.
 ///
-/// By the differences of neighbours, which a slow drift does not enter. An input at its rail shows no noise.
+/// The noise comes from the differences of adjacent samples, so a slow drift has no effect. An input at its rail shows
+/// no noise.
 pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Check> {
     let [(noise, noise_label), (first, first_label)] = input.names();
     let codes: Vec<f64> = samples.iter().map(|sample| input.code(sample)).collect();
@@ -328,7 +328,8 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     }
     let squares: f64 = rest.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
     let sample_codes = (squares / 2.0 / (rest.len() - 1) as f64).sqrt();
-    // A sample is worth 64 conversions, whatever it is the sum of: their noise grows by the root of how many there are.
+    // A sample is scaled to 64 conversions however many it sums; the noise of their sum grows with the square root of
+    // their number.
     let summed = TRIGGER_HZ / sample_rate_hz;
     let found = sample_codes / WEIGHT * summed.sqrt();
     let floor = Check::range(noise, noise_label, "codes", LEAST_NOISE_CODES..=NOISE_CODES, Some(found), |found| {
@@ -350,22 +351,22 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
 /// Highest sample rate, at which the streams are judged (Hz).
 pub const FULL_HZ: f64 = 4000.0;
 
-/// What came with all streams on at [`FULL_HZ`].
+/// What arrived with all streams on at [`FULL_HZ`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Streamed<'a> {
     /// Samples in their order.
     pub samples: &'a [RawSample],
     /// Bytes of all frames.
     pub bytes: usize,
-    /// Frames that were lost or damaged, or cannot be read.
+    /// Frames that were lost, damaged or undecodable.
     pub bad_frames: u64,
-    /// As the board reports them, since its start.
+    /// Overruns as the board reports them, since its start.
     pub overruns: Option<u32>,
 }
 
-/// Whether everything came, and as much of it as that is.
+/// Whether everything arrived, at the expected rate.
 ///
-/// Bytes are counted in the board's own time: a slow link loses frames, and does not lower their rate.
+/// The byte rate refers to the board's own clock: a slow link loses frames but does not lower their rate.
 pub fn throughput(heard: &Streamed) -> [Check; 4] {
     let Streamed { samples, bytes, bad_frames, overruns } = *heard;
     let steps = samples.windows(2).map(|pair| pair[1].index.wrapping_sub(pair[0].index));
@@ -388,14 +389,14 @@ pub fn throughput(heard: &Streamed) -> [Check; 4] {
     ]
 }
 
-/// Whether settings are those that were saved.
+/// Whether the settings are the saved ones.
 pub fn same(name: &'static str, label: &'static str, expected: &str, saved: &Settings, found: &Settings) -> Check {
     let differ = backup::changes(saved, found).len();
     let cause = (differ > 0).then(|| format!("{differ} settings differ from those saved"));
     Check::words(name, label, expected, if differ == 0 { expected } else { "others" }, cause)
 }
 
-/// Whether the board has the settings of before again, as it says when asked anew.
+/// Whether the board has its previous settings again, as read back from it.
 pub fn restored(outcome: Result<bool, String>) -> Check {
     let cause = match outcome {
         Ok(true) => None,

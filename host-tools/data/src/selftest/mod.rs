@@ -1,10 +1,10 @@
-//! The self-test of a board: what was expected, what was found, and what that means.
+//! The self-test of a board: expectations, findings and verdicts.
 //!
-//! - *check*: one thing that the board must show, with the range it must lie in.
+//! - *check*: one property of the board, with the range it must lie in.
 //! - *verdict*: [`Verdict::Pass`], [`Verdict::Fail`] with the likely cause, or [`Verdict::Skipped`] with the reason.
 //!
-//! [`judge`] judges raw figures and samples, without a device. Numbers from a device may be anything: what is missing
-//! or makes no sense fails, and never passes.
+//! [`judge`] judges raw figures and samples, without a device. A device may report any number: a missing or implausible
+//! one fails, and never passes.
 
 pub mod judge;
 
@@ -24,16 +24,16 @@ use crate::words::three_digits;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As it should be.
+    /// As expected.
     Pass,
-    /// Not as it should be.
+    /// Not as expected.
     Fail,
-    /// Not looked at.
+    /// Not checked.
     Skipped,
 }
 
 impl Verdict {
-    /// For a person.
+    /// The verdict for a person.
     pub fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -43,27 +43,27 @@ impl Verdict {
     }
 }
 
-/// One thing that the board must show.
+/// One property of the board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// Name for programs; stays.
+    /// Name for programs; never changes.
     pub name: Cow<'static, str>,
     /// Name for a person.
     pub label: &'static str,
     /// What was expected.
     pub expected: String,
-    /// What was found; nothing where it was not looked at.
+    /// What was found; `None` if it was not checked.
     pub found: Option<String>,
-    /// Unit of both; empty for words.
+    /// Unit of both; empty for text.
     pub unit: &'static str,
-    /// What that means.
+    /// The verdict.
     pub verdict: Verdict,
     /// The likely cause of a failure, or why it was skipped.
     pub reason: Option<String>,
 }
 
 impl Check {
-    /// A number that must lie in a range; one that is not finite fails.
+    /// A check that a number lies in a range; a number that is not finite fails.
     pub fn range(
         name: impl Into<Cow<'static, str>>,
         label: &'static str,
@@ -86,7 +86,7 @@ impl Check {
         Self { found: found.map(three_digits), unit, ..Self::words(name, label, expected, "", cause) }
     }
 
-    /// Something that must be as expected, in words.
+    /// A check of a text.
     pub fn words(
         name: impl Into<Cow<'static, str>>,
         label: &'static str,
@@ -99,7 +99,7 @@ impl Check {
         Self { name: name.into(), label, expected, found, unit: "", verdict, reason: cause }
     }
 
-    /// Something that was not looked at.
+    /// A check that was skipped.
     pub fn skipped(name: impl Into<Cow<'static, str>>, label: &'static str, reason: impl Into<String>) -> Self {
         Self { found: None, verdict: Verdict::Skipped, ..Self::words(name, label, "", "", Some(reason.into())) }
     }
@@ -116,7 +116,7 @@ impl Check {
     }
 }
 
-/// Delay of the force behind the position, of the board alone: an amplifier or a filter adds to it.
+/// Delay of the force relative to the position, of the board alone: an amplifier or a filter adds to it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Skew {
     /// The delay (s).
@@ -125,18 +125,18 @@ pub struct Skew {
     pub skew_u95_s: f64,
 }
 
-/// A self-test with all that it found.
+/// A self-test with all its results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SelfTest {
-    /// Whose.
+    /// The device tested.
     pub hello: Hello,
     /// Port or address.
     pub port: String,
-    /// When it began, host time in nanoseconds since 1970.
+    /// Start time, host time in nanoseconds since 1970.
     pub begun_ns: u64,
-    /// What was looked at, in this order.
+    /// The checks, in order.
     pub checks: Vec<Check>,
-    /// All that the board measured of itself, in this order.
+    /// Everything that the board measured of itself, in order.
     pub measured: Vec<Measured>,
     /// What the jumpers showed, if they were tested and passed.
     pub skew: Option<Skew>,
@@ -148,13 +148,13 @@ impl SelfTest {
         self.checks.iter().filter(|check| check.verdict == verdict).count()
     }
 
-    /// Labels of what failed.
+    /// Labels of the failed checks.
     pub fn failed(&self) -> Vec<&'static str> {
         let failed = self.checks.iter().filter(|check| check.verdict == Verdict::Fail);
         failed.map(|check| check.label).collect()
     }
 
-    /// The raw figures with their fields; of a quantity that this program does not know the number.
+    /// The raw figures with their fields; for a quantity that this program does not know, its number.
     pub fn figures(&self) -> impl Iterator<Item = (Result<&'static Field, u8>, u32)> {
         self.measured.iter().flat_map(|measured| &measured.figures).map(|Figure { quantity, value }| {
             let field = fields(Machine::Linear, Group::Measured).nth(usize::from(*quantity));
@@ -162,7 +162,7 @@ impl SelfTest {
         })
     }
 
-    /// The whole of it for programs: `docs/CLI.md`.
+    /// The whole self-test for programs: `docs/CLI.md`.
     pub fn json(&self) -> Value {
         let Hello { wire_version, firmware, git, board, serial, clock, .. } = &self.hello;
         let figures: Vec<Value> = self

@@ -39,7 +39,7 @@ fn good_chip() -> Measured {
     )
 }
 
-/// A core clock that is off by so much, and everything else right.
+/// A core clock with this error, and everything else right.
 fn clocks_off(ppm: f64) -> Measured {
     let cycles = |nominal: f64| (nominal * (1.0 + ppm * 1e-6)).round() as u32;
     measured(
@@ -87,7 +87,7 @@ fn good_work() -> Measured {
     )
 }
 
-/// Names of what failed.
+/// Names of the failed checks.
 fn failed(checks: &[Check]) -> Vec<String> {
     checks.iter().filter(|check| check.verdict == Verdict::Fail).map(|check| check.name.to_string()).collect()
 }
@@ -115,11 +115,11 @@ fn a_clock_that_is_off_is_named() {
     let checks = clocks(&clocks_off(10_000.0), &hello());
     let reason = checks[1].reason.as_deref().unwrap_or_default();
     assert!(reason.starts_with("the core's clock is 1.00 % fast: its crystal"), "{reason}");
-    // Without USB nothing is said of it.
+    // Without USB the check is skipped.
     let mut no_usb = clocks_off(10_000.0);
     no_usb.figures.retain(|figure| !(10..=11).contains(&figure.quantity));
     assert_eq!(clocks(&no_usb, &hello()).iter().filter(|check| check.verdict == Verdict::Skipped).count(), 2);
-    // The chip's own oscillator may be off, and fails as what it is.
+    // The internal oscillator may be off, and a failure names it.
     let internal = Hello { clock: ClockSource::Internal, ..hello() };
     assert_eq!(failed(&clocks(&clocks_off(10_000.0), &internal)), ["crystal"]);
 }
@@ -160,11 +160,11 @@ fn supply_and_work_have_two_sides() {
     let expected = work(&good_work()).into_iter().map(|check| check.expected);
     let beside_the_twin = ["twin 1.73: 0.692 to 8.79", "twin 2.32: 0.928 to 11.4", "twin 0.966: 0.386 to 5.35"];
     assert_eq!(expected.take(5).collect::<Vec<_>>(), [&beside_the_twin[..], &["no work: 0 to 1.00"; 2]].concat());
-    // Over no time, or over one in which the counts may have wrapped.
+    // Zero time, or so long that the counters may have wrapped.
     for us in [0, 26_000_000, u32::MAX] {
         assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, us))).len(), 7, "{us}");
     }
-    // Less than nothing.
+    // A negative remainder.
     assert_eq!(failed(&work(&with(good_work(), Quantity::UsbCycles, u32::MAX - 40))), ["work_usb"]);
 }
 
@@ -184,7 +184,7 @@ fn a_restart_is_what_was_asked_for() {
     ] {
         assert_eq!(judged(told, flags, Some((1, 20.0))), Verdict::Fail, "{told:?} {flags:?}");
     }
-    // Told a connection that came to nothing: the time since the start shows it.
+    // Reported on a connection that failed: the time since the start proves the restart.
     assert_eq!(judged(None, flags, Some((1, 20.0))), Verdict::Pass);
     // A board that never restarted still has the flags of its last start.
     for uptime_s in [None, Some((19, 20.0)), Some((20, 20.0)), Some((u32::MAX, 20.0)), Some((0, f64::NAN))] {
@@ -195,7 +195,7 @@ fn a_restart_is_what_was_asked_for() {
     }
 }
 
-/// Samples around the middle with this much noise in each conversion, of a sum of `summed` of them.
+/// Samples around the middle code with this noise in each conversion, each the sum of `summed` conversions.
 fn noisy(codes: f64, summed: f64) -> Vec<RawSample> {
     let mut state = 1u64;
     let mut uniform = || {
@@ -204,7 +204,7 @@ fn noisy(codes: f64, summed: f64) -> Vec<RawSample> {
     };
     (0..2000)
         .map(|index| {
-            // Twelve of them have a variance of one.
+            // The sum of twelve of them has a variance of one.
             let normal: f64 = (0..12).map(|_| uniform()).sum();
             let force_code = (131_040.0 + codes * 64.0 / summed.sqrt() * normal + f64::from(index) * 0.05) as i32;
             RawSample { index, force_code, ..RawSample::default() }
@@ -228,7 +228,7 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
     let mut first = noisy(0.7, 64.0);
     first[0].force_code += 3000;
     assert_eq!(failed(&noise(Input::Force, &first, 1000.0)), ["first_force"]);
-    // The terminal's codes are all zero here: at the rail.
+    // The terminal's codes are all zero here, at the rail.
     let checks = noise(Input::Terminal, &first, 1000.0);
     assert!(checks.iter().all(|check| check.verdict == Verdict::Skipped), "{checks:?}");
     assert_eq!(failed(&noise(Input::Force, &first[..50], 1000.0)), ["noise_force"], "too few to say");
@@ -282,7 +282,7 @@ fn a_board_that_tells_nothing_fails_everything_it_can() {
 }
 
 proptest! {
-    /// Nonsense neither panics nor passes for a good board.
+    /// Implausible figures neither cause a panic nor pass.
     #[test]
     fn nonsense_does_not_pass(figures in prop::collection::vec((any::<u8>(), any::<u32>()), 0..=MAX_FIGURES)) {
         let figures = figures.iter().map(|&(quantity, value)| Figure { quantity: quantity % 40, value }).collect();

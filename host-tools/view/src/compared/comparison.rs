@@ -1,4 +1,4 @@
-//! What the page holds.
+//! Contents of the page.
 
 use inerter_analysis::{
     compare::{CompareError, Rig, Row, Side, compare},
@@ -9,26 +9,26 @@ use inerter_data::limits::{Judged, Limits};
 
 use crate::page::Content;
 
-/// Runs that are drawn: there are no more colours that all kinds of colour vision tell apart.
+/// Number of runs that are drawn: more colours could not be told apart with every kind of colour vision.
 pub const DRAWN: usize = 5;
 
 /// Runs side by side.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// The runs, the first being what the others are compared with; of those that are not drawn only what tables show.
+    /// The runs; the others are compared with the first. Those not drawn hold only what the tables show.
     pub runs: Vec<Content>,
     /// The same, as they were compared.
     pub sides: Vec<Side>,
-    /// Whether each shares the first one's rig.
+    /// Whether each run was made on the first one's rig.
     pub rigs: Vec<Rig>,
-    /// Parameters that any of them identifies.
+    /// Parameters that at least one run identifies.
     pub rows: Vec<Row>,
     /// The verdicts of each run on limits; empty if there are none.
     pub within: Vec<Vec<Judged>>,
 }
 
 impl Comparison {
-    /// Of runs as they are read; `rig` is that of all but the first, without it what they say of themselves decides.
+    /// From runs as they are read; `rig` applies to all but the first; without it the runs' own data decide.
     pub fn of<E: From<CompareError>>(
         runs: impl Iterator<Item = Result<Content, E>>,
         rig: Option<Rig>,
@@ -56,7 +56,8 @@ impl Comparison {
         self.sides.first().map_or(Machine::Linear, |side| side.settings.machine)
     }
 
-    /// The rig by which the intervals of a run are shown: the first one's are whole where no other shares its rig.
+    /// The rig that decides which interval of a run is shown; the first one's intervals are full if no other run shares
+    /// its rig.
     pub fn shown_rig(&self, number: usize) -> &Rig {
         let others = || self.rigs.iter().skip(1);
         let is_alone = number == 0 && !others().any(Rig::is_shared);
@@ -64,7 +65,7 @@ impl Comparison {
         rig.unwrap_or(&Rig::Same)
     }
 
-    /// For a person: which intervals these are.
+    /// For a person: the kind of intervals shown.
     pub fn words(&self) -> Vec<String> {
         let first = self.sides.first().map_or("", |side| side.name.as_str());
         let named = || self.sides.iter().zip(&self.rigs).skip(1);

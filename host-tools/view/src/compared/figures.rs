@@ -1,4 +1,4 @@
-//! The figures of all runs laid over each other.
+//! Figures with all runs overlaid.
 
 use std::f64::consts::PI;
 
@@ -12,21 +12,21 @@ use crate::{
     page::{Content, Half, LOW_PX, MOST_TIMES, TALL_PX, degrees, file_name, known, measured, over_run, settled},
 };
 
-/// A run's colour.
+/// The runs' colours.
 const COLOURS: [Colour; DRAWN] = [Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
 
-/// All figures that the runs show.
+/// All figures for which the runs have data.
 pub(super) fn figures(comparison: &Comparison) -> Vec<Figure> {
     let all = [intervals(comparison), hysteresis(comparison), over_time(comparison), bode(comparison)];
     all.into_iter().filter_map(|figure| shown(figure, comparison.machine())).collect()
 }
 
-/// The figure of the loops, if the runs show any.
+/// The figure of the loops, if any run has one.
 pub fn loops(comparison: &Comparison) -> Option<Figure> {
     shown(hysteresis(comparison), comparison.machine())
 }
 
-/// A figure in the words of this machine, unless nothing is in it.
+/// A figure in the words of this machine, or `None` if it is empty.
 fn shown(mut figure: Figure, machine: Machine) -> Option<Figure> {
     figure.title = description(machine, &figure.title);
     figure.caption = description(machine, &figure.caption);
@@ -36,7 +36,7 @@ fn shown(mut figure: Figure, machine: Machine) -> Option<Figure> {
     (!figure.panels.is_empty()).then_some(figure)
 }
 
-/// The runs that are laid over each other, each with its name and colour.
+/// The overlaid runs, each with its name and colour.
 fn laid(comparison: &Comparison) -> impl Iterator<Item = (&Content, String, Colour)> {
     let named = comparison.runs.iter().enumerate().zip(COLOURS);
     named.map(|((number, content), colour)| (content, name(number, content), colour))
@@ -47,7 +47,7 @@ fn name(number: usize, content: &Content) -> String {
     format!("{} {}", number + 1, file_name(&content.run.name))
 }
 
-/// What the captions say where there are more runs than colours.
+/// The caption's note if there are more runs than colours.
 fn left_out(comparison: &Comparison) -> String {
     match comparison.runs.len() {
         count if count > DRAWN => format!(" Only the first {DRAWN} of {count} runs are drawn."),
@@ -87,7 +87,7 @@ fn intervals(comparison: &Comparison) -> Figure {
     }
 }
 
-/// Force over displacement, each about the middle of its stroke.
+/// Force over displacement, each centred on the middle of its stroke.
 fn hysteresis(comparison: &Comparison) -> Figure {
     let layers = laid(comparison).filter_map(|(content, name, colour)| {
         let known = || content.close.iter().filter(|row| row.position_m.is_finite() && row.force_n.is_finite());

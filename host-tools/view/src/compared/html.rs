@@ -1,4 +1,4 @@
-//! The page of runs side by side.
+//! The page of compared runs.
 
 use inerter_analysis::compare::{Row, Verdict};
 use inerter_core::{Machine, Settings};
@@ -38,7 +38,7 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
     (framed(&heading, "runs compared", &heading, &meta, &main), figures)
 }
 
-/// Which runs these are.
+/// The list of runs.
 fn runs(comparison: &Comparison) -> Markup {
     markup! {
         section #runs {
@@ -114,7 +114,7 @@ fn of_parameter(comparison: &Comparison, machine: Machine, row: &Row) -> Markup 
     }
 }
 
-/// What each run says of limits.
+/// The verdicts on limits of each run.
 fn limits(comparison: &Comparison, machine: Machine) -> Markup {
     markup! {
         section #limits {
@@ -128,7 +128,7 @@ fn limits(comparison: &Comparison, machine: Machine) -> Markup {
     }
 }
 
-/// What a person should know of each run.
+/// Notes on each run for a person.
 fn notes(comparison: &Comparison) -> Markup {
     let of_run = |(number, content): (usize, &Content)| {
         notes_of(content).into_iter().map(move |note| (number + 1, note)).collect::<Vec<_>>()
@@ -144,7 +144,7 @@ fn notes(comparison: &Comparison) -> Markup {
     }
 }
 
-/// Settings that the runs do not have alike.
+/// Settings that differ between the runs.
 fn settings(comparison: &Comparison) -> Markup {
     let values: Vec<_> = comparison.sides.iter().map(|side| side.settings.values()).collect();
     let differing = Settings::described().enumerate().filter(|(place, _)| {

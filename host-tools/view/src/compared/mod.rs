@@ -1,4 +1,4 @@
-//! Runs side by side on one page: parameters with their differences, and overlaid figures of all runs.
+//! Compared runs on one page: parameters with their differences, and overlaid figures of all runs.
 
 mod comparison;
 mod figures;

@@ -1,9 +1,9 @@
-//! Fewer points that look the same: least and greatest of each column, or one per cell of a grid.
+//! Fewer points with the same appearance: minimum and maximum per column, or one point per cell of a grid.
 
 use std::ops::Range;
 
-/// A line that runs to the right, thinned to at most two points in each of `columns` between the ends of `range`;
-/// others are left as they are. Points must be finite.
+/// A line with increasing x, thinned to at most two points in each of `columns` between the ends of `range`; other
+/// lines are unchanged. Points must be finite.
 pub fn line(points: &[(f64, f64)], range: &Range<f64>, columns: usize) -> Vec<(f64, f64)> {
     let runs_right = points.windows(2).all(|pair| matches!(pair, [(before, _), (after, _)] if before <= after));
     let width = (range.end - range.start) / columns as f64;
@@ -15,7 +15,7 @@ pub fn line(points: &[(f64, f64)], range: &Range<f64>, columns: usize) -> Vec<(f
     while let Some((x, _)) = rest.first() {
         let column = ((x - range.start) / width).floor();
         let end = range.start + (column + 1.0) * width;
-        // At least one, whatever rounding makes of the column's end.
+        // At least one, despite rounding of the column's end.
         let count = rest.partition_point(|(x, _)| *x < end).max(1);
         let (these, others) = rest.split_at(count);
         thin.extend(extremes(these));
@@ -24,7 +24,7 @@ pub fn line(points: &[(f64, f64)], range: &Range<f64>, columns: usize) -> Vec<(f
     thin
 }
 
-/// Least and greatest in the order in which they come.
+/// Minimum and maximum in their original order.
 fn extremes(points: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> + use<> {
     let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
     let (least, greatest) = (points.iter().min_by(by_value), points.iter().max_by(by_value));
@@ -36,8 +36,8 @@ fn extremes(points: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> + use<> {
     pair.into_iter().flatten()
 }
 
-/// A line in pixels without the points that stay in the cell of the one before, nor those in the middle of a straight
-/// run.
+/// A line in pixels without the points that stay in the cell of the previous one, nor those in the middle of a straight
+/// segment.
 pub fn pixels(points: impl Iterator<Item = (i32, i32)>, cell: i32) -> Vec<(i32, i32)> {
     let mut kept: Vec<(i32, i32)> = Vec::new();
     let mut last = None;
@@ -52,14 +52,14 @@ pub fn pixels(points: impl Iterator<Item = (i32, i32)>, cell: i32) -> Vec<(i32, 
         }
         last = Some(point);
     }
-    // The end is where it was.
+    // The end point stays.
     if let Some(last) = last.filter(|last| kept.last() != Some(last)) {
         kept.push(last);
     }
     kept
 }
 
-/// Whether the middle point lies between the others on a straight line that goes on.
+/// Whether the middle point lies between the others on a straight line in one direction.
 fn on_a_line(first: (i32, i32), middle: (i32, i32), last: (i32, i32)) -> bool {
     let (ax, ay) = (i64::from(middle.0 - first.0), i64::from(middle.1 - first.1));
     let (bx, by) = (i64::from(last.0 - middle.0), i64::from(last.1 - middle.1));

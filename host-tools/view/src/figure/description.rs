@@ -1,18 +1,18 @@
-//! What a figure shows, and in which colours.
+//! The contents of a figure, and its colours.
 
 use super::scale::Scale;
 
-/// Nominal width of a figure \[px\]: the text width of a page of A4.
+/// Nominal width of a figure \[px\]: the text width of an A4 page.
 pub const WIDTH_PX: u32 = 720;
 
-/// Panels below each other.
+/// Panels one below the other.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
-    /// Short name, also that of its file.
+    /// Short name, also used for its file.
     pub name: &'static str,
-    /// What it shows, above it in a file; a page has its own heading.
+    /// Its title, shown above it in a file; a page has its own heading.
     pub title: String,
-    /// What one sees in it.
+    /// Its caption.
     pub caption: String,
     /// From top to bottom.
     pub panels: Vec<Panel>,
@@ -25,7 +25,7 @@ impl Figure {
     }
 }
 
-/// Two axes and what lies between them.
+/// Two axes and the data between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     /// The horizontal axis.
@@ -44,7 +44,7 @@ impl Panel {
         Self { x: x.into(), y: y.into(), height_px, layers }
     }
 
-    /// The same without names of its layers, which another panel has.
+    /// The same panel without layer names, when another panel shows them.
     #[must_use]
     pub(crate) fn unnamed(mut self) -> Self {
         self.layers.iter_mut().for_each(|layer| layer.label = None);
@@ -55,11 +55,11 @@ impl Panel {
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What it shows, with the unit.
+    /// Its label, with the unit.
     pub label: String,
     /// Linear or logarithmic.
     pub scale: Scale,
-    /// From where to where; without it, all data and a little more.
+    /// Its range; if `None`, all data plus a margin.
     pub range: Option<(f64, f64)>,
 }
 
@@ -90,7 +90,7 @@ impl From<&str> for Axis {
 /// One set of data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// Name in the legend; `None` for what needs none.
+    /// Name in the legend; `None` if it needs none.
     pub label: Option<String>,
     /// Its colour.
     pub colour: Colour,
@@ -115,7 +115,7 @@ impl Layer {
     }
 }
 
-/// Shape and data of a layer; what is not finite is left out, and breaks a line or a band.
+/// Shape and data of a layer; values that are not finite are left out, and break a line or a band.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// A line through points `(x, y)`.
@@ -141,13 +141,13 @@ pub enum Stroke {
     Thin,
     /// Of ordinary width.
     Solid,
-    /// Broad and pale, for what another line shall lie on.
+    /// Wide and pale, as a background for another line.
     Wide,
     /// Of ordinary width, in dashes.
     Dashed,
 }
 
-/// A colour by its part in a figure.
+/// A colour, by its role in a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Colour {
     /// Axes and text.
@@ -156,9 +156,9 @@ pub enum Colour {
     Grid,
     /// Behind everything.
     Paper,
-    /// What was measured.
+    /// Measured data.
     Blue,
-    /// What a model says.
+    /// A model.
     Vermilion,
     /// The residual of a model.
     Green,
@@ -173,7 +173,7 @@ impl Colour {
     pub const ALL: [Self; 8] =
         [Self::Ink, Self::Grid, Self::Paper, Self::Blue, Self::Vermilion, Self::Green, Self::Purple, Self::Orange];
 
-    /// Red, green and blue on white paper. No two are equal, as a page finds them by these.
+    /// Red, green and blue on white paper. No two are equal, because a page finds colours by these values.
     pub const fn rgb(self) -> [u8; 3] {
         self.look().0
     }

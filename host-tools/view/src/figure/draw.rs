@@ -1,4 +1,4 @@
-//! From the description to plotters' elements, on any of its canvases.
+//! Draws the description with plotters, on any of its canvases.
 
 use std::ops::Range;
 
@@ -20,24 +20,25 @@ use super::{
 type Failure<DB> = plotters::drawing::DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>;
 type Plot<DB> = DrawingArea<DB, Cartesian2d<Coordinate, Coordinate>>;
 
-/// Room for the title above all panels \[px\].
+/// Height of the title above all panels \[px\].
 pub const TITLE_PX: u32 = 30;
-/// Room for the legend of a panel \[px\].
+/// Height of a panel's legend \[px\].
 const LEGEND_PX: f64 = 22.0;
 const TEXT_PX: f64 = 12.0;
-/// Plotters' size of a text over the size of its letters' square.
+/// Ratio of plotters' text size to the em size.
 const TEXT_SIZE: f64 = 1.24;
-/// Letters of a label that fit beside the name of the axis.
+/// Maximum length of a label that fits beside the name of the axis.
 const SHORT_LABEL: usize = 7;
-/// Pixels for each label of an axis, across and upwards.
+/// Pixels for each label of an axis, horizontally and vertically.
 const LABEL_PX: [u32; 2] = [80, 36];
 
-/// Canvas units in a pixel, and what the canvas cannot do.
+/// Canvas units per pixel, and a limitation of the canvas.
 #[derive(Clone, Copy, Debug)]
 pub struct Pen {
-    /// Units per pixel; plotters places everything at whole units.
+    /// Units per pixel; plotters uses integer coordinates.
     pub scale: f64,
-    /// Whether wide lines must be drawn piece by piece: plotters' bitmap fills a wide line's outline, which overlaps.
+    /// Whether wide lines must be drawn segment by segment: plotters' bitmap fills a wide line's outline, which
+    /// overlaps.
     pub piecewise: bool,
 }
 
@@ -56,7 +57,7 @@ impl Pen {
             Stroke::Solid | Stroke::Dashed => (1.6, 1.0),
             Stroke::Wide => (3.6, 0.5),
         };
-        // Piece by piece, see-through ends would show: pale on paper instead.
+        // With separate segments, transparent ends would show, so the line is a pale opaque colour.
         let pale = |part: u8| (f64::from(part) * opacity + 255.0 * (1.0 - opacity)).round() as u8;
         let [red, green, blue] = of.rgb().map(pale);
         let seen = if self.piecewise { RGBColor(red, green, blue).mix(1.0) } else { colour(of).mix(opacity) };
@@ -69,7 +70,7 @@ fn colour(of: Colour) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-/// Draws all panels, with the title above when it is asked for.
+/// Draws all panels, with the title above them if requested.
 pub fn draw<DB: DrawingBackend>(
     figure: &Figure,
     root: &DrawingArea<DB, Shift>,
@@ -83,7 +84,7 @@ pub fn draw<DB: DrawingBackend>(
         head.draw_text(&figure.title, &pen.text(14.0), (pen.units(12.0) as i32, pen.units(9.0) as i32))?;
         rest = below;
     }
-    // The same for all panels, so that their axes stand below each other.
+    // The same for all panels, so that their axes align.
     let is_long = figure.panels.iter().any(|panel| axes(panel)[1].longest_label() > SHORT_LABEL);
     let left_px = if is_long { 84.0 } else { 68.0 };
     for panel in &figure.panels {
@@ -95,14 +96,14 @@ pub fn draw<DB: DrawingBackend>(
 }
 
 struct Drawing<'a, DB: DrawingBackend> {
-    /// Everything, for what is placed by the canvas's own units.
+    /// The whole canvas, for items placed in canvas units.
     root: &'a DrawingArea<DB, Shift>,
     pen: Pen,
-    /// Room for labels and name of the axis on the left.
+    /// Room for the labels and the name of the left axis.
     left_px: f64,
 }
 
-/// The axes of a panel, across and upwards.
+/// The axes of a panel, horizontal and vertical.
 fn axes(panel: &Panel) -> [Coordinate; 2] {
     let [across, upwards] = ranges(panel);
     let [x, y] = [WIDTH_PX / LABEL_PX[0], panel.height_px.saturating_sub(60) / LABEL_PX[1]].map(|count| count.max(3));
@@ -142,7 +143,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
         Ok(())
     }
 
-    /// Names of the layers in a row, each behind a piece of its line.
+    /// Names of the layers in a row, each after a sample of its line.
     fn legend(&self, panel: &Panel, area: &DrawingArea<DB, Shift>) -> Result<(), Failure<DB>> {
         let pen = self.pen;
         let text = pen.text(TEXT_PX).pos(Pos::new(HPos::Left, VPos::Center));
@@ -164,7 +165,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
             }
             let at = (end + pen.units(6.0) as i32, y);
             self.root.draw_text(label, &text, at)?;
-            // Without a font there is no text either.
+            // Without a font there is no text.
             let (width, _) = self.root.estimate_text_size(label, &text).unwrap_or_default();
             x = at.0 + width as i32 + pen.units(22.0) as i32;
         }
@@ -180,7 +181,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
     ) -> Result<(), Failure<DB>> {
         let within = |range: &Range<f64>, value: f64| (range.start..=range.end).contains(&value);
         let inside = |point: &(f64, f64)| point.0.is_finite() && point.1.is_finite() && within(x, point.0);
-        // What leaves the panel upwards breaks off: along its edge it would look like data.
+        // A line that leaves the panel vertically is broken: clipped to the edge it would look like data.
         let shown = |point: &(f64, f64)| inside(point) && within(y, point.1);
         let pixel = |point: (f64, f64)| plot.map_coordinate(&(point.0, point.1.clamp(y.start, y.end)));
         match &layer.shape {
@@ -230,7 +231,7 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
         Ok(())
     }
 
-    /// A run of points in the canvas's units, as many as its width can show.
+    /// A series of points in canvas units, thinned to what the width can show.
     fn thin(
         &self,
         run: &[(f64, f64)],
@@ -279,7 +280,7 @@ fn faint(of: Colour) -> ShapeStyle {
     colour(of).mix(0.22).filled()
 }
 
-/// The ranges of both axes: as given, or around all data; that of the vertical axis around what can be seen.
+/// The ranges of both axes: as given, or around all data; the vertical one around the visible data.
 fn ranges(panel: &Panel) -> [(f64, f64); 2] {
     let corners: Vec<_> = panel.layers.iter().flat_map(|layer| corners(&layer.shape)).collect();
     let abscissas = || corners.iter().map(|(x, _)| *x).filter(|x| x.is_finite());
@@ -298,7 +299,7 @@ fn ranges(panel: &Panel) -> [(f64, f64); 2] {
     [across, if bars { (0.0, upwards.1) } else { upwards }]
 }
 
-/// What must be seen of a shape; NaN where it asks for nothing.
+/// The points of a shape that must be visible; NaN if there is no requirement.
 fn corners(shape: &Shape) -> Vec<(f64, f64)> {
     match shape {
         Shape::Line(points, _) => points.clone(),

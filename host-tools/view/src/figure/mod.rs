@@ -1,12 +1,12 @@
 //! Figures: one description, rendered as SVG for pages and print or as PNG.
 //!
-//! Glossary: a *figure* is panels below each other; a *panel* two axes and layers; a *layer* one set of data with a
-//! look and, where it shall be named, a label in the panel's legend. All lengths are CSS pixels at the figure's nominal
-//! width.
+//! Glossary: a *figure* consists of panels one below the other; a *panel* of two axes and layers; a *layer* is one set
+//! of data with a style and, optionally, a label in the panel's legend. All lengths are CSS pixels at the figure's
+//! nominal width.
 //!
-//! Colours are those of Okabe and Ito, which all kinds of colour vision tell apart. In a page they are CSS variables,
-//! so that light and dark each have their own. Lines are thinned to what the width can show ([`decimate`]): an hour of
-//! data makes no larger a file than a minute.
+//! Colours are those of Okabe and Ito, which can be distinguished with every kind of colour vision. In a page they are
+//! CSS variables, with separate values for the light and dark schemes. Lines are thinned to what the width can show
+//! ([`decimate`]): the file for an hour of data is no larger than for a minute.
 
 pub mod decimate;
 mod description;

@@ -1,4 +1,4 @@
-//! Figures as files: SVG with text as text, PNG with a font of our own, and SVG for the inside of a page.
+//! Figures as files: SVG with text as text, PNG with a font of our own, and SVG to embed in a page.
 
 use std::{io::BufWriter, path::Path, sync::Once};
 
@@ -14,18 +14,18 @@ use super::{
     draw::{Pen, TITLE_PX, draw},
 };
 
-/// Units per pixel of an SVG: plotters places everything at whole units.
+/// Units per pixel of an SVG: plotters uses integer coordinates.
 const SVG_SCALE: u32 = 10;
-/// Pixels of a PNG per pixel of the figure, each way: 300 dots per inch at 6 inches of width.
+/// Pixels of a PNG per pixel of the figure, in each direction: 300 dots per inch at 6 inches of width.
 const PNG_SCALE: u32 = 3;
-/// Finer pixels that make one of a PNG, each way: plotters does not smooth the edges of wide lines.
+/// Oversampling of a PNG, in each direction: plotters does not antialias wide lines.
 const FINE: u32 = 2;
 const CHANNELS: usize = 3;
 
-/// The font by which text is measured, and drawn where the viewer has none; no system library is asked.
+/// The font that measures text, and draws it in a PNG; no system library is used.
 fn register_fonts() {
     static ONCE: Once = Once::new();
-    // Fails only for bytes that are no font.
+    // Fails only for bytes that are not a font.
     ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())));
 }
 
@@ -34,7 +34,7 @@ pub fn svg(figure: &Figure) -> String {
     drawn(figure, true)
 }
 
-/// The figure as an SVG element for a page: without title, colours as CSS variables, named for those who cannot see it.
+/// The figure as an SVG element for a page: without a title, colours as CSS variables, labelled for screen readers.
 pub fn svg_for_page(figure: &Figure) -> String {
     let plain = drawn(figure, false);
     Colour::ALL.into_iter().fold(plain, |text, colour| {
@@ -49,11 +49,11 @@ fn drawn(figure: &Figure, titled: bool) -> String {
     let mut text = String::new();
     {
         let root = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
-        // Into a string nothing can fail.
+        // Writing to a string cannot fail.
         draw(figure, &root, Pen { scale: SVG_SCALE.into(), piecewise: false }, titled).ok();
         root.present().ok();
     }
-    // Fine units, nominal size; the element's name is its title.
+    // Fine units, nominal size; the element's accessible name is its title.
     let head = format!("<svg width=\"{width}\" height=\"{height}\" ");
     let scaled = format!("<svg role=\"img\" width=\"{WIDTH_PX}\" height=\"{height_px}\" ");
     text.replacen(&head, &scaled, 1).replacen(">\n", &format!(">\n<title>{}</title>\n", escaped(&figure.title)), 1)
@@ -63,10 +63,10 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Writes the figure as a PNG file. Only `replace` lets it take the place of a file.
+/// Writes the figure as a PNG file. Replaces an existing file only with `replace`.
 pub fn render_png(figure: &Figure, path: &Path, replace: bool) -> Result<(), OutputError> {
     register_fonts();
-    // What cannot be created is told as such, before the work.
+    // Reports a file that cannot be created before the work begins.
     let pending = Pending::create(path, replace)?;
     let failed =
         |error: &dyn std::fmt::Display| OutputError::write(pending.name(), std::io::Error::other(error.to_string()));
@@ -84,7 +84,7 @@ pub fn render_png(figure: &Figure, path: &Path, replace: bool) -> Result<(), Out
     pending.commit().map(drop)
 }
 
-/// Each two by two pixels as their mean; `width` is that of a fine row.
+/// Averages blocks of two by two pixels; `width` is that of a fine row.
 fn halved(fine: &[u8], width: usize) -> Vec<u8> {
     let row = width * CHANNELS;
     let mut pixels = Vec::with_capacity(fine.len() / 4);

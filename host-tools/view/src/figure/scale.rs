@@ -1,4 +1,4 @@
-//! Axes: from values to pixels, and where the ticks stand.
+//! Axes: converts values to pixels, and places the ticks.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use plotters::coord::{
     types::RangedCoordf64,
 };
 
-/// Decimals of a label at most; with more it is a power of ten.
+/// Maximum decimals of a label; beyond that it uses a power of ten.
 const MOST_DECIMALS: usize = 4;
 
 /// Linear or logarithmic.
@@ -20,7 +20,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// The value as it is laid out: itself, or its decimal logarithm, which is not finite where there is none.
+    /// The value as plotted: itself, or its decimal logarithm, which is not finite if undefined.
     pub fn apply(self, value: f64) -> f64 {
         match self {
             Self::Linear => value,
@@ -28,7 +28,7 @@ impl Scale {
         }
     }
 
-    /// The value of what is laid out there.
+    /// The value for a plotted coordinate.
     pub fn undo(self, laid_out: f64) -> f64 {
         match self {
             Self::Linear => laid_out,
@@ -48,13 +48,13 @@ pub struct Coordinate {
 }
 
 impl Coordinate {
-    /// An axis from `low` to `high` with at most about so many labels.
+    /// An axis from `low` to `high` with at most about this many labels.
     pub fn new(scale: Scale, (low, high): (f64, f64), labels: usize) -> Self {
         let laid_out = scale.apply(low)..scale.apply(high);
         let (ticks, minor) = match scale {
             Scale::Linear => {
                 let ticks = |labels| RangedCoordf64::from(low..high).key_points(BoldPoints(labels));
-                // Some ranges have only one round value at first.
+                // Some ranges have too few round values at first.
                 let enough = (labels..labels + 6).map(ticks).find(|ticks| ticks.len() > 2);
                 (enough.unwrap_or_else(|| ticks(labels + 6)), Vec::new())
             }
@@ -63,25 +63,25 @@ impl Coordinate {
         Self { scale, range: low..high, laid_out, ticks, minor }
     }
 
-    /// Letters of the longest label.
+    /// Length of the longest label, in characters.
     pub fn longest_label(&self) -> usize {
         self.ticks.iter().map(|tick| self.label(*tick).chars().count()).max().unwrap_or(0)
     }
 
-    /// Label of a tick: plain digits with a true minus, powers of ten where there would be many zeros.
+    /// Label of a tick: plain digits with a true minus sign, or powers of ten where there would be many zeros.
     pub fn label(&self, value: f64) -> String {
         let text = match self.scale {
             Scale::Log => log_label(value),
             Scale::Linear => {
                 let steps = self.ticks.windows(2).map(|pair| pair.iter().fold(0.0, |last, tick| tick - last).abs());
                 let step = steps.fold(f64::INFINITY, f64::min);
-                // The least number of decimals that tells neighbours apart; 1e-9 forgives rounding of 0.2 as 0.19999.
+                // The fewest decimals that distinguish adjacent labels; 1e-9 allows for 0.2 rounded to 0.19999.
                 let decimals = (0..15).find(|decimals| {
                     let scaled = step * 10f64.powi(*decimals);
                     (scaled - scaled.round()).abs() < 1e-6 * scaled && scaled >= 1.0 - 1e-9
                 });
                 let decimals = decimals.unwrap_or(2) as usize;
-                // No minus before a zero.
+                // Avoids a negative zero.
                 let value = if value.abs() < 1e-9 * step { 0.0 } else { value };
                 let greatest = self.ticks.iter().fold(0.0_f64, |most, tick| most.max(tick.abs()));
                 let exponent = (greatest.log10() + 1e-9).floor();
@@ -140,7 +140,7 @@ impl Ranged for Coordinate {
 
     fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
         let part = (self.scale.apply(*value) - self.laid_out.start) / (self.laid_out.end - self.laid_out.start);
-        // Beyond the axis but not without bound: converting saturates, adding would not.
+        // Beyond the axis but bounded: the conversion saturates, an addition would not.
         let part = if part.is_finite() { part.clamp(-4.0, 4.0) } else { 0.0 };
         from + (part * f64::from(to - from)).round() as i32
     }
@@ -154,12 +154,12 @@ impl Ranged for Coordinate {
     }
 }
 
-/// The least and the greatest of the values.
+/// The minimum and the maximum of the values.
 pub(crate) fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// From the least to the greatest of the values, with a little room; something to draw in any case.
+/// The range of the values plus a margin; never empty.
 pub fn around(scale: Scale, values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = ends(values.map(|value| scale.apply(value)).filter(|value| value.is_finite()));
     let (low, high) = match scale {

@@ -42,7 +42,7 @@ fn a_png_has_the_print_size_and_is_not_blank() {
     let path = folder.path().join("wave.png");
     render_png(&wave(1000), &path, false).unwrap();
     let bytes = std::fs::read(&path).unwrap();
-    // Width and height stand in the header chunk.
+    // Width and height are in the header chunk.
     assert_eq!(&bytes[16..24], [2160u32.to_be_bytes(), 690u32.to_be_bytes()].concat());
     assert!(bytes.len() > 20_000, "{} bytes", bytes.len());
     assert!(render_png(&wave(10), &folder.path().join("no/wave.png"), false).is_err());

@@ -12,24 +12,24 @@ use super::{
 use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke};
 use inerter_wire::catalogue;
 
-/// Points with intervals of their own above which there is a band.
+/// With more points than this the intervals are drawn as a band.
 const MOST_POINTS: usize = 60;
-/// Times the inertance up to which an apparent one is drawn: where friction or the resonance carries the force, it has
-/// no end.
+/// Apparent inertances are drawn up to this multiple of the inertance: where friction or the resonance dominates the
+/// force, they are unbounded.
 pub(crate) const MOST_TIMES: f64 = 3.0;
 
-/// What is shown of a response at a frequency.
+/// Converts a response at a frequency to the quantity shown.
 type Show<'a> = &'a dyn Fn(f64, Complex<f64>) -> f64;
-/// Half of the interval of what is shown of a point.
+/// Half width of the interval of the quantity shown, at a point.
 pub(crate) type Half<'a> = &'a dyn Fn(f64, &response::Point) -> f64;
 
-/// Phase in degrees, from -90 to 270: that of an inertance, 180, lies in the middle.
+/// Phase in degrees, from -90 to 270, so that the 180 of an inertance lies in the middle.
 pub fn degrees(response: Complex<f64>) -> f64 {
     let degrees = response.arg() * 180.0 / PI;
     if degrees < -90.0 { degrees + 360.0 } else { degrees }
 }
 
-/// Points `(x, y, low, high)` with a break where the steps between them are wider than the least.
+/// Points `(x, y, low, high)`, with a break where their spacing is wider than the smallest.
 fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f64, f64)> {
     let steps = || points.iter().zip(points.iter().skip(1)).map(|(before, after)| after.0 - before.0);
     let least = steps().fold(f64::INFINITY, f64::min);
@@ -42,7 +42,7 @@ fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f
         .collect()
 }
 
-/// What was measured, with its intervals: points where there are few, else a line in a band.
+/// The measured response with its intervals: single points if there are few, otherwise a line in a band.
 pub(crate) fn measured(
     response: &Response,
     name: Option<&str>,

@@ -1,4 +1,4 @@
-//! What the page of a run holds.
+//! Contents of a run's page.
 
 use inerter_analysis::law::{Kernels, Law};
 use inerter_analysis::rows::Row;
@@ -12,58 +12,58 @@ use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning, Warnin
 use inerter_data::{gated::Gated, replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
 use inerter_wire::{Estimated, EstimatorEvent};
 
-/// Rows of the law in a box: over the whole run, and in the stretch that is shown close.
+/// Rows of the law per box, over the whole run and in the close-up.
 const ROWS: usize = 2;
 const CLOSE_ROWS: usize = 16;
-/// Periods of the motion that are shown close.
+/// Periods of the motion in the close-up.
 const CLOSE_PERIODS: f64 = 5.0;
 
-/// An estimate on the way.
+/// An estimate during the run.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
     /// Time \[s\].
     pub t_s: f64,
     /// The estimate.
     pub estimate: Estimate,
-    /// What goes with it.
+    /// Its detail.
     pub detail: Option<Detail>,
 }
 
-/// What the page of a run holds.
+/// Contents of a run's page.
 #[derive(Clone, Debug)]
 pub struct Content {
     /// The run without its samples.
     pub run: Run,
     /// From its first sample to its last \[s\].
     pub duration_s: f64,
-    /// What it came to.
+    /// Its result.
     pub replayed: Replayed,
-    /// What it said on the way.
+    /// The estimates during the run.
     pub moments: Vec<Moment>,
     /// Accepted reversals with their times \[s\].
     pub reversals: Vec<(f64, Reversal)>,
     /// Changes of the device with their times \[s\].
     pub changes: Vec<(f64, Change)>,
-    /// What the estimator said to be wrong with samples, and when \[s\].
+    /// The estimator's warnings about samples, and their times \[s\].
     pub warnings: Vec<(f64, Warning)>,
-    /// What only the whole run shows to be wrong with samples.
+    /// Sample faults that only the whole run shows.
     pub unseen: Vec<WarningKind>,
-    /// The law that is drawn: the fit to all motion since the last change.
+    /// The law as drawn: the fit to all motion since the last change.
     pub law: Law,
     /// Force and law over the whole run, or since the last change.
     pub rows: Vec<Row>,
-    /// Force and law in a stretch around the middle.
+    /// Force and law in a close-up around the middle.
     pub close: Vec<Row>,
     /// The measured frequency response.
     pub response: Response,
     /// The complete linear model.
     pub model: ModelParameters,
-    /// Viscous friction that stands for the dry one in this motion \[N s/m\].
+    /// Equivalent viscous friction of the dry friction in this motion \[N s/m\].
     pub equivalent_viscous: Option<f64>,
 }
 
 impl Content {
-    /// Takes a run through the estimator; `progress` is handed the part that is done.
+    /// Runs a run through the estimator; `progress` gets the completed fraction.
     pub fn of(mut run: Run, mut progress: impl FnMut(f64)) -> Result<Self, SettingsInputError> {
         let (mut moments, mut reversals) = (Vec::new(), Vec::new());
         let (mut changes, mut warnings) = (Vec::new(), Vec::new());
@@ -81,13 +81,13 @@ impl Content {
             }
             Ok(())
         })?;
-        // The whole run shows more than its last minute, and what the estimator had no time to see.
+        // The whole run shows more than its last minute, including faults that the estimator had no time to detect.
         let told: Vec<Warning> = warnings.iter().map(|(_, warning)| *warning).collect();
         let unseen = Gated::of(&run, &told).left_out;
         let unseen = unseen.into_iter().filter(|kind| told.iter().all(|warning| warning.kind != *kind)).collect();
         let mut series = Series::of(&run);
         run.samples = Vec::new();
-        // Before the last change it was another device.
+        // Before the last change the device was different.
         let since_s = changes.last().map_or(start_s, |(t_s, _)| *t_s);
         series.cut_before(since_s);
         let outcome = &replayed.outcome;
@@ -122,13 +122,13 @@ impl Content {
         })
     }
 
-    /// What it tells of each parameter: as [`Replayed::told`], and by all samples whether any are wrong.
+    /// What it reports about each parameter: as [`Replayed::told`], with sample faults found from the whole run.
     pub fn told(&self) -> Told {
         let are_wrong = self.replayed.wrong_samples() > 0 || !self.unseen.is_empty();
         Told::new(&self.replayed.outcome, &self.replayed.judged, are_wrong)
     }
 
-    /// The same without what figures are drawn of.
+    /// The same without the data for figures.
     #[must_use]
     pub fn light(self) -> Self {
         let response = Response { points: Vec::new(), ..self.response };
@@ -136,8 +136,7 @@ impl Content {
         Self { moments, reversals, rows, close, response, ..self }
     }
 
-    /// Root mean square of what the law leaves over in all rows \[N\], and the part of the force's variance that it
-    /// explains.
+    /// RMS of the law's residual over all rows \[N\], and the fraction of the force's variance that the law explains.
     pub fn residual(&self) -> Option<(f64, f64)> {
         let moving: Vec<&Row> =
             self.rows.iter().filter(|row| row.law_n.is_finite() && row.force_n.is_finite()).collect();
@@ -149,24 +148,24 @@ impl Content {
         (n > 2.0 && all > 0.0).then(|| ((left / n).sqrt(), 1.0 - left / all))
     }
 
-    /// What is true of a simulated device, by name, at its end.
+    /// The true value of a simulated device's parameter, by name, at the end of the run.
     pub fn truth(&self, name: &str) -> Option<f64> {
         self.later_truth(name).map(|(_, value)| value).or_else(|| self.first_truth(name))
     }
 
-    /// The same before it was changed.
+    /// The same before the change.
     pub fn first_truth(&self, name: &str) -> Option<f64> {
         self.run.truth.as_ref()?.get(name)?.parse().ok()
     }
 
-    /// What of it was changed: when \[s\], and to what.
+    /// The change of a true value: when \[s\], and to what.
     pub fn later_truth(&self, name: &str) -> Option<(f64, f64)> {
         Some((self.first_truth("change_at_s")?, self.first_truth(&format!("changed_{name}"))?))
     }
 }
 
-/// The fit to all motion since the last change: its values belong together, also those that no interval holds for by
-/// itself.
+/// The fit to all motion since the last change: its values belong together, even those without a valid interval of
+/// their own.
 fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let (sums, more) = outcome.sums();
     let fitted =
@@ -183,7 +182,7 @@ fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     }
 }
 
-/// How long a stretch shows some periods of the motion \[s\].
+/// Length of a close-up with a few periods of the motion \[s\].
 fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
     let low_hz = f64::from(outcome.detail.band.low_hz);
     let wanted_s = if low_hz > 0.0 { CLOSE_PERIODS / low_hz } else { 2.0 };

@@ -18,10 +18,10 @@ use super::{
 use crate::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, ends};
 use inerter_analysis::rows::Row;
 
-/// Which figure.
+/// The kind of figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Force against the law, close.
+    /// Force and law, close up.
     Force,
     /// Force over displacement.
     Loop,
@@ -64,9 +64,9 @@ impl Kind {
     }
 }
 
-/// Reversals that are shown one by one.
+/// Up to this many reversals are drawn one by one.
 const MOST_REVERSALS: usize = 300;
-/// Bars of a histogram, least and most.
+/// Minimum and maximum number of bars of a histogram.
 const BARS: (f64, f64) = (8.0, 40.0);
 
 /// One figure of a run, or why it has none.
@@ -208,12 +208,12 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// The value that this part of all is not above; 0 of none.
+/// The quantile of sorted values; 0 if there are none.
 fn quantile(sorted: &[f64], part: f64) -> f64 {
     sorted.get((sorted.len().saturating_sub(1) as f64 * part).round() as usize).copied().unwrap_or(0.0)
 }
 
-/// Bars `(left, right, count)` of equal width after Freedman and Diaconis, and that width.
+/// Bars `(left, right, count)` of equal width by the Freedman-Diaconis rule, and that width.
 fn histogram(values: &[f64]) -> (Vec<(f64, f64, f64)>, f64) {
     let sorted = sorted(values.iter().copied());
     let at = |part| quantile(&sorted, part);
@@ -255,26 +255,25 @@ fn hysteresis(content: &Content) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
-/// A parameter by its number over a run: time, value and half width of the interval, not a number where it is not
-/// known.
+/// A parameter over a run, by its index: time, value and half width of the interval, NaN if unknown.
 pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
     let machine = content.run.settings.machine;
     let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
     content.moments.iter().filter_map(|moment| Some(timed(moment.t_s, of(moment)?.1.known(), 1.0))).collect()
 }
 
-/// Time, value and half width of the interval, `factor` bringing both to the unit shown.
+/// Time, value and half width of the interval, converted by `factor` to the unit shown.
 fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> (f64, f64, f64) {
     let [value, u95] = known.map_or([f32::NAN; 2], |known| [known.value, known.u95]).map(f64::from);
     (t_s, value * factor, u95 * factor)
 }
 
-/// Those with a value and an interval.
+/// Points with a value and an interval.
 pub(crate) fn known(points: &[(f64, f64, f64)]) -> impl Iterator<Item = &(f64, f64, f64)> {
     points.iter().filter(|point| point.1.is_finite() && point.2.is_finite())
 }
 
-/// From where to where values lie once they have settled, with room for their intervals.
+/// The range of the values once they have settled, including their intervals.
 pub(crate) fn settled(points: &[(f64, f64, f64)]) -> (f64, f64) {
     let values = sorted(known(points).map(|point| point.1));
     let u95 = quantile(&sorted(known(points).map(|point| point.2)), 0.5);
@@ -287,7 +286,7 @@ fn parameters(content: &Content) -> Made {
     let linear = catalogue::fields(Machine::Linear, Group::Parameter);
     for (number, (linear, field)) in linear.zip(catalogue::fields(machine, Group::Parameter)).enumerate() {
         let points = over_run(content, number);
-        // The offset is not worth a panel of its own.
+        // The offset does not get its own panel.
         if known(&points).count() < 2 || field.symbol == "F0" {
             continue;
         }
@@ -333,7 +332,7 @@ fn parameters(content: &Content) -> Made {
     Ok((caption, panels))
 }
 
-/// What is true of a simulated device over time, `factor` bringing it to the unit shown; empty where it is not known.
+/// The true value of a simulated device over time, converted by `factor` to the unit shown; empty if unknown.
 fn truth_line(content: &Content, name: &str, factor: f64) -> Vec<(f64, f64)> {
     let (start_s, end_s) = (content.run.start_s, content.run.start_s + content.duration_s);
     let Some(first) = content.first_truth(name).map(|value| value * factor) else { return Vec::new() };
@@ -343,7 +342,7 @@ fn truth_line(content: &Content, name: &str, factor: f64) -> Vec<(f64, f64)> {
     }
 }
 
-/// A value with its interval over time; the axis is made for what it settles at, not for its first uncertain moments.
+/// A value with its interval over time; the axis fits the settled value, not its first uncertain moments.
 fn over_time(
     content: &Content,
     label: String,
@@ -389,7 +388,7 @@ fn backlash(content: &Content) -> Made {
         .collect();
     let sorted = sorted(micrometres.iter().map(|point| point.1));
     let at = |part| quantile(&sorted, part);
-    // Outliers, which the estimate leaves out as well, would squeeze all others into one bar.
+    // Outliers, which the estimate excludes too, would squeeze all others into one bar.
     let spread = (at(0.75) - at(0.25)).max(0.1);
     let (low, high) = (at(0.5) - 6.0 * spread, at(0.5) + 6.0 * spread);
     let (inside, outside): (Vec<f64>, Vec<f64>) = sorted.iter().partition(|value| (low..=high).contains(*value));

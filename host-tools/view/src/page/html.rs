@@ -1,4 +1,4 @@
-//! The page itself: one file, nothing to load, light and dark, and on paper.
+//! The page itself: one file that loads nothing, with light and dark schemes and a print layout.
 
 use inerter_analysis::diagnose::{assumptions, widened};
 use inerter_core::{Budget, ContactBudgets, LawStatus, Machine, Regime, Settings, Source};
@@ -26,7 +26,7 @@ use crate::{
     frame::{drawn, framed, head},
 };
 
-/// The whole page, and its figures; `within` is what is said of limits.
+/// The whole page, and its figures; `within` holds the verdicts on limits.
 pub fn html(content: &Content, within: &[limits::Judged]) -> (String, Vec<Figure>) {
     let machine = content.run.settings.machine;
     let all: Vec<(Kind, Result<Figure, PageError>)> =
@@ -137,7 +137,7 @@ fn results(content: &Content) -> Markup {
     }
 }
 
-/// What the intervals of the whole run are made of.
+/// The components of the whole run's intervals.
 fn budgets(content: &Content) -> Markup {
     let machine = content.run.settings.machine;
     let judged = &content.replayed.judged;
@@ -196,7 +196,7 @@ fn two_digits(u95: f32) -> String {
     rounded_text(u95.into(), u95.into())
 }
 
-/// What a person should know of a run.
+/// Notes on a run for a person.
 pub(crate) fn notes_of(content: &Content) -> Vec<String> {
     let machine = content.run.settings.machine;
     let changes =
@@ -308,12 +308,12 @@ fn conditions(content: &Content) -> Markup {
     }
 }
 
-/// The device that recorded a run, where that is known.
+/// The device that recorded a run, if known.
 pub(crate) fn device_text(run: &Run) -> Option<String> {
     run.hello.as_ref().map(|hello| format!("{}, serial {}", hello.board, hello.serial))
 }
 
-/// When and how the rig was calibrated, where that is known.
+/// When and how the rig was calibrated, if known.
 pub(crate) fn calibration_text(run: &Run) -> String {
     run.calibration.as_ref().map_or_else(|| "not stated".into(), Calibration::words)
 }

@@ -9,7 +9,7 @@ use maud::{Markup, html as markup};
 
 use crate::frame::head;
 
-/// A verdict as a page shows it, and its class.
+/// A verdict as the page shows it, and its CSS class.
 pub(crate) const fn shown(verdict: Verdict) -> (&'static str, &'static str) {
     match verdict {
         Verdict::Pass => ("pass", "ok"),
@@ -29,7 +29,7 @@ pub(super) fn within_limits(machine: Machine, run: &str, all: &[Judged]) -> Mark
     }
 }
 
-/// A table of a run's limits, and what it means.
+/// A table of a run's limits, and an explanation.
 pub(crate) fn limits_table(machine: Machine, run: &str, all: &[Judged]) -> Markup {
     let wants: Vec<String> = all.iter().filter_map(|judged| judged.want(machine)).collect();
     markup! {

@@ -1,6 +1,6 @@
-//! A run as a page that can be handed on: one HTML file with figures, tables and words, and the same figures as files.
+//! A run as a page to share: one HTML file with figures, tables and text, and the same figures as files.
 //!
-//! [`Content::of`] takes a run through the estimator and keeps what the page holds; `figures` draws it, [`html`] writes
+//! [`Content::of`] runs a run through the estimator and keeps what the page needs; `figures` draws it, [`html`] writes
 //! it.
 
 mod bode;

@@ -23,12 +23,12 @@ pub fn figures(paper: &Reproduction) -> Vec<Figure> {
 }
 
 fn force(test: &Test, name: &'static str) -> Figure {
-    // From the middle, where whatever the start has left has died away.
+    // From the middle, when the initial transient has decayed.
     let start_s = (test.plan.duration_s / 2.0 * test.plan.frequency_hz).floor() / test.plan.frequency_hz;
     let end_s = start_s + PERIODS / test.plan.frequency_hz;
     let shown = || test.force.iter().filter(|(t_s, ..)| (start_s..=end_s).contains(t_s));
     let line = |of: fn(&(f64, f64, f64)) -> f64| shown().map(|row| (row.0 - start_s, of(row))).collect::<Vec<_>>();
-    // At its slowest the force rings after each reversal, faster than dashes can show.
+    // In the slowest test the force rings after each reversal, faster than dashes can show.
     let stroke = if test.plan.frequency_hz < 1.0 { Stroke::Thin } else { Stroke::Dashed };
     let panels = vec![
         Panel::new(
@@ -65,7 +65,7 @@ fn force(test: &Test, name: &'static str) -> Figure {
     }
 }
 
-/// The amplitude without what arithmetic leaves behind its last digit.
+/// The amplitude without rounding residue.
 fn millimetres(test: &Test) -> f64 {
     (test.plan.amplitude_m * 1e6).round() / 1e3
 }

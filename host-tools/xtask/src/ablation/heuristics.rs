@@ -1,5 +1,5 @@
-//! The parts that are taken out of the estimator, one at a time: a passage of its source and its replacement. What the
-//! host computes from a run is taken apart in the same way (`host.rs`).
+//! The parts that are removed from the estimator, one at a time: a passage of its source and its replacement. `host.rs`
+//! does the same for the host's computations.
 //!
 //! The source itself has no switch for this. A passage that is not found exactly once has moved; update this list.
 
@@ -24,7 +24,7 @@ pub const fn tested(test: &'static str, name: &'static str, edits: &'static [Edi
     Heuristic { name, edits, test: Some(test) }
 }
 
-/// What a part buys: what is lost without it, else the test that fails.
+/// What a part contributes: what gets worse without it, or else the test that fails.
 pub fn buys(lost: &[&str], test: Option<&str>) -> String {
     match test {
         _ if !lost.is_empty() => lost.join(", "),

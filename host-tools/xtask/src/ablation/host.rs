@@ -1,6 +1,6 @@
-//! What each part of the host's judgement buys: which cause breaks the law, and what a cause too small to be identified
-//! does to the intervals. A copy of the whole tree, without one part at a time, is run against the tree itself on the
-//! same runs.
+//! What each part of the host's diagnosis contributes: which cause violates the law, and how a cause too small to be
+//! identified affects the intervals. A copy of the whole tree, without one part at a time, is compared with the tree
+//! itself on the same runs.
 
 use super::heuristics::{Heuristic, buys, one, tested};
 use crate::{
@@ -12,7 +12,7 @@ use std::{collections::BTreeMap, path::Path, process::Command};
 
 /// An interval that grows by this factor shows what the part is for: a choice.
 const WIDER: f64 = 1.02;
-/// A difference of so many runs, or per cent, may be chance: a choice.
+/// A difference of up to this many runs, or per cent, may be chance: a choice.
 const BY_CHANCE: f64 = 1.0;
 
 /// Where the sources of [`PARTS`] lie.
@@ -205,7 +205,7 @@ impl Column {
         }
     }
 
-    /// What is lost by this change; differences up to [`BY_CHANCE`] and [`WIDER`] are ignored.
+    /// What gets worse with this change; differences up to [`BY_CHANCE`] and [`WIDER`] are ignored.
     fn lost(&self, before: f64, after: f64) -> Option<&'static str> {
         let chance = if self.name == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
         match self.lost {

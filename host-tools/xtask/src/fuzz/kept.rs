@@ -1,4 +1,4 @@
-//! What fuzzing has come to, over all runs that were kept: docs/tables/fuzz.md.
+//! Totals of all fuzzing runs that were kept: docs/tables/fuzz.md.
 
 use crate::tree;
 use anyhow::Result;
@@ -7,18 +7,18 @@ use std::collections::BTreeMap;
 /// The committed table, from the root.
 const TABLE: &str = "docs/tables/fuzz.md";
 
-/// One run of a target, or all of them.
+/// One run of a target, or the total of all.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Total {
     pub inputs: u64,
-    /// Processed by the target, where it counts them.
+    /// Processed by the target, if it counts them.
     pub samples: Option<u64>,
     pub seconds: u64,
     /// After half of the last run and at its end.
     pub edges: [u64; 2],
     /// Runs that ended with a finding.
     pub findings: u64,
-    /// Of the tree in the last run.
+    /// Commit of the tree in the last run.
     pub commit: String,
 }
 
