@@ -1,65 +1,66 @@
 //! The device's motion, solved segment by segment with every change of mode located.
 //!
-//! Between changes of mode the device is linear: `mt x2'' + cf x2' + fc sgn(x2') = F + W`, `W` the constant force.
-//! The prescribed `x1` is interpolated over each step by the quintic through displacement, velocity and acceleration
-//! at both ends, and `x2` is the Taylor series of degree 10 that solves the equation for that quintic. So
-//! displacement, velocity and force are polynomials in time, and a change of mode is the first root of one of them,
-//! found by subdivision without omission to the last bit. Global error: sixth order in the step; nothing is smoothed.
+//! Between changes of mode the device is linear: `mt x2'' + cf x2' + fc sgn(x2') = F + W`, `W` the constant force. The
+//! prescribed `x1` is interpolated over each step by the quintic through displacement, velocity and acceleration at
+//! both ends, and `x2` is the Taylor series of degree 10 that solves the equation for that quintic. So displacement,
+//! velocity and force are polynomials in time, and a change of mode is the first root of one of them, found by
+//! subdivision, with none missed and to the last bit. Global error: sixth order in the step; nothing is smoothed.
 //!
-//! Contact: `F = ks (d - chi eps/2) + cs d'`, `chi = sgn d`, while `abs(d) > eps/2`, otherwise `F = 0`, taken to the
-//! letter. So the force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment
-//! (`cs d'` outweighs the spring), as a linear spring and damper do. The spring is relaxed at both jumps, hence no
-//! energy appears or vanishes; what the damper takes is counted while the flanks touch. `d'` is continuous, so parting
-//! and meeting again at once is impossible. Without backlash contact never ends and pulls as it pushes.
+//! Contact: `F = ks (d - chi eps/2) + cs d'`, `chi = sgn d`, while `abs(d) > eps/2`, otherwise `F = 0`, implemented
+//! literally. So the force jumps by `cs d'` where the flanks meet, and just before they part it pulls for a moment (`cs
+//! d'` outweighs the spring), as a linear spring and damper do. The spring is relaxed at both jumps, so energy is
+//! conserved; the damper's dissipation is counted while the flanks touch. `d'` is continuous, so the flanks cannot part
+//! and meet again at once. Without backlash contact never ends and can pull as well as push.
 //!
-//! Unilateral contact pushes only: the force is cut off where it would begin to pull, and so are the flanks parted;
-//! they meet again where it would push. What the spring holds when they part, the flank loses on its own. Without
-//! backlash one flank meets where the other parts.
+//! Unilateral contact can only push: when the force would begin to pull, it becomes zero and the flanks part; they meet
+//! again when it would push. The energy left in the spring when they part is dissipated in the flank. Without backlash
+//! one flank meets where the other parts.
 //!
-//! At rest the screw is stuck while `abs(F + W) <= fc`, exactly: `x2` stays the same number. A force that jumps past
-//! `fc` at a meeting of the flanks frees it at once. Where `fc` is zero there is nothing to be stuck by.
+//! At rest the screw is stuck while `abs(F + W) <= fc`, exactly: `x2` stays the same number. A force that jumps beyond
+//! `fc` when the flanks meet frees it at once. If `fc` is zero, the screw never sticks.
 //!
 //! Stribeck: `fc (1 + (r - 1) exp(-(v / vs)^2))` in place of `fc`, the breakaway force `r fc`. Dahl: friction is a
 //! state `f` with `f' = abs(v) (fc sgn(v) - f) / presliding`, and nothing sticks. Both series follow from the same
-//! recursion as `x2`, with no approximation but the degree; as their radius of convergence is not that of a linear
-//! device, the segment ends where the last coefficients pass `TAIL_M` and `TAIL`.
+//! recursion as `x2`, with no approximation except the degree. Their radius of convergence is smaller than for a linear
+//! device, so the segment ends where the last coefficients exceed `TAIL_M` and `TAIL`.
 
 use crate::excitation::nodes::{Node, Nodes};
 use crate::polynomial::{LENGTH, Polynomial, curvature, first_fall, rebase, slope, value};
 use crate::{Excitation, Inerter, PlantError};
 
-/// Longest step when nothing is said \[s\].
+/// Default limit of the step \[s\].
 const LONGEST_STEP_S: f64 = 1e-3;
-/// Shortest step, well below what the stiffest device and the fastest motion ask for \[s\].
+/// Minimum step, well below what the stiffest device and the fastest motion need \[s\].
 const SHORTEST_STEP_S: f64 = 1e-6;
 /// Step times fastest rate: the Taylor series of degree 10 is then exact to 1e-14.
 const STEP_RAD: f64 = 0.25;
-/// Last two coefficients of a displacement under curved friction: with greater ones the segment is shortened \[m\].
+/// Limit for the last two coefficients of a displacement with Stribeck or Dahl friction: above it the segment is
+/// shortened \[m\].
 const TAIL_M: f64 = 1e-16;
-/// The same of friction, as a part of Coulomb's.
+/// The same for the friction, as a fraction of the Coulomb friction.
 const TAIL: f64 = 1e-12;
-/// Changes of mode within one step after which time is moved on by force, by this fraction of the step.
+/// Changes of mode within one step after which time is advanced forcibly, by this fraction of the step.
 const MOST_CHANGES: u32 = 1000;
 
-/// What the screw does.
+/// State of the screw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Motion {
     /// Turns with `x2' > 0`.
     Forward,
     /// Turns with `x2' < 0`.
     Backward,
-    /// Stands, held by friction.
+    /// At rest, held by friction.
     Stuck,
 }
 
 impl Motion {
-    /// -1 backward, else 1.
+    /// -1 backward, otherwise 1.
     fn sign(self) -> f64 {
         if self == Self::Backward { -1.0 } else { 1.0 }
     }
 }
 
-/// What the flanks do.
+/// State of the flanks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flank {
     /// They touch with `x1 - x2 > eps/2`: the terminal pushes the screw forward.
@@ -68,12 +69,12 @@ pub enum Flank {
     Negative,
     /// They do not touch; the force is zero.
     Flight,
-    /// There is no backlash, and they pull as they push: they always touch.
+    /// There is no backlash, and the flanks can pull as well as push: they always touch.
     Closed,
 }
 
 impl Flank {
-    /// The flank that touches, 1 or -1; else 0.
+    /// The flank that touches, 1 or -1; otherwise 0.
     fn side(self) -> f64 {
         match self {
             Self::Positive => 1.0,
@@ -102,21 +103,21 @@ pub struct Truth {
     pub a2_m_per_s2: f64,
     /// Contact force on the screw; the load cell adds `mr x1''` \[N\].
     pub force_n: f64,
-    /// Dry friction on the screw, without the viscous; at rest what holds it \[N\].
+    /// Dry friction on the screw, without the viscous friction; at rest the force that holds it \[N\].
     pub friction_n: f64,
-    /// What the screw does.
+    /// State of the screw.
     pub motion: Motion,
-    /// What the flanks do.
+    /// State of the flanks.
     pub contact: Flank,
 }
 
-/// A stretch of time within one mode, on which the motion is one polynomial.
+/// An interval within one mode, on which the motion is one polynomial.
 #[derive(Clone, Copy, Debug)]
 pub struct Segment {
     start_s: f64,
     /// Time that corresponds to 1 in the polynomials \[s\].
     unit_s: f64,
-    /// Where the segment ends, in units.
+    /// End of the segment, in units.
     end: f64,
     x1: [f64; 6],
     x2: Polynomial,
@@ -126,12 +127,12 @@ pub struct Segment {
     relaxed_m: f64,
     structure_mass_kg: f64,
     constant_force_n: f64,
-    /// Dry friction, where it moves; only the first coefficient where it is Coulomb's.
+    /// Dry friction as a polynomial while the screw moves; only the first coefficient for Coulomb friction.
     friction: Polynomial,
     is_curved: bool,
     motion: Motion,
     contact: Flank,
-    /// Nothing sticks: rest is where the velocity is zero.
+    /// The screw never sticks: rest means zero velocity.
     never_sticks: bool,
 }
 
@@ -151,7 +152,7 @@ impl Segment {
         self.unit_s * self.end
     }
 
-    /// State at `t_s`, which is held to the segment.
+    /// State at `t_s`, clamped to the segment.
     pub fn at(&self, t_s: f64) -> Truth {
         Truth { t_s, ..self.at_unit(self.unit_at(t_s)) }
     }
@@ -161,7 +162,7 @@ impl Segment {
         self.at_unit(self.end * fraction.clamp(0.0, 1.0))
     }
 
-    /// The time in units, held to the segment.
+    /// The time in units, clamped to the segment.
     fn unit_at(&self, t_s: f64) -> f64 {
         ((t_s - self.start_s) / self.unit_s).clamp(0.0, self.end)
     }
@@ -222,7 +223,7 @@ impl Segment {
     }
 }
 
-/// What ends a segment.
+/// The event that ends a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Change {
     /// The screw comes to rest.
@@ -231,13 +232,13 @@ enum Change {
     Free(Motion),
     /// The flanks part.
     Part,
-    /// A flank that was left squeezed is relaxed.
+    /// A flank that was still compressed when it parted is now relaxed.
     Relax,
     /// The flanks meet.
     Meet(Flank),
 }
 
-/// The device driven by a motion: an endless row of [`Segment`]s.
+/// The device driven by a motion: an endless sequence of [`Segment`]s.
 ///
 /// Starts at time zero, at rest in the middle of the backlash.
 #[derive(Clone, Debug)]
@@ -247,22 +248,22 @@ pub struct Plant {
     node: Node,
     /// `x1` over the step, as a polynomial with the step as unit.
     x1: [f64; 6],
-    /// Part of the step that is done.
+    /// Completed fraction of the step.
     done: f64,
     /// Changes of mode within the step.
     changes: u32,
     forced: u64,
     x2_m: f64,
     v2_m_per_s: f64,
-    /// Dry friction where it turns over a distance \[N\].
+    /// State of the Dahl friction \[N\].
     friction_n: f64,
     motion: Motion,
     contact: Flank,
-    /// In flight beside a flank that is still squeezed: which one, 1 or -1; else 0.
+    /// Which flank is still compressed while in flight, 1 or -1; otherwise 0.
     squeezed: f64,
-    /// The screw has just come free: any acceleration the other way is rounding.
+    /// The screw has just broken free: any acceleration in the opposite direction is rounding.
     just_free: bool,
-    /// Devices that it will be, and when; the next is last.
+    /// The later devices and their times; the next one is last.
     later: Vec<(f64, Inerter)>,
 }
 
@@ -292,9 +293,9 @@ impl Plant {
         Ok(plant)
     }
 
-    /// The same with this step, from 1 us to 0.1 s, however fast device and motion are.
+    /// The same with a fixed step, from 1 us to 0.1 s, however fast device and motion are.
     ///
-    /// Only to show how the error falls with the step: [`new`](Self::new) chooses one with which it is below 1e-9.
+    /// Only for showing how the error depends on the step: [`new`](Self::new) chooses a step for an error below 1e-9.
     pub fn with_step(device: Inerter, excitation: Excitation, step_s: f64) -> Result<Self, PlantError> {
         device.validate()?;
         excitation.validate()?;
@@ -324,12 +325,12 @@ impl Plant {
         Ok(plant)
     }
 
-    /// The device as it is at present.
+    /// The present device.
     pub fn device(&self) -> &Inerter {
         &self.device
     }
 
-    /// Times that time was moved on by force because changes of mode piled up; 0 in every run known.
+    /// How often time was advanced forcibly because too many changes of mode occurred in a step; 0 in every known run.
     pub fn forced_steps(&self) -> u64 {
         self.forced
     }
@@ -351,7 +352,7 @@ impl Plant {
         }
     }
 
-    /// The next stretch of time within one mode.
+    /// The next segment.
     pub fn next_segment(&mut self) -> Segment {
         if self.done >= 1.0 {
             self.node = self.nodes.next_node();
@@ -381,7 +382,7 @@ impl Plant {
         segment
     }
 
-    /// Changes the device where it is time.
+    /// Switches to the next device when it is time.
     fn become_later(&mut self) {
         let now_s = self.node.start_s + self.node.step_s * self.done;
         let mut changed = false;
@@ -394,13 +395,13 @@ impl Plant {
         }
     }
 
-    /// How much of the segment the present device lasts.
+    /// The end of the present device within the segment, in units.
     fn units_until_later(&self, segment: &Segment) -> f64 {
         let left = |at_s: f64| ((at_s - segment.start_s) / segment.unit_s).clamp(0.0, 1.0);
         self.later.last().map_or(1.0, |(at_s, _)| left(*at_s))
     }
 
-    /// Solves the equation of motion over what is left of the step, or over a part of it: which one.
+    /// Solves the equation of motion over the rest of the step, or over part of it; returns which fraction.
     fn solve(&mut self) -> (Segment, f64) {
         let left = 1.0 - self.done;
         let h = self.node.step_s * left;
@@ -414,8 +415,8 @@ impl Plant {
         }
         let mut segment = self.series(x1, h);
         if undecided {
-            // Nothing says which way it will go but the way it goes. What it does within less time than can be added
-            // to the time done is rounding: a turn there would come again and again.
+            // Only the motion itself shows the direction of breakaway. A reversal in less time than can be added to the
+            // elapsed time is rounding: it would occur again and again.
             self.just_free = true;
             if slope(&segment.x2, 4.0 * f64::EPSILON / left) < 0.0 {
                 self.motion = Motion::Backward;
@@ -426,7 +427,7 @@ impl Plant {
         let excess_m = tail(&segment.x2, LENGTH - 1) / TAIL_M;
         let excess_n = tail(&segment.friction, LENGTH - 2) / (TAIL * self.device.coulomb_n);
         let by_tail = 0.9 * excess_m.max(excess_n).powf(-1.0 / (LENGTH - 3) as f64);
-        // Never so short that rounding rules.
+        // Never so short that rounding dominates.
         let part = by_tail.min(self.part_by_surplus(&segment)).max(1e-3);
         if part >= 1.0 {
             return (segment, 1.0);
@@ -438,9 +439,9 @@ impl Plant {
         (segment, part)
     }
 
-    /// Part of a segment over which Stribeck's surplus grows by no more than `exp(3)`.
+    /// Fraction of a segment over which Stribeck's surplus grows by at most `exp(3)`.
     ///
-    /// Far from rest the surplus and all its coefficients are nothing, and say nothing of what it will be near rest.
+    /// Far from rest the surplus and all its coefficients vanish, and do not predict its value near rest.
     fn part_by_surplus(&self, segment: &Segment) -> f64 {
         let per_velocity = 1.0 / (self.device.stribeck_velocity_m_per_s * segment.unit_s);
         let change = (2..LENGTH).map(|k| (k as f64 * segment.x2[k]).abs()).sum::<f64>() * per_velocity;
@@ -453,7 +454,7 @@ impl Plant {
         3.0 / (change * (2.0 * here + change))
     }
 
-    /// The Taylor series of the present mode over `h`, for the `x1` given.
+    /// The Taylor series of the present mode over `h`, for the given `x1`.
     fn series(&self, x1: [f64; 6], h: f64) -> Segment {
         let p = &self.device;
         let (ks, cs) = match self.contact {
@@ -493,7 +494,7 @@ impl Plant {
                 x2[k + 2] = sum / ((n + 1.0) * (n + 2.0));
             }
             if is_curved {
-                // One degree more than `x2` needs: the friction itself is looked at.
+                // One degree more than `x2` needs, because the friction itself is checked.
                 self.curve(LENGTH - 2, h, direction, &x2, &mut surplus, &mut friction);
             }
         }
@@ -516,7 +517,7 @@ impl Plant {
         }
     }
 
-    /// Coefficient `k` of the dry friction, from the coefficients of `x2` up to `k + 1` and its own before.
+    /// Coefficient `k` of the dry friction, from the coefficients of `x2` up to `k + 1` and its own previous ones.
     ///
     /// `surplus` is `exp(w)` with `w = -(v / vs)^2`, hence `surplus' = w' surplus`, coefficient by coefficient.
     fn curve(
@@ -550,7 +551,7 @@ impl Plant {
         }
     }
 
-    /// The first change of mode within the segment, where there is one.
+    /// The first change of mode within the segment, if any.
     fn first_change(&self, segment: &Segment) -> Option<(f64, Change)> {
         let mut first: Option<(f64, Change)> = None;
         let mut offer = |falling: &Polynomial, change| {
@@ -615,7 +616,7 @@ impl Plant {
         first
     }
 
-    /// Moves the state to the end of the segment, whose unit is a part of what was left of the step.
+    /// Moves the state to the end of the segment, whose unit is a fraction of what was left of the step.
     fn advance(&mut self, segment: &Segment, part: f64) {
         if self.motion != Motion::Stuck {
             self.x2_m = value(&segment.x2, segment.end);
@@ -651,7 +652,7 @@ impl Plant {
                 self.contact = side;
                 let was_squeezed = core::mem::replace(&mut self.squeezed, 0.0) != 0.0;
                 if self.motion == Motion::Stuck {
-                    // The spring is relaxed here, and the force is the damper's; or the flank follows: there is none.
+                    // The spring is relaxed here, so the force is the damper's; or the flank follows and there is none.
                     let rate = slope(&segment.x1, segment.end) / segment.unit_s;
                     let force_n = if was_squeezed { 0.0 } else { self.device.contact_damping_n_s_per_m * rate };
                     self.hold_or_free(force_n);
@@ -660,7 +661,7 @@ impl Plant {
         }
     }
 
-    /// At rest: friction holds the screw or the contact's force sets it free.
+    /// At rest: friction holds the screw, or the contact's force frees it.
     fn hold_or_free(&mut self, force_n: f64) {
         let p = &self.device;
         let total_n = force_n + p.constant_force_n;
@@ -672,7 +673,7 @@ impl Plant {
         };
     }
 
-    /// Takes the mode from displacement and velocity: at the start, when the device has changed, after a forced step.
+    /// Derives the mode from displacement and velocity: at the start, after a change of device, or after a forced step.
     fn settle(&mut self) {
         let p = &self.device;
         let half_backlash = 0.5 * p.backlash_m;
@@ -751,7 +752,7 @@ mod tests {
         let mut plant = Plant::new(Inerter::worn(), Excitation::sine(15.9, 0.8e-3)).unwrap();
         let mut end_s = 0.0;
         for _ in 0..50_000 {
-            // As if a thousand changes had been met already.
+            // As if a thousand changes had already occurred.
             plant.changes = MOST_CHANGES;
             let segment = plant.next_segment();
             assert!(segment.end_s() > end_s);

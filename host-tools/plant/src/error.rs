@@ -1,8 +1,8 @@
-//! Why a simulation was refused, naming the field or the part of the text.
+//! Why a simulation was rejected, naming the field or the part of the text.
 
 use std::fmt;
 
-/// Why a simulation was refused, naming the field or the part of the text.
+/// Why a simulation was rejected, naming the field or the part of the text.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlantError {
     /// No field has this name.
@@ -14,7 +14,7 @@ pub enum PlantError {
     UnknownPreset {
         /// The name that was given.
         name: String,
-        /// Those that there are.
+        /// The known names.
         known: &'static [&'static str],
     },
     /// The value is NaN or infinite.
@@ -26,18 +26,18 @@ pub enum PlantError {
     OutOfRange {
         /// The field's name.
         field: &'static str,
-        /// The value that was refused.
+        /// The rejected value.
         value: f64,
-        /// Least value accepted.
+        /// Minimum accepted value.
         min: f64,
-        /// Greatest value accepted.
+        /// Maximum accepted value.
         max: f64,
     },
     /// The value must be a whole number.
     NotWhole {
         /// The field's name.
         field: &'static str,
-        /// The value that was refused.
+        /// The rejected value.
         value: f64,
     },
     /// Two fields contradict each other.
@@ -46,25 +46,25 @@ pub enum PlantError {
         field: &'static str,
         /// The other one.
         other: &'static str,
-        /// What must hold between them.
+        /// The condition between them.
         rule: &'static str,
     },
-    /// The device is so stiff, damped or light that its fastest rate cannot be followed.
+    /// The device is so stiff, damped or light that the simulation cannot follow its fastest rate.
     TooFast {
-        /// The field that makes it so.
+        /// The field that causes this.
         field: &'static str,
         /// The device's fastest rate \[rad/s\].
         rate_rad_per_s: f64,
-        /// Fastest rate accepted \[rad/s\].
+        /// Maximum accepted rate \[rad/s\].
         max_rad_per_s: f64,
     },
-    /// A motion's text could not be understood.
+    /// A motion's text cannot be parsed.
     Motion {
         /// The part that is wrong.
         part: String,
         /// What is wrong with it.
         problem: String,
-        /// A text that would do.
+        /// An example of a valid text.
         example: &'static str,
     },
 }

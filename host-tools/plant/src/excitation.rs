@@ -1,9 +1,9 @@
 //! The rig's motion of terminal 1, in closed form at any time.
 //!
-//! A motion is a row of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones, a chirp or
-//! moves, `w` a window that leads in from rest and out to rest with three continuous derivatives. So the device starts,
-//! and passes from segment to segment, without a blow. Before the start and after the end the terminal rests at zero. A
-//! motion that is given point by point leads in and out by itself.
+//! A motion is a sequence of segments. Within each the displacement is `w(t) (u(t) - u(0))`: `u` a sum of tones, a
+//! chirp or moves, `w` a window that ramps up from rest and down to rest with three continuous derivatives. So the
+//! device starts, and passes from segment to segment, without a shock. Before the start and after the end the terminal
+//! rests at zero. A motion given point by point has no window.
 
 mod moves;
 pub(crate) mod nodes;
@@ -22,15 +22,15 @@ use crate::{PlantError, table::check};
 pub use point::Point;
 use table::Table;
 
-/// Time to lead in from rest when nothing is said \[s\]: shorter than the fastest convergence that is measured.
+/// Default length of the ramp from rest \[s\]: shorter than the fastest convergence that is measured.
 const RAMP_S: f64 = 0.2;
-/// Tones that stand for a random band: enough for a near-gaussian sum that does not repeat within a run.
+/// Number of tones that approximate a random band: enough for a nearly Gaussian sum that does not repeat within a run.
 const RANDOM_TONES: u32 = 60;
-/// Most tones of a multisine.
+/// Maximum number of tones of a multisine.
 const MULTISINE_TONES: u32 = 64;
 
 const FREQUENCY_HZ: (f64, f64) = (1e-4, 1000.0);
-// Of a rotary machine these are radians: 160 turns, and 95 000 rpm.
+// For a rotary machine these are radians: 160 turns, and 95 000 rpm.
 const AMPLITUDE_M: (f64, f64) = (0.0, 1e3);
 const VELOCITY_M_PER_S: (f64, f64) = (0.0, 1e4);
 const ACCELERATION_M_PER_S2: (f64, f64) = (1e-6, 1e6);
@@ -68,15 +68,15 @@ pub struct Excitation {
     segments: Vec<Segment>,
 }
 
-/// One stretch of a motion.
+/// One part of a motion.
 #[derive(Clone, Debug, PartialEq)]
 struct Segment {
     start_s: f64,
-    /// Infinite for a motion without an end; then it is the last.
+    /// Infinite for a motion without an end, which is then the last one.
     duration_s: f64,
     ramp_s: f64,
     shape: Shape,
-    /// What the tones or the chirp have at the start, taken off.
+    /// The value of the tones or the chirp at the start, which is subtracted.
     origin_m: f64,
 }
 
@@ -137,7 +137,7 @@ impl Shape {
     }
 }
 
-/// Lead-in from 0 to 1 over `z` in 0 to 1 with its first two derivatives by `z`; three vanish at both ends.
+/// Ramp from 0 to 1 over `z` in 0 to 1, with its first two derivatives with respect to `z`; three vanish at both ends.
 fn lead_in(z: f64) -> (f64, f64, f64) {
     if z >= 1.0 {
         return (1.0, 0.0, 0.0);
@@ -161,18 +161,18 @@ impl Segment {
         self.start_s + self.duration_s
     }
 
-    /// What the segment does at a time within it.
+    /// The segment's motion at a time within it.
     fn at(&self, t_s: f64) -> Point {
         let local_s = t_s - self.start_s;
         self.windowed(local_s, self.shape.at(local_s))
     }
 
-    /// Length of the lead-in, shortened when the segment has no room for both.
+    /// Length of the ramp, shortened if the segment has no room for both.
     fn ramp_length_s(&self) -> f64 {
         self.ramp_s.min(0.5 * self.duration_s)
     }
 
-    /// Puts the window on what the shape does at `local_s` after the segment's start.
+    /// Applies the window to the motion of the shape at `local_s` after the segment's start.
     fn windowed(&self, local_s: f64, shape: Point) -> Point {
         if matches!(self.shape, Shape::Table(_)) {
             return shape;
@@ -196,7 +196,7 @@ impl Segment {
         }
         check("ramp_s", self.ramp_s, RAMP_RANGE_S)?;
         match &self.shape {
-            // A table is checked when it is made.
+            // A table is checked on construction.
             Shape::Hold | Shape::Table(_) => Ok(()),
             Shape::Tones(tones) => tones.iter().try_for_each(|tone| {
                 check("frequency_hz", tone.frequency_hz, FREQUENCY_HZ)?;
@@ -225,13 +225,13 @@ impl Segment {
     }
 }
 
-/// Uniform in 0 to 1, both ends left out.
+/// Uniform between 0 and 1, both ends excluded.
 fn uniform(rng: &mut ChaCha8Rng) -> f64 {
     ((rng.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64
 }
 
 impl Excitation {
-    /// Names that [`preset`](Self::preset) knows.
+    /// Names accepted by [`preset`](Self::preset).
     pub const PRESETS: &'static [&'static str] = &["slow", "mid", "fast", "multi", "random", "two"];
 
     /// The preset of this name: the paper's tests `slow`, `mid` and `fast`, and `multi`, `random`, `two`.
@@ -266,7 +266,7 @@ impl Excitation {
 
     /// Equally spaced tones of equal velocity and random phase.
     ///
-    /// The spacing is the lowest frequency, so the motion repeats after its period; wider when that would take more
+    /// The spacing is the lowest frequency, so the motion repeats after its period; it is wider if that would need more
     /// than 64 tones. `rms_m_per_s` is the rms velocity of the sum \[m/s\].
     pub fn multisine(low_hz: f64, high_hz: f64, rms_m_per_s: f64, seed: u64) -> Self {
         let spacing = low_hz.max((high_hz - low_hz) / f64::from(MULTISINE_TONES - 1));
@@ -283,7 +283,7 @@ impl Excitation {
 
     /// Band-limited random motion with a flat velocity spectrum between two frequencies \[Hz\].
     ///
-    /// 60 tones, one at a random place in each sixtieth of the band, with random phase and gaussian (Rayleigh)
+    /// 60 tones, one at a random frequency in each sixtieth of the band, with random phase and Rayleigh-distributed
     /// amplitude, scaled so that the rms velocity of the sum is `rms_m_per_s` \[m/s\]. Does not repeat within hours.
     pub fn random(low_hz: f64, high_hz: f64, rms_m_per_s: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -313,13 +313,13 @@ impl Excitation {
         Self::single(shape, duration_s)
     }
 
-    /// Point-to-point moves, to a place and back.
+    /// Point-to-point moves, there and back.
     pub fn moves(moves: Moves) -> Self {
         Self::single(Shape::Moves(moves), f64::INFINITY)
     }
 
-    /// The curve through displacements \[m\] that lie so far apart in time \[s\], as a shaker is given them; it ends
-    /// with the last.
+    /// The curve through displacements \[m\] with this time step \[s\], as a shaker controller receives them; it ends
+    /// with the last one.
     ///
     /// The terminal rests before and after, so the last displacement must be the first.
     pub fn table(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
@@ -328,7 +328,7 @@ impl Excitation {
         Ok(Self { segments: vec![Segment::new(Shape::Table(table), duration_s)] })
     }
 
-    /// The same motion with so many times the displacement.
+    /// The same motion with its displacement multiplied by a factor.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         for segment in &mut self.segments {
@@ -344,7 +344,8 @@ impl Excitation {
         self
     }
 
-    /// One motion after the other; each but the last should have an end ([`lasting`](Self::lasting)), or none follows.
+    /// One motion after the other; each except the last should have an end ([`lasting`](Self::lasting)), or none
+    /// follows.
     pub fn sequence(parts: impl IntoIterator<Item = Self>) -> Self {
         let mut segments: Vec<Segment> = Vec::new();
         for part in parts {
@@ -357,10 +358,10 @@ impl Excitation {
         Self { segments }
     }
 
-    /// The same motion, led out to rest so that it ends after `duration_s`; parts of a sequence beyond it are left out.
+    /// The same motion, ramped down to rest so that it ends after `duration_s`; later parts of a sequence are left out.
     #[must_use]
     pub fn lasting(mut self, duration_s: f64) -> Self {
-        // The first stays in any case, for a duration that makes no sense to reach validate().
+        // The first one stays in any case, so that validate() sees an invalid duration.
         let keep = self.segments.iter().skip(1).take_while(|segment| segment.start_s < duration_s).count() + 1;
         self.segments.truncate(keep);
         let end = self.duration_s();
@@ -373,14 +374,14 @@ impl Excitation {
         self
     }
 
-    /// The same motion with another time to lead in from rest and out to rest \[s\]; 0.2 s when nothing is said.
+    /// The same motion with another length of the ramps from rest and to rest \[s\]; the default is 0.2 s.
     #[must_use]
     pub fn with_ramp(mut self, ramp_s: f64) -> Self {
         self.segments.iter_mut().for_each(|segment| segment.ramp_s = ramp_s);
         self
     }
 
-    /// When the motion ends \[s\]; infinite when it does not.
+    /// End of the motion \[s\]; infinite if it has none.
     pub fn duration_s(&self) -> f64 {
         self.segments.last().map_or(0.0, Segment::end_s)
     }
@@ -390,7 +391,7 @@ impl Excitation {
         self.segments.iter().map(|segment| segment.start_s)
     }
 
-    /// Highest frequency in the motion \[Hz\], the lead-in apart.
+    /// Highest frequency in the motion \[Hz\], without the ramps.
     pub fn highest_hz(&self) -> f64 {
         self.segments.iter().map(|s| s.shape.highest_rad_per_s(s.duration_s) / TAU).fold(0.0, f64::max)
     }
@@ -404,7 +405,7 @@ impl Excitation {
     }
 
     /// Longest step over which a quintic follows the motion within 1e-11 of it \[s\]: a tenth of a radian of the
-    /// highest frequency, a hundredth of the shortest lead-in; from point to point where those are given.
+    /// highest frequency, a hundredth of the shortest ramp; for a table the time between its points.
     pub(crate) fn longest_step_s(&self) -> f64 {
         let longest_s = |segment: &Segment| match &segment.shape {
             Shape::Table(table) => table.period_s(),

@@ -1,12 +1,12 @@
 //! The boot image of the Linux guest, in which a real kernel uses the board's USB.
 //!
-//! Debian's kernel and busybox, unpacked and not installed, and our own programs as built for the tests, with this
-//! machine's C library:
+//! It holds Debian's kernel and busybox, unpacked but not installed, and our own programs as built for the tests, with
+//! this machine's C library:
 //!
 //! ```text
 //! target/guest/vmlinux      the kernel, decompressed: QEMU starts it in a third of the time
 //! target/guest/base.cpio    busybox, the kernel's modules for USB/IP, CDC and the network, the first script
-//! target/guest/initramfs    base.cpio and behind it inerter and inerter-guest as they are now, with their libraries
+//! target/guest/initramfs    base.cpio followed by inerter and inerter-guest as they are now, with their libraries
 //! target/guest/inerter      the program as it is in initramfs, and inerter-guest beside it
 //! target/guest/dfu-util     Debian's updater, and libusb-1.0.so.0 beside it
 //! target/guest/packages     which packages the first two and the updater come from
@@ -27,22 +27,22 @@ use std::{
     process::{Command, Stdio},
 };
 
-/// Always the newest kernel; the kernel for clouds has no USB.
+/// Always the newest kernel; the cloud variant of the kernel has no USB.
 const KERNEL: &str = "linux-image-amd64";
 /// A shell and its tools in one file.
 const BUSYBOX: &str = "busybox-static";
 /// A third-party updater for the ROM's update mode, and its library; this machine may have neither.
 const UPDATER: [&str; 2] = ["dfu-util", "libusb-1.0-0"];
 const UPDATER_FILES: [&str; 2] = ["dfu-util", "libusb-1.0.so.0"];
-/// Modules without which nothing works; what they depend on comes with them.
+/// The required modules; their dependencies are added.
 const MODULES: &[&str] = &["virtio_pci", "virtio_net", "vhci_hcd", "cdc_acm"];
 /// Our programs.
 const PROGRAMS: &[(Part, &str)] = &[(Part::Main, "inerter"), (Part::Twin, "inerter-guest")];
 
-/// What fetches and unpacks the packages.
+/// Programs that fetch and unpack the packages.
 const TOOLS: &[&str] = &["apt-get", "apt-cache", "dpkg-deb"];
 
-/// The guest's first script: devices, modules, network, then whatever the test wants.
+/// The guest's first script: devices, modules, network, then the test's own commands.
 const INIT: &str = "\
 #!/bin/busybox sh
 /bin/busybox --install -s /bin
@@ -67,14 +67,14 @@ pub struct Options {
     pub refresh: bool,
 }
 
-/// What is made from the packages.
+/// Files made from the packages.
 const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages", UPDATER_FILES[0], UPDATER_FILES[1]];
 
 fn has(folder: &Path, names: &[&str]) -> bool {
     names.iter().all(|name| folder.join(name).is_file())
 }
 
-/// Makes what is missing and prints where it is.
+/// Makes the missing files and prints where they are.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(
         cfg!(all(target_os = "linux", target_arch = "x86_64")),
@@ -140,8 +140,7 @@ fn fetch(folder: &Path) -> Result<()> {
     tree::remove(packages)
 }
 
-/// The package behind the name that always means the newest kernel. Fetches the package list if the machine has none
-/// yet.
+/// The package that the name for the newest kernel depends on. Fetches the package list if the machine has none yet.
 fn kernel_package() -> Result<String> {
     let ask = || process::output(Command::new("apt-cache").args(["depends", KERNEL]));
     if let Some(name) = depends(&ask().unwrap_or_default()) {
@@ -177,7 +176,7 @@ fn depends(printed: &str) -> Option<String> {
 fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
     let packed = payload(image).context("not an x86 kernel image")?;
     let (program, package) = unpacker(packed).context("the kernel is packed in an unknown format")?;
-    // Behind the packed bytes is the unpacked length, which gzip has itself.
+    // The compressed data are followed by their uncompressed length, which gzip contains itself.
     let length = if program == "gzip" { 0 } else { 4 };
     let kernel = filter(program, package, &packed[..packed.len().saturating_sub(length)])?;
     ensure!(kernel.starts_with(b"\x7fELF"), "the kernel image does not contain an ELF file");
@@ -197,7 +196,8 @@ fn payload(image: &[u8]) -> Option<&[u8]> {
     image.get(start..start + number(0x24C)?)
 }
 
-/// The program that unpacks what begins so, of the formats in which Linux packs kernels and modules, and its package.
+/// The program that decompresses data with this beginning, for the formats that Linux uses for kernels and modules, and
+/// its package.
 fn unpacker(packed: &[u8]) -> Option<(&'static str, &'static str)> {
     match packed {
         [0xFD, b'7', b'z', b'X', b'Z', ..] => Some(("xz", "xz-utils")),
@@ -284,7 +284,7 @@ impl Modules {
         }
     }
 
-    /// These modules with all that they depend on, each after what it needs.
+    /// These modules with all their dependencies, each after those it needs.
     fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
         let mut order = Vec::new();
         let mut left: Vec<(String, bool)> = wanted.iter().rev().map(|name| (name.to_string(), false)).collect();

@@ -12,8 +12,8 @@ use anyhow::{Context, Result};
 use serde_json::Value;
 use std::{path::Path, time::Duration};
 
-/// Ends a run that hangs. A run takes under a second, and a hundred times as long beside the suite's tests, which have
-/// priority.
+/// Ends a run that hangs. A run takes under a second, and a hundred times as long in parallel with the suite's tests,
+/// which have priority.
 const LIMIT: Duration = Duration::from_secs(1800);
 
 /// Goal per sample at 4 kHz, both banks and both routes of the backlash, in instructions.
@@ -22,7 +22,7 @@ const SAMPLE_GOAL: f64 = 1600.0;
 /// Goal per solve, in instructions.
 const SOLVE_GOAL: f64 = 8000.0;
 
-/// Solves in one publication: the recent memory, its part away from rest, and the whole run.
+/// Solves per publication: the recent memory, the part of it in motion, and the whole run.
 const SOLVES: f64 = 3.0;
 
 /// What the image reports of itself.
@@ -39,13 +39,13 @@ pub struct Report {
 pub struct Rate {
     /// Samples per second.
     pub sample_rate_hz: f64,
-    /// A sample without publication: mean and most, in instructions.
+    /// A sample without publication: mean and maximum, in instructions.
     pub sample: [f64; 2],
     /// The same with both routes of the backlash.
     pub contact: [f64; 2],
-    /// What the force's route spends on an accepted reversal.
+    /// The cost of an accepted reversal in the force's route.
     pub reversal: f64,
-    /// A publication by itself: mean and most, in instructions.
+    /// A publication by itself: mean and maximum, in instructions.
     pub estimate: [f64; 2],
     /// What a publication adds to a sample: mean, in instructions.
     pub publication: f64,

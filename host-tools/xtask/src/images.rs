@@ -10,29 +10,29 @@ use object::{
     read::elf::{FileHeader, ProgramHeader},
 };
 
-/// Bytes of a page of flash, which is erased as a whole.
+/// Size of a flash page, which is erased as a whole \[bytes\].
 const PAGE: u64 = 2048;
 /// Value of an erased byte.
 const ERASED: u8 = 0xFF;
-/// Bytes in a line of Intel HEX.
+/// Data bytes per line of Intel HEX.
 const LINE: usize = 16;
 /// The chip's update mode: vendor, product, and the release that matches any.
 const DFU_DEVICE: [u16; 3] = [0xFFFF, 0xDF11, 0x0483];
 /// The version of DfuSe in the suffix.
 const DFUSE: u16 = 0x011A;
-/// Bytes of a target's name.
+/// Size of a target's name field \[bytes\].
 const NAME: usize = 255;
 
-/// Bytes for one place in flash.
+/// Contiguous bytes in flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
-    /// Address of the first.
+    /// Address of the first byte.
     pub address: u32,
     /// All of them.
     pub bytes: Vec<u8>,
 }
 
-/// What an ELF file puts into flash.
+/// The parts of flash that an ELF file defines.
 pub fn parts(elf: &[u8]) -> Result<Vec<Part>> {
     let header = FileHeader32::<Endianness>::parse(elf).context("the image is not a 32-bit ELF file")?;
     let endian = header.endian().context("the image has no valid byte order")?;
@@ -46,7 +46,8 @@ pub fn parts(elf: &[u8]) -> Result<Vec<Part>> {
     joined(found)
 }
 
-/// By address; what is in the same page is one part, as a tool may erase the pages of each part before it writes it.
+/// Sorts by address and joins what lies in the same page into one part, because a tool may erase the pages of each part
+/// before it writes it.
 fn joined(mut found: Vec<Part>) -> Result<Vec<Part>> {
     found.sort_by_key(|part| part.address);
     let mut joined: Vec<Part> = Vec::new();
@@ -69,7 +70,7 @@ fn end(part: &Part) -> u64 {
     u64::from(part.address) + part.bytes.len() as u64
 }
 
-/// Intel HEX: 16 bytes a line, the upper half of the address on lines of its own.
+/// Intel HEX: 16 bytes per line, the upper half of the address on separate lines.
 pub fn hex(parts: &[Part]) -> String {
     let mut text = String::new();
     let mut upper = None;
@@ -80,7 +81,7 @@ pub fn hex(parts: &[Part]) -> String {
                 upper = Some(address >> 16);
                 line(&mut text, 0, 4, &((address >> 16) as u16).to_be_bytes());
             }
-            // No line crosses the end of what its upper half addresses.
+            // No line crosses a 64 KB boundary, where the upper half of the address changes.
             let room = 0x1_0000 - (address & 0xFFFF) as usize;
             let (now, later) = rest.split_at(rest.len().min(LINE).min(room));
             line(&mut text, address as u16, 0, now);
@@ -128,7 +129,7 @@ pub fn dfuse(parts: &[Part], name: &str) -> Result<Vec<u8>> {
     Ok(file)
 }
 
-/// CRC-32 of Ethernet, without its final inversion.
+/// The CRC-32 of Ethernet, without its final inversion.
 fn crc(bytes: &[u8]) -> u32 {
     bytes.iter().fold(u32::MAX, |crc, byte| {
         (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xEDB8_8320 } else { crc >> 1 })
@@ -166,7 +167,7 @@ mod tests {
         assert_eq!((word(285), word(289), file[293]), (0x0800_0000, 5, 1));
         let suffix = &file[file.len() - 16..];
         assert_eq!(suffix[..12], *b"\xFF\xFF\x11\xDF\x83\x04\x1A\x01UFD\x10");
-        // Over all bytes of the file, its own included, the CRC is a constant for every valid file.
+        // Over all bytes of a file including its CRC, the CRC is a constant.
         assert_eq!(crc(&file), 0);
     }
 

@@ -1,4 +1,4 @@
-//! Which module of a crate imports which, and the circles among them.
+//! Which module of a crate imports which, and the import cycles.
 //!
 //! *Module*: here a file; modules inside a file count as that file. *Import*: any path to something that another file
 //! defines, in `use`, in code, or in the arguments of a macro or of an attribute. A path is followed through re-exports
@@ -16,7 +16,7 @@ use std::{
 };
 use syn::{Attribute, ImplItem, Item, ItemImpl, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
 
-/// Modules each of which imports the next one, and the last one the first.
+/// An import cycle: modules each of which imports the next one, and the last one the first.
 #[derive(Debug)]
 pub struct Circle {
     pub files: Vec<PathBuf>,
@@ -35,7 +35,7 @@ pub struct Import {
     pub paths: BTreeMap<String, usize>,
 }
 
-/// The circles in the crate with this root file.
+/// The import cycles in the crate with this root file.
 pub fn circles(root: &Path) -> Result<Vec<Circle>> {
     let tree = Tree::read(root)?;
     let imports = tree.imports();
@@ -88,7 +88,7 @@ struct Module {
     file: usize,
     parent: Option<usize>,
     names: HashMap<String, Vec<Definition>>,
-    /// What `*` stands for.
+    /// The paths that `*` imports.
     globs: Vec<Vec<String>>,
     /// Textual macros, which child modules and later ones see without a path.
     macros: HashSet<String>,
@@ -161,7 +161,7 @@ impl Tree {
         Ok(place)
     }
 
-    /// Adds a module that another one declares.
+    /// Adds a module declared by another one.
     fn child(&mut self, parent: usize, mut item: ItemMod, folders: &Folders) -> Result<()> {
         let (name, file) = (item.ident.unraw().to_string(), self.modules[parent].file);
         let child = match item.content.take() {
@@ -190,7 +190,7 @@ impl Tree {
         Ok(())
     }
 
-    /// From file to file, with the paths and their lines.
+    /// Imports from file to file, with the paths and their lines.
     fn imports(&self) -> BTreeMap<(usize, usize), BTreeMap<String, usize>> {
         let mut imports = BTreeMap::<_, BTreeMap<String, usize>>::new();
         let own = self.own();
@@ -235,7 +235,7 @@ impl Tree {
         })
     }
 
-    /// Where a path that is written in a module leads; nowhere if it leaves the crate.
+    /// Where a path that is written in a module leads; empty if it leaves the crate.
     fn resolve(&self, module: usize, path: &[String], seen: &mut HashSet<(usize, String)>) -> HashSet<Target> {
         let mut at = module;
         let mut rest = path;
@@ -255,7 +255,7 @@ impl Tree {
         self.walk(at, rest, anchored, seen)
     }
 
-    /// Where the rest of a path leads from a module. `anchored`: it cannot lead anywhere else.
+    /// Where the rest of a path leads from a module. `anchored`: only there, nowhere else.
     fn walk(
         &self,
         module: usize,
@@ -333,7 +333,7 @@ fn path_attribute(attributes: &[Attribute]) -> Option<String> {
 }
 
 impl Module {
-    /// Notes what the item defines, and what is imported inside of it.
+    /// Records what the item defines, and what is imported inside of it.
     fn define(&mut self, item: &Item) -> Result<()> {
         let name = match item {
             Item::Const(item) => Some(&item.ident),
@@ -389,12 +389,12 @@ impl Module {
 /// One name of a `use`.
 struct Leaf {
     path: Vec<String>,
-    /// The name that it gets here; none for a `*`.
+    /// The name that it gets here; `None` for a `*`.
     name: Option<String>,
     span: Span,
 }
 
-/// The names of a `use`; none if it names another crate with a leading `::`.
+/// The names of a `use`; empty if it names another crate with a leading `::`.
 fn leaves(item: &ItemUse) -> Vec<Leaf> {
     let mut found = Vec::new();
     if item.leading_colon.is_none() {
@@ -428,14 +428,14 @@ fn spread(tree: &UseTree, before: &mut Vec<String>, found: &mut Vec<Leaf>) {
     }
 }
 
-/// Notes each `use`, those inside of functions too.
+/// Records each `use`, including those inside functions.
 struct Uses<'a>(&'a mut Module);
 
 impl<'ast> Visit<'ast> for Uses<'_> {
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
         for leaf in leaves(item) {
             match leaf.name {
-                // A name that means itself, as is needed to give a macro a path.
+                // A name that refers to itself, which is needed to give a macro a path.
                 Some(name) if leaf.path == [name.as_str()] => {}
                 Some(name) => self.0.names.entry(name).or_default().push(Definition::Path(leaf.path)),
                 None => self.0.globs.push(leaf.path),
@@ -476,7 +476,7 @@ impl Paths<'_> {
     /// A path in code.
     fn path(&mut self, path: &[String], span: Span) {
         let names = &self.tree.modules[self.module].names;
-        // What came in by a `use` is imported there, unless it is a module that the path leads through.
+        // A name from a `use` counts as imported there, unless it is a module that the path leads through.
         let through = |name: &String| {
             self.targets(std::slice::from_ref(name)).iter().any(|target| matches!(target, Target::Module(_)))
         };
@@ -490,7 +490,7 @@ impl Paths<'_> {
         }
     }
 
-    /// The paths among tokens; `texts`: in strings too, as attributes have them.
+    /// The paths among tokens; `texts`: in strings too, as attributes contain them.
     fn tokens(&mut self, tokens: TokenStream, texts: bool) {
         let tokens: Vec<_> = tokens.into_iter().collect();
         let mut at = 0;
@@ -531,8 +531,8 @@ fn is_double_colon(tokens: &[TokenTree]) -> bool {
     matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
 }
 
-/// Whether what follows these tokens is not a path of this crate: after one dot it is a field or method, after `::` a
-/// name of another crate or of a type.
+/// Whether the token after these is not a path of this crate: after one dot it is a field or method, after `::` a name
+/// of another crate or of a type.
 fn is_member(before: &[TokenTree]) -> bool {
     let dot = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == '.');
     match before {
@@ -629,7 +629,7 @@ mod tests {
         found
     }
 
-    /// The imports of module `a`, beside which there are `b` and, within that, `c`.
+    /// The imports of module `a`, beside module `b` and its child `c`.
     fn of_a(text: &str) -> Vec<String> {
         let b = "pub mod c; pub struct B; pub enum E { One } pub fn f() {}";
         imports(&[("lib.rs", "mod a; mod b;"), ("a.rs", text), ("b.rs", b), ("b/c.rs", "pub struct C; pub fn g() {}")])
@@ -727,7 +727,7 @@ mod tests {
         let found = imports(&files);
         assert!(found.contains(&"a.rs:1 crate::B b.rs".into()), "{found:?}");
         assert!(found.contains(&"a.rs:2 crate::c::C b.rs".into()), "{found:?}");
-        // No file defines it: the module that the path names.
+        // No file defines it, so the module that the path names counts.
         assert!(found.contains(&"a.rs:2 crate::c::D c.rs".into()), "{found:?}");
         assert!(!found.iter().any(|import| import.starts_with("a.rs") && import.ends_with("lib.rs")), "{found:?}");
     }

@@ -1,7 +1,7 @@
 //! One entry point for all work on the project: set-up, demo, tests, tables and checks.
 //!
-//! Each command is one module, and each can be run by itself; `test` runs them in the order of continuous integration.
-//! Nothing here calls the estimator: other programs are started, and their output is read.
+//! Each command is one module, and each can be run on its own; `test` runs them in the order of continuous integration.
+//! Nothing here calls the estimator: the commands start other programs and read their output.
 
 mod ablation;
 mod accuracy;

@@ -1,7 +1,7 @@
-//! What the monitor costs while it shows and records 4 kHz: processor, memory, and whether anything was lost.
+//! The monitor's load while it shows and records 4 kHz: processor time, memory, and losses.
 //!
 //! A virtual device runs in real time, `inerter monitor --record` draws on a pseudo-terminal of `script` (util-linux),
-//! and `/proc` reports what it used. The figures are this machine's, with whatever else it is doing.
+//! and `/proc` reports what it used. The figures apply to this machine under its present load.
 
 use crate::{
     process,
@@ -23,7 +23,7 @@ use std::{
 const RECORDING: &str = "run.mcap";
 /// Samples per second of the device.
 pub const RATE_HZ: f64 = 4000.0;
-/// Time after which memory counts as settled: buffers have been filled once \[s\].
+/// Time after which memory has settled: buffers have been filled once \[s\].
 pub const SETTLED_S: f64 = 60.0;
 /// Clock ticks per second in `/proc`, on every Linux that runs here.
 pub const TICKS_HZ: f64 = 100.0;
@@ -40,7 +40,7 @@ pub struct Options {
     pub update: bool,
 }
 
-/// A program that ends with this one.
+/// A program that is killed when dropped.
 pub struct Running(pub Child);
 
 impl Drop for Running {
@@ -51,7 +51,7 @@ impl Drop for Running {
     }
 }
 
-/// One look at a process.
+/// One measurement of a process.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     pub at_s: f64,
@@ -89,7 +89,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// What `inerter info` prints of a recording.
+/// The output of `inerter info` for a recording.
 pub fn info(program: &Path, folder: &Path, name: &str) -> Result<Value> {
     let info = process::output(Command::new(program).current_dir(folder).args(["info", name, "--json"]))?;
     serde_json::from_str(info.trim()).context("`inerter info --json` printed no JSON")
@@ -148,7 +148,7 @@ fn watch(program: &Path, address: &str, folder: &Path, seconds: f64) -> Result<(
         }
         let is_late = started.elapsed().as_secs_f64() > seconds + 60.0;
         ensure!(!is_late, "the monitor was still running a minute after its end");
-        // The process may end between two looks.
+        // The process may end between two measurements.
         looks.extend(look(&process, started));
         thread::sleep(every);
     };
@@ -169,7 +169,7 @@ pub fn look(process: &Path, started: Instant) -> Option<Look> {
     })
 }
 
-/// User and system time of `/proc/PID/stat`; the name before them may hold anything.
+/// User and system time from `/proc/PID/stat`; the name before them may contain any characters.
 pub fn ticks(stat: &str) -> Option<f64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     Some(fields.get(11)?.parse::<f64>().ok()? + fields.get(12)?.parse::<f64>().ok()?)
@@ -186,7 +186,7 @@ fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<Row>> {
     let (samples, seconds) = (number("samples")?, number("duration_s")?);
     Ok(vec![
         Row::new("samples recorded", samples, ""),
-        // A device that falls behind would be easy to follow.
+        // A device that runs late would be easy to keep up with.
         Row::new("samples missing of 4 kHz", (RATE_HZ * seconds - samples).abs().round(), "")
             .at_most((RATE_HZ * 0.01 * seconds).round()),
         Row::new("samples lost", number("lost_samples")?, "").at_most(0.0),

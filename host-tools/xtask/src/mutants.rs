@@ -2,16 +2,16 @@
 //!
 //! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test
 //! notices is a *survivor*. One that only a golden notices is listed separately: a golden says that something has
-//! changed, not that it is wrong. Nothing is left out: what `#[mutants::skip]` would hide counts too.
+//! changed, not that it is wrong. Nothing is left out: mutants that `#[mutants::skip]` would hide count too.
 //!
-//! The changes are made in a copy of the tree that stays below `target/mutants`, so that core and third-party packages
+//! The changes are made in a copy of the tree below `target/mutants`, which is kept. So core and third-party packages
 //! are compiled once, and only the package and its tests for each change.
 //!
 //! The work continues file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with a
 //! checksum of its contents. A run takes the files that have no row, or have changed since, and writes the table after
-//! each, so it can be stopped at any time. Reasons that a person wrote beside a survivor are kept. For a package that
-//! would take days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which
-//! gives another sample.
+//! each, so it can be stopped at any time. Reasons written beside a survivor are kept. For a package that would take
+//! days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which gives
+//! another sample.
 
 use crate::{copy, process, tool, tree, workspace};
 use anyhow::{Context, Result, ensure};
@@ -53,7 +53,7 @@ struct Package {
     name: &'static str,
     /// Parts of the names of its goldens: tests that compare with committed files.
     goldens: &'static [&'static str],
-    /// Parts of the names of its slow tests: they test only what the others miss.
+    /// Parts of the names of its slow tests, which run only on mutants that the others miss.
     slow: &'static [&'static str],
     /// Which passes have succeeded on the unchanged source.
     sound: Cell<[bool; Pass::COUNT]>,
@@ -73,7 +73,7 @@ fn packages() -> [Package; 3] {
     ]
 }
 
-/// Which tests a pass runs on a file's mutants; each pass takes those that the one before missed.
+/// The tests that a pass runs on a file's mutants; each pass takes those that the previous one missed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pass {
     /// All tests but goldens and slow ones.
@@ -88,25 +88,25 @@ impl Pass {
     const COUNT: usize = 3;
 }
 
-/// Longest processor time of one compiler or test program \[s\]. Tests that take more would never end, and count as
-/// caught; a mutant that the compiler does not finish does not compile, and is left out. Not wall-clock time: on a busy
-/// machine everything would be too slow, and so caught.
+/// CPU time limit of one compiler or test process \[s\]. A test that takes more would never end, and counts as caught;
+/// a mutant that the compiler does not finish does not compile, and is left out. CPU time rather than wall-clock time:
+/// on a busy machine everything would be too slow, and would count as caught.
 const CPU_S: &str = "60";
-/// Most address space of one compiler or test program \[KB\]: some tests that never end ask for all memory.
+/// Address space limit of one compiler or test process \[KB\]: some tests that never end allocate all memory.
 const SPACE_KB: &str = "8000000";
-/// Longest time to compile or to test one mutant \[s\], for those that wait forever.
+/// Time limit to compile or to test one mutant \[s\], for those that wait forever.
 const WAIT_S: &str = "1200";
 
 /// Share of the mutants that tests should catch \[%\].
 const GOAL: f64 = 95.0;
-/// Placeholder until somebody writes why a survivor may live.
+/// Placeholder until somebody writes why a survivor is acceptable.
 const NO_REASON: &str = "no reason yet";
 
-/// Which mutants of a package are tested at once.
+/// The mutants of a package that are tested together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Scope {
     File(String),
-    /// Every Nth of all, from a first one on.
+    /// Every Nth of all mutants, from a given first one.
     Sample {
         every: NonZeroUsize,
         from: usize,
@@ -132,7 +132,7 @@ impl Scope {
         }
     }
 
-    /// What was changed, without the place in the file, which moves, and without the file if there is only one.
+    /// The change, without the position in the file, which moves, and without the file if there is only one.
     fn without_place(&self, line: &str) -> String {
         let (place, change) = line.split_once(": ").unwrap_or_default();
         match self {
@@ -142,7 +142,7 @@ impl Scope {
     }
 }
 
-/// Begins the name of a sample in the table.
+/// Prefix of a sample's name in the table.
 const SAMPLE: &str = "one mutant of ";
 
 /// Results for the mutants of one file, or of a sample.
@@ -151,21 +151,21 @@ struct Tested {
     /// Checksum of the source when it was tested.
     sum: String,
     caught: usize,
-    /// Caught by a golden and by nothing else.
+    /// Caught only by a golden.
     golden: usize,
     survived: usize,
 }
 
-/// What is committed for a package.
+/// The committed results of a package.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Record {
     files: BTreeMap<String, Tested>,
-    /// Survivors by file, each with its reason; and what only a golden catches.
+    /// Survivors by file, each with its reason; and mutants that only a golden catches.
     survivors: BTreeMap<String, Vec<(String, String)>>,
     golden: BTreeMap<String, Vec<String>>,
 }
 
-/// Tests what is left, and fails if a finished package misses the goal.
+/// Tests the remaining files, and fails if a finished package misses the goal.
 pub fn run(options: &Options) -> Result<()> {
     let is_chosen = |package: &Package| options.package.as_ref().is_none_or(|name| name == package.name);
     let chosen: Vec<Package> = packages().into_iter().filter(is_chosen).collect();
@@ -221,7 +221,7 @@ impl Package {
         format!("firmware/{}/src", self.name)
     }
 
-    /// Its source files with the checksums of their contents, tests in files of their own left out.
+    /// Its source files with the checksums of their contents; separate test files are left out.
     fn files(&self) -> Result<BTreeMap<String, String>> {
         let mut files = BTreeMap::new();
         for path in tree::files(self.sources())? {
@@ -233,8 +233,8 @@ impl Package {
         Ok(files)
     }
 
-    /// Files not tested in their present form, short ones first, so that a run that is stopped early has done more of
-    /// them.
+    /// Files whose present contents are untested, short ones first, so that a run that is stopped early has completed
+    /// more of them.
     fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<Scope>> {
         if let Some(only) = only {
             let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
@@ -252,7 +252,7 @@ impl Package {
     fn test(&self, scope: &Scope, record: &mut Record) -> Result<()> {
         let folder = workspace::target()?.join("mutants");
         let started = Instant::now();
-        // Before the tests: a source edited meanwhile is another one.
+        // Before the tests: a source that is edited meanwhile no longer matches.
         let sum = match scope {
             Scope::File(file) => sum(&tree::read(file)?),
             Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
@@ -286,7 +286,7 @@ impl Package {
         Ok(())
     }
 
-    /// Tests these mutants once: all of them, or some.
+    /// Runs one pass on these mutants: all of them, or some.
     fn pass(&self, pass: Pass, scope: &Scope, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
         let mut sound = self.sound.get();
         let mut command = tool::MUTANTS.command()?;
@@ -307,7 +307,7 @@ impl Package {
         ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
         let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
-            // No expression can select fields that are left out, so all of those were tried.
+            // No expression can select struct fields that are omitted, so all of those were tried.
             for lines in [&mut outcomes.caught, &mut outcomes.missed] {
                 lines.retain(|line| only.contains(line));
             }
@@ -318,7 +318,7 @@ impl Package {
         Ok(outcomes)
     }
 
-    /// Parts of the names of the tests that do not run in this pass.
+    /// Parts of the names of the tests that this pass skips.
     fn left_out(&self, pass: Pass) -> impl Iterator<Item = &'static str> {
         let goldens = if pass != Pass::Golden { self.goldens } else { &[] };
         let slow = if pass == Pass::Quick { self.slow } else { &[] };
@@ -338,9 +338,9 @@ fn with_limits(command: Command) -> Command {
     limited
 }
 
-/// What `cargo-mutants` found: lines with file, place and change.
+/// The results of `cargo-mutants`: lines with file, position and change.
 struct Outcomes {
-    /// Caught, by a test that failed or ran without end.
+    /// Caught by a test that failed or never ended.
     caught: Vec<String>,
     missed: Vec<String>,
 }
@@ -350,8 +350,8 @@ impl Outcomes {
         let lines = |name: &str| -> Result<Vec<String>> {
             Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
         };
-        // What does not compile is left out. What does not link shows that a compiler was killed during incremental
-        // work.
+        // Mutants that do not compile are left out. A link failure means that a compiler was killed during an
+        // incremental build.
         for path in tree::files(folder.join("log"))? {
             let is_broken = tree::text(&path)?.contains("error: linking with");
             ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
@@ -439,7 +439,7 @@ impl Record {
         text
     }
 
-    /// Takes the results for a file's mutants. Reasons stay with the same change.
+    /// Adds the results for a file's mutants. A reason stays with the same change.
     fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
         let mut known = self.survivors.remove(file).unwrap_or_default();
         let survivors: Vec<_> = survived
@@ -467,7 +467,7 @@ impl Record {
         self.golden.retain(|name, _| is_there(name));
     }
 
-    /// Mutants that tests catch in all files, or in samples.
+    /// Mutants caught in all files, or in samples.
     fn caught(&self, in_samples: bool) -> Caught {
         let rows = self.files.iter().filter(|(name, _)| name.starts_with(SAMPLE) == in_samples);
         rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survived, .. })| Caught {
@@ -495,7 +495,7 @@ impl Record {
     }
 }
 
-/// Mutants that compile, and those that tests catch.
+/// Number of mutants that compile, and of those that tests catch.
 #[derive(Clone, Copy, Debug, Default)]
 struct Caught {
     rows: usize,
@@ -509,7 +509,7 @@ impl Caught {
         if self.all > 0 { 100.0 * self.caught as f64 / self.all as f64 } else { 100.0 }
     }
 
-    /// Share of all from which this is a sample \[%\], by Wilson's interval.
+    /// Share of all mutants that this sample represents \[%\], by Wilson's interval.
     fn interval_percent(&self) -> [f64; 2] {
         let (n, share, z) = (self.all as f64, self.percent() / 100.0, 1.96);
         let middle = share + z * z / (2.0 * n);

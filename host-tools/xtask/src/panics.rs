@@ -1,14 +1,14 @@
 //! The shipping image cannot panic inside the estimator, and cannot allocate.
 //!
-//! Three proofs on the image itself, as the optimised code is what counts:
+//! Three proofs on the image itself, because the optimised code is what runs:
 //! - No chain of branches leads from a function of `inerter-core` to the panic handler. Every direct Thumb-2 branch is
 //!   followed. To save space, a compiler may keep the address of an often-called function in a register: so every
 //!   function whose address is among the constants of another is followed too, and calls through a register without
-//!   such a constant are refused. The serialisers derived for the estimator's records are excluded: they call the frame
-//!   writer.
-//! - The image contains no place in a source file of the estimator: each panic that could still happen, also in code
-//!   that was inlined elsewhere, carries the path of its file.
-//! - No symbol of an allocator is in the image.
+//!   such a constant are rejected. The serialisers derived for the estimator's records are excluded: they call the
+//!   frame writer.
+//! - The image contains no path of the estimator's source files: each panic that could still happen, even in code that
+//!   was inlined elsewhere, carries the path of its file.
+//! - The image contains no symbol of an allocator.
 //!
 //! Source: ARMv7-M Architecture Reference Manual (DDI 0403E), A7.7.12 (B), A7.7.18 (BL), A7.7.19 (BLX).
 
@@ -20,9 +20,9 @@ use anyhow::{Context, Result, ensure};
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
-/// Path of the estimator's sources as it is in a panic.
+/// Path of the estimator's sources as a panic contains it.
 const SOURCES: &[u8] = b"firmware/core/src/";
-/// Where every panic ends.
+/// The function in which every panic ends.
 const HANDLER: &str = "rust_begin_unwind";
 /// Parts of the names of an allocator's functions.
 const ALLOCATORS: &[&str] = &["__rust_alloc", "__rust_realloc", "__rg_alloc", "__rdl_alloc"];
@@ -63,12 +63,12 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// What is checked in an image.
+/// The contents of an image that are checked.
 struct Program {
     functions: Vec<Function>,
     /// Function by its address.
     at: HashMap<u64, usize>,
-    /// Files of the estimator that a panic names.
+    /// Files of the estimator named in panics.
     named: Vec<String>,
     allocators: Vec<String>,
 }
@@ -207,7 +207,7 @@ impl Function {
     }
 }
 
-/// Whether this is a function of the estimator, and not a derived serialiser.
+/// Whether this is a function of the estimator and not a derived serialiser.
 fn of_estimator(name: &str) -> bool {
     size::of_core(name) && !name.contains("serde_core::")
 }
@@ -231,7 +231,7 @@ fn wide_target(first: u16, second: u16) -> Option<i64> {
     let sign = bit(first, 10);
     let (low, j1, j2) = (i64::from(second & 0x7FF), bit(second, 13), bit(second, 11));
     match (second >> 14 & 1, second >> 12 & 1) {
-        // BL and B.W: 24 bits; J1 and J2 say whether the bits agree with the sign.
+        // BL and B.W: 24 bits; J1 and J2 encode two more, relative to the sign.
         (_, 1) => {
             let (i1, i2) = (1 - (j1 ^ sign), 1 - (j2 ^ sign));
             Some((-sign << 24) | i1 << 23 | i2 << 22 | i64::from(first & 0x3FF) << 12 | low << 1)

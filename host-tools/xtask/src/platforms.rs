@@ -4,7 +4,7 @@
 use crate::{process, setup};
 use anyhow::{Result, ensure};
 
-/// One for each system; neither needs a linker or a C compiler for the check, even with all features.
+/// One for each system; neither needs a linker or a C compiler for this check, even with all features.
 const TARGETS: [&str; 2] = ["x86_64-pc-windows-gnu", "aarch64-apple-darwin"];
 
 /// Checks the host program for each of them.

@@ -16,7 +16,7 @@ thread_local! {
     static SPENT: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// Processor time of the programs that this thread has run to their end; on Unix with that of their own children.
+/// CPU time of the programs that this thread has run to their end; on Unix including their children.
 pub fn spent() -> Duration {
     SPENT.get()
 }
@@ -45,7 +45,7 @@ pub fn rustc() -> Command {
     Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()))
 }
 
-/// The command as a person would type it.
+/// The command as typed in a shell.
 pub fn shown(command: &Command) -> String {
     let quote = |text: &OsStr| {
         let text = text.to_string_lossy().into_owned();
@@ -56,7 +56,7 @@ pub fn shown(command: &Command) -> String {
     std::iter::once(quote(name)).chain(command.get_args().map(quote)).collect::<Vec<_>>().join(" ")
 }
 
-/// Runs a program to its end with this program's own output; fails if that program fails.
+/// Runs a program to its end; its output goes where this program's does. Fails if that program fails.
 pub fn run(command: &mut Command) -> Result<()> {
     let status = command.spawn().and_then(ended).with_context(|| format!("cannot start `{}`", shown(command)))?;
     ensure!(status.success(), "`{}` failed ({status})", shown(command));
@@ -94,7 +94,7 @@ fn piped(command: &mut Command) -> Result<(Child, ChildStdout)> {
     Ok((child, pipe))
 }
 
-/// What a program that may be missing prints of its version.
+/// The version line of a program that may be missing.
 pub fn version(program: impl AsRef<OsStr>) -> Option<String> {
     first_line(Command::new(program).arg("--version"))
 }

@@ -61,7 +61,7 @@ fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
     Ok(snippets)
 }
 
-/// The commands that make the files.
+/// The commands that create the files.
 fn commands(page: &str) -> impl Iterator<Item = &str> {
     let block = page.split_once("```sh\n").and_then(|(_, after)| after.split_once("```"));
     block.map_or("", |(commands, _)| commands).lines()
@@ -72,14 +72,14 @@ pub fn files_environment() -> Result<PathBuf> {
     environment(&workspace::target()?.join("python/environment"), IMPORTS, REQUIREMENTS, false)
 }
 
-/// A Python with packages, in an environment of its own: found, or made from the Python Package Index, anew if what is
-/// required has changed since.
+/// A Python with packages, in a separate environment: an existing one, or one made from the Python Package Index. It is
+/// made again if the requirements have changed since.
 pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool) -> Result<PathBuf> {
     let python = folder.join(if cfg!(windows) { "Scripts/python.exe" } else { "bin/python" });
     let test = format!("import {imports}; print('complete')");
     let complete = |python: &Path| process::first_line(Command::new(python).args(["-c", &test])).is_some();
     let wanted = tree::text(requirements)?;
-    // The requirements it was made from: without them a raised version, or a package that nothing imports, would go
+    // The requirements it was made from: otherwise a raised version, or a package that nothing imports, would go
     // unnoticed.
     let made_for = folder.join("requirements.txt");
     let is_current = tree::text_if_there(&made_for)? == wanted;
@@ -92,7 +92,7 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     process::run(Command::new(system).args(["-m", "venv", "--clear"]).arg(folder))
         .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
     let mut pip = pip(&python);
-    // Leave out what a package only names and never uses.
+    // Leave out packages that a package declares but never uses.
     pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
     process::run(&mut pip).context("the packages could not be installed")?;
     tree::write(&made_for, wanted)?;
@@ -105,7 +105,7 @@ fn pip(python: &Path) -> Command {
     pip
 }
 
-/// Puts the wheel in place of an earlier one.
+/// Installs the wheel in place of an earlier one.
 pub fn install(python: &Path, wheel: &Path) -> Result<()> {
     process::run(pip(python).args(["--force-reinstall", "--no-deps"]).arg(wheel))
         .context("the wheel could not be installed")

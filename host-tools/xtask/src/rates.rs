@@ -1,5 +1,5 @@
-//! How fast the package replays, compared with the program and numpy (`docs/tables/rates.md`), and what many runs cost
-//! (`docs/tables/scale.md`).
+//! How fast the Python package replays, compared with the program and numpy (`docs/tables/rates.md`), and what many
+//! runs cost (`docs/tables/scale.md`).
 
 use crate::{
     process, python,
@@ -10,7 +10,7 @@ use crate::{
 use anyhow::{Result, bail};
 use std::{path::PathBuf, process::Command};
 
-/// What the script imports beside the package.
+/// The script's imports besides the package.
 const IMPORTS: &str = "numpy, pyarrow";
 const REQUIREMENTS: &str = "tests/python/files-requirements.txt";
 /// Length of the runs.
@@ -18,7 +18,7 @@ const DURATION_S: &str = "600";
 
 /// Runs of `scale`, by default.
 const RUNS: u32 = 10_000;
-/// What its script imports beside the package.
+/// The import of its script besides the package.
 const CLUSTER: &str = "distributed";
 
 #[derive(clap::Args, Clone, Copy, Debug)]
@@ -64,7 +64,7 @@ pub fn scale(options: &ScaleOptions) -> Result<()> {
     settle("scale", table, options.update)
 }
 
-/// Measures the rates, and prints or writes the table; fails where it misses its goal.
+/// Measures the rates, and prints or writes the table; fails if it misses its goal.
 pub fn run(options: &Options) -> Result<()> {
     let Released { folder, python, program } = released("rates", IMPORTS, REQUIREMENTS)?;
     let mut paths = Vec::new();

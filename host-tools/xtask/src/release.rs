@@ -1,4 +1,4 @@
-//! The files of a release that this computer can make, below `target/release-files`.
+//! The release files that this computer can make, below `target/release-files`.
 //!
 //! | file | what it is |
 //! |---|---|
@@ -35,12 +35,12 @@ pub struct Options {
     pub program_only: bool,
 }
 
-/// Each board's image, by the name that the image has for its board.
+/// Each board's image, by the name that the image reports for its board.
 const BOARDS: [(Image, &str); 2] = [(Image::Weact, "weact-g474"), (Image::Board, "nucleo-g474re")];
-/// Name of the files that the tool leaves in the folders of all packages.
+/// Name of the files that the tool leaves in all packages' folders.
 const LEFT: &str = "inerter-release.cdx";
 
-/// Makes them all anew and prints their names and sizes.
+/// Makes all of them again and prints their names and sizes.
 pub fn run(options: &Options) -> Result<()> {
     let (version, host) = (env!("CARGO_PKG_VERSION"), host()?);
     if let Some(tag) = options.tag.as_ref().filter(|tag| **tag != format!("v{version}")) {
@@ -85,7 +85,7 @@ fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// The bill of materials of a package: all that cargo links into it or runs to build it, and nothing else.
+/// The bill of materials of a package: everything that cargo links into it or runs to build it, and nothing else.
 fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
     let mut command = CYCLONE_DX.command()?;
@@ -111,13 +111,13 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
     Ok(bytes)
 }
 
-/// Name and version of each line of `cargo tree`.
+/// Name and version from each line of `cargo tree`.
 fn linked(printed: &str) -> BTreeSet<(String, String)> {
     let words = printed.lines().map(str::split_whitespace);
     words.filter_map(|mut words| Some((words.next()?.into(), words.next()?.strip_prefix('v')?.into()))).collect()
 }
 
-/// The tool lists the lock file, which has more packages than are linked: the others are removed. A missing one is an
+/// The tool lists the lock file, which has more packages than are linked: removes the others. A missing one is an
 /// error.
 fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> Result<Value> {
     let mut bill: Value = serde_json::from_str(text).context("the bill of materials is not JSON")?;

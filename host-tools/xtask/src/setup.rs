@@ -1,7 +1,7 @@
-//! What a fresh machine needs, found or installed.
+//! Finds or installs everything that a fresh machine needs.
 //!
-//! Everything is printed before it is installed, and installed only by the machine's own means: rustup, cargo, pip,
-//! apt-get. If that is not possible, the exact command to type is printed and the set-up fails.
+//! It prints every step before it installs anything, and uses only the machine's own tools: rustup, cargo, pip,
+//! apt-get. If that is not possible, it prints the exact command to type and fails.
 //!
 //! The firmware's compiler is the first of: this Rust with the target that rustup adds; this Rust with `rust-src`,
 //! which compiles the core library itself; without rustup, Debian's `rustc-web` with `rust-web-src` and `lld`.
@@ -35,7 +35,7 @@ pub struct Options {
 pub enum Need {
     /// A way to compile for the target.
     Firmware,
-    /// `rustfmt` or `clippy`. Without rustup, cargo would say to install a crate of that name instead.
+    /// `rustfmt` or `clippy`. Without rustup, cargo suggests installing a crate of that name instead.
     Component(&'static str),
     /// `qemu-system-arm`.
     Qemu,
@@ -45,7 +45,7 @@ pub enum Need {
     Cxx,
     /// `cargo deny`, which checks licences and sources.
     Deny,
-    /// `qemu-system-x86_64`, in which a real Linux uses the device.
+    /// `qemu-system-x86_64`, in which a real Linux kernel uses the device.
     Guest,
 }
 
@@ -70,7 +70,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Finds or, unless `check`, installs these; fails with the list of what is still missing.
+/// Finds these or, unless `check` is set, installs them; fails with the list of what is still missing.
 pub fn ensure(needs: &[Need], check: bool) -> Result<()> {
     let mut missing = Vec::new();
     for need in needs {
@@ -180,7 +180,7 @@ fn install_target() -> Result<()> {
     bail!("neither rustup nor the distribution could provide it")
 }
 
-/// Runs rustup, where there is one.
+/// Runs rustup, if there is one.
 pub fn rustup(arguments: &[&str]) -> Result<()> {
     ensure!(process::version("rustup").is_some(), "there is no rustup on this machine");
     process::run_shown(Command::new("rustup").args(arguments))
@@ -256,7 +256,7 @@ pub fn os_release() -> String {
     fs::read_to_string("/etc/os-release").unwrap_or_default()
 }
 
-/// What provides one thing, by package manager.
+/// The packages that provide one need, by package manager.
 struct Packages {
     /// In the order of [`LINUX`].
     linux: [&'static str; LINUX.len()],
@@ -314,7 +314,7 @@ const TWIN_PACKAGES: Packages = Packages {
     otherwise: "install CMake, a C compiler and libclang, and point LIBCLANG_PATH to the folder of libclang",
 };
 
-/// How the packages are installed on the system whose `/etc/os-release` this is.
+/// How to install the packages on the system with this `/etc/os-release`.
 fn advice(packages: &Packages, os_release: &str) -> String {
     let names: Vec<&str> = os_release
         .lines()

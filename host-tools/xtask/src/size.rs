@@ -1,4 +1,4 @@
-//! What the image occupies: flash, static RAM, stack.
+//! The image's use of flash, static RAM and stack.
 
 use crate::{
     firmware::{self, Image},
@@ -12,7 +12,7 @@ use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, Sym
 use serde_json::Value;
 use std::{path::Path, process::Command};
 
-/// Whether an interrupt comes on top of the deepest call is a matter of chance.
+/// It is a matter of chance whether an interrupt occurs during the deepest call.
 const STACK_TOLERANCE: f64 = 0.15;
 
 /// Start of RAM; below it is flash, except for CCM SRAM (RM0440, 2.2.2).
@@ -30,19 +30,19 @@ pub struct Sizes {
     pub data: u64,
     /// Variables without one.
     pub bss: u64,
-    /// Part of `text` in functions of `inerter-core`; what was inlined counts where it went.
+    /// Part of `text` in functions of `inerter-core`; inlined code counts where it was inlined.
     pub core_text: u64,
 }
 
-/// Goal for the load: a quarter of 168 MHz, at one instruction a cycle.
+/// Goal for the load: a quarter of 168 MHz, at one instruction per cycle.
 const LOAD_GOAL: f64 = 42e6;
 /// Goal for the load in cycles, pessimistic, in per cent.
 const CYCLES_GOAL: f64 = 35.0;
-/// The load depends on the motion's noise a little.
+/// The load depends slightly on the motion's noise.
 const LOAD_TOLERANCE: f64 = 0.05;
 
-/// Goals for the image that ships, in bytes; RAM counts CCM SRAM. Of the chip's two flash banks the image has the
-/// first, 256 KB.
+/// Goals for the image that ships, in bytes; RAM includes CCM SRAM. The image has the first of the chip's two flash
+/// banks, 256 KB.
 const FLASH_GOAL: f64 = 192.0 * 1024.0;
 const RAM_GOAL: f64 = 56.0 * 1024.0;
 
@@ -100,7 +100,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
     for load in loads {
         let figure = |name: &str| load[name].as_f64().with_context(|| format!("no number `{name}` in {load}"));
         let with = load["with"].as_str().with_context(|| format!("no text `with` in {load}"))?;
-        // The digital front end delivers each sample by itself: its load is reported, without a goal.
+        // The digital front end delivers single samples: its load is reported, without a goal.
         let digital = with.starts_with("ADS131M04");
         let with = if with.is_empty() { String::new() } else { format!(" ({with})") };
         let name = format!("board, load at {} kHz{with}", figure("rate_hz")?.round() / 1e3);
@@ -117,7 +117,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
     Ok(rows)
 }
 
-/// What the twin measured while the board's image served with every stream on.
+/// The twin's measurements of the board's image with every stream on.
 fn twin(image: &Path) -> Result<Value> {
     let program = workspace::tested(Part::Twin, "figures")?;
     let printed = process::output(Command::new(program).env(Image::Board.variable(), image))?;
@@ -155,7 +155,7 @@ fn sizes(bytes: &[u8]) -> Result<Sizes> {
     Ok(sizes)
 }
 
-/// Whether the demangled name is a function of the estimator: `inerter_core::..` or `<inerter_core::Active as ..>`.
+/// Whether this demangled name is a function of the estimator: `inerter_core::..` or `<inerter_core::Active as ..>`.
 pub fn of_core(name: &str) -> bool {
     name.trim_start_matches(['<', '&', '(']).starts_with("inerter_core::")
 }

@@ -1,9 +1,10 @@
 //! Runs the live programs for hours: a virtual device at 4 kHz with two recordings, the page and all bridges, and the
-//! image in QEMU with a recording of its own.
+//! image in QEMU with a separate recording.
 //!
-//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and each recording must give the
-//! same digits in a replay as on a device. `target/soak/progress.tsv` has a line for each look at the processes, so a
-//! run that was stopped early shows how far it got. The twin is left out: it runs many times slower than real time.
+//! Nothing may be lost, no process may grow, samples and the host's clock must agree, and each recording must give
+//! identical output in a replay and on a device. `target/soak/progress.tsv` has a line for each measurement of the
+//! processes, so a run that was stopped early shows how far it got. The twin is left out: it runs many times slower
+//! than real time.
 
 mod kept;
 
@@ -35,9 +36,9 @@ use std::{
 
 /// Samples per second of the image in QEMU.
 const QEMU_RATE_HZ: f64 = 1000.0;
-/// How much a process may grow after the first minute \[%\].
+/// Allowed growth of a process after the first minute \[%\].
 const GROWTH: f64 = 5.0;
-/// How far samples and the host's clock may be apart at the end \[s\]: because of batches and a busy machine, a
+/// Allowed difference between samples and the host's clock at the end \[s\]: because of batches and a busy machine, a
 /// recording starts and ends late.
 const APART_S: f64 = 0.25;
 /// The same per second: both count the same oscillator \[s/s\].
@@ -79,12 +80,12 @@ impl Watched {
     }
 }
 
-/// The simulator of the image, which ends its QEMU when it is asked to end.
+/// The simulator of the image; it stops its QEMU when it is told to terminate.
 struct Simulator(Running);
 
 impl Drop for Simulator {
     fn drop(&mut self) {
-        // It may have ended already; one that ignores this is killed a moment later.
+        // It may have ended already; one that ignores the signal is killed a moment later.
         let _ = Command::new("kill").arg(self.0.0.id().to_string()).status();
         let asked = Instant::now();
         while matches!(self.0.0.try_wait(), Ok(None)) && asked.elapsed() < Duration::from_secs(5) {
@@ -112,7 +113,7 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let mut kept = Kept::read()?;
     while let Some(hours) = kept.next_h(options.hours) {
-        // Before the table is written, which would count as a difference.
+        // Taken before the table is written, which would count as a difference.
         let commit = commit();
         kept.add(&commit, hours, &portion(&Options { hours, ..*options })?)?;
     }
@@ -124,7 +125,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     let image = if options.no_qemu { None } else { Some(image()?) };
     let program = workspace::installed()?;
     let folder = workspace::folder("soak")?;
-    // Each run begins its own.
+    // Each run starts a new one.
     File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
     let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
     for row in &rows {
@@ -217,7 +218,7 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
         ensure!(views.load(Ordering::Relaxed) > 0, "one of the views received nothing");
     }
-    // Its channels alone are a few kB; each sample is a message.
+    // Its channel list is only a few kB; each sample is a message.
     let sent = seen.foxglove.load(Ordering::Relaxed) as f64;
     ensure!(sent > RATE_HZ * seconds, "Foxglove was sent only {sent} bytes");
     let recordings = [("monitor.mcap", RATE_HZ), ("beside.mcap", RATE_HZ)];
@@ -250,7 +251,7 @@ fn listen(output: ChildStdout, views: &Sender<(String, String)>, seen: &Seen) {
         let Ok(line) = serde_json::from_str::<Value>(&line) else { continue };
         match (line["kind"].as_str(), line["view"].as_str(), line["address"].as_str()) {
             (Some("view"), Some(view), Some(address)) => {
-                // Fails when nobody waits for it any more.
+                // Fails if nobody waits for it any more.
                 let _ = views.send((view.to_owned(), address.to_owned()));
             }
             (Some("link"), ..) => {
@@ -275,7 +276,7 @@ fn datagrams(seen: &Seen) -> Result<String> {
     Ok(address)
 }
 
-/// Opens a view's WebSocket, as a browser does, sends this, and counts what comes.
+/// Opens a view's WebSocket, as a browser does, sends this message, and counts what arrives.
 fn look_on(url: &str, header: &str, message: &[u8], count: &Arc<AtomicU64>) -> Result<()> {
     let (_, place) = url.split_once("://").with_context(|| format!("no address of a view: {url}"))?;
     let (host, path) = place.split_once('/').unwrap_or((place, ""));
@@ -303,12 +304,12 @@ fn look_on(url: &str, header: &str, message: &[u8], count: &Arc<AtomicU64>) -> R
 fn subscriptions() -> Vec<u8> {
     let all: Vec<Value> = (0..16).map(|channel| json!({ "id": channel, "channelId": channel })).collect();
     let text = json!({ "op": "subscribe", "subscriptions": all }).to_string();
-    // The last fragment, text; a length of two bytes follows; the mask changes nothing.
+    // A final text fragment; a length of two bytes follows; the mask is zero and changes nothing.
     let length = (text.len() as u16).to_be_bytes();
     [&[0x81, 0x80 | 126], &length[..], &[0; 4], text.as_bytes()].concat()
 }
 
-/// Looks at all processes until the recorders are done, and logs each look.
+/// Measures all processes until the recorders are done, and logs each measurement.
 fn watch(
     watched: &mut [Watched],
     recorders: &mut [(&str, Running)],
@@ -356,8 +357,8 @@ fn has_ended(name: &str, child: &mut Child) -> Result<bool> {
     }
 }
 
-/// Memory of a process, and its growth since the first minute: the peak of the second half of that time against that of
-/// the first half, because a search for causes takes much memory every few seconds and frees it again.
+/// Memory of a process, and its growth since the first minute: the peak in the second half of that time compared with
+/// the peak in the first half, because a search for causes briefly allocates much memory every few seconds.
 fn memory(watched: &Watched) -> Vec<Row> {
     let looks = &watched.looks;
     let last_s = looks.last().map_or(0.0, |look| look.at_s);
@@ -431,7 +432,7 @@ mod tests {
         watched.looks = (0..40).map(|place| look(f64::from(place) * 5.0)).collect();
         let rows = memory(&watched);
         assert!((rows[0].value - 11.95).abs() < 1e-9 && (rows[1].value - 6.222).abs() < 0.01, "{rows:?}");
-        // Without a look nothing is verified.
+        // Without a measurement nothing is verified.
         watched.looks.clear();
         assert!(memory(&watched)[1].value.is_nan());
     }

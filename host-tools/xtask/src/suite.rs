@@ -31,12 +31,12 @@ pub struct Options {
     pub fail_fast: bool,
 }
 
-/// What a step took.
+/// Time that a step took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Taken {
-    /// By the wall clock.
+    /// Wall-clock time.
     time: Duration,
-    /// Of all processors together.
+    /// CPU time of all processors together.
     processor: Duration,
 }
 
@@ -63,24 +63,24 @@ enum When {
 /// One step of the suite.
 struct Step {
     name: &'static str,
-    /// How a person runs this step alone.
+    /// The command that runs this step alone.
     alone: &'static str,
-    /// If it fails, nothing after it makes sense.
+    /// If it fails, the later steps are pointless.
     needed: bool,
     when: When,
-    /// Time that it may take on two processors in a clean clone \[s\]; none if it runs beside others, or with `--quick`
-    /// only. All together are 25 minutes, with `--full` 80.
+    /// Time budget on two processors in a clean clone \[s\]; `None` if it runs in parallel with others, or with
+    /// `--quick` only. The total is 25 minutes, with `--full` 80.
     budget_s: Option<u64>,
     run: Run,
 }
 
 impl Step {
-    /// One that the others wait for, left out by `--quick`.
+    /// A step that the others wait for, left out by `--quick`.
     const fn here(name: &'static str, alone: &'static str, run: fn() -> Result<()>) -> Self {
         Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Here(run) }
     }
 
-    /// One that runs beside the others, left out by `--quick`.
+    /// A step that runs in parallel with the others, left out by `--quick`.
     const fn beside(name: &'static str, alone: &'static str) -> Self {
         Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Beside }
     }
@@ -103,14 +103,14 @@ impl Step {
 enum Run {
     /// In this process, one at a time.
     Here(fn() -> Result<()>),
-    /// By its own command, at the lowest priority, beside what comes after it: tests that wait for the wall clock leave
-    /// processors free. Its output is shown at the end.
+    /// By its own command, at the lowest priority, in parallel with the following steps: tests that wait for wall-clock
+    /// time leave processors idle. Its output is shown at the end.
     Beside,
 }
 
 const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"];
 
-/// Features of the board's image beside the default ones, each a set that must compile.
+/// Features of the board's image besides the default ones; each set must compile.
 const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
@@ -133,7 +133,7 @@ const STEPS: &[Step] = &[
     .when(When::Always),
     Step::here("arrows", "cargo xtask check-arrows", arrows::run).within(15).when(When::Always),
     Step::here("supply", "cargo xtask check-supply", || supply::run(&supply::Options::default())).within(10),
-    // No barrier is needed: whatever runs an image builds it, and waits for a build under way.
+    // No synchronisation is needed: whatever runs an image builds it, and waits for a build in progress.
     Step::beside("firmware", "cargo xtask build-firmware"),
     Step::here("lints, host", "cargo clippy --workspace --all-targets -- -D warnings", lint_host)
         .within(200)
@@ -300,8 +300,8 @@ fn said_beside(step: &Step) -> Result<PathBuf> {
     Ok(workspace::target()?.join(format!("{name}.txt")))
 }
 
-/// A line for each step: its time, its processor time and, for steps that hold up the others, its budget; finally the
-/// total `time`.
+/// A line for each step: its wall-clock time, its CPU time and, for steps that delay the others, its budget; finally
+/// the total `time`.
 fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
     let mut lines = vec![format!("{:36} {:>9} {:>9} {:>9}", "", "time", "budget", "processor")];
     let mut processor = Duration::ZERO;
@@ -401,7 +401,7 @@ fn test_probe() -> Result<()> {
     Ok(())
 }
 
-/// The property tests with cases of their own, where `.cargo/config.toml` has the same for every run.
+/// The property tests with new random cases, while `.cargo/config.toml` fixes the cases for all other runs.
 fn test_other_cases() -> Result<()> {
     let seed = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock is before 1970")?.as_secs();
     println!("PROPTEST_RNG_SEED={seed}");
@@ -409,8 +409,8 @@ fn test_other_cases() -> Result<()> {
     process::run(Part::Main.all("test").args(programs).env("PROPTEST_RNG_SEED", seed.to_string()))
 }
 
-/// In the main workspace with examples: cargo then enables the same features of dependencies as for the lints, and checks
-/// none again. Programs named as their library are left out, as it has their page.
+/// In the main workspace including examples: cargo then enables the same features of dependencies as for the lints, and
+/// does not check any again. Programs with the same name as their library are left out, because their page is the same.
 fn document() -> Result<()> {
     const LIBRARIES: &[&str] = &["--lib", "--examples"];
     const PROGRAMS: &[&str] =
@@ -424,10 +424,10 @@ fn document() -> Result<()> {
     })
 }
 
-/// All tests. What this command makes or installs is required; recordings of real machines are required if their folder
-/// exists.
+/// All tests. Everything that this command makes or installs is required; recordings of real machines are required if
+/// their folder exists.
 ///
-/// Most of the twin's tests wait for the wall clock: they run beside all others.
+/// Most of the twin's tests wait for wall-clock time, so they run in parallel with all others.
 fn test() -> Result<()> {
     let (images, list) = (firmware::build_all()?, skipped_list()?);
     let tests = |part: Part| {

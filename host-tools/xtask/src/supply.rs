@@ -1,4 +1,4 @@
-//! What is linked, against deny.toml: licences, banned packages, sources of packages, duplicates.
+//! Checks what is linked against deny.toml: licences, banned packages, sources of packages, duplicates.
 //!
 //! Only packages that the lock files name and this machine lacks are fetched. Advisories need a list that changes every
 //! day, so they are an option, which `.github/workflows/advisories.yml` uses.
@@ -27,7 +27,7 @@ const SHIPS: &[&str] = &[
     "--allow=license-exception-not-encountered",
 ];
 
-/// Each workspace for tests links only a part of what deny.toml lists, and duplicates cost nothing there.
+/// Each workspace for tests links only part of what deny.toml lists, and duplicates do no harm there.
 const TESTS: &[&str] = &[
     "--allow=duplicate",
     "--allow=unmatched-skip",
@@ -35,7 +35,7 @@ const TESTS: &[&str] = &[
     "--allow=license-not-encountered",
     "--allow=unused-wrapper",
     "--allow=license-exception-not-encountered",
-    // unicorn-engine says `GPL-2.0`, an old name.
+    // unicorn-engine declares `GPL-2.0`, a deprecated identifier.
     "--allow=parse-error",
 ];
 
@@ -54,7 +54,7 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Checks one of them. Licences are read from the packages, which must therefore be here.
+/// Checks one of them. Licences are read from the packages, which must therefore be present.
 fn check(folder: &Path, lints: &[&str], options: &Options) -> Result<()> {
     process::run(process::cargo().current_dir(folder).args(["fetch", "--locked", "--quiet"]))?;
     let mut command = tool::DENY.command()?;

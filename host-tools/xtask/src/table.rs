@@ -7,8 +7,8 @@ use crate::tree;
 use anyhow::{Context, Result, bail, ensure};
 use std::{fmt::Write, fs, path::PathBuf};
 
-/// How much a figure may move before the table must be updated, as a fraction. Compilers differ by about a percent; a
-/// change to the code usually costs more.
+/// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
+/// change to the code usually has a larger effect.
 pub const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
@@ -22,13 +22,13 @@ pub struct Options {
 /// One figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// What it is; the name of the row.
+    /// Name of the figure and of the row.
     pub name: String,
     pub value: f64,
     pub unit: &'static str,
     /// Goal: at most this.
     pub goal: Option<f64>,
-    /// How much it may move before the table must be updated, as a fraction.
+    /// How much it may change before the table must be updated, as a fraction.
     pub tolerance: f64,
 }
 
@@ -38,7 +38,7 @@ impl Row {
         Self { name: name.to_owned(), value, unit, goal: None, tolerance: TOLERANCE }
     }
 
-    /// A figure that is not the same in every run.
+    /// A figure that varies from run to run.
     pub fn within(self, tolerance: f64) -> Self {
         Self { tolerance, ..self }
     }
@@ -48,7 +48,7 @@ impl Row {
         Self { goal: Some(goal), ..self }
     }
 
-    /// Whether it misses its goal, which NaN does too.
+    /// Whether it misses its goal; NaN does.
     fn misses(&self) -> bool {
         self.goal.is_some_and(|goal| self.value.is_nan() || self.value > goal)
     }
@@ -65,7 +65,7 @@ pub struct Table {
     pub name: &'static str,
     /// First line.
     pub title: &'static str,
-    /// What the figures mean and how they are taken.
+    /// What the figures mean and how they are measured.
     pub about: String,
     pub rows: Vec<Row>,
     /// Whether every run has the same figures, so that `cargo xtask test` can compare them.
@@ -161,12 +161,12 @@ fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     faults
 }
 
-/// Where a table is kept.
+/// The file of a table.
 fn path(name: &str) -> PathBuf {
     tree::root().join(format!("docs/tables/{name}.md"))
 }
 
-/// Writes a table and says where.
+/// Writes a table and prints where.
 fn write_text(name: &str, text: &str) -> Result<()> {
     let path = path(name);
     tree::make("docs/tables")?;

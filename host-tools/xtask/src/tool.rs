@@ -14,7 +14,7 @@ pub struct Tool {
     pub name: &'static str,
     /// The version that is installed.
     version: &'static str,
-    /// The oldest version that will do.
+    /// The oldest version that is accepted.
     least: &'static str,
 }
 
@@ -22,7 +22,7 @@ pub struct Tool {
 pub const DENY: Tool = Tool { name: "cargo-deny", version: "0.20.2", least: "0.18.4" };
 /// A bill of materials in the form of CycloneDX.
 pub const CYCLONE_DX: Tool = Tool { name: "cargo-cyclonedx", version: "0.5.9", least: "0.5.7" };
-/// Tests of the tests.
+/// Mutation testing.
 pub const MUTANTS: Tool = Tool { name: "cargo-mutants", version: "27.1.0", least: "25.0.0" };
 
 impl Tool {
@@ -51,7 +51,7 @@ impl Tool {
         Ok(command)
     }
 
-    /// Its program and its version line; or why there is none that will do.
+    /// Its program and its version line; or why there is no suitable one.
     pub fn found(self) -> Result<(PathBuf, String), String> {
         let file = format!("{}{}", self.name, std::env::consts::EXE_SUFFIX);
         let folder = folder().map_err(|error| format!("{error:#}"))?;
@@ -91,7 +91,7 @@ fn folder() -> Result<PathBuf> {
     Ok(workspace::target()?.join("tools"))
 }
 
-/// From the Python Package Index, which also holds programs; pip checks the sum of the file against ours.
+/// From the Python Package Index, which also hosts programs; pip checks the file's hash against ours.
 fn install_compiled(folder: &Path) -> Result<()> {
     let pip = process::first_line(Command::new("python3").args(["-m", "pip", "--version"]));
     ensure!(pip.is_some(), "no pip on this machine");

@@ -1,4 +1,4 @@
-//! The compiler of the images: the first on this machine that will do.
+//! The compiler of the images: the first suitable one on this machine.
 
 use crate::{
     process,
@@ -16,17 +16,17 @@ const DISTRIBUTION_LINKER: &str = "/usr/bin/ld.lld";
 /// A compiler that can make the image.
 #[derive(Debug)]
 pub struct Toolchain {
-    /// The distribution's own compiler, or the one that started this program.
+    /// Whether it is the distribution's compiler rather than the one that started this program.
     distribution: bool,
-    /// The core library is compiled from its source, as there is no compiled one.
+    /// The core library is compiled from its source, because there is no compiled one.
     build_core: bool,
     /// The compiler's own linker is missing.
     foreign_linker: bool,
 }
 
 impl Toolchain {
-    /// The first that will do: this compiler with the target, this compiler with the core library's source,
-    /// the distribution's compiler with it.
+    /// The first suitable one: this compiler with the target, this compiler with the core library's source, the
+    /// distribution's compiler with it.
     pub fn find() -> Option<Self> {
         if let Some(sysroot) = sysroot(&mut process::rustc()) {
             let build_core = !has_target(&mut process::rustc());
@@ -88,7 +88,7 @@ fn has_source(sysroot: &Path) -> bool {
     sysroot.join("lib/rustlib/src/rust/library/core/src/lib.rs").is_file()
 }
 
-/// Whether the distribution's linker must replace the compiler's own; nothing if there is neither.
+/// Whether the distribution's linker must replace the compiler's own; `None` if there is neither.
 fn foreign_linker(sysroot: &Path) -> Option<bool> {
     let hosts = fs::read_dir(sysroot.join("lib/rustlib")).ok()?.flatten();
     let names = ["bin/rust-lld", "bin/rust-lld.exe"];

@@ -1,6 +1,7 @@
-//! The source tree: where it is, and what in it is built for the board's chip; and files, with errors that name them.
+//! The source tree: where it is, and which parts of it are built for the board's chip; and file access, with errors
+//! that name the file.
 //!
-//! A path that is not absolute is one from the root.
+//! A relative path starts at the root.
 
 use anyhow::{Context, Result};
 use std::{
@@ -17,7 +18,7 @@ pub const FIRMWARE_PACKAGES: &[&str] = &["inerter-qemu", "inerter-stm32g474"];
 
 /// The workspace's root folder.
 pub fn root() -> PathBuf {
-    // This file's crate is two folders below the root. The run-time variable comes first, so that a moved tree works.
+    // This file's crate is two folders below the root. The run-time variable has priority, so that a moved tree works.
     let here = std::env::var_os("CARGO_MANIFEST_DIR")
         .map(PathBuf::from)
         .filter(|path| path.ends_with("host-tools/xtask"))
@@ -48,12 +49,12 @@ pub fn write(file: impl AsRef<Path>, content: impl AsRef<[u8]>) -> Result<()> {
     named("write", file.as_ref(), |path| fs::write(path, content))
 }
 
-/// Makes a folder where there is none.
+/// Creates a folder if there is none.
 pub fn make(folder: impl AsRef<Path>) -> Result<()> {
     named("make", folder.as_ref(), fs::create_dir_all)
 }
 
-/// Removes a folder with all that is in it, where there is one.
+/// Removes a folder with its contents, if it exists.
 pub fn remove(folder: impl AsRef<Path>) -> Result<()> {
     named("remove", folder.as_ref(), |path| if path.exists() { fs::remove_dir_all(path) } else { Ok(()) })
 }

@@ -20,7 +20,7 @@ const REQUIREMENTS: &str = "tests/python/validation-requirements.txt";
 pub fn run(options: &Options) -> Result<()> {
     let folder = workspace::folder("validation")?;
     let path = folder.to_string_lossy().into_owned();
-    // An earlier run's files must not pass for this one's.
+    // Files of an earlier run must not be mistaken for this run's.
     for left in ["rivals.json", "plant.json"] {
         let _ = std::fs::remove_file(folder.join(left));
     }

@@ -18,7 +18,7 @@ const REQUIREMENTS: &str = "host-tools/python/tests/requirements.txt";
 const IMPORTS: &str =
     "boto3, distributed, duckdb, ipykernel, maturin, moto, mypy, nbclient, numpy, pandas, polars, pyarrow, pytest";
 
-/// Names the real cargo if maturin has been given this program as cargo.
+/// Names the real cargo if maturin was given this program as cargo.
 pub const CARGO: &str = "INERTER_CARGO";
 
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
@@ -28,11 +28,11 @@ pub struct Options {
     pub debug: bool,
 }
 
-/// Builds the wheel and tests it in an environment of its own.
+/// Builds the wheel and tests it in a separate environment.
 pub fn run(options: &Options) -> Result<()> {
     let target = workspace::target()?;
     let python = environment(&target)?;
-    // The wheel for the tests has a folder of its own.
+    // The wheel for the tests has a separate folder.
     let folder = target.join(if options.debug { "wheel/debug" } else { "wheels" });
     let wheel = built(&python, &folder, options)?;
     python::install(&python, &wheel)?;
@@ -67,7 +67,7 @@ pub fn released() -> Result<PathBuf> {
     built(&environment(&target)?, &target.join("wheels"), &Options::default())
 }
 
-/// A Python with what builds and tests the wheel.
+/// A Python with the packages that build and test the wheel.
 fn environment(target: &Path) -> Result<PathBuf> {
     python::environment(&target.join("wheel/environment"), IMPORTS, REQUIREMENTS, false)
 }
@@ -91,8 +91,8 @@ fn built(python: &Path, folder: &Path, options: &Options) -> Result<PathBuf> {
     }
 }
 
-/// Takes the place of `cargo` for maturin, which compiles the package alone: cargo would enable fewer features of the
-/// libraries than for the tests, and compile them again. Here they are those of the tests.
+/// Takes the place of `cargo` for maturin, which compiles the package alone: cargo would then enable fewer features of
+/// the libraries than for the tests, and compile them again. This enables the features of the tests.
 pub fn as_cargo(cargo: &OsStr) -> Result<()> {
     let given: Vec<_> = env::args_os().skip(1).collect();
     let mut command = Command::new(cargo);

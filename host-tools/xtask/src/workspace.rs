@@ -19,7 +19,7 @@ pub enum Part {
     Main,
     /// The comparison with other recursive least squares.
     Bench,
-    /// The twin, whose emulator needs CMake and libclang, and what runs in its Linux guest.
+    /// The twin, whose emulator needs CMake and libclang, and the programs that run in its Linux guest.
     Twin,
 }
 
@@ -65,7 +65,7 @@ impl Part {
         }
     }
 
-    /// Does the same in each, and continues after a failure.
+    /// Runs an action for each, and continues after a failure.
     pub fn each(mut action: impl FnMut(Self) -> Result<()>) -> Result<()> {
         let failed = Self::ALL.into_iter().filter_map(|part| action(part).err());
         let failed: Vec<_> = failed.map(|error| format!("{error:#}")).collect();
@@ -74,12 +74,12 @@ impl Part {
     }
 }
 
-/// Where cargo builds.
+/// Cargo's target folder.
 pub fn target() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target)
 }
 
-/// A folder there, made if it is missing.
+/// A folder in it, created if it is missing.
 pub fn folder(name: &str) -> Result<PathBuf> {
     let folder = target()?.join(name);
     tree::make(&folder)?;
@@ -113,7 +113,7 @@ pub struct Use {
     pub dev: bool,
 }
 
-/// The workspace as cargo sees it.
+/// The workspace as cargo reports it.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     /// All members.
@@ -171,7 +171,7 @@ fn text<'a>(value: &'a Value, field: &str) -> Result<&'a str> {
     value[field].as_str().with_context(|| format!("`cargo metadata`: no text `{field}`"))
 }
 
-/// A program of a workspace, as built for its integration tests. All tests are built at once: for another choice of
+/// A program of a workspace, as built for its integration tests. All tests are built at once: for another selection of
 /// packages cargo would enable other features of the libraries, and compile them again.
 pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
     process::run(part.all("test").args(["--quiet", "--no-run"]))?;
@@ -211,7 +211,7 @@ mod tests {
         assert!(Workspace::parse("not json").is_err());
     }
 
-    /// A published example lies elsewhere, and does not exist before it is fetched.
+    /// A published example is in another folder, and does not exist before it is fetched.
     #[test]
     fn a_root_outside_of_the_folder_is_not_ours() {
         let json = r#"{

@@ -1,35 +1,35 @@
-//! Point-to-point moves, as a positioning axis makes them: to a place and back, with a rest at either end.
+//! Point-to-point moves of a positioning axis: there and back, with a rest at either end.
 
-/// Part of the time to full speed in which the acceleration rises, and in which it falls again.
+/// Fraction of the acceleration time in which the acceleration rises, and in which it falls again.
 const JERK_PART: f64 = 0.2;
 
-/// Moves to and fro. The acceleration rises and falls by straight lines, so that it is continuous.
+/// Moves back and forth. The acceleration rises and falls linearly, so that it is continuous.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moves {
     /// Length of one move \[m\].
     pub stroke_m: f64,
-    /// Velocity between its ramps \[m/s\]; a short move does not reach it.
+    /// Velocity between the ramps \[m/s\]; a short move does not reach it.
     pub velocity_m_per_s: f64,
-    /// Greatest acceleration \[m/s^2\].
+    /// Maximum acceleration \[m/s^2\].
     pub acceleration_m_per_s2: f64,
     /// Rest before each move \[s\].
     pub rest_s: f64,
 }
 
-/// A move by its parts.
+/// The phases of a move.
 struct Profile {
     /// Length of the acceleration's rise \[s\].
     rise_s: f64,
-    /// Time at the greatest acceleration \[s\].
+    /// Time at maximum acceleration \[s\].
     hold_s: f64,
-    /// Time at the greatest velocity \[s\].
+    /// Time at maximum velocity \[s\].
     coast_s: f64,
     acceleration: f64,
 }
 
 impl Moves {
     fn profile(&self) -> Profile {
-        // A ramp to the velocity v lasts v / a with the mean acceleration a (1 - JERK_PART).
+        // A ramp to the velocity v at the peak acceleration a has the mean acceleration a (1 - JERK_PART).
         let mean = self.acceleration_m_per_s2 * (1.0 - JERK_PART);
         let velocity = self.velocity_m_per_s.min((self.stroke_m * mean).sqrt());
         let ramp_s = velocity / mean;
@@ -56,7 +56,7 @@ impl Moves {
         [self.stroke_m - x, -v, -a]
     }
 
-    /// So many times as far, in the same time.
+    /// Multiplies the length of the moves, in the same time.
     pub(super) fn scale(&mut self, factor: f64) {
         self.stroke_m *= factor;
         self.velocity_m_per_s *= factor;

@@ -1,13 +1,14 @@
-//! The motion at the integrator's nodes, cheaply: tones turn as phasors instead of through sine and cosine.
+//! The motion at the integrator's nodes, computed efficiently: tones are rotating phasors, without a sine and cosine
+//! per step.
 //!
-//! Nodes lie a whole number of steps after the last break (start or end of a segment or of its lead-in), and on the
-//! breaks. The phasors are set afresh every 64 steps, so rounding stays at 1e-14 of the amplitude.
+//! Nodes lie a whole number of steps after the last break (start or end of a segment or of its ramp), and on the
+//! breaks. The phasors are recomputed every 64 steps, so rounding stays at 1e-14 of the amplitude.
 
 use std::f64::consts::TAU;
 
 use super::{Excitation, Point, Segment, Shape};
 
-/// Steps between two fresh evaluations of the phasors.
+/// Steps between two recomputations of the phasors.
 const REFRESH: u32 = 64;
 
 /// The motion over one step: its values at both ends.
@@ -24,15 +25,15 @@ pub(crate) struct Node {
 pub(crate) struct Nodes {
     excitation: Excitation,
     step_s: f64,
-    /// Starts and ends of segments and lead-ins, each with the segment that begins or goes on there.
+    /// Starts and ends of segments and ramps, each with the segment that begins or continues there.
     breaks: Vec<(f64, Option<usize>)>,
-    /// The break the walk is past.
+    /// The latest break passed.
     current: usize,
     /// Steps since that break.
     count: u32,
     here: Point,
     phasors: Vec<Phasor>,
-    /// Steps since the phasors were fresh.
+    /// Steps since the phasors were recomputed.
     age: u32,
 }
 
@@ -53,7 +54,7 @@ impl Nodes {
             let (start, end, ramp) = (segment.start_s, segment.end_s(), segment.ramp_length_s());
             breaks.push((start, Some(k)));
             breaks.push((start + ramp, Some(k)));
-            // No break a hair after another: a step of that length would be all rounding.
+            // No two breaks almost coincide: a step of that length would be dominated by rounding.
             if end < f64::INFINITY && end - ramp > start + ramp + 1e-6 {
                 breaks.push((end - ramp, Some(k)));
             }
@@ -67,7 +68,7 @@ impl Nodes {
         nodes
     }
 
-    /// Sets up for the stretch after the current break.
+    /// Prepares the interval after the current break.
     fn enter(&mut self) {
         self.count = 0;
         self.refresh();
@@ -91,18 +92,18 @@ impl Nodes {
         }
     }
 
-    /// The motion at a break or at any time, from its formula, in the stretch after the current break.
+    /// The motion at a break or any other time, from its formula, in the interval after the current break.
     fn evaluate(&self, t_s: f64) -> Point {
         self.segment().map_or_else(Point::default, |segment| segment.at(t_s))
     }
 
-    /// The segment of the stretch after the current break.
+    /// The segment of the interval after the current break.
     fn segment(&self) -> Option<&Segment> {
         let &(_, segment) = self.breaks.get(self.current)?;
         self.excitation.segments.get(segment?)
     }
 
-    /// The motion one whole step on.
+    /// The motion one whole step later.
     fn advance(&mut self, t_s: f64) -> Point {
         if self.phasors.is_empty() {
             return self.evaluate(t_s);
@@ -133,7 +134,7 @@ impl Nodes {
         let first = self.here;
         let next_break = self.breaks.get(self.current + 1).map_or(f64::INFINITY, |b| b.0);
         let regular = origin + (f64::from(self.count) + 1.0) * self.step_s;
-        // A sliver before a break joins the last step.
+        // A tiny remainder before a break joins the last step.
         if regular + 1e-3 * self.step_s >= next_break {
             let last = self.evaluate(next_break);
             self.current += 1;
@@ -143,7 +144,7 @@ impl Nodes {
         self.count += 1;
         self.here = self.advance(regular);
         if self.count == u32::MAX {
-            // Half a month of steps without a break: begin a new count here.
+            // Half a month of steps without a break: restart the count here.
             let segment = self.breaks.get(self.current).and_then(|b| b.1);
             self.breaks.insert(self.current + 1, (regular, segment));
             self.current += 1;

@@ -1,4 +1,4 @@
-//! Hours soaked so far, in portions between which a run can be stopped: docs/tables/soak.md.
+//! Hours soaked so far, in portions after each of which a run can be stopped: docs/tables/soak.md.
 
 use crate::{table::Row, tree};
 use anyhow::Result;
@@ -13,13 +13,13 @@ const LEAST_H: f64 = 0.05;
 /// A portion that met all goals.
 #[derive(Clone, Debug, PartialEq)]
 struct Portion {
-    /// Of the tree that was soaked.
+    /// Commit of the tree that was soaked.
     commit: String,
     hours: f64,
-    /// Of all recordings.
+    /// Total of all recordings.
     samples: f64,
     lost: f64,
-    /// Greatest growth of any process \[%\], and difference between samples and clock \[s\].
+    /// Largest growth of any process \[%\], and difference between samples and clock \[s\].
     grown: f64,
     apart_s: f64,
 }
@@ -48,7 +48,7 @@ impl Kept {
         Ok(Self::parse(&tree::text_if_there(TABLE)?))
     }
 
-    /// Length of the next portion \[h\] towards so many hours in all.
+    /// Length of the next portion \[h\] towards this many hours in total.
     pub fn next_h(&self, wanted_h: f64) -> Option<f64> {
         let left_h = wanted_h - self.hours();
         (left_h >= LEAST_H).then_some(left_h.min(PORTION_H))
