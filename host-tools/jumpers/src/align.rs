@@ -1,23 +1,23 @@
-//! Which samples belong to which steps: by the counts, which have no noise.
+//! Aligns samples with steps, using the counts, which have no noise.
 
 use crate::recording::Recording;
 use crate::tape::Tape;
 
-/// Entries of the sampling clock in a sample: the test runs at 1 kHz.
+/// Ticks of the sampling clock per sample: the test runs at 1 kHz.
 pub const ENTRIES: usize = 64;
-/// A count further than this from where the encoder stood has left it.
+/// A count further than this from the encoder's rest position has left it.
 const LEFT_COUNTS: f64 = 3.0;
-/// Steps around the first guess that are tried.
+/// Steps around the first guess that are searched.
 const TRIED: i64 = 4 * ENTRIES as i64;
 
-/// Where a recording's samples lie on its tape.
+/// Position of a recording's samples on its tape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aligned {
-    /// Step at the first sample's first entry, negative where that comes before the tape.
+    /// Step at the first sample's first entry, negative if that is before the tape.
     pub lag: i64,
     /// Counts seen per count played.
     pub ratio: f64,
-    /// What is left, rms \[counts\].
+    /// Residual, rms \[counts\].
     pub residual_counts: f64,
 }
 
@@ -29,7 +29,7 @@ impl Aligned {
     }
 }
 
-/// Sums of something over the steps before, standing at either end.
+/// Cumulative sums of a quantity over the steps, constant beyond both ends.
 pub struct Sums {
     sums: Vec<f64>,
     first: f64,
@@ -37,7 +37,7 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// From its value at each step; there is one at least.
+    /// From its value at each step; there must be at least one.
     pub fn new(values: impl Iterator<Item = f64>) -> Self {
         let (mut sums, mut first, mut last) = (vec![0.0], None, 0.0);
         let mut sum = 0.0;
@@ -69,7 +69,7 @@ pub fn positions(recording: &Recording) -> Vec<f64> {
     recording.samples.iter().map(|sample| counts(sample) / ENTRIES as f64).collect()
 }
 
-/// Finds the lag; nothing where the count never moves. Samples must follow each other.
+/// Finds the lag; `None` if the count never moves. Samples must be consecutive.
 pub fn align(tape: &Tape, recording: &Recording) -> Option<Aligned> {
     let counts = Sums::new(tape.steps().iter().map(|step| f64::from(step.count)));
     let positions = positions(recording);
@@ -80,7 +80,7 @@ pub fn align(tape: &Tape, recording: &Recording) -> Option<Aligned> {
     (guess - TRIED..=guess + TRIED)
         .map(|lag| {
             let trial = Aligned { lag, ratio: 0.0, residual_counts: 0.0 };
-            // Where the pins come to be driven, and where they are let go, the pull-ups' levels may count.
+            // At the edges, when the pins begin and cease to be driven, the pull-ups' levels may be counted.
             let inside = |steps: &std::ops::Range<i64>| steps.start >= 0 && steps.end <= tape.steps().len() as i64;
             let samples = positions.iter().enumerate().map(|(sample, position)| (trial.steps(sample), *position));
             let pairs = samples.filter(|(steps, _)| inside(steps)).map(|(steps, seen)| (counts.mean(steps), seen));
@@ -93,18 +93,18 @@ pub fn align(tape: &Tape, recording: &Recording) -> Option<Aligned> {
 /// A straight line by least squares.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Line {
-    /// Change of the second with the first.
+    /// Change of the second quantity with the first.
     pub slope: f64,
-    /// The second where the first is 0.
+    /// The second quantity where the first is 0.
     pub offset: f64,
-    /// What is left, rms.
+    /// Residual, rms.
     pub rms: f64,
-    /// What is left at most.
+    /// Largest residual.
     pub worst: f64,
 }
 
 impl Line {
-    /// Through pairs.
+    /// The line through these pairs.
     pub fn fit(pairs: impl Iterator<Item = (f64, f64)>) -> Self {
         let pairs: Vec<_> = pairs.collect();
         let count = pairs.len().max(1) as f64;

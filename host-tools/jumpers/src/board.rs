@@ -1,20 +1,20 @@
-//! The board at the other end, whatever the way there.
+//! The board under test, through any kind of link.
 
 use inerter_wire::{Command, Done, Record, Refusal};
 
-/// A board to which somebody else keeps the link.
+/// A board whose link the caller manages.
 pub trait Board {
-    /// Sends a command and waits for its reply; what comes meanwhile is kept for [`records`](Self::records).
+    /// Sends a command and waits for its reply; records that arrive meanwhile are kept for [`records`](Self::records).
     fn request(&mut self, command: Command) -> Result<Done, JumperError>;
 
-    /// Listens for so long \[s\].
+    /// Listens for this long \[s\].
     fn listen(&mut self, for_s: f64) -> Result<(), JumperError>;
 
-    /// Takes the records that came since the last call, each with the host's time when it had come \[s\].
+    /// Takes the records received since the last call, each with the host's time of arrival \[s\].
     fn records(&mut self) -> Vec<(f64, Record)>;
 }
 
-/// Why the test could not be done. That is not the board's failing it.
+/// Why the test could not be done, as opposed to a failure of the board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum JumperError {
     /// The link failed.
@@ -23,12 +23,12 @@ pub enum JumperError {
     /// The board refused a request.
     #[error("the device refused to {doing}: {why}")]
     Refused {
-        /// What was asked.
+        /// What was requested.
         doing: &'static str,
         /// Its reason.
         why: Refusal,
     },
-    /// The board's player stopped because no knots had come.
+    /// The board's player stopped because no knots had arrived in time.
     #[error("this computer was late to send data {0} times: close other programs, and start again")]
     TooLate(u32),
     /// The board released its outputs by itself.
@@ -37,7 +37,7 @@ pub enum JumperError {
          if it fails again, please report it"
     )]
     TransferFailed,
-    /// No samples came.
+    /// No samples arrived.
     #[error("the device sends no samples: check the cable, and start again")]
     NoSamples,
     /// The settings could not be read.

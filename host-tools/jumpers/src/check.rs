@@ -1,20 +1,20 @@
 //! Results of the test.
 
-/// One thing that was looked at.
+/// One property of the board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Check {
-    /// What it is, in few words.
+    /// Its name, in few words.
     pub name: &'static str,
-    /// What a sound board shows.
+    /// What a good board shows.
     pub expected: String,
     /// What this one showed.
     pub found: String,
-    /// What is wrong, and what to do; nothing where the check is passed.
+    /// What is wrong, and what to do; `None` if the check passed.
     pub cause: Option<String>,
 }
 
 impl Check {
-    /// Passed where `cause` is nothing.
+    /// A check that passed if `cause` is `None`.
     pub fn new(
         name: &'static str,
         expected: impl Into<String>,
@@ -24,18 +24,18 @@ impl Check {
         Self { name, expected: expected.into(), found: found.into(), cause: cause.map(Into::into) }
     }
 
-    /// Whether it is passed.
+    /// Whether it passed.
     pub fn passed(&self) -> bool {
         self.cause.is_none()
     }
 }
 
-/// What can be put into the settings.
+/// Values for the settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Delay of the force behind the position, of the board alone: an amplifier's filter comes on top \[s\].
+    /// Delay of the force relative to the position, of the board alone: an amplifier's filter adds to it \[s\].
     pub skew_s: f64,
-    /// 95 % uncertainty of it \[s\].
+    /// Its 95 % uncertainty \[s\].
     pub skew_u95_s: f64,
 }
 
@@ -44,22 +44,22 @@ pub struct Measured {
 pub struct Report {
     /// Each of them.
     pub checks: Vec<Check>,
-    /// What was measured, where it came to that.
+    /// The measured values, if the test got that far.
     pub measured: Option<Measured>,
 }
 
 impl Report {
-    /// Whether all checks were made and passed.
+    /// Whether all checks were done and passed.
     pub fn passed(&self) -> bool {
         self.measured.is_some() && self.checks.iter().all(Check::passed)
     }
 
-    /// Takes a check only where it is not passed; whether it is.
+    /// Adds a check only if it failed; returns whether it passed.
     pub(crate) fn holds(&mut self, check: Check) -> bool {
         check.passed() || self.take(check)
     }
 
-    /// Takes a check; whether it is passed.
+    /// Adds a check; returns whether it passed.
     pub(crate) fn take(&mut self, check: Check) -> bool {
         let passed = check.passed();
         self.checks.push(check);

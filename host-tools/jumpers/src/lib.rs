@@ -1,4 +1,5 @@
-//! The self-test with jumpers: four wires connect a board's outputs to its inputs, and it measures what it plays.
+//! The self-test with jumpers: four wires connect a board's outputs to its inputs, and the board measures the signals
+//! that it plays.
 //!
 //! ```text
 //! plant -> tape -> knots -> board: player -> wires -> converters, counter -> estimator
@@ -6,14 +7,14 @@
 //! ```
 //!
 //! Terms:
-//! - *tape*: knots, and the same [`Step`](inerter_app::player::Step)s that the board makes of them; so the host knows what
-//!   the outputs were at every 64000th of a second, to the last code.
+//! - *tape*: knots, and the [`Step`](inerter_app::player::Step)s that the board makes of them; so the host knows the
+//!   exact output codes at every 64000th of a second.
 //! - *lag*: steps from a tape's beginning to the first sample. Counts have no noise, so they give it exactly.
 //! - *phase*: from the sampling clock's event to a change of the outputs. Moving it shows when the converters sample.
-//! - *check*: what was expected, what was found, and if they differ the cause.
+//! - *check*: the expected and the actual result, and if they differ the cause.
 //!
-//! [`run`] does all of it on a [`Board`]; nothing here depends on a port or a screen, and time comes from the caller,
-//! so the same code runs on a device and on an emulated one.
+//! [`run`] does the whole test on a [`Board`]. Nothing here depends on a port or a screen, and the caller provides the
+//! time, so the same code runs with a real and an emulated device.
 
 mod align;
 mod board;

@@ -1,4 +1,5 @@
-//! The motion: a simulated inerter played at the inputs, and its parameters and its backlash as the board finds them.
+//! The motion: plays a simulated inerter at the inputs, and compares the board's parameters and backlash with the
+//! truth.
 
 use crate::align::Line;
 use crate::board::JumperError;
@@ -10,37 +11,38 @@ use inerter_core::{Detail, Estimate, Interval, Route, Settings};
 use inerter_plant::{Excitation, Inerter, Plant};
 use inerter_wire::Knot;
 
-/// It ends at rest before the knots do: a force that stands at what moved the device a moment ago is no device's.
+/// It ends at rest before the knots do: no real device's force stays constant right after a motion.
 const MOTION: &str = "multi@7.8s";
-/// Of that motion, so that neither voltages nor counts come near what the outputs can do.
+/// Scale of that motion, so that neither voltages nor counts come near the limits of the outputs.
 const SCALE: f64 = 0.35;
 /// Length of the motion \[knots\]: 8 s.
 const KNOTS: usize = 8_000;
 /// Encoder: 10 mm of lead and 1024 lines \[m\].
 const METRES_PER_COUNT: f64 = 2.44140625e-6;
-/// Force of one conversion: 2 kN either way \[N\].
+/// Force per code of one conversion: 2 kN either way \[N\].
 const NEWTONS_PER_CONVERSION: f64 = 1.0;
-/// Terminal sensor of one conversion: 33 mm over the range \[m\].
+/// Terminal displacement per code of one conversion: 33 mm over the range \[m\].
 const METRES_PER_CONVERSION: f64 = 0.033 / 4096.0;
-/// Counts summed into a sample, and conversions.
+/// Counts, and conversions, summed into a sample.
 const OVERSAMPLING: f64 = 64.0;
-/// Code of no force and of no displacement.
+/// Code at zero force and zero displacement.
 const ZERO: f64 = 2048.0;
-/// By how much the board's clock and this computer's may differ: a crystal is 1000 times better, and a packet is late.
+/// Allowed relative difference between the board's and this computer's clock: a crystal is 1000 times better, but
+/// packets are late.
 const TIMEBASE: f64 = 5e-3;
 
-/// The device that is played for its parameters: without backlash, as impacts would widen the intervals of friction
-/// fivefold.
+/// The device that is played for its parameters: without backlash, because impacts would make the intervals of friction
+/// five times as wide.
 pub fn truth() -> Inerter {
     Inerter::paper()
 }
 
-/// The same after wear, which is played for its backlash.
+/// The same device after wear, which is played for its backlash.
 pub fn worn() -> Inerter {
     Inerter::worn()
 }
 
-/// Settings that the board needs for the test, where the backlash is to come this way.
+/// The board's settings for the test, with this route of the backlash.
 pub fn settings(skew_s: f64, route: Route) -> Settings {
     let device = truth();
     Settings {
@@ -65,12 +67,12 @@ pub fn settings(skew_s: f64, route: Route) -> Settings {
     }
 }
 
-/// The code to put out for the code that a converter is to see \[sixteenths\].
+/// The output code at which a converter sees the wanted code \[sixteenths\].
 fn through(line: &Line, seen: f64) -> u16 {
     ((seen - line.offset) / line.slope * 16.0).round().clamp(0.0, 65_535.0) as u16
 }
 
-/// The motion of a device as the outputs give it, each put out so that the converters see what the sensors would.
+/// A device's motion as outputs, such that the converters see the sensors' values.
 pub fn tape(device: Inerter, chain: &Chain) -> Result<Tape, JumperError> {
     let broken = |error: inerter_plant::PlantError| JumperError::Link(error.to_string());
     let motion = Excitation::parse(MOTION, 11).map_err(broken)?.scaled(SCALE);
@@ -85,7 +87,7 @@ pub fn tape(device: Inerter, chain: &Chain) -> Result<Tape, JumperError> {
         }
         let now = segment.at(t_s);
         let force_n = now.force_n + device.structure_mass_kg * now.a1_m_per_s2;
-        // 256ths of a count; what rounding leaves comes with the next knot.
+        // In 256ths of a count; the rounding remainder goes to the next knot.
         let place = (now.x2_m / METRES_PER_COUNT * 256.0).round() as i32;
         let advance = (place - played).clamp(-i32::from(Knot::MAX_ADVANCE), i32::from(Knot::MAX_ADVANCE));
         played += advance;
@@ -99,7 +101,7 @@ pub fn tape(device: Inerter, chain: &Chain) -> Result<Tape, JumperError> {
     Ok(tape)
 }
 
-/// The board's clock against this computer's: samples a second by it, over their rate.
+/// The board's clock against this computer's: samples per second by the computer's clock, over their rate.
 pub fn timebase(recording: &Recording) -> Check {
     let first = recording.samples.first().map_or(0, |sample| sample.index);
     let pairs = recording.came_s.iter().zip(&recording.samples);
@@ -120,14 +122,14 @@ pub fn timebase(recording: &Recording) -> Check {
     )
 }
 
-/// Of what is judged: name, unit and truth.
+/// A value to judge: name, unit and truth.
 struct Wanted {
     name: &'static str,
     unit: &'static str,
     truth: f64,
-    /// Part of the truth by which it may be off beyond its interval: what straight lines between knots leave.
+    /// Allowed error beyond the interval, as a fraction of the truth: the error of straight lines between knots.
     beyond: f64,
-    /// Widest interval that tells anything, as a part of the truth: some five times what a sound chain has.
+    /// Maximum useful width of the interval, as a fraction of the truth: about five times that of a good chain.
     widest: f64,
 }
 
@@ -146,7 +148,7 @@ impl Wanted {
     }
 }
 
-/// The parameters of [`truth`] against it.
+/// Compares the parameters with [`truth`].
 pub fn parameters(estimate: &Estimate, report: &mut Report) -> bool {
     let (device, found) = (truth(), &estimate.whole_run);
     let inertance = Wanted { name: "inertance", unit: "kg", truth: device.inertance_kg, beyond: 0.001, widest: 0.002 };
@@ -163,7 +165,7 @@ pub fn parameters(estimate: &Estimate, report: &mut Report) -> bool {
     passed
 }
 
-/// The backlash of [`worn`] by one way against it.
+/// Compares the backlash from one route with [`worn`].
 pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> bool {
     const UM: f64 = 1e6;
     let (name, widest) = match route {
@@ -173,7 +175,7 @@ pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> bool {
     let wanted = Wanted { name, unit: "um", truth: worn().backlash_m * UM, beyond: 0.005, widest };
     let found = &detail.backlash;
     let in_um = |of: Interval| Interval { value: of.value * UM as f32, u95: of.u95 * UM as f32 };
-    // One that comes the other way tells nothing of this one.
+    // A backlash from the other route says nothing about this one.
     report.take(wanted.judge(found.known().filter(|_| found.route == route).map(in_um)))
 }
 
@@ -182,13 +184,13 @@ mod tests {
     use super::*;
     use inerter_core::{Active, Backlash, BacklashSize, Published, RawSample, State};
 
-    /// What wires and converters can at best give: codes as they were put out.
+    /// The best that wires and converters can deliver: the codes as they were put out.
     fn at_best(device: Inerter) -> Tape {
         let line = Line { slope: 1.0, offset: 0.0, ..Line::default() };
         tape(device, &Chain { force: line, terminal: line }).unwrap()
     }
 
-    /// The estimator alone, on what the tape's steps are.
+    /// The estimator alone, fed with the tape's steps.
     fn published(tape: &Tape, route: Route) -> Published {
         let active: Active = settings(0.0, route).validate().unwrap();
         let mut state = Box::new(State::new(&active));

@@ -1,4 +1,4 @@
-//! A tape played, and what the board sent meanwhile.
+//! Plays a tape and records what the board sends meanwhile.
 
 use crate::board::{Board, JumperError};
 use crate::tape::{REST, Tape};
@@ -7,39 +7,39 @@ use inerter_wire::{Command, Done, EstimatorEvent, Event, EventKind, Fault, Knot,
 
 /// Rate at which a board samples for the test \[Hz\].
 pub const SAMPLE_RATE_HZ: f64 = 1_000.0;
-/// Time for what is still on its way, after the knots, after a burst, and after the end \[s\].
+/// Time for data still in transit, after the knots, after a burst, and after the end \[s\].
 const TAIL_S: f64 = 0.06;
-/// Until only the rest is seen: what the board adds up comes 4 ms later. Half of the rest is then still to come \[s\].
+/// Time until the board sees only the rest: its sums arrive 4 ms later. Half of the rest is then still to come \[s\].
 const AT_REST_S: f64 = 0.05;
-/// Knots that the board shall hold at least before it is listened to at leisure.
+/// Minimum number of knots in the board before listening without haste.
 const AHEAD: u16 = 96;
 
-/// Times that a tape is played where knots come too late: a computer may falter, and begins anew.
+/// Times that a tape is played if knots arrive too late: a computer may stall, and starts again.
 const MOST_PLAYED: u32 = 4;
-/// Times that a board may say in a row that it has no room, after which it never will have any.
+/// Refusals in a row for lack of room after which the board is given up.
 const MOST_REFUSED: u32 = 100;
-/// Times that samples are listened for where fewer come than should: in all less than the second after which a board
-/// that hears nothing lets go.
+/// Times to listen again if fewer samples arrive than expected: in total less than the second after which a board that
+/// receives nothing releases its outputs.
 const MOST_LISTENS: u32 = 12;
-/// Shortest of these, in samples: they come in batches.
+/// Minimum length of one such wait, in samples: they arrive in batches.
 const LEAST_LISTEN: usize = 10;
 
 /// What the board sent while a tape was played.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
-    /// Its samples, without the time between others.
+    /// Its consecutive samples.
     pub samples: Vec<RawSample>,
-    /// For each sample, when it had come \[s\].
+    /// Arrival time of each sample \[s\].
     pub came_s: Vec<f64>,
-    /// How many had come before the outputs were let go.
+    /// How many had arrived before the outputs were released.
     pub driven: usize,
     /// Its last estimate while the outputs were driven.
     pub estimate: Option<Estimate>,
-    /// The last that came with an estimate: backlash and contact.
+    /// The last detail that came with an estimate: backlash and contact.
     pub detail: Option<Detail>,
-    /// What it said is wrong.
+    /// The faults it reported.
     pub faults: Vec<Fault>,
-    /// The phase, as it came to be \[ticks\].
+    /// The actual phase \[ticks\].
     pub phase_ticks: u32,
     /// Edges of the burst.
     pub edges: u32,
@@ -74,10 +74,10 @@ impl Recording {
     }
 }
 
-/// What [`Play::Progress`] asks of the board.
+/// The request that [`Play::Progress`] stands for.
 const PROGRESS: &str = "report its progress";
 
-/// Asks something of the player; gives its answer and the room for knots.
+/// Sends the player a request; returns its answer and the room for knots.
 pub fn ask(board: &mut impl Board, doing: &'static str, play: Play) -> Result<(u32, u16), JumperError> {
     match board.request(Command::Play(play)).map_err(JumperError::refused(doing))? {
         Done::Played { answer, free } => Ok((answer, free)),
@@ -85,7 +85,7 @@ pub fn ask(board: &mut impl Board, doing: &'static str, play: Play) -> Result<(u
     }
 }
 
-/// Plays a tape, and where it is wanted a burst after it, from the last knot on.
+/// Plays a tape, and optionally a burst after its last knot.
 pub fn record(
     board: &mut impl Board,
     tape: &Tape,
@@ -110,7 +110,7 @@ pub fn record(
     })
 }
 
-/// Plays until no knot comes too late, nor so late that the board has let go; a few times at most.
+/// Plays again until no knot is so late that the player stopped or released the outputs; a limited number of times.
 fn in_time<B: Board>(
     board: &mut B,
     mut play: impl FnMut(&mut B) -> Result<Recording, JumperError>,
@@ -126,7 +126,7 @@ fn in_time<B: Board>(
     }
 }
 
-/// A board that has let go of its outputs by itself says why when it is told to.
+/// Asks a board that has released its outputs by itself for the reason, with the command to stop.
 fn because(board: &mut impl Board, played: Result<Recording, JumperError>) -> Result<Recording, JumperError> {
     match played {
         Err(refused @ JumperError::Refused { why: Refusal::NotPlaying, .. }) => {
@@ -138,8 +138,8 @@ fn because(board: &mut impl Board, played: Result<Recording, JumperError>) -> Re
 }
 
 /// Plays a tape that begins at rest, to an estimator that knows nothing before that rest: the inputs float until the
-/// outputs are driven, which would be a force and a displacement of no device. With them the terminal's stiffness came
-/// out a 16th of what it is, and gave no backlash.
+/// outputs are driven, which would look like a force and a displacement that no device has. With them the terminal's
+/// stiffness came out as a 16th of its true value, and there was no backlash.
 pub fn record_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -> Result<Recording, JumperError> {
     in_time(board, |board| {
         let mut playing = Playing::begin(board, phase_ticks)?;
@@ -153,17 +153,17 @@ pub fn record_from_rest(board: &mut impl Board, tape: &Tape, phase_ticks: u16) -
     })
 }
 
-/// A board that plays.
+/// A board that plays a tape.
 struct Playing {
     recording: Recording,
     pairing: Pairing,
-    /// Room for knots: all, and now.
+    /// Room for knots: total, and at present.
     full: u16,
     free: u16,
 }
 
 impl Playing {
-    /// Drives the outputs, which then stand.
+    /// Starts to drive the outputs, which then stay constant.
     fn begin(board: &mut impl Board, phase_ticks: u16) -> Result<Self, JumperError> {
         board.records();
         let (phase_ticks, free) = ask(board, "play", Play::Begin { phase_ticks })?;
@@ -175,7 +175,7 @@ impl Playing {
         self.recording.take(board, &mut self.pairing);
     }
 
-    /// Hands knots over as they find room.
+    /// Sends knots as there is room for them.
     fn put(&mut self, board: &mut impl Board, knots: &[Knot]) -> Result<(), JumperError> {
         let (mut rest, mut refused) = (knots, 0);
         while !rest.is_empty() {
@@ -220,8 +220,8 @@ impl Playing {
         self.wait(board, TAIL_S)
     }
 
-    /// Listens until the samples have gone on by so much: what is waited for goes by the board's clock, and how long it
-    /// takes to come is this computer's affair. Where none come it ends nevertheless.
+    /// Listens until this many seconds' worth of further samples have arrived: the wait is measured by the board's
+    /// clock, however long the transfer takes. If none arrive, it ends nevertheless.
     fn wait(&mut self, board: &mut impl Board, for_s: f64) -> Result<(), JumperError> {
         self.take(board);
         let wanted = self.recording.samples.len() + (for_s * SAMPLE_RATE_HZ) as usize;
@@ -261,10 +261,10 @@ mod tests {
     use super::*;
     use inerter_wire::Samples;
 
-    /// A player whose outputs fail after so many requests.
+    /// A player whose outputs fail after this many requests.
     struct Failing {
         requests_left: usize,
-        /// What it answers to one `End` after another; the last one again and again.
+        /// Its answers to successive `End` requests; the last one repeats.
         stood: &'static [u32],
         heard: Vec<(f64, Record)>,
     }
@@ -295,7 +295,7 @@ mod tests {
         }
     }
 
-    /// A board of which so many samples come each time it is listened to, for however long.
+    /// A board that delivers this many samples each time, however long one listens.
     struct Behind {
         each: u32,
         index: u32,
@@ -344,11 +344,11 @@ mod tests {
         for requests_left in [1, usize::MAX] {
             assert_eq!(outcome(requests_left, &[Play::TRANSFER_FAILED]), Err(JumperError::TransferFailed));
         }
-        // The board's patience was at its end.
+        // The board has timed out.
         assert!(matches!(outcome(1, &[3]), Err(JumperError::Refused { why: Refusal::NotPlaying, .. })));
         assert_eq!(outcome(usize::MAX, &[3]), Err(JumperError::TooLate(3)));
         assert_eq!(outcome(usize::MAX, &[0]), Err(JumperError::NoSamples));
-        // Once is not for ever: it is played again.
+        // A failure need not persist: the tape is played again.
         assert_eq!(outcome(usize::MAX, &[3, 1, 0]), Err(JumperError::NoSamples));
     }
 }

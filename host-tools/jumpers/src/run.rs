@@ -1,4 +1,4 @@
-//! The whole test, in its order.
+//! The whole test, in order.
 
 use crate::align::{ENTRIES, positions};
 use crate::board::{Board, JumperError};
@@ -16,17 +16,18 @@ use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues,
 const EDGE_TICKS: u16 = 28;
 /// Edges of the burst, in units of 256.
 const BLOCKS: u16 = 500;
-/// Time for the settings to come \[s\].
+/// Time for the settings to arrive \[s\].
 const REPLY_S: f64 = 0.1;
 
-/// Plays, measures and judges; ends with the first check that fails.
+/// Plays, measures and judges; stops at the first check that fails.
 ///
-/// The pins are driven: whoever calls has made sure that no rig is connected. The settings in use are put back at the
-/// end, whatever happened; what is saved is not touched. `clock_is_known` says that USB's frames have told how good the
-/// board's clock is. This computer's clock is not asked then: packets come to it late, so that it tells less.
+/// It drives the pins: the caller must have made sure that no rig is connected. The settings in use are restored at the
+/// end, whatever happens; saved settings are not touched. `clock_is_known` means that USB's frames have already
+/// verified the board's clock. This computer's clock is then not used: packets arrive late, so that it is less
+/// accurate.
 ///
 /// # Errors
-/// Where the test could not be done, which says nothing of the board.
+/// If the test could not be done, which says nothing about the board.
 pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, JumperError> {
     run_with(board, clock_is_known, motion::truth())
 }
@@ -38,7 +39,7 @@ pub fn run(board: &mut impl Board, clock_is_known: bool) -> Result<Report, Jumpe
 pub fn run_with(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Result<Report, JumperError> {
     let before = settings_in_use(board)?;
     let outcome = measure(board, clock_is_known, device);
-    // Wherever it broke off, nothing is driven any longer; a board that is gone lets go by itself.
+    // Wherever it stopped, the outputs are released; a board that is gone releases them by itself.
     let _ = board.request(Command::Play(Play::End));
     let restored = [Command::WriteSettings(before), Command::ResetEstimator]
         .into_iter()
@@ -94,8 +95,8 @@ fn measure(board: &mut impl Board, clock_is_known: bool, device: Inerter) -> Res
     Ok(report)
 }
 
-/// The motion of a device for its parameters, and of a worn one for its backlash, once for each way to that, which the
-/// settings choose. Whether all is as it is played.
+/// Plays a device's motion for its parameters, and a worn one's for its backlash, once for each route, which the
+/// settings select. Returns whether all results agree with what was played.
 fn motions(
     board: &mut impl Board,
     (chain, device): (&Chain, Inerter),
@@ -144,7 +145,7 @@ fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, J
     Ok(aligned.and_then(|aligned| chain(&levels, &recording, &aligned, report)))
 }
 
-/// Whether no edge is lost as fast as they may come.
+/// Checks that no edge is lost at the maximum rate.
 fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperError> {
     let tape = Tape::new();
     let recording = record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)))?;

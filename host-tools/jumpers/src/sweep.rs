@@ -1,8 +1,8 @@
-//! When the converters look: voltages change at one phase after another, and what a converter makes of a change tells
-//! how long before its look it came.
+//! Finds when the converters sample: the voltages change at one phase after another, and a converter's reading shows
+//! how long before its sampling instant the change came.
 //!
-//! A converter that looks `u` after a change sees `1 - exp(-u / tau)` of it. Over all phases that gives the settling
-//! time `tau` and the moment of the look apart from each other, each relative to the count's latch.
+//! A converter that samples `u` after a change sees `1 - exp(-u / tau)` of it. All phases together give the settling
+//! time `tau` and the sampling instant separately; the instant is relative to the count's latch.
 
 use crate::align::{Aligned, Sums};
 use crate::board::{Board, JumperError};
@@ -12,22 +12,24 @@ use crate::tape::Tape;
 use crate::wires::{encoder, sampling};
 use inerter_core::RawSample;
 
-/// Ticks of the core's clock in a step, and in a microsecond.
+/// Ticks of the core's clock per step, and per microsecond.
 const TICKS: f64 = 2625.0;
 const TICKS_PER_US: f64 = 168.0;
-/// Phases \[ticks\]: close to each other where a sound board's converters look.
+/// Phases \[ticks\]: closely spaced where a good board's converters sample.
 const PHASES: [u16; 16] = [40, 60, 80, 95, 110, 140, 200, 300, 450, 700, 1312, 1968, 2125, 2375, 2525, 2585];
-/// Voltages between which both go to and fro \[sixteenths of a code\].
+/// Voltages between which both alternate \[sixteenths of a code\].
 const ENDS: [u16; 2] = [1000 * 16, 3000 * 16];
-/// To and fro.
+/// Number of alternations.
 const ROUNDS: usize = 12;
-/// From the event to the aperture: 1.5 to 2.5 clocks of the trigger's latency and 24.5 of sampling, of 42 MHz \[us\].
+/// From the event to the aperture: 1.5 to 2.5 clocks of trigger latency and 24.5 clocks of sampling, at 42 MHz \[us\].
 const LOOK_US: f64 = 0.631;
-/// How far from it a look may be \[us\].
+/// Allowed deviation of the sampling instant from it \[us\].
 const NEAR_US: f64 = 0.5;
-/// Settling that a sound output stays under \[us\]: 3 us to half a code from end to end (DS12288) are a third of that.
+/// Maximum settling time constant of a good output \[us\]: 3 us to half a code from end to end (DS12288) correspond to
+/// a third of it.
 const SETTLING_US: f64 = 1.0;
-/// 95 % uncertainty of the look: the latencies of both DMA controllers, the phase as set, the settling's shape \[us\].
+/// 95 % uncertainty of the sampling instant: the latencies of both DMA controllers, the phase as set, the shape of the
+/// settling \[us\].
 const U95_US: f64 = 0.15;
 
 fn tape() -> Tape {
@@ -40,7 +42,7 @@ fn tape() -> Tape {
     tape
 }
 
-/// How many steps a channel is behind the count, as the tape has them, at one phase.
+/// By how many of the tape's steps a channel lags the count, at one phase.
 fn behind(tape: &Tape, recording: &Recording, aligned: &Aligned, terminal: bool) -> f64 {
     let played =
         Sums::new(tape.steps().iter().map(|step| f64::from(if terminal { step.terminal } else { step.force })));
@@ -63,7 +65,7 @@ fn behind(tape: &Tape, recording: &Recording, aligned: &Aligned, terminal: bool)
     };
     (-2..2)
         .map(|by| {
-            // A look between two steps' levels: (1 - part) of the one, part of the one before.
+            // A sampling instant between two steps' levels sees (1 - part) of one, and part of the one before.
             let rows = seen.iter().map(|(place, code)| ([1.0, shifted(*place, by), shifted(*place, by + 1)], *code));
             let rows: Vec<_> = rows.collect();
             let [_, later, earlier] = solve(&rows);
@@ -74,7 +76,7 @@ fn behind(tape: &Tape, recording: &Recording, aligned: &Aligned, terminal: bool)
         .map_or(0.0, |(behind, _)| behind)
 }
 
-/// Least squares of three unknowns, by elimination.
+/// Least squares with three unknowns, by elimination.
 fn solve(rows: &[([f64; 3], f64)]) -> [f64; 3] {
     let mut matrix = [[0.0; 4]; 3];
     for (row, value) in rows {
@@ -97,24 +99,24 @@ fn solve(rows: &[([f64; 3], f64)]) -> [f64; 3] {
     std::array::from_fn(|i| if matrix[i][i] == 0.0 { 0.0 } else { matrix[i][3] / matrix[i][i] })
 }
 
-/// When a converter looks, and how its wire settles.
+/// When a converter samples, and how its wire settles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
-    /// From the count's latch \[us\].
+    /// Relative to the count's latch \[us\].
     pub at_us: f64,
     /// Time constant \[us\].
     pub settling_us: f64,
 }
 
 impl Look {
-    /// Steps by which it is behind the count at a phase.
+    /// Steps by which it lags the count at a phase.
     fn behind(&self, phase_us: f64) -> f64 {
         let period_us = TICKS / TICKS_PER_US;
         let since_us = (self.at_us - phase_us).rem_euclid(period_us);
         (-since_us / self.settling_us).exp() - if phase_us < self.at_us { 1.0 } else { 0.0 }
     }
 
-    /// The one that agrees best with what was found at each phase \[us, steps\].
+    /// The best fit to the lags found at each phase \[us, steps\].
     pub fn fit(found: &[(f64, f64)]) -> Self {
         let misfit =
             |look: &Self| found.iter().map(|(phase, behind)| (look.behind(*phase) - behind).powi(2)).sum::<f64>();
@@ -122,7 +124,7 @@ impl Look {
             let part = move |(low, high): (f64, f64), place: usize| low + (high - low) * place as f64 / count as f64;
             (0..=count * count).map(move |place| Self {
                 at_us: part(at, place % count),
-                // Evenly in its logarithm.
+                // Logarithmically spaced.
                 settling_us: part((settling.0.ln(), settling.1.ln()), place / count).exp(),
             })
         };
@@ -139,7 +141,7 @@ impl Look {
     }
 }
 
-/// Plays the tape at each phase and judges; gives the force's skew and its uncertainty, or nothing where a check fails
+/// Plays the tape at each phase and judges; returns the force's skew and its uncertainty, or `None` if a check fails
 /// \[s\].
 pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64, f64)>, JumperError> {
     let tape = tape();
@@ -160,7 +162,7 @@ pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64,
     Ok(judge(looks, report).then_some((-looks[0].at_us * 1e-6, U95_US * 1e-6)))
 }
 
-/// Whether both converters look when they should.
+/// Checks that both converters sample when they should.
 fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let [force, terminal] = looks.map(|look| look.at_us - LOOK_US);
     let [force_is_off, terminal_is_off] = [force, terminal].map(|off| off.abs() > NEAR_US);
@@ -203,7 +205,8 @@ mod tests {
                 let found: Vec<_> = phases().map(|phase| (phase, look.behind(phase))).collect();
                 let fitted = Look::fit(&found);
                 assert!((fitted.at_us - at_us).abs() < 0.06, "{look:?}: {fitted:?}");
-                // Phases are 0.09 us apart at best: a fast output is found to a fifth, one near the limit to a part in 1000.
+                // Phases are at least 0.09 us apart: a fast output is found to a fifth, one near the limit to a part in
+                // 1000.
                 assert!((fitted.settling_us - settling_us).abs() < 0.012, "{look:?}: {fitted:?}");
             }
         }

@@ -1,15 +1,15 @@
-//! What is to be played, and what the outputs will be.
+//! The signals to play, and the resulting outputs.
 
 use inerter_app::player::{Player, Step};
 use inerter_wire::Knot;
 
-/// Counts that the marker goes up and back, and the knots that it takes for each.
+/// Counts that the marker goes up and back, and the knots for each.
 const MARKER: (i32, usize) = (400, 20);
 
 /// Knots of rest at the beginning of a tape that has no marker.
 pub const REST: usize = 192;
 
-/// Knots, and the steps that they become.
+/// Knots, and the steps that the board makes of them.
 #[derive(Clone, Debug)]
 pub struct Tape {
     knots: Vec<Knot>,
@@ -19,7 +19,7 @@ pub struct Tape {
 }
 
 impl Tape {
-    /// Begins at rest, with a marker of the encoder's by which its samples are found.
+    /// Begins at rest, with an encoder marker that locates its samples.
     pub fn new() -> Self {
         let mut tape = Self::empty();
         let (counts, knots) = MARKER;
@@ -48,7 +48,7 @@ impl Tape {
         }
     }
 
-    /// One knot more.
+    /// Adds a knot.
     pub fn push(&mut self, knot: Knot) {
         self.player.head_for(&knot);
         self.steps.extend((0..Knot::STEPS).map(|_| self.player.step()));
@@ -56,12 +56,12 @@ impl Tape {
         self.last = knot;
     }
 
-    /// Stands for so many knots; gives them.
+    /// Holds for this many knots; returns their range.
     pub fn hold(&mut self, knots: usize) -> std::ops::Range<usize> {
         self.turn(0, knots)
     }
 
-    /// Turns evenly.
+    /// Moves the encoder uniformly.
     pub fn turn(&mut self, advance: i16, knots: usize) -> std::ops::Range<usize> {
         let first = self.knots.len();
         for _ in 0..knots {
@@ -70,7 +70,8 @@ impl Tape {
         first..self.knots.len()
     }
 
-    /// Goes to these voltages in one knot, and holds them; gives the knots that are held \[sixteenths of a code\].
+    /// Goes to these voltages in one knot, and holds them; returns the range of the held knots \[sixteenths of a
+    /// code\].
     pub fn go(&mut self, force: u16, terminal: u16, knots: usize) -> std::ops::Range<usize> {
         self.push(Knot { force, terminal, advance: 0 });
         self.hold(knots)
@@ -81,7 +82,7 @@ impl Tape {
         &self.knots
     }
 
-    /// What the outputs are, step by step.
+    /// The outputs, step by step.
     pub fn steps(&self) -> &[Step] {
         &self.steps
     }

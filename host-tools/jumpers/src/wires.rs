@@ -1,4 +1,4 @@
-//! The first tape: whether the wires are there, what the converters make of each other's codes, and the noise.
+//! The first tape: checks the wires, the converters' scale relative to each other, and the noise.
 
 use crate::align::{Aligned, ENTRIES, Line, align, positions};
 use crate::check::{Check, Report};
@@ -8,7 +8,7 @@ use inerter_core::RawSample;
 use inerter_wire::{Fault, Knot};
 use std::ops::Range;
 
-/// Half a period after the sampling clock's event: all has settled when the converters look.
+/// Half a period after the sampling clock's event: everything has settled when the converters sample.
 pub const SETTLED_TICKS: u16 = 1312;
 /// Codes at which the voltages are held.
 const LEVELS: [u16; 5] = [600, 1300, 2048, 2800, 3500];
@@ -16,11 +16,11 @@ const LEVELS: [u16; 5] = [600, 1300, 2048, 2800, 3500];
 const HELD: usize = 24;
 /// Knots in which the noise is measured.
 const QUIET: usize = 400;
-/// Gain of converter to converter: DS12288 allows 0.5 % to one and 0.4 % to the other.
+/// Gain from converter to converter: DS12288 allows 0.5 % for one and 0.4 % for the other.
 const GAIN: Range<f64> = 0.97..1.03;
-/// Offset of both \[codes\].
+/// Combined offset \[codes\].
 const OFFSET: f64 = 40.0;
-/// Deviation from a straight line of both \[codes\].
+/// Combined deviation from a straight line \[codes\].
 const STRAIGHT: f64 = 8.0;
 /// Noise of a conversion, rms \[codes\]: 0.7 is typical (66 dB, DS12288).
 const NOISE: f64 = 2.5;
@@ -28,9 +28,9 @@ const NOISE: f64 = 2.5;
 /// A code, and the knots that hold it.
 type Level = (u16, Range<usize>);
 
-/// The tape, and what it holds when.
+/// The tape, and the ranges of its levels.
 pub struct Levels {
-    /// What is played.
+    /// The tape to play.
     pub tape: Tape,
     force: Vec<Level>,
     terminal: Vec<Level>,
@@ -38,7 +38,7 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Each voltage by itself at its levels, then rest.
+    /// Each voltage alone at its levels, then rest.
     pub fn new() -> Self {
         let mut tape = Tape::new();
         let force = LEVELS.map(|code| (code, tape.go(code * 16, Knot::MIDDLE, HELD))).to_vec();
@@ -48,25 +48,25 @@ impl Levels {
     }
 }
 
-/// What the converters make of what is put out.
+/// What the converters read for the codes put out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
-    /// Code of the force's input by the code put out.
+    /// Code of the force input over the code put out.
     pub force: Line,
-    /// The same of the terminal's.
+    /// The same for the terminal input.
     pub terminal: Line,
 }
 
-/// What it means where the converters give nothing, or lose samples again and again.
+/// The cause if the converters deliver nothing, or lose samples repeatedly.
 pub const NOT_IN_STEP: &str = "the converters do not follow the sampling clock: another trigger starts them, or none, or one of \
                                them is broken";
-/// Part of the samples that a single disturbance takes at most.
+/// Maximum share of samples that a single disturbance affects.
 const ONCE: f64 = 0.05;
 
-/// Whether the board lost nothing meanwhile; for any recording, before anything else is made of it.
+/// Checks that the board lost nothing; done for any recording before it is evaluated.
 pub fn sampling(recording: &Recording) -> Check {
     let (lost, faults) = (recording.lost(), &recording.faults);
-    // The sampler has given up: then none is lost, as none comes.
+    // The sampler has given up: then no sample is lost, because none arrives.
     let ended = faults.contains(&Fault::SourceUnreadable);
     let cause = if ended || lost as f64 > ONCE * recording.samples.len() as f64 {
         Some(NOT_IN_STEP.to_owned())
@@ -83,7 +83,7 @@ pub fn sampling(recording: &Recording) -> Check {
     Check::new("sampling", "no sample lost, no fault", format!("{lost} samples lost, faults: {said:?}"), cause)
 }
 
-/// Whether each edge that is played is counted, in its direction.
+/// Checks that each edge that is played is counted, in its direction.
 pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
     const NAME: &str = "encoder wires";
     let expected = "1 count for each edge, upwards";
@@ -92,8 +92,7 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
         let mut sorted = positions.clone();
         sorted.sort_by(f64::total_cmp);
         let base = sorted[sorted.len() / 2];
-        // Only one line moves: it goes back and forth by a count, upwards first where A stands high, as its pull-up has
-        // it.
+        // Only one line moves: the count alternates by one, upwards first if A is high, as its pull-up makes it.
         let mean = positions.iter().map(|count| count - base).filter(|count| count.abs() < 1.5).sum::<f64>();
         let cause = match mean / 10.0 {
             1.0.. => "the wire to A (PB1 to PA15) is missing",
@@ -113,7 +112,7 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
     (Check::new(NAME, expected, found, cause), Some(aligned))
 }
 
-/// Mean and deviation of a channel while knots are held; without the first two, as the voltage still moves.
+/// Mean and deviation of a channel while knots are held, without the first two, when the voltage still moves.
 fn held(recording: &Recording, aligned: &Aligned, knots: &Range<usize>, code: fn(&RawSample) -> i32) -> (f64, f64) {
     let steps = ((knots.start + 2) * ENTRIES) as i64..(knots.end * ENTRIES) as i64 - 2;
     let inside = recording.samples.iter().enumerate().filter(|(place, _)| {
@@ -150,7 +149,7 @@ const TERMINAL: Channel = Channel {
 };
 
 impl Channel {
-    /// Its line by its own output, after the checks of it; nothing where one fails.
+    /// Its line over its own output, after its checks; `None` if one fails.
     fn judge(
         &self,
         (levels, own, other): (&Levels, &[Level], &[Level]),
@@ -184,13 +183,13 @@ impl Channel {
         if !report.take(Check::new(self.gain, expected, found, cause)) {
             return None;
         }
-        // Of one conversion: a sample is the mean of so many here.
+        // Of one conversion: a sample is the mean of many here.
         let noise = held(recording, aligned, &levels.quiet, self.code).1 * (ENTRIES as f64).sqrt();
         Some((own, noise))
     }
 }
 
-/// The chain, after all checks of this tape; nothing where one fails.
+/// The chain, after all checks of this tape; `None` if one fails.
 pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: &mut Report) -> Option<Chain> {
     let force = FORCE.judge((levels, &levels.force, &levels.terminal), recording, aligned, report)?;
     let terminal = TERMINAL.judge((levels, &levels.terminal, &levels.force), recording, aligned, report)?;

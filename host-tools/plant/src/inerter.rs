@@ -1,4 +1,4 @@
-//! What the device is: inertance, friction, contact and structure mass.
+//! The device: inertance, friction, contact and structure mass.
 //!
 //! Everything is referred to the terminal, in SI units. Source: Li, Liang and Wang, "Two-terminal manipulation of
 //! masses ... Part I", sections 2.2, 3 and 4.3. Friction beyond Coulomb's: Armstrong-Helouvry, Dupont and Canudas de
@@ -10,13 +10,13 @@ use std::{collections::BTreeMap, f64::consts::PI};
 use crate::PlantError;
 use crate::table::field_table;
 
-/// Fastest rate of a device that can be followed \[rad/s\]: beyond it a simulated second takes a million steps.
+/// Fastest rate of a device that can be simulated \[rad/s\]: beyond it a simulated second takes a million steps.
 const FASTEST_RAD_PER_S: f64 = 1e5;
 
 /// The device's physical constants, referred to the terminal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inerter {
-    /// Effective inertance `mt`: what turns with the screw \[kg\].
+    /// Effective inertance `mt`: everything that rotates with the screw \[kg\].
     pub inertance_kg: f64,
     /// Viscous friction `cf` on the screw, the mean of both directions \[N s/m\].
     pub viscous_n_s_per_m: f64,
@@ -28,21 +28,22 @@ pub struct Inerter {
     pub contact_damping_n_s_per_m: f64,
     /// Total backlash `eps`: play between one flank and the other \[m\].
     pub backlash_m: f64,
-    /// Structure mass `mr` that hangs on the measured terminal beside the screw \[kg\].
+    /// Structure mass `mr` attached to the measured terminal in parallel with the screw \[kg\].
     pub structure_mass_kg: f64,
-    /// How much more Coulomb friction is forward than on average, and less backward, as a part of it.
+    /// Relative excess of the forward Coulomb friction over the mean of both directions; backward it is less by the
+    /// same.
     pub coulomb_asymmetry: f64,
-    /// The same of viscous friction.
+    /// The same for viscous friction.
     pub viscous_asymmetry: f64,
-    /// Friction at rest over that of fast sliding; 1 is Coulomb's.
+    /// Static friction relative to that of fast sliding; 1 means Coulomb friction.
     pub stribeck_ratio: f64,
-    /// Velocity at which the surplus has fallen to `1/e` \[m/s\].
+    /// Velocity at which the excess (Stribeck) has fallen to `1/e` \[m/s\].
     pub stribeck_velocity_m_per_s: f64,
-    /// Travel in which friction comes nearer to its sliding level by `1 - 1/e`; 0 is at once \[m\].
+    /// Travel over which friction approaches its sliding level by a factor of `1 - 1/e`; 0 means at once \[m\].
     pub presliding_m: f64,
-    /// 1 where the flanks can only push.
+    /// 1 if the flanks can only push.
     pub unilateral: f64,
-    /// Force on the screw beside the contact's, e.g. a weight; positive pushes forward \[N\].
+    /// Force on the screw in addition to the contact's, e.g. a weight; positive pushes forward \[N\].
     pub constant_force_n: f64,
 }
 
@@ -84,7 +85,7 @@ impl Inerter {
         Self { presliding_m: 50e-6, ..Self::paper() }
     }
 
-    /// The paper's device with friction that is 1.3 times as great at rest.
+    /// The paper's device with static friction 1.3 times the sliding friction.
     pub const fn stribeck() -> Self {
         Self { stribeck_ratio: 1.3, ..Self::paper() }
     }
@@ -106,10 +107,10 @@ impl Inerter {
         values.iter().try_for_each(|(name, value)| self.set(name, *value))
     }
 
-    /// Names that [`preset`](Self::preset) knows.
+    /// Names accepted by [`preset`](Self::preset).
     pub const PRESETS: &'static [&'static str] = &["paper", "worn", "preloaded", "presliding", "stribeck"];
 
-    /// Checks every value by itself and that the device is slow enough to be followed.
+    /// Checks every single value, and that the device is slow enough to be simulated.
     pub fn validate(&self) -> Result<(), PlantError> {
         self.check_fields()?;
         let by_spring = (self.stiffness_n_per_m / self.inertance_kg).sqrt();
@@ -132,7 +133,7 @@ impl Inerter {
         Ok(())
     }
 
-    /// A rate no mode of the device exceeds \[rad/s\]; sets the length of a step.
+    /// An upper bound of the rates of all modes of the device \[rad/s\]; sets the length of a step.
     pub(crate) fn fastest_rad_per_s(&self) -> f64 {
         let viscous = (1.0 + self.viscous_asymmetry.abs()) * self.viscous_n_s_per_m + self.stribeck_n_s_per_m();
         let stiffness = self.stiffness_n_per_m + self.presliding_n_per_m();
@@ -145,7 +146,7 @@ impl Inerter {
         self.coulomb_n * (1.0 + direction * self.coulomb_asymmetry)
     }
 
-    /// Force that sets the screw free in a direction \[N\].
+    /// Breakaway force in a direction \[N\].
     pub(crate) fn breakaway_n(&self, direction: f64) -> f64 {
         self.sliding_n(direction) * self.stribeck_ratio
     }
@@ -160,12 +161,12 @@ impl Inerter {
         self.presliding_m > 0.0 && self.coulomb_n > 0.0
     }
 
-    /// Whether friction falls with the velocity.
+    /// Whether friction falls with the speed.
     pub(crate) fn has_stribeck(&self) -> bool {
         self.stribeck_ratio > 1.0 && self.coulomb_n > 0.0
     }
 
-    /// Whether a direction of motion is told from the other.
+    /// Whether friction differs by direction.
     pub(crate) fn has_directions(&self) -> bool {
         self.coulomb_n > 0.0 || (self.viscous_asymmetry != 0.0 && self.viscous_n_s_per_m > 0.0)
     }
@@ -175,13 +176,13 @@ impl Inerter {
         self.backlash_m == 0.0 && self.unilateral == 0.0
     }
 
-    /// Steepest rise of friction over the travel \[N/m\].
+    /// Steepest slope of friction over travel \[N/m\].
     fn presliding_n_per_m(&self) -> f64 {
         let turned_n = 2.0 * self.coulomb_n * (1.0 + self.coulomb_asymmetry.abs()) * self.stribeck_ratio;
         if self.presslides() { turned_n / self.presliding_m } else { 0.0 }
     }
 
-    /// Steepest fall of friction over the velocity, `sqrt(2/e)` of the surplus per velocity \[N s/m\].
+    /// Steepest fall of friction over velocity, `sqrt(2/e)` of the excess per velocity \[N s/m\].
     fn stribeck_n_s_per_m(&self) -> f64 {
         let surplus_n = self.coulomb_n * (1.0 + self.coulomb_asymmetry.abs()) * (self.stribeck_ratio - 1.0);
         0.858 * surplus_n / self.stribeck_velocity_m_per_s
@@ -199,12 +200,12 @@ pub struct ScrewGeometry {
     pub flywheel_mass_kg: f64,
     /// Radius of the flywheel, a solid cylinder \[m\].
     pub flywheel_radius_m: f64,
-    /// Inertance of the other turning parts (screw, bearing ring) \[kg\].
+    /// Inertance of the other rotating parts (screw, bearing ring) \[kg\].
     pub other_inertance_kg: f64,
 }
 
 impl ScrewGeometry {
-    /// The paper's device: 0.738 kg of flywheel feel like 297.0673 kg, other turning parts add 2.4233 kg.
+    /// The paper's device: 0.738 kg of flywheel act as 297.0673 kg, other rotating parts add 2.4233 kg.
     ///
     /// The text gives no dimension, only this ratio, from which the flywheel's radius is 4.5158 leads. A lead of 10 mm
     /// and a pitch diameter of 12 mm are our choice.
@@ -219,7 +220,7 @@ impl ScrewGeometry {
         (self.lead_m / (PI * self.pitch_diameter_m)).atan()
     }
 
-    /// Times by which the flywheel's mass is magnified: `b = 2 r^2 / (D^2 tan(alpha)^2)`.
+    /// Mass magnification of the flywheel: `b = 2 r^2 / (D^2 tan(alpha)^2)`.
     pub fn magnification(&self) -> f64 {
         let d_tan_alpha = self.pitch_diameter_m * self.helix_angle_rad().tan();
         2.0 * self.flywheel_radius_m.powi(2) / d_tan_alpha.powi(2)
@@ -230,7 +231,7 @@ impl ScrewGeometry {
         self.magnification() * self.flywheel_mass_kg
     }
 
-    /// Effective inertance `mt` with the other turning parts \[kg\].
+    /// Effective inertance `mt` including the other rotating parts \[kg\].
     pub fn inertance_kg(&self) -> f64 {
         self.ideal_inertance_kg() + self.other_inertance_kg
     }

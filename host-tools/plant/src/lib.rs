@@ -1,14 +1,14 @@
 //! The simulated inerter: stick, slip, contact and free flight located exactly.
 //!
-//! `f64` truth to test the estimator against. A rig moves terminal 1 along a prescribed motion ([`Excitation`]); the
-//! device ([`Inerter`]) responds ([`Plant`]); imperfect instruments ([`Sensors`]) turn that into counts and codes
-//! ([`Simulation`]). Nothing here depends on the firmware: both share only the physics.
+//! It provides the truth in `f64` for tests of the estimator. A rig moves terminal 1 along a prescribed motion
+//! ([`Excitation`]); the device ([`Inerter`]) responds ([`Plant`]); imperfect instruments ([`Sensors`]) turn that into
+//! counts and codes ([`Simulation`]). Nothing here depends on the firmware: both share only the physics.
 //!
 //! Glossary:
 //! - `x1` terminal displacement, prescribed \[m\]; `x2` screw displacement referred to the terminal \[m\]; `d = x1 - x2`.
 //! - *contact*: `abs(d) > backlash / 2`, the flanks touch; *flight*: they do not, and the force is zero.
-//! - *stuck*: the screw is at rest and friction balances any force up to the Coulomb force; *slip*: it turns.
-//! - *segment*: a stretch of time without a change of mode, on which the solution is one polynomial.
+//! - *stuck*: the screw is at rest and friction balances any force up to the Coulomb force; *slip*: it rotates.
+//! - *segment*: an interval without a change of mode, on which the solution is one polynomial.
 //!
 //! ```
 //! use inerter_plant::{Excitation, Inerter, Sensors, Simulation};

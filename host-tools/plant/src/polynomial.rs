@@ -1,11 +1,11 @@
-//! Polynomials on the unit interval, and the first place where one falls through zero.
+//! Polynomials on the unit interval, and the first point where one crosses zero from above.
 //!
-//! Coefficients ascend: `p[0] + p[1] u + ...` with `u` in 0 to 1.
+//! Coefficients are in ascending order: `p[0] + p[1] u + ...` with `u` in 0 to 1.
 
 /// Coefficients of the solution on one segment: degree 10.
 pub(crate) const LENGTH: usize = 11;
 
-/// Halvings before two roots count as one: the interval left is then below the spacing of `f64`.
+/// Bisections before two roots count as one: the remaining interval is then below the spacing of `f64`.
 const DEPTH: u32 = 52;
 
 pub(crate) type Polynomial = [f64; LENGTH];
@@ -16,19 +16,19 @@ pub(crate) fn value(p: &[f64], u: f64) -> f64 {
     p.iter().rev().fold(0.0, |sum, &c| sum * u + c)
 }
 
-/// Derivative by `u`, at `u`.
+/// Derivative with respect to `u`, at `u`.
 #[inline]
 pub(crate) fn slope(p: &[f64], u: f64) -> f64 {
     p.iter().enumerate().skip(1).rev().fold(0.0, |sum, (k, &c)| sum * u + k as f64 * c)
 }
 
-/// Second derivative by `u`, at `u`.
+/// Second derivative with respect to `u`, at `u`.
 #[inline]
 pub(crate) fn curvature(p: &[f64], u: f64) -> f64 {
     p.iter().enumerate().skip(2).rev().fold(0.0, |sum, (k, &c)| sum * u + (k * (k - 1)) as f64 * c)
 }
 
-/// The same curve seen from `origin`, with `scale` as the new unit.
+/// The same curve with its origin moved to `origin` and `scale` as the new unit.
 pub(crate) fn rebase<const N: usize>(p: &[f64; N], origin: f64, scale: f64) -> [f64; N] {
     let mut q = *p;
     for first in 0..N {
@@ -44,10 +44,10 @@ pub(crate) fn rebase<const N: usize>(p: &[f64; N], origin: f64, scale: f64) -> [
     q
 }
 
-/// First `u` in 0 to 1 where the curve passes from positive to negative; 0 when it is about to at the start.
+/// First `u` in 0 to 1 where the curve crosses from positive to negative; 0 if it does so at the start.
 ///
-/// The caller promises that the curve starts positive or on zero: a start at or below zero is where the last event was
-/// located, on its rounding error, and counts as zero. From there the first derivative that is not zero decides.
+/// The caller guarantees that the curve starts positive or at zero: a start at or below zero is the previous event's
+/// location with its rounding error, and counts as zero. Then the first nonzero derivative decides.
 pub(crate) fn first_fall(p: &Polynomial) -> Option<f64> {
     let mut p = *p;
     if p[0] <= 0.0 {
@@ -85,7 +85,7 @@ fn first_root(p: &Polynomial, depth: u32) -> Option<f64> {
     first_root(&right, depth - 1).map(|u| 0.5 + 0.5 * u)
 }
 
-/// The root of a curve that falls all the way, from positive to not positive: Newton kept inside a bracket.
+/// The root of a curve that decreases throughout, from positive to not positive: Newton's method kept inside a bracket.
 fn falling_root(p: &Polynomial) -> f64 {
     let (mut low, mut high, mut u) = (0.0, 1.0, 0.5);
     for _ in 0..100 {

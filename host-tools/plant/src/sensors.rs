@@ -1,8 +1,8 @@
-//! The instruments: what the rig's encoder, load cell and displacement sensor make of the truth.
+//! The instruments: how the rig's encoder, load cell and displacement sensor measure the truth.
 //!
 //! - position: `floor((x2 + eccentricity) / metres_per_count + encoder_phase_count)`, wrapping like a 32-bit counter.
-//! - force: `gain (F + mr x1'')` of `delay_s` ago `+ offset + drift t + pickup + knock + noise`, rounded to codes, held to
-//!   the code limits. The pickup is a sine, the knock one half of a sine.
+//! - force: `gain (F + mr x1'')` delayed by `delay_s` `+ offset + drift t + pickup + knock + noise`, rounded to codes,
+//!   clipped to the code limits. The pickup is a sine, the knock a half sine.
 //! - terminal: `x1 + noise`, rounded to codes.
 //!
 //! With `oversampling` N, position and force are sums over N evenly spaced sub-samples per sample, as in a device whose
@@ -21,23 +21,23 @@ pub struct Sensors {
     pub sample_rate_hz: f64,
     /// Sub-samples summed into one sample of position and force.
     pub oversampling: f64,
-    /// Displacement per encoder count; negative turns the direction \[m\].
+    /// Displacement per encoder count; a negative value reverses the direction \[m\].
     pub metres_per_count: f64,
-    /// Where in a count the encoder stands at `x2 = 0`.
+    /// Encoder phase at `x2 = 0`, as a fraction of a count.
     pub encoder_phase_count: f64,
-    /// Amplitude of the encoder's once-per-turn error \[m\].
+    /// Amplitude of the encoder's once-per-revolution error \[m\].
     pub encoder_eccentricity_m: f64,
     /// Phase of that error at `x2 = 0` \[rad\].
     pub encoder_eccentricity_phase_rad: f64,
-    /// Travel per turn, for the once-per-turn error \[m\].
+    /// Travel per revolution, for the once-per-revolution error \[m\].
     pub lead_m: f64,
-    /// Force per code of one conversion; negative turns the direction \[N\].
+    /// Force per code of one conversion; a negative value reverses the direction \[N\].
     pub newtons_per_code: f64,
-    /// Code at no force.
+    /// Code at zero force.
     pub force_zero_code: f64,
-    /// Least code the converter gives.
+    /// Minimum code of the converter.
     pub force_min_code: f64,
-    /// Greatest code the converter gives.
+    /// Maximum code of the converter.
     pub force_max_code: f64,
     /// Gain of the load cell.
     pub force_gain: f64,
@@ -47,19 +47,19 @@ pub struct Sensors {
     pub force_drift_n_per_s: f64,
     /// White noise of one sample, rms \[N\].
     pub force_noise_n: f64,
-    /// Delay of the force behind the position \[s\].
+    /// Delay of the force relative to the position \[s\].
     pub delay_s: f64,
-    /// Amplitude of the mains in the force \[N\].
+    /// Amplitude of mains pickup in the force \[N\].
     pub pickup_n: f64,
     /// Frequency of the mains \[Hz\].
     pub pickup_hz: f64,
-    /// Height of a knock on the load cell \[N\].
+    /// Peak force of a knock on the load cell \[N\].
     pub knock_n: f64,
     /// Its start \[s\].
     pub knock_at_s: f64,
-    /// Its length \[s\].
+    /// Its duration \[s\].
     pub knock_s: f64,
-    /// Displacement per code of the terminal sensor; negative turns the direction \[m\].
+    /// Displacement per code of the terminal sensor; a negative value reverses the direction \[m\].
     pub metres_per_terminal_code: f64,
     /// White noise of the terminal sensor, rms \[m\].
     pub terminal_noise_m: f64,
@@ -104,7 +104,7 @@ impl Default for Sensors {
 }
 
 impl Sensors {
-    /// Checks every value by itself and what must hold between them.
+    /// Checks every single value, and the conditions between them.
     pub fn validate(&self) -> Result<(), PlantError> {
         self.check_fields()?;
         let scales = [
@@ -138,14 +138,14 @@ impl Sensors {
         self.metres_per_count / self.oversampling
     }
 
-    /// Counts of the encoder, not yet wrapped.
+    /// Unwrapped count of the encoder.
     pub(crate) fn count(&self, x2_m: f64) -> i64 {
         let turn = TAU * x2_m / self.lead_m + self.encoder_eccentricity_phase_rad;
         let wobble = if self.encoder_eccentricity_m == 0.0 { 0.0 } else { self.encoder_eccentricity_m * turn.sin() };
         ((x2_m + wobble) / self.metres_per_count + self.encoder_phase_count).floor() as i64
     }
 
-    /// Code of one conversion of a force that already carries its noise, and whether the converter was at a limit.
+    /// Code of one conversion of a force that already includes its noise, and whether the converter was at a limit.
     pub(crate) fn code(&self, cell_n: f64, t_s: f64, noise_n: f64) -> (i32, Limit) {
         let mut measured = self.force_gain * cell_n + self.force_offset_n + self.force_drift_n_per_s * t_s + noise_n;
         if self.pickup_n != 0.0 {
@@ -171,7 +171,7 @@ impl Sensors {
     }
 }
 
-/// Whether a conversion stood at one of the converter's limits.
+/// Whether a conversion was at one of the converter's limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Limit {
     Within,

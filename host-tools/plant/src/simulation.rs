@@ -1,4 +1,4 @@
-//! Samples as the device would take them, with the truth beside them.
+//! Samples as the device would take them, each with the truth.
 
 use std::collections::VecDeque;
 
@@ -12,13 +12,13 @@ use crate::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Truth};
 /// One sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Time of the sample, the mean of its sub-samples' \[s\].
+    /// Time of the sample, the mean time of its sub-samples \[s\].
     pub t_s: f64,
-    /// Number of the sample, wrapping; a lost sample leaves its number out.
+    /// Number of the sample, wrapping; the number of a lost sample is skipped.
     pub index: u32,
     /// Encoder counts, summed over the sub-samples, wrapping.
     pub position_count: i32,
-    /// Force codes, summed over the sub-samples. When any of them stood at a limit, the whole sum does.
+    /// Force codes, summed over the sub-samples. If any of them was at a limit, the whole sum is.
     pub force_code: i32,
     /// Code of the terminal sensor.
     pub terminal_code: i32,
@@ -29,20 +29,20 @@ pub struct Sample {
 /// Manual handling of a device at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hands {
-    /// Load on the load cell that is no force on the screw, such as a weight hung on it \[N\].
+    /// Load on the load cell that is not a force on the screw, such as a weight hung on it \[N\].
     pub load_n: f64,
     /// Displacement of the screw in addition to its own motion \[m\].
     pub moved_m: f64,
 }
 
-/// A sample from which on others are counted.
+/// A sample from which later ones are counted.
 #[derive(Clone, Copy, Debug, Default)]
 struct Since {
-    /// Its number.
+    /// Its sample number.
     number: u64,
-    /// The plant's time at it \[s\].
+    /// The plant's time at this sample \[s\].
     plant_s: f64,
-    /// The plant's time zero in the instruments' time \[s\].
+    /// The plant's time zero on the instruments' clock \[s\].
     zero_s: f64,
 }
 
@@ -54,7 +54,7 @@ pub struct Simulation {
     /// Segments from the earliest time still needed to the latest solved.
     history: VecDeque<Segment>,
     number: u64,
-    /// Since when the samples come as they do.
+    /// The sample since which rate and plant have been the same.
     since: Since,
     hands: Hands,
     force_noise: ChaCha8Rng,
@@ -71,7 +71,7 @@ impl Simulation {
     /// Samples a plant that is not yet in motion.
     pub fn of(plant: Plant, sensors: Sensors) -> Result<Self, PlantError> {
         sensors.validate()?;
-        // One stream each, so that switching one kind of noise on leaves the others as they were.
+        // One random stream each, so that enabling one kind of noise does not change the others.
         let stream = |number| {
             let mut rng = ChaCha8Rng::seed_from_u64(sensors.seed);
             rng.set_stream(number);
@@ -100,19 +100,19 @@ impl Simulation {
         &self.plant
     }
 
-    /// From the next sample on, load and displacement by hand are these.
+    /// Sets load and displacement by hand, from the next sample on.
     pub fn handle(&mut self, hands: Hands) {
         self.hands = hands;
     }
 
-    /// From the next sample on, samples another plant at its time zero; the instruments continue.
+    /// Switches to another plant at its time zero, from the next sample on; the instruments continue.
     pub fn replace(&mut self, plant: Plant) {
         self.plant = plant;
         self.history.clear();
         self.since = Since { number: self.number, plant_s: 0.0, zero_s: self.since.zero_s + self.next_s() };
     }
 
-    /// From the next sample on, so many samples a second, each the sum of so many conversions; the motion continues.
+    /// Changes the sample rate and the number of conversions per sample, from the next sample on; the motion continues.
     pub fn sample_at(&mut self, sample_rate_hz: f64, oversampling: f64) -> Result<(), PlantError> {
         let sensors = Sensors { sample_rate_hz, oversampling, ..self.sensors };
         sensors.validate()?;
@@ -126,12 +126,12 @@ impl Simulation {
         self.since.plant_s + (self.number - self.since.number) as f64 / self.sensors.sample_rate_hz
     }
 
-    /// The same samples up to `duration_s` \[s\]; lost ones are not made up for.
+    /// The same samples up to `duration_s` \[s\]; lost ones are not replaced.
     pub fn lasting(self, duration_s: f64) -> impl Iterator<Item = Sample> {
         self.take_while(move |sample| sample.t_s < duration_s)
     }
 
-    /// Solves up to and including `latest_s`, forgets what ended before `earliest_s`.
+    /// Solves up to and including `latest_s`, and discards segments that ended before `earliest_s`.
     fn cover(&mut self, earliest_s: f64, latest_s: f64) {
         while self.history.back().is_none_or(|segment| segment.end_s() <= latest_s) {
             let segment = self.plant.next_segment();
@@ -141,14 +141,15 @@ impl Simulation {
         self.forget(earliest_s);
     }
 
-    /// Forgets what ended before. The last such segment is kept: rounding may place a time on either side of a boundary.
+    /// Discards segments that ended before. The last such segment is kept: rounding may put a time on either side of a
+    /// boundary.
     fn forget(&mut self, earliest_s: f64) {
         while self.history.get(1).is_some_and(|second| second.end_s() < earliest_s) {
             self.history.pop_front();
         }
     }
 
-    /// The segment that `t_s` lies in; `None` before the start.
+    /// The segment that contains `t_s`; `None` before the start.
     fn segment(&self, t_s: f64) -> Option<&Segment> {
         if t_s < 0.0 {
             return None;
@@ -204,7 +205,7 @@ impl Simulation {
     }
 }
 
-/// Gaussian noise of this rms; none is drawn for none.
+/// Gaussian noise with this rms; draws nothing if it is zero.
 fn noise(rms: f64, rng: &mut ChaCha8Rng) -> f64 {
     if rms > 0.0 {
         let normal: f64 = StandardNormal.sample(rng);

@@ -2,36 +2,36 @@
 
 use crate::PlantError;
 
-/// What is known of a field apart from its value.
+/// A field's properties apart from its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldInfo {
-    /// Name, ending in the unit where there is one.
+    /// Name, with its unit at the end, if any.
     pub name: &'static str,
     /// Unit for display; empty for a plain number.
     pub unit: &'static str,
     /// One line for a person.
     pub help: &'static str,
-    /// Value when nothing is said.
+    /// Default value.
     pub default: f64,
-    /// Least value accepted.
+    /// Minimum accepted value.
     pub min: f64,
-    /// Greatest value accepted.
+    /// Maximum accepted value.
     pub max: f64,
-    /// What else the value must be.
+    /// Further conditions on the value.
     pub kind: FieldKind,
 }
 
-/// What a field's value must be besides in range.
+/// Conditions on a field's value besides its range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FieldKind {
     /// Any number.
     Real,
-    /// A whole number.
+    /// An integer.
     Whole,
 }
 
 impl FieldInfo {
-    /// Whether `value` may stand here, apart from the other fields.
+    /// Whether `value` is valid, apart from the other fields.
     pub fn check(&self, value: f64) -> Result<(), PlantError> {
         check(self.name, value, (self.min, self.max))?;
         match self.kind {
@@ -80,7 +80,7 @@ macro_rules! field_table {
                 }
             }
 
-            /// Replaces one value by its name, after checking it by itself.
+            /// Replaces one value by its name, after checking that value alone.
             pub fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::PlantError> {
                 let info = Self::TABLE.iter().find(|info| info.name == name);
                 info.ok_or_else(|| $crate::PlantError::UnknownField { name: name.to_owned() })?.check(value)?;

@@ -1,4 +1,4 @@
-//! The app's clock on a computer: embassy's hand-driven one, moved along with the machine's.
+//! The app's clock on a computer: embassy's manually driven clock, advanced with the system clock.
 
 use std::{
     sync::{Mutex, OnceLock},
@@ -7,7 +7,7 @@ use std::{
 
 use embassy_time::{Duration, MockDriver};
 
-/// Moves the app's clock up to now; to be called before every poll. The clock is one for the whole process.
+/// Advances the app's clock to now; call it before every poll. The clock is shared by the whole process.
 pub fn advance() {
     static START: OnceLock<Instant> = OnceLock::new();
     static LOCK: Mutex<()> = Mutex::new(());

@@ -1,4 +1,4 @@
-//! A simulated run as a person describes it, by flags or by keywords.
+//! A simulated run as the user describes it, by flags or by keywords.
 
 use std::{collections::BTreeMap, path::PathBuf};
 
@@ -13,7 +13,7 @@ use crate::{
     setup::{Setup, bench_sensors},
 };
 
-/// Duration of a run that must end, when neither its description nor its motion says one \[s\].
+/// Duration of a run that must end, if neither its description nor its motion sets one \[s\].
 const USUAL_S: f64 = 20.0;
 
 /// A simulated run as described, before defaults are filled in.
@@ -21,26 +21,26 @@ const USUAL_S: f64 = 20.0;
 pub struct Described {
     /// Device to start from, one of [`Inerter::PRESETS`].
     pub preset: String,
-    /// Parameters of the device and of its instruments, over those of the preset.
+    /// Parameters of the device and of its instruments, which override those of the preset.
     pub given: BTreeMap<String, f64>,
     /// Motion of the terminal.
     pub motion: Motion,
     /// Seed of motion and noise.
     pub seed: u64,
-    /// Duration \[s\]; that of the motion where nothing is said.
+    /// Duration \[s\]; the motion's by default.
     pub duration_s: Option<f64>,
     /// Load on the load cell in addition to the motion \[N\].
     pub load_n: f64,
     /// When the device changes \[s\], and its parameters from then on.
     pub change: Option<(f64, BTreeMap<String, f64>)>,
-    /// Settings over those of a perfect calibration.
+    /// Settings that override those of a perfect calibration.
     pub overrides: Overrides,
 }
 
-/// A motion, as it is given.
+/// A motion as given.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// By its name, as [`Excitation::parse`] takes it.
+    /// By its name, as [`Excitation::parse`] accepts it.
     Named(String),
     /// Point by point, in a CSV.
     File(PathBuf),
@@ -65,7 +65,7 @@ impl Default for Described {
 }
 
 impl Described {
-    /// The run, without end where neither it nor its motion has one.
+    /// The run; endless if neither it nor its motion has a duration.
     pub fn setup(&self) -> Result<Setup, SimulateError> {
         let mut parameters = Inerter::preset(&self.preset)?;
         let sensors = self.instruments(&mut parameters)?;
@@ -85,13 +85,13 @@ impl Described {
         setup.changing(*at_s, after)
     }
 
-    /// The run, which ends: after 20 s where nothing says when.
+    /// The run with an end: after 20 s if no duration is given.
     pub fn ending(&self) -> Result<Setup, SimulateError> {
         let setup = self.setup()?;
         Ok(Setup { duration_s: setup.duration_s.or(Some(USUAL_S)), ..setup })
     }
 
-    /// Puts what is given over device and instruments.
+    /// Applies the given values to device and instruments.
     fn instruments(&self, parameters: &mut Inerter) -> Result<Sensors, SimulateError> {
         let mut sensors = Sensors { seed: self.seed, ..bench_sensors() };
         for (name, value) in &self.given {
@@ -107,7 +107,7 @@ impl Described {
             sensors.sample_rate_hz = set_hz;
         }
         if !is_given("newtons_per_code") {
-            // A converter that is so much coarser: the sum's scale stays, and so does its range.
+            // A converter with codes coarser by this factor: scale and range of the sum stay.
             sensors.newtons_per_code *= sensors.oversampling;
         }
         for (name, limit) in

@@ -1,4 +1,4 @@
-//! The virtual device: the firmware's own app with the plant for its sampler, in a thread of this process.
+//! The virtual device: the firmware's own app with the plant as its sampler, in a thread of this process.
 
 use std::{
     cell::RefCell,
@@ -33,9 +33,9 @@ use crate::{
     setup::{Sampled, Setup, raw},
 };
 
-/// Longest time between two looks at the link.
+/// Longest time between two polls of the link.
 const IDLE: Duration = Duration::from_millis(1);
-/// A source that lags by more than this was halted, and does not make up for it.
+/// A source that lags by more than this was halted, and does not catch up.
 const PAUSE: embassy_time::Duration = embassy_time::Duration::from_secs(1);
 
 /// Where the device can be reached.
@@ -55,7 +55,7 @@ pub struct VirtualDevice {
 }
 
 impl VirtualDevice {
-    /// Starts a device that is in motion already, `speed` times as fast as real time.
+    /// Starts a device that is already in motion, at `speed` times real time.
     pub fn start(setup: &Setup, endpoint: &Endpoint, speed: f64) -> Result<Self, SimulateError> {
         Self::new(setup, endpoint, speed, true, Box::new(setup.samples()?))
     }
@@ -98,7 +98,7 @@ impl VirtualDevice {
             let mut state = Box::new(State::default());
             let kept = Rc::new(RefCell::new(None));
             let mut start = Start::POWER_ON;
-            // Each round is one start of the device; a reboot begins the next.
+            // Each iteration is one start of the device; a reboot begins the next.
             while !flag.load(Ordering::Relaxed) {
                 let app = App::new();
                 let board = Board {
@@ -157,7 +157,7 @@ impl Wake for Unpark {
     }
 }
 
-/// Polls `future`, after `turn` each time, until it is ready or `stop` is set.
+/// Polls `future` until it is ready or `stop` is set, with a call of `turn` before each poll.
 fn run_until(stop: &AtomicBool, mut turn: impl FnMut(), future: impl Future) {
     let waker = Waker::from(Arc::new(Unpark(thread::current())));
     let mut context = Context::from_waker(&waker);
@@ -181,7 +181,8 @@ struct PlantSource {
 }
 
 impl PlantSource {
-    /// When a sample of time `t_s` is due. A source that was not asked for long goes on from where it stood.
+    /// When a sample with time `t_s` is due. A source that was not read for a long time continues from where it
+    /// stopped.
     fn due(&mut self, t_s: f64, now: Instant) -> Instant {
         let after = embassy_time::Duration::from_micros((t_s / self.speed * 1e6) as u64);
         let due = *self.started.get_or_insert(now) + after;
@@ -192,7 +193,7 @@ impl PlantSource {
         now
     }
 
-    /// The plant's instruments follow the settings; one that was waiting to be read is of the former rate.
+    /// The plant's instruments follow the settings; a sample already waiting has the former rate.
     fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         let simulation = self.samples.simulation();
         let sensors = simulation.sensors();
@@ -235,11 +236,11 @@ impl PlantSource {
     }
 }
 
-/// The sampler outlives a reboot.
+/// The sampler survives a reboot.
 struct Shared(Rc<RefCell<PlantSource>>);
 
 impl SampleSource for Shared {
-    /// The plant waits for a busy machine, so that no sample is lost to the simulation itself.
+    /// The plant waits on a busy machine, so that the simulation itself loses no sample.
     fn pace(&self) -> Pace {
         Pace::OnDemand
     }
@@ -253,7 +254,7 @@ impl SampleSource for Shared {
     }
 }
 
-/// Settings that outlive a reboot, not the program.
+/// Settings that survive a reboot, but not the program.
 struct Kept(Rc<RefCell<Option<SettingsValues>>>);
 
 impl Store for Kept {
@@ -282,7 +283,7 @@ impl ErrorType for HostLink {
 fn ready(result: io::Result<usize>) -> Poll<Result<usize, ErrorKind>> {
     match result {
         Ok(count) => Poll::Ready(Ok(count)),
-        // Looked at again at the next poll, at most a millisecond later.
+        // The next poll tries again, at most a millisecond later.
         Err(error) if error.kind() == io::ErrorKind::WouldBlock => Poll::Pending,
         Err(_) => Poll::Ready(Err(ErrorKind::NotConnected)),
     }

@@ -13,7 +13,7 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
     Setup { source: PlantError },
 
-    /// The settings say another rate than the instruments sample at.
+    /// The settings have another sample rate than the instruments.
     #[error("the setting sample_rate_hz = {set_hz} contradicts the {rate_hz} Hz of the simulated instruments")]
     #[diagnostic(
         code(inerter::simulate::rate),
@@ -21,7 +21,7 @@ pub enum SimulateError {
     )]
     Rate { set_hz: f64, rate_hz: f64 },
 
-    /// A change of the device is not written as it must be.
+    /// A change of the device is written incorrectly.
     #[error("--change `{text}` is not NAME=VALUE")]
     #[diagnostic(
         code(inerter::simulate::change),
@@ -34,7 +34,7 @@ pub enum SimulateError {
     #[diagnostic(code(inerter::simulate::endpoint), help("choose another port number, or 0 for any free one"))]
     Endpoint { what: String, source: std::io::Error },
 
-    /// The output's name says no format.
+    /// The output's name does not determine a format.
     #[error("{path} has neither the ending .mcap nor .csv")]
     #[diagnostic(code(inerter::simulate::format), help("end the name with .mcap for a recording or with .csv"))]
     Format { path: String },

@@ -24,8 +24,8 @@ use crate::{
     setup::{Setup, raw},
 };
 
-/// Writes a recording (.mcap), or a CSV (.csv) with its settings beside it, whose file it names; otherwise as
-/// [`write_recording`].
+/// Writes a recording (.mcap), or a CSV (.csv) with its settings in a file beside it, whose name it returns; otherwise
+/// as [`write_recording`].
 pub fn write(
     setup: &Setup,
     path: &Path,
@@ -40,7 +40,7 @@ pub fn write(
             write_csv(setup, path, replace, progress)?;
             Ok(Some(settings::write_beside(&setup.settings, setup.calibration.as_ref(), path, replace)?))
         }
-        // A device such as /dev/full takes anything.
+        // A device such as /dev/full accepts any format.
         ending if ending == Some("mcap") || (!path.is_file() && path.exists()) => {
             write_recording(setup, path, replace, progress)?;
             Ok(None)
@@ -49,8 +49,8 @@ pub fn write(
     }
 }
 
-/// Writes a recording as a device would have sent it; `progress` is handed the time \[s\] now and then, and may end the
-/// work. The file is there when it is complete; only `replace` lets it take the place of another one.
+/// Writes a recording as a device would have sent it; `progress` gets the time \[s\] now and then, and may stop the
+/// work. The file appears when it is complete; it replaces an existing one only with `replace`.
 pub fn write_recording(
     setup: &Setup,
     path: &Path,
@@ -123,7 +123,7 @@ pub fn held(setup: &Setup, mut progress: impl FnMut(f64) -> Result<(), Error>) -
     })
 }
 
-/// Writes a CSV, with `terminal_m` where the settings say that there is a sensor; otherwise as [`write_recording`].
+/// Writes a CSV, with `terminal_m` if the settings include a terminal sensor; otherwise as [`write_recording`].
 fn write_csv(
     setup: &Setup,
     path: &Path,
@@ -160,7 +160,7 @@ struct Stream {
 impl Stream {
     fn send(&mut self, record: &Record) -> Result<(), OutputError> {
         let mut out = [0; MAX_FRAME];
-        // A buffer of this size always suffices.
+        // A buffer of this size is always sufficient.
         let length = encode_record(record, self.sequence.take(), &mut out).unwrap_or(1);
         self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap_or_default())
     }
@@ -169,7 +169,7 @@ impl Stream {
         self.send(&Record::Event(Event { index, kind }))
     }
 
-    /// As a device says it.
+    /// The event as a device sends it.
     fn event(&mut self, index: u32, event: &EstimatorEvent) -> Result<(), OutputError> {
         match *event {
             EstimatorEvent::Reversal(reversal) => self.send(&Record::Reversal(reversal)),

@@ -1,11 +1,11 @@
 //! The simulated inerter as a file or as a live device.
 //!
-//! [`Described`] is a run as the user describes it; [`Setup`] is the device, motion, instruments and settings that
-//! follow. [`mod@file`] writes a recording or a CSV, [`VirtualDevice`] runs the firmware's app on this machine behind a
-//! pseudo-terminal or a TCP port, [`Qemu`] runs the firmware image itself. [`share`] lets several hosts use one link,
+//! [`Described`] is a run as the user describes it; [`Setup`] is the resulting device, motion, instruments and
+//! settings. [`mod@file`] writes a recording or a CSV, [`VirtualDevice`] runs the firmware's app on this machine behind
+//! a pseudo-terminal or a TCP port, [`Qemu`] runs the firmware image itself. [`share`] lets several hosts use one link,
 //! to a virtual device or to any other.
 
-// The app's queues need critical sections; this crate brings the implementation for a machine with threads.
+// The app's queues need critical sections; this crate provides the implementation for a machine with threads.
 use critical_section as _;
 
 mod clock;

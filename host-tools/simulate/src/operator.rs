@@ -1,6 +1,7 @@
-//! Hands at a simulated device: a weight hung on the load cell, the screw turned, the rig shaken for a while.
+//! A simulated operator: hangs a weight on the load cell, turns the screw, shakes the rig for a while.
 //!
-//! What a person does at a bench, so that calibration can be tried and tested without one. Lines such as `mass 5`.
+//! It does what a person does at a bench, so that calibration can be tried and tested without one. Commands are lines
+//! such as `mass 5`.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,12 +12,12 @@ use crate::{
     setup::{Sampled, Setup},
 };
 
-/// Standard gravity, by which a mass hangs on the simulated cell \[m/s^2\].
+/// Standard gravity, for a mass that hangs on the simulated cell \[m/s^2\].
 pub const GRAVITY_M_PER_S2: f64 = 9.80665;
-/// Speed of the hands \[m/s\].
+/// Speed of a movement by hand \[m/s\].
 const SPEED_M_PER_S: f64 = 0.02;
 
-/// The person at a simulated device; clones are the same one.
+/// The operator of a simulated device; clones share its state.
 #[derive(Clone)]
 pub struct Operator {
     orders: Arc<Mutex<Orders>>,
@@ -31,7 +32,7 @@ struct Orders {
 }
 
 impl Operator {
-    /// At the device of this set-up.
+    /// The operator of this set-up's device.
     pub(super) fn new(setup: &Setup) -> Self {
         let hands = Hands { load_n: setup.load_n, moved_m: 0.0 };
         let orders = Orders { hands, parameters: setup.parameters, plant: None };
@@ -39,28 +40,28 @@ impl Operator {
     }
 
     fn orders(&self) -> MutexGuard<'_, Orders> {
-        // The orders are whole at any time.
+        // The orders are consistent even if a thread panicked.
         self.orders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// This force pulls on the load cell from now on \[N\].
+    /// Applies this force to the load cell from now on \[N\].
     pub fn load(&self, newtons: f64) {
         self.orders().hands.load_n = newtons;
     }
 
-    /// The screw is turned by so much, at the speed of a hand \[m\].
+    /// Turns the screw by this much, at the speed of a hand \[m\].
     pub fn advance(&self, metres: f64) {
         self.orders().hands.moved_m += metres;
     }
 
-    /// The terminal moves like this, from rest.
+    /// Moves the terminal like this, from rest.
     pub fn shake(&self, motion: &str) -> Result<(), SimulateError> {
         let mut orders = self.orders();
         orders.plant = Some(Plant::new(orders.parameters, Excitation::parse(motion, self.seed)?)?);
         Ok(())
     }
 
-    /// Does what one line says: `load NEWTONS`, `mass KG`, `move METRES`, `turn REVOLUTIONS`, `shake MOTION`.
+    /// Executes one line: `load NEWTONS`, `mass KG`, `move METRES`, `turn REVOLUTIONS`, `shake MOTION`.
     pub fn obey(&self, line: &str) -> Result<(), SimulateError> {
         let unknown = || SimulateError::Hand { line: line.trim().into() };
         let (verb, what) = line.trim().split_once(' ').ok_or_else(unknown)?;

@@ -1,4 +1,4 @@
-//! The far end of the link: a TCP port or pseudo-terminal behind which a simulated device sits. Never blocks.
+//! The device's end of the link: a TCP port or pseudo-terminal for a simulated device. Never blocks.
 
 use std::io;
 #[cfg(unix)]
@@ -19,7 +19,7 @@ pub enum Port {
 }
 
 impl Port {
-    /// Listens on `address`, e.g. `127.0.0.1:7878`; gives the address with its true port number.
+    /// Listens on `address`, e.g. `127.0.0.1:7878`; also returns the address with the actual port number.
     pub fn tcp(address: &str) -> Result<(Self, String), SimulateError> {
         let failed = |source| SimulateError::Endpoint { what: format!("the TCP port {address}"), source };
         let share = Share::controlled(address).map_err(failed)?;
@@ -27,7 +27,7 @@ impl Port {
         Ok((Self::Tcp(Box::new(share)), address))
     }
 
-    /// Opens a pseudo-terminal; gives the name of the host's side.
+    /// Opens a pseudo-terminal; also returns the name of the host's side.
     #[cfg(unix)]
     pub fn pty() -> Result<(Self, String), SimulateError> {
         let failed = |source: rustix::io::Errno| SimulateError::Endpoint {
@@ -36,14 +36,14 @@ impl Port {
         };
         use rustix::{fs, io, pty, termios};
         let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).map_err(failed)?;
-        // Apart, as macOS knows no flag for it.
+        // Separately, because macOS has no flag for it.
         io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).map_err(failed)?;
         pty::grantpt(&master).map_err(failed)?;
         pty::unlockpt(&master).map_err(failed)?;
         let name = pty::ptsname(&master, Vec::new()).map_err(failed)?;
         let name = name.to_string_lossy().into_owned();
-        // Raw, so that nothing is echoed or translated even for a host that sets nothing itself. Opening and closing
-        // the host's side once also makes the terminal report from the start that nobody is there.
+        // Raw mode, so that nothing is echoed or translated even for a host that sets nothing itself. Opening and
+        // closing the host's side once also makes the terminal report from the start that no host is connected.
         let host = fs::open(name.as_str(), fs::OFlags::RDWR | fs::OFlags::NOCTTY, fs::Mode::empty()).map_err(failed)?;
         let mut settings = termios::tcgetattr(&host).map_err(failed)?;
         settings.make_raw();
@@ -53,7 +53,8 @@ impl Port {
         Ok((Self::Pty { master: std::fs::File::from(master) }, name))
     }
 
-    /// Reads what is there; `WouldBlock` when nothing is, `NotConnected` when nobody is at a pseudo-terminal.
+    /// Reads the available bytes; `WouldBlock` if there are none, `NotConnected` if no host has the pseudo-terminal
+    /// open.
     pub fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Tcp(share) => match share.requests(into) {
@@ -68,7 +69,7 @@ impl Port {
         }
     }
 
-    /// Writes what fits; `WouldBlock` when nothing does, `NotConnected` when nobody is at a pseudo-terminal.
+    /// Writes what fits; `WouldBlock` if nothing does, `NotConnected` if no host has the pseudo-terminal open.
     pub fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Self::Tcp(share) if share.is_full() => Err(io::ErrorKind::WouldBlock.into()),
@@ -91,7 +92,7 @@ impl Port {
         }
     }
 
-    /// Serves the hosts beside what is read and written. To be called often.
+    /// Serves the hosts apart from reads and writes. Must be called often.
     pub fn turn(&mut self) {
         match self {
             Self::Tcp(share) => share.turn(),

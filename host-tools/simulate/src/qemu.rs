@@ -1,7 +1,7 @@
 //! The firmware image in QEMU, fed by the plant through an ordinary file.
 //!
-//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. The image starts as a board that was never
-//! set up: whoever boots it writes the settings that fit the simulated device before others come.
+//! QEMU itself serves the device's USART on the TCP port or pseudo-terminal. The image starts like a board that was
+//! never configured: the program that boots it writes the simulated device's settings before other hosts connect.
 
 use std::{
     fs::File,
@@ -31,18 +31,18 @@ use crate::{
 
 /// Program to run.
 const QEMU: &str = "qemu-system-arm";
-/// Variable that names the image.
+/// Environment variable with the path of the image.
 const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
-/// Where cargo puts it, seen from the source tree.
+/// Where cargo puts it, relative to the source tree.
 const IMAGE_PATH: &str = "target/thumbv7em-none-eabihf/firmware/inerter-qemu";
 /// Time for QEMU to start and the image to answer.
 pub const START_TIME: Duration = Duration::from_secs(10);
-/// How often it is looked whether the work goes on.
+/// Interval of checks whether the work should continue.
 const LOOK: Duration = Duration::from_millis(100);
-/// How often samples are appended.
+/// Interval between two appends of samples.
 const FEED_EVERY: Duration = Duration::from_millis(5);
 
-/// The image: as given, as `INERTER_QEMU_IMAGE` says, or where cargo put it in this folder or one above.
+/// The image: as given, from `INERTER_QEMU_IMAGE`, or where cargo put it in this folder or one above.
 pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
     if let Some(path) = given {
         return path.is_file().then(|| path.into()).ok_or(SimulateError::NoImage);
@@ -54,24 +54,24 @@ pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
     here.ancestors().map(|folder| folder.join(IMAGE_PATH)).find(|path| path.is_file()).ok_or(SimulateError::NoImage)
 }
 
-/// What the installed QEMU calls itself; `None` where there is none.
+/// The version line of the installed QEMU; `None` if there is none.
 pub fn qemu_version() -> Option<String> {
     let output = Command::new(QEMU).arg("--version").output().ok()?;
     String::from_utf8_lossy(&output.stdout).lines().next().map(str::to_string)
 }
 
-/// A QEMU that runs, and its file of samples.
+/// A running QEMU, and its file of samples.
 type Running = Arc<Mutex<(Child, TempPath)>>;
 
-/// All that run.
+/// All running ones.
 static RUNNING: Mutex<Vec<Running>> = Mutex::new(Vec::new());
 
-/// What is behind the lock is whole at any time.
+/// The data behind the lock are always consistent.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Ends every QEMU, for a program that ends at once.
+/// Stops every QEMU, for a program that ends at once.
 pub fn end_qemu() {
     for running in locked(&RUNNING).drain(..) {
         let mut running = locked(&running);
@@ -80,23 +80,23 @@ pub fn end_qemu() {
     }
 }
 
-/// QEMU with the image, until it is dropped.
+/// QEMU with the image; dropping it stops QEMU.
 pub struct Qemu {
     running: Running,
     name: String,
-    /// Ends with its standard error, and gives what was written there last.
+    /// The thread that reads its standard error until the end; returns the last text.
     last_words: Option<JoinHandle<String>>,
     stop: Arc<AtomicBool>,
     feeder: Option<JoinHandle<io::Result<()>>>,
-    /// The file of samples, until the plant begins.
+    /// The file of samples, until the plant starts.
     file: Option<File>,
 }
 
 impl Qemu {
     /// Boots the image, with its own default settings, at rest and with its sampler halted.
     ///
-    /// A host that connects now, writes the set-up's settings, starts the sampler and only then lets the plant
-    /// [`play`](Self::play) misses no sample. The image answers within [`START_TIME`].
+    /// A host misses no sample if it connects now, writes the set-up's settings, starts the sampler and only then lets
+    /// the plant [`play`](Self::play). The image answers within [`START_TIME`].
     pub fn boot(image: &Path, endpoint: &Endpoint, interrupted: fn() -> bool) -> Result<Self, SimulateError> {
         let failed = |what: &str| {
             let what = what.to_string();
@@ -116,7 +116,7 @@ impl Qemu {
         command.args(["-M", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", &serial.0]);
         command.args(["-semihosting-config", &semihosting, "-kernel"]).arg(image);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        // Ctrl-C is for us: QEMU ends when we have ended the work.
+        // Ctrl-C is for this program: it stops QEMU at the end of the work.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().map_err(|source| SimulateError::NoQemu { source })?;
@@ -134,7 +134,7 @@ impl Qemu {
         Ok(qemu)
     }
 
-    /// Lets the plant begin, `speed` times as fast as real time. Its samples wait until the sampler is started.
+    /// Starts the plant, at `speed` times real time. Its samples wait until the sampler is started.
     pub fn play(&mut self, setup: &Setup, speed: f64) -> Result<(), SimulateError> {
         self.feed(setup.samples()?, setup.settings.sample_rate_hz, speed);
         Ok(())
@@ -159,7 +159,7 @@ impl Qemu {
         &self.name
     }
 
-    /// An error once QEMU has ended.
+    /// Returns an error once QEMU has ended.
     pub fn check(&mut self) -> Result<(), SimulateError> {
         let status = locked(&self.running).0.try_wait();
         match status {
@@ -172,7 +172,7 @@ impl Qemu {
         }
     }
 
-    /// QEMU says on one of its outputs which pseudo-terminal it made.
+    /// QEMU reports on one of its outputs which pseudo-terminal it created.
     fn pty_name(&mut self, names: &mpsc::Receiver<String>, interrupted: fn() -> bool) -> Result<String, SimulateError> {
         let started = Instant::now();
         loop {
@@ -207,21 +207,21 @@ impl Drop for Qemu {
     }
 }
 
-/// The address with a port number that is free at the moment where it says 0.
+/// The address, with a port number that is free at the moment instead of 0.
 fn free_port(address: &str) -> io::Result<String> {
     Ok(TcpListener::bind(address)?.local_addr()?.to_string())
 }
 
-/// Reads an output to its end and hands on the names of devices in it; gives what was said last.
+/// Reads an output to its end and passes on the device names in it; returns the last text.
 fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String>) -> Option<JoinHandle<String>> {
     let output = output?;
     Some(thread::spawn(move || {
         let mut last = String::new();
         for line in BufReader::new(output).lines().map_while(Result::ok) {
             let name = line.split_whitespace().find(|word| word.starts_with("/dev/")).map(str::to_string);
-            // Nobody waits any more once there is a name.
+            // Once there is a name, nobody waits for another.
             name.map(|name| names.send(name).ok());
-            // After its own word QEMU prints registers.
+            // After its own error message QEMU prints registers.
             if !line.trim().is_empty() && !last.starts_with("qemu: fatal") {
                 last = line;
             }
@@ -230,7 +230,7 @@ fn listen(output: Option<impl Read + Send + 'static>, names: mpsc::Sender<String
     }))
 }
 
-/// What follows the last sample; the rest of its record may be missing.
+/// Mark after the last sample; the rest of its record may be missing.
 pub const END_OF_SAMPLES: [u8; 4] = u32::MAX.to_le_bytes();
 
 /// One sample as the image reads it.
@@ -243,7 +243,7 @@ pub fn sample_bytes(sample: &RawSample) -> [u8; 16] {
     bytes
 }
 
-/// Appends samples as they fall due, then the end mark.
+/// Appends samples when they are due, then the end mark.
 fn feed(
     samples: impl Iterator<Item = Sample>,
     mut file: File,

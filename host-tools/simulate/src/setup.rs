@@ -12,10 +12,10 @@ use inerter_plant::{Excitation, Hands, Inerter, Plant, Sample, Sensors, Simulati
 
 use crate::error::SimulateError;
 
-/// Part of a motion that is looked at for its speed \[s\], and looks at most.
+/// Length of the part of a motion that is searched for its peaks \[s\], and maximum number of points.
 const LOOKED_AT_S: f64 = 100.0;
 const MOST_LOOKS: f64 = 20_000.0;
-/// Times that the device may be faster than its terminal.
+/// Factor by which the device may be faster than its terminal.
 const SWINGS: f64 = 3.0;
 
 /// Everything that defines a simulated run.
@@ -25,27 +25,27 @@ pub struct Setup {
     pub parameters: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// The motion, as it was written.
+    /// The motion as text.
     pub excite: String,
     /// The motion.
     pub excitation: Excitation,
-    /// What the device becomes, and when \[s\].
+    /// A later device, and its time \[s\].
     pub later: Option<(f64, Inerter)>,
     /// Load on the load cell in addition to the motion \[N\].
     pub load_n: f64,
     /// Duration \[s\]; `None` without end.
     pub duration_s: Option<f64>,
-    /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew are the true
-    /// ones.
+    /// Settings of the estimator, as known from calibration: scales, structure mass, contact and skew have their true
+    /// values.
     pub settings: Settings,
-    /// When and how the rig was calibrated, as was given.
+    /// When and how the rig was calibrated, as given.
     pub calibration: Option<Calibration>,
 }
 
 impl Setup {
-    /// Checks everything; `overrides` go over the settings that follow from the true device and instruments.
+    /// Checks everything; `overrides` take precedence over the settings derived from the true device and instruments.
     ///
-    /// A duration that is not given is that of the motion, when it has one.
+    /// The default duration is that of the motion, if it has one.
     pub fn new(
         parameters: Inerter,
         sensors: Sensors,
@@ -57,7 +57,7 @@ impl Setup {
         Self::moved(parameters, sensors, excite.into(), excitation, duration_s, overrides)
     }
 
-    /// The same with a motion that is there already; `excite` is what it is called.
+    /// The same with an existing motion; `excite` is its name.
     pub fn moved(
         parameters: Inerter,
         sensors: Sensors,
@@ -81,12 +81,12 @@ impl Setup {
             settings,
             calibration: overrides.calibration().cloned(),
         };
-        // Built once for its checks.
+        // Constructed once, only to check it.
         setup.simulation()?;
         Ok(setup)
     }
 
-    /// The same device becoming another at a time \[s\]: what is calibrated stays that of the first.
+    /// The same device, which becomes another one at a time \[s\]: the calibration remains that of the first.
     pub fn changing(self, at_s: f64, after: Inerter) -> Result<Self, SimulateError> {
         let setup = Self { later: Some((at_s, after)), ..self };
         setup.simulation()?;
@@ -105,7 +105,7 @@ impl Setup {
         Ok(simulation)
     }
 
-    /// What is true, by name, for the recording's metadata.
+    /// The true parameters, by name, for the recording's metadata.
     pub fn truth(&self) -> BTreeMap<String, String> {
         let device = Inerter::TABLE.iter().zip(self.parameters.values());
         let sensors = Sensors::TABLE.iter().zip(self.sensors.values());
@@ -123,7 +123,7 @@ impl Setup {
         truth
     }
 
-    /// What of the device changes, by name, and to what.
+    /// The parameters of the device that change, by name, and their new values.
     pub fn changes(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let after = self.later.map_or(self.parameters, |(_, after)| after);
         let values = self.parameters.values().into_iter().zip(after.values());
@@ -148,7 +148,7 @@ impl Iterator for Samples {
 
 /// Samples whose rate a host can change.
 pub(crate) trait Sampled: Iterator<Item = Sample> + Send {
-    /// What is sampled.
+    /// The underlying simulation.
     fn simulation(&mut self) -> &mut Simulation;
 }
 
@@ -168,10 +168,10 @@ pub fn raw(sample: &Sample) -> RawSample {
     }
 }
 
-/// How fast a motion is, with room for a device that swings farther than its terminal.
+/// Peaks of a motion, with a margin for a device that moves farther than its terminal.
 fn peaks(excitation: &Excitation) -> Peaks {
     let duration_s = excitation.duration_s().min(LOOKED_AT_S);
-    // Eight looks at each period of the highest tone.
+    // Eight points per period of the highest tone.
     let step_s = (0.125 / excitation.highest_hz().max(1.0)).max(duration_s / MOST_LOOKS);
     let mut peaks = Peaks::default();
     for look in 0..(duration_s / step_s) as u32 {
@@ -208,9 +208,9 @@ pub fn calibrated(parameters: &Inerter, sensors: &Sensors) -> Result<Settings, S
     Ok(settings)
 }
 
-/// Instruments as on a bench: 1 N rms of noise, the encoder anywhere in a count.
+/// Instruments as on a bench: 1 N rms of noise, and an arbitrary encoder phase.
 ///
-/// With oversampling the codes are so much coarser that the sum's scale stays.
+/// With oversampling the codes are coarser by that factor, so that the sum's scale stays.
 pub fn bench_sensors() -> Sensors {
     Sensors { force_noise_n: 1.0, encoder_phase_count: 0.37, seed: 1, ..Sensors::default() }
 }

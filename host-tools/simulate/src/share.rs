@@ -1,15 +1,16 @@
-//! One device's link for several hosts at a TCP port. Never blocks.
+//! Shares one device's link among several hosts on a TCP port. Never blocks.
 //!
 //! Terms:
-//! - *reader*: a host that is connected. Nothing is sent to it before its first valid request.
+//! - *reader*: a connected host. Nothing is sent to it before its first valid request.
 //! - *controller*: the reader that spoke first. Its requests go to the device; when it leaves, the oldest other reader
-//!   that has spoken takes its place.
+//!   that has spoken takes over.
 //!
-//! What the device says goes to every reader, in frames that are renumbered for each. `Hello`, `ReadSettings` and
-//! `Streams` are answered here, so that each reader learns what it needs and gets the streams that it chose; any other
-//! request is refused as [`Refusal::Busy`] but from the controller. A reader alone holds the device's link up when it
-//! reads slowly, as a host at a cable does; among several, frames that one does not take are left out for it, which it
-//! learns from their numbers. So no reader holds up another, and none takes more than 1 MiB.
+//! Every reader receives what the device sends, in frames that are renumbered for each reader. `Hello`, `ReadSettings`
+//! and `Streams` are answered here, so that each reader learns what it needs and gets the streams that it chose; any
+//! other request is refused with [`Refusal::Busy`] unless it comes from the controller. A single slow reader delays the
+//! device's link, as a host at a cable does. Among several readers, frames that one does not accept are dropped for
+//! that reader, which detects the loss from the sequence numbers. So no reader delays another, and none uses more than
+//! 1 MiB.
 
 use std::{
     collections::VecDeque,
@@ -23,23 +24,23 @@ use inerter_wire::{
     SequenceCounter, SettingsValues, Streams, encode_record, encode_request, renumber,
 };
 
-/// Readers at a time. A further one takes the place of the oldest that has not spoken, else it is turned away by
-/// closing its connection.
+/// Maximum number of readers. A further one takes the place of the oldest that has not spoken; if all have spoken, its
+/// connection is closed.
 pub const MOST_READERS: usize = 16;
-/// Bytes that wait for a reader among several: ten seconds at 4 kHz and more.
+/// Bytes queued for one of several readers: at least ten seconds at 4 kHz.
 const MOST_WAITING: usize = 1 << 20;
-/// Bytes that wait for a reader alone before the device does.
+/// Bytes queued for a single reader before the device has to wait.
 const MOST_WAITING_ALONE: usize = 1 << 14;
-/// Bytes that wait for the device before nothing more is read from the controller.
+/// Bytes queued for the device before reading from the controller stops.
 const MOST_UPSTREAM: usize = 1 << 14;
-/// Requests whose reply is still due; of more, the oldest replies are lost.
+/// Maximum requests whose reply is pending; beyond that the oldest replies are lost.
 const MOST_ASKED: usize = 256;
-/// Bytes taken from a reader at once.
+/// Bytes read from a reader at once.
 const READ: usize = 4096;
-/// Request number of our own; hosts leave it out.
+/// Id of our own requests; hosts never use it.
 const OWN_ID: u16 = 0;
 
-/// A host that is connected.
+/// A connected host.
 struct Reader {
     number: u64,
     stream: TcpStream,
@@ -59,23 +60,23 @@ pub struct Share {
     /// Whether readers may control the device at all.
     may_control: bool,
     controller: Option<u64>,
-    /// Who the device is and its settings, as it said last. Until both are known requests wait.
+    /// The device's identity and its settings, as last reported. Requests wait until both are known.
     hello: Option<Hello>,
     settings: Option<SettingsValues>,
     records: Box<FrameReader<Record>>,
     upstream: VecDeque<u8>,
     sequence: SequenceCounter,
-    /// Requests that are with the device, and whose they are.
+    /// Requests sent to the device, and the readers that they belong to.
     asked: VecDeque<(u16, u64)>,
 }
 
 impl Share {
-    /// For a device that readers control: it is asked for all streams when it starts.
+    /// For a device that readers control: all streams are requested when it starts.
     pub fn controlled(address: &str) -> io::Result<Self> {
         Self::listen(address, true)
     }
 
-    /// For a device that this program controls: readers look on.
+    /// For a device that this program controls: readers can only watch.
     pub fn watched(address: &str) -> io::Result<Self> {
         Self::listen(address, false)
     }
@@ -98,22 +99,22 @@ impl Share {
         })
     }
 
-    /// Where it listens, with the true port number.
+    /// The address it listens at, with the actual port number.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Takes what readers ask for, sends them what waits, and lets in new ones. To be called often.
+    /// Processes the readers' requests, sends queued data, and accepts new readers. Must be called often.
     pub fn turn(&mut self) {
         if self.hello.is_some() && self.settings.is_some() {
-            // The oldest first: one that has just left must not keep the next one from the control.
+            // The oldest first: a controller that has just left must not delay the next one.
             for place in 0..self.readers.len() {
                 self.hear(place);
             }
         }
         self.readers.iter_mut().for_each(Reader::flush);
         self.dismiss();
-        // Whoever connects again and again must not keep the device waiting.
+        // A host that reconnects again and again must not delay the device.
         for _ in 0..MOST_READERS {
             let Ok((stream, _)) = self.listener.accept() else { break };
             let ready = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
@@ -129,7 +130,7 @@ impl Share {
         }
     }
 
-    /// Whether the device should wait: its only reader does not keep up.
+    /// Whether the device should wait because its only reader is too slow.
     pub fn is_full(&self) -> bool {
         let mut speakers = self.readers.iter().filter(|reader| reader.has_spoken);
         match (speakers.next(), speakers.next()) {
@@ -138,12 +139,12 @@ impl Share {
         }
     }
 
-    /// Requests for the device; 0 bytes when there are none.
+    /// Requests for the device; 0 bytes if there are none.
     pub fn requests(&mut self, into: &mut [u8]) -> usize {
         self.upstream.read(into).unwrap_or(0)
     }
 
-    /// Takes what the device says to all who want it.
+    /// Passes the device's data to all readers that want them.
     pub fn relay(&mut self, mut bytes: &[u8]) {
         while let Some(frame) = self.records.read(&mut bytes) {
             let stuffed = self.records.frame_bytes();
@@ -161,7 +162,7 @@ impl Share {
                     let wanted = |reader: &&mut Reader| wants(reader.streams, message);
                     self.readers.iter_mut().filter(wanted).for_each(|reader| reader.pass(stuffed));
                 }
-                // What a newer firmware says with its estimates.
+                // Records that a newer firmware sends with its estimates.
                 Frame::Unknown { .. } => {
                     let wanted = |reader: &&mut Reader| reader.streams.estimates;
                     self.readers.iter_mut().filter(wanted).for_each(|reader| reader.pass(stuffed));
@@ -176,7 +177,7 @@ impl Share {
         self.readers.iter_mut().for_each(Reader::flush);
     }
 
-    /// The device is away: readers are sent away too, and new ones wait.
+    /// The device is away: disconnects the readers; new ones wait.
     pub fn forget(&mut self) {
         self.readers.clear();
         self.controller = None;
@@ -186,7 +187,7 @@ impl Share {
         *self.records = FrameReader::new();
     }
 
-    /// Keeps what readers that come later must know.
+    /// Stores what later readers must know.
     fn note(&mut self, record: Record) {
         match record {
             Record::Hello(hello) => self.hello = Some(hello),
@@ -209,7 +210,7 @@ impl Share {
         }
     }
 
-    /// Asks the device something of our own.
+    /// Sends the device a request of our own.
     fn ask(&mut self, command: Command) {
         let mut out = [0; MAX_FRAME];
         if let Ok(length) = encode_request(&Request { id: OWN_ID, command }, self.sequence.take(), &mut out) {
@@ -217,7 +218,7 @@ impl Share {
         }
     }
 
-    /// Takes what one reader asks for.
+    /// Processes the requests of one reader.
     fn hear(&mut self, place: usize) {
         let Some(reader) = self.readers.get_mut(place) else { return };
         let number = reader.number;
@@ -242,7 +243,7 @@ impl Share {
             match frame {
                 Frame::Message { message, .. } => self.serve(place, message.id, Some(message.command), &stuffed),
                 Frame::Unknown { request: Some(id), .. } => self.serve(place, id, None, &stuffed),
-                // For the device to count.
+                // Passed on, so that the device counts it.
                 Frame::Corrupt(_) if self.controller == Some(number) => {
                     self.upstream.extend(stuffed.iter().chain([&DELIMITER]));
                 }
@@ -284,7 +285,7 @@ impl Share {
         reader.say(&Record::Reply(Reply { id, result }));
     }
 
-    /// Hands the control on when its holder has left.
+    /// Passes control on if the controller has left.
     fn dismiss_controller(&mut self) {
         let is_here = |number| self.readers.iter().any(|reader| reader.number == number && !reader.is_gone);
         if self.controller.is_some_and(|number| !is_here(number)) {
@@ -318,14 +319,14 @@ impl Reader {
         self.put(|sequence, out| encode_record(record, sequence, out).ok());
     }
 
-    /// Sends a frame of the device.
+    /// Passes on a frame of the device.
     fn pass(&mut self, stuffed: &[u8]) {
         if self.has_spoken {
             self.put(|sequence, out| renumber::<Record>(stuffed, sequence, out));
         }
     }
 
-    /// Leaves frames out.
+    /// Skips frames.
     fn miss(&mut self, frames: u16) {
         if self.has_spoken {
             (0..frames).for_each(|_| {
@@ -344,7 +345,7 @@ impl Reader {
         }
     }
 
-    /// Sends what the connection takes.
+    /// Sends what the connection accepts.
     fn flush(&mut self) {
         while !self.waiting.is_empty() {
             match self.stream.write(self.waiting.as_slices().0) {
@@ -363,7 +364,7 @@ fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
 
-/// Whether a record belongs to these streams, or comes unasked.
+/// Whether a record belongs to these streams, or is sent without request.
 fn wants(streams: Streams, record: &Record) -> bool {
     match record {
         Record::Samples(_) => streams.samples,

@@ -1,4 +1,4 @@
-//! Motions written as text.
+//! Parses motions written as text.
 
 use super::{Excitation, Moves, Tone, radians};
 use crate::PlantError;
@@ -35,14 +35,13 @@ fn wrong<T>(part: &str, problem: impl Into<String>, example: &'static str) -> Re
 }
 
 impl Excitation {
-    /// Understands a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as
-    /// `mid@20s;hold@5s;random`.
+    /// Parses a preset's name, a motion such as `sine:3.2Hz:4.16mm`, or a sequence such as `mid@20s;hold@5s;random`.
     ///
     /// Motions: `sine:F:A`, `tones:F:A,F:A,...`, `multi:LOW-HIGHHz:V`, `random:LOW-HIGHHz:V`, `chirp:LOW-HIGHHz:V:T`,
     /// `moves:STROKE:V:ACCELERATION:REST`, `hold`. Frequencies in Hz, amplitudes in m, mm, um, rad or deg, rms
-    /// velocities in m/s, mm/s, um/s, rad/s or rpm, accelerations in m/s2 or rad/s2, times in s, ms or min. A sequence
-    /// is separated by `;` or `+`; each of its parts but the last needs a duration `@T` (a chirp has one). `seed` is as
-    /// for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
+    /// velocities in m/s, mm/s, um/s, rad/s or rpm, accelerations in m/s2 or rad/s2, times in s, ms or min. The parts
+    /// of a sequence are separated by `;` or `+`; each except the last needs a duration `@T` (a chirp has one). `seed`
+    /// is as for [`preset`](Self::preset); each part of a sequence draws its own tones from it.
     pub fn parse(text: &str, seed: u64) -> Result<Self, PlantError> {
         excitation(text, seed)
     }
@@ -167,7 +166,7 @@ fn speed(text: &str, example: &'static str) -> Result<f64, PlantError> {
     quantity(text, SPEED, "an rms velocity", example)
 }
 
-/// `0.5-15Hz`, both ends in Hz.
+/// `0.5-15Hz`, both limits in Hz.
 fn range(text: &str, example: &'static str) -> Result<(f64, f64), PlantError> {
     let Some((low, high)) = text.split_once('-') else {
         return wrong(text, "expected a band of two frequencies joined by a minus sign", example);
@@ -198,7 +197,7 @@ fn quantity(text: &str, units: &[(&str, f64)], what: &str, example: &'static str
     }
 }
 
-/// Turns a value out of range into an error that shows the text it came from.
+/// Turns an out-of-range value into an error that shows the original text.
 fn checked(text: &str, motion: Excitation, example: &'static str) -> Result<Excitation, PlantError> {
     match motion.validate() {
         Ok(()) => Ok(motion),

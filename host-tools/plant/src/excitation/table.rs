@@ -1,23 +1,23 @@
-//! A motion that is given point by point, and a smooth curve through the points.
+//! A motion given point by point, and a smooth curve through the points.
 //!
-//! A cubic spline that is at rest at both ends: displacement, velocity and acceleration are continuous, as what comes
-//! out of a shaker is. Before the first point and after the last one the terminal rests.
+//! It is a cubic spline that is at rest at both ends: displacement, velocity and acceleration are continuous, as on a
+//! real shaker. Before the first point and after the last one the terminal rests.
 
 use std::sync::Arc;
 
 use super::point::Point;
 use crate::{PlantError, table::check};
 
-/// Fewest points: those of two intervals.
+/// Minimum number of points: two intervals.
 const FEWEST: usize = 3;
-/// Most points: an hour at 4 kHz.
+/// Maximum number of points: an hour at 4 kHz.
 const MOST: usize = 1 << 24;
-/// Times between two points \[s\].
+/// Allowed time between two points \[s\].
 const PERIOD_S: (f64, f64) = (1e-6, 1.0);
-/// Greatest displacement \[m\].
+/// Maximum displacement \[m\].
 const DISPLACEMENT_M: f64 = 10.0;
 
-/// Displacements at even distances in time.
+/// Displacements at equal time steps.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Table {
     period_s: f64,
@@ -57,12 +57,12 @@ impl Table {
         self.period_s
     }
 
-    /// So many times the displacement.
+    /// Multiplies the displacement by a factor.
     pub fn scale(&mut self, factor: f64) {
         self.factor *= factor;
     }
 
-    /// At a time after the first point, where the terminal is at zero.
+    /// The motion at a time after the first point, where the terminal is at zero.
     pub fn at(&self, t_s: f64) -> Point {
         let last = self.points.len().saturating_sub(2);
         let place = ((t_s / self.period_s).max(0.0) as usize).min(last);
@@ -92,10 +92,10 @@ impl Table {
     }
 }
 
-/// Slopes per point of the cubic spline whose ends are level: `m[i-1] + 4 m[i] + m[i+1] = 3 (x[i+1] - x[i-1])`.
+/// Slopes per point of the cubic spline with zero end slopes: `m[i-1] + 4 m[i] + m[i+1] = 3 (x[i+1] - x[i-1])`.
 fn slopes(x: &[f64]) -> Vec<f64> {
     let inner = x.windows(3).map(|near| 3.0 * (near[2] - near[0]));
-    // Thomas' elimination from the first point on.
+    // Thomas algorithm, elimination from the first point on.
     let mut swept: Vec<(f64, f64)> = vec![(0.0, 0.0)];
     let (mut above, mut right) = (0.0, 0.0);
     for value in inner {

@@ -1,4 +1,4 @@
-//! Readers of all kinds at a device that the tests play.
+//! Readers of all kinds, with a device played by the tests.
 
 use inerter_core::{RawSample, Settings};
 use inerter_wire::{Capabilities, ClockSource, Event, Samples, WIRE_VERSION};
@@ -26,7 +26,7 @@ impl Host {
         assert_eq!(self.stream.write(&out[..length]).unwrap(), length);
     }
 
-    /// Reads what is there.
+    /// Reads the available bytes.
     fn read(&mut self) {
         let mut buffer = [0; 1 << 16];
         while let Ok(count @ 1..) = self.stream.read(&mut buffer) {
@@ -134,7 +134,7 @@ fn the_first_controls_and_each_has_its_own_streams() {
     }
     assert_eq!(at_device(&mut share), []);
 
-    // The second one's replies carry the same number as the request under way.
+    // The second reader's reply carries the same id as the pending request.
     first.ask(4, Command::ResetEstimator);
     while first.seen.is_empty() {
         share.turn();
@@ -158,7 +158,7 @@ fn the_control_goes_to_the_next_when_its_holder_leaves() {
     let mut board = Board::default();
     board.start(&mut share);
     at_device(&mut share);
-    // One that says nothing, as of a scanner of ports, controls nothing.
+    // A silent connection, such as a port scanner's, controls nothing.
     let _mute = Host::connect(&share);
     share.turn();
     let (mut first, mut second) = (Host::connect(&share), Host::connect(&share));
@@ -190,7 +190,7 @@ fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
         assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
     }
     let (mut batches, mut most) = (0, 0);
-    // Until much is left out: the system's own buffers are full as well.
+    // Until much is dropped: the system's own buffers are full as well.
     while batches < 1000 || share.readers.iter().all(|reader| reader.waiting.len() + MAX_FRAME <= MOST_WAITING) {
         board.says(&mut share, &batch(20 * batches));
         batches += 1;
@@ -209,7 +209,7 @@ fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
     }
     assert_eq!((other.seen.len(), other.lost), (batches as usize, 0));
     assert!(most <= MOST_WAITING, "{most}");
-    // When it reads at last it learns what it has missed, and goes on.
+    // When it reads at last, it detects the loss and continues.
     while stuck.lost == 0 {
         share.turn();
         stuck.read();
@@ -250,7 +250,7 @@ fn what_a_newer_device_says_is_passed_on_and_losses_are_told() {
     let mut host = Host::connect(&share);
     host.ask(1, Command::Hello);
     assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
-    // Two frames lost, then a record 99 that nobody knows, by hand.
+    // Two lost frames, then an unknown record 99, by hand.
     (0..2).for_each(|_| {
         board.0.take();
     });
@@ -283,7 +283,7 @@ fn readers_wait_for_a_device_that_is_away_and_too_many_are_turned_away() {
         assert_eq!(host.until_reply(share, 1).1, Ok(Done::Plain));
         host
     };
-    // Those that say nothing make room, the oldest first.
+    // Silent readers make room, the oldest first.
     let mut mute: Vec<Host> = (0..MOST_READERS).map(|_| Host::connect(&share)).collect();
     let mut hosts = vec![spoken(&mut share)];
     while !ended(&mut mute[0]) {
