@@ -1,7 +1,7 @@
-//! Runs side by side: what differs between them by more than their intervals.
+//! Compares runs: finds the differences that exceed their intervals.
 //!
-//! All other runs are compared with the first. Runs on one rig have the same errors of force gain, lead and clock:
-//! these enter a difference only in proportion to it. All other parts of the two intervals count as independent.
+//! All other runs are compared with the first. Runs on the same rig have the same errors of force gain, lead and clock:
+//! these affect a difference only in proportion to it. All other components of the two intervals count as independent.
 //!
 //! Source: docs/THEORY.md, "Runs compared".
 
@@ -21,19 +21,19 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::told::{Quantity, Told};
 
-/// Chance that anything is said to differ in a comparison in which nothing does.
+/// Probability that a comparison without any difference reports one.
 const FALSE_ALARM: f64 = 0.05;
-/// Degrees of freedom above which Student's distribution is the normal one.
+/// Degrees of freedom above which Student's distribution is taken as normal.
 const MOST_FREEDOM: f64 = 1e4;
 
 /// Why runs cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Diagnostic)]
 pub enum CompareError {
-    /// There is only one.
+    /// There is only one run.
     #[error("a comparison needs at least two runs")]
     #[diagnostic(code(inerter::compare::one), help("give at least two; the others are compared with the first"))]
     One,
-    /// They are of different kinds.
+    /// They are of different machine kinds.
     #[error("{} is of a linear machine and {} of a rotary one", runs[0], runs[1])]
     #[diagnostic(
         code(inerter::compare::machine),
@@ -45,35 +45,35 @@ pub enum CompareError {
     },
 }
 
-/// A run that is compared.
+/// A run to be compared.
 #[derive(Clone, Debug)]
 pub struct Side {
     /// Its name.
     pub name: String,
     /// Settings that it was taken with.
     pub settings: Settings,
-    /// Device that recorded it, where that is known.
+    /// Device that recorded it, if known.
     pub hello: Option<Hello>,
-    /// What is known of the calibration of its rig.
+    /// The calibration of its rig, if known.
     pub calibration: Option<Calibration>,
     /// The parameters that it identifies.
     pub told: Told,
 }
 
-/// Whether a run shares the errors of force gain, lead and clock with the first one.
+/// Whether a run has the same errors of force gain, lead and clock as the first one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rig {
-    /// It does.
+    /// It has.
     Same,
-    /// It is assumed to, as nothing shows it.
+    /// This is assumed, because nothing contradicts it.
     Assumed,
-    /// It does not, for this reason.
+    /// It has not, for this reason.
     Other(String),
 }
 
 impl Rig {
-    /// By what the runs state: another board, another calibration, or another scale of encoder or force is another rig.
-    /// The force's scale of a run without a device depends on its file, and proves nothing.
+    /// Decided from what the runs state: another board, another calibration, or another scale of encoder or force means
+    /// another rig. The force scale of a run without a device depends on its file, and proves nothing.
     pub fn of(first: &Side, other: &Side) -> Self {
         match differing(first, other) {
             Some(what) => Self::Other(format!("{what} differs")),
@@ -82,18 +82,18 @@ impl Rig {
         }
     }
 
-    /// Whether the two share a rig as far as anybody knows.
+    /// Whether the two share a rig, as far as is known.
     pub fn is_shared(&self) -> bool {
         !matches!(self, Self::Other(_))
     }
 
-    /// Half width of an interval that matters here: for comparing runs on one rig, or the whole.
+    /// Half width of the relevant interval: for comparing runs on one rig, or the full one.
     pub fn u95(&self, budget: &Budget) -> f32 {
         if self.is_shared() { budget.same_rig_u95() } else { budget.u95() }
     }
 }
 
-/// What shows that these are not of one rig.
+/// What proves that these are not from the same rig.
 fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     let differs = |of: fn(&Settings) -> f64| of(&one.settings).abs() != of(&other.settings).abs();
     if differs(|settings| settings.metres_per_count) {
@@ -113,14 +113,14 @@ fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     differs(|settings| settings.newtons_per_code).then_some("the force's scale (newtons_per_code)")
 }
 
-/// What errors of a rig do to a parameter.
+/// Effect of the rig's errors on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Shared {
-    /// They are in proportion to something that is positive in both runs: inertance with structure, stiffness, damping.
+    /// Proportional to something that is positive in both runs: inertance with structure, stiffness, damping.
     Positive,
-    /// They are in proportion to the value and have its sign.
+    /// Proportional to the value, with its sign.
     Signed,
-    /// They depend on the motion, or on how it was measured.
+    /// Dependent on the motion, or on how it was measured.
     Nothing,
 }
 
@@ -134,28 +134,28 @@ impl Shared {
     }
 }
 
-/// What is said of a difference.
+/// The verdict on a difference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// There is one: chance alone would hardly make it this large.
+    /// There is a difference: chance alone is very unlikely to cause one this large.
     Differs,
     /// Chance alone could explain it.
     NotShown,
-    /// One of the runs does not identify the parameter, or proves nothing.
+    /// One of the runs does not identify the parameter, or proves nothing about it.
     Undecided,
 }
 
-/// A parameter of a run beside others.
+/// A parameter of a run in the comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
     /// The value, if the run identifies it.
     pub found: Option<Quantity>,
-    /// Why it proves nothing, if so.
+    /// Why it proves nothing, if there is a reason.
     pub doubt: Option<&'static str>,
-    /// From the first run; nothing for that one itself, or if one of them does not identify it.
+    /// Difference from the first run; `None` for that run itself, or if one of them does not identify it.
     pub difference: Option<Difference>,
-    /// The verdict on it; nothing for the first run.
+    /// The verdict on the difference; `None` for the first run.
     pub verdict: Option<Verdict>,
 }
 
@@ -166,14 +166,14 @@ pub struct Difference {
     pub value: f64,
     /// Half width of its 95 % interval.
     pub u95: f64,
-    /// Probability of one at least this large if there is none.
+    /// Probability of a difference at least this large by chance.
     pub p: f64,
 }
 
 /// A parameter of all runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
-    /// Its place in [`NAMES`].
+    /// Its index in [`NAMES`].
     pub place: usize,
     /// Each run, in order.
     pub runs: Vec<Compared>,
@@ -185,7 +185,7 @@ impl Row {
         limits::field(machine, NAMES[self.place])
     }
 
-    /// The unit that a person sees, and how many of it make one in SI.
+    /// The unit shown to a person, and how many of it make one SI unit.
     pub fn shown_unit(&self, machine: Machine) -> (&'static str, f64) {
         match NAMES[self.place] {
             "backlash_m" => (catalogue::unit(machine, "µm"), 1e6),
@@ -195,15 +195,15 @@ impl Row {
 }
 
 impl Compared {
-    /// For a person: value and interval of the run, the one that matters for this rig, in the unit of which `factor`
-    /// make one in SI.
+    /// For a person: value and interval of the run, with the interval that applies to this rig, in the unit of which
+    /// `factor` make one in SI.
     pub fn value_text(&self, rig: &Rig, factor: f64) -> String {
         self.found.map_or("not identifiable".into(), |Quantity { value, budget }| {
             interval_text(factor * f64::from(value), factor * f64::from(rig.u95(&budget)))
         })
     }
 
-    /// For a person: the difference in that unit, and what is said of it; nothing for the first run.
+    /// For a person: the difference in that unit, and the verdict on it; `None` for the first run.
     pub fn difference_text(&self, factor: f64) -> Option<(String, &'static str)> {
         let difference = self.difference.map_or("-".into(), |Difference { value, u95, .. }| {
             signed(&interval_text(factor * value, factor * u95), value)
@@ -216,7 +216,7 @@ impl Compared {
         Some((difference, said))
     }
 
-    /// Why nothing is said of the difference from the first run, of which `first` is doubted.
+    /// Why there is no verdict on the difference from the first run, whose doubt is `first`.
     pub fn reason(&self, first: Option<&'static str>) -> Option<String> {
         if self.verdict != Some(Verdict::Undecided) {
             return None;
@@ -233,8 +233,8 @@ fn signed(text: &str, value: f64) -> String {
     if value > 0.0 { format!("+{text}") } else { text.into() }
 }
 
-/// Compares runs with the first one: the parameters that any of them identifies. `rigs` states for each run whether it
-/// shares the rig of the first.
+/// Compares runs with the first one: the parameters that at least one of them identifies. `rigs` states for each run
+/// whether it shares the rig of the first.
 pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     let [first, others @ ..] = sides else { return Err(CompareError::One) };
     if others.is_empty() {
@@ -262,8 +262,8 @@ pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     Ok(rows)
 }
 
-/// Says of each difference whether there is one. The more are looked at, the more unlikely each must be (Holm 1979), so
-/// that the chance of any false alarm is as stated.
+/// Gives each difference its verdict. The more differences are tested, the less likely by chance each must be (Holm
+/// 1979), so that the probability of any false alarm is as stated.
 fn judge(rows: &mut [Row]) {
     let mut proven: Vec<&mut Compared> = Vec::new();
     for row in rows {
@@ -288,7 +288,7 @@ fn judge(rows: &mut [Row]) {
 }
 
 impl Difference {
-    /// Of two runs, of the parameter at this place.
+    /// The difference between two runs, for the parameter at this index.
     fn of(place: usize, first: &Quantity, other: &Quantity, rig: &Rig) -> Self {
         let value = f64::from(other.value) - f64::from(first.value);
         let part = |of: &Quantity, source| f64::from(of.budget.given_u95(source) / NORMAL_COVERAGE);
@@ -308,11 +308,11 @@ impl Difference {
         if !(square.is_finite() && value.is_finite()) {
             return unknown;
         }
-        // Welch and Satterthwaite: only what scatters has degrees of freedom.
+        // Welch and Satterthwaite: only scatter has degrees of freedom.
         let scatters = [first, other]
             .map(|of| f64::from(of.budget.standard_error()).powi(4) / f64::from(of.budget.scatter_freedom()));
         let freedom = (square.powi(2) / scatters.iter().sum::<f64>()).clamp(1.0, MOST_FREEDOM);
-        // NaN where nothing is uncertain.
+        // NaN if nothing is uncertain.
         let freedom = if freedom.is_finite() { freedom } else { MOST_FREEDOM };
         let standard = square.sqrt();
         let Ok(student) = StudentsT::new(0.0, 1.0, freedom) else { return unknown };

@@ -8,7 +8,7 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 use super::*;
 use crate::results::replayed;
 
-/// A run of eight seconds of a device on a rig whose load cell reads 0.4 % too much, nearly all that is stated of it.
+/// A run of eight seconds, on a rig whose load cell reads 0.4 % too high, close to its stated uncertainty.
 fn side(name: &str, motion: &str, seed: u64, device: Inerter) -> Side {
     let sensors = Sensors { seed, force_gain: 1.004, ..bench_sensors() };
     let setup = Setup::new(device, sensors, motion, Some(8.0), &Overrides::default()).unwrap();
@@ -36,7 +36,7 @@ fn row<'a>(rows: &'a [Row], name: &str) -> &'a Row {
 
 #[test]
 fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
-    // 0.2 % more inertance, where the force is known to 0.5 %.
+    // 0.2 % more inertance, with the force known to 0.5 %.
     let heavier = Inerter { inertance_kg: 300.09, ..Inerter::paper() };
     let sides = [side("a", "random", 1, Inerter::paper()), side("b", "random", 2, heavier)];
     let one = compared_on(&sides, Rig::of(&sides[0], &sides[1])).unwrap();
@@ -45,7 +45,7 @@ fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
     let difference = inertance.runs[1].difference.unwrap();
     assert_eq!(inertance.runs[1].verdict, Some(Verdict::Differs));
     assert!((difference.value - 0.6).abs() < difference.u95 && difference.u95 < 0.1, "{difference:?}");
-    // All else is as it was.
+    // Everything else is unchanged.
     for name in ["viscous_n_s_per_m", "coulomb_n", "offset_n"] {
         assert_eq!(row(&one, name).runs[1].verdict, Some(Verdict::NotShown), "{name}");
     }
@@ -55,8 +55,8 @@ fn a_difference_on_one_rig_is_seen_that_whole_intervals_hide() {
     assert!(inertance.difference.unwrap().u95 > 20.0 * difference.u95, "{inertance:?}");
 }
 
-/// Of the 36 pairs of six runs of each of two devices, each parameter: at most one difference in 20 is beyond its
-/// interval, and of the inertance they are no wider than they must be.
+/// The 36 pairs of six runs each of two devices, for each parameter: at most one difference in 20 exceeds its interval,
+/// and the intervals of the inertance are not too wide.
 #[test]
 fn the_interval_of_a_difference_holds_the_truth() {
     let lighter = Inerter { inertance_kg: 250.0, viscous_n_s_per_m: 80.0, coulomb_n: 20.0, ..Inerter::paper() };
@@ -91,7 +91,7 @@ fn the_interval_of_a_difference_holds_the_truth() {
     assert!(all > 100, "{all}");
     let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     println!("{} of {all} beyond; rms of error / U95 of the inertance {rms}", beyond.len());
-    // An interval that is right has 0.51. The gain is 0.4 % off where 0.5 % are stated, and is most of it here.
+    // A correct interval gives 0.51. The gain is off by 0.4 % of the stated 0.5 %, and dominates here.
     assert!((0.3..0.95).contains(&rms), "{rms}");
     assert!(beyond.len() * 20 <= all, "{} of {all}: {beyond:?}", beyond.len());
 }
@@ -145,11 +145,11 @@ fn a_rig_is_known_by_its_scales_and_its_board() {
     let [old, new] = [old, new].map(|calibration| Side { calibration, ..one.clone() });
     assert_eq!(Rig::of(&old, &new), Rig::Other("the calibration differs".into()));
     assert!(!of(&|other| other.settings.lead_u95 *= 2.0), "stated otherwise");
-    // Nothing is known where no device is.
+    // Without a device nothing is known.
     assert_eq!(Rig::of(&one, &one), Rig::Assumed);
 }
 
-/// A difference by hand.
+/// A difference with given values.
 fn compared(p: f64, doubt: Option<&'static str>) -> Compared {
     Compared { found: None, doubt, difference: Some(Difference { value: 1.0, u95: 1.0, p }), verdict: None }
 }
@@ -179,25 +179,26 @@ fn what_is_shared_cancels_and_what_is_not_adds_up() {
     let of = |noise: f32| Budget::of_scatter(noise, 1e9);
     let (one, two) = (quantity(100.0, of(0.3).and(Source::Gain, 1.0)), quantity(200.0, of(0.4).and(Source::Gain, 2.0)));
     let near = |one: f64, two: f64| (one / two - 1.0).abs() < 3e-4;
-    // In proportion to the difference alone: 1 of 100.
+    // Only proportional to the difference: 1 of 100.
     let on_one = Difference::of(place, &one, &two, &Rig::Same);
     assert!(near(on_one.u95, (0.5 * 1.959964_f64).hypot(1.0)), "{on_one:?}");
     let on_two = Difference::of(place, &one, &two, &other_rig());
     assert!(near(on_two.u95, (0.5 * 1.959964_f64).hypot(5.0_f64.sqrt())), "{on_two:?}");
-    // Of one sign each: an error of the gain moves them apart.
+    // With opposite signs an error of the gain moves them apart.
     let turned = quantity(-200.0, two.budget);
     assert!(near(Difference::of(place, &one, &turned, &Rig::Same).u95, (0.5 * 1.959964_f64).hypot(3.0)));
-    // Student's distribution by the degrees of freedom of both: 4 each, alike, are 8, of which a table has 2.306.
+    // Student's distribution with the combined degrees of freedom: 4 each, of equal weight, give 8, for which tables
+    // list 2.306.
     let few = quantity(0.0, Budget::of_scatter(1.0, 4.0));
     let other = quantity(2.306 * 2.0_f32.sqrt(), few.budget);
     let few = Difference::of(place, &few, &other, &Rig::Same);
     assert!(near(few.u95, 2.306 * 2.0_f64.sqrt()) && (few.p - 0.05).abs() < 1e-4, "{few:?}");
-    // Without any uncertainty what differs does, and what does not is equal.
+    // Without any uncertainty, different values differ and equal values do not.
     let exact = Difference::of(place, &quantity(1.0, of(0.0)), &quantity(1.0, of(0.0)), &Rig::Same);
     assert_eq!((exact.u95, exact.p), (0.0, 1.0));
     assert_eq!(Difference::of(place, &quantity(1.0, of(0.0)), &quantity(2.0, of(0.0)), &Rig::Same).p, 0.0);
-    // The inertance of the whole is positive, whatever is left of it without the structure; the contact's backlash
-    // shares nothing.
+    // The inertance with the structure is positive, whatever remains without the structure; the contact's backlash
+    // shares no errors.
     let near_none = quantity(-1.0, one.budget);
     let inertance = Difference::of(0, &one, &near_none, &Rig::Same);
     assert!(near(inertance.u95, 0.3 * 2.0_f64.sqrt() * 1.959964), "{inertance:?}");

@@ -1,14 +1,14 @@
-//! Stiffness and damping of the contact as settings: once they are measured with a terminal displacement sensor, the
-//! backlash follows from the force alone.
+//! Stiffness and damping of the contact as settings: once measured with a terminal displacement sensor, they allow the
+//! backlash to be found from the force alone.
 
 use inerter_core::constants::UNSTATED_STIFFNESS_U95;
 use inerter_core::{BacklashSize, Detail, Interval, Parameter, Reason, Route, Settings};
 use miette::Diagnostic;
 
-/// Why there is no stiffness.
+/// Why there is no stiffness value.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum ContactError {
-    /// Nothing measures the terminal's displacement.
+    /// There is no sensor for the terminal's displacement.
     #[error("a stiffness needs the terminal's own displacement, and the settings declare no sensor for it")]
     #[diagnostic(
         code(inerter::contact::no_sensor),
@@ -25,7 +25,7 @@ pub enum ContactError {
         help("shake harder and faster, from 3 Hz up, for 20 s: the force must press on both flanks in turn")
     )]
     NotShown {
-        /// Why not, where that is known.
+        /// The reason, if known.
         reason: Option<Reason>,
     },
 }
@@ -38,7 +38,7 @@ fn why(reason: Option<Reason>) -> &'static str {
     }
 }
 
-/// The contact by the terminal's sensor.
+/// The contact's parameters from the terminal sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactLaw {
     /// Stiffness \[N/m\].
@@ -48,7 +48,7 @@ pub struct ContactLaw {
 }
 
 impl ContactLaw {
-    /// What a run has shown.
+    /// The result of a run.
     pub fn of(detail: &Detail, settings: &Settings) -> Result<Self, ContactError> {
         if !settings.terminal_sensor {
             return Err(ContactError::NoSensor);
@@ -64,19 +64,19 @@ impl ContactLaw {
         Ok(Self { stiffness, damping })
     }
 
-    /// Whether it is better than the stiffness in use: there is none, it lies outside the interval, or the new interval
-    /// is the smaller one.
+    /// Whether it improves on the stiffness in use: there is none, it lies outside the interval, or the new interval is
+    /// the smaller one.
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         let Settings { stiffness_n_per_m: used, stiffness_u95_n_per_m: used_u95, .. } = *settings;
-        // As it would be stored: what has been adopted is not adopted again.
+        // Compare as it would be stored, so that an adopted value is not adopted again.
         let Interval { value, u95 } = self.stiffness.fitted();
         let [found, u95] = [value, u95].map(|value| borne(u95, value));
         let used_u95 = if used_u95 > 0.0 { used_u95 } else { UNSTATED_STIFFNESS_U95 * used };
         used <= 0.0 || (found - used).abs() > u95 || u95 < used_u95
     }
 
-    /// The settings with what was found, to the digits that the intervals bear. A damping that was not shown stays as
-    /// it is.
+    /// The settings with the values found, to the digits that the intervals justify. A damping that was not identified
+    /// stays unchanged.
     pub fn adopted_by(&self, settings: &Settings) -> Settings {
         let Interval { value, u95 } = self.stiffness.fitted();
         let damping = self.damping.usable().map(|damping| borne(damping.u95, damping.value));
@@ -89,9 +89,9 @@ impl ContactLaw {
     }
 }
 
-/// A number with as many digits as two of the interval's.
+/// A number with as many decimals as two digits of the interval need.
 fn borne(u95: f32, value: f32) -> f64 {
-    // Whole powers of ten divide without a rest, and print as they are.
+    // Integer powers of ten divide exactly, and print without extra digits.
     let places = 1 - f64::from(u95).log10().floor() as i32;
     let scale = 10_f64.powi(places.abs());
     let value = f64::from(value);
@@ -141,7 +141,7 @@ mod tests {
         let backlash = Backlash { size, route: Route::Terminal, ..Backlash::default() };
         let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert!(refused.to_string().ends_with("the force never reverses"), "{refused}");
-        // The force's reasons are not the sensor's.
+        // A reason given for the force's route does not apply to the sensor.
         let backlash = Backlash { route: Route::Force, ..backlash };
         let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
         assert_eq!(refused, ContactError::NotShown { reason: None });

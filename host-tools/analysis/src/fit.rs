@@ -1,8 +1,8 @@
 //! Fits to the whole run's exact sums: friction by direction.
 //!
-//! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all of one
-//! kernel. `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An offset `F0` that is
-//! not known cannot be told from a difference of `fc+` and `fc-`: both are a constant force.
+//! Regressors: acceleration `a`, velocity `v`, its sign `s`, one, force `F`, speed `|v|`, force rate `F'`, all through
+//! one kernel. `F = mt a + cf v + dc |v| + fc s + o`, `cf+- = cf +- dc` and `fc+- = fc +- (o - F0)`. An unknown offset
+//! `F0` cannot be distinguished from a difference between `fc+` and `fc-`: both are a constant force.
 //!
 //! Uncertainty as in core (docs/THEORY.md 6), whose budgets these are.
 //! f64 throughout; sums of a day keep 1e-9 of their value.
@@ -17,7 +17,7 @@ use inerter_core::{
 use inerter_data::replay::Outcome;
 use miette::Diagnostic;
 
-/// Regressors, the force among them.
+/// Number of regressors, including the force.
 pub(crate) const COUNT: usize = 7;
 const ACCELERATION: usize = 0;
 const VELOCITY: usize = 1;
@@ -31,12 +31,11 @@ const LAW: [usize; 4] = [ACCELERATION, VELOCITY, SIGN, ONE];
 
 /// Updates that count as one independent observation.
 const UPDATES_PER_OBSERVATION: f64 = CORRELATION_BOXES * UPDATES_PER_BOX as f64;
-/// Independent observations under which nothing is said: more than on the device, as up to seven unknowns are fitted at
-/// once.
+/// Minimum independent observations: more than on the device, because up to seven unknowns are fitted at once.
 const LEAST_OBSERVATIONS: f64 = 20.0;
-/// Part of what the others leave of the acceleration that may be the encoder's steps.
+/// Maximum fraction of the encoder's steps in what the other regressors leave of the acceleration.
 const MOST_STEPS: f64 = 0.5;
-/// Part of a regressor's square that the others must leave over.
+/// Fraction of a regressor's square that the others must leave.
 const LEAST_PIVOT: f64 = 1.0 / (1u32 << PIVOT_BITS) as f64;
 
 /// Why a fit gives no result.
@@ -46,14 +45,14 @@ pub enum FitError {
     #[error("there is too little motion for a fit: {observations:.0} independent observations")]
     #[diagnostic(code(inerter::fit::short), help("{}", short_help(*observations)))]
     TooShort {
-        /// Independent observations.
+        /// Number of independent observations.
         observations: f64,
     },
-    /// The parameters cannot be told from each other.
+    /// The motion cannot separate the parameters.
     #[error("the motion cannot separate inertance from friction")]
     #[diagnostic(code(inerter::fit::motion), help("move in both directions, fast enough that inertance matters"))]
     Motion,
-    /// The sums do not belong together.
+    /// The sums are inconsistent.
     #[error("the two halves of the sums are from different moments")]
     #[diagnostic(code(inerter::fit::torn), help("frames were lost on the way: try again"))]
     Torn,
@@ -73,18 +72,18 @@ pub struct Products {
     sums: [[f64; COUNT]; COUNT],
     updates: f64,
     bank: Bank,
-    /// What one unit of each regressor is in SI: each was rounded to whole units.
+    /// One unit of each regressor in SI: each was rounded to integer units.
     units: [f64; COUNT],
 }
 
-/// What the fit to all sums makes of errors in a part of them.
+/// How errors in a part of the sums affect the fit to all of them.
 pub(crate) struct Weights {
     inverse: [[f64; 4]; 4],
 }
 
 impl Weights {
-    /// What an error of each parameter in the fit to a part makes of the error of each in the fit to all: the part's
-    /// share of the squares.
+    /// How an error of each parameter in the fit to a part affects each parameter in the fit to all: the part's share
+    /// of the squares.
     pub fn influence(&self, part: &Products) -> [[f64; 4]; 4] {
         std::array::from_fn(|i| {
             std::array::from_fn(|j| (0..4).map(|k| self.inverse[i][k] * part.sums[LAW[k]][LAW[j]]).sum())
@@ -95,21 +94,21 @@ impl Weights {
 /// Least squares of the force on some of the regressors.
 pub(crate) struct Solution<const N: usize> {
     pub values: [f64; N],
-    /// What a force that is late by a second more takes from them.
+    /// Their derivative with respect to a delay of the force: what one more second takes from them.
     pub per_skew: [f64; N],
-    /// How far what is known of the encoder's steps leaves them undecided.
+    /// Their uncertainty due to the incomplete knowledge of the encoder's steps.
     pub steps: [f64; N],
     pub scatter: Scatter,
-    /// Inverse of the regressors' sums.
+    /// Inverse of the regressors' sum matrix.
     pub inverse: [[f64; N]; N],
-    /// What makes squares and products of the standard errors of it \[N^2\].
+    /// Factor that turns it into squares and products of the standard errors \[N^2\].
     error_square: f64,
-    /// Mean square of what is left unexplained \[N^2\].
+    /// Mean square residual \[N^2\].
     pub residual_square: f64,
 }
 
 impl<const N: usize> Solution<N> {
-    /// With so much left unexplained \[N^2\].
+    /// Sets the mean square residual \[N^2\].
     fn rest_on(&mut self, residual_square: f64) {
         self.residual_square = residual_square;
         self.error_square = residual_square * UPDATES_PER_OBSERVATION;
@@ -134,7 +133,7 @@ impl<const N: usize> Solution<N> {
 }
 
 impl Products {
-    /// From the sums of one bank and moment.
+    /// From the sums of one bank at one time.
     pub fn of(sums: &Sums, more: &MoreSums) -> Result<Self, FitError> {
         if (sums.index, sums.bank, sums.updates) != (more.index, more.bank, more.updates) {
             return Err(FitError::Torn);
@@ -143,13 +142,13 @@ impl Products {
         Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
     }
 
-    /// Of the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to the
-    /// coarser ones.
+    /// From the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to
+    /// the coarser ones.
     pub(crate) fn merged(bank: Bank, [units, rounded]: [[f64; COUNT]; 2], sums: &[i128], updates: u64) -> Self {
         Self { units: rounded, ..Self::summed(bank, [&units, &[]], sums.iter(), updates as f64) }
     }
 
-    /// Of exact sums in these units, the lower triangle by rows.
+    /// From exact sums in these units, the lower triangle by rows.
     fn summed<'a>(
         bank: Bank,
         [units, more_units]: [&[f64]; 2],
@@ -168,7 +167,7 @@ impl Products {
         Self { sums: matrix, updates, bank, units }
     }
 
-    /// Sums of both together, of one run.
+    /// The sums of both together, from one run.
     pub(crate) fn and(mut self, other: &Self) -> Self {
         for (row, others) in self.sums.iter_mut().zip(&other.sums) {
             row.iter_mut().zip(others).for_each(|(sum, other)| *sum += other);
@@ -178,8 +177,8 @@ impl Products {
         self
     }
 
-    /// What the law fitted to other sums leaves unexplained of the force here: root mean square \[N\], and the part of
-    /// the force's mean square that it explains.
+    /// What a law fitted to other sums leaves unexplained of the force here: RMS \[N\], and the fraction of the force's
+    /// mean square that it explains.
     pub fn judging(&self, fitted: &Self) -> Result<(f64, f64), FitError> {
         let values = fitted.solve(LAW)?.values;
         let mut square = self.sums[FORCE][FORCE];
@@ -191,12 +190,12 @@ impl Products {
         Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
     }
 
-    /// What this fit makes of errors in a part of the sums.
+    /// How errors in a part of the sums affect this fit.
     pub(crate) fn weights(&self) -> Result<Weights, FitError> {
         Ok(Weights { inverse: self.solve(LAW)?.inverse })
     }
 
-    /// How the errors of inertance, viscous and Coulomb friction and offset hang together.
+    /// Correlation of the errors of inertance, viscous and Coulomb friction and offset.
     pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
         let inverse = self.solve(LAW)?.inverse;
         Ok(std::array::from_fn(|row| {
@@ -208,7 +207,7 @@ impl Products {
         self.sums[regressor][regressor] / self.updates
     }
 
-    /// Least squares by Cholesky's factors of the matrix scaled to a unit diagonal.
+    /// Least squares by the Cholesky factors of the matrix scaled to a unit diagonal.
     pub(crate) fn solve<const N: usize>(&self, regressors: [usize; N]) -> Result<Solution<N>, FitError> {
         let observations = self.updates / UPDATES_PER_OBSERVATION;
         if observations < LEAST_OBSERVATIONS {
@@ -256,9 +255,9 @@ impl Products {
         Ok(solution)
     }
 
-    /// The same by instruments that round, the acceleration first. As in core: the encoder's steps weaken the
-    /// acceleration; and where less is left over than rounding leaves of itself, the roundings follow the motion or
-    /// stand still, and no averaging removes them.
+    /// The same for instruments that round, the acceleration first. As in core: the encoder's steps attenuate the
+    /// acceleration; and if the residual is smaller than rounding should leave, the roundings follow the motion or stay
+    /// constant, and averaging does not remove them.
     fn fitted<const N: usize>(&self, regressors: [usize; N], settings: &Settings) -> Result<Solution<N>, FitError> {
         let mut solution = self.solve(regressors)?;
         let inertance_kg = solution.values[0];
@@ -279,12 +278,12 @@ impl Products {
         Ok(solution)
     }
 
-    /// Part of what scatters in the law's fit that the encoder's steps explain; none where there is no fit.
+    /// Fraction of the scatter in the law's fit that the encoder's steps explain; 0 if there is no fit.
     pub(crate) fn steps_share(&self, settings: &Settings) -> f32 {
         self.fitted(LAW, settings).map_or(0.0, |solution| solution.scatter.steps_share[0])
     }
 
-    /// What part the encoder's steps have in what scatters.
+    /// Finds the encoder steps' share of the scatter.
     fn weigh_steps<const N: usize>(&self, solution: &mut Solution<N>, regressors: [usize; N], settings: &Settings) {
         let of =
             |wanted: usize| regressors.iter().position(|place| *place == wanted).map_or(0.0, |at| solution.values[at]);
@@ -306,7 +305,7 @@ impl Products {
         solution.scatter.frequency_squared = (rate_square * box_square) as f32;
     }
 
-    /// Gives back what the encoder's steps take; fails where they are most of the acceleration.
+    /// Corrects for the attenuation by the encoder's steps; fails if they are most of the acceleration.
     fn correct_for_steps<const N: usize>(
         &self,
         solution: &mut Solution<N>,
@@ -355,7 +354,7 @@ fn solved<const N: usize>(lower: &[[f64; N]; N], right: [f64; N]) -> [f64; N] {
     x
 }
 
-/// The parameters by what was found, with their intervals.
+/// Turns the coefficients into parameters with their intervals.
 pub(crate) struct Judge<'a> {
     pub settings: &'a Settings,
     pub beside: &'a Beside,
@@ -369,7 +368,7 @@ impl Judge<'_> {
         Parameter::new(Interval { value, u95: budget.and(Source::Model, model_u95).u95() }, Status::Ok)
     }
 
-    /// The four together, the inertance still with the structure's mass.
+    /// The four together, with the structure's mass still in the inertance.
     pub fn four(&self, [inertance, viscous, coulomb, offset]: [Found; 4]) -> Parameters {
         let screw_kg = inertance.value - self.settings.structure_mass_kg as f32;
         Parameters {
@@ -386,7 +385,7 @@ impl Judge<'_> {
     }
 }
 
-/// What makes one of the four parameters uncertain.
+/// The uncertainty budget of one of the four parameters.
 pub(crate) fn budget(i: usize, systematic: &Systematic, found: &Found, spread: &Spread, motion: &Motion) -> Budget {
     match i {
         ACCELERATION => systematic.inertance(found, spread, motion),
@@ -402,23 +401,23 @@ pub(crate) fn each(parameters: &Parameters) -> [Parameter; 4] {
     [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
 }
 
-/// Some, and then more.
+/// The concatenation of two arrays.
 pub(crate) fn joined<T: Copy + Default, const N: usize>(some: &[T], more: &[T]) -> [T; N] {
     let mut all = some.iter().chain(more).copied();
     std::array::from_fn(|_| all.next().unwrap_or_default())
 }
 
-/// What a fit needs of a run in addition to its sums.
+/// What a fit needs from a run in addition to its sums.
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
-    /// What is known of the motion.
+    /// Statistics of the motion.
     pub motion: Motion,
     /// How far the law may be wrong in each of the four parameters, as the half width of a 95 % interval.
     pub model_u95: [f32; 4],
 }
 
 impl Beside {
-    /// As the estimator has it in the end.
+    /// From the estimator's final outcome.
     pub fn of(outcome: &Outcome) -> Self {
         Self {
             motion: outcome.motion,
@@ -427,28 +426,28 @@ impl Beside {
     }
 }
 
-/// Friction in both directions alike and by direction.
+/// Friction equal in both directions, and by direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Directions {
-    /// The law of the estimator: friction alike in both directions.
+    /// The law of the estimator: friction equal in both directions.
     pub symmetric: Parameters,
-    /// What it leaves unexplained \[N\].
+    /// Its RMS residual \[N\].
     pub symmetric_residual_rms_n: f64,
-    /// Inertance where friction may differ \[kg\].
+    /// Inertance if friction may differ by direction \[kg\].
     pub inertance_kg: Parameter,
-    /// Viscous friction of positive and of negative motion \[N s/m\].
+    /// Viscous friction in positive and in negative motion \[N s/m\].
     pub viscous_n_s_per_m: [Parameter; 2],
     /// Mean Coulomb friction of the two \[N\].
     pub coulomb_n: Parameter,
-    /// `fc+ - fc- + 2 F0`, which is all that the motion says of these three \[N\].
+    /// `fc+ - fc- + 2 F0`, the only combination of these three that the motion identifies \[N\].
     pub difference_n: Parameter,
-    /// Coulomb friction of positive and of negative motion, where the offset is known \[N\].
+    /// Coulomb friction in positive and in negative motion, if the offset is known \[N\].
     pub coulomb_by_direction_n: Option<[Parameter; 2]>,
-    /// What is left unexplained \[N\].
+    /// RMS residual \[N\].
     pub residual_rms_n: f64,
 }
 
-/// Friction by direction; `offset_n` is the force offset where it is known.
+/// Friction by direction; `offset_n` is the force offset, if known.
 pub fn directions(
     products: &Products,
     settings: &Settings,
@@ -480,7 +479,7 @@ pub fn directions(
     })
 }
 
-/// Weights that pick one coefficient.
+/// Weights that select one coefficient.
 fn unit_of<const N: usize>(place: usize) -> [f64; N] {
     std::array::from_fn(|other| f64::from(u8::from(other == place)))
 }

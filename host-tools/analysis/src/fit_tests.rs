@@ -9,7 +9,7 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
 
-/// Flanks that touch, and no stroke that comes again.
+/// Flanks in contact, and no repeating stroke.
 const BESIDE: Beside = Beside {
     motion: Motion {
         repeats: 1.0,
@@ -25,7 +25,7 @@ const BESIDE: Beside = Beside {
     model_u95: [0.0; 4],
 };
 
-/// A unit of each regressor, so fine that its rounding does not matter.
+/// Units of the regressors, so fine that rounding does not matter.
 const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];
 
 /// Sums of rows `a, v, s, 1, F, |v|, F'`, as a device would have them.
@@ -51,7 +51,7 @@ fn products(rows: impl IntoIterator<Item = [f64; COUNT]>) -> Products {
     Products::of(&sums, &more).unwrap()
 }
 
-/// A perfect bench, finer than any noise: every interval is of what the fit itself does not know.
+/// A perfect bench, finer than any noise: every interval comes from the fit alone.
 fn ideal() -> Settings {
     Settings {
         skew_u95_s: 0.0,
@@ -64,7 +64,7 @@ fn ideal() -> Settings {
     }
 }
 
-/// A device of 300 kg on tones \[m, rad/s\]: `[law for the velocity's side]`.
+/// A device of 300 kg driven with tones \[m, rad/s\]: `[law for the velocity's side]`.
 fn shaken(tones: &[(f64, f64)], sides: [[f64; 2]; 2], offset_n: f64, noise_n: f64) -> Vec<[f64; COUNT]> {
     let mut noise = Random(7);
     let motion = |t: f64, derivative: u32| {
@@ -101,7 +101,7 @@ fn friction_by_direction_is_told_apart() {
     near(fit.coulomb_n, 50.0);
     near(fit.difference_n, -20.0);
     assert!(fit.residual_rms_n < 2e-3 && fit.symmetric_residual_rms_n > 0.5);
-    // What fits neither direction lies between them.
+    // The common value lies between those of the two directions.
     let symmetric = f64::from(fit.symmetric.viscous_n_s_per_m.fitted().value);
     assert!(30.0 < symmetric && symmetric < 80.0);
 }
@@ -135,7 +135,7 @@ fn errors_are_those_of_updates_that_are_correlated() {
         square += (f64::from(found.fitted().value) - 30.0).powi(2);
         error_square += (f64::from(found.u95() / NORMAL_COVERAGE)).powi(2);
     }
-    // These updates are not correlated, so the errors are too large by just that.
+    // These updates are uncorrelated, so the errors are too large by exactly that factor.
     let ratio = error_square / square / UPDATES_PER_OBSERVATION;
     assert!((0.8..1.25).contains(&ratio), "{ratio}");
 }
@@ -144,7 +144,7 @@ fn errors_are_those_of_updates_that_are_correlated() {
 fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
     let settings = Settings { newtons_per_code: 0.01, metres_per_count: 1e-8, ..ideal() };
     let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
-    // The law itself, and a force that stands still.
+    // The law itself, and a constant force.
     for force in [|row: [f64; COUNT]| row[FORCE], |_: [f64; COUNT]| -30.01] {
         let law = |sign: f64| {
             let rows = shaken(TWO_TONES, ALIKE, 5.0, 0.0);
@@ -163,7 +163,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
                 "{here:?} {there:?}"
             );
         }
-        // Half a code and the steps as an offset.
+        // Half a code, and the steps as an offset.
         assert!((0.005..0.01).contains(&here.offset_n.u95()), "{:?}", here.offset_n);
         assert!(correlation.iter().flatten().all(|part| part.abs() < 1.001), "{correlation:?}");
     }
@@ -171,7 +171,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
 
 #[test]
 fn systematic_parts_are_those_of_the_estimator() {
-    // A tone of a whole number of samples has its reversals placed by the same counts.
+    // A tone with a period of a whole number of samples has its reversals placed by the same counts.
     ["random", "sine:5Hz:1mm"].into_iter().for_each(systematic_parts_are_those_of_the_estimator_in);
 }
 

@@ -1,22 +1,22 @@
 //! The law `F = mt a + cf v + fc sgn(v) + F0` against the measured force, both through the estimator's kernels.
 //!
-//! The kernels are core's (docs/THEORY.md, 1) in f64, centred instead of late: what is shown is what the estimator has
-//! compared. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
-//! taken out by whole samples, and what is left of it out of the force by its series.
+//! The kernels are core's (docs/THEORY.md, 1) in f64, centred instead of delayed, so the result is what the estimator
+//! compares. The structure mass adds `mr x1''` to the law, with `x1'' = a + F''/ks - cs F'''/ks^2`; the skew is
+//! corrected by whole samples, and its remainder in the force by a series.
 
 use inerter_core::constants::{FORCE_TAPS, LONGEST_SPACING, RATE_TAPS, REST_COUNTS, SIGN_TAPS};
 use inerter_core::{Bank, Parameter, Parameters, Settings};
 use inerter_data::series::Stretch;
 use nalgebra::DMatrix;
 
-/// Independent observations under which nothing is said of what may stand beside the law.
+/// Minimum independent observations for a judgement on terms beyond the law.
 pub(crate) const LEAST_OBSERVATIONS: f64 = 30.0;
 
-/// Velocities over which friction falls, in parts of the motion's rms.
+/// Velocities over which friction falls, relative to the motion's rms.
 pub(crate) const FALLS: [f64; 7] = [0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0];
-/// Distances over which friction turns, in parts of the motion's stroke.
+/// Distances over which friction reverses, relative to the motion's stroke.
 pub(crate) const TURNS: [f64; 8] = [0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
-/// Friction per force beyond which a screw locks itself.
+/// Friction per force above which a screw is self-locking.
 pub(crate) const MOST_LOAD: f64 = 0.5;
 
 /// Values of the law.
@@ -33,7 +33,7 @@ pub struct Law {
 }
 
 impl Law {
-    /// What the estimator said of the whole run, the inertance with the structure's mass.
+    /// The estimator's values for the whole run, with the structure's mass in the inertance.
     pub(crate) fn of_run(found: &Parameters, settings: &Settings) -> Self {
         let value = |parameter: Parameter| f64::from(parameter.fitted().value);
         Self {
@@ -45,7 +45,7 @@ impl Law {
     }
 }
 
-/// The kernels of one bank, as taps that lie around a sample.
+/// The kernels of one bank, as taps centred on a sample.
 pub struct Kernels {
     pub(crate) force: Vec<f64>,
     pub(crate) rate: Vec<f64>,
@@ -56,20 +56,20 @@ pub struct Kernels {
     pub(crate) period_s: f64,
 }
 
-/// What the kernels make of the samples around one.
+/// The kernels' outputs at a sample.
 pub(crate) struct Measured {
-    /// Force \[N\], the skew taken out.
+    /// Force, with the skew corrected \[N\].
     pub force_n: f64,
     /// Velocity \[m/s\].
     pub velocity: f64,
     /// Acceleration \[m/s^2\].
     pub acceleration: f64,
-    /// By how much the terminal's acceleration is greater \[m/s^2\].
+    /// By how much the terminal's acceleration is larger \[m/s^2\].
     pub stretch: f64,
 }
 
 impl Measured {
-    /// Force that acts on the screw \[N\]: without what the structure takes more of than it would if it moved with the
+    /// Force on the screw \[N\]: without the structure's extra force compared with a structure that moves with the
     /// screw.
     pub(crate) fn on_screw_n(&self, settings: &Settings) -> f64 {
         self.force_n - settings.structure_mass_kg * self.stretch
@@ -77,18 +77,18 @@ impl Measured {
 }
 
 impl Kernels {
-    /// Those of a bank at a sample rate.
+    /// The kernels of a bank at a sample rate.
     pub fn new(bank: Bank, period_s: f64) -> Self {
         Self::of_box(bank.box_s(), period_s)
     }
 
-    /// Those of a box of this length \[s\] at a sample rate.
+    /// The kernels of a box of this length \[s\] at a sample rate.
     pub(crate) fn of_box(box_s: f64, period_s: f64) -> Self {
         let m = 2 * ((box_s / period_s / 2.0).round().clamp(1.0, LONGEST_SPACING) as usize);
         let (length, t) = (m as f64, period_s);
         let smooth = vec![1.0 / length; m];
         let mut difference = vec![0.0; m + 1];
-        // Taps run with time: the later sample counts positive.
+        // Taps run forward in time: the later sample counts positive.
         (difference[0], difference[m]) = (-1.0 / (length * t), 1.0 / (length * t));
         let made = |derivative: usize, correction: &[f64]| {
             let gain: f64 = correction.iter().sum();
@@ -107,7 +107,7 @@ impl Kernels {
         }
     }
 
-    /// Half of the longest kernel \[samples\].
+    /// Half length of the longest kernel \[samples\].
     pub(crate) fn reach(&self) -> usize {
         [&self.force, &self.rate, &self.second, &self.third, &self.sign]
             .iter()
@@ -116,7 +116,7 @@ impl Kernels {
             .unwrap_or(0)
     }
 
-    /// What is measured around a sample of an aligned series.
+    /// The kernels' outputs at a sample of an aligned series.
     pub(crate) fn measured(&self, piece: &Stretch, settings: &Settings, middle: usize) -> Measured {
         let Settings { stiffness_n_per_m: ks, contact_damping_n_s_per_m: cs, .. } = *settings;
         let (_, skew_s) = settings.skew_parts();
@@ -132,30 +132,30 @@ impl Kernels {
     }
 }
 
-/// Whether the screw stands while it goes through these positions \[m\].
+/// Whether the screw is at rest throughout these positions \[m\].
 pub(crate) fn stands(positions: &[f64], settings: &Settings) -> bool {
     let (low, high) = ends(positions.iter().copied());
     let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
     high - low <= still_m * (1.0 + 1e-6)
 }
 
-/// The mean; NaN of none.
+/// The mean; NaN if there are no values.
 pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The middle one; nothing of none.
+/// The median; `None` if there are no values.
 pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The least and the greatest.
+/// The minimum and the maximum.
 pub(crate) fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// Marks so many samples from one on, as far as there are any.
+/// Marks up to `count` samples from `from` on.
 pub(crate) fn mark(samples: &mut [bool], from: usize, count: usize) {
     samples.iter_mut().skip(from).take(count).for_each(|sample| *sample = true);
 }
@@ -170,13 +170,14 @@ pub(crate) fn convolved(a: &[f64], b: &[f64]) -> Vec<f64> {
     taps
 }
 
-/// Taps laid with their middle over one sample. All kernels are of odd length.
+/// Convolves taps centred on one sample. All kernels have odd length.
 pub(crate) fn around(taps: &[f64], data: &[f64], middle: usize) -> f64 {
     let first = middle.saturating_sub(taps.len() / 2).min(data.len());
     dot(taps, &data[first..])
 }
 
-/// Sum of the products of two columns, as far as both go. Eight sums side by side, which the processor adds at once.
+/// Sum of the products of two columns, over their common length. It uses eight partial sums, which the processor adds
+/// in parallel.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     const SIDE: usize = 8;
     let both = a.len().min(b.len());
@@ -190,7 +191,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     left + sums.iter().sum::<f64>()
 }
 
-/// What is left of a column without these parts of others.
+/// A column minus these multiples of others.
 pub(crate) fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f64> {
     let mut left = column.to_vec();
     for (other, part) in others.iter().zip(parts) {
@@ -199,17 +200,17 @@ pub(crate) fn less(column: &[f64], others: &[Vec<f64>], parts: &[f64]) -> Vec<f6
     left
 }
 
-/// What makes the diagonal one.
+/// Scale factors that make the diagonal one.
 pub(crate) fn scales(gram: &DMatrix<f64>) -> Vec<f64> {
     gram.diagonal().iter().map(|square| square.sqrt().recip()).collect()
 }
 
-/// Rows and columns in these units.
+/// Scales rows and columns.
 pub(crate) fn scaled(matrix: &DMatrix<f64>, unit: &[f64]) -> DMatrix<f64> {
     DMatrix::from_fn(unit.len(), unit.len(), |i, j| matrix[(i, j)] * unit[i] * unit[j])
 }
 
-/// Inverse of the sums of columns' products; nothing where the columns cannot be told apart.
+/// Inverse of the columns' Gram matrix; `None` if the columns cannot be separated.
 pub(crate) fn inverse(gram: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unit = scales(gram);
     Some(scaled(&scaled(gram, &unit).cholesky()?.inverse(), &unit))

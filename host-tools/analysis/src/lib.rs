@@ -3,8 +3,8 @@
 //! [`fit`] refits the sums of the estimator: friction by direction; [`merge`] does so for several runs together.
 //! [`contact`] derives stiffness and damping from a terminal displacement sensor. [`mod@identify`] fits the complete
 //! model, [`response`] measures F/x over frequency, [`law`] is the law of the estimator with its kernels, [`rows`]
-//! lists it beside the force row by row, [`mod@compare`] compares runs, [`paper`] identifies the paper's device from
-//! its three tests. [`mod@diagnose`] identifies what breaks the law, [`mod@skew`] finds the delay of the force,
+//! lists the law and the force row by row, [`mod@compare`] compares runs, [`paper`] identifies the paper's device from
+//! its three tests. [`mod@diagnose`] identifies what violates the law, [`mod@skew`] finds the delay of the force,
 //! [`plan`] designs a motion and predicts its intervals. [`calibrate`] turns samples at known loads, displacements and
 //! rests into settings with their uncertainty. [`results`] combines all of that as the program prints it.
 

@@ -1,12 +1,12 @@
-//! Several runs of one device together: the law fitted to the sum of their exact sums.
+//! Several runs of one device together: fits the law to the total of their exact sums.
 //!
-//! Sums are integers: those of a thousand runs add up to the same bits in any order and grouping. What an interval
-//! needs in addition is kept for each run, and combined in one order, that of the sums. A run that is given twice
-//! counts once.
+//! The sums are integers, so those of a thousand runs give the same bits in any order and grouping. Other data for the
+//! intervals are kept for each run, and combined in a fixed order, that of the sums. A run that is given twice counts
+//! once.
 //!
 //! Terms:
 //! - *own*: of the fit to one run alone, as the estimator has it.
-//! - *alike*: of runs whose motions move the screw alike, so that the encoder's steps in them may be the same.
+//! - *alike*: of runs with nearly the same motion of the screw, so that the encoder's steps in them may be the same.
 //!
 //! Source: docs/THEORY.md, "Several runs together".
 
@@ -28,84 +28,84 @@ use crate::{
     law::ends,
 };
 
-/// Products of the regressors in [`Sums`] and [`MoreSums`] together.
+/// Number of products of the regressors in [`Sums`] and [`MoreSums`] together.
 const PRODUCTS: usize = COUNT * (COUNT + 1) / 2;
-/// Begins the bytes of runs that are put away: another version has another estimator.
+/// Header of stored sums: another version has another estimator.
 const MAGIC: &[u8] = concat!("inerter sums ", env!("CARGO_PKG_VERSION"), "\n").as_bytes();
-/// Settings of which runs may have values of their own: the tare, and what is of the terminal's sensor.
+/// Settings that may differ between runs: the tare, and those of the terminal sensor.
 const FREE: [&str; 3] = ["force_zero_code", "metres_per_terminal_code", "terminal_sensor"];
-/// Part by which root mean squares of velocity and acceleration of motions that are alike may differ.
+/// Allowed relative difference of RMS velocity and acceleration between motions that are alike.
 const ALIKE: f64 = 0.01;
-/// Probability under which runs that agree differ so much.
+/// Probability below which a difference between runs is not chance.
 const UNLIKELY: f64 = 1e-3;
-/// Each by itself.
+/// No influence between parameters: the identity.
 const APART: [[f64; 4]; 4] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
-/// They leave 1e-24 of the squared range.
+/// The bisections leave 1e-24 of the squared range.
 const BISECTIONS: u32 = 80;
 
-/// Why runs cannot be taken together.
+/// Why runs cannot be merged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Diagnostic)]
 pub enum MergeError {
-    /// There is none.
+    /// There are no runs.
     #[error("there is no run to merge")]
     #[diagnostic(code(inerter::merge::empty), help("give at least one run"))]
     Empty,
-    /// They were not measured or replayed alike.
+    /// They were measured or replayed with different settings.
     #[error("the settings of {} and {} differ: {}", runs[0], runs[1], differences(settings))]
     #[diagnostic(
         code(inerter::merge::settings),
         help("runs merge only with the same settings; if this is right for both: {}", alike(settings))
     )]
     Settings {
-        /// Names of those that differ, and what each is in two runs.
+        /// Names of the settings that differ, and their values in two runs.
         settings: Vec<(&'static str, [f64; 2])>,
         /// Names of the runs.
         runs: [String; 2],
     },
-    /// Bytes that are no sums.
+    /// The bytes are not stored sums.
     #[error("these bytes are not sums of runs, or are of another version")]
     #[diagnostic(code(inerter::merge::bytes), help("replay the runs again with this version"))]
     Bytes,
 }
 
-/// For a person.
+/// The differences, for a person.
 fn differences(settings: &[(&str, [f64; 2])]) -> String {
     let each = settings.iter().map(|(name, [one, other])| format!("{name} is {one} and {other}"));
     each.collect::<Vec<_>>().join(", ")
 }
 
-/// What would make them the same: a scale that is large enough for both.
+/// Advice to make them the same: a scale that is large enough for both.
 fn alike(settings: &[(&str, [f64; 2])]) -> String {
     let greater = |[one, other]: [f64; 2]| if one.abs() < other.abs() { other } else { one };
     let each = settings.iter().map(|(name, values)| format!("--set {name}={}", greater(*values)));
     each.collect::<Vec<_>>().join(" ")
 }
 
-/// A parameter by one run alone.
+/// A parameter from one run alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Own {
     value: f32,
-    /// Variance by what differs from sample to sample, and the part of it that scatters: the rest is of the encoder's
-    /// steps where strokes come again.
+    /// Variance of errors that vary from sample to sample, and the fraction of it that is scatter; the rest comes from
+    /// the encoder's steps where strokes repeat.
     square: f32,
     scatter: f32,
-    /// Variance by all in which two runs on one rig may differ: a skew or a stiffness that is wrong moves each motion's
-    /// otherwise.
+    /// Variance of everything in which two runs on one rig may differ: a wrong skew or stiffness affects each motion
+    /// differently.
     unshared: f32,
 }
 
-/// What one run says.
+/// The data of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Part {
     name: String,
     settings: Settings,
     fast: (Sums, MoreSums),
     slow: (Sums, MoreSums),
-    /// Bank that its estimate comes from.
+    /// Bank of its estimate.
     bank: Bank,
     motion: Motion,
     model_u95: [f32; 4],
-    /// Of the four parameters.
+    /// The four parameters.
     own: [Own; 4],
     law_is_broken: bool,
 }
@@ -124,19 +124,19 @@ impl Part {
         joined(&sums.sums, &more.sums)
     }
 
-    /// What one unit of each regressor of a bank is in SI.
+    /// One unit of each regressor of a bank in SI.
     fn units(&self, bank: Bank) -> [f64; COUNT] {
         let (sums, more) = self.sums(bank);
         joined(&sums.units, &more.units)
     }
 
-    /// What no two runs have in common; of one in which nothing was summed, its name.
+    /// A key unique to each run; for a run with nothing summed, its name.
     fn key(&self) -> Key {
         let is_empty = self.fast.0.updates == 0 && self.slow.0.updates == 0;
         ([self.exact(Bank::Fast), self.exact(Bank::Slow)], is_empty.then(|| self.name.clone()))
     }
 
-    /// Whether it is what an estimator with its settings could have given.
+    /// Whether an estimator with its settings could have produced it.
     fn is_sound(&self) -> bool {
         let Ok(unused) = Replay::new(&self.settings, 0.0) else { return false };
         [Bank::Fast, Bank::Slow].into_iter().all(|bank| {
@@ -147,7 +147,7 @@ impl Part {
         })
     }
 
-    /// Settings that are not as in another run, and must be.
+    /// Settings that differ from another run's although they must not.
     fn differing(&self, other: &Self) -> Vec<(&'static str, [f64; 2])> {
         let both = self.settings.values().into_iter().zip(other.settings.values());
         Settings::TABLE
@@ -161,7 +161,7 @@ impl Part {
 
 type Key = ([[i128; PRODUCTS]; 2], Option<String>);
 
-/// Runs of one device, each once, and one at least.
+/// Runs of one device, each once, and at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Runs {
     parts: BTreeMap<Key, Part>,
@@ -170,27 +170,27 @@ pub struct Runs {
 /// Several runs fitted together.
 #[derive(Clone, Debug)]
 pub struct Merged {
-    /// The fits to all.
+    /// The fits to all runs.
     pub fit: Directions,
     /// Bank whose sums were fitted.
     pub bank: Bank,
-    /// Products summed.
+    /// Number of updates summed.
     pub updates: u64,
     /// Names of the runs, in alphabetical order.
     pub names: Vec<String>,
-    /// By how much the own values of inertance, viscous and Coulomb friction and offset differ from run to run beyond
-    /// their scatter: a standard deviation. Nothing where fewer than two runs tell one.
+    /// By how much the runs' own values of inertance, viscous and Coulomb friction and offset differ beyond their
+    /// scatter, as a standard deviation. `None` if fewer than two runs identify one.
     pub apart: [Option<f32>; 4],
-    /// Which of the four differ by more than chance.
+    /// Which of the four differ by more than chance explains.
     pub differs: [bool; 4],
     /// Names of the runs for which the law does not hold.
     pub broken: Vec<String>,
-    /// Names of those in which nothing was summed.
+    /// Names of the runs with nothing summed.
     pub empty: Vec<String>,
 }
 
 impl Runs {
-    /// One run, as it came out of the estimator with these settings.
+    /// One run, from the estimator's outcome with these settings.
     pub fn of(name: &str, settings: &Settings, outcome: &Outcome) -> Self {
         let values = each(&outcome.estimate.whole_run);
         let budgets = &outcome.budgets.whole_run;
@@ -214,13 +214,13 @@ impl Runs {
         Self { parts: BTreeMap::from([(part.key(), part)]) }
     }
 
-    /// These and others together.
+    /// Combines two sets of runs.
     pub fn and(mut self, others: Self) -> Result<Self, MergeError> {
         others.parts.into_values().try_for_each(|part| self.take(part))?;
         Ok(self)
     }
 
-    /// Takes one run more.
+    /// Adds one run.
     fn take(&mut self, part: Part) -> Result<(), MergeError> {
         if let Some((_, first)) = self.parts.first_key_value() {
             let settings = first.differing(&part);
@@ -229,7 +229,7 @@ impl Runs {
             }
         }
         match self.parts.entry(part.key()) {
-            // The same whichever came first.
+            // The result does not depend on which came first.
             Entry::Occupied(mut there) if stored(&part) < stored(there.get()) => drop(there.insert(part)),
             Entry::Occupied(_) => {}
             Entry::Vacant(place) => drop(place.insert(part)),
@@ -237,7 +237,7 @@ impl Runs {
         Ok(())
     }
 
-    /// All of these together.
+    /// Combines all of these.
     pub fn all(runs: impl IntoIterator<Item = Self>) -> Result<Self, MergeError> {
         let mut runs = runs.into_iter();
         let first = runs.next().ok_or(MergeError::Empty)?;
@@ -249,7 +249,7 @@ impl Runs {
         self.named(|_| true)
     }
 
-    /// How many there are.
+    /// Number of runs.
     pub fn count(&self) -> usize {
         self.parts.len()
     }
@@ -261,17 +261,17 @@ impl Runs {
         names
     }
 
-    /// Settings of the runs; of those that may differ, one run's.
+    /// Settings of the runs; those that may differ are one run's.
     pub fn settings(&self) -> Settings {
         self.parts.values().next().map(|part| part.settings).unwrap_or_default()
     }
 
-    /// For another program of this version.
+    /// Bytes for another program of this version.
     pub fn to_bytes(&self) -> Vec<u8> {
         [MAGIC, &stored(&self.parts.values().collect::<Vec<_>>())].concat()
     }
 
-    /// From bytes of [`to_bytes`](Self::to_bytes).
+    /// Parses the bytes of [`to_bytes`](Self::to_bytes).
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, MergeError> {
         let body = bytes.strip_prefix(MAGIC).ok_or(MergeError::Bytes)?;
         let (parts, rest): (Vec<Part>, &[u8]) = postcard::take_from_bytes(body).map_err(|_| MergeError::Bytes)?;
@@ -283,7 +283,7 @@ impl Runs {
         Ok(runs)
     }
 
-    /// The law fitted to all; `offset_n` is the force offset where it is known.
+    /// The law fitted to all runs; `offset_n` is the force offset, if known.
     pub fn merged(&self, offset_n: Option<f64>) -> Result<Merged, FitError> {
         let bank = self.bank()?;
         let (products, updates) = self.products(bank)?;
@@ -308,10 +308,10 @@ impl Runs {
         })
     }
 
-    /// The bank of all estimates; where they differ the fast one if the encoder's steps are little of what it has seen,
-    /// as on the device.
+    /// The bank of all estimates; if they differ, the fast one if the encoder's steps are a small part of its
+    /// acceleration, as on the device.
     fn bank(&self) -> Result<Bank, FitError> {
-        // One in which nothing was summed has no say.
+        // A run with nothing summed has no influence.
         let is_of_all = |bank: &Bank| {
             let mut told = self.parts.values().filter(|part| part.sums(part.bank).0.updates > 0);
             told.all(|part| part.bank == *bank)
@@ -325,14 +325,14 @@ impl Runs {
         Ok(if is_clear { Bank::Fast } else { Bank::Slow })
     }
 
-    /// The exact sums of all, and how many products they hold.
+    /// The exact sums of all runs, and the number of updates in them.
     fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
-        // A tare moves the force's unit by powers of two: the finest is a whole part of each.
+        // A tare changes the force's unit by powers of two, so the finest unit divides each of the others.
         let units = self.parts.values().map(|part| part.units(bank));
         let of_all = |pick: fn(f64, f64) -> f64| {
             units.clone().reduce(|one, other| std::array::from_fn(|i| pick(one[i], other[i])))
         };
-        // To the coarsest some were rounded.
+        // Some sums were rounded to the coarsest unit.
         let (Some(finest), Some(coarsest)) = (of_all(f64::min), of_all(f64::max)) else {
             return Err(FitError::TooShort { observations: 0.0 });
         };
@@ -342,7 +342,7 @@ impl Runs {
             let doublings: [u32; COUNT] = std::array::from_fn(|i| (units[i] / finest[i]).log2().round() as u32);
             let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
             for ((all, sum), (row, column)) in all.iter_mut().zip(part.exact(bank)).zip(pairs) {
-                // 2^94 is the most of one run.
+                // One run reaches at most 2^94.
                 *all = all.wrapping_add(sum.wrapping_shl(doublings[row] + doublings[column]));
             }
             updates += u64::from(part.sums(bank).0.updates);
@@ -350,7 +350,7 @@ impl Runs {
         Ok((Products::merged(bank, [finest, coarsest], &all, updates), updates))
     }
 
-    /// What part of all each run is.
+    /// Each run's share of the total.
     fn shares(&self, bank: Bank, all: &Products) -> Result<Vec<Share<'_>>, FitError> {
         let (weights, settings) = (all.weights()?, self.settings());
         let mut shares = Vec::new();
@@ -361,7 +361,7 @@ impl Runs {
             }
         }
         if let [one] = shares.as_mut_slice() {
-            // To the last bit.
+            // Exactly.
             (one.influence, one.correlation) = (APART, APART);
         }
         let updates: f64 = shares.iter().map(|share| share.products.updates()).sum();
@@ -380,7 +380,7 @@ impl Runs {
         Ok(shares)
     }
 
-    /// What is known of all motions beside the sums. Of one run it is that run's.
+    /// Statistics of all motions besides the sums; for a single run its own.
     fn motion(&self, shares: &[Share], products: &Products) -> Motion {
         let settings = self.settings();
         let sum = |part: fn(&Share) -> f64, own: fn(&Motion) -> f32| {
@@ -405,8 +405,7 @@ impl Runs {
         }
     }
 
-    /// How the own values of the four parameters differ from run to run; nothing where fewer than two runs tell a
-    /// parameter.
+    /// The spread of the runs' own values of the four parameters; `None` if fewer than two runs identify a parameter.
     fn spreads(&self) -> [Option<Spread>; 4] {
         std::array::from_fn(|i| {
             let own: Vec<_> = self
@@ -421,22 +420,22 @@ impl Runs {
     }
 }
 
-/// One run among others.
+/// One run's share.
 struct Share<'a> {
     part: &'a Part,
     products: Products,
-    /// What an own error of each parameter makes of the error of each in the fit to all: the identity for one run
-    /// alone.
+    /// How an error of each parameter in the run's own fit affects each in the fit to all: the identity for a single
+    /// run.
     influence: [[f64; 4]; 4],
-    /// How errors of its own fit hang together; not at all where that is not known.
+    /// Correlation of the errors of its own fit; the identity if unknown.
     correlation: [[f64; 4]; 4],
-    /// Part of the scatter that the encoder's steps explain.
+    /// Fraction of the scatter that the encoder's steps explain.
     steps_share: f32,
     /// Mean squares of acceleration and velocity, without the encoder's steps.
     mean_squares: [f64; 2],
-    /// Strokes of its motion.
+    /// Number of strokes in its motion.
     strokes: f64,
-    /// Its part of the updates, of the strokes, and of the squares of acceleration and velocity.
+    /// Its share of the updates, of the strokes, and of the squares of acceleration and velocity.
     of_updates: f64,
     of_strokes: f64,
     of_squares: [f64; 2],
@@ -462,8 +461,8 @@ impl<'a> Share<'a> {
         }
     }
 
-    /// How far own errors move a parameter of the fit to all: they hang together as those of the own fit do. What a run
-    /// cannot tell, whose error is not known, has no weight.
+    /// Effect of its own errors, correlated as in its own fit, on a parameter of the fit to all. A parameter that the
+    /// run cannot identify has no weight.
     fn moved(&self, i: usize, own: impl Fn(usize) -> f32) -> f64 {
         let errors: [f64; 4] = std::array::from_fn(|j| {
             let error = self.influence[i][j] * f64::from(own(j));
@@ -473,7 +472,7 @@ impl<'a> Share<'a> {
         (0..4).map(|j| errors[j] * with(j)).sum::<f64>().max(0.0).sqrt()
     }
 
-    /// What the encoder's steps make of a parameter of the fit to all, whether they come again in this run or not: half
+    /// Effect of the encoder's steps on a parameter of the fit to all, whether or not they repeat in this run: half
     /// width.
     fn moved_by_steps(&self, i: usize) -> f64 {
         self.moved(i, |j| {
@@ -482,15 +481,15 @@ impl<'a> Share<'a> {
         })
     }
 
-    /// Whether the screw moves alike.
+    /// Whether the motions of the screw are alike.
     fn is_alike(&self, other: &Self) -> bool {
         let near = |(a, b): (f64, f64)| (a.sqrt() - b.sqrt()).abs() <= ALIKE * a.max(b).sqrt();
         self.mean_squares.into_iter().zip(other.mean_squares).all(near)
     }
 }
 
-/// What the encoder's steps add to each parameter because runs repeat the motion of others, and the steps with it: half
-/// widths.
+/// The additional effect of the encoder's steps on each parameter because runs repeat the motion of others, including
+/// the steps: half widths.
 fn encoder_again(shares: &[Share]) -> [f64; 4] {
     let mut ordered: Vec<(&Share, [f64; 4])> =
         shares.iter().map(|share| (share, std::array::from_fn(|i| share.moved_by_steps(i)))).collect();
@@ -507,7 +506,7 @@ fn encoder_again(shares: &[Share]) -> [f64; 4] {
     squares.map(f64::sqrt)
 }
 
-/// What differences from run to run leave undecided of a parameter: half width.
+/// Uncertainty of a parameter due to the differences between runs: half width.
 fn between(shares: &[Share], i: usize, spreads: &[Option<Spread>; 4]) -> f64 {
     let of = |j: usize| {
         let spread = spreads[j].as_ref().filter(|spread| spread.deviation > 0.0)?;
@@ -517,7 +516,7 @@ fn between(shares: &[Share], i: usize, spreads: &[Option<Spread>; 4]) -> f64 {
     (0..4).filter_map(of).sum::<f64>().sqrt()
 }
 
-/// How the own values of one parameter differ.
+/// The spread of the runs' own values of one parameter.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
     /// Standard deviation beyond their own scatter.
@@ -527,7 +526,7 @@ struct Spread {
 }
 
 impl Spread {
-    /// Of values with their variances: Paule and Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377.
+    /// From values with their variances: Paule and Mandel, J. Res. Natl. Bur. Stand. 87 (1982) 377.
     fn of(own: &[(f64, f64)]) -> Option<Self> {
         let freedom = own.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
         let statistic = |between: f64| {
@@ -537,7 +536,8 @@ impl Spread {
             own.iter().map(|(value, square)| weight(*square) * (value - mean).powi(2)).sum::<f64>()
         };
         let chance = ChiSquared::new(freedom as f64).ok()?.sf(statistic(0.0));
-        // It falls with the variance between runs, and is too small where that is all of their squared range.
+        // The statistic falls with the variance between runs, and is below its expectation if that variance is the
+        // whole squared range.
         let (low, high) = ends(own.iter().map(|(value, _)| *value));
         let (mut least, mut most) = (0.0, (high - low).powi(2));
         if statistic(0.0) > freedom as f64 {
@@ -552,14 +552,14 @@ impl Spread {
     }
 }
 
-/// As it is put away.
+/// The stored form of a value.
 fn stored(value: &impl Serialize) -> Vec<u8> {
-    // What is in memory can be written to memory.
+    // Writing to memory cannot fail.
     postcard::to_extend(value, Vec::new()).unwrap_or_default()
 }
 
 impl Merged {
-    /// What a person should know of it.
+    /// Remarks for a person.
     pub fn remarks(&self, settings: &Settings) -> Vec<String> {
         let mut remarks = Vec::new();
         let runs = |names: &[String]| format!("{} ({})", plural(names.len() as u64, "run"), names.join(", "));

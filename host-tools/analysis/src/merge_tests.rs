@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use super::*;
 
-/// A run of ten seconds by an inertance \[kg\] under settings of its own.
+/// A run of ten seconds with an inertance \[kg\] and separate settings.
 fn run(motion: &str, seed: u64, inertance_kg: f64, overrides: &Overrides) -> (Settings, Outcome) {
     let device = Inerter { inertance_kg, ..Inerter::paper() };
     let sensors = Sensors { seed, ..bench_sensors() };
@@ -21,7 +21,7 @@ fn runs_of(name: &str, motion: &str, seed: u64, inertance_kg: f64) -> Runs {
     Runs::of(name, &settings, &outcome)
 }
 
-/// Nine runs, of which each third is alike.
+/// Nine runs, in three groups that are alike.
 fn nine() -> &'static [Runs] {
     static NINE: OnceLock<Vec<Runs>> = OnceLock::new();
     NINE.get_or_init(|| {
@@ -49,7 +49,8 @@ fn one_run_is_fitted_as_it_is_alone() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Bytes and fits are the same for any order, any grouping, runs that are given twice, and a way through bytes.
+    /// Bytes and fits are the same for any order and grouping, for runs given twice, and after a round trip through
+    /// bytes.
     #[test]
     fn any_order_and_grouping_gives_the_same_bits(
         order in Just((0..9).chain(0..9).collect::<Vec<usize>>()).prop_shuffle(),
@@ -67,7 +68,7 @@ proptest! {
         prop_assert_eq!(shown(all), EXPECTED.get_or_init(|| shown(&Runs::all(nine().iter().cloned()).unwrap())).clone());
     }
 
-    /// Nothing that is read panics, whatever it is.
+    /// No input causes a panic.
     #[test]
     fn bytes_of_any_kind_are_survived(place in any::<prop::sample::Index>(), byte in any::<u8>(), cut in any::<bool>()) {
         let mut bytes = nine()[0].to_bytes();
@@ -82,7 +83,8 @@ proptest! {
 
 #[test]
 fn runs_together_tell_more_than_one() {
-    // A rig without an uncertainty of its own but the stiffness', which friction hardly feels: what is left scatters.
+    // A rig with no uncertainty except that of the stiffness, to which friction is hardly sensitive: only scatter
+    // remains.
     let mut perfect = Overrides::default();
     for name in ["skew_u95_s", "force_gain_u95", "lead_u95", "timebase_u95", "structure_mass_u95_kg"] {
         perfect.set(name, 0.0, "test").unwrap();
@@ -112,7 +114,7 @@ fn a_device_that_is_another_from_run_to_run_is_told() {
     let runs = Runs::all(runs).unwrap();
     let merged = runs.merged(None).unwrap();
     let inertance_kg = merged.apart[0].unwrap();
-    // Half of them 10 kg under the mean and half above it.
+    // Half of them 10 kg below the mean and half above it.
     assert!((9.0..13.0).contains(&inertance_kg), "{merged:?}");
     assert_eq!(merged.differs, [true, false, false, false], "{merged:?}");
     let found = merged.fit.symmetric.inertance_kg.known().unwrap();
@@ -123,7 +125,7 @@ fn a_device_that_is_another_from_run_to_run_is_told() {
 
 #[test]
 fn a_motion_that_is_played_again_does_not_average_the_encoder_out() {
-    // Counts of a twentieth of the stroke, and hardly any noise.
+    // Counts as large as a twentieth of the stroke, and hardly any noise.
     let mut coarse = Overrides::default();
     coarse.set("metres_per_count", 1e-4, "test").unwrap();
     let (settings, outcome) = run("sine:2Hz:2mm", 1, 299.49, &coarse);
@@ -153,10 +155,10 @@ fn what_does_not_belong_together_is_refused() {
     }
 }
 
-/// The samples of a run with a force that reads so many codes more, by the settings of a board with such a tare.
+/// The samples of a run with a force offset by this many codes, for a board tared accordingly.
 fn tared(name: &str, seed: u64, tare: i32) -> Runs {
     let mut board = Overrides::default();
-    // As the analogue front end has them.
+    // As for the analogue front end.
     for (name, value) in [("force_min_code", 0.0), ("force_max_code", 262_080.0), ("newtons_per_code", 0.1)] {
         board.set(name, value, "test").unwrap();
     }
@@ -209,7 +211,7 @@ fn what_no_estimator_could_have_given_is_refused() {
     assert!(with(&|part| part.fast.0.units[4] *= 2.0) && with(&|part| part.slow.1.units[0] = f64::NAN));
     assert!(with(&|part| part.fast.1.updates += 1) && with(&|part| part.fast.0.bank = Bank::Slow));
     assert!(with(&|part| part.settings.sample_rate_hz = f64::NAN) && with(&|part| part.settings.memory_s = -1.0));
-    // Sums of any size are survived.
+    // Sums of any size are handled.
     for sum in [i128::MAX, i128::MIN, 0] {
         let mut part = runs.parts.values().next().unwrap().clone();
         part.fast.0.sums.fill(sum);
@@ -232,7 +234,7 @@ fn runs_of_which_nothing_was_summed_stay_apart() {
 
 #[test]
 fn differences_from_run_to_run_are_those_of_the_literature() {
-    // By hand: Q = 2 / (0.5 + t) = 2 at t = 0.5; and exp(-2) of chance.
+    // By hand: Q = 2 / (0.5 + t) = 2 at t = 0.5; the probability is exp(-2).
     let found = Spread::of(&[(-1.0, 0.5), (0.0, 0.5), (1.0, 0.5)]).unwrap();
     assert!((found.deviation.powi(2) - 0.5).abs() < 1e-12 && !found.is_unlikely && found.freedom == 2, "{found:?}");
     assert!(Spread::of(&[(-4.0, 0.5), (0.0, 0.5), (4.0, 0.5)]).unwrap().is_unlikely);

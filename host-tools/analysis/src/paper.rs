@@ -1,9 +1,9 @@
 //! The paper's device identified blindly from its three tests.
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the
-//! friction, 3.2 Hz for the rest, 15.9 Hz to validate. As there, the lower terminal is moved and the load cell hangs on
-//! the upper one; in addition the terminal's displacement is measured, and [`mod@identify`] with its intervals replaces
-//! tuning by eye. Blind: of the device only the structure mass is given, which the paper has weighed.
+//! friction, 3.2 Hz for the rest, 15.9 Hz to validate. As in the paper, the lower terminal is moved and the load cell
+//! is on the upper one; in addition the terminal's displacement is measured, and [`mod@identify`] with its intervals
+//! replaces tuning by eye. Blind means that only the structure mass of the device is given, which the paper weighed.
 //!
 //! Not from the paper: its Coulomb friction is missing from our copy of the text, 50 N is our choice; noise, encoder
 //! and sample rate are those of our bench.
@@ -23,11 +23,11 @@ use inerter_data::{
     series::Series,
 };
 
-/// Band in which the paper calls the influence of what is not ideal insignificant \[rad/s\].
+/// Band in which the paper calls the nonideal effects insignificant \[rad/s\].
 pub const PUBLISHED_BAND_RAD_PER_S: (f64, f64) = (0.1, 40.0);
-/// How near the ideal mass must be to the complete model.
+/// Required agreement of the ideal mass with the complete model.
 pub const WITHIN: Agreement = Agreement { decibels: 1.0, degrees: 5.0 };
-/// Seed of the motions, of which a tone has no use.
+/// Seed of the motions; a tone does not depend on it.
 const SEED: u64 = 2011;
 
 /// A test as the paper describes it.
@@ -35,7 +35,7 @@ const SEED: u64 = 2011;
 pub struct Plan {
     /// Number of the paper's figure that shows it.
     pub figure: u32,
-    /// What it is for.
+    /// Its purpose.
     pub purpose: &'static str,
     /// Frequency \[Hz\].
     pub frequency_hz: f64,
@@ -59,7 +59,7 @@ pub const PLANS: [Plan; 3] = [
 ];
 
 impl Plan {
-    /// The motion in the plant's words.
+    /// The motion in the plant's syntax.
     pub fn motion(&self) -> String {
         format!("sine:{}Hz:{}m", self.frequency_hz, self.amplitude_m)
     }
@@ -68,20 +68,20 @@ impl Plan {
 /// One of the three tests.
 #[derive(Clone, Debug)]
 pub struct Test {
-    /// What it is.
+    /// Its plan.
     pub plan: Plan,
-    /// What was recorded.
+    /// The recording.
     pub run: Run,
     /// The result of the estimator.
     pub outcome: Outcome,
-    /// Force over the terminal's displacement at the tone.
+    /// Force over the terminal's displacement at the tone's frequency.
     pub response: Option<Point>,
     /// `(time, measured, calculated)` \[s, N, N\].
     pub force: Vec<(f64, f64, f64)>,
 }
 
 impl Test {
-    /// Root mean square of the difference \[N\], and the part of the measured force's that it is.
+    /// RMS of the difference \[N\], and its ratio to the RMS of the measured force.
     pub fn residual(&self) -> (f64, f64) {
         let n = (self.force.len() as f64).max(1.0);
         let (left, all) = self.force.iter().fold((0.0, 0.0), |(left, all), (_, measured, law)| {
@@ -91,55 +91,55 @@ impl Test {
     }
 }
 
-/// One parameter: found, and as the paper has it.
+/// One parameter: as found, and in the paper.
 #[derive(Clone, Debug)]
 pub struct Recovered {
     /// Name with unit, as in JSON.
     pub name: &'static str,
-    /// For a person.
+    /// Label for a person.
     pub label: &'static str,
     /// Symbol in formulas.
     pub symbol: &'static str,
-    /// Unit that it is shown in, and how many of it one SI unit is.
+    /// Unit that it is shown in, and how many of it make one SI unit.
     pub shown: (&'static str, f64),
-    /// What was found, SI; `None` where the tests do not show it.
+    /// The value found, SI; `None` if the tests do not identify it.
     pub value: Option<f64>,
     /// Half width of its 95 % interval, SI.
     pub u95: Option<f64>,
     /// Value of the simulated device, SI, which is the paper's unless `published` says otherwise.
     pub truth: f64,
-    /// How the paper comes by its value.
+    /// The origin of the paper's value.
     pub published: &'static str,
-    /// Test that it comes from here.
+    /// The test that the value found here comes from.
     pub from: String,
 }
 
 impl Recovered {
-    /// Whether the interval covers the truth; `None` where nothing was found.
+    /// Whether the interval contains the true value; `None` if nothing was found.
     pub fn covers(&self) -> Option<bool> {
         Some((self.value? - self.truth).abs() <= self.u95?)
     }
 }
 
-/// Everything that the reproduction came to.
+/// The complete result of the reproduction.
 #[derive(Clone, Debug)]
 pub struct Reproduction {
     /// The tests in the paper's order.
     pub tests: Vec<Test>,
     /// The parameters.
     pub parameters: Vec<Recovered>,
-    /// The complete model with what was found.
+    /// The complete model with the values found.
     pub model: ModelParameters,
     /// Band in which the ideal mass is within [`WITHIN`] of the complete model \[rad/s\].
     pub band_rad_per_s: Option<(Option<f64>, Option<f64>)>,
-    /// How far it is off at the ends of the paper's band.
+    /// Agreement at the ends of the paper's band.
     pub at_published_ends: [Agreement; 2],
     /// Undamped natural frequency \[Hz\] and damping ratio of the inertance on the contact.
     pub resonance: (f64, f64),
 }
 
-/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` is handed the
-/// part that is done, from 0 to 1.
+/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` gets the
+/// completed fraction, from 0 to 1.
 pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reproduction, IdentifyError> {
     let device = Inerter::paper();
     let mut tests = Vec::new();
@@ -165,7 +165,7 @@ pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reprod
         test.force = calculated(test, &identified)?;
         progress(0.4 + 0.2 * (number + 1) as f64);
     }
-    // The device's own: the structure mass is the rig's.
+    // The device alone: the structure mass belongs to the rig.
     let model =
         ModelParameters { structure_mass_kg: 0.0, ..ModelParameters::from(&identify::Parameters::from(&identified)) };
     let band = response::ideal_band(&model, WITHIN);
@@ -184,9 +184,9 @@ pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reprod
     })
 }
 
-/// The measured force beside that of a device with the values found, under the same motion and without noise.
+/// The measured force, and that of a device with the values found, with the same motion and without noise.
 fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>, IdentifyError> {
-    // Parameters that no plant can have explain nothing.
+    // Parameters that are impossible in the plant explain nothing.
     let impossible = |_| IdentifyError::Diverged;
     let excitation = Excitation::parse(&test.plan.motion(), SEED).map_err(impossible)?;
     let plant = Plant::new(*identified, excitation).map_err(impossible)?;
@@ -200,8 +200,8 @@ fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>,
     Ok(both.collect())
 }
 
-/// The complete model fitted to the three tests, stage by stage as in the paper, in place of what the instrument alone
-/// says.
+/// The complete model fitted to the three tests, stage by stage as in the paper, instead of the instrument's own
+/// results.
 fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recovered>, IdentifyError> {
     let runs: Vec<Run> = tests.iter().map(|test| test.run.clone()).collect();
     let found = identify(&runs, &Options { staged: true, ..Options::default() }, &mut |_| ())?;
@@ -216,7 +216,7 @@ fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recove
     Ok(by_estimator.into_iter().map(recovered).collect())
 }
 
-/// What the instrument itself says after each test, stage by stage as in the paper.
+/// The instrument's own results after each test, stage by stage as in the paper.
 fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
     let known = |figure: u32, of: fn(&Outcome) -> Option<Interval>| {
         let test = tests.iter().find(|test| test.plan.figure == figure);

@@ -1,34 +1,35 @@
 //! Where a screw reverses between the samples, and how it moves around there.
 //!
-//! A kernel of 5 ms finds the reversals. Each is then located anew, as on the device (docs/THEORY.md, 2): around a
-//! reversal the measured force, less what the law takes, is what accelerates the inertance. Integrated twice from the
-//! place that is tried, it must leave no velocity in the positions of 15 ms on either side. With counts of 2.4 um this
-//! places a reversal of 2 m/s^2 within 15 us rms.
+//! A kernel of 5 ms finds the reversals. Each is then located more accurately, as on the device (docs/THEORY.md, 2):
+//! around a reversal the measured force minus friction and offset accelerates the inertance. Integrated twice from a
+//! trial time, it must leave no velocity in the positions of 15 ms on either side. With counts of 2.4 um this locates a
+//! reversal of 2 m/s^2 to within 15 us rms.
 
 use inerter_core::constants::{ROUNDING, SIGN_KERNEL_S};
 use inerter_data::series::Stretch;
 
 use crate::law::{Law, around, convolved};
 
-/// Motion on either side of a reversal by which it is located \[s\], and samples at least.
+/// Length of the motion on either side that locates a reversal \[s\], and minimum number of samples.
 const HALF_WIDTH_S: f64 = 0.015;
 const LEAST_HALF_WIDTH: usize = 4;
-/// Room to the next reversal beyond that \[samples\].
+/// Additional distance to the next reversal \[samples\].
 const ROOM: f64 = 3.0;
-/// Farthest that a reversal is moved \[s\], and samples at least.
+/// Maximum correction of a reversal \[s\], and minimum number of samples.
 const REACH_S: f64 = 0.003;
 const LEAST_REACH: f64 = 2.0;
-/// Rounds in which it is located.
+/// Maximum number of iterations.
 const ROUNDS: usize = 4;
-/// Change of its place with which it is found \[samples\].
+/// Change of its time at which the iteration ends \[samples\].
 const EXACT: f64 = 1e-3;
-/// Motion on either side of a reversal that is told finer than by samples \[s\], and the length of a part of it.
+/// Length of the motion on either side of a reversal that is resolved more finely than samples \[s\], and the length of
+/// a part of it.
 const NEAR_S: f64 = 0.008;
 const PART_S: f64 = 0.125e-3;
-/// Parts of a sample at least and at most.
+/// Minimum and maximum number of parts per sample.
 const PARTS: (f64, f64) = (2.0, 8.0);
 
-/// What the screw does at one moment.
+/// State of the screw at one moment.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     /// Time since the start of the stretch \[samples\].
@@ -37,11 +38,11 @@ pub(crate) struct Moment {
     pub sign: f64,
     /// Velocity \[m/s\].
     pub velocity: f64,
-    /// Way since the last reversal \[m\]; infinite before the first.
+    /// Distance since the last reversal \[m\]; infinite before the first.
     pub gone_m: f64,
-    /// Reversals of the stretch so far.
+    /// Number of reversals in the stretch so far.
     pub stroke: usize,
-    /// Force as measured \[N\].
+    /// Measured force \[N\].
     pub force_n: f64,
     /// Position \[m\].
     pub position_m: f64,
@@ -56,7 +57,7 @@ pub(crate) struct Reversal {
     pub position_m: f64,
     /// Direction of the motion after it.
     pub sign: f64,
-    /// Whether it was located by the law, and not by the kernel alone.
+    /// Whether it was located with the law, not by the kernel alone.
     pub is_located: bool,
 }
 
@@ -67,9 +68,9 @@ pub(crate) struct Turns {
     pub reversals: Vec<Reversal>,
     /// Mean sign of the velocity over each sample's own period.
     pub signs: Vec<f64>,
-    /// The middle of each sample.
+    /// The midpoint of each sample.
     pub moments: Vec<Moment>,
-    /// Samples near a reversal in parts, each with its part of the sample.
+    /// Samples near a reversal, divided into parts, each with its fraction of the sample.
     pub near: Vec<(usize, Vec<(f64, Moment)>)>,
 }
 
@@ -77,12 +78,12 @@ pub(crate) struct Turns {
 pub(crate) type Friction<'a> = dyn Fn(&Moment) -> f64 + 'a;
 
 impl Turns {
-    /// Of a stretch whose friction is that of the law.
+    /// For a stretch with the friction of the law.
     pub fn of(stretch: &Stretch, period_s: f64, law: &Law) -> Self {
         Self::with(stretch, period_s, law, &|moment| law.coulomb_n * moment.sign)
     }
 
-    /// Of a stretch with this dry friction.
+    /// For a stretch with this dry friction.
     pub fn with(stretch: &Stretch, period_s: f64, law: &Law, friction: &Friction) -> Self {
         let velocities = velocities(stretch, period_s, law);
         let crossings = crossings(&velocities);
@@ -106,7 +107,7 @@ impl Turns {
         turns
     }
 
-    /// Signs and moments, sample by sample.
+    /// Computes signs and moments, sample by sample.
     fn walk(&mut self, stretch: &Stretch, velocities: &[f64], first_sign: f64) {
         let Self { reversals, signs, moments, .. } = self;
         let last_of = |stroke: usize| stroke.checked_sub(1).and_then(|last| reversals.get(last));
@@ -139,7 +140,7 @@ impl Turns {
         }
     }
 
-    /// Puts the motion as the law tells it where reversals are near.
+    /// Replaces the motion near reversals by that of the law.
     fn refine(&mut self, stretch: &Stretch, period_s: f64, ways: &[Way]) {
         let parts = (period_s / PART_S).round().clamp(PARTS.0, PARTS.1) as usize;
         let near = NEAR_S / period_s;
@@ -168,7 +169,7 @@ impl Turns {
                     }
                 };
                 self.moments[n] = moment(n as f64);
-                // Parts end at the reversal.
+                // A part ends at the reversal.
                 let (start, end) = (n as f64 - 0.5, n as f64 + 0.5);
                 let split = reversal.at.clamp(start, end);
                 let within = [(start, split), (split, end)].into_iter().filter(|(from, to)| to > from);
@@ -181,7 +182,7 @@ impl Turns {
         }
     }
 
-    /// The mean over each sample's period of what depends on the moment.
+    /// The mean over each sample's period of a function of the moment.
     pub fn means(&self, value: impl Fn(&Moment) -> f64) -> Vec<f64> {
         let mut means: Vec<f64> = self.moments.iter().map(&value).collect();
         for (n, within) in &self.near {
@@ -191,17 +192,17 @@ impl Turns {
     }
 }
 
-/// Velocity and way from a reversal, both ways in time.
+/// Velocity and distance from a reversal, forwards and backwards in time.
 #[derive(Clone, Debug, Default)]
 struct Way {
     before: Vec<Node>,
     after: Vec<Node>,
 }
 
-/// One place of it.
+/// One point of it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Node {
-    /// Time from the reversal \[samples\], without its sign.
+    /// Time from the reversal \[samples\], unsigned.
     after: f64,
     velocity: f64,
     /// Displacement from the reversal \[m\].
@@ -209,7 +210,7 @@ struct Node {
 }
 
 impl Way {
-    /// Velocity, and way without its sign, at a time from the reversal \[samples\].
+    /// Velocity, and unsigned distance, at a time from the reversal \[samples\].
     fn at(&self, after: f64) -> (f64, f64) {
         let (nodes, after) = if after < 0.0 { (&self.before, -after) } else { (&self.after, after) };
         let place = nodes.partition_point(|node| node.after < after);
@@ -224,7 +225,7 @@ impl Way {
     }
 }
 
-/// What a reversal is located by.
+/// The data that locate a reversal.
 struct Surroundings<'a> {
     stretch: &'a Stretch,
     period_s: f64,
@@ -233,7 +234,7 @@ struct Surroundings<'a> {
 }
 
 impl Surroundings<'_> {
-    /// Time, position and motion of the reversal into this direction that the kernel saw here; nothing where it cannot
+    /// Time, position and motion of a reversal into this direction, which the kernel detected here; `None` if it cannot
     /// be one of a free screw.
     fn located(&self, seen: f64, sign: f64, half_width: usize) -> Option<(f64, f64, Way)> {
         if self.law.inertance_kg.is_nan() || self.law.inertance_kg <= 0.0 {
@@ -241,7 +242,7 @@ impl Surroundings<'_> {
         }
         let middle = seen.round() as usize;
         let (first, last) = (middle.checked_sub(half_width)?, middle + half_width);
-        // The force's line is needed a sample further.
+        // The force's interpolation needs one more sample.
         if first < 2 || last + 2 >= self.stretch.force_n.len() {
             return None;
         }
@@ -250,7 +251,7 @@ impl Surroundings<'_> {
         for _ in 0..ROUNDS {
             let way = self.way(at, sign, first, last);
             let [before, after] = [-1e-3, 1e-3].map(|side| way.at(side).0);
-            // Both sides accelerate into the new direction.
+            // The force on both sides accelerates in the new direction.
             if before * sign >= 0.0 || after * sign <= 0.0 {
                 return None;
             }
@@ -270,12 +271,12 @@ impl Surroundings<'_> {
         Some((at, position_m, way))
     }
 
-    /// The motion from a reversal here to the samples at either end.
+    /// The motion from a reversal here to the samples at both ends.
     fn way(&self, at: f64, sign: f64, first: usize, last: usize) -> Way {
         Way { before: self.side(at, sign, -1.0, at - first as f64), after: self.side(at, sign, 1.0, last as f64 - at) }
     }
 
-    /// One side of it, `time` is its direction.
+    /// One side of it; `time` is its direction.
     fn side(&self, at: f64, sign: f64, time: f64, length: f64) -> Vec<Node> {
         let law = self.law;
         let step = PART_S / self.period_s;
@@ -314,14 +315,14 @@ impl Surroundings<'_> {
         nodes
     }
 
-    /// Position at the reversal and velocity \[m/s\] that the positions have beyond the motion that is given: a
-    /// straight line through what that leaves over.
+    /// Position at the reversal, and velocity \[m/s\] that the positions have in addition to the given motion: a
+    /// straight line through the residuals.
     fn line_through(&self, at: f64, sign: f64, way: &Way, first: usize, last: usize) -> (f64, f64) {
         let samples = &self.stretch.position_m[first..=last];
         let [mut count, mut sum_t, mut sum_tt, mut sum_x, mut sum_tx] = [0.0; 5];
         for (n, position) in (first..).zip(samples) {
             let t = n as f64 - at;
-            // Either side of a reversal lies where the motion goes.
+            // On both sides of a reversal the displacement has the same sign.
             let left = position - sign * way.at(t).1;
             count += 1.0;
             sum_t += t;
@@ -335,13 +336,13 @@ impl Surroundings<'_> {
     }
 }
 
-/// Which way a stretch goes as a whole.
+/// Overall direction of a stretch.
 fn overall(stretch: &Stretch) -> f64 {
     let [first, last] = [stretch.position_m.first(), stretch.position_m.last()].map(|end| end.copied().unwrap_or(0.0));
     if last < first { -1.0 } else { 1.0 }
 }
 
-/// A straight line between samples, and on from the first and the last.
+/// Linear interpolation between samples, and extrapolation beyond the first and the last.
 fn line(data: &[f64], at: f64) -> f64 {
     let before = (at.floor().max(0.0) as usize).min(data.len().saturating_sub(2));
     match data.get(before..) {
@@ -351,7 +352,7 @@ fn line(data: &[f64], at: f64) -> f64 {
     }
 }
 
-/// Times \[samples\] at which the velocity passes zero, and its sign after them.
+/// Times \[samples\] at which the velocity crosses zero, and its sign after them.
 fn crossings(velocities: &[f64]) -> Vec<(f64, f64)> {
     let mut crossings = Vec::new();
     let mut last: Option<(f64, f64)> = None;
@@ -365,20 +366,20 @@ fn crossings(velocities: &[f64]) -> Vec<(f64, f64)> {
     crossings
 }
 
-/// The estimator's short kernel, a triangle, over the steps from sample to sample.
+/// The estimator's short kernel, a triangle, applied to the steps from sample to sample.
 pub(crate) struct Short {
     /// Half of its length \[samples\].
     pub half: usize,
-    /// Of its taps.
+    /// Sum of its taps.
     pub sum: f64,
-    /// Sum of its taps, each as often as it is samples from the middle.
+    /// First absolute moment of its taps about the middle \[samples\].
     pub moment: f64,
-    /// Velocities halfway between the samples \[m/s\]; NaN where there are too few samples around.
+    /// Velocities halfway between the samples \[m/s\]; NaN if there are too few samples around.
     pub velocities: Vec<f64>,
 }
 
 impl Short {
-    /// Of a stretch.
+    /// For a stretch.
     pub fn of(stretch: &Stretch, period_s: f64) -> Self {
         let half = (SIGN_KERNEL_S / period_s).round().max(1.0) as usize;
         let taps = convolved(&vec![1.0; half], &vec![1.0; half]);
@@ -391,8 +392,8 @@ impl Short {
     }
 }
 
-/// Velocities halfway between the samples \[m/s\] by the short kernel, from which what Coulomb friction makes of it is
-/// taken; NaN where there are too few samples around.
+/// Velocities halfway between the samples \[m/s\] from the short kernel, corrected for the effect of Coulomb friction
+/// on it; NaN if there are too few samples around.
 fn velocities(stretch: &Stretch, period_s: f64, law: &Law) -> Vec<f64> {
     let Short { sum, moment, velocities, .. } = Short::of(stretch, period_s);
     let kink = if law.inertance_kg > 0.0 { moment / sum * period_s * law.coulomb_n / law.inertance_kg } else { 0.0 };

@@ -4,12 +4,12 @@ const LAW: Law = Law { inertance_kg: 300.0, viscous_n_s_per_m: 30.0, coulomb_n: 
 const PERIOD_S: f64 = 1e-3;
 const COUNT_M: f64 = 2.44e-6;
 
-/// A screw that turns at these times \[samples\] in 200, the first time upwards, under a force that changes by so much
-/// in a second, with positions in whole counts.
+/// A screw that reverses at this time \[samples\] out of 200, first into the positive direction, with a force that
+/// changes at this rate, and positions in whole counts.
 fn stretch(at: f64, force_n: f64, rate_n_per_s: f64, phase: f64) -> Stretch {
     let samples = (0..200).map(|n| {
         let t = (f64::from(n) - at) * PERIOD_S;
-        // Exact but for the viscous friction, which is small around a reversal.
+        // Exact except for the viscous friction, which is small around a reversal.
         let net_n = |t: f64, friction_n: f64| (force_n - friction_n) * t * t / 2.0 + rate_n_per_s * t.powi(3) / 6.0;
         let x = net_n(t, LAW.coulomb_n * t.signum()) / LAW.inertance_kg;
         ((x / COUNT_M + phase).floor() * COUNT_M, force_n + rate_n_per_s * t + LAW.offset_n)
@@ -22,7 +22,7 @@ fn law() -> Law {
     Law { viscous_n_s_per_m: 0.0, ..LAW }
 }
 
-/// Against the short kernel alone, which places them by up to 100 us and more.
+/// Compared with the short kernel alone, which is wrong by up to 100 us and more.
 #[test]
 fn a_reversal_is_located_between_the_samples() {
     let mut squares = 0.0;
@@ -37,7 +37,7 @@ fn a_reversal_is_located_between_the_samples() {
         let off_s = (found.at - at) * PERIOD_S;
         squares += off_s * off_s / f64::from(count);
         mean += off_s / f64::from(count);
-        // Signs are the mean over each sample: their sum says the same.
+        // Signs are means over each sample, so their sum gives the same time.
         let sum: f64 = turns.signs[90..=110].iter().sum();
         assert!((sum - 2.0 * (100.0 - found.at)).abs() < 1e-9);
     }
@@ -59,21 +59,21 @@ fn what_moves_near_a_reversal_is_told_finer_than_by_samples() {
             assert!((moment.gone_m - acceleration * t * t / 2.0).abs() < 1e-6, "{moment:?}");
         }
     }
-    // Half of the sample and what is left of it are weighed as they are.
+    // The parts of a sample before and after the reversal have their true weights.
     let sign: f64 = turns.means(|moment| moment.sign)[100];
     assert!((sign - turns.signs[100]).abs() < 1e-9);
 }
 
 #[test]
 fn what_is_no_free_reversal_is_not_located() {
-    // The force pushes against the turn.
+    // The force acts against the reversal.
     let mut against = stretch(100.0, 600.0, 0.0, 0.5);
     against.force_n.iter_mut().for_each(|force| *force = -*force);
-    // Two that lie close to each other.
+    // Two reversals that are close together.
     let mut twice = stretch(100.0, 600.0, 0.0, 0.5);
     let turned: Vec<f64> = (0..200).map(|n| -((n as f64 - 100.0).powi(2) - 64.0) * (n as f64 - 100.0) * 2e-8).collect();
     twice.position_m = turned;
-    // A law without an inertance.
+    // A law without inertance.
     let nothing = Law::default();
     for (stretch, law) in [(&against, law()), (&twice, law()), (&stretch(100.0, 600.0, 0.0, 0.5), nothing)] {
         let turns = Turns::of(stretch, PERIOD_S, &law);

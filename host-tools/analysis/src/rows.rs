@@ -1,4 +1,4 @@
-//! Measured force and law beside each other, row by row, for figures.
+//! Measured force and law, row by row, for figures.
 
 use inerter_core::{Settings, constants::REST_WINDOW_S};
 use inerter_data::series::{Series, Stretch};
@@ -17,12 +17,12 @@ pub struct Row {
     pub position_m: f64,
     /// Measured force \[N\].
     pub force_n: f64,
-    /// Force by the law \[N\]; NaN where the screw stands, as friction at rest follows no law.
+    /// Force by the law \[N\]; NaN where the screw is at rest, because static friction follows no law.
     pub law_n: f64,
 }
 
 impl Kernels {
-    /// Rows of all stretches between two times \[s\], so many in a box.
+    /// Rows of all stretches between two times \[s\], with this many per box.
     pub fn rows(
         &self,
         series: &Series,
@@ -51,7 +51,7 @@ impl Kernels {
             let middles = (self.reach()..piece.force_n.len().saturating_sub(self.reach())).step_by(spacing);
             let new = middles.map(|middle| self.row(&piece, &signs, settings, law, middle));
             rows.extend(new.filter(|row| (from_s..=to_s).contains(&row.t_s)));
-            // A line across missing samples would show what was not measured.
+            // A line across missing samples would show something that was not measured.
             rows.push(Row { t_s: f64::NAN, position_m: f64::NAN, force_n: f64::NAN, law_n: f64::NAN });
         }
         rows

@@ -1,4 +1,4 @@
-//! The parameters that a run identifies, to be compared with limits or with another run.
+//! The parameters that a run identifies, for comparison with limits or with another run.
 
 use inerter_core::Budget;
 use inerter_data::{
@@ -11,7 +11,7 @@ use crate::{
     fit::each,
 };
 
-/// A parameter by a whole run.
+/// A parameter from a whole run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {
     /// Its value.
@@ -28,7 +28,7 @@ pub struct Told {
 }
 
 impl Told {
-    /// Of a run with this outcome; `are_wrong` says that samples were wrong.
+    /// From the outcome of a run; `are_wrong` means that samples were faulty.
     pub fn new(outcome: &Outcome, judged: &[Judged; 4], are_wrong: bool) -> Self {
         let Outcome { estimate, detail, budgets, law, .. } = outcome;
         let contact = budgets.contact;
@@ -46,12 +46,12 @@ impl Told {
         }
     }
 
-    /// The parameter at this place of [`NAMES`], if the motion identifies it.
+    /// The parameter at this index of [`NAMES`], if the motion identifies it.
     pub fn found(&self, place: usize) -> Option<Quantity> {
         self.found.get(place).copied().flatten()
     }
 
-    /// Why it proves nothing, if so.
+    /// Why it proves nothing, if there is a reason.
     pub fn doubt(&self, place: usize) -> Option<&'static str> {
         self.doubts.of(place)
     }

@@ -1,25 +1,25 @@
 //! Whether force and position have the same positive direction: a positive force must accelerate to the positive side.
 //!
-//! A reversed one of them makes the inertance negative, which nothing else does.
+//! If one of them is reversed, the inertance comes out negative, which nothing else causes.
 
 use inerter_core::Interval;
 use inerter_data::{full_scale::Peaks, names::unit, replay::Outcome, run::Run, series::Series, words::interval_text};
 
 use super::{CalibrateError, Finding, Step, finding::Level};
 
-/// What was calibrated in a known direction just before, and can be trusted.
+/// What was just calibrated in a known direction, and can be trusted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Known {
-    /// The force, by loads.
+    /// The force, from loads.
     pub force: bool,
-    /// The position, by a displacement.
+    /// The position, from a displacement.
     pub position: bool,
 }
 
-/// Share of saturated samples beyond which a motion shows nothing: each takes its surroundings with it.
+/// Share of saturated samples above which a motion shows nothing: each one spoils its surroundings.
 const MOST_SATURATED: f64 = 0.1;
 
-/// Refuses a motion during which the force was mostly at its limit, or that was mostly beyond full scale.
+/// Rejects a motion during which the force was often at its limit, or that was often beyond full scale.
 pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateError> {
     let share = f64::from(outcome.counters.saturated) / run.samples.len().max(1) as f64;
     if share <= MOST_SATURATED {
@@ -32,11 +32,11 @@ pub fn refuse_saturated(outcome: &Outcome, run: &Run) -> Result<(), CalibrateErr
     })
 }
 
-/// Looks at a short motion and what the estimator made of it.
+/// Evaluates a short motion and the estimator's result for it.
 pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, CalibrateError> {
     refuse_saturated(outcome, run)?;
     let inertance = outcome.estimate.whole_run.inertance_kg;
-    // Whatever its status: the estimator refuses what is negative.
+    // Regardless of its status: the estimator rejects negative values.
     let clear = |found: &Interval| found.value.is_finite() && found.value.abs() > 2.0 * found.u95;
     let Some(Interval { value, u95 }) = Some(inertance.fitted()).filter(clear) else {
         return Err(CalibrateError::NoMotion);

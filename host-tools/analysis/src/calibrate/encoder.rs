@@ -1,4 +1,4 @@
-//! Scale of the position: counts per revolution by turning, metres per count by a measured displacement.
+//! Scale of the position: counts per revolution from turning by hand, metres per count from a measured displacement.
 
 use inerter_core::Settings;
 use inerter_data::names::unit;
@@ -10,29 +10,29 @@ use super::{
     statistics::{rounded, rounded_up},
 };
 
-/// How well a hand stops at a mark \[revolutions\]: 10 degrees.
+/// How accurately a hand stops at a mark \[revolutions\]: 10 degrees.
 const MARK: f64 = 10.0 / 360.0;
-/// Lines per revolution that encoders are sold with; each line is four counts.
+/// Common numbers of lines per revolution; each line is four counts.
 const USUAL_LINES: [f64; 26] = [
     100.0, 125.0, 200.0, 250.0, 256.0, 360.0, 400.0, 500.0, 512.0, 600.0, 720.0, 800.0, 900.0, 1000.0, 1024.0, 1250.0,
     1500.0, 1800.0, 2000.0, 2048.0, 2500.0, 3600.0, 4096.0, 5000.0, 8192.0, 10000.0,
 ];
-/// Why there are hardly any counts.
+/// Advice if there are hardly any counts.
 const HALF: &str = "connect both A and B, and check the encoder's supply: with only one of A and B the count merely moves \
                     back and forth";
-/// Counts over which a scale is found: one count is then 0.1 %.
+/// Minimum counts for a scale: one count is then 0.1 %.
 const LEAST_COUNTS: f64 = 1000.0;
-/// Distance from the line over the greatest displacement from which it is none.
+/// Deviation from the line, relative to the largest displacement, above which it is not a line.
 const CROOKED: f64 = 0.02;
 
-/// Whole counts per revolution, after `revolutions` by hand gave `counts`; `lines` is what the encoder's label says.
+/// Whole counts per revolution, from `counts` over `revolutions` by hand; `lines` is the number on the encoder's label.
 pub fn counts_per_revolution(counts: f64, revolutions: f64, lines: Option<f64>) -> Result<f64, CalibrateError> {
     let per_revolution = counts.abs() / revolutions.abs();
     let tolerance = (MARK / revolutions.abs() * per_revolution).max(1.0);
     let fits = |candidate: &f64| (candidate - per_revolution).abs() <= tolerance;
     if let Some(lines) = lines {
         let expected = 4.0 * lines;
-        // By the label the tolerance is known even where counts are missing.
+        // With a label the tolerance is known even if counts are missing.
         let near = MARK / revolutions.abs() * expected;
         if (expected - per_revolution).abs() <= near.max(1.0) {
             return Ok(expected);
@@ -79,9 +79,9 @@ fn mismatch(ratio: f64) -> String {
     .into()
 }
 
-/// The scale that displacements give: each with the encoder's count there; `gauge_u95_m` is the gauge's uncertainty.
+/// The scale from displacements, each with the encoder's count there; `gauge_u95_m` is the gauge's uncertainty.
 ///
-/// With `per_revolution` the lead comes with it, and is compared with `lead_m` if that is known.
+/// With `per_revolution` this also gives the lead, and compares it with `lead_m` if that is known.
 pub fn displacement(
     points: &[Point],
     gauge_u95_m: f64,
@@ -110,7 +110,7 @@ pub fn displacement(
         return Err(CalibrateError::Crooked { what: "displacements", percent: 100.0 * line.nonlinearity, worst });
     }
     let extent = points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max);
-    // A count at either end, and the gauge at either end.
+    // The uncertainty of a count and of the gauge, at either end.
     let count = 2.0 / (line.slope.abs() * extent);
     let u95 = line.u95((gauge_u95_m / extent * std::f64::consts::SQRT_2).hypot(count));
     let metres_per_count = 1.0 / line.slope;
@@ -154,7 +154,7 @@ pub fn displacement(
     Ok(finding)
 }
 
-/// The scale that the lead and the counts per revolution give, in the direction of `forward_counts`.
+/// The scale from the lead and the counts per revolution, with the direction of `forward_counts`.
 pub fn by_lead(lead_m: f64, lead_u95: f64, per_revolution: f64, forward_counts: f64, settings: &Settings) -> Finding {
     let mut finding = Finding::new(Step::Encoder);
     let metres_per_count = lead_m / per_revolution * if forward_counts < 0.0 { -1.0 } else { 1.0 };
@@ -194,7 +194,7 @@ mod tests {
         assert_eq!(counts_per_revolution(-40_900.0, 10.0, None), Ok(4096.0));
         assert_eq!(counts_per_revolution(40_900.0, 10.0, Some(1024.0)), Ok(4096.0));
         assert_eq!(counts_per_revolution(40_000.0, 10.0, None), Ok(4000.0));
-        // Not one that everybody sells, but turned often enough.
+        // Not a common number, but turned often enough.
         assert_eq!(counts_per_revolution(120_003.0, 100.0, None), Ok(1200.0));
         let refused = |counts, revolutions, lines| counts_per_revolution(counts, revolutions, lines).unwrap_err();
         assert!(matches!(refused(4040.0, 1.0, None), CalibrateError::Ambiguous { .. }));
@@ -213,7 +213,7 @@ mod tests {
         let settings = Settings::default();
         let mut within = 0;
         for seed in 0..40u32 {
-            // A gauge that is off by up to 5 um at each reading, a scale that is off by up to 2 %.
+            // A gauge with errors of up to 5 um at each reading, and of up to 2 % in its scale.
             let random = |place: u32| (f64::from(seed * 17 + place * 7) * 0.754_877_666).fract() * 2.0 - 1.0;
             let truth = 2.44140625e-6 * (1.0 + 0.02 * random(99)) * if seed % 2 == 0 { 1.0 } else { -1.0 };
             let points: Vec<Point> = [0.0, 0.02, 0.04, 0.02, 0.0]

@@ -3,7 +3,7 @@
 use inerter_data::words::amount_text;
 use miette::Diagnostic;
 
-/// Samples, loads or displacements from which no setting follows.
+/// Samples, loads or displacements that give no setting.
 #[derive(Clone, Debug, PartialEq, thiserror::Error, Diagnostic)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum CalibrateError {
@@ -15,7 +15,7 @@ pub enum CalibrateError {
     )]
     TooShort { seconds: f64, needed: f64 },
 
-    /// At a rail.
+    /// The force is at a rail.
     #[error("the force code is at its limit{at}: {share:.0} % of the samples are saturated")]
     #[diagnostic(
         code(inerter::calibrate::saturated),
@@ -26,7 +26,7 @@ pub enum CalibrateError {
     )]
     Saturated { at: String, share: f64 },
 
-    /// Faster than the estimator was set to expect.
+    /// Faster than the full-scale settings.
     #[error("{share:.0} % of the samples are left out: {words}")]
     #[diagnostic(
         code(inerter::calibrate::full_scale),
@@ -34,7 +34,7 @@ pub enum CalibrateError {
     )]
     FullScale { share: f64, words: String },
 
-    /// Not at rest.
+    /// The force is not at rest.
     #[error(
         "the force does not settle{at}: it varies by {} {unit}; up to {} {unit} is allowed",
         amount_text(*wander, 3),
@@ -49,7 +49,7 @@ pub enum CalibrateError {
     )]
     Unsteady { at: String, wander: f64, allowed: f64, unit: &'static str },
 
-    /// The screw turns.
+    /// The screw moves.
     #[error("the screw turns{at}: the encoder moved by {counts:.0} counts")]
     #[diagnostic(code(inerter::calibrate::moving), help("lock the screw, or hold it still, while this is measured"))]
     Moving { at: String, counts: f64 },
@@ -62,12 +62,12 @@ pub enum CalibrateError {
     )]
     TooFewPoints { what: &'static str, count: usize, different: usize, example: &'static str },
 
-    /// Nothing happens.
+    /// The reading does not change.
     #[error("the {what} hardly changes: by {change:.1} over all {of}; a scale needs at least {needed:.1}")]
     #[diagnostic(code(inerter::calibrate::unchanged), help("{help}"))]
     Unchanged { what: &'static str, of: &'static str, change: f64, needed: f64, help: &'static str },
 
-    /// Up for either sign.
+    /// The reading rises for either sign.
     #[error("the force code {direction} for loads in both directions: pushing and pulling cannot be distinguished")]
     #[diagnostic(
         code(inerter::calibrate::both_ways),
@@ -78,7 +78,7 @@ pub enum CalibrateError {
     )]
     BothWays { direction: &'static str },
 
-    /// Not a line.
+    /// The points are not on a line.
     #[error("the {what} do not lie on a line: they deviate by up to {percent:.1} % of the largest; {worst} fits worst")]
     #[diagnostic(
         code(inerter::calibrate::crooked),
@@ -94,7 +94,7 @@ pub enum CalibrateError {
     #[diagnostic(code(inerter::calibrate::counts), help("{help}"))]
     Counts { counts: f64, revolutions: f64, per_revolution: f64, expected: f64, help: String },
 
-    /// No whole number is near enough.
+    /// No whole number is close enough.
     #[error("{per_revolution:.1} counts per revolution, give or take {tolerance:.1}, fits many encoders")]
     #[diagnostic(
         code(inerter::calibrate::ambiguous),
@@ -102,7 +102,7 @@ pub enum CalibrateError {
     )]
     Ambiguous { per_revolution: f64, tolerance: f64 },
 
-    /// No motion to speak of.
+    /// Too little motion.
     #[error("this motion cannot identify the inertance: force and acceleration cannot be compared")]
     #[diagnostic(
         code(inerter::calibrate::motion),
@@ -115,7 +115,7 @@ pub enum CalibrateError {
     #[diagnostic(code(inerter::calibrate::missing), help("{1}"))]
     Missing(&'static str, &'static str),
 
-    /// The measurement is there, and it is bad.
+    /// The measurement succeeded, but the result is bad.
     #[error("{} found", inerter_data::words::plural(*problems as u64, "problem"))]
     #[diagnostic(
         code(inerter::calibrate::unfit),

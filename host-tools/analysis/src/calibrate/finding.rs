@@ -1,4 +1,4 @@
-//! What a step of the calibration has found, for a person, for a script, and for the settings.
+//! What a step of the calibration has found: for a person, for a script, and as settings.
 
 use inerter_core::{Settings, SettingsError};
 use serde::Serialize;
@@ -12,7 +12,7 @@ use super::statistics::{rounded, rounded_up};
 pub enum Step {
     /// Diagnosis of the force channel at rest.
     LoadCell,
-    /// Code at no force.
+    /// Code at zero force.
     Zero,
     /// Scale of the force.
     Force,
@@ -26,7 +26,7 @@ pub enum Step {
     Timebase,
 }
 
-/// How a remark is meant.
+/// Severity of a remark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
@@ -34,18 +34,18 @@ pub enum Level {
     Note,
     /// Works, but could be better.
     Doubtful,
-    /// Not to be used like this.
+    /// Must not be used like this.
     Bad,
 }
 
 /// A remark on what was found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Remark {
-    /// How it is meant.
+    /// Its severity.
     pub level: Level,
     /// A name for scripts.
     pub code: &'static str,
-    /// What it is and what to do.
+    /// What it means and what to do.
     pub text: String,
 }
 
@@ -56,11 +56,11 @@ pub struct Finding {
     pub step: Step,
     /// Figures by name, the unit in the name; `null` when unknown.
     pub measured: Map<String, Value>,
-    /// Settings that follow, by name.
+    /// Resulting settings, by name.
     pub values: Map<String, Value>,
-    /// Their uncertainties by the same names, where there are any.
+    /// Their uncertainties by the same names, if any.
     pub u95: Map<String, Value>,
-    /// What is worth a remark.
+    /// Remarks on the finding.
     pub remarks: Vec<Remark>,
     /// The same for a person.
     #[serde(skip)]
@@ -70,41 +70,41 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// Nothing yet.
+    /// An empty finding.
     pub fn new(step: Step) -> Self {
         let (measured, values, u95) = Default::default();
         Self { step, measured, values, u95, remarks: Vec::new(), text: Vec::new(), settings: Vec::new() }
     }
 
-    /// A figure, to six digits.
+    /// Adds a figure, rounded to six digits.
     pub fn measure(&mut self, name: &str, value: f64) {
         let value = if value.is_finite() { Value::from(rounded(value, 6)) } else { Value::Null };
         self.measured.insert(name.into(), value);
     }
 
-    /// Several figures.
+    /// Adds several figures.
     pub fn measure_all(&mut self, figures: impl IntoIterator<Item = (&'static str, f64)>) {
         figures.into_iter().for_each(|(name, value)| self.measure(name, value));
     }
 
-    /// A setting that follows.
+    /// Adds a resulting setting.
     pub fn set(&mut self, name: &'static str, value: f64) {
         self.values.insert(name.into(), Value::from(value));
         self.settings.push((name, value));
     }
 
-    /// A setting that follows, with its uncertainty.
+    /// Adds a resulting setting with its uncertainty.
     pub fn set_with(&mut self, name: &'static str, value: f64, u95: f64) {
         self.set(name, value);
         self.u95.insert(name.into(), Value::from(rounded_up(u95)));
     }
 
-    /// A line for a person.
+    /// Adds a line for a person.
     pub fn say(&mut self, text: impl Into<String>) {
         self.text.push(text.into());
     }
 
-    /// A remark.
+    /// Adds a remark.
     pub fn remark(&mut self, level: Level, code: &'static str, text: impl Into<String>) {
         self.remarks.push(Remark { level, code, text: text.into() });
     }
@@ -114,17 +114,17 @@ impl Finding {
         self.remarks.iter().all(|remark| remark.level < Level::Bad)
     }
 
-    /// How many remarks say that it should not be used.
+    /// How many remarks forbid its use.
     pub fn problems(&self) -> usize {
         self.remarks.iter().filter(|remark| remark.level == Level::Bad).count()
     }
 
-    /// Whether settings follow.
+    /// Whether it has resulting settings.
     pub fn has_settings(&self) -> bool {
         !self.settings.is_empty()
     }
 
-    /// The settings with what was found.
+    /// The settings with the finding's values.
     pub fn adopted_by(&self, settings: &Settings) -> Result<Settings, SettingsError> {
         let mut settings = *settings;
         self.settings.iter().try_for_each(|(name, value)| settings.set_by_name(name, *value))?;

@@ -1,9 +1,9 @@
-//! Scale of the force by known loads.
+//! Scale of the force from known loads.
 //!
-//! The code against the load is a line; its inverse slope is `newtons_per_code`, its value at no load
-//! `force_zero_code`. `force_gain_u95` is the root of the sum of the squares of: the slope's scatter (Student), the
-//! greatest distance from the line, half of the hysteresis, the return to zero, the readings' own intervals (all in
-//! parts of the greatest load), and what is not known of the loads themselves: masses and gravity.
+//! The code over the load is a line; its inverse slope is `newtons_per_code`, its value at zero load `force_zero_code`.
+//! `force_gain_u95` is the root sum of squares of: the slope's scatter (Student), the largest deviation from the line,
+//! half the hysteresis, the return to zero, the readings' own intervals (all relative to the largest load), and the
+//! uncertainty of the loads themselves: masses and gravity.
 
 use inerter_core::Settings;
 use inerter_data::names::unit;
@@ -18,20 +18,20 @@ use super::{
 
 /// Standard gravity \[m/s^2\].
 pub const STANDARD_GRAVITY: f64 = 9.80665;
-/// How far it is off anywhere on Earth: 9.780 at the equator, 9.832 at the poles.
+/// Its largest relative error anywhere on Earth: 9.780 at the equator, 9.832 at the poles.
 const STANDARD_GRAVITY_U95: f64 = 0.0027;
-/// What altitude (500 m: 1.6e-4) and the ground (1e-4) change.
+/// Effect of altitude (500 m: 1.6e-4) and of the ground (1e-4).
 const LATITUDE_GRAVITY_U95: f64 = 2e-4;
-/// A value that somebody gives for his place.
+/// Uncertainty of a value that the user gives for the location.
 const GIVEN_GRAVITY_U95: f64 = 1e-5;
-/// Readings' intervals that the change must exceed, and codes.
+/// The change must exceed this many intervals of the readings, and this many codes.
 const LEAST_CHANGE: (f64, f64) = (20.0, 50.0);
-/// Distance from the line over the greatest load from which it is none.
+/// Deviation from the line, relative to the largest load, above which it is not a line.
 const CROOKED: f64 = 0.02;
-/// Uncertainty above which the result is called doubtful: a good cell and masses reach 0.2 %.
+/// Uncertainty above which the result is doubtful: a good cell and masses reach 0.2 %.
 const DOUBTFUL_U95: f64 = 0.01;
 
-/// Gravity at the place, with its relative uncertainty.
+/// Local gravity, with its relative uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gravity {
     /// \[m/s^2\].
@@ -44,12 +44,12 @@ impl Gravity {
     /// Anywhere on Earth.
     pub const ANYWHERE: Self = Self { value: STANDARD_GRAVITY, u95: STANDARD_GRAVITY_U95 };
 
-    /// As somebody knows it.
+    /// As given by the user.
     pub const fn given(value: f64) -> Self {
         Self { value, u95: GIVEN_GRAVITY_U95 }
     }
 
-    /// At a latitude \[degrees\], near sea level: the gravity formula of 1980 (GRS 80).
+    /// At a latitude \[degrees\], near sea level: the gravity formula of GRS 80.
     pub fn at_latitude(degrees: f64) -> Self {
         let (sine, double) = (degrees.to_radians().sin(), (2.0 * degrees.to_radians()).sin());
         let value = 9.780_327 * (1.0 + 0.005_302_4 * sine * sine - 0.000_005_8 * double * double);
@@ -57,28 +57,28 @@ impl Gravity {
     }
 }
 
-/// A load that was applied: its size and its name for a person.
+/// An applied load: its force and its name for a person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Force; positive in the direction that is to be positive \[N\].
+    /// Force; positive in the direction that shall be positive \[N\].
     pub force_n: f64,
     /// For messages.
     pub name: String,
 }
 
 impl Load {
-    /// By its mass \[kg\], hung so that a positive one pulls in the positive direction.
+    /// From its mass \[kg\], hung so that a positive one pulls in the positive direction.
     pub fn mass(kg: f64, gravity: &Gravity) -> Self {
         Self { force_n: kg * gravity.value, name: format!("{kg} kg") }
     }
 
-    /// By its force \[N\].
+    /// From its force \[N\].
     pub fn force(newtons: f64) -> Self {
         Self { force_n: newtons, name: format!("{newtons} N") }
     }
 }
 
-/// The scale that loads and levels give; `loads_u95` is the relative uncertainty of the loads.
+/// The scale from loads and levels; `loads_u95` is the relative uncertainty of the loads.
 pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settings) -> Result<Finding, CalibrateError> {
     let points: Vec<Point> =
         readings.iter().map(|(load, level)| Point { applied: load.force_n, reading: level.code }).collect();
@@ -141,7 +141,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
     Ok(finding)
 }
 
-/// Loads of either sign must move the code either way.
+/// Rejects a cell whose code moves the same way for loads of either sign.
 fn refuse_both_ways(points: &[Point]) -> Result<(), CalibrateError> {
     let side = |sign: f64| {
         let on = points.iter().filter(|point| point.applied * sign >= 0.0);

@@ -4,7 +4,7 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
 
-/// What a technician hangs on: both directions, up and down, back to zero.
+/// The sequence of loads: both directions, up and down, back to zero.
 const MASSES_KG: [f64; 9] = [0.0, 5.0, 10.0, 5.0, 0.0, -5.0, -10.0, -5.0, 0.0];
 
 fn readings(masses_kg: &[f64], sensors: Sensors, truth: impl Fn(f64) -> f64) -> (Vec<(Load, rest::Level)>, Settings) {
@@ -28,14 +28,14 @@ fn a_gain_error_is_found_within_its_interval_over_many_seeds() {
     let mut within = 0;
     let mut widest: f64 = 0.0;
     for seed in 0..40 {
-        // Masses that are off together by up to what is said of them, a slightly bent cell, a zero that lags behind.
+        // Masses with a common error within their uncertainty, a slightly nonlinear cell, and a zero with hysteresis.
         let part = (seed as f64 * 0.618_034).fract() * 2.0 - 1.0;
         let (masses_u95, gain) = (1e-3, 1.0 + 0.03 * part);
         let sensors = Sensors { seed, force_gain: gain, force_offset_n: 7.0, ..bench_sensors() };
         let off = 1.0 - masses_u95 * part;
         let (readings, settings) = readings(&MASSES_KG, sensors, |force| force * off * (1.0 + 4e-6 * force));
         let finding = force(&readings, masses_u95, &settings).unwrap();
-        // Each code stands for gain * true force; the truth is what one code means of the true force.
+        // Each code stands for gain * true force; the expected value is the true force per code.
         let expected = settings.newtons_per_code / gain;
         let (found, u95) = (number(&finding, "newtons_per_code"), number(&finding, "force_gain_u95"));
         widest = widest.max(u95);
@@ -43,7 +43,7 @@ fn a_gain_error_is_found_within_its_interval_over_many_seeds() {
         assert!((number(&finding, "force_zero_code") - 7.0 / 0.002).abs() < 60.0);
         assert!(finding.is_good());
     }
-    // 95 % at least; with the greatest error of the masses always covered it is more.
+    // At least 95 %; more, because the largest error of the masses is always covered.
     assert!(within >= 38 && widest < 3e-3, "{within} {widest}");
 }
 
@@ -68,7 +68,7 @@ fn nonsense_is_refused_and_named() {
     assert!(matches!(refused(&MASSES_KG, |_| 3.0), CalibrateError::Unchanged { .. }));
     assert!(matches!(refused(&[0.0, 5.0], |force| force), CalibrateError::TooFewPoints { .. }));
     assert!(matches!(refused(&[5.0, 5.0, 5.0], |force| force), CalibrateError::TooFewPoints { different: 1, .. }));
-    // 4 kg that were taken for 5 kg.
+    // 4 kg entered as 5 kg.
     let mistyped = |force: f64| if (49.0..49.1).contains(&force) { 39.2 } else { force };
     match refused(&[0.0, 2.0, 5.0, 8.0, 10.0, 0.0], mistyped) {
         CalibrateError::Crooked { worst, .. } => assert_eq!(worst, "load 3 of 6 (5 kg)"),

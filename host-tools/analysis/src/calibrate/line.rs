@@ -1,50 +1,51 @@
-//! A scale by known steps: the line of readings against what was applied, and how far it can be trusted.
+//! A scale from known steps: the line of readings over applied values, and its uncertainty.
 
 use super::statistics::{Mean, Straight, together};
 
-/// One step: what was applied, and what was read.
+/// One step: the applied value, and the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// What was applied \[N or m\].
+    /// Applied value \[N or m\].
     pub applied: f64,
-    /// What was read \[codes or counts\].
+    /// Reading \[codes or counts\].
     pub reading: Mean,
 }
 
 impl Point {
-    /// What was applied, and what was read.
+    /// The applied value and the reading.
     pub(super) fn pair(&self) -> (f64, f64) {
         (self.applied, self.reading.value)
     }
 }
 
-/// Reading against what was applied. All uncertainties are relative to the scale.
+/// Reading over applied value. All uncertainties are relative to the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Line {
-    /// Reading per unit of what was applied.
+    /// Reading per unit of the applied value.
     pub slope: f64,
-    /// Reading where nothing is applied.
+    /// Reading at an applied value of zero.
     pub at_zero: f64,
-    /// By the scatter about the line.
+    /// From the scatter about the line.
     pub scatter_u95: f64,
-    /// Greatest distance of a size's mean from the line, in parts of the greatest size.
+    /// Largest deviation of the mean at one applied value from the line, relative to the largest applied value.
     pub nonlinearity: f64,
-    /// Half of the greatest difference of one size come to from below and from above, likewise; `None`: was not shown.
+    /// Half of the largest difference at one applied value between approaches from below and above, likewise relative;
+    /// `None` if no value was approached from both sides.
     pub hysteresis: Option<f64>,
-    /// Greatest difference of the readings where nothing was applied, likewise; `None` where there are not two.
+    /// Largest difference between the readings at zero, likewise relative; `None` if there are fewer than two.
     pub zero_return: Option<f64>,
-    /// Greatest uncertainty of a single reading, likewise.
+    /// Largest uncertainty of a single reading, likewise relative.
     pub reading_u95: f64,
-    /// The point that fits worst to the line through the others.
+    /// The point that fits the line through the others worst.
     pub worst: usize,
-    /// Change of the reading over all of the points.
+    /// Change of the reading over all points.
     pub change: f64,
 }
 
-/// Sizes that differ by less than this part of the greatest are one.
+/// Applied values that differ by less than this fraction of the largest are the same.
 const SAME: f64 = 1e-6;
 
-/// Different sizes among the points.
+/// Distinct applied values.
 pub fn sizes(points: &[Point]) -> Vec<f64> {
     let greatest = greatest(points);
     let mut sizes: Vec<f64> = points.iter().map(|point| point.applied).collect();
@@ -70,7 +71,7 @@ fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 impl Line {
-    /// Through at least three points of at least two sizes; else `None`.
+    /// The line through at least three points with at least two applied values; otherwise `None`.
     pub fn through(points: &[Point]) -> Option<Self> {
         let (greatest, sizes) = (greatest(points), sizes(points));
         if points.len() < 3 || sizes.len() < 2 {
@@ -108,14 +109,14 @@ impl Line {
         })
     }
 
-    /// Relative uncertainty of the scale, with that of what was applied.
+    /// Relative uncertainty of the scale, including that of the applied values.
     pub fn u95(&self, applied_u95: f64) -> f64 {
         let (hysteresis, zero) = (self.hysteresis.unwrap_or(0.0), self.zero_return.unwrap_or(0.0));
         together([self.scatter_u95, self.nonlinearity, hysteresis, zero, self.reading_u95, applied_u95])
     }
 }
 
-/// The point without which the others lie best on a line.
+/// The point without which the others fit a line best.
 fn worst(points: &[Point]) -> usize {
     let left_over = |without: usize| {
         let others = points.iter().enumerate().filter(|(place, _)| *place != without);

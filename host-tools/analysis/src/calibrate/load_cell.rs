@@ -1,8 +1,8 @@
 //! Diagnosis of the force channel, with the device at rest.
 //!
-//! The spectrum of a window (Hann) tells white noise, mains and drift apart. White noise is taken from the spectrum's
-//! median, which neither lines nor drift move: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is what its
-//! band holds above that floor.
+//! The spectrum (Hann window) separates white noise, mains interference and drift. The white noise comes from the
+//! spectrum's median, which neither lines nor drift affect: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is
+//! the content of its band above that floor.
 
 use inerter_core::Settings;
 use inerter_data::{names::unit, run::Run, words::amount_text};
@@ -16,71 +16,71 @@ use super::{
 };
 use crate::law::{ends, mean, median};
 
-/// Shortest stretch from which mains are told from their surroundings \[s\].
+/// Minimum length to distinguish mains from its surroundings \[s\].
 pub const LEAST_S: f64 = 4.0;
-/// Frequencies below this are drift and swinging, not noise \[Hz\].
+/// Frequencies below this are drift and oscillation, not noise \[Hz\].
 const LOWEST_HZ: f64 = 3.0;
-/// Half of the band in which a line of the mains is looked for \[Hz\]: the grid's 0.2 Hz and the window's width.
+/// Half width of the band that is searched for a mains line \[Hz\]: the grid's 0.2 Hz and the window's width.
 const LINE_HALF_HZ: f64 = 0.75;
-/// Harmonics that are looked for.
+/// Number of harmonics that are searched.
 const HARMONICS: u32 = 5;
-/// Share of the range that white noise may have (bring-up step 6 in docs/HARDWARE.md).
+/// Allowed white noise as a share of the range (bring-up step 6 in docs/HARDWARE.md).
 const NOISE_OF_RANGE: f64 = 2e-3;
-/// Mains over white noise, in amplitude over rms, that are known to do no harm: 5 N at 1 N (docs/tables/robustness.md).
+/// Mains amplitude over rms white noise that is known to be harmless: 5 N at 1 N (docs/tables/robustness.md).
 const HARMLESS_MAINS: f64 = 5.0;
-/// Share of the range from which mains take room from the force.
+/// Share of the range above which mains interference reduces the usable force range.
 const MAINS_OF_RANGE: f64 = 1e-2;
-/// Drift in a second over white noise that is known to spoil slow motion: 0.05 N/s at 1 N (docs/tables/robustness.md).
+/// Drift per second over white noise that is known to spoil slow motion: 0.05 N/s at 1 N (docs/tables/robustness.md).
 const HARMLESS_DRIFT_PER_S: f64 = 0.05;
-/// Noise under which the converter's steps are the limit \[codes of one conversion\].
+/// Noise below which the converter's quantisation is the limit \[codes of one conversion\].
 const STEPS: f64 = 0.3;
-/// Share of the range that should be left on either side of zero.
+/// Share of the range that should remain on either side of zero.
 const ROOM: f64 = 0.15;
 
-/// Interference by one grid frequency.
+/// Interference at one grid frequency.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mains {
     /// 50 or 60 Hz.
     pub frequency_hz: f64,
-    /// Amplitude of the fundamental and each harmonic under half of the sample rate \[codes\].
+    /// Amplitude of the fundamental and each harmonic below half the sample rate \[codes\].
     pub amplitudes_code: Vec<f64>,
 }
 
 impl Mains {
-    /// All of them together: root of the sum of the squares \[codes\].
+    /// All of them together: root sum of squares \[codes\].
     pub fn amplitude_code(&self) -> f64 {
         self.amplitudes_code.iter().map(|amplitude| amplitude * amplitude).sum::<f64>().sqrt()
     }
 }
 
-/// What a force channel at rest is like.
+/// The state of a force channel at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// Length \[s\].
     pub seconds: f64,
-    /// Rate against the host's clock, where that is known.
+    /// Rate against the host's clock, if known.
     pub rate: Option<Rate>,
-    /// Samples missing.
+    /// Number of missing samples.
     pub lost: u64,
-    /// Samples.
+    /// Number of samples.
     pub samples: usize,
     /// Mean code.
     pub mean_code: f64,
     /// White noise of one sample, rms \[codes\].
     pub noise_code: f64,
-    /// All that is not constant, rms \[codes\].
+    /// Everything that is not constant, rms \[codes\].
     pub total_rms_code: f64,
-    /// Difference of the greatest and the least code.
+    /// Difference between the largest and the smallest code.
     pub peak_to_peak_code: f64,
     /// Drift \[codes/s\], with its uncertainty.
     pub drift_code_per_s: (f64, f64),
     /// Share of the samples that are at a rail.
     pub saturated: f64,
-    /// The stronger of 50 and 60 Hz; amplitudes are zero where nothing stands out.
+    /// The stronger of 50 and 60 Hz; amplitudes are zero if nothing stands out.
     pub mains: Mains,
 }
 
-/// Looks at a device at rest.
+/// Diagnoses a device at rest.
 pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateError> {
     let settings = &run.settings;
     let codes: Vec<f64> = run.samples.iter().map(|sample| f64::from(sample.force_code)).collect();
@@ -91,7 +91,7 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
     let first = run.samples.first().map_or(0, |first| first.position_count);
     let counts = run.samples.iter().map(|sample| f64::from(sample.position_count.wrapping_sub(first)));
     let turned = extent(counts.map(|counts| counts / settings.oversampling));
-    // An encoder that stands at an edge jumps by one.
+    // An encoder at the edge of a count toggles by one.
     if turned > 4.0 {
         return Err(CalibrateError::Moving { at: String::new(), counts: turned });
     }
@@ -120,7 +120,7 @@ fn extent(values: impl Iterator<Item = f64>) -> f64 {
     most - least
 }
 
-/// Slope of the means of twelve blocks, so that what correlates within a block does not pass for knowledge.
+/// Slope of the means of twelve blocks, so that correlation within a block does not reduce the uncertainty.
 fn drift(codes: &[f64], rate_hz: f64) -> (f64, f64) {
     let length = (codes.len() / 12).max(1);
     let blocks = codes.chunks_exact(length).enumerate();
@@ -134,7 +134,7 @@ fn drift(codes: &[f64], rate_hz: f64) -> (f64, f64) {
     (line.slope, if line.slope_u95.is_finite() { line.slope_u95 } else { student(1) * line.slope.abs() })
 }
 
-/// Density of the codes over frequency, one-sided.
+/// One-sided power spectral density of the codes.
 struct Spectrum {
     density: Vec<f64>,
     spacing_hz: f64,
@@ -150,7 +150,7 @@ impl Spectrum {
         let mut values: Vec<Complex<f64>> =
             codes.iter().enumerate().map(|(place, code)| Complex::new((code - mean) * window(place), 0.0)).collect();
         FftPlanner::new().plan_fft_forward(count).process(&mut values);
-        // The sum of the window's squares is 3/8 of the count.
+        // The mean square of the window is 3/8.
         let scale = 2.0 / (rate_hz * 0.375 * count as f64);
         let density: Vec<f64> = values.iter().take(count / 2).map(|value| value.norm_sqr() * scale).collect();
         let spacing_hz = rate_hz / count as f64;
@@ -171,20 +171,20 @@ impl Spectrum {
         Mains { frequency_hz, amplitudes_code: lines.map(|line_hz| self.line(line_hz)).collect() }
     }
 
-    /// Amplitude of a line; zero where the band holds no more than noise does by chance.
+    /// Amplitude of a line; zero if the band holds no more than chance explains.
     fn line(&self, line_hz: f64) -> f64 {
         let first = ((line_hz - LINE_HALF_HZ) / self.spacing_hz).ceil().max(0.0) as usize;
         let last = ((line_hz + LINE_HALF_HZ) / self.spacing_hz).floor() as usize;
         let band = self.density.iter().skip(first).take(last.saturating_sub(first) + 1);
         let (sum, bins) = band.fold((0.0, 0.0), |(sum, bins), density| (sum + density, bins + 1.0));
         let above = sum - self.floor * bins;
-        // A window makes neighbours alike: half as many are independent.
+        // The window correlates adjacent bins: half as many are independent.
         let by_chance = 5.0 * self.floor * f64::sqrt(2.0 * bins);
         if above > by_chance { (2.0 * above * self.spacing_hz).sqrt() } else { 0.0 }
     }
 }
 
-/// Puts a diagnosis into words, with what is wrong and what to do about it.
+/// Describes a diagnosis, with what is wrong and what to do about it.
 pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
     let mut finding = Finding::new(Step::LoadCell);
     let newtons = settings.newtons_per_code.abs();

@@ -4,7 +4,7 @@ use inerter_simulate::{Setup, bench_sensors, raw};
 
 use super::*;
 
-/// An amplifier on a converter of 12 bits, as in docs/HARDWARE.md: 262080 codes of 0.00957 N, noise of 0.05 % of the
+/// An amplifier and a 12-bit converter, as in docs/HARDWARE.md: 262080 codes of 0.00957 N, noise of 0.05 % of the
 /// range.
 fn sensors() -> Sensors {
     Sensors {
@@ -53,7 +53,7 @@ fn mains_are_measured_beside_noise_and_drift_and_told_50_from_60() {
         assert!((drift * 0.01 - 0.5).abs() < u95 * 0.01 + 1e-3, "{drift} {u95}");
         assert_eq!(codes(&finding), ["mains", "drift"]);
     }
-    // What does no harm is not complained about.
+    // Harmless interference gets no remark.
     let (_, finding) = look(Sensors { pickup_n: 4.0, ..sensors() }, "hold", 10.0).unwrap();
     assert!(finding.remarks.is_empty() && finding.measured["mains_n"].as_f64().unwrap() > 3.5, "{finding:?}");
 }

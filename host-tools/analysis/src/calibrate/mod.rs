@@ -1,7 +1,7 @@
 //! Calibration: from raw samples at known loads, displacements and rests to settings with their uncertainty.
 //!
 //! Every step is a pure function of samples ([`load_cell`], [`rest`], [`force`], [`encoder`], [`direction`],
-//! [`timebase`]) that gives a [`Finding`] or refuses with a [`CalibrateError`].
+//! [`timebase`]) that returns a [`Finding`] or a [`CalibrateError`].
 //!
 //! Glossary:
 //! - *code*: one sample's force as the device counts it; *count*: one sample's position, a sum of `oversampling` counts.

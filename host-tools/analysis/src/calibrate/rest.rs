@@ -1,8 +1,8 @@
-//! The level of a force at rest, and whether it is at rest at all.
+//! The level of a force at rest, and whether it is at rest.
 //!
-//! A window of fifteen blocks moves along the samples. It is steady when the blocks' means differ by no more than white
-//! noise, a code, or 0.02 % of the load make them differ, and the screw stands: then the level is their mean, and its
-//! interval comes from their scatter, so that drift and swinging widen it.
+//! A window of fifteen blocks moves along the samples. It is steady if the blocks' means differ by no more than white
+//! noise, a code or 0.02 % of the load explain, and the screw stands still. Then the level is their mean, and its
+//! interval comes from their scatter, so that drift and oscillation widen it.
 
 use std::collections::VecDeque;
 
@@ -16,35 +16,35 @@ use super::{
 };
 use crate::law::ends;
 
-/// Blocks in a window: at 3 s each is 0.2 s, whole cycles of 50 and of 60 Hz.
+/// Blocks in a window: at 3 s each is 0.2 s, whole cycles of both 50 and 60 Hz.
 const BLOCKS: usize = 15;
-/// Deviations of a block's mean by white noise that the means may differ by: fifteen of them exceed it once in 1e4.
+/// Allowed difference of the means, in white-noise deviations of a block's mean: fifteen of them exceed it once in 1e4.
 const NOISE_FACTOR: f64 = 7.0;
-/// Part of the load that the means may differ by: well under what other parts of the uncertainty come to.
+/// Allowed difference of the means as a fraction of the load: well below the other uncertainties.
 const LOAD_PART: f64 = 2e-4;
-/// Counts that the screw may be off by within a window: an encoder at an edge jumps by one.
+/// Allowed movement of the screw within a window, in counts: an encoder at the edge of a count toggles by one.
 const MOST_COUNTS: f64 = 2.0;
 
-/// What a window of samples says.
+/// The verdict on a window of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Standing {
     /// Too few samples so far.
     NotYet,
     /// At rest, with the level.
     Steady(Level),
-    /// The force wanders by so much, and so much would be allowed \[codes\].
+    /// The force wanders by this much, and this much is allowed \[codes\].
     Wanders {
         /// Difference of the blocks' means.
         wander_code: f64,
         /// What is allowed.
         allowed_code: f64,
     },
-    /// The screw turns, by so many encoder counts.
+    /// The screw moves by this many encoder counts.
     Turns {
         /// Counts.
         counts: f64,
     },
-    /// So many parts of the samples are at a rail.
+    /// This share of the samples is at a rail.
     Saturated {
         /// Their share.
         share: f64,
@@ -56,7 +56,7 @@ pub enum Standing {
 pub struct Level {
     /// Mean code.
     pub code: Mean,
-    /// Encoder count there, of one conversion.
+    /// Encoder count at this level, of one conversion.
     pub count: Mean,
     /// White noise of one sample, rms \[codes\].
     pub noise_code: f64,
@@ -70,7 +70,7 @@ struct Block {
     count: f64,
     least_count: f64,
     most_count: f64,
-    /// Sum of the squares of the codes' differences.
+    /// Sum of squares of the codes' differences.
     differences: f64,
     saturated: usize,
 }
@@ -84,7 +84,7 @@ pub enum Of {
     Position,
 }
 
-/// Looks for rest in samples as they come.
+/// Detects rest in samples as they arrive.
 #[derive(Clone, Debug)]
 pub struct Watch {
     settings: Settings,
@@ -94,12 +94,12 @@ pub struct Watch {
     now: Block,
     taken: usize,
     last_code: Option<f64>,
-    /// Position from which encoder counts are told.
+    /// Position from which encoder counts are measured.
     origin: Option<i32>,
 }
 
 impl Watch {
-    /// For a window of so long; encoder counts are told from `origin`, else from the first sample.
+    /// For a window of this length; encoder counts are measured from `origin`, or else from the first sample.
     pub fn new(settings: &Settings, of: Of, seconds: f64, origin: Option<i32>) -> Self {
         let per_block = (seconds * settings.sample_rate_hz / BLOCKS as f64).ceil().max(2.0) as usize;
         Self {
@@ -114,7 +114,7 @@ impl Watch {
         }
     }
 
-    /// Takes the next sample; true when a block is complete and [`standing`](Self::standing) may have changed.
+    /// Processes the next sample; true if a block is complete and [`standing`](Self::standing) may have changed.
     pub fn take(&mut self, sample: &RawSample) -> bool {
         let code = f64::from(sample.force_code);
         let origin = *self.origin.get_or_insert(sample.position_count);
@@ -144,12 +144,12 @@ impl Watch {
         true
     }
 
-    /// Position from which encoder counts are told, once there is one.
+    /// Position from which encoder counts are measured, once there is one.
     pub fn origin(&self) -> Option<i32> {
         self.origin
     }
 
-    /// What the latest window says.
+    /// The verdict on the latest window.
     pub fn standing(&self) -> Standing {
         if self.blocks.len() < BLOCKS {
             return Standing::NotYet;
@@ -187,7 +187,7 @@ impl Watch {
     }
 }
 
-/// The level of a whole stretch of samples, wherever it first stood still for `seconds`.
+/// The level in a series of samples, at the first window of `seconds` that is at rest.
 pub fn level(samples: &[RawSample], settings: &Settings, seconds: f64, at: &str) -> Result<Level, CalibrateError> {
     let mut watch = Watch::new(settings, Of::Force, seconds, None);
     for sample in samples {
@@ -202,7 +202,7 @@ pub fn level(samples: &[RawSample], settings: &Settings, seconds: f64, at: &str)
 }
 
 impl Standing {
-    /// The error that it is where a level was needed.
+    /// The verdict as an error, if a level was needed.
     pub fn refusal(&self, settings: &Settings, seconds: f64, needed: f64, at: &str) -> CalibrateError {
         let at = at.to_string();
         let newtons = settings.newtons_per_code.abs();
@@ -220,11 +220,11 @@ impl Standing {
     }
 }
 
-/// The code at no force.
+/// The code at zero force.
 pub fn zero(level: &Level, settings: &Settings) -> Finding {
     let mut finding = Finding::new(Step::Zero);
     let zero = level.code.value.round();
-    // A whole code is off by up to a half.
+    // A whole code is wrong by up to a half.
     let u95 = together([level.code.u95, 0.475]);
     let newtons = settings.newtons_per_code.abs();
     let shift = zero - settings.force_zero_code;

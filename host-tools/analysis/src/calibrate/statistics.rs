@@ -1,4 +1,4 @@
-//! Means and straight lines with the uncertainty that correlated samples leave.
+//! Means and straight lines, with uncertainties that account for correlated samples.
 
 /// A mean and the half width of its 95 % interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -9,13 +9,13 @@ pub struct Mean {
     pub u95: f64,
 }
 
-/// Student's factor of a 95 % interval.
+/// Student's t factor for a 95 % interval.
 pub fn student(freedom: usize) -> f64 {
     const FIRST: [f64; 10] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228];
     match freedom.checked_sub(1).and_then(|place| FIRST.get(place)) {
         Some(factor) => *factor,
         None if freedom == 0 => f64::INFINITY,
-        // Cornish-Fisher's first terms: within 1e-3 from 10 on (Abramowitz and Stegun, 26.7.5).
+        // First terms of the Cornish-Fisher expansion: within 1e-3 from 10 on (Abramowitz and Stegun, 26.7.5).
         None => {
             let freedom = freedom as f64;
             1.960 + 2.372 / freedom + 2.823 / freedom.powi(2) + 2.556 / freedom.powi(3)
@@ -23,7 +23,7 @@ pub fn student(freedom: usize) -> f64 {
     }
 }
 
-/// Mean of means of blocks, each longer than what correlates within them: drift, swinging and mains count as scatter.
+/// Mean of block means, each block longer than the correlation time: drift, oscillation and mains count as scatter.
 pub fn mean_of_blocks(blocks: &[f64]) -> Mean {
     let count = blocks.len().max(1) as f64;
     let value = blocks.iter().sum::<f64>() / count;
@@ -38,12 +38,12 @@ pub fn mean_of_blocks(blocks: &[f64]) -> Mean {
 pub struct Straight {
     pub slope: f64,
     pub at_zero: f64,
-    /// Half width of the slope's 95 % interval by the scatter.
+    /// Half width of the slope's 95 % interval, from the scatter.
     pub slope_u95: f64,
 }
 
 impl Straight {
-    /// Through points `(x, y)`; `None` where they have one x only.
+    /// The line through points `(x, y)`; `None` if they have only one x.
     pub fn through(points: &[(f64, f64)]) -> Option<Self> {
         let count = points.len() as f64;
         let mean_x = points.iter().map(|(x, _)| x).sum::<f64>() / count;
@@ -68,17 +68,17 @@ impl Straight {
     }
 }
 
-/// Root of a sum of squares.
+/// Root sum of squares.
 pub fn together<const N: usize>(parts: [f64; N]) -> f64 {
     parts.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
-/// To so many significant digits.
+/// Rounds to this many significant digits.
 pub fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits.saturating_sub(1)).parse().unwrap_or(value)
 }
 
-/// An uncertainty to two significant digits, never less than it is.
+/// Rounds an uncertainty up to two significant digits.
 pub fn rounded_up(u95: f64) -> f64 {
     let near = rounded(u95, 2);
     if near >= u95 { near } else { rounded(u95 * 1.05, 2) }

@@ -1,8 +1,8 @@
-//! The device's sample clock against the host's.
+//! Compares the device's sample clock with the host's.
 //!
-//! Samples are numbered by the device's clock and arrive by the host's, always late, never early. Time is cut into
-//! twelve stretches; the earliest arrival of each is the least late one, and a line through these gives the rate. The
-//! host's own clock is not better than what it is told to be, and no claim goes below that.
+//! Samples are numbered by the device's clock and arrive by the host's clock, always late, never early. The time is
+//! divided into twelve parts; the earliest arrival in each has the least delay, and a line through these gives the
+//! rate. The host's clock is only as accurate as stated, so the uncertainty is never below that.
 
 use inerter_core::Settings;
 
@@ -13,16 +13,16 @@ use super::{
 };
 use crate::law::ends;
 
-/// Uncertainty of a host's clock when nothing is known of it: the crystal of a computer over its range of temperatures.
+/// Uncertainty of a host clock about which nothing is known: a computer's crystal over its temperature range.
 pub const HOST_PPM: f64 = 50.0;
-/// Stretches of which the earliest arrival counts: of 60 s each has a hundred batches to choose from.
+/// Number of parts in which the earliest arrival counts: with 60 s in total each part has a hundred batches.
 const STRETCHES: f64 = 12.0;
-/// Fewest of them with an arrival.
+/// Minimum number of parts with an arrival.
 const LEAST: usize = 8;
-/// A crystal that is off by more than this is none, or runs at another rate than set.
+/// A larger deviation is not a crystal's, or the rate differs from the setting.
 const ODD: f64 = 5e-4;
 
-/// When a batch of samples came.
+/// Arrival of a batch of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arrival {
     /// Sample periods from the first sample to the last one of the batch.
@@ -31,18 +31,18 @@ pub struct Arrival {
     pub time_ns: u64,
 }
 
-/// Rate of the device's clock over what it is set to, less one.
+/// Rate of the device's clock relative to its nominal rate, minus one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rate {
-    /// Relative deviation; positive when the device is fast.
+    /// Relative deviation; positive if the device is fast.
     pub deviation: f64,
-    /// By the scatter of the arrivals.
+    /// From the scatter of the arrivals.
     pub scatter_u95: f64,
     /// Time from the first arrival to the last \[s\].
     pub seconds: f64,
 }
 
-/// Compares numbers with arrivals.
+/// Compares sample numbers with arrival times.
 pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, CalibrateError> {
     let (Some(first), Some(last)) = (arrivals.first(), arrivals.last()) else {
         return Err(CalibrateError::TooShort { seconds: 0.0, needed: 1.0 });
@@ -67,19 +67,20 @@ pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, Calibrate
         return Err(short);
     }
     let line = Straight::through(&earliest).ok_or(short)?;
-    // Delays have a memory: what is left is no white noise, and its whole range over the time is the better bound.
+    // Delays are correlated: the residuals are not white noise, and their whole range over the time is the better
+    // bound.
     let (least, most) = ends(earliest.iter().map(|(at, late)| late - line.at(*at)));
     let scatter_u95 = line.slope_u95.max((most - least) / seconds);
-    // Arriving ever later means that the device is slow.
+    // If samples arrive later and later, the device is slow.
     Ok(Rate { deviation: 1.0 / (1.0 + line.slope) - 1.0, scatter_u95, seconds })
 }
 
-/// What follows for `timebase_u95`, the host's clock being good to `host_ppm`.
+/// The resulting `timebase_u95`, with the host's clock accurate to `host_ppm`.
 pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
     let mut finding = Finding::new(Step::Timebase);
     let host = host_ppm * 1e-6;
     let u95 = together([rate.scatter_u95, host]);
-    // The rate is not corrected, so all of the deviation is left. Never below the clock it was compared with.
+    // The rate is not corrected, so the whole deviation counts. Never below the uncertainty of the reference clock.
     let claim = rounded_up(rate.deviation.abs() + u95).max(host);
     let ppm = |relative: f64| relative * 1e6;
     finding.measure_all([
@@ -132,7 +133,7 @@ mod tests {
 
     use super::*;
 
-    /// Arrivals of a device whose clock is off by so much, each late by a part of `late_s` that looks random.
+    /// Arrivals from a device with this clock error, each late by a pseudo-random part of `late_s`.
     fn arrivals(off: f64, late_s: f64, seconds: f64, seed: u64) -> Vec<Arrival> {
         let mut random = Random(seed);
         (0..(seconds * 20.0) as u64)

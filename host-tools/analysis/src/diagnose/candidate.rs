@@ -1,4 +1,4 @@
-//! What could be added to the law.
+//! Candidate terms that could be added to the law.
 
 use std::f64::consts::TAU;
 
@@ -10,52 +10,52 @@ use crate::{
     reversals::Moment,
 };
 
-/// Encoder counts per turn that are in use; each has its own lead.
+/// Common encoder counts per revolution; each implies a lead.
 const COUNTS_PER_TURN: [f64; 22] = [
     400.0, 800.0, 1000.0, 1024.0, 1440.0, 1600.0, 2000.0, 2048.0, 2400.0, 4000.0, 4096.0, 5000.0, 7200.0, 8000.0,
     8192.0, 10_000.0, 14_400.0, 16_384.0, 20_000.0, 32_768.0, 65_536.0, 131_072.0,
 ];
-/// Turns that the screw must make at least.
+/// Minimum revolutions of the screw.
 const LEAST_TURNS: f64 = 0.3;
-/// Counts in a period of the encoder's lines, where nothing is said.
+/// Default encoder counts per line period.
 const COUNTS_PER_LINE: f64 = 4.0;
-/// Friction at rest beyond that in motion, in parts of it.
+/// Maximum excess of static over kinetic friction, as a fraction of it.
 const MOST_SURPLUS: f64 = 2.0;
-/// What turns over a distance, in parts of what the law found of Coulomb friction, which may be little.
+/// Maximum of a friction that reverses gradually, relative to the Coulomb friction of the law, which may be small.
 const MOST_TURN: f64 = 4.0;
-/// Times in which a force lets go, in parts of the one that the motion needs for its stroke.
+/// Relaxation times of a force, relative to the time that the motion needs for its stroke.
 const RELAXES: [f64; 3] = [0.1, 0.3, 1.0];
-/// Force over which a loose cell turns, and width of a hysteresis, in parts of the greatest.
+/// Force range over which a loose cell reverses, and width of a hysteresis, relative to the largest force.
 const DEAD: f64 = 0.02;
 pub(super) const HYSTERESIS: f64 = 0.02;
-/// Forces from which on an amplifier may have another range, likewise.
+/// Forces above which an amplifier may have another range, likewise relative.
 const RANGES: [f64; 3] = [0.35, 0.5, 0.7];
-/// Part by which a force may be told wrong: what is nearly the force itself would explain all.
+/// Maximum relative error of a measured force: a term close to the force itself would explain everything.
 const MOST_WRONG: f64 = 0.25;
-/// A mass on the terminal and the contact that it hangs on resonate at this frequency at least \[Hz\].
+/// A mass on the terminal and its contact resonate at this frequency or above \[Hz\].
 const LEAST_RESONANCE_HZ: f64 = 30.0;
-/// Times of the contact: its damping over its stiffness \[s\].
+/// Time constants of the contact: its damping over its stiffness \[s\].
 const LETS_GO_S: [f64; 3] = [1e-4, 5e-4, 2e-3];
-/// Skew that is worth a word \[s\].
+/// Smallest skew worth reporting \[s\].
 const LEAST_SKEW_S: f64 = 20e-6;
 
-/// What is known of the encoder beside the settings.
+/// Encoder data beyond the settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Encoder {
-    /// Counts per turn of the screw; where they are not known, those that are usual are tried.
+    /// Counts per revolution of the screw; if unknown, common values are tried.
     pub counts_per_turn: Option<f64>,
-    /// Counts in a period of its lines; 4 where they are not known.
+    /// Counts per line period; 4 if unknown.
     pub counts_per_line: Option<f64>,
 }
 
-/// A group of columns that come together.
+/// Columns that enter the law together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Candidate {
     pub kind: Kind,
     pub term: Term,
 }
 
-/// What is added to the law.
+/// A term added to the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Term {
     /// `|F - F0| s`.
@@ -64,21 +64,21 @@ pub(super) enum Term {
     Ripple(f64),
     /// The same times `s`.
     Uneven(f64),
-    /// A position that is wrong by `sin, cos 2 pi x / L`.
+    /// A position error `sin, cos 2 pi x / L`.
     Wobble(f64),
     /// `s exp(-|v| / v0)`.
     Falling(f64),
     /// `s exp(-(v / v0)^2)`.
     Bell(f64),
-    /// `z - s`, with `z' = |v| (s - z) / x0`: Dahl's.
+    /// `z - s`, with `z' = |v| (s - z) / x0`: the Dahl model.
     Turning(f64),
-    /// `z - s`, with `z' = 2 (1 - 1/e) v / x0` up to `|z| = 1`: a spring that slips.
+    /// `z - s`, with `z' = 2 (1 - 1/e) v / x0` up to `|z| = 1`: a spring that slips (elastoplastic).
     Bending(f64),
     /// `t` over the run.
     Drift,
-    /// `s t`, likewise.
+    /// `s t`, with the same `t`.
     Warming,
-    /// `v t`, likewise.
+    /// `v t`, with the same `t`.
     Thinning,
     /// `-F'`.
     Skew,
@@ -86,37 +86,38 @@ pub(super) enum Term {
     Speed,
     /// `v |v|`.
     Square,
-    /// `x` from this place on.
+    /// `x` beyond this position.
     Spring(f64),
-    /// The same where it lets go with this time \[s\], as a damper behind a spring.
+    /// The same, relaxing with this time constant \[s\], like a spring in series with a damper.
     Relaxing(f64),
-    /// A position that is too far by the force.
+    /// A position error proportional to the force.
     Bent,
-    /// `F'' - t0 F'''`: what a mass on the terminal takes more than on the screw, as the contact gives way with this
-    /// time \[s\].
+    /// `F'' - t0 F'''`: the extra force of a mass on the terminal compared with one on the screw, because the contact
+    /// yields with this time constant \[s\].
     Structure(f64),
-    /// What a force of this size at most \[N\] is told wrong by, of unit size at most.
+    /// The error of a measured force whose maximum is this \[N\], scaled to unit size.
     Told(Shape, f64),
 }
 
-/// How a force is told wrong.
+/// Shape of a force measurement error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    /// By its square.
+    /// Quadratic.
     Bow,
-    /// By its third power, as where it saturates.
+    /// Cubic, as near saturation.
     Cube,
-    /// By as much either way, as of a cell that sits loose.
+    /// A constant error with the sign of the force, as from a loose cell.
     Dead,
-    /// In proportion from this part of the greatest on, as of an amplifier that switches its range.
+    /// Proportional above this fraction of the largest force, as from an amplifier that switches its range.
     Range(f64),
-    /// By which way it goes.
+    /// Dependent on the direction of change.
     Hysteresis,
 }
 
 impl Term {
-    /// What it adds to dry friction and offset at a moment, of unit size; `time` is that of the run, -0.5 to 0.5,
-    /// `turned` what has turned at the last reversal. A skew and an error of the encoder are no force.
+    /// Contribution to dry friction and offset at a moment, for unit size; `time` is that of the run, -0.5 to 0.5, and
+    /// `turned` the state of a gradually reversing friction at the last reversal. A skew and an encoder error are not
+    /// forces.
     pub fn at(self, moment: &Moment, law: &Law, time: f64, turned: f64) -> [f64; 2] {
         let Moment { sign, velocity, gone_m, force_n, position_m, .. } = *moment;
         let turns = |lead_m: f64| (TAU * position_m / lead_m).sin_cos();
@@ -137,12 +138,12 @@ impl Term {
             Self::Square => [velocity * velocity.abs(), 0.0],
             Self::Spring(middle_m) => [position_m - middle_m, 0.0],
             Self::Told(shape, most_n) => [most_n * shape.of((force_n - law.offset_n) / most_n), 0.0],
-            // What lets go depends on all that was before.
+            // A relaxing force depends on the whole past.
             Self::Skew | Self::Wobble(_) | Self::Bent | Self::Structure(_) | Self::Relaxing(_) => [0.0; 2],
         }
     }
 
-    /// What has turned of a friction that turns, so far from a reversal at which it was `turned`.
+    /// State of a gradually reversing friction at this distance from a reversal where it was `turned`.
     pub fn turned(self, sign: f64, turned: f64, gone_m: f64) -> f64 {
         match self {
             Self::Turning(distance_m) => sign + (turned - sign) * (-gone_m / distance_m).exp(),
@@ -154,12 +155,12 @@ impl Term {
         }
     }
 
-    /// Columns that it has.
+    /// Number of columns.
     pub fn width(self) -> usize {
         if self.period_m().is_some() { 2 } else { 1 }
     }
 
-    /// The length of a turn, or of an encoder's line, that it repeats with \[m\].
+    /// The period over which it repeats, that of a revolution or an encoder line \[m\].
     pub fn period_m(self) -> Option<f64> {
         match self {
             Self::Ripple(period_m) | Self::Uneven(period_m) | Self::Wobble(period_m) => Some(period_m),
@@ -167,7 +168,7 @@ impl Term {
         }
     }
 
-    /// Its velocity or distance where that is sought.
+    /// Its characteristic velocity or distance, if that is searched for.
     pub fn scale(self) -> Option<f64> {
         match self {
             Self::Falling(scale) | Self::Bell(scale) | Self::Turning(scale) | Self::Bending(scale) => Some(scale),
@@ -176,7 +177,7 @@ impl Term {
         }
     }
 
-    /// The same with another velocity or distance.
+    /// The same term with another velocity or distance.
     pub fn with_scale(self, scale: f64) -> Self {
         match self {
             Self::Falling(_) => Self::Falling(scale),
@@ -188,7 +189,7 @@ impl Term {
         }
     }
 
-    /// The other law by which the same may go.
+    /// The alternative shape for the same cause.
     pub fn other_shape(self) -> Option<Self> {
         match self {
             Self::Falling(velocity) => Some(Self::Bell(1.5 * velocity)),
@@ -201,21 +202,21 @@ impl Term {
 }
 
 impl Shape {
-    /// What is told too much, of a force of unit size at most.
+    /// The measurement error of a force of at most unit size.
     pub fn of(self, force: f64) -> f64 {
         match self {
             Self::Bow => force * force,
             Self::Cube => force.powi(3),
             Self::Dead => (force / DEAD).clamp(-1.0, 1.0),
             Self::Range(from) if force.abs() > from => force,
-            // Which way it goes is not told by one moment.
+            // One moment does not show the direction.
             Self::Range(_) | Self::Hysteresis => 0.0,
         }
     }
 }
 
 impl Candidate {
-    /// Whether its size can be that of a machine, in the term's own unit.
+    /// Whether its size is plausible for a machine, in the term's own unit.
     pub fn can_be(self, size: f64, law: &Law) -> bool {
         let coulomb_n = law.coulomb_n.max(0.0);
         match self.term {
@@ -225,22 +226,22 @@ impl Candidate {
             Term::Square | Term::Bent => size > 0.0,
             Term::Structure(_) => (0.0..(TAU * LEAST_RESONANCE_HZ).powi(-2)).contains(&size),
             Term::Told(..) => size.abs() < MOST_WRONG,
-            // Friction at the reversals looks like a skew of some microseconds (docs/THEORY.md, 14).
+            // Friction at the reversals resembles a skew of some microseconds (docs/THEORY.md, 14).
             Term::Skew => size.abs() >= LEAST_SKEW_S,
             _ => true,
         }
     }
 
-    /// Everything that is tried in this run, and a force once a turn where the screw makes too small a part of one for
-    /// that.
+    /// Everything that is tried in this run, and a once-per-revolution force even if the screw covers too little of a
+    /// revolution for that.
     pub fn all_for(span: &Span, settings: &Settings) -> Vec<Self> {
         let mut all = Self::all(span, settings, Encoder::default());
-        // The budget has a part for it.
+        // The budget has a component for it.
         all.retain(|candidate| candidate.kind != Kind::Structure);
         let leads = COUNTS_PER_TURN.iter().map(|counts| counts * settings.metres_per_count.abs());
         let hidden = leads.filter(|lead| span.stroke_m <= LEAST_TURNS * lead).min_by(f64::total_cmp);
         all.extend(hidden.map(|lead_m| Self { kind: Kind::PositionPeriodic, term: Term::Ripple(lead_m) }));
-        // Not sought to be named: it explains too much of a short run (docs/THEORY.md, 14).
+        // Not used to name a cause: it explains too much of a short run (docs/THEORY.md, 14).
         all.push(Self { kind: Kind::Compliance, term: Term::Bent });
         all
     }
@@ -277,7 +278,7 @@ impl Candidate {
         let told =
             [Shape::Bow, Shape::Cube, Shape::Dead, Shape::Hysteresis].into_iter().chain(RANGES.map(Shape::Range));
         all.extend(told.map(|shape| one(Kind::ForceNonlinear, Term::Told(shape, span.force_n))));
-        // With the stiffness it is known how it moves.
+        // With a known stiffness its motion is known.
         if settings.stiffness_n_per_m == 0.0 {
             all.extend(LETS_GO_S.map(|time_s| one(Kind::Structure, Term::Structure(time_s))));
         }
@@ -285,7 +286,7 @@ impl Candidate {
     }
 }
 
-/// What the whole run covers.
+/// Ranges covered by the whole run.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Span {
     pub from_s: f64,
@@ -293,7 +294,7 @@ pub(super) struct Span {
     pub stroke_m: f64,
     pub middle_m: f64,
     pub velocity_rms: f64,
-    /// The greatest, from the offset on.
+    /// The largest force, relative to the offset.
     pub force_n: f64,
 }
 
@@ -308,7 +309,7 @@ impl Span {
 mod tests {
     use super::*;
 
-    /// By hand: after its distance `1 - 1/e` of the way from one side to the other has gone, by either law.
+    /// By hand: after its characteristic distance a friction has completed `1 - 1/e` of its reversal, with either law.
     #[test]
     fn friction_turns_by_as_much_over_its_distance_by_either_law() {
         let after = 1.0 - 2.0 / std::f64::consts::E;
@@ -332,7 +333,7 @@ mod tests {
         assert!(can_be(Kind::Drift, Term::Drift, -5.0));
     }
 
-    /// Turns of which the motion makes too small a part are not sought, and one that is given is the only one.
+    /// Revolutions of which the motion covers too little are not searched, and a given one is the only one.
     #[test]
     fn a_turn_is_sought_where_the_motion_makes_enough_of_it() {
         let span = Span { duration_s: 20.0, stroke_m: 4e-3, velocity_rms: 0.05, ..Span::default() };

@@ -1,4 +1,4 @@
-//! A cause, and its sentence for a person.
+//! A cause, and its description for a person.
 
 use std::f64::consts::TAU;
 
@@ -10,22 +10,22 @@ use super::kind::Kind;
 /// One cause.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cause {
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
     /// Its size in [`unit`](Self::unit).
     pub value: f64,
     /// Half width of its 95 % interval.
     pub u95: f64,
-    /// Unit of both, of a machine with linear motion.
+    /// Unit of both, for a linear machine.
     pub unit: &'static str,
     /// F statistic with which it was chosen.
     pub f: f64,
-    /// Length of a turn \[m\], where it repeats with it.
+    /// Period \[m\], if it repeats with the revolutions.
     pub period_m: Option<f64>,
-    /// The motion covers less than one period, and the period was not given: another is as likely, and the size changes
-    /// with it.
+    /// The motion covers less than one period, and the period was not given: another period is as likely, and the size
+    /// changes with it.
     pub is_part_of_a_turn: bool,
-    /// What explains as much.
+    /// Another kind that explains as much.
     pub rival: Option<Kind>,
 }
 

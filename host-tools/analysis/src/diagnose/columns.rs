@@ -1,4 +1,4 @@
-//! The rows of a run: force, law and what could be added to it, brought through the same kernels.
+//! The rows of a run: force, law and candidate terms, all through the same kernels.
 
 use std::f64::consts::TAU;
 
@@ -16,38 +16,38 @@ use crate::{
     reversals::{Moment, Reversal, Turns, velocity_noise},
 };
 
-/// Travel across a window \[counts\] and force per Coulomb friction under which a reversal is grazing.
+/// Travel across a window \[counts\], and force relative to the Coulomb friction, below which a reversal is grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 const WEAK: f64 = 3.0;
-/// Velocity that is none, in standard deviations of its noise.
+/// Velocities below this count as zero, in standard deviations of their noise.
 const SLOW: f64 = 3.0;
-/// Rows at most: further ones are taken from evenly spaced places.
+/// Maximum number of rows: of more, evenly spaced ones are taken.
 const MOST_ROWS: usize = 20_000;
 
-/// A stretch with what is needed of it for every term.
+/// A stretch with the data that every term needs.
 struct Piece<'a> {
     stretch: &'a Stretch,
     turns: Turns,
-    /// Samples in the middle of what the kernels lie over, evenly spaced.
+    /// Samples at the centres of the kernels, evenly spaced.
     grid: Vec<usize>,
-    /// Those of the grid that are rows.
+    /// Those of the grid that become rows.
     rows: Vec<usize>,
 }
 
 impl Piece<'_> {
-    /// Samples in the middle of the rows.
+    /// Samples at the centres of the rows.
     fn middles(&self) -> impl Iterator<Item = usize> {
         self.rows.iter().map(|row| self.grid[*row])
     }
 }
 
-/// What was found beside the law, of this size.
+/// A term found in addition to the law, with its size.
 pub(super) type Known = (Term, [f64; 2]);
 
 /// The rows of a run.
 pub(super) struct Rows<'a> {
     pub filter: Filter,
-    /// The law that reversals are located by.
+    /// The law that locates the reversals.
     pub law: Law,
     period_s: f64,
     pieces: Vec<Piece<'a>>,
@@ -56,24 +56,24 @@ pub(super) struct Rows<'a> {
     pub force: Vec<f64>,
     /// Acceleration, velocity, its sign, one.
     pub base: [Vec<f64>; 4],
-    /// Rows that one independent observation has.
+    /// Rows per independent observation.
     pub per_observation: f64,
-    /// Part of the rows that rests have left.
+    /// Fraction of the rows left after excluding rest.
     pub kept: f64,
 }
 
-/// A run whose reversals are located.
+/// A run with located reversals.
 pub(super) struct Located<'a> {
     series: &'a Series,
     law: Law,
     span: Span,
-    /// Friction that may hold the screw \[N\].
+    /// Friction that may hold the screw at rest \[N\].
     rest_n: f64,
     pieces: Vec<(&'a Stretch, Turns)>,
 }
 
 impl<'a> Located<'a> {
-    /// By this law and what is known beside it.
+    /// Located with this law and the known terms.
     pub fn of(series: &'a Series, law: Law, known: &[Known]) -> Self {
         let period_s = series.period_s;
         let from_s = series.stretches.first().map_or(0.0, |stretch| stretch.start_s);
@@ -96,7 +96,7 @@ impl<'a> Located<'a> {
         Self { series, law, span, rest_n, pieces: pieces.collect() }
     }
 
-    /// How often each stroke has come again, sample by sample, as the device counts it.
+    /// How often each stroke has repeated sample by sample, as the device counts it.
     pub fn repeats(&self, settings: &Settings) -> f64 {
         let code_m = settings.metres_per_count / settings.oversampling;
         let mut repeats = Repeats::new();
@@ -117,13 +117,13 @@ impl<'a> Located<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Of all samples in motion, through the kernels of a bank, with signs placed by this law.
+    /// Rows for all samples in motion, through the kernels of a bank, with signs placed by this law.
     pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law, noise_n: f64) -> Self {
         let spacing = (kernels.box_samples / 2).max(1).max(series.len() / MOST_ROWS);
         Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing, settings, &law, noise_n))
     }
 
-    /// Of all samples in motion, through this filter.
+    /// Rows for all samples in motion, through this filter.
     pub fn through(located: Located<'a>, settings: &Settings, filter: Filter) -> Self {
         let Located { series, law, mut span, rest_n, pieces } = located;
         let period_s = series.period_s;
@@ -139,7 +139,7 @@ impl<'a> Rows<'a> {
             if kernels.box_samples as f64 * period_s > FAST_BOX_S {
                 keep_step(stretch, kernels.box_samples, settings.metres_per_count.abs(), &mut still);
             }
-            // Samples at rest up to each.
+            // Cumulative number of samples at rest.
             let mut rests = Vec::with_capacity(still.len() + 1);
             rests.push(0_usize);
             rests.extend(still.iter().scan(0, |sum, still| {
@@ -190,7 +190,7 @@ impl<'a> Rows<'a> {
         rows
     }
 
-    /// What the whitening makes of a value at each place of the grid, one for each row; pieces are numbered.
+    /// The whitened values, one per row, of a quantity on the grid; pieces are numbered.
     fn filtered(&self, at: impl Fn(usize, &Piece, usize) -> f64) -> Vec<f64> {
         let whitening = &self.filter.whitening;
         let mut column = Vec::new();
@@ -210,7 +210,7 @@ impl<'a> Rows<'a> {
         self.filtered(|_, piece, middle| around(&self.filter.kernels.second, &piece.stretch.force_n, middle))
     }
 
-    /// Mean square of noise in a column of this term, and its mean product with that of the row's force.
+    /// Mean square of the noise in a column of this term, and its mean product with the noise of the row's force.
     pub fn noise(&self, term: Term) -> [f64; 2] {
         let inertance_kg = self.law.inertance_kg;
         match term {
@@ -226,7 +226,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Mean square of what a force's noise is multiplied by where it is told wrong.
+    /// Mean square of the factor by which a measurement error scales the force's noise.
     fn slope_square(&self, shape: Shape, most_n: f64) -> f64 {
         if shape == Shape::Hysteresis {
             return HYSTERESIS.powi(-2);
@@ -241,12 +241,12 @@ impl<'a> Rows<'a> {
         squares.sum::<f64>() / self.force.len().max(1) as f64
     }
 
-    /// The columns of a term, one value a row.
+    /// The columns of a term, one value per row.
     pub fn columns(&self, term: Term) -> Vec<Vec<f64>> {
         let Law { inertance_kg, viscous_n_s_per_m, .. } = self.law;
         let kernels = &self.filter.kernels;
         let by_force = |signal: &[f64], middle: usize| around(&kernels.force, signal, middle);
-        // What the law makes of a position that is wrong.
+        // The effect of a position error through the law.
         let as_position = |signal: &[f64], middle: usize| {
             let inertia = inertance_kg * around(&kernels.second, signal, middle);
             -inertia - viscous_n_s_per_m * around(&kernels.rate, signal, middle)
@@ -316,13 +316,13 @@ impl<'a> Rows<'a> {
         vec![column]
     }
 
-    /// A signal of each stretch through a kernel.
+    /// A signal of each stretch, passed through a kernel.
     fn through_kernel(&self, signal: impl Fn(&Piece) -> Vec<f64>, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<f64> {
         let signals: Vec<Vec<f64>> = self.pieces.iter().map(signal).collect();
         self.filtered(|number, _, middle| kernel(&signals[number], middle))
     }
 
-    /// A signal that is a mean over each sample, as the sign is.
+    /// A signal that is a mean over each sample, like the sign.
     fn signal(&self, signal: impl Fn(&Piece) -> Vec<f64>) -> Vec<f64> {
         let kernels = &self.filter.kernels;
         self.through_kernel(signal, |signal, middle| around(&kernels.sign, signal, middle))
@@ -336,7 +336,7 @@ impl<'a> Rows<'a> {
         vec![self.through_kernel(wave(f64::sin), kernel), self.through_kernel(wave(f64::cos), kernel)]
     }
 
-    /// A column times the time of each row in the run.
+    /// A column multiplied by the time of each row in the run.
     fn timed(&self, column: &[f64]) -> Vec<f64> {
         let middles = self
             .pieces
@@ -346,7 +346,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// What is left of a signal's way that lets go with this time \[samples\].
+/// The relaxing part of a signal's travel, with this time constant \[samples\].
 fn relaxing(signal: &[f64], time: f64) -> impl Iterator<Item = f64> {
     let kept = (-1.0 / time).exp();
     let steps = signal.iter().zip(signal.iter().take(1).chain(signal));
@@ -356,7 +356,7 @@ fn relaxing(signal: &[f64], time: f64) -> impl Iterator<Item = f64> {
     })
 }
 
-/// What a signal is ahead of one that follows it with this play.
+/// By how much a signal leads one that follows it with this play.
 fn lagging(signal: &[f64], play: f64) -> impl Iterator<Item = f64> {
     let follows = move |at: &mut Option<f64>, now: &f64| {
         let follower = at.unwrap_or(*now).clamp(now - 0.5 * play, now + 0.5 * play);
@@ -366,11 +366,11 @@ fn lagging(signal: &[f64], play: f64) -> impl Iterator<Item = f64> {
     signal.iter().scan(None, follows)
 }
 
-/// What has turned of a friction when each stroke begins.
+/// State of a gradually reversing friction at the start of each stroke.
 fn turned(reversals: &[Reversal], term: Term) -> Vec<f64> {
     let Some(first) = reversals.first() else { return Vec::new() };
     let mut now = -first.sign;
-    // Before the first, and from there on.
+    // Before the first reversal, and after it.
     let mut turned = vec![now; 2];
     for (before, reversal) in reversals.iter().zip(&reversals[1..]) {
         now = term.turned(before.sign, now, (reversal.position_m - before.position_m).abs());
@@ -379,8 +379,8 @@ fn turned(reversals: &[Reversal], term: Term) -> Vec<f64> {
     turned
 }
 
-/// Where the screw stands, or turns so gently that friction of this size at rest \[N\] may hold it, or at a moment that
-/// is not known: left out, as by the device.
+/// Samples that are left out, as by the device: where the screw stands still, where it reverses so slowly that static
+/// friction of this size \[N\] may hold it, and where the time of a reversal is unknown.
 fn still(
     stretch: &Stretch,
     turns: &Turns,
@@ -393,7 +393,7 @@ fn still(
     let window = (REST_WINDOW_S / period_s).ceil() as usize;
     let positions = &stretch.position_m;
     let mut still = vec![false; positions.len()];
-    // What has held the screw can do so again.
+    // Friction that has held the screw can do so again.
     let mut rest_n = rest_n;
     for (at, (seen, force)) in positions.windows(window + 1).zip(stretch.force_n.windows(window + 1)).enumerate() {
         if stands(seen, settings) {
@@ -408,7 +408,7 @@ fn still(
             still[middle] = true;
         }
     }
-    // Where friction can hold a screw that reverses, or hardly moves, it may have stuck for a moment.
+    // If friction can hold a screw that reverses, or hardly moves, it may have stuck briefly.
     let slow = SLOW * velocity_noise(count_m, period_s);
     for ((still, sign), moment) in still.iter_mut().zip(&turns.signs).zip(&turns.moments) {
         let may_stick = sign.abs() < 1.0 || moment.velocity.abs() < slow;
@@ -420,8 +420,9 @@ fn still(
     still
 }
 
-/// Where the screw goes a whole number of counts in each sample for a box, 1 or more: there the encoder's error stands
-/// still as at rest, and is no noise. In faster motion than the slow bank's no velocity lasts so long.
+/// Where the screw moves a whole number of counts, 1 or more, in each sample for the length of a box: there the
+/// encoder's error stays constant as at rest, and is not noise. In motion too fast for the slow bank no velocity lasts
+/// that long.
 fn keep_step(stretch: &Stretch, box_samples: usize, count_m: f64, still: &mut [bool]) {
     for (at, seen) in stretch.position_m.windows(box_samples + 1).enumerate() {
         let (first, last) = (seen[0], seen[box_samples]);

@@ -1,9 +1,9 @@
 //! Filters of the rows: kernels, and whitening of their noise.
 //!
 //! The residual is the force's noise, white, and the encoder's steps, whose acceleration grows with the square of the
-//! frequency: `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes keep what
-//! friction does near a reversal and in fast motion; a filter of `1 / sqrt(S)` behind them weighs each frequency by
-//! what it can tell.
+//! frequency: `S = s_F^2 + r (mt w^2)^2 q^2 / 12`, `r` times as often as the motion repeats them. Short boxes preserve
+//! the behaviour of friction near a reversal and in fast motion; a filter of `1 / sqrt(S)` after them weights each
+//! frequency by its information.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,28 +15,28 @@ use inerter_data::series::Series;
 
 use crate::law::{Kernels, Law, median};
 
-/// Box of the rows in which causes are sought \[s\].
+/// Box length of the rows in which causes are searched for \[s\].
 const BOX_S: f64 = 0.004;
-/// Least half width of the whitening \[s\], and what it is of a period of the frequency at which noise and steps are
-/// alike.
+/// Minimum half width of the whitening \[s\], and its size in periods of the frequency at which noise and steps are
+/// equal.
 const NARROWEST_S: f64 = 0.02;
 const PERIODS: f64 = 0.5;
-/// Frequencies over which the whitening is integrated.
+/// Number of frequencies in the integral for the whitening.
 const FREQUENCIES: usize = 2000;
 /// Median of the fourth differences of white noise of unit variance: `0.6745 sqrt(70)`.
 const MEDIAN_DIFFERENCE: f64 = 5.643;
 
-/// How a run is looked at.
+/// How a run is filtered.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Sight {
-    /// Through short boxes and a whitening of this half width at most \[s\].
+    /// Short boxes and a whitening of at most this half width \[s\].
     White(f64),
-    /// Through boxes of this length \[s\].
+    /// Boxes of this length \[s\].
     Box(f64),
 }
 
 impl Sight {
-    /// From the one that tells most to the one that leaves out least, and takes least from the acceleration.
+    /// Ordered from the most informative to the one that leaves out least, and whose acceleration suffers least.
     pub fn all(bank: Bank) -> &'static [Self] {
         match bank {
             Bank::Fast => &[Self::White(0.08), Self::White(0.04), Self::White(NARROWEST_S), Self::Box(FAST_BOX_S)],
@@ -48,25 +48,25 @@ impl Sight {
 /// Kernels and whitening.
 pub(super) struct Filter {
     pub kernels: Kernels,
-    /// Samples between two places of the grid.
+    /// Samples between two grid points.
     pub spacing: usize,
-    /// Taps over the grid, of odd number, which sum to 1.
+    /// Taps on the grid, an odd number, which sum to 1.
     pub whitening: Vec<f64>,
     /// Noise of the force \[N\].
     pub noise_n: f64,
-    /// Mean squares that the force's noise and the encoder's steps, as white noise, leave in a row \[N^2\].
+    /// Mean squares that the force's noise and the encoder's steps, taken as white noise, leave in a row \[N^2\].
     pub noise_square: f64,
     pub steps_square: f64,
-    /// Mean square that the force's noise leaves in a row's rate of the force \[N^2/s^2\].
+    /// Mean square that the force's noise leaves in a row's rate of change of force \[N^2/s^2\].
     pub rate_square: f64,
-    /// The same in its curvature \[N^2/s^4\], and the mean product of that with the row's force \[N^2/s^2\].
+    /// The same for the second derivative \[N^2/s^4\], and the mean product of that with the row's force \[N^2/s^2\].
     pub bend_square: f64,
     pub bend_with_force: f64,
-    /// Mean square that the force's noise leaves in its third derivative \[N^2/s^6\].
+    /// Mean square that the force's noise leaves in the third derivative \[N^2/s^6\].
     pub third_square: f64,
     /// Mean square that the steps leave in a row's acceleration.
     pub acceleration_square: f64,
-    /// How often each stroke comes.
+    /// How often each stroke repeats.
     pub repeats: f64,
 }
 
@@ -76,7 +76,7 @@ impl Filter {
         Self::with(kernels, spacing, vec![1.0], settings, law, noise_n)
     }
 
-    /// Through short boxes and what makes their noise white, or through long boxes alone.
+    /// Short boxes with whitening of their noise, or long boxes alone.
     pub fn of(sight: Sight, period_s: f64, settings: &Settings, law: &Law, noise_n: f64, repeats: f64) -> Self {
         let kernels = Kernels::of_box(
             match sight {
@@ -104,7 +104,7 @@ impl Filter {
         law: &Law,
         noise_n: f64,
     ) -> Self {
-        // The whole of either kernel, tap by tap.
+        // The combined kernel, tap by tap.
         let whole = |taps: &[f64]| {
             let mut whole = vec![0.0; taps.len() + (whitening.len() - 1) * spacing];
             for (place, weight) in whitening.iter().enumerate() {
@@ -133,7 +133,7 @@ impl Filter {
         }
     }
 
-    /// Variance of a regular motion's noise over that of white noise: what repeats is not averaged.
+    /// Variance of the noise in a regular motion relative to white noise: repeated errors do not average out.
     pub fn inflation(&self) -> f64 {
         let share = self.steps_square / (self.steps_square + self.noise_square).max(f64::MIN_POSITIVE);
         1.0 + share * (self.repeats - 1.0)
@@ -157,7 +157,8 @@ fn whitening(alike_hz: f64, spacing_s: f64, widest_s: f64) -> Vec<f64> {
     taps.into_iter().map(|tap| tap / sum).collect()
 }
 
-/// Noise of the force \[N\], by its fourth differences, which no motion moves much; not less than its codes round.
+/// Noise of the force \[N\], from its fourth differences, on which motion has little effect; at least the rounding of
+/// its codes.
 pub(super) fn force_noise_n(series: &Series, settings: &Settings) -> f64 {
     let fives = series.stretches.iter().flat_map(|stretch| stretch.force_n.windows(5));
     let difference = |five: &[f64]| (five[0] - 4.0 * five[1] + 6.0 * five[2] - 4.0 * five[3] + five[4]).abs();

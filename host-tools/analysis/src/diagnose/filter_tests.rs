@@ -17,12 +17,12 @@ fn the_noise_is_read_off_the_force_whatever_the_motion() {
     let series = Series { period_s: 1e-3, stretches: vec![Stretch { force_n, ..Stretch::default() }] };
     let found = force_noise_n(&series, &settings);
     assert!((found / 2.0 - 1.0).abs() < 0.05, "{found}");
-    // Not less than the codes round.
+    // At least the rounding of the codes.
     let still = Series { period_s: 1e-3, stretches: vec![Stretch { force_n: vec![0.0; 100], ..Stretch::default() }] };
     assert!(force_noise_n(&still, &settings) > 0.0);
 }
 
-/// Noise of the force and of the encoder, as the rows have them: as large as is reckoned, and white beyond a box.
+/// The rows' noise from force and encoder: as large as computed, and white beyond a box.
 #[test]
 fn noise_and_steps_are_white_behind_the_filter() {
     let law = Law { inertance_kg: 300.0, ..Law::default() };
@@ -42,7 +42,7 @@ fn noise_and_steps_are_white_behind_the_filter() {
     for apart in [4, 6, 10, 20, 40] {
         assert!((lag(apart) / lag(0)).abs() < 0.15, "{apart}: {}", lag(apart) / lag(0));
     }
-    // Steps that come four times are half again as much of it, or more.
+    // Steps that repeat four times are at least half again as large.
     let repeated = Filter::of(Sight::White(0.08), 1e-3, &settings, &law, 1.0, 4.0);
     assert!(filter.inflation() == 1.0 && repeated.inflation() > 1.5 && repeated.steps_square < filter.steps_square);
 }

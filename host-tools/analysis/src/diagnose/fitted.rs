@@ -1,4 +1,4 @@
-//! The law and what was found, fitted together at last: sizes and parameters with their intervals.
+//! The final joint fit of the law and the causes found: sizes and parameters with their intervals.
 
 use inerter_core::{
     Detail, Found as Estimated, Motion, NORMAL_COVERAGE, Parameters, Scatter, Settings, apart, constants,
@@ -14,22 +14,23 @@ use super::{
 };
 use crate::fit::{Beside, Judge};
 
-/// What friction at the reversals makes of a skew \[s\], at most (docs/THEORY.md, 14).
+/// Largest apparent skew caused by friction at the reversals \[s\] (docs/THEORY.md, 14).
 const SKEW_MODEL_U95_S: f64 = 13e-6;
-/// What another length of a turn may leave over beyond the one that leaves least, in squares of noise, to be possible:
-/// it is less likely by a factor of 150.
+/// By how much the residual of another period may exceed the smallest, in squares of the noise, for it to be possible:
+/// it is then less likely by a factor of 150.
 const POSSIBLE: f64 = 10.0;
-/// Part by which a velocity or distance is moved to see what that does.
+/// Relative change of a velocity or distance in a numerical derivative.
 const STEP: f64 = 0.02;
 
-/// All of it.
+/// The complete result.
 pub(super) struct Fitted {
     pub causes: Vec<Cause>,
     pub corrected: Parameters,
     pub residual_rms_n: f64,
 }
 
-/// Fits what was found; `undone_s` of a skew is undone in the rows. Nothing where the motion cannot tell all apart.
+/// Fits the causes found; the rows are corrected for a skew of `undone_s`. `None` if the motion cannot separate them
+/// all.
 pub(super) fn fitted(
     rows: &Rows,
     settings: &Settings,
@@ -39,12 +40,12 @@ pub(super) fn fitted(
     encoder: Encoder,
 ) -> Option<Fitted> {
     let law = model(rows, found)?;
-    // What moving a velocity or distance does is a column more.
+    // The derivative with respect to a velocity or distance is one more column.
     let slopes: Vec<Option<Vec<f64>>> = found.iter().map(|one| slope(rows, one)).collect();
     let with_slopes = law.beside(slopes.iter().flatten().cloned());
     let covariance = with_slopes.as_ref().unwrap_or(&law).covariance()?;
     let others = other_turns(rows, settings, &law, found, encoder);
-    // By how much one of them may differ from what is told.
+    // By how much another possible fit may differ from this one.
     let off = |of: &dyn Fn(&Model) -> f64| others.iter().map(|other| (of(other) - of(&law)).abs()).fold(0.0, f64::max);
     let (mut at, mut slope_at) = (rows.base.len(), law.count());
     let mut causes: Vec<Cause> = Vec::new();
@@ -66,7 +67,7 @@ pub(super) fn fitted(
         let mut told = cause(one, size, u95(variance) + off(&size_by), u95(scale_variance));
         let is_part = told.period_m.is_some_and(|period_m| period_m > rows.span.stroke_m);
         told.is_part_of_a_turn = is_part && encoder.counts_per_turn.is_none();
-        // What is undone shows no more, and counts as what it was.
+        // A corrected skew shows nothing more, and counts with its former evidence.
         if one.candidate.kind == Kind::Skew {
             let whole_s = undone_s + size;
             told = Cause {
@@ -91,7 +92,7 @@ pub(super) fn fitted(
     Some(Fitted { causes, corrected, residual_rms_n: law.residual_rms() })
 }
 
-/// What a velocity or distance that is greater by a part of itself adds to the force, per part.
+/// The relative derivative of the force with respect to a velocity or distance.
 fn slope(rows: &Rows, one: &Found) -> Option<Vec<f64>> {
     let scale = one.candidate.term.scale()?;
     let column = |factor: f64| rows.columns(one.candidate.term.with_scale(scale * factor)).into_iter().next();
@@ -99,7 +100,7 @@ fn slope(rows: &Rows, one: &Found) -> Option<Vec<f64>> {
     Some(more.iter().zip(&less).map(|(more, less)| one.sizes[0] * (more - less) / (2.0 * STEP)).collect())
 }
 
-/// The same fits with other lengths of a turn, which nobody gave, that are possible.
+/// The same fits with other possible periods, if the period was not given.
 fn other_turns<'a>(
     rows: &'a Rows<'a>,
     settings: &Settings,
@@ -125,23 +126,23 @@ fn other_turns<'a>(
     others
 }
 
-/// The parameters by this fit.
+/// The parameters from this fit.
 fn corrected(rows: &Rows, settings: &Settings, detail: &Detail, law: &Model, errors: [f64; 4]) -> Option<Parameters> {
-    // What a skew that is left unseen moves, a skew that was found beside the law or not.
+    // Effect of an undetected residual skew, whether or not a skew was found.
     let late = rows.columns(Term::Skew);
     let alone = Model::new(rows, [])?;
     let moved = alone.along(late.first()?)?;
     let of_curvature = alone.along(&rows.curvature())?;
-    // They are not given back, as it is known to a half only.
+    // They are not corrected, because their effect is known only to a factor of two.
     let steps = law.taken_by_steps()?;
     let found = [0, 1, 2, 3].map(|i| Estimated {
         value: law.value(i) as f32,
         error: errors[i] as f32,
-        // The column of a skew is the force's rate turned round.
+        // The column of a skew is the negative rate of the force.
         per_skew: -moved[i] as f32,
         steps: steps[i].abs() as f32,
     });
-    // What breaks the law is in the fit, and steps that repeat are in its errors.
+    // The violations of the law are in the fit, and repeated steps are in its errors.
     let friction_in_curvature = [1, 2].map(|i| of_curvature[i] as f32);
     let motion = Motion::of(detail, 1.0);
     let [accelerations, ..] = &rows.base;

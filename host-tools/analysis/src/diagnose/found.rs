@@ -1,4 +1,4 @@
-//! What was found: fitted together, its velocities and distances sought beside all the rest.
+//! The causes found: fits them together, and searches each velocity and distance with all the others included.
 
 use super::{
     columns::{Candidate, Known, Rows, Term},
@@ -7,13 +7,13 @@ use super::{
 };
 use crate::law::Law;
 
-/// Factor by which a velocity or distance is sought to either side of the nearest that was tried.
+/// Factor by which a velocity or distance is searched to either side of the nearest value that was tried.
 const WIDE: f64 = 2.5;
-/// The same once it was sought before.
+/// The same after an earlier search.
 const NARROW: f64 = 1.4;
-/// Steps of the search, each of which leaves 0.62 of the range.
+/// Steps of the golden-section search, each of which keeps 0.62 of the range.
 const STEPS: usize = 12;
-/// Part of a whole in the golden section.
+/// The golden section.
 const GOLDEN: f64 = 0.618_033_988_75;
 
 /// One cause that was found.
@@ -21,27 +21,27 @@ const GOLDEN: f64 = 0.618_033_988_75;
 pub(super) struct Found {
     pub candidate: Candidate,
     pub sizes: [f64; 2],
-    /// Square that it explains beside all others, over that of the noise in one observation.
+    /// Square that it explains in addition to all others, relative to the noise of one observation.
     pub strength: f64,
-    /// What explains as much.
+    /// Another kind that explains as much.
     pub rival: Option<Kind>,
-    /// All of Coulomb friction turns, and it has no size of its own.
+    /// All of the Coulomb friction reverses gradually, so that it has no size of its own.
     pub is_whole: bool,
 }
 
 impl Found {
-    /// F statistic: what it explains for each of its columns.
+    /// F statistic: what it explains per column.
     pub fn f(&self) -> f64 {
         self.strength / self.candidate.term.width() as f64
     }
 
-    /// A candidate of this evidence.
+    /// A candidate with this evidence.
     pub fn new(candidate: Candidate, sizes: [f64; 2], strength: f64) -> Self {
         Self { candidate, sizes, strength, rival: None, is_whole: false }
     }
 }
 
-/// The law with all that was found beside it; nothing where the motion cannot tell them apart.
+/// The law with all causes found; `None` if the motion cannot separate them.
 pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>> {
     let mut columns: Vec<Vec<f64>> = rows.base.to_vec();
     for one in found {
@@ -55,7 +55,7 @@ pub(super) fn model<'a>(rows: &'a Rows<'a>, found: &[Found]) -> Option<Model<'a>
     Model::of(rows, columns)
 }
 
-/// The law's values and the sizes by this model.
+/// Takes the law's values and the sizes from this model.
 pub(super) fn taken(model: &Model, found: &mut [Found]) -> Law {
     let value = |place: usize| model.value(place);
     let mut place = 4;
@@ -71,12 +71,12 @@ pub(super) fn taken(model: &Model, found: &mut [Found]) -> Law {
     Law { inertance_kg: value(0), viscous_n_s_per_m: value(1), coulomb_n: value(2), offset_n: value(3) }
 }
 
-/// What is known by it.
+/// The known terms.
 pub(super) fn known(found: &[Found]) -> Vec<Known> {
     found.iter().map(|one| (one.candidate.term, one.sizes)).collect()
 }
 
-/// Seeks velocities and distances anew, each beside all others, by either law that it may go by.
+/// Searches velocities and distances again, each with all other causes included, for either shape of the term.
 pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
     for place in 0..found.len() {
         let term = found[place].candidate.term;
@@ -85,7 +85,7 @@ pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
         }
         let others = found.iter().enumerate().filter(|(other, _)| *other != place).map(|(_, one)| *one);
         let Some(law) = model(rows, &others.collect::<Vec<Found>>()) else { continue };
-        // Friction of which all turns has a size less.
+        // A friction that reverses as a whole has one size less.
         let of_a_size = LIMIT * law.square();
         let ways: &[bool] = if matches!(term, Term::Turning(_) | Term::Bending(_)) { &[false, true] } else { &[false] };
         let mut best: Option<(f64, Term, bool)> = None;
@@ -108,7 +108,7 @@ pub(super) fn refine(rows: &Rows, found: &mut [Found]) {
     }
 }
 
-/// Where a function is least around a scale, and what it is there.
+/// The minimum of a function around a scale: where, and its value.
 fn sought(scale: f64, wide: f64, function: impl Fn(f64) -> f64) -> (f64, f64) {
     let at = |log: f64| function(log.exp());
     let (mut low, mut high) = ((scale / wide).ln(), (scale * wide).ln());
@@ -130,7 +130,7 @@ fn sought(scale: f64, wide: f64, function: impl Fn(f64) -> f64) -> (f64, f64) {
     (log.exp(), value)
 }
 
-/// The most that a candidate explains at any velocity or distance around its own, by this strength.
+/// The candidate with the velocity or distance at which it explains most, according to `strength`.
 pub(super) fn strongest(candidate: Candidate, strength: impl Fn(Candidate) -> f64) -> Candidate {
     let Some(scale) = candidate.term.scale() else { return candidate };
     let with = |scale: f64| Candidate { term: candidate.term.with_scale(scale), ..candidate };

@@ -1,9 +1,9 @@
-//! Causes that may have moved the parameters, including those too small to be named.
+//! Causes that may have shifted the parameters, including those too small to be named.
 //!
-//! Adding a cause to the law moves each parameter; by chance alone, by as much as its standard error then grows
-//! (Hausman). By that much the parameter may have been moved while the cause was left out. If the standard error would
-//! grow beyond [`TOLD`], an interval that covers this as well would say little when there is no such cause: the
-//! parameter then rests on its absence, as it does if the run cannot separate the two at all.
+//! Adding a cause to the law shifts each parameter; chance alone shifts it by as much as its standard error grows
+//! (Hausman). So leaving the cause out may have shifted the parameter by that much. If the standard error would grow
+//! beyond [`TOLD`], an interval that covered this too would be useless if there is no such cause. The parameter then
+//! assumes its absence, as it does if the run cannot separate the two at all.
 
 use inerter_core::{Bank, Budget, Machine, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_data::{
@@ -25,40 +25,40 @@ use crate::{
     law::{dot, inverse, less},
 };
 
-/// Part of a column's square that the law must leave over, for the run to tell of it; and for it to tell of what is
-/// [`FAR`] beyond chance.
+/// Fraction of a column's square that the law must leave unexplained for the run to identify the cause; and for it to
+/// count a shift that is [`FAR`] beyond chance.
 const LEAST_LEFT: f64 = 0.05;
 const LITTLE_LEFT: f64 = 0.01;
-/// The least part, where there is no noise.
+/// The minimum fraction if there is no noise.
 const LEAST_KNOWN: f64 = 1e-9;
-/// What a parameter is moved by, and what it would be moved by by chance, as parts of the half width of an interval: of
-/// every size of a cause that the law leaves out, 90 % of such intervals hold the truth (docs/THEORY.md, 14).
+/// Weights of a parameter's shift, and of its shift by chance, in the half width of an interval: for any size of a
+/// cause that the law leaves out, 90 % of such intervals contain the true value (docs/THEORY.md, 14).
 const MOVED: [f64; 2] = [1.6, 1.2];
-/// Growth of the standard error up to which the run tells of a cause for certain.
+/// Growth of the standard error up to which the run identifies a cause with certainty.
 pub const TOLD: f64 = 1.6;
-/// Standard deviations beyond which what moves counts although the run does not tell for certain.
+/// Standard deviations beyond which a shift counts although the run does not identify the cause with certainty.
 const CHANCE: f64 = 2.0;
-/// The same where the law leaves little of the cause: no run without a fault comes to it (docs/THEORY.md, 17).
+/// The same if the law leaves little of the cause: no run without a fault reaches it (docs/THEORY.md, 17).
 const FAR: f64 = 7.0;
-/// Standard deviations of a cause's size under which it may not be named.
+/// Standard deviations of a cause's size below which it may not be named.
 const NAMED: f64 = 12.0;
 
-/// Interval by the samples over that of the device from which on a person is told of it.
+/// Ratio of the interval from the samples to that of the device above which it is reported.
 const WORTH_A_WORD: f32 = 1.05;
 
-/// A parameter of the whole run, by what the samples show beside the estimator's sums.
+/// A parameter of the whole run, judged by the samples in addition to the estimator's sums.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Judged {
     /// The sources of its interval.
     pub budget: Budget,
-    /// What moves it most by the samples, named as a cause or too small for that.
+    /// The cause that shifts it most according to the samples, whether named or too small for that.
     pub moved_by: Option<Kind>,
-    /// Causes that this motion cannot separate from it: the value is right in their absence.
+    /// Causes that this motion cannot separate from it: the value is right only in their absence.
     pub assumes: Vec<Kind>,
 }
 
-/// A sentence on the causes that a motion cannot separate from the parameters, with those that were `found` marked;
-/// nothing if it separates all.
+/// A sentence on the causes that a motion cannot separate from the parameters, with those `found` marked; `None` if it
+/// separates all.
 pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Option<String> {
     let is_found = |kind: Kind| found.iter().any(|cause| cause.kind == kind);
     let told = all.iter().enumerate().filter(|(_, one)| one.budget.u95().is_finite() && !one.assumes.is_empty());
@@ -73,8 +73,7 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Opti
     headed("This motion cannot separate some causes from a parameter, which is right only in their absence.", told)
 }
 
-/// A sentence on the intervals that the samples make wider than those of the device; nothing if they make
-/// none.
+/// A sentence on the intervals that the samples make wider than those of the device; `None` if there are none.
 pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> Option<String> {
     let told = each(whole_run).into_iter().zip(all).enumerate().filter_map(|(place, (parameter_found, judged))| {
         let (u95, wider) = (parameter_found.known()?.u95, judged.budget.u95());
@@ -91,21 +90,21 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
     headed("The samples show more than the law explains, or cannot rule it out. This widens 95 % intervals.", told)
 }
 
-/// All that is told of the parameters under one head; nothing of none.
+/// The sentences on the parameters under one heading; `None` if there are none.
 fn headed(head: &str, told: impl Iterator<Item = String>) -> Option<String> {
     let told: String = told.collect();
     (!told.is_empty()).then(|| format!("{head}{told}"))
 }
 
-/// The parameters of the whole run with what the samples tell of a law that is nearly true; of a run too short for
-/// that, as the estimator has them.
+/// The parameters of the whole run, judged by the samples for a law that is nearly true; for a run too short for that,
+/// as the estimator has them.
 pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judged; 4] {
     let mut all = outcome.budgets.whole_run.map(|budget| Judged { budget, moved_by: None, assumes: Vec::new() });
     let aligned = series.aligned(settings);
     let Ok(rows) = rows_of(&aligned, settings, &outcome.published()) else { return all };
     let Some(law) = Law::of(&rows) else { return all };
-    // By the estimator's own scatter, which knows what the rows do not: the spectrum of steps, and how often they
-    // repeat.
+    // Scaled to the estimator's own scatter, which includes effects that the rows lack: the spectrum of the steps, and
+    // their repetition.
     let mut patterns = outcome.motion.pattern_in_differences(outcome.estimate.bank.box_s() as f32).into_iter();
     let squares = outcome.budgets.whole_run.map(|budget| {
         let part = |source| (f64::from(budget.given_u95(source)) / f64::from(NORMAL_COVERAGE)).powi(2);
@@ -113,7 +112,7 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
         [noise + steps, noise + f64::from(patterns.next().unwrap_or(1.0)) * steps]
     });
     let half_widths = outcome.budgets.whole_run.map(|budget| f64::from(budget.u95()));
-    // What steps do in the slow bank is no white noise, and seems far beyond chance.
+    // The effect of steps in the slow bank is not white noise, and would seem far beyond chance.
     let is_fast = outcome.estimate.bank == Bank::Fast;
     let (mut reaches, mut moved_most) = ([0.0; 4], [0.0; 4]);
     for candidate in Candidate::all_for(&rows.span, settings) {
@@ -121,7 +120,7 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
         for (i, one) in all.iter_mut().enumerate() {
             let [own, of_differences] = squares[i];
             let moved = moves.moved[i];
-            // Standard error with it over that without.
+            // Standard error with the cause, relative to that without.
             let grows = (1.0 + moves.squares[i] / moves.before[i]).sqrt();
             let chance = ((grows * grows - 1.0) * of_differences).sqrt();
             let is_told = moves.are_told && own + chance * chance <= TOLD * TOLD * own;
@@ -150,14 +149,14 @@ pub fn judged(series: &Series, settings: &Settings, outcome: &Outcome) -> [Judge
     all
 }
 
-/// Half width of what a cause that was left out may have moved a parameter by, where taking it in moves it by so much,
-/// and by `chance` (a standard deviation) without any such cause.
+/// Half width of the interval for a possible shift by a cause that was left out, if including it shifts the parameter
+/// by `moved`, and `chance` is the standard deviation of that shift without any such cause.
 pub fn reach(moved: f64, chance: f64) -> f64 {
     let [times, at_least] = MOVED;
     (times * moved).hypot(at_least * chance)
 }
 
-/// A skew has a stated uncertainty of its own, and what acts at the reversals shows near rest (docs/THEORY.md, 6).
+/// A skew has a separately stated uncertainty, and the effects at reversals appear near rest (docs/THEORY.md, 6).
 fn is_regarded(kind: Kind) -> bool {
     !matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)
 }
@@ -166,22 +165,22 @@ fn is_regarded(kind: Kind) -> bool {
 struct Law {
     inverse: DMatrix<f64>,
     residual: Vec<f64>,
-    /// Variance of a row's residual, times the rows of an independent observation.
+    /// Variance of a row's residual, multiplied by the rows per independent observation.
     error_square: f64,
 }
 
-/// What taking something in does to the parameters.
+/// Effect of adding a cause on the parameters.
 struct Moves {
     moved: DVector<f64>,
-    /// Squares of what they move by by chance.
+    /// Squares of the shifts by chance.
     squares: DVector<f64>,
-    /// Squares of their standard errors without it.
+    /// Squares of the standard errors without the cause.
     before: Vec<f64>,
-    /// The law leaves enough of it.
+    /// The law leaves enough of it to identify it.
     are_told: bool,
-    /// It leaves a little of it.
+    /// The law leaves a little of it.
     are_hardly_told: bool,
-    /// Its size can be that which is found, as far as the run tells.
+    /// Its size is plausible, as far as the run identifies it.
     can_be: bool,
 }
 
@@ -196,7 +195,7 @@ impl Law {
         Some(Self { inverse, residual, error_square })
     }
 
-    /// With a candidate beside it.
+    /// The effect of adding a candidate.
     fn with(&self, rows: &Rows, candidate: Candidate) -> Moves {
         let columns = rows.columns(candidate.term);
         let (count, width) = (rows.base.len(), columns.len());
@@ -211,7 +210,7 @@ impl Law {
             })
         };
         let gram = DMatrix::from_fn(width, width, |i, j| dot(&left[i], &left[j]) - if i == j { of_noise } else { 0.0 });
-        // Noise may hide all of it: then the run tells no more of it than so much noise would.
+        // If noise may account for all of it, the run says no more about it than that noise would.
         let unknown = || {
             let least = columns.iter().map(|all| of_noise.max(LEAST_KNOWN * dot(all, all)).recip());
             DMatrix::from_diagonal(&DVector::from_iterator(width, least))

@@ -1,6 +1,6 @@
-//! What may break the law, and how strong its evidence must be.
+//! What may violate the law, and the evidence required.
 
 pub use inerter_data::causes::Kind;
 
-/// F statistic from which on a cause is named: a run without a fault does not reach it (docs/tables/diagnose.md).
+/// F statistic from which a cause is named: a run without a fault does not reach it (docs/tables/diagnose.md).
 pub const LIMIT: f64 = 30.0;

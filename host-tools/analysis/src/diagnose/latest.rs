@@ -1,4 +1,4 @@
-//! The latest samples of a run that is too long to be kept, or still running.
+//! The latest samples of a run that is too long to keep, or still running.
 
 use std::collections::VecDeque;
 
@@ -10,10 +10,10 @@ use super::{
     search::{is_suspect, suspected},
 };
 
-/// How much is kept \[s\].
+/// Length that is kept \[s\].
 const KEPT_S: f64 = 60.0;
 
-/// The latest samples, kept so that a cause can be sought in them.
+/// The latest samples, kept for a search for causes.
 #[derive(Clone, Debug)]
 pub struct Latest {
     settings: Settings,
@@ -23,13 +23,13 @@ pub struct Latest {
 }
 
 impl Latest {
-    /// Nothing yet, of a device with these settings.
+    /// Empty, for a device with these settings.
     pub fn new(settings: &Settings) -> Self {
         let most = (KEPT_S * settings.sample_rate_hz) as usize;
         Self { settings: *settings, samples: VecDeque::new(), warnings: Vec::new(), most }
     }
 
-    /// Takes the next sample.
+    /// Adds the next sample.
     pub fn push(&mut self, sample: RawSample) {
         if self.samples.len() >= self.most {
             self.samples.pop_front();
@@ -37,29 +37,29 @@ impl Latest {
         self.samples.push_back(sample);
     }
 
-    /// The estimator said this of a sample.
+    /// Adds a warning of the estimator about a sample.
     pub fn warn(&mut self, warning: Warning) {
         self.warnings.push(warning);
     }
 
-    /// What comes is of another device.
+    /// Discards everything: the following samples are from another device.
     pub fn forget(&mut self) {
         self.samples.clear();
         self.warnings.clear();
     }
 
-    /// How long it would take to measure as much \[s\].
+    /// Length of the kept samples \[s\].
     pub fn duration_s(&self) -> f64 {
         self.samples.len() as f64 / self.settings.sample_rate_hz
     }
 
-    /// What they say, without what tells nothing.
+    /// The samples, without those that carry no information.
     pub fn gated(self) -> Gated {
         let run = Run { settings: self.settings, samples: self.samples.into(), ..Run::default() };
         Gated::of(&run, &self.warnings)
     }
 
-    /// What breaks the law in them, as far as a person should be told; the estimator said this in the end.
+    /// The causes in them that a person should know of; `published` is the estimator's latest result.
     pub fn suspected(self, published: &Published) -> Vec<Cause> {
         if !is_suspect(&published.law) {
             return Vec::new();

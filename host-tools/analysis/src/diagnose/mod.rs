@@ -1,9 +1,10 @@
-//! Which cause breaks the law: regressors added to it, one at a time, the one that explains most first.
+//! Finds which causes violate the law: adds regressors to it one at a time, beginning with the one that explains most.
 //!
-//! `columns` makes rows of force and motion behind the kernels of `filter`, `candidate` says what could be added to the
-//! law, `selection` how much that would explain. `search` adds it, `found` fits it together, `fitted` gives sizes and
-//! parameters with their intervals. A cause is named where its F statistic is beyond what clean runs reach ([`LIMIT`],
-//! docs/THEORY.md, 14). `hidden` judges what may have moved the parameters, also where it is too small to be named.
+//! `columns` makes rows of force and motion through the kernels of `filter`; `candidate` lists the possible terms;
+//! `selection` computes how much each would explain. `search` adds them, `found` fits them together, `fitted` gives
+//! sizes and parameters with their intervals. A cause is named if its F statistic exceeds what clean runs reach
+//! ([`LIMIT`], docs/THEORY.md, 14). `hidden` judges what may have shifted the parameters, even if it is too small to be
+//! named.
 
 mod candidate;
 mod cause;

@@ -1,4 +1,4 @@
-//! The search: what explains most is added first, and judged again beside all that came after it.
+//! The search: adds the cause that explains most first, and judges it again with all that are added later.
 
 use inerter_core::{Law as LawState, LawStatus, Parameters, Published, Settings};
 use inerter_data::{gated::Gated, series::Series};
@@ -18,53 +18,53 @@ use crate::{
     law::{Kernels, LEAST_OBSERVATIONS, Law},
 };
 
-/// Causes that are looked for at most.
+/// Maximum number of causes.
 const MOST: usize = 4;
-/// Part of the strongest evidence from which on another is tried with reversals located by it, and how many at most.
+/// Fraction of the strongest evidence from which another cause is also tried with reversals located by it, and their
+/// maximum number.
 const CLOSE: f64 = 0.5;
 const MOST_CLOSE: usize = 3;
-/// What a size more must explain, in squares of noise, to be preferred.
+/// What one more size must explain, in squares of the noise, to be preferred.
 const WORTH: f64 = 8.0;
-/// Part of a cause's evidence that another has which explains as much.
+/// Fraction of a cause's evidence from which another explains as much.
 const RIVAL: f64 = 0.9;
-/// Rounds in which reversals are located and sizes fitted, at most, and part of a size by which the last one may change
-/// it.
+/// Maximum rounds of locating reversals and fitting sizes, and the relative change of a size at which they end.
 const ROUNDS: usize = 6;
 const ALIKE: f64 = 0.01;
-/// Times that a skew is undone at most; what may be left of it \[s\], also as a part of it.
+/// Maximum corrections of a skew, and the remainder that is accepted \[s\], also as a fraction of it.
 const MOST_UNDONE: usize = 6;
 const UNDONE_S: f64 = 2e-6;
 const UNDONE: f64 = 0.02;
-/// Part of the law's residual beyond noise and steps that may be left with a cause, in squares, for it to be most of
-/// what breaks it.
+/// Maximum residual with a cause, beyond noise and steps, as a fraction (in squares) of that of the law alone, for it
+/// to be the main cause.
 const MOST_LEFT: f64 = 0.25;
-/// F statistic from which on a cause is told unasked where flanks may part.
+/// F statistic from which a cause is reported unasked if the flanks may part.
 const LIMIT_PARTING: f64 = 1000.0;
-/// Part of the rows that rests must leave, and part of the acceleration that the encoder's steps may be, else the run
-/// is looked at through other kernels.
+/// Minimum fraction of rows left after excluding rest, and maximum fraction of the acceleration due to encoder steps;
+/// otherwise other kernels are tried.
 const LEAST_KEPT: f64 = 0.4;
 const MOST_STEPS: f64 = 0.15;
 
-/// What is left over, as a part of what noise and steps leave, up to which they explain it.
+/// Residual relative to noise and steps up to which they explain it.
 const EXPLAINED: f64 = 1.4;
 
-/// What a run shows.
+/// The result of a diagnosis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
-    /// In the order of their weight.
+    /// In descending order of importance.
     pub causes: Vec<Cause>,
-    /// The parameters with the causes included, if any were found; none where the motion cannot tell them apart.
+    /// The parameters with the causes included, if any were found; `None` if the motion cannot separate them.
     pub corrected: Option<Parameters>,
-    /// Greatest evidence of what was not named, in parts of its limit.
+    /// Largest evidence that was not named, relative to its limit.
     pub greatest_left: f64,
-    /// Root mean square of the residual of the law by itself, and with the causes included \[N\].
+    /// RMS residual of the law alone, and with the causes included \[N\].
     pub residual_rms_n: [f64; 2],
-    /// The same that noise and the encoder's steps leave in these rows \[N\].
+    /// The RMS that noise and the encoder's steps leave in these rows \[N\].
     pub noise_rms_n: f64,
 }
 
 impl Diagnosis {
-    /// Whether the causes are most of what noise and the encoder's steps do not explain.
+    /// Whether the causes account for most of what noise and the encoder's steps do not explain.
     fn is_most(&self) -> bool {
         let [alone, with_causes] = self.residual_rms_n.map(|rms| rms * rms - self.noise_rms_n * self.noise_rms_n);
         with_causes < MOST_LEFT * alone
@@ -77,21 +77,21 @@ impl Diagnosis {
     }
 }
 
-/// Whether a cause should be sought: the residual is larger than chance explains, even if the flanks may be the reason.
+/// Whether to search for a cause: the residual is larger than chance explains, even if the flanks may be the reason.
 pub fn is_suspect(law: &LawState) -> bool {
     law.status == LawStatus::Broken || law.misfit.is_some_and(|misfit| misfit.ratio > misfit.limit)
 }
 
-/// Whether the force pushes the screw the wrong way: then no law is to be added to.
+/// Whether the force acts in the wrong direction: then adding to the law is pointless.
 pub fn is_reversed(published: &Published) -> bool {
     let inertance = published.estimate.whole_run.inertance_kg.fitted();
     inertance.value + inertance.u95 < 0.0
 }
 
-/// What a person should be told of a run who has not asked for it: nothing where the law holds, and all where it is
-/// broken. Where flanks may part, their impacts can look like a cause; then what was found must be most of what is left
-/// over, each of it clear, and no mass on the terminal as well. Nothing is told either where too little of the run can
-/// be looked at.
+/// The causes that a person should know of without asking: none if the law holds, all if it is broken. If the flanks
+/// may part, their impacts can look like a cause; then the causes found must explain most of the residual, each of them
+/// clearly, and a mass on the terminal must not explain it too. None are reported if too little of the run can be
+/// evaluated.
 pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> Vec<Cause> {
     if !is_suspect(&published.law) || is_reversed(published) {
         return Vec::new();
@@ -105,10 +105,10 @@ pub fn suspected(gated: &Gated, settings: &Settings, published: &Published) -> V
     found.causes.into_iter().filter(|cause| is_most && is_clear(cause)).collect()
 }
 
-/// Tests a run of which the estimator said this in the end.
+/// Diagnoses a run for which `published` is the estimator's final result.
 ///
-/// What is found is taken in as it is found; then all of it is fitted together, and each is held against all that could
-/// stand in its place. A skew is undone, whereupon the search goes on. `tick` is called before each look at the run.
+/// Each cause is included as it is found; then all are fitted together, and each is compared with all possible
+/// alternatives. A skew is corrected, and the search continues. `tick` is called before each pass over the run.
 pub fn diagnose(
     series: &Series,
     settings: &Settings,
@@ -117,7 +117,7 @@ pub fn diagnose(
     tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
     let found = searched(series, settings, published, encoder, &Kind::ALL, tick)?;
-    // What others explain as well, once they were found, was no skew.
+    // A skew that the other causes explain as well, once found, was not a skew.
     let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
     if found.causes.iter().any(is_weak) {
         let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
@@ -126,7 +126,7 @@ pub fn diagnose(
     Ok(found)
 }
 
-/// The same among these kinds.
+/// The same, limited to these kinds.
 fn searched(
     series: &Series,
     settings: &Settings,
@@ -156,7 +156,7 @@ fn searched(
         }
         search.settings.skew_s += left_s;
     }
-    // The law alone, seen as all of it is.
+    // The law alone, filtered in the same way as everything.
     let mut alone = Search { sights: search.sights, ..unsearched };
     let aligned = series.aligned(settings);
     let rows = alone.rows(&aligned)?;
@@ -166,7 +166,7 @@ fn searched(
     search.told(&series.aligned(&search.settings), settings, alone_n)
 }
 
-/// The rows of a run, with signs placed by what the estimator said of the whole of it.
+/// The rows of a run, with signs placed by the estimator's result for the whole run.
 pub(super) fn rows_of<'a>(
     aligned: &'a Series,
     settings: &Settings,
@@ -182,16 +182,16 @@ fn enough(rows: Rows) -> Result<Rows, FitError> {
     if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
-/// The search under way.
+/// State of the search.
 #[derive(Clone)]
 struct Search<'a> {
     tick: &'a dyn Fn(),
     published: &'a Published,
     encoder: Encoder,
     kinds: &'a [Kind],
-    /// How the run may be looked at; what was no use is gone.
+    /// The filters still in question; unsuitable ones have been removed.
     sights: &'static [Sight],
-    /// With the skew that was found undone.
+    /// With the skew that was found corrected.
     settings: Settings,
     noise_n: f64,
     law: Law,
@@ -203,7 +203,7 @@ struct Search<'a> {
 type Columns = Vec<(Candidate, Vec<Vec<f64>>)>;
 
 impl Search<'_> {
-    /// The rows by what is known so far, looked at as tells most.
+    /// The rows with everything known so far, through the most informative filter.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {
             (self.tick)();
@@ -220,8 +220,8 @@ impl Search<'_> {
         }
     }
 
-    /// Fits what was found, in rows of which the reversals are located by it; the weakest is dropped where the motion
-    /// cannot tell all of it apart.
+    /// Fits the causes found, in rows whose reversals are located with them; drops the weakest if the motion cannot
+    /// separate them all.
     fn settle<'a>(&mut self, rows: &'a Rows<'a>) -> Result<Model<'a>, FitError> {
         loop {
             if let Some(model) = model(rows, &self.found) {
@@ -234,21 +234,21 @@ impl Search<'_> {
         }
     }
 
-    /// Whether there was one.
+    /// Drops the weakest; returns whether there was one.
     fn drop_weakest(&mut self) -> bool {
         let all = self.found.iter().enumerate();
         let weakest = all.min_by(|(_, a), (_, b)| a.strength.total_cmp(&b.strength)).map(|(place, _)| place);
         weakest.map(|place| self.found.remove(place)).is_some()
     }
 
-    /// What is left of a skew that was found \[s\].
+    /// The remainder of a skew that was found \[s\].
     fn skew_s(&self) -> f64 {
         self.found.iter().find(|one| one.candidate.kind == Kind::Skew).map_or(0.0, |one| one.sizes[0])
     }
 
-    /// Finds causes, until a skew is found, which is to be undone first.
+    /// Finds causes, until a skew is found, which must be corrected first.
     fn seek(&mut self, aligned: &Series) -> Result<(), FitError> {
-        // Once with the law that the estimator has, which a fault may have spoiled, to fit a better one.
+        // First with the estimator's law, which a fault may have distorted, to fit a better one.
         let rows = self.rows(aligned)?;
         self.settle(&rows)?;
         let had_skew = self.found.iter().any(|one| one.candidate.kind == Kind::Skew);
@@ -278,8 +278,8 @@ impl Search<'_> {
         self.polish(aligned)
     }
 
-    /// With one cause more, by which the reversals are located; and what that leaves over, in squares of noise, with
-    /// what its sizes are worth.
+    /// The search with one more cause, which also locates the reversals; and its residual in squares of the noise,
+    /// including the cost of its sizes.
     fn tried(&self, aligned: &Series, one: Found, square: f64) -> Option<(f64, Self)> {
         let mut with = self.clone();
         with.found.push(one);
@@ -288,7 +288,7 @@ impl Search<'_> {
         Some((left / square + WORTH * sizes as f64, with))
     }
 
-    /// Locates reversals by what was found and fits it in turn, until neither changes; gives what is left over.
+    /// Alternately locates reversals with the causes found and fits them, until neither changes; returns the residual.
     fn converge(&mut self, aligned: &Series) -> Result<f64, FitError> {
         let mut left = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -310,7 +310,8 @@ impl Search<'_> {
         sought.map(|candidate| (candidate, rows.columns(candidate.term))).collect()
     }
 
-    /// Of each kind that is not among the others what explains most beside them, the strongest first.
+    /// For each kind that is not among the others, the candidate that explains most in addition to them, the strongest
+    /// first.
     fn best(&self, rows: &Rows, model: &Model, columns: &Columns, others: &[Found]) -> Vec<Found> {
         let evidence = |candidate: Candidate, columns: &[Vec<f64>]| {
             let can_be = |size, coulomb_n| candidate.can_be(size, &Law { coulomb_n, ..self.law });
@@ -323,7 +324,7 @@ impl Search<'_> {
             let told = all.map(|(candidate, columns)| (*candidate, strength(&evidence(*candidate, columns))));
             let (best, most) = told.max_by(|(_, a), (_, b)| a.total_cmp(b))?;
             let of = |candidate: Candidate| evidence(candidate, &rows.columns(candidate.term));
-            // Where there is nothing, nothing is sought further.
+            // If there is no evidence, the search does not continue.
             let best = if most > 0.1 * LIMIT { strongest(best, |candidate| strength(&of(candidate))) } else { best };
             let Evidence { strength, sizes } = of(best)?;
             Some(Found::new(best, sizes, strength))
@@ -333,7 +334,7 @@ impl Search<'_> {
         all
     }
 
-    /// Fits all that was found, and holds each against what could stand in its place.
+    /// Fits all causes found, and compares each with its possible alternatives.
     fn polish(&mut self, aligned: &Series) -> Result<(), FitError> {
         for _ in 0..ROUNDS {
             if self.found.is_empty() {
@@ -349,14 +350,14 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Each by what it explains beside the others: what is too weak is dropped, what another explains better is
-    /// replaced. Whether anything was.
+    /// Weighs each by what it explains in addition to the others: drops one that is too weak, replaces one that another
+    /// explains better. Returns whether anything changed.
     fn weigh(&mut self, rows: &Rows) -> bool {
         let columns = self.columns(rows);
         let mut weighed: Vec<Found> = Vec::new();
         let mut has_changed = false;
         for (place, one) in self.found.clone().into_iter().enumerate() {
-            // What is undone shows no more.
+            // A corrected skew shows nothing more.
             if one.candidate.kind == Kind::Skew {
                 weighed.push(one);
                 continue;
@@ -388,7 +389,7 @@ impl Search<'_> {
         has_changed
     }
 
-    /// What there is to tell, where the law alone leaves so much over.
+    /// The result to report, given this residual of the law alone.
     fn told(&mut self, aligned: &Series, settings: &Settings, alone_n: f64) -> Result<Diagnosis, FitError> {
         let rows = self.rows(aligned)?;
         let undone_s = self.settings.skew_s - settings.skew_s;
@@ -412,7 +413,7 @@ impl Search<'_> {
     }
 }
 
-/// Whether sizes, velocities and distances are the same but for a small part of them.
+/// Whether sizes, velocities and distances agree within a small fraction.
 fn are_alike(before: &[Known], now: &[Known]) -> bool {
     let is_near = |a: f64, b: f64, of: f64| (a - b).abs() <= ALIKE * of;
     let is_one = |((before, was), (now, is)): (&Known, &Known)| {

@@ -1,25 +1,25 @@
-//! Least squares of the force on the law and what was found beside it, and how much a group of columns would explain of
-//! the rest.
+//! Least squares of the force on the law and the causes found, and how much of the rest a group of columns would
+//! explain.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::Rows;
 use crate::law::{dot, inverse, less, scaled, scales};
 
-/// Place of the sign among the columns.
+/// Index of the sign among the columns.
 pub(super) const SIGN: usize = 2;
-/// Part of a column's square that the law and what has been added must leave over.
+/// Fraction of a column's square that the law and the added terms must leave.
 const LEAST_LEFT: f64 = 1e-4;
-/// Parts of a run, of which all but two neighbours must agree.
+/// Parts of a run, of which all except two adjacent ones must agree.
 const PARTS: usize = 40;
-/// What the encoder's steps take from the acceleration, in parts of what white noise of their size would: it is known
-/// to a half (docs/THEORY.md, 6).
+/// How much the encoder's steps weaken the acceleration, relative to white noise of their size: known to a factor of
+/// two (docs/THEORY.md, 6).
 const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];
-/// Part of what the others leave of the acceleration that they may be.
+/// Their maximum fraction of what the other columns leave of the acceleration.
 const MOST_TAKEN: f64 = 0.5;
-/// Strength that is worth a closer look.
+/// Strength from which a candidate is examined more closely.
 const WORTH_A_LOOK: f64 = 10.0;
-/// Square of what is left of a column over that of the noise in it, at least.
+/// Minimum ratio of the square left of a column to that of its noise.
 const LEAST_OVER_NOISE: f64 = 25.0;
 
 /// A fit to all rows.
@@ -28,13 +28,13 @@ pub(super) struct Model<'a> {
     columns: Vec<Vec<f64>>,
     gram: DMatrix<f64>,
     right: DVector<f64>,
-    /// What the steps may take from the acceleration's square.
+    /// How much the steps may take from the acceleration's square.
     taken: Vec<f64>,
-    /// Part that they are of what the others leave of the acceleration, as white noise.
+    /// The steps' fraction of what the other columns leave of the acceleration, taken as white noise.
     pub steps: f64,
     /// Coefficients of all columns.
     values: DVector<f64>,
-    /// What is left of the force in each row \[N\].
+    /// Residual of the force in each row \[N\].
     residual: Vec<f64>,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Covariance {
 }
 
 impl Covariance {
-    /// Variance of a weighted sum of coefficients, each given by its place.
+    /// Variance of a weighted sum of coefficients, each given by its index.
     pub fn of(&self, sum: &[(usize, f64)]) -> f64 {
         let variance = |matrix: &DMatrix<f64>| {
             let pairs = sum.iter().flat_map(|(i, a)| sum.iter().map(move |(j, b)| (*i, *j, a * b)));
@@ -55,22 +55,22 @@ impl Covariance {
     }
 }
 
-/// What a group would explain.
+/// Evidence for a group of columns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Evidence {
-    /// Square that it explains, over that of noise in one observation.
+    /// Square that it explains, relative to the noise of one observation.
     pub strength: f64,
     /// Its size, or sizes.
     pub sizes: [f64; 2],
 }
 
 impl<'a> Model<'a> {
-    /// The law, and these columns beside it; nothing where they cannot be told apart.
+    /// The law with these additional columns; `None` if they cannot be separated.
     pub fn new(rows: &'a Rows<'a>, others: impl IntoIterator<Item = Vec<f64>>) -> Option<Self> {
         Self::of(rows, rows.base.iter().cloned().chain(others).collect())
     }
 
-    /// Of all these columns, the first of which is the acceleration.
+    /// The fit to all these columns, the first of which is the acceleration.
     pub fn of(rows: &'a Rows<'a>, columns: Vec<Vec<f64>>) -> Option<Self> {
         let count = columns.len();
         let mut gram = DMatrix::from_fn(count, count, |i, j| if i < j { 0.0 } else { dot(&columns[i], &columns[j]) });
@@ -82,23 +82,24 @@ impl<'a> Model<'a> {
         unit[0] = 1.0;
         let acceleration_left = solved(&gram, &unit)?[0].recip();
         let steps = rows.filter.acceleration_square * rows.force.len() as f64;
-        // Where they are more of what is left of it, nothing is known.
+        // If they are more than that fraction of what remains, nothing is known.
         let taken = TAKEN.map(|part| part * steps).into_iter();
         let taken = taken.filter(|taken| *taken <= MOST_TAKEN * acceleration_left).collect();
         Some(Self { rows, columns, gram, right, taken, steps: steps / acceleration_left, values, residual })
     }
 
-    /// How many coefficients there are.
+    /// Number of coefficients.
     pub fn count(&self) -> usize {
         self.values.len()
     }
 
-    /// A coefficient by its place.
+    /// A coefficient by its index.
     pub fn value(&self, place: usize) -> f64 {
         self.values[place]
     }
 
-    /// What the encoder's steps, as white noise, take from each coefficient; nothing where they may take all.
+    /// The bias of each coefficient due to the encoder's steps, taken as white noise; `None` if they may account for
+    /// everything.
     pub fn taken_by_steps(&self) -> Option<DVector<f64>> {
         let mut gram = self.gram.clone();
         gram[(0, 0)] -= self.rows.filter.acceleration_square * self.residual.len() as f64;
@@ -110,27 +111,27 @@ impl<'a> Model<'a> {
         Self::of(self.rows, self.columns.iter().cloned().chain(more).collect())
     }
 
-    /// How much of each column there is in this one.
+    /// The coefficients of this column's regression on the columns of the model.
     pub fn along(&self, column: &[f64]) -> Option<DVector<f64>> {
         solved(&self.gram, &products(&self.columns, column))
     }
 
-    /// Root mean square of what is left over.
+    /// RMS residual.
     pub fn residual_rms(&self) -> f64 {
         (self.left() / self.residual.len() as f64).sqrt()
     }
 
-    /// Observations that are free, with so many columns more.
+    /// Degrees of freedom, with this many more columns.
     pub fn freedom(&self, more: usize) -> f64 {
         self.residual.len() as f64 / self.rows.per_observation - (self.columns.len() + more) as f64
     }
 
-    /// Sum of the squares of what is left over.
+    /// Sum of the squared residuals.
     pub fn left(&self) -> f64 {
         dot(&self.residual, &self.residual)
     }
 
-    /// The same if a column came to it: by itself, or added to the sign's.
+    /// The same with one more column: separate, or added to the sign's.
     pub fn left_with(&self, new: &[f64], to_sign: bool) -> Option<f64> {
         let count = self.columns.len();
         let across = products(&self.columns, new);
@@ -157,20 +158,20 @@ impl<'a> Model<'a> {
         Some(dot(&self.rows.force, &self.rows.force) - values.dot(&right))
     }
 
-    /// Variance of the noise of an observation, of which the part that repeats counts as what it is.
+    /// Noise variance of an observation; repeated errors count in full.
     pub fn square(&self) -> f64 {
         self.left() / self.freedom(0).max(1.0) * self.rows.filter.inflation()
     }
 
-    /// Covariance of the coefficients: by the noise of an observation, of which the part that repeats counts as what it
-    /// is, or by how the parts of the run differ, whichever makes the sum of so many coefficients less certain.
+    /// Covariance of the coefficients: from the noise of an observation, with repeated errors counted in full, or from
+    /// the differences between the parts of the run, whichever makes the sum of the coefficients less certain.
     pub fn covariance(&self) -> Option<Covariance> {
         let inverse = inverse(&self.gram)?;
         let scatter = &inverse * self.scatter(&self.columns, &self.residual) * &inverse;
         Some(Covariance { by_noise: inverse * self.square(), by_scatter: scatter })
     }
 
-    /// How the parts of the run differ in what these columns say of a residual: the sum of the squares of their
+    /// Scatter between the parts of the run, for these columns and a residual: the sum of the squares of their
     /// products.
     fn scatter(&self, columns: &[Vec<f64>], residual: &[f64]) -> DMatrix<f64> {
         let scores = self.scores(columns, residual);
@@ -193,9 +194,9 @@ impl<'a> Model<'a> {
         (0..PARTS).map(of_part).collect()
     }
 
-    /// What a group of one or two columns would explain; `noise_square` is the mean square of noise in each of its
-    /// columns. Nothing where too little of it is left over, or where its size cannot be beside what is then Coulomb's
-    /// friction \[N\].
+    /// What a group of one or two columns would explain; `noise_square` is the mean square of the noise in each of its
+    /// columns. `None` if too little of it remains, or if its size is implausible for the Coulomb friction that then
+    /// results \[N\].
     pub fn evidence(
         &self,
         group: &[Vec<f64>],
@@ -235,11 +236,11 @@ impl<'a> Model<'a> {
         Some(Evidence { strength, sizes: [sizes[0], sizes.get(1).copied().unwrap_or(0.0)] })
     }
 
-    /// The part of a strength on which the parts of the run agree: what happened once is no cause, and what is left
-    /// over scatters between the parts by more than white noise where something else is wrong.
+    /// The part of a strength on which the parts of the run agree: a single event is not a cause, and the residual
+    /// scatters between the parts by more than white noise if something else is wrong.
     fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
         let width = group.len();
-        // What the others leave of the columns, and what these leave of the force.
+        // What the other columns leave of these, and what these leave of the force.
         let left_of = |(k, new): (usize, &Vec<f64>)| less(new, &self.columns, along.column(k).as_slice());
         let own: Vec<Vec<f64>> = group.iter().enumerate().map(left_of).collect();
         let after = less(&self.residual, &own, sizes.as_slice());
@@ -255,18 +256,18 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Products of columns with one.
+/// Products of all columns with one.
 fn products(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
     DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
 
-/// Least squares by their normal equations.
+/// Least squares through the normal equations.
 fn solved(gram: &DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     let part = part_of(gram, &DMatrix::from_column_slice(right.len(), 1, right.as_slice()))?;
     Some(part.column(0).into_owned())
 }
 
-/// The same of several right sides.
+/// The same for several right-hand sides.
 fn part_of(gram: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let unit = scales(gram);
     let right = DMatrix::from_fn(right.nrows(), right.ncols(), |i, j| right[(i, j)] * unit[i]);

@@ -1,4 +1,4 @@
-//! What sums of the regressors could tell, before there is a force: for motions that are planned.
+//! What sums of the regressors could identify, before there is a force: for planned motions.
 
 use inerter_core::Settings;
 use inerter_core::constants::{BOXES_VARIANCE, ROUNDING};
@@ -6,24 +6,24 @@ use inerter_core::constants::{BOXES_VARIANCE, ROUNDING};
 use super::{ACCELERATION, FitError, LAW, Products, Solution, VELOCITY};
 
 impl Products {
-    /// So many times the sums.
+    /// The sums multiplied by a factor.
     pub(crate) fn times(mut self, factor: f64) -> Self {
         self.sums.iter_mut().flatten().for_each(|sum| *sum *= factor);
         self.updates *= factor;
         self
     }
 
-    /// What came after other sums of the same run; all of it where the sums began anew.
+    /// What was added after other sums of the same run; all of it if the sums were restarted.
     pub(crate) fn since(self, before: &Self) -> Self {
         if self.updates < before.updates { self } else { self.and(&before.times(-1.0)) }
     }
 
-    /// Updates that were summed.
+    /// Number of updates in the sums.
     pub(crate) fn updates(&self) -> f64 {
         self.updates
     }
 
-    /// Readings of the position in them.
+    /// Number of position readings in them.
     pub(crate) fn readings(&self, settings: &Settings) -> f64 {
         self.updates * self.box_s(settings) / 2.0 * settings.sample_rate_hz * settings.oversampling
     }
@@ -40,7 +40,7 @@ impl Products {
         white * square + inertance_kg.powi(2) * self.steps_square(settings)
     }
 
-    /// Mean square that the law leaves over what force noise and the encoder's steps explain of it.
+    /// Mean square residual of the law beyond what force noise and the encoder's steps explain.
     pub(crate) fn beyond_explained(
         &self,
         inertance_kg: f64,
@@ -51,8 +51,9 @@ impl Products {
         Ok(left / self.explained(inertance_kg, force_noise_n, settings))
     }
 
-    /// What the law `[mt, cf, fc, F0]` can be told by where this is what is true, and so many times the mean square is
-    /// left over that force noise and the encoder's steps explain; nothing of the inertance where the steps swallow it.
+    /// The expected uncertainty of the law `[mt, cf, fc, F0]` if these are the true values, and the residual's mean
+    /// square is this multiple of what force noise and the encoder's steps explain; nothing for the inertance if the
+    /// steps dominate it.
     pub(crate) fn expected(
         &self,
         law: [f64; 4],
@@ -69,7 +70,7 @@ impl Products {
         if self.correct_for_steps(&mut solution, inertance_kg, settings).is_err() {
             solution.steps[ACCELERATION] = f64::INFINITY;
         }
-        // What is true is not corrected.
+        // True values need no correction.
         solution.values = law;
         Ok(solution)
     }

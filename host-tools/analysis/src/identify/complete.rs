@@ -1,8 +1,8 @@
 //! The complete model fitted to encoder and force together, driven by the terminal's displacement.
 //!
-//! Least squares by Levenberg and Marquardt of both residuals, made white ([`super::spectrum`]). Derivatives by central
+//! Levenberg-Marquardt least squares of both whitened residuals ([`super::spectrum`]). Derivatives by central
 //! differences of simulations, which are smooth in the parameters; offset, structure mass and zero of the encoder need
-//! none. What is known beforehand (structure mass, skew) enters as one more observation each.
+//! none. Prior knowledge (structure mass, skew) enters as one more observation each.
 
 use std::thread;
 
@@ -17,64 +17,64 @@ use super::{
     spectrum::Whitening,
 };
 
-/// A stretch with its weights and its simulation's input, for devices near one.
+/// A stretch with its weights and its simulation input, for devices close to one.
 struct Weighed<'a> {
     prepared: &'a Prepared,
     input: Input,
-    /// The terminal's acceleration as means, like those of the contact's force.
+    /// The terminal's acceleration as two-sample means, like those of the contact force.
     acceleration: Vec<f64>,
-    /// What means make of the jumps where the flanks meet, other than the samples' own.
+    /// The difference that averaging makes at the force jumps where the flanks meet.
     jumps: Vec<f64>,
-    /// What the terminal's noise makes of encoder and force, time and again.
+    /// Repeated realisations of the effect of the terminal's noise on encoder and force.
     disturbed: Vec<Columns>,
     whitening: Whitening,
     start: Start,
 }
 
-/// Something known beforehand: value and standard deviation.
+/// Prior knowledge of a parameter: value and standard deviation.
 pub type Known = (f64, f64);
 
-/// What is fitted.
+/// The fitting task.
 #[derive(Clone, Debug, Default)]
 pub struct Task {
     /// Which of [`SHARED`] are fitted.
     pub free: [bool; 8],
-    /// What is known of each beforehand.
+    /// Prior knowledge of each.
     pub known: [Option<Known>; 8],
 }
 
 impl Task {
-    /// What is known of a parameter beforehand.
+    /// Prior knowledge of a parameter.
     pub fn known_of(&self, name: Name) -> Option<Known> {
         self.known[name as usize]
     }
 
-    /// With a parameter fitted or not, and what is known of it.
+    /// With a parameter fitted or not, and its prior knowledge.
     pub fn with(mut self, name: Name, free: bool, known: Option<Known>) -> Self {
         (self.free[name as usize], self.known[name as usize]) = (free, known);
         self
     }
 }
 
-/// What a fit came to.
+/// The result of a fit.
 pub struct Fitted {
     /// Best values.
     pub state: State,
     /// Half the sum of squares of the whitened residuals.
     pub cost: f64,
-    /// Whether the steps came to rest.
+    /// Whether the iteration converged.
     pub converged: bool,
-    /// What was fitted.
+    /// The fitted parameters.
     pub free: Vec<Name>,
     /// Rows of the whitened residual.
     pub residual: DVector<f64>,
     /// Derivatives of the whitened residual, columns as [`Fitted::free`], then offsets, then zeros.
     pub jacobian: DMatrix<f64>,
-    /// Mean square of the whitened residual around each row.
+    /// Local mean square of the whitened residual around each row.
     pub power: Vec<f64>,
-    /// Whitened force residual in time.
+    /// Whitened force residual in the time domain.
     pub white: Vec<f64>,
-    /// Whitened rows of what the terminal's noise makes of encoder and force, time and again.
+    /// Whitened rows of repeated realisations of the effect of the terminal's noise on encoder and force.
     pub disturbed: Vec<DVector<f64>>,
     /// Weights of the stretches.
     whitenings: Vec<Whitening>,
@@ -86,12 +86,12 @@ struct Problem<'a> {
     free: Vec<Name>,
     files: usize,
     base: Parameters,
-    /// Steps of the differences, in the order of [`SHARED`].
+    /// Steps of the numerical derivatives, in the order of [`SHARED`].
     steps: [f64; 8],
     values: DVector<f64>,
 }
 
-/// Steps of the differences before anything is known of the errors: what changes the force by a thousandth or so.
+/// Steps of the numerical derivatives while the errors are unknown: a change of the force by about a thousandth.
 fn first_steps(stretches: &[Prepared], device: &Parameters) -> [f64; 8] {
     let rms = |values: &mut dyn Iterator<Item = f64>| {
         let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x * x, count + 1));
@@ -137,7 +137,7 @@ impl Problem<'_> {
         self.stretches.iter().map(|stretch| stretch.whitening.rows()).sum::<usize>() + SHARED.len()
     }
 
-    /// Derivatives of the whitened residual of one stretch by one column.
+    /// Derivative of the whitened residual of one stretch with respect to one column's parameter.
     fn column(&self, stretch: usize, column: usize, rows: &mut [f64]) {
         let weighed = &self.stretches[stretch];
         let shared = self.free.len();
@@ -230,7 +230,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
                 rest[name as usize] = name.scale(&self.decoded(&self.values)) / deviation;
             }
         }
-        // Columns are independent: as many at once as the machine has cores.
+        // Columns are independent: as many in parallel as the machine has cores, up to four.
         let cores = thread::available_parallelism().map_or(1, usize::from).min(4);
         let mut shares: Vec<Vec<_>> = (0..cores).map(|_| Vec::new()).collect();
         for (number, piece) in work.into_iter().enumerate() {
@@ -249,55 +249,55 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 }
 
-/// Highest frequency at which the fit looks \[Hz\]: beyond, the force holds noise and the ring of impacts.
+/// Highest frequency that the fit uses \[Hz\]: beyond it the force contains noise and the ringing of impacts.
 fn highest_hz(prepared: &Prepared, device: &Parameters) -> f64 {
     let own_hz = (device.stiffness_n_per_m / device.inertance_kg).sqrt() / std::f64::consts::TAU;
     let least = (5.0 * own_hz).max(2.0 * prepared.smooth.band_hz).max(100.0);
     least.min(0.45 / prepared.period_s)
 }
 
-/// Factor by which the first round inflates the terminal's noise. The device's resonance then has little weight: there a
-/// stiffness that is a percent off would hide all else.
+/// Factor by which the first round inflates the terminal's noise. The device's resonance then has little weight: there
+/// a stiffness error of a percent would hide everything else.
 const CAUTION: f64 = 30.0;
-/// Most rounds of weighing and fitting.
+/// Maximum rounds of weighting and fitting.
 const MOST_ROUNDS: usize = 6;
-/// Rounds end when nothing moves by more than this part of its standard error.
+/// The rounds end when no parameter moves by more than this fraction of its standard error.
 const SETTLED: f64 = 0.2;
-/// They end as well when the cost changes by less than this part.
+/// They also end when the cost changes by less than this fraction.
 const STANDS: f64 = 1e-4;
-/// Steps of the differences in standard errors.
+/// Steps of the numerical derivatives, in standard errors.
 const STEP: f64 = 3.0;
 
-/// Noises of the terminal that are tried.
+/// Number of noise realisations of the terminal.
 const DISTURBED: u64 = 16;
-/// A jump is what exceeds the force's noise so many times.
+/// A jump exceeds the force's noise by this factor.
 const JUMP: f64 = 2.0;
 
-/// Samples at a jump and on either side.
+/// Marks samples at a jump and on either side of it.
 fn beside(jumps: &[f64], least: f64) -> impl Iterator<Item = bool> {
     let is_jump = move |place: usize| jumps.get(place).is_some_and(|jump| jump.abs() > least);
     (0..jumps.len()).map(move |place| is_jump(place) || is_jump(place + 1) || place.checked_sub(1).is_some_and(is_jump))
 }
 
-/// The cell's force as means over two samples.
+/// The load cell's force as means over two samples.
 fn mean_cell(device: &Parameters, response: &Response, acceleration: &[f64], period_s: f64) -> Vec<f64> {
     let late = device.skew_s / period_s;
     load_cell(device, &delayed(&response.mean_n, late), &delayed(acceleration, late))
 }
 
-/// Parameters, offsets of files and zeros of stretches.
+/// Parameters, offsets of files and encoder zeros of stretches.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// Shared by all.
+    /// Shared by all stretches.
     pub parameters: Parameters,
     /// Offsets of the files \[N\].
     pub offsets: Vec<f64>,
-    /// Zeros of the stretches: encoder less model \[m\].
+    /// Zeros of the stretches: encoder minus model \[m\].
     pub zeros: Vec<f64>,
 }
 
 impl State {
-    /// All files alike, the screw in the middle on average.
+    /// A start with equal offsets for all files, and the screw centred on average.
     pub fn new(stretches: &[Prepared], parameters: &Parameters) -> Self {
         let files = stretches.iter().map(|stretch| stretch.file + 1).max().unwrap_or(0);
         Self {
@@ -308,11 +308,11 @@ impl State {
     }
 }
 
-/// Stretches with the weights that follow from a device.
+/// The stretches with the weights that follow from a device.
 ///
-/// With `jumps` the force's jumps, where the flanks meet, are those of single samples. They are taken as they stand:
-/// with them free to move, the sum of squares would be a staircase; as means, it is smooth but sees each jump only to a
-/// sample. The samples beside a jump are left out, as a microsecond decides on which side they are.
+/// With `jumps` the force jumps where the flanks meet are those of single samples, and their positions are fixed: if
+/// they could move, the sum of squares would be a staircase. As means, the sum is smooth, but locates each jump only to
+/// within a sample. The samples next to a jump are left out, because a microsecond decides on which side they are.
 fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool) -> Vec<Weighed<'a>> {
     let device = &state.parameters;
     let weigh = |(prepared, zero): (&'a Prepared, &f64)| {
@@ -356,7 +356,7 @@ fn weigh<'a>(stretches: &'a [Prepared], state: &State, caution: f64, jumps: bool
     stretches.iter().zip(&state.zeros).map(weigh).collect()
 }
 
-/// One minimisation with weights that stay.
+/// One minimisation with fixed weights.
 fn minimised<'a>(
     weighed: &'a [Weighed<'a>],
     task: &'a Task,
@@ -384,7 +384,7 @@ fn minimised<'a>(
 }
 
 impl Problem<'_> {
-    /// Greatest move of a shared parameter since a state, in standard errors, and these.
+    /// Largest change of a shared parameter since a state, in standard errors, and the standard errors.
     fn moved_from(&self, before: &State, jacobian: &DMatrix<f64>) -> (f64, Vec<(Name, f64)>) {
         let Some(covariance) = jacobian.tr_mul(jacobian).try_inverse() else { return (0.0, Vec::new()) };
         let now = self.decoded(&self.values);
@@ -413,7 +413,7 @@ impl Problem<'_> {
     }
 }
 
-/// Fits the model from a start that is roughly right. `is_near` leaves out the cautious beginning.
+/// Fits the model from a roughly correct start. `is_near` skips the cautious first round.
 pub fn fit(
     stretches: &[Prepared],
     task: &Task,
@@ -433,7 +433,7 @@ pub fn fit(
         tick();
         let jacobian = problem.jacobian()?;
         let (moved, errors) = problem.moved_from(&state, &jacobian);
-        // Once the errors are known, so are steps over which the device is nearly linear.
+        // Once the errors are known, so are steps within which the device is nearly linear.
         for (name, error) in errors {
             let first = first[name as usize];
             steps[name as usize] = (STEP * error).clamp(1e-2 * first, first);
@@ -466,7 +466,7 @@ pub fn fit(
     None
 }
 
-/// Least cost with one parameter held, and all weights those of the best fit.
+/// Minimum cost with one parameter fixed, and all weights from the best fit.
 pub fn cost_with(stretches: &[Prepared], task: &Task, best: &State, held: Option<(Name, f64)>) -> Option<f64> {
     let weighed = weigh(stretches, best, 1.0, true);
     let (mut task, mut state) = (task.clone(), best.clone());
@@ -478,8 +478,8 @@ pub fn cost_with(stretches: &[Prepared], task: &Task, best: &State, held: Option
     cost.is_finite().then_some(cost)
 }
 
-/// What the model says of a stretch, which has this number: displacement as the encoder reads it \[m\], and the cell's
-/// force \[N\].
+/// The model's prediction for a stretch with this number: displacement as the encoder reads it \[m\], and the load
+/// cell's force \[N\].
 pub fn prediction(state: &State, number: usize, prepared: &Prepared) -> Columns {
     let zero = state.zeros[number];
     let device = Parameters { offset_n: state.offsets[prepared.file], ..state.parameters };
@@ -491,7 +491,7 @@ pub fn prediction(state: &State, number: usize, prepared: &Prepared) -> Columns 
     (response.position_m.iter().map(|x| x + zero).collect(), cell)
 }
 
-/// Samples of a stretch that count in full.
+/// Samples of a stretch that count fully.
 pub fn counting(prepared: &Prepared) -> std::ops::Range<usize> {
     let count = prepared.force.len();
     let end = ((0.1 / prepared.period_s) as usize).min(count / 8);
@@ -501,7 +501,8 @@ pub fn counting(prepared: &Prepared) -> std::ops::Range<usize> {
 /// Displacement and force of each sample.
 pub type Columns = (Vec<f64>, Vec<f64>);
 
-/// Whitened rows of a change of the measured values, stretch by stretch: what a systematic error of theirs looks like.
+/// Whitened rows of a change in the measured values, stretch by stretch: the signature of a systematic measurement
+/// error.
 pub fn error_rows(
     stretches: &[Prepared],
     fitted: &Fitted,
@@ -512,7 +513,7 @@ pub fn error_rows(
     whitened_rows(fitted.residual.len(), fitted.whitenings.iter().zip(changes.iter().map(Some)))
 }
 
-/// Whitened rows, stretch by stretch, `count` in all.
+/// Whitened rows, stretch by stretch, `count` in total.
 fn whitened_rows<'a>(
     count: usize,
     stretches: impl Iterator<Item = (&'a Whitening, Option<&'a Columns>)>,

@@ -1,9 +1,9 @@
-//! What the samples are worth: the terminal's motion smoothed, and the white noise of each channel.
+//! Conditions the samples: smooths the terminal's motion, and finds the white noise of each channel.
 //!
-//! The terminal drives the simulation, so its noise must go and its motion must stay: all beyond the highest frequency
-//! that stands clear of the noise, and beyond the device's resonance, is taken out, in the frequency domain, without a
-//! delay and without droop below; derivatives come with it. White noise is what the sixth difference leaves of the
-//! smooth rest.
+//! The terminal's motion drives the simulation, so its noise must be removed and its motion kept: everything above the
+//! highest frequency that stands clear of the noise, and above the device's resonance, is removed in the frequency
+//! domain, without a delay and without droop below; the same step gives the derivatives. The white noise comes from the
+//! sixth differences, in which smooth motion vanishes.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,17 +15,18 @@ use crate::law::{mean, median};
 
 /// Length of a spectrum \[s\].
 const WINDOW_S: f64 = 2.0;
-/// Spectrum over that of the white noise, at which motion is seen: beyond the scatter of the mean of nine bins.
+/// Ratio of the spectrum to that of the white noise from which motion is detected: beyond the scatter of a mean of nine
+/// bins.
 const CLEAR: f64 = 6.0;
-/// Width over which a spectrum is averaged, either side \[Hz\].
+/// Half width over which a spectrum is averaged \[Hz\].
 const AROUND_HZ: f64 = 2.0;
-/// Room above the highest frequency seen: factor, and \[Hz\].
+/// Margin above the highest frequency detected: factor, and \[Hz\].
 const ROOM: (f64, f64) = (1.25, 1.0);
-/// End of the band over the end of what passes unchanged.
+/// Ratio of the stop-band edge to the pass-band edge.
 const ROLL_OFF: f64 = 1.5;
-/// Most of the sample rate that the band may take.
+/// Maximum band as a fraction of the sample rate.
 const WIDEST: f64 = 0.3;
-/// Length of the mirrored ends \[s\].
+/// Length of the mirrored extensions \[s\].
 const MIRROR_S: f64 = 2.0;
 
 /// The terminal's motion without its noise.
@@ -35,26 +36,26 @@ pub struct Smooth {
     pub nodes: Vec<Node>,
     /// White noise of one sample \[m\].
     pub noise: f64,
-    /// What passes unchanged \[Hz\].
+    /// Pass band \[Hz\].
     pub band_hz: f64,
 }
 
 impl Smooth {
-    /// Of samples this far apart; up to `least_hz` nothing is taken out.
+    /// From samples with this period; nothing up to `least_hz` is removed.
     pub fn of(samples: &[f64], period_s: f64, least_hz: f64) -> Self {
         let noise = white_noise(samples);
         let band_hz = band_hz(samples, period_s, noise).max(least_hz).min(WIDEST / period_s);
         Self { nodes: smoothed(samples, period_s, band_hz), noise, band_hz }
     }
 
-    /// Of samples this far apart, up to a frequency at most: where noise is worse than what is lost.
+    /// From samples with this period, up to a given frequency: for cases where the noise is worse than the loss.
     pub fn up_to(samples: &[f64], period_s: f64, most_hz: f64) -> Self {
         let noise = white_noise(samples);
         let band_hz = band_hz(samples, period_s, noise).min(most_hz).min(WIDEST / period_s);
         Self { nodes: smoothed(samples, period_s, band_hz), noise, band_hz }
     }
 
-    /// A motion that is known, from a time on.
+    /// A known motion, from a given time on.
     pub fn stated(excitation: &Excitation, start_s: f64, period_s: f64, count: usize) -> Self {
         let node = |place: usize| {
             let point = excitation.at(start_s + place as f64 * period_s);
@@ -63,8 +64,8 @@ impl Smooth {
         Self { nodes: (0..count).map(node).collect(), noise: 0.0, band_hz: excitation.highest_hz() }
     }
 
-    /// The same with noise on it, like what is left of the sensor's and so many times as large; each number has its
-    /// own.
+    /// The same with added noise, like the remaining sensor noise multiplied by a factor; each number gives another
+    /// realisation.
     pub fn disturbed(&self, period_s: f64, times: f64, number: u64) -> Vec<Node> {
         let count = self.nodes.len();
         let amplitude = 2.0 * times * self.noise / (count.max(1) as f64).sqrt();
@@ -91,7 +92,7 @@ fn passes(frequency_hz: f64, band_hz: f64) -> f64 {
     0.5 + 0.5 * (PI * beyond.clamp(0.0, 1.0)).cos()
 }
 
-/// A number from 0 to 1 that is the same in every run, by SplitMix64.
+/// A pseudo-random number from 0 to 1 that is the same in every run, by SplitMix64.
 pub(super) fn uniform(place: u64, stream: u64) -> f64 {
     let mut z = (place + 1).wrapping_add(stream << 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -99,12 +100,12 @@ pub(super) fn uniform(place: u64, stream: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Root mean square of the white part of one sample: sixth differences leave nothing of motion well below the sample
-/// rate, and their median nothing of blows.
+/// RMS of the white noise of one sample: motion well below the sample rate vanishes in the sixth differences, and
+/// impacts do not affect their median.
 pub fn white_noise(samples: &[f64]) -> f64 {
-    /// Median of the magnitude of a normal deviate.
+    /// Median magnitude of a standard normal variable.
     const MEDIAN: f64 = 0.6745;
-    /// Sum of the squares of the binomial coefficients of six.
+    /// Sum of squares of the binomial coefficients of order six.
     const GAIN: f64 = 924.0;
     let differences: Vec<f64> = samples
         .windows(7)
@@ -115,16 +116,16 @@ pub fn white_noise(samples: &[f64]) -> f64 {
     median(differences).map_or(0.0, |median| median / MEDIAN / GAIN.sqrt())
 }
 
-/// Highest frequency whose spectrum stands clear of the noise in any window, with some room \[Hz\].
+/// Highest frequency at which the spectrum stands clear of the noise in any window, plus a margin \[Hz\].
 ///
-/// Short windows, since a start or a blow is soon over and drives the device all the same.
+/// The windows are short because a start or an impact is brief but still drives the device.
 fn band_hz(samples: &[f64], period_s: f64, noise: f64) -> f64 {
     let count = samples.len().min((WINDOW_S / period_s) as usize).max(1);
     let bin_hz = 1.0 / (count as f64 * period_s);
     let half = (AROUND_HZ / bin_hz).round().max(2.0) as usize;
     let transform = FftPlanner::new().plan_fft_forward(count);
-    // The square of Hann's window, whose tails are under the noise of a sensor of a ten-thousandth, passes 35/128 of
-    // the power.
+    // The squared Hann window, whose side lobes are below the noise of a sensor with a resolution of 1e-4, passes
+    // 35/128 of the power.
     let floor = 35.0 / 128.0 * noise * noise * count as f64;
     let mut highest = half;
     for start in (0..=samples.len() - count.min(samples.len())).step_by((count / 2).max(1)) {
@@ -143,15 +144,15 @@ fn band_hz(samples: &[f64], period_s: f64, noise: f64) -> f64 {
     ROOM.0 * highest as f64 * bin_hz + ROOM.1
 }
 
-/// Displacement, velocity and acceleration of what lies in the band.
+/// Displacement, velocity and acceleration of the content within the band.
 fn smoothed(samples: &[f64], period_s: f64, band_hz: f64) -> Vec<Node> {
     let (Some(&first), Some(&last)) = (samples.first(), samples.last()) else { return Vec::new() };
-    // The ends are mirrored about themselves, so that displacement and velocity go on there.
+    // The ends are extended by point reflection, so that displacement and velocity are continuous there.
     let mirror = ((MIRROR_S / period_s) as usize).min(samples.len() - 1);
     let before = samples.iter().skip(1).take(mirror).rev().map(|x| 2.0 * first - x);
     let after = samples.iter().rev().skip(1).take(mirror).map(|x| 2.0 * last - x);
     let mut signal: Vec<f64> = before.chain(samples.iter().copied()).chain(after).collect();
-    // What is left at the ends of the mirrors is a straight line.
+    // The remaining step between the ends of the extensions is removed as a straight line.
     let count = signal.len();
     let start = signal[0];
     let slope = (signal[count - 1] - start) / (count - 1).max(1) as f64;
@@ -164,7 +165,7 @@ fn smoothed(samples: &[f64], period_s: f64, band_hz: f64) -> Vec<Node> {
         signed / (count as f64 * period_s)
     };
     let inverse = planner.plan_fft_inverse(count);
-    // Displacement and velocity are real: one transform carries both.
+    // Displacement and velocity are real, so one transform computes both.
     let mut pair: Vec<Complex<f64>> = spectrum
         .iter()
         .enumerate()
@@ -195,7 +196,7 @@ fn smoothed(samples: &[f64], period_s: f64, band_hz: f64) -> Vec<Node> {
 mod tests {
     use super::*;
 
-    /// Noise of root mean square 1.
+    /// Noise with an RMS of 1.
     fn noise(place: usize) -> f64 {
         (uniform(place as u64, 0) - 0.5) * 12f64.sqrt()
     }

@@ -1,7 +1,7 @@
-//! The law of the estimator fitted again from its exact sums: by segment, by direction, and on a part held back.
+//! Fits the estimator's law again from its exact sums: by segment, by direction, and for a held-back part.
 //!
-//! Sums of a segment are those at its end less those at its beginning, in integers; so the segments add up to the run
-//! to the last bit, whatever their number.
+//! The sums of a segment are those at its end minus those at its beginning, as integers; so the segments add up to the
+//! run exactly, whatever their number.
 
 use inerter_core::{Bank, MoreSums, Sums};
 use inerter_data::{
@@ -29,17 +29,17 @@ impl Mark {
 
 /// A run as the estimator sees it.
 pub struct Linear {
-    /// What the estimator says at the end.
+    /// The estimator's final outcome.
     pub outcome: Outcome,
     /// Sums of the whole run, since the last change of the device.
     pub whole: Result<Products, FitError>,
-    /// Sums of what was held back, and of what came before.
+    /// Sums of the held-back part, and of the part before it.
     pub split: Option<(Products, Products)>,
     /// Fits of the segments.
     pub segments: Vec<SegmentFit>,
 }
 
-/// Takes a run through the estimator; segments are `segment_s` long, or go from discontinuity to discontinuity.
+/// Runs a run through the estimator; segments are `segment_s` long, or extend from discontinuity to discontinuity.
 pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, SettingsInputError> {
     let mut replay = Replay::new(&run.settings, run.start_s)?;
     let start = Mark { t_s: run.start_s, ..Mark::of(&replay) };
@@ -92,7 +92,7 @@ pub fn linear(run: &Run, segment_s: Option<f64>, fitted: f64) -> Result<Linear, 
     Ok(Linear { whole: products(&start, &end), outcome, split, segments })
 }
 
-/// What sums have grown by; all of them where they began anew in between.
+/// The increase of the sums; all of them if they were restarted in between.
 fn grown(from: &(Sums, MoreSums), to: &(Sums, MoreSums)) -> (Sums, MoreSums) {
     let (mut sums, mut more) = *to;
     if from.0.updates > sums.updates {

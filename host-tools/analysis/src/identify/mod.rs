@@ -1,9 +1,9 @@
 //! Identification of the device from recordings: the law of the estimator by segment, and the complete model.
 //!
 //! - `linear`: the estimator's exact sums fitted again, by segment and direction.
-//! - `complete`: `mt cf fc ks cs eps mr F0 tau` by simulation, where the terminal's displacement is known: measured
-//!   (`condition`) or stated. Encoder and force are both predicted from it and weighted by what their noise is worth
-//!   (`spectrum`); `model` simulates, `uncertainty` says how far the result can be trusted.
+//! - `complete`: `mt cf fc ks cs eps mr F0 tau` by simulation, if the terminal's displacement is known: measured
+//!   (`condition`) or stated. Encoder and force are both predicted from it and weighted according to their noise
+//!   (`spectrum`); `model` simulates, `uncertainty` computes the intervals.
 //!
 //! Method and limits: docs/THEORY.md, 13.
 
@@ -51,37 +51,37 @@ use crate::{
 
 /// Shortest stretch that the complete model is fitted to \[s\].
 const SHORTEST_S: f64 = 2.0;
-/// Most samples that it is fitted to, which bounds time and memory.
+/// Maximum samples that it is fitted to, which bounds time and memory.
 const MOST_SAMPLES: usize = 400_000;
-/// Part of each file that is fitted when the rest validates.
+/// Fraction of each file that is fitted if the rest is used for validation.
 const FITTED: f64 = 0.7;
-/// Band about the device's own frequency in which the terminal's motion is kept whatever its size.
+/// Band around the device's natural frequency in which the terminal's motion is kept whatever its size.
 const OWN_BAND: f64 = 2.0;
-/// Band in which the encoder's displacement is differentiated twice, about that of the estimator's kernels \[Hz\].
+/// Band for the second derivative of the encoder's displacement, about that of the estimator's kernels \[Hz\].
 const LAW_HZ: f64 = 30.0;
-/// Residual over noise from which another start is tried.
+/// Ratio of residual to noise above which another start is tried.
 const SUSPICIOUS: f64 = 1.1;
-/// Residual over noise from which the model is in doubt.
+/// Ratio of residual to noise above which the model is doubtful.
 const DOUBTFUL: f64 = 1.5;
 
 /// What to identify.
 #[derive(Clone, Debug, Default)]
 pub struct Options {
-    /// As the paper does: the slowest file for the friction, the next for the rest, the last validates.
+    /// As in the paper: the slowest file gives the friction, the next one the rest, the last one validates.
     pub staged: bool,
-    /// Length of the segments of the linear fits \[s\]; without it from discontinuity to discontinuity.
+    /// Length of the segments of the linear fits \[s\]; if `None`, from discontinuity to discontinuity.
     pub segment_s: Option<f64>,
-    /// Fit the structure mass, whatever the settings say.
+    /// Fit the structure mass, regardless of the settings.
     pub free_structure_mass: bool,
-    /// Fit the skew, whatever the settings say.
+    /// Fit the skew, regardless of the settings.
     pub free_skew: bool,
-    /// What moved the terminal from time 0, in place of a sensor.
+    /// The motion of the terminal from time 0, instead of a sensor.
     pub excite: Option<Excitation>,
-    /// Leave out the profiles of weakly determined parameters.
+    /// Skip the profiles of weakly determined parameters.
     pub no_profiles: bool,
 }
 
-/// One device from one or more runs. `progress` hears how much is done, 0 to 1.
+/// Identifies one device from one or more runs. `progress` gets the completed fraction, 0 to 1.
 pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) -> Result<Identified, IdentifyError> {
     let mut lines = Vec::new();
     for (number, run) in runs.iter().enumerate() {
@@ -91,7 +91,7 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     if runs.is_empty() {
         return Err(FitError::TooShort { observations: 0.0 }.into());
     }
-    // Where nothing moves there is nothing to simulate either.
+    // Without motion there is nothing to simulate either.
     if let Some(error) = lines.iter().map(|line| line.whole.as_ref().err()).min_by_key(Option::is_some).flatten() {
         return Err((*error).into());
     }
@@ -129,10 +129,10 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     Ok(Identified { validation, start: Some(start), ..identified })
 }
 
-/// What the load cell would read, one number per sample of all stretches in a row.
+/// What the load cell would read, one number per sample of all stretches in sequence.
 ///
-/// Simulated from the terminal's displacement where there is one and the stiffness is known; else by the law on the
-/// encoder's displacement.
+/// It is simulated from the terminal's displacement if that is measured and the stiffness is known; otherwise computed
+/// by the law from the encoder's displacement.
 pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
     let mut force = Vec::with_capacity(series.len());
     for stretch in &series.stretches {
@@ -155,12 +155,12 @@ fn by_law(parameters: &Parameters, stretch: &Stretch, period_s: f64) -> Vec<f64>
     Smooth::up_to(&stretch.position_m, period_s, LAW_HZ).nodes.iter().map(force).collect()
 }
 
-/// Frequency of the inertance on the contact's spring \[Hz\].
+/// Natural frequency of the inertance on the contact's spring \[Hz\].
 fn own_hz(parameters: &Parameters) -> f64 {
     (parameters.stiffness_n_per_m / parameters.inertance_kg).max(0.0).sqrt() / std::f64::consts::TAU
 }
 
-/// What a person should know of the runs.
+/// Notes on the runs for a person.
 fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, line) in runs.iter().zip(lines) {
@@ -185,7 +185,7 @@ fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     notes
 }
 
-/// The settings of all: those of the first run.
+/// The common settings: those of the first run.
 fn first_settings(runs: &[Run]) -> Settings {
     runs.first().map(|run| run.settings).unwrap_or_default()
 }
@@ -241,20 +241,20 @@ fn prepared(
     Ok(stretches)
 }
 
-/// What the settings know of the structure mass beforehand: value and standard deviation \[kg\]; `None` where they say
-/// nothing.
+/// Prior knowledge of the structure mass from the settings: value and standard deviation \[kg\]; `None` if there is
+/// none.
 pub fn known_structure_mass_kg(settings: &Settings) -> Option<(f64, f64)> {
     let mass = settings.structure_mass_kg;
     let deviation = settings.structure_mass_u95_kg.hypot(STRUCTURE_MODEL_U95 * mass) / 2.0;
     (deviation > 0.0).then_some((mass, deviation))
 }
 
-/// What the settings know of the skew beforehand: value and standard deviation \[s\].
+/// Prior knowledge of the skew from the settings: value and standard deviation \[s\].
 pub fn known_skew_s(settings: &Settings) -> (f64, f64) {
     (settings.skew_s, settings.skew_u95_s.max(1e-7) / 2.0)
 }
 
-/// What is fitted and what is known beforehand.
+/// The fitted parameters and the prior knowledge.
 fn task(runs: &[Run], options: &Options) -> Task {
     let settings = first_settings(runs);
     let mass = known_structure_mass_kg(&settings).filter(|_| !options.free_structure_mass);
@@ -264,7 +264,7 @@ fn task(runs: &[Run], options: &Options) -> Task {
         .with(Name::Skew, true, skew)
 }
 
-/// Where to begin: what the estimator says of the files, each parameter from the file that knows it best.
+/// The starting point: the estimator's results, each parameter from the file that determines it best.
 fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
     let best = |of: &dyn Fn(&Linear) -> Option<Interval>| -> Option<f64> {
         let known = lines.iter().filter_map(of).filter(|known| known.value.is_finite());
@@ -297,12 +297,12 @@ fn start(runs: &[Run], lines: &[Linear]) -> Parameters {
     }
 }
 
-/// Damping of a twentieth of the critical.
+/// A twentieth of critical damping.
 fn light_damping(stiffness: f64, inertance: f64) -> f64 {
     0.1 * (stiffness * inertance).sqrt()
 }
 
-/// Force over acceleration, root mean squares.
+/// RMS force over RMS acceleration.
 fn rough_inertance_kg(run: &Run) -> Option<f64> {
     let series = Series::of(run);
     let stretch = series.stretches.iter().max_by_key(|stretch| stretch.force_n.len())?;
@@ -312,7 +312,7 @@ fn rough_inertance_kg(run: &Run) -> Option<f64> {
     ratio.is_finite().then_some(ratio).filter(|ratio| *ratio > 0.0)
 }
 
-/// A stiffness to begin with, where nobody knows one: the best of four per decade.
+/// A starting stiffness if none is known: the best of four per decade.
 fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
     let left = |device: &Parameters| -> f64 {
         let state = State::new(stretches, device);
@@ -330,8 +330,8 @@ fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
     devices.min_by(|a, b| left(a).total_cmp(&left(b))).unwrap_or(*start)
 }
 
-/// The best of fits that begin with another contact damping, where something is left over: impacts make a valley of
-/// false minima along it.
+/// The best of several fits that start with other values of the contact damping, if the residual is too large: impacts
+/// create false minima along it.
 fn elsewhere(stretches: &[Prepared], task: &Task, fitted: Fitted, tick: &mut dyn FnMut()) -> Fitted {
     if over_noise(&fitted) < SUSPICIOUS || fitted.state.parameters.backlash_m <= 0.0 {
         return fitted;
@@ -350,14 +350,14 @@ fn elsewhere(stretches: &[Prepared], task: &Task, fitted: Fitted, tick: &mut dyn
     best
 }
 
-/// The first part fitted, the rest judged.
+/// Fits the first part, and judges the rest.
 fn validated(stretches: &[Prepared], task: &Task, best: &State, tick: &mut dyn FnMut()) -> Option<Validation> {
     let parts: Vec<Prepared> = stretches.iter().map(|s| s.until((FITTED * s.force.len() as f64) as usize)).collect();
     let fitted = complete::fit(&parts, task, best, true, tick)?;
     judged(stretches, &fitted.state, FITTED)
 }
 
-/// The result where only encoder and force are known.
+/// The result if only encoder and force are known.
 fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<Identified, IdentifyError> {
     let settings = first_settings(runs);
     let wholes = lines.iter().map(|line| line.whole).collect::<Result<Vec<Products>, _>>()?;
@@ -427,7 +427,7 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
     Ok(Identified { whiteness: whiteness(&residual), ..identified })
 }
 
-/// What the law leaves over, as means over 16 ms, each independent of the others where it is noise.
+/// The residual of the law as means over 16 ms, which are independent if it is noise.
 fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
     let series = Series::of(run);
     let force = predicted(parameters, &series);

@@ -1,10 +1,10 @@
-//! The complete model: what screw and load cell do when the terminal moves in a known way.
+//! The complete model: the response of screw and load cell to a known motion of the terminal.
 //!
 //! `x1` is the quintic through displacement, velocity and acceleration at the ends of each cell; within a mode of
-//! stick, slip and contact the device is linear, and `x2` is the Taylor series that solves it for that quintic, of a
-//! cell short enough that the series is exact to 1e-9. A change of mode is the root of a polynomial, found to the last
-//! bits, so the force is a smooth function of the parameters. Only a change that comes and goes within one cell is
-//! passed over.
+//! stick, slip and contact the device is linear, and `x2` is the Taylor series that solves it for that quintic; a cell
+//! is short enough that the series is exact to 1e-9. A change of mode is the root of a polynomial, found to the last
+//! bits, so the force is a smooth function of the parameters. Only a change that begins and ends within one cell is
+//! missed.
 //!
 //! Source: docs/THEORY.md, *The device*.
 
@@ -15,17 +15,17 @@ use super::Parameters;
 /// Coefficients of a series, constant first.
 const LENGTH: usize = 8;
 type Series = [f64; LENGTH];
-/// Cell times fastest rate at most: `0.25^8 / 8!` is 4e-10.
+/// Maximum product of cell length and fastest rate: `0.25^8 / 8!` is 4e-10.
 const CELL_RAD: f64 = 0.25;
-/// Cells that a sample may be split into; beyond, a device is stiffer than its samples can tell.
+/// Maximum cells per sample; a stiffer device cannot be resolved by its samples.
 const MOST_CELLS: usize = 32;
-/// Changes of mode in a cell, after which the rest of it passes without.
+/// Maximum changes of mode in a cell; the rest of the cell then passes without any.
 const MOST_CHANGES: usize = 16;
 
 /// Displacement, velocity and acceleration of the terminal at one time.
 pub type Node = [f64; 3];
 
-/// The terminal's motion as the simulation takes it.
+/// The terminal's motion as input of the simulation.
 #[derive(Clone, Debug)]
 pub struct Input {
     cell_s: f64,
@@ -48,7 +48,7 @@ impl Input {
             let whole = quintic(first, last, period_s);
             cells.extend((0..cells_per_sample).map(|number| rebased(&whole, number as f64 * part, part)));
         }
-        // The last sample begins a cell too: the terminal goes on as it went.
+        // The last sample begins a cell too: the terminal continues as before.
         if let Some([x, v, a]) = nodes.last() {
             let cell_s = period_s * part;
             cells.push([*x, v * cell_s, a * cell_s * cell_s / 2.0, 0.0, 0.0, 0.0]);
@@ -57,22 +57,22 @@ impl Input {
         Self { cell_s: period_s * part, cells_per_sample, cells, acceleration }
     }
 
-    /// Samples.
+    /// Number of samples.
     pub fn len(&self) -> usize {
         self.acceleration.len()
     }
 }
 
-/// What the model says at each sample.
+/// The model's prediction at each sample.
 #[derive(Clone, Debug, Default)]
 pub struct Response {
     /// Displacement of the screw \[m\].
     pub position_m: Vec<f64>,
-    /// Force of the contact as a channel late by the skew samples it \[N\].
+    /// Force of the contact as a channel delayed by the skew samples it \[N\].
     pub force_n: Vec<f64>,
     /// The force's mean, without the skew, from one sample before to one after: where the flanks meet, the force jumps,
-    /// and a sample is on either side of the jump; the mean is not, and so a smooth function of the parameters.
-    /// [`simpson`] makes the same of samples.
+    /// and a sample is on one side of the jump or the other; the mean changes gradually, and so is a smooth function of
+    /// the parameters. [`simpson`] computes the same from samples.
     pub mean_n: Vec<f64>,
 }
 
@@ -81,11 +81,11 @@ pub struct Response {
 pub struct Start {
     /// Displacement \[m\].
     pub position_m: f64,
-    /// Velocity; 0 is at rest \[m/s\].
+    /// Velocity; 0 means at rest \[m/s\].
     pub velocity_m_per_s: f64,
 }
 
-/// What the flanks do.
+/// State of the flanks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     /// There is no backlash.
@@ -95,7 +95,7 @@ enum Touch {
     Flight,
 }
 
-/// What ends a mode.
+/// The event that ends a mode.
 #[derive(Clone, Copy, Debug)]
 enum Change {
     Rest,
@@ -109,12 +109,12 @@ struct Screw<'a> {
     half_backlash: f64,
     x2: f64,
     v2: f64,
-    /// Direction of slip; 0 is stuck.
+    /// Direction of slip; 0 means stuck.
     direction: f64,
     contact: Touch,
 }
 
-/// Moves the terminal and listens.
+/// Simulates the response to the terminal's motion.
 pub fn simulate(device: &Parameters, input: &Input, start: Start) -> Response {
     let mut response = Response::default();
     let Some(first) = input.cells.first() else { return response };
@@ -122,7 +122,7 @@ pub fn simulate(device: &Parameters, input: &Input, start: Start) -> Response {
     let mut screw = Screw::new(device, first, input.cell_s, start);
     let sample_s = input.cell_s * input.cells_per_sample as f64;
     let late = device.skew_s / sample_s;
-    // The sample is taken within the period so many before, after this time.
+    // The sample is taken this many periods earlier, at this time within the period.
     let periods = late.ceil();
     let within_s = (periods - late) * sample_s;
     let mut forces = Vec::with_capacity(input.len());
@@ -137,7 +137,7 @@ pub fn simulate(device: &Parameters, input: &Input, start: Start) -> Response {
             left_s -= input.cell_s;
             forces.extend(force);
         }
-        // The last sample has no whole period after it.
+        // The last sample has no complete period after it.
         let after = if cells.len() == input.cells_per_sample { impulse / sample_s } else { before.unwrap_or_default() };
         response.mean_n.push(0.5 * (before.unwrap_or(after) + after));
         before = Some(after);
@@ -149,7 +149,8 @@ pub fn simulate(device: &Parameters, input: &Input, start: Start) -> Response {
     response
 }
 
-/// The mean from one sample before to one after of what is smooth between samples, by Simpson's rule: to 3 (f T)^4.
+/// The mean of a signal that is smooth between samples, from one sample before to one after, by Simpson's rule:
+/// accurate to 3 (f T)^4.
 pub fn simpson(samples: &[f64]) -> Vec<f64> {
     let at = |place: usize| samples.get(place).copied();
     (0..samples.len())
@@ -161,7 +162,7 @@ pub fn simpson(samples: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Part of a frequency that [`simpson`] leaves.
+/// Gain of [`simpson`] at a frequency.
 pub fn simpson_gain(frequency_hz: f64, period_s: f64) -> f64 {
     (2.0 + (TAU * frequency_hz * period_s).cos()) / 3.0
 }
@@ -198,13 +199,13 @@ impl<'a> Screw<'a> {
         ks * (x1 - self.x2 - relaxed) + cs * (v1 - self.v2)
     }
 
-    /// At rest: friction holds the screw, or the force sets it free.
+    /// At rest: friction holds the screw, or the force frees it.
     fn hold_or_free(&mut self, force_n: f64) {
         self.v2 = 0.0;
         self.direction = if force_n.abs() > self.device.coulomb_n { sign(force_n) } else { 0.0 };
     }
 
-    /// Passes a cell; gives the impulse of the contact \[N s\], and its force after `at_s`, where that lies in the
+    /// Simulates a cell; returns the impulse of the contact \[N s\], and its force after `at_s`, if that lies in the
     /// cell.
     fn pass(&mut self, cell: &[f64; 6], cell_s: f64, mut at_s: f64) -> (f64, Option<f64>) {
         let (mut x1, mut h) = (*cell, cell_s);
@@ -231,12 +232,12 @@ impl<'a> Screw<'a> {
             x1 = rebased(&x1, u, left);
             h *= left;
         }
-        // Rounding must not lose the one at the very end.
+        // Rounding must not lose a sample at the very end.
         let at_end = || self.force(value(cell, 1.0), slope(cell, 1.0) / cell_s);
         (impulse, force.or_else(|| (-1e-12..=0.0).contains(&at_s).then(at_end)))
     }
 
-    /// Impulse of the contact over a part of a cell \[N s\].
+    /// Impulse of the contact over part of a cell \[N s\].
     fn impulse(&self, x1: &[f64; 6], x2: &Series, u: f64, h: f64) -> f64 {
         let (ks, cs, relaxed) = self.spring();
         let spring = ks * h * (area(x1, u) - area(x2, u) - relaxed * u);
@@ -274,7 +275,7 @@ impl<'a> Screw<'a> {
         x2
     }
 
-    /// The first change of mode within the cell that is seen at its end.
+    /// The first change of mode within the cell that is detected at its end.
     fn first_change(&self, x1: &[f64; 6], x2: &Series, h: f64) -> Option<(f64, Change)> {
         let mut first: Option<(f64, Change)> = None;
         let mut offer = |falling: &dyn Fn(f64) -> f64, change: Change| {
@@ -329,12 +330,12 @@ fn sign(value: f64) -> f64 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }
 
-/// Where a function that ends below zero falls below it, by the false position in Illinois form.
+/// Where a function that ends below zero crosses it, by regula falsi (Illinois variant).
 fn root(falling: &dyn Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     let (mut at_low, mut at_high) = (falling(low), falling(high));
     if at_low < 0.0 {
-        // It has just changed and is on the wrong side by rounding, or comes back within the cell.
+        // It has just changed and is on the wrong side by rounding, or it comes back within the cell.
         low = 0.5;
         at_low = falling(low);
         if at_low < 0.0 {
@@ -354,7 +355,7 @@ fn root(falling: &dyn Fn(f64) -> f64) -> f64 {
         if at_middle == 0.0 || high - low < 1e-14 {
             return middle;
         }
-        // The end that stays counts half, so that both ends move.
+        // The retained end counts half, so that both ends move.
         match below_before.replace(below) {
             Some(true) if below => at_low *= 0.5,
             Some(false) if !below => at_high *= 0.5,
@@ -377,7 +378,7 @@ fn area(c: &[f64], u: f64) -> f64 {
     c.iter().enumerate().rev().fold(0.0, |sum, (k, c)| sum * u + c / (k + 1) as f64) * u
 }
 
-/// The same polynomial seen from `from`, with `part` of the unit as its own.
+/// The same polynomial with its origin at `from`, and `part` of the unit as the new unit.
 fn rebased(c: &[f64; 6], from: f64, part: f64) -> [f64; 6] {
     if from == 0.0 && part == 1.0 {
         return *c;
@@ -409,7 +410,7 @@ fn quintic(first: &Node, last: &Node, h: f64) -> [f64; 6] {
     ]
 }
 
-/// What the load cell makes of a force of the contact at each sample, with structure mass and offset \[N\].
+/// The load cell's reading of a contact force at each sample, with structure mass and offset \[N\].
 pub fn load_cell(device: &Parameters, contact_n: &[f64], late_acceleration: &[f64]) -> Vec<f64> {
     contact_n
         .iter()
@@ -418,7 +419,7 @@ pub fn load_cell(device: &Parameters, contact_n: &[f64], late_acceleration: &[f6
         .collect()
 }
 
-/// The samples `late` periods ago, by the cubic through the four around; the ends are held.
+/// The samples delayed by `late` periods, by the cubic through the four neighbours; the ends are held constant.
 pub fn delayed(samples: &[f64], late: f64) -> Vec<f64> {
     if late == 0.0 {
         return samples.to_vec();

@@ -3,7 +3,7 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use super::*;
 use crate::identify::Parameters;
 
-/// The plant locates every change of mode; the simulation for fits passes over what comes and goes within a
+/// The plant locates every change of mode; the simulation for fits misses those that begin and end within a
 /// millisecond.
 #[test]
 fn it_does_what_the_plant_does() {

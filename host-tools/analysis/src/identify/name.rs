@@ -1,8 +1,8 @@
-//! The parameters that all stretches share: names, places and kinds.
+//! The parameters that all stretches share: names, indices and kinds.
 
 use super::Parameters;
 
-/// Parameters that all stretches share, in the order of their columns, each at its own place: `name as usize`.
+/// Parameters that all stretches share, in the order of their columns, each at its own index: `name as usize`.
 pub const SHARED: [Name; 8] = [
     Name::Inertance,
     Name::Viscous,
@@ -72,12 +72,12 @@ impl Name {
         }
     }
 
-    /// Of the parameter by what is fitted of it.
+    /// Derivative of the parameter with respect to its fitted variable.
     pub fn scale(self, p: &Parameters) -> f64 {
         if self.is_logarithmic() { self.of(p) } else { 1.0 }
     }
 
-    /// Positive by nature and of unknown size: its logarithm is fitted.
+    /// Positive and of unknown magnitude: its logarithm is fitted.
     pub fn is_logarithmic(self) -> bool {
         matches!(self, Self::Inertance | Self::Stiffness | Self::Damping)
     }

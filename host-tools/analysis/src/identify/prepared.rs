@@ -1,5 +1,5 @@
-//! Stretches made ready for the complete model: the terminal's motion smoothed, the noise of each channel, the state at
-//! the beginning.
+//! Prepares stretches for the complete model: the smoothed motion of the terminal, the noise of each channel, the
+//! initial state.
 
 use inerter_core::Settings;
 use inerter_data::series::Stretch;
@@ -15,13 +15,13 @@ use crate::law::ends;
 /// One stretch, ready to be fitted.
 #[derive(Clone)]
 pub struct Prepared {
-    /// Number of the file.
+    /// Index of the file.
     pub file: usize,
-    /// Time from sample to sample \[s\].
+    /// Sample period \[s\].
     pub period_s: f64,
-    /// Force measured \[N\].
+    /// Measured force \[N\].
     pub force: Vec<f64>,
-    /// The same as means over two samples.
+    /// The measured force as means over two samples.
     pub mean_force: Vec<f64>,
     /// Displacement measured by the encoder \[m\].
     pub position: Vec<f64>,
@@ -29,17 +29,17 @@ pub struct Prepared {
     pub step_m: f64,
     pub smooth: Smooth,
     pub noise: Noise,
-    /// State of the screw at the beginning, as the encoder says.
+    /// Initial state of the screw, from the encoder.
     pub begun: Start,
 }
 
-/// Time after the beginning of a stretch that does not count, as the state there is only estimated \[s\].
+/// Initial time of a stretch that does not count, because its initial state is only estimated \[s\].
 const SETTLING_S: f64 = 0.5;
-/// Samples from which the state at the beginning is taken.
+/// Samples that the initial state is estimated from.
 const BEGINNING: usize = 21;
 
 impl Prepared {
-    /// From measured samples; the terminal's displacement may be another than the one measured.
+    /// From measured samples; the terminal's displacement may differ from the measured one.
     pub fn new(file: usize, stretch: &Stretch, smooth: Smooth, period_s: f64, settings: &Settings) -> Self {
         let step = |step: f64| step.abs() / 12f64.sqrt();
         let count_m = settings.metres_per_count.abs();
@@ -60,17 +60,17 @@ impl Prepared {
         }
     }
 
-    /// Samples after the beginning that do not count.
+    /// Initial samples that do not count.
     pub fn settling(&self) -> usize {
         (SETTLING_S / self.period_s).min(0.1 * self.force.len() as f64) as usize
     }
 
-    /// The same, of a file with another number.
+    /// The same with another file index.
     pub fn renumbered(self, file: usize) -> Self {
         Self { file, ..self }
     }
 
-    /// The same, up to a sample.
+    /// The same, up to a given sample.
     pub fn until(&self, end: usize) -> Self {
         let mut part = self.clone();
         part.force.truncate(end);
@@ -80,14 +80,14 @@ impl Prepared {
         part
     }
 
-    /// How far the encoder's zero is from the terminal's, when the screw is in the middle on average \[m\].
+    /// Offset of the encoder's zero from the terminal's, if the screw is centred on average \[m\].
     pub fn zero(&self) -> f64 {
         let apart: f64 = self.position.iter().zip(&self.smooth.nodes).map(|(x2, [x1, _, _])| x2 - x1).sum();
         apart / self.position.len().max(1) as f64
     }
 }
 
-/// Sums of the squares of velocity and displacement of all.
+/// Sums of squares of velocity and displacement over all stretches.
 pub fn motion<'a>(stretches: impl Iterator<Item = &'a Prepared>) -> (f64, f64) {
     let of_one = |prepared: &Prepared| {
         let nodes = &prepared.smooth.nodes;
@@ -97,7 +97,8 @@ pub fn motion<'a>(stretches: impl Iterator<Item = &'a Prepared>) -> (f64, f64) {
     stretches.map(of_one).fold((0.0, 0.0), |(v, x), (dv, dx)| (v + dv, x + dx))
 }
 
-/// Straight line through the first samples; at rest where the encoder stays within a count.
+/// Position and velocity at the first sample, from a parabola through the first samples; at rest if the encoder stays
+/// within a count.
 fn begun(position: &[f64], period_s: f64, count_m: f64) -> Start {
     let first: Vec<f64> = position.iter().copied().take(BEGINNING).collect();
     let count = first.len().max(1) as f64;
@@ -106,7 +107,7 @@ fn begun(position: &[f64], period_s: f64, count_m: f64) -> Start {
     if high - low < 1.5 * count_m {
         return Start { position_m: mean, velocity_m_per_s: 0.0 };
     }
-    // The parabola, at the first sample.
+    // The parabola at the first sample.
     let rows = DMatrix::from_fn(first.len(), 3, |row, power| (row as f64).powi(power as i32));
     let parabola = rows.svd(true, true).solve(&DVector::from_vec(first), 1e-12);
     match parabola.as_ref().map(DVector::as_slice) {

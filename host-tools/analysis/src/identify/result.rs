@@ -15,7 +15,7 @@ pub struct Parameters {
     pub viscous_n_s_per_m: f64,
     /// Coulomb friction `fc` \[N\].
     pub coulomb_n: f64,
-    /// Contact stiffness `ks`; 0 where it is not known \[N/m\].
+    /// Contact stiffness `ks`; 0 if unknown \[N/m\].
     pub stiffness_n_per_m: f64,
     /// Contact damping `cs` \[N s/m\].
     pub contact_damping_n_s_per_m: f64,
@@ -23,13 +23,13 @@ pub struct Parameters {
     pub backlash_m: f64,
     /// Structure mass `mr` \[kg\].
     pub structure_mass_kg: f64,
-    /// Force offset `F0`; with several files that of the first \[N\].
+    /// Force offset `F0`; with several files that of the first one \[N\].
     pub offset_n: f64,
-    /// Delay `tau` of the force behind the displacements \[s\].
+    /// Delay `tau` of the force relative to the displacements \[s\].
     pub skew_s: f64,
 }
 
-/// A simulated device, under a load cell without offset and delay.
+/// A simulated device, with a load cell without offset and delay.
 impl From<&Inerter> for Parameters {
     fn from(device: &Inerter) -> Self {
         Self {
@@ -64,9 +64,9 @@ impl From<&Parameters> for ModelParameters {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FoundStatus {
-    /// Value and interval hold.
+    /// Value and interval are valid.
     Ok,
-    /// Value and interval hold, but the value may be zero.
+    /// Value and interval are valid, but the value may be zero.
     BelowU95,
     /// From the settings: the data add little or nothing.
     Given,
@@ -77,21 +77,21 @@ pub enum FoundStatus {
 /// One parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// Value; none when not identifiable.
+    /// Value; `None` if not identifiable.
     pub value: Option<f64>,
     /// Half width of the 95 % interval.
     pub u95: Option<f64>,
-    /// Ends of the 95 % interval by the profile of the likelihood, where it was taken: the parameter is weakly
+    /// Ends of the 95 % interval from the likelihood profile, if one was computed because the parameter is weakly
     /// determined.
     pub profile: Option<[f64; 2]>,
     /// Whether it can be used.
     pub status: FoundStatus,
-    /// Why not, or a remark, for a person.
+    /// Why not, or another remark, for a person.
     pub reason: Option<String>,
 }
 
 impl Found {
-    /// One that the data cannot identify.
+    /// A parameter that the data cannot identify.
     pub fn unknown(reason: impl Into<String>) -> Self {
         Self {
             value: None,
@@ -102,12 +102,12 @@ impl Found {
         }
     }
 
-    /// One with an interval.
+    /// A parameter with an interval.
     pub fn known(value: f64, u95: f64) -> Self {
         Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
     }
 
-    /// The same, a bound where it is smaller than its interval.
+    /// The same, as a bound if it is smaller than its interval.
     pub(super) fn bounded(self) -> Self {
         let is_below = self.value.zip(self.u95).is_some_and(|(value, u95)| value.abs() < u95);
         Self { status: if is_below { FoundStatus::BelowU95 } else { self.status }, ..self }
@@ -156,7 +156,7 @@ pub enum Model {
     Linear,
 }
 
-/// Correlation of the parameters that were fitted.
+/// Correlation of the fitted parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Correlation {
     /// Names, in the order of rows and columns.
@@ -165,25 +165,25 @@ pub struct Correlation {
     pub matrix: Vec<Vec<f64>>,
 }
 
-/// Whether the residual is white, by Ljung and Box.
+/// Whether the residual is white, by the Ljung-Box test.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Whiteness {
-    /// Delays looked at.
+    /// Number of lags tested.
     pub lags: usize,
-    /// Sum over the squares of the autocorrelation; for white noise about the number of lags.
+    /// The test statistic, a sum of squared autocorrelations; for white noise about the number of lags.
     pub statistic: f64,
-    /// Probability that white noise gives as much.
+    /// Probability of a statistic at least this large for white noise.
     pub p: f64,
 }
 
-/// A part of the data that was not fitted, as the fit of the rest has it.
+/// How well the fit predicts the part of the data that was not fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Validation {
-    /// Part of each file that was fitted; 0 for a file that was not.
+    /// Fraction of each file that was fitted; 0 for a file that was not.
     pub fitted: f64,
-    /// Force that the model leaves unexplained there \[N\].
+    /// RMS force that the model leaves unexplained there \[N\].
     pub residual_rms_n: f64,
-    /// Part of the force's mean square that it explains.
+    /// Fraction of the force's mean square that it explains.
     pub explained: f64,
 }
 
@@ -201,7 +201,7 @@ pub struct SegmentFit {
     pub reason: Option<String>,
 }
 
-/// Parameters of a segment, alike in both directions and by direction.
+/// Parameters of a segment, for equal friction in both directions and by direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "the parameters are those of `fit`")]
 pub struct SegmentParameters {
@@ -212,44 +212,44 @@ pub struct SegmentParameters {
     pub viscous_positive_n_s_per_m: ParameterJson,
     pub viscous_negative_n_s_per_m: ParameterJson,
     pub difference_and_twice_offset_n: ParameterJson,
-    /// Alike in both directions.
+    /// For equal friction in both directions.
     pub residual_rms_n: f64,
     /// By direction.
     pub residual_by_direction_rms_n: f64,
 }
 
-/// What the data show of the device.
+/// What the data identify about the device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Identified {
     /// What was fitted.
     pub model: Model,
     /// The parameters.
     pub parameters: FoundParameters,
-    /// Where the complete fit began: what the estimator and the settings say, the stiffness scanned for where neither
-    /// knows it. `None` of the linear model, whose fit begins nowhere.
+    /// Starting point of the complete fit: from the estimator and the settings, with the stiffness from a scan if
+    /// neither knows it. `None` for the linear model, whose fit needs none.
     pub start: Option<Parameters>,
     /// Offsets of all files \[N\].
     pub offsets_n: Vec<Option<f64>>,
-    /// How the errors of the parameters hang together.
+    /// Correlation of the parameters' errors.
     pub correlation: Option<Correlation>,
-    /// Force that the model leaves unexplained \[N\].
+    /// RMS force that the model leaves unexplained \[N\].
     pub residual_rms_n: f64,
-    /// The same of the encoder's displacement \[m\].
+    /// The same for the encoder's displacement \[m\].
     pub residual_rms_m: Option<f64>,
-    /// Residual over what the sensors' noise explains, root mean square; 1 where the model is right.
+    /// RMS ratio of the residual to what the sensors' noise explains; 1 if the model is right.
     pub residual_over_noise: Option<f64>,
-    /// Of the force's residual.
+    /// Whiteness of the force's residual.
     pub whiteness: Option<Whiteness>,
-    /// On data that were not fitted.
+    /// The result for data that were not fitted.
     pub validation: Option<Validation>,
     /// Linear fits by file and segment.
     pub segments: Vec<Vec<SegmentFit>>,
-    /// What a person should know.
+    /// Notes for a person.
     pub notes: Vec<String>,
 }
 
 impl Identified {
-    /// The best values, for [`super::predicted`]; what is not identifiable is 0.
+    /// The best values, for [`super::predicted`]; parameters that are not identifiable are 0.
     pub fn model(&self) -> Parameters {
         let p = &self.parameters;
         let value = |found: &Found| found.value.unwrap_or_default();

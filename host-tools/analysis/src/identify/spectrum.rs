@@ -1,10 +1,10 @@
-//! Residuals of encoder and force, made white: each frequency weighted by what its noise is worth.
+//! Whitens the residuals of encoder and force: weights each frequency according to its noise.
 //!
-//! Noise of one sample: encoder and force are white by themselves; what is left of the terminal's noise moves both, by
-//! the device's response, which is far above either near its resonance. So the covariance of encoder and force at a
-//! frequency is `diag(encoder^2, force^2) + T`, `T` the covariance of what simulations with such noise on the terminal
-//! differ by ([`super::complete`]): friction and impacts make another response than the linear one. A wrong weight
-//! costs efficiency, not truth: what the whitened residual really scatters is measured ([`Whitening::power`]).
+//! Noise of one sample: encoder and force have white noise of their own. The remaining noise of the terminal affects
+//! both through the device's response, which near its resonance far exceeds either. So the covariance of encoder and
+//! force at a frequency is `diag(encoder^2, force^2) + T`, with `T` the covariance of the changes in simulations with
+//! such noise on the terminal ([`super::complete`]): friction and impacts make the response nonlinear. A wrong weight
+//! costs efficiency, not correctness: the actual scatter of the whitened residual is measured ([`Whitening::power`]).
 
 use std::{f64::consts::PI, sync::Arc};
 
@@ -27,11 +27,12 @@ pub struct Noise {
 #[derive(Clone)]
 pub struct Whitening {
     transform: Arc<dyn Fft<f64>>,
-    /// Weight of each sample: nothing at the ends, 1 within.
+    /// Weight of each sample: 0 at the ends, 1 within.
     window: Vec<f64>,
-    /// The same of the force, where some samples may be left out.
+    /// The same for the force, where some samples may be left out.
     force_window: Vec<f64>,
-    /// Of each frequency from 0: the inverse of the covariance's lower factor, divided by the window's root power.
+    /// For each frequency from 0: the inverse of the covariance's lower Cholesky factor, divided by the square root of
+    /// the window's power.
     factors: Vec<(f64, C, f64)>,
 }
 
@@ -40,8 +41,8 @@ const SMEARED: usize = 8;
 
 impl Whitening {
     /// For stretches of `count` samples, the first `skipped` of which do not count, up to `highest_hz`. `left_out` are
-    /// samples of the force that do not count; `disturbed` what the terminal's noise makes of encoder and force, time
-    /// and again.
+    /// samples of the force that do not count; `disturbed` holds repeated realisations of the effect of the terminal's
+    /// noise on encoder and force.
     pub fn new(
         count: usize,
         period_s: f64,
@@ -86,24 +87,24 @@ impl Whitening {
         whitening
     }
 
-    /// Numbers that it makes of a pair of channels.
+    /// Number of values that it makes from a pair of channels.
     pub fn rows(&self) -> usize {
         4 * self.factors.len() - 2
     }
 
-    /// Whether a sample counts in full.
+    /// Whether a sample counts fully.
     pub fn counts(&self, place: usize) -> bool {
         self.window.get(place).is_some_and(|weight| *weight == 1.0)
     }
 
-    /// Hands over the spectra of encoder and force, frequency by frequency from 0.
+    /// Passes on the spectra of encoder and force, frequency by frequency from 0.
     fn spectra(
         &self,
         position: impl Iterator<Item = f64>,
         force: impl Iterator<Item = f64>,
         mut take: impl FnMut(C, C),
     ) {
-        // Both are real: one transform carries both.
+        // Both are real, so one transform computes both.
         let mut pair: Vec<C> = position
             .zip(force)
             .zip(self.window.iter().zip(&self.force_window))
@@ -118,7 +119,7 @@ impl Whitening {
     }
 
     /// The two channels whitened: for each frequency the real and imaginary part of the encoder's, then of the force's.
-    /// Where the weights are right, each number has variance 1 and none depends on another.
+    /// If the weights are right, the numbers have variance 1 and are independent.
     pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
         let mut slots = rows.iter_mut();
         let mut put = |value: f64| {
@@ -144,9 +145,9 @@ impl Whitening {
         });
     }
 
-    /// Mean square of the whitened residual around each row, per channel: 1 where the weights are right.
+    /// Local mean square of the whitened residual around each row, per channel: 1 if the weights are right.
     pub fn power(&self, rows: &[f64]) -> Vec<f64> {
-        /// Frequencies on either side that are averaged.
+        /// Frequencies on either side included in the average.
         const AROUND: usize = 24;
         let bins = self.factors.len();
         let channel = |offset: usize| -> Vec<f64> {
@@ -181,7 +182,7 @@ impl Whitening {
         power
     }
 
-    /// The force's whitened residual in time, a sample per independent number.
+    /// The force's whitened residual in the time domain, one sample per independent number.
     pub fn force_in_time(&self, rows: &[f64]) -> Vec<f64> {
         let bins = self.factors.len();
         let count = 2 * bins - 1;
@@ -192,13 +193,13 @@ impl Whitening {
             (spectrum[bin], spectrum[count - bin]) = (value, value.conj());
         }
         FftPlanner::new().plan_fft_inverse(count).process(&mut spectrum);
-        // The ends, where the window is nothing, would look like silence.
+        // The ends, where the window vanishes, would look like silence.
         let skipped = |place: usize| self.counts(place * self.window.len() / count);
         spectrum.iter().enumerate().filter(|(place, _)| skipped(*place)).map(|(_, x)| x.re).collect()
     }
 }
 
-/// Nothing before `skipped`, then up from 0 to 1 over `taper`, and down at the end.
+/// Zero before `skipped`, then rising from 0 to 1 over `taper`, and falling at the end.
 fn window(count: usize, skipped: usize, taper: usize) -> Vec<f64> {
     let rise = |place: usize| match (place as f64 + 0.5) / taper.max(1) as f64 {
         z if z >= 1.0 => 1.0,

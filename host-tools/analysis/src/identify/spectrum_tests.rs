@@ -6,7 +6,7 @@ fn the_band_of_a_whitened_residual_is_white() {
     let count = 4000;
     let noise = |place: usize, stream: u64| (uniform(place as u64, stream) - 0.5) * 12f64.sqrt();
     let noises = Noise { position: 1e-6, force: 2.0 };
-    // What the terminal's noise does: the encoder by 3 um, the force by 4 N, half of it together.
+    // The effect of the terminal's noise: 3 um on the encoder, 4 N on the force, half of it correlated.
     let disturbance = |stream: u64| -> (Vec<f64>, Vec<f64>) {
         let at = |place: usize| (noise(place, stream), noise(place, stream + 1));
         (0..count).map(at).map(|(one, other)| (3e-6 * one, 2.0 * one + 12f64.sqrt() * other)).unzip()

@@ -1,4 +1,4 @@
-//! The paper's order: friction from the slowest file, all else from the next ones, the fastest validates.
+//! The paper's order: friction from the slowest file, everything else from the next ones; the fastest one validates.
 
 use inerter_data::run::Run;
 
@@ -12,19 +12,20 @@ use super::{
 };
 use crate::identify::Parameters;
 
-/// What the stages came to.
+/// The result of the stages.
 pub struct Stages {
     /// Fit of the second stage.
     pub fitted: Fitted,
-    /// What was fitted in it.
+    /// Its fitting task.
     pub task: Task,
-    /// What it was fitted to.
+    /// The stretches that it was fitted to.
     pub stretches: Vec<Prepared>,
-    /// On the last file.
+    /// The result on the last file.
     pub validation: Option<Validation>,
 }
 
-/// Fits in stages. The friction found first is not held but known, with its interval, in the second.
+/// Fits in stages. The friction found first is not fixed in the second stage, but enters it as prior knowledge with its
+/// interval.
 pub fn fit(
     runs: &[Run],
     stretches: &[Prepared],
@@ -42,7 +43,7 @@ pub fn fit(
     };
     let of = |files: &[usize]| -> Vec<Prepared> {
         let chosen = stretches.iter().filter(|prepared| files.contains(&prepared.file));
-        // Offsets are numbered by file from 0.
+        // Offsets are indexed by file from 0.
         let place = |file: usize| files.iter().position(|other| *other == file).unwrap_or(0);
         chosen.map(|prepared| prepared.clone().renumbered(place(prepared.file))).collect()
     };
@@ -61,7 +62,7 @@ pub fn fit(
     let fitted = complete::fit(&rest, &task, &state, false, tick).ok_or(IdentifyError::Diverged)?;
     let validation = last.and_then(|last| {
         let stretches = of(&[last]);
-        // Offset and zero are the rig's at that time, not the device's.
+        // Offset and zero belong to the rig at that time, not to the device.
         let state = State::new(&stretches, &fitted.state.parameters);
         let state =
             complete::fit(&stretches, &Task::default(), &state, true, tick).map_or(state, |fitted| fitted.state);
@@ -70,7 +71,7 @@ pub fn fit(
     Ok(Stages { fitted, task, stretches: rest, validation })
 }
 
-/// Where the motion of a file is: velocity over displacement \[Hz\].
+/// Dominant frequency of the motion in a file: RMS velocity over RMS displacement \[Hz\].
 fn frequency_hz(stretches: &[Prepared], file: usize) -> f64 {
     let (v, x) = motion(stretches.iter().filter(|prepared| prepared.file == file));
     if x > 0.0 { (v / x).sqrt() / std::f64::consts::TAU } else { 0.0 }

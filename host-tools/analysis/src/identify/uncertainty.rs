@@ -1,12 +1,12 @@
-//! How far the complete model's parameters can be trusted.
+//! The uncertainty of the complete model's parameters.
 //!
-//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, `r` the residual over what the noise explains where that
-//! is above 1. `se` is the greater of two: from `inv(J'J) (J' P J) inv(J'J)`, `P` what the whitened residual really
-//! scatters around each frequency, so that a coloured residual widens the interval; and what the parameters scatter
-//! when noise like the terminal's own is laid on its motion, since impacts make that noise large in some moments and
-//! the frequencies dependent. `B` is what a wrong force gain, a wrong lead and a wrong clock make of the parameters:
-//! the response of the fit to that change of the data. A periodic motion repeats the encoder's steps and no averaging
-//! removes them: *pattern* is twice what the parameters scatter when the steps are those of an encoder elsewhere in its
+//! `U95 = sqrt((r^2 (3 se + model))^2 + pattern^2 + sum B^2)`, with `r` the ratio of the residual to what the noise
+//! explains, if above 1. `se` is the larger of two: that from `inv(J'J) (J' P J) inv(J'J)`, with `P` the actual scatter
+//! of the whitened residual around each frequency, so that a coloured residual widens the interval; and the scatter of
+//! the parameters when noise like the terminal's own is added to its motion, because impacts make that noise large at
+//! some moments and correlate the frequencies. `B` is the effect of an error of the force gain, the lead and the clock:
+//! the response of the fit to that change of the data. A periodic motion repeats the encoder's steps, and averaging
+//! does not remove them: *pattern* is twice the scatter of the parameters over different phases of the encoder within a
 //! count.
 
 use inerter_core::Settings;
@@ -22,22 +22,22 @@ use super::{
 };
 use crate::law::ends;
 
-/// Places within a count that are tried.
+/// Number of encoder phases within a count that are tried.
 const PHASES: usize = 8;
-/// Correlation at which two parameters are named together.
+/// Correlation above which two parameters are reported together.
 const TOGETHER: f64 = 0.9;
-/// Interval over value from which a profile is worth its time.
+/// Relative interval above which a profile is computed.
 const WEAK: f64 = 0.1;
-/// Most profiles.
+/// Maximum number of profiles.
 const MOST_PROFILES: usize = 3;
 
-/// Backlash from which the flanks are taken to part \[m\].
+/// Backlash above which the flanks are assumed to part \[m\].
 const LEAST_BACKLASH_M: f64 = 1e-6;
-/// Factor on the standard error where flanks part and meet: what the terminal's noise makes there is not proportional
+/// Factor on the standard error if flanks part and meet: the effect of the terminal's noise there is not proportional
 /// to it (docs/tables/identify.md).
 const IMPACTS: f64 = 2.0;
-/// Frequency of the motion over the device's own, below which the contact's stretch is that of friction alone: it
-/// changes only where the screw turns round, and the encoder's steps are no noise there.
+/// Ratio of the motion's frequency to the device's natural frequency below which the contact's deflection comes from
+/// friction alone: it changes only where the screw reverses, and the encoder's steps are not noise there.
 const SLOWEST: f64 = 0.02;
 
 /// Errors of one fit.
@@ -51,16 +51,16 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// `None` where the normal matrix cannot be inverted at all.
+    /// `None` if the normal matrix cannot be inverted at all.
     pub fn of(fitted: &Fitted, stretches: &[Prepared], settings: &Settings) -> Option<Self> {
         let jacobian = &fitted.jacobian;
-        // Columns of unit length, so that the units play no part in what is singular.
+        // Normalised columns, so that units do not affect singularity.
         let lengths: Vec<f64> = jacobian.column_iter().map(|column| column.norm().max(1e-300)).collect();
         let mut scaled = jacobian.clone();
         scaled.column_iter_mut().zip(&lengths).for_each(|(mut column, length)| column /= *length);
         let unit =
             DMatrix::from_diagonal(&DVector::from_iterator(lengths.len(), lengths.iter().map(|length| 1.0 / length)));
-        // A direction under 1e-12 of the rest has an endless interval, not a meaningless one.
+        // A direction with an eigenvalue below 1e-12 gets an infinite interval, not a meaningless one.
         let eigen = scaled.tr_mul(&scaled).symmetric_eigen();
         let inverted = eigen.eigenvalues.map(|value| 1.0 / value.max(1e-12));
         let inverse = &eigen.eigenvectors * DMatrix::from_diagonal(&inverted) * eigen.eigenvectors.transpose();
@@ -139,7 +139,7 @@ impl Errors {
     pub fn u95(&self, name: Name, fitted: &Fitted) -> Option<f64> {
         let place = self.place(name)?;
         let impacts = if fitted.state.parameters.backlash_m > LEAST_BACKLASH_M { IMPACTS } else { 1.0 };
-        // What the noise does not explain is no noise: it need not average out.
+        // A residual that noise does not explain need not average out.
         let doubt = over_noise(fitted).powi(2).max(1.0);
         let chance = (impacts * COVERAGE * self.error(place, fitted)).hypot(model_u95(name, fitted));
         Some((doubt * chance).hypot(self.systematic[place]))
@@ -168,7 +168,7 @@ impl Errors {
         Correlation { names: self.names.iter().map(|name| name.key()).collect(), matrix }
     }
 
-    /// The parameter that goes with this one most, where that is a lot.
+    /// The parameter most correlated with this one, if the correlation is large.
     fn partner(&self, name: Name) -> Option<(Name, f64)> {
         let place = self.place(name)?;
         let correlation = self.correlation();
@@ -177,7 +177,7 @@ impl Errors {
         (most.1.abs() > TOGETHER).then_some((*most.0, *most.1))
     }
 
-    /// What may be said of a parameter.
+    /// The result for a parameter.
     pub fn judged(&self, name: Name, fitted: &Fitted, task: &Task, stretches: &[Prepared]) -> Found {
         let value = name.of(&fitted.state.parameters);
         let known = task.known_of(name);
@@ -225,13 +225,13 @@ impl Errors {
         }
     }
 
-    /// What is smaller than its interval is a bound, but where another parameter may stand for it.
+    /// A value smaller than its interval is a bound, unless another parameter may take its place.
     fn bound(&self, name: Name, found: Found, cannot: impl Fn() -> Found) -> Found {
         let found = found.bounded();
         if found.status == FoundStatus::BelowU95 && self.partner(name).is_some() { cannot() } else { found }
     }
 
-    /// Parameters whose parabola may not do, weakest first.
+    /// Parameters for which a quadratic approximation may fail, weakest first.
     pub fn weak(&self, fitted: &Fitted) -> Vec<Name> {
         let mut weak: Vec<(Name, f64)> = self
             .names
@@ -247,8 +247,8 @@ impl Errors {
         weak.into_iter().map(|(name, _)| name).take(MOST_PROFILES).collect()
     }
 
-    /// Ends of the interval where the sum of squares, all other parameters fitted anew, has grown as it should at the
-    /// end of a parabola's. The systematic part is added.
+    /// Ends of the interval where the sum of squares, with all other parameters refitted, has grown by as much as at
+    /// the end of a quadratic one's interval. The systematic part is added.
     pub fn profile(&self, name: Name, fitted: &Fitted, stretches: &[Prepared], task: &Task) -> Option<[f64; 2]> {
         let place = self.place(name)?;
         let value = name.of(&fitted.state.parameters);
@@ -261,7 +261,7 @@ impl Errors {
             for _ in 0..3 {
                 let at = value + side * distance;
                 if at <= 0.0 {
-                    // Friction and backlash end at nothing.
+                    // Friction and backlash cannot be negative.
                     return Some(0.0);
                 }
                 let grown = 2.0 * (cost_with(stretches, task, &fitted.state, Some((name, at)))? - least).max(0.0);
@@ -277,8 +277,8 @@ impl Errors {
     }
 }
 
-/// What no averaging removes, measured on simulated devices (docs/tables/identify.md): impacts that fall between
-/// samples, a terminal's motion that is not quite smooth.
+/// Errors that averaging does not remove, measured on simulated devices (docs/tables/identify.md): impacts between
+/// samples, a terminal motion that is not quite smooth.
 fn model_u95(name: Name, fitted: &Fitted) -> f64 {
     let p = &fitted.state.parameters;
     match name {
@@ -299,7 +299,7 @@ fn is_slow(fitted: &Fitted, stretches: &[Prepared]) -> bool {
     v < SLOWEST * SLOWEST * x * p.stiffness_n_per_m / p.inertance_kg
 }
 
-/// Least and greatest force of the contact, roughly.
+/// Approximate minimum and maximum force of the contact.
 fn span(stretches: &[Prepared]) -> (f64, f64) {
     ends(stretches.iter().flat_map(|prepared| {
         prepared.force.iter().skip(counting(prepared).start).take(counting(prepared).len()).copied()

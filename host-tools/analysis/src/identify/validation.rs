@@ -6,12 +6,12 @@ use super::{
     result::Validation,
 };
 
-/// Residual over what the noise explains, root mean square.
+/// RMS ratio of the residual to what the noise explains.
 pub(super) fn over_noise(fitted: &Fitted) -> f64 {
     (2.0 * fitted.cost / fitted.residual.len().max(1) as f64).sqrt()
 }
 
-/// How well a model explains what comes after a part of each stretch.
+/// How well a model explains the rest of each stretch after its fitted part.
 pub(super) fn judged(stretches: &[Prepared], state: &State, fitted: f64) -> Option<Validation> {
     let (mut left, mut all, mut count) = (0.0, 0.0, 0usize);
     for (number, prepared) in stretches.iter().enumerate() {

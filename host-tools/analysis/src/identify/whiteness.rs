@@ -1,16 +1,16 @@
-//! Whether the residual is white noise: the test of Ljung and Box, Biometrika 65 (1978).
+//! Whether the residual is white noise: the Ljung-Box test, Biometrika 65 (1978).
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::result::Whiteness;
 use crate::law::mean;
 
-/// Delays that are looked at.
+/// Number of lags tested.
 const LAGS: usize = 20;
-/// Numbers under which nothing is said.
+/// Minimum number of values for a result.
 const LEAST: usize = 200;
 
-/// Of numbers in a row, each of which would be independent of the others.
+/// Tests consecutive numbers that would be independent if the noise were white.
 pub fn whiteness(residual: &[f64]) -> Option<Whiteness> {
     let count = residual.len();
     if count < LEAST {

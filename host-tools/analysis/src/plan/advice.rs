@@ -1,4 +1,4 @@
-//! Which motion would have shown what a run could not.
+//! Suggests a motion that would have identified what a run could not.
 
 use inerter_core::{Interval, Machine, Parameter, Settings};
 use inerter_data::{
@@ -19,22 +19,22 @@ use super::{
     words::{interval_of, limits_text, part_text},
 };
 
-/// Part of a run's interval that another motion must come under to be worth it.
+/// Another motion must reduce a run's interval to this fraction to be suggested.
 const WORTH_IT: f64 = 0.7;
 
-/// What a run could not show, and the motion that would have.
+/// What a run could not identify, and a motion that would have.
 #[derive(Clone, Debug)]
 pub struct Advice {
-    /// Places in `[mt, cf, fc]` of what was not identifiable or smaller than its interval.
+    /// Indices in `[mt, cf, fc]` of parameters that were not identifiable or smaller than their interval.
     pub lacking: Vec<usize>,
-    /// The motion, and the limits that the run itself kept to; none where the run says too little of the device.
+    /// The motion, and the limits that the run itself kept to; `None` if the run says too little about the device.
     pub motion: Option<(Sketch, Limits)>,
     /// Those of the lacking parameters that it would identify clearly better.
     pub told: Vec<usize>,
 }
 
-/// What to do about what a run could not show; nothing where it showed all, or where more breaks the law than chance: a
-/// plan rests on it, and no motion helps.
+/// Advice for what a run could not identify; `None` if it identified everything, or if more than chance violates the
+/// law: a plan assumes the law, so no motion would help.
 pub fn advice(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Option<Advice> {
     let found = each(&outcome.estimate.whole_run);
     let lacks = |parameter: &Parameter| parameter.known().is_none_or(|Interval { value, u95 }| value.abs() < u95);

@@ -1,4 +1,4 @@
-//! The request for a plan, and the device and the limits that follow from it.
+//! The request for a plan, and the resulting device and limits.
 
 use std::collections::BTreeMap;
 
@@ -23,27 +23,26 @@ use super::{
     predict::predict,
 };
 
-/// What to do where nothing says what to expect.
+/// Advice if the expected device is not stated.
 const EXPECTED: &str = "state inertance, viscous and Coulomb friction and the force's noise approximately, or give a recording of an earlier run; \
     `--preset paper` is the paper's device";
 
-/// The request for a plan; what is left out follows from the run, or has its default.
+/// The request for a plan; omitted values follow from the run, or have defaults.
 #[derive(Clone, Debug, Default)]
 pub struct Asked {
-    /// A run whose device is expected, and whose limits apply.
+    /// A run that defines the expected device and the limits.
     pub run: Option<Source>,
     /// Device to start from if there is no run, one of [`Inerter::PRESETS`].
     pub preset: Option<String>,
-    /// Parameters of the expected device, over those of run or preset.
+    /// Parameters of the expected device, which override those of run or preset.
     pub given: BTreeMap<String, f64>,
     /// White noise of the force in one sample, rms \[N\].
     pub force_noise_n: Option<f64>,
     /// Settings of the rig; a run has been opened with them.
     pub overrides: Overrides,
-    /// Half widths of intervals that are wanted, such as `fc to 0.3 N, mt to 0.1 %`. Where empty, the motion fills the
-    /// duration.
+    /// Wanted half widths of intervals, such as `fc to 0.3 N, mt to 0.1 %`. If empty, the motion fills the duration.
     pub wants: String,
-    /// A motion whose intervals are predicted, and its seed; none to design one.
+    /// A motion whose intervals are predicted, and its seed; `None` to design one.
     pub motion: Option<(String, u64)>,
     /// Displacement of the terminal to either side of its middle \[m\].
     pub stroke_m: Option<f64>,
@@ -57,12 +56,12 @@ pub struct Asked {
     pub lowest_hz: Option<f64>,
     /// Highest frequency \[Hz\].
     pub highest_hz: Option<f64>,
-    /// Time in which a part rises from rest, and returns to it \[s\].
+    /// Length of the ramps of a part, from rest and to rest \[s\].
     pub fade_s: Option<f64>,
 }
 
 impl Asked {
-    /// The motion and its prediction, with the expected device; `progress` is called with the part that is done.
+    /// The motion and its prediction, with the expected device; `progress` is called with the completed fraction.
     pub fn planned<E: From<PlanError> + From<Error>>(&self, progress: impl FnMut(f64)) -> Result<Planned, E> {
         let (expected, known) = match &self.run {
             Some(run) => self.by_run::<E>(run)?,
@@ -79,7 +78,7 @@ impl Asked {
         })
     }
 
-    /// The device that is stated, on the rig that the settings state.
+    /// The stated device, on the rig of the settings.
     fn stated(&self) -> Result<Expected, PlanError> {
         let mut device = match &self.preset {
             Some(name) => Inerter::preset(name)?,
@@ -99,8 +98,8 @@ impl Asked {
         let overrides = &self.overrides;
         let mut settings = Settings::default();
         overrides.apply(&mut settings)?;
-        // What is set of the device's surroundings and not said by a flag is what is expected; the other way round it
-        // is known.
+        // Structure mass and contact: a value in the settings that no flag gives is the expected one; conversely,
+        // without a setting the device's value becomes the setting.
         let is_stated = |name: &str| self.preset.is_some() || self.given.contains_key(name);
         if !self.given.contains_key("structure_mass_kg") && overrides.get("structure_mass_kg").is_some() {
             device.structure_mass_kg = settings.structure_mass_kg;
@@ -126,7 +125,7 @@ impl Asked {
         Ok(Expected { device, settings, force_noise_n })
     }
 
-    /// What an earlier run makes one expect, and the limits that it kept to.
+    /// The device to expect from an earlier run, and the limits that it kept to.
     fn by_run<E: From<PlanError> + From<Error>>(&self, run: &Source) -> Result<(Expected, Limits), E> {
         let mut reach = Reach::new(&run.settings);
         let samples = run.samples()?.inspect(|sample| sample.iter().for_each(|sample| reach.push(sample)));
@@ -137,7 +136,7 @@ impl Asked {
         Ok((expected, limits))
     }
 
-    /// The limits that are given, over those that are known.
+    /// The given limits, which override the known ones.
     fn limits(&self, known: Limits) -> Limits {
         Limits {
             stroke_m: self.stroke_m.unwrap_or(known.stroke_m),
@@ -151,12 +150,12 @@ impl Asked {
         }
     }
 
-    /// What a motion that is given will tell.
+    /// The prediction for a given motion.
     fn given_motion(&self, expected: Expected, limits: Limits, text: &str, seed: u64) -> Result<Planned, PlanError> {
         let motion = Excitation::parse(text, seed).map_err(PlanError::Motion)?;
         let own_s = Some(motion.duration_s()).filter(|own_s| own_s.is_finite());
         let duration_s = self.duration_s.or(own_s).unwrap_or(Limits::default().duration_s);
-        // The stroke need not be stated where nothing is made to fit it.
+        // The stroke need not be stated if no motion is fitted to it.
         let stroke_m = if limits.stroke_m.is_finite() { limits.stroke_m } else { 1e3 };
         let checked = Limits { stroke_m, duration_s, ..limits }.checked(&expected)?;
         let motion = motion.lasting(duration_s);

@@ -1,5 +1,5 @@
-//! Motions of which a plan chooses: tones and multisines, each as large as the limits allow, and what each tells in a
-//! second.
+//! Candidate motions for a plan: tones and multisines, each as large as the limits allow, and the information of each
+//! per second.
 
 use std::f64::consts::TAU;
 
@@ -13,44 +13,44 @@ use super::{
     peaks::Peaks,
 };
 
-/// Amplitudes of a tone beside the greatest one.
+/// Amplitudes of a tone relative to the largest one, in addition to that.
 const LOWER: [f64; 1] = [0.4];
-/// Tones of a multisine.
+/// Number of tones of a multisine.
 const TONES: u32 = 8;
-/// Phases that are tried for a multisine, for the least peaks.
+/// Phases tried for a multisine, to minimise its peaks.
 const PHASES: u32 = 40;
-/// Time until the estimator has learnt friction \[s\], and least time in which a motion is looked at.
+/// Time until the estimator has learnt friction \[s\], and minimum time for which a motion is simulated.
 const LEARNT_S: f64 = 2.0;
 const SEEN_S: f64 = 4.0;
-/// Periods of the lowest tone in which a motion is looked at.
+/// Periods of the lowest tone for which a motion is simulated.
 const PERIODS: f64 = 2.5;
-/// Attempts to come within the limits, and how near is near enough.
+/// Attempts to meet the limits, and the accuracy that is sufficient.
 const ATTEMPTS: usize = 6;
 const NEAR: f64 = 0.97;
-/// Seed of the noise in which motions are looked at.
+/// Seed of the noise in these simulations.
 const SEED: u64 = 1;
 
-/// How thoroughly motions are sought.
+/// Thoroughness of the search for motions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Effort {
-    /// Frequencies of tones.
+    /// Number of tone frequencies.
     pub frequencies: u32,
-    /// Whether there are smaller tones and multisines as well.
+    /// Whether to include smaller tones and multisines.
     pub varied: bool,
 }
 
-/// One motion to choose.
+/// A candidate motion.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
-    /// Its tones, all zero together at the start.
+    /// Its tones, whose sum is zero at the start.
     pub tones: Vec<Tone>,
-    /// What it tells in a second.
+    /// Its information per second.
     pub information: Information,
-    /// What it takes of the limits.
+    /// Its peaks, to compare with the limits.
     pub peaks: Peaks,
 }
 
-/// Lead-in and lead-out of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than
+/// Length of the ramps of a motion \[s\]: at least a quarter of the lowest tone's period, or they would be faster than
 /// the motion.
 pub(super) fn fade_s(tones: &[Tone], limits: &Limits) -> f64 {
     limits.fade_s.max(0.25 / lowest_hz(tones))
@@ -61,7 +61,7 @@ pub(super) fn lowest_hz(tones: &[Tone]) -> f64 {
     tones.iter().map(|tone| tone.frequency_hz).fold(f64::INFINITY, f64::min)
 }
 
-/// All of them that tell anything; the last error where none can be simulated.
+/// All candidates with any information; the last error if none can be simulated.
 pub(super) fn candidates(
     expected: &Expected,
     limits: &Limits,
@@ -83,7 +83,7 @@ pub(super) fn candidates(
     Ok(found)
 }
 
-/// Tones evenly spread in the logarithm of the frequency, and multisines of bands, of no amplitude yet.
+/// Tones with logarithmically spaced frequencies, and multisines of bands, still without an amplitude.
 fn shapes(expected: &Expected, limits: &Limits, effort: Effort) -> Vec<Vec<Tone>> {
     let rate_hz = expected.settings.sample_rate_hz;
     let spread = |low_hz: f64, high_hz: f64, count: u32| {
@@ -100,14 +100,14 @@ fn shapes(expected: &Expected, limits: &Limits, effort: Effort) -> Vec<Vec<Tone>
     shapes
 }
 
-/// A frequency near by whose period is no whole number of samples: strokes that never come again average the encoder's
-/// steps out.
+/// A nearby frequency whose period is not a whole number of samples: strokes that never repeat average out the
+/// encoder's steps.
 fn incommensurate(frequency_hz: f64, rate_hz: f64) -> f64 {
     rate_hz / ((rate_hz / frequency_hz).floor() + GOLDEN)
 }
 
-/// Tones of equal velocity at these frequencies, with the phases that leave the least peak of displacement and
-/// velocity, of 1 m/s in the sum's velocity; zero at the start.
+/// Tones of equal velocity at these frequencies, with the phases that minimise the peaks of displacement and velocity,
+/// scaled to 1 m/s in the sum's velocity; zero at the start.
 fn multisine(frequencies: impl Iterator<Item = f64>) -> Vec<Tone> {
     let frequencies: Vec<f64> = frequencies.collect();
     let velocity = (frequencies.len() as f64).sqrt().recip();
@@ -122,7 +122,7 @@ fn multisine(frequencies: impl Iterator<Item = f64>) -> Vec<Tone> {
     best.map(|(_, tones)| from_zero(tones)).unwrap_or_default()
 }
 
-/// Displacement and velocity of a sum of tones at a time.
+/// Displacement and velocity of a sum of tones at a given time.
 fn at(tones: &[Tone], t_s: f64) -> (f64, f64) {
     tones.iter().fold((0.0, 0.0), |(x, v), tone| {
         let w = TAU * tone.frequency_hz;
@@ -131,14 +131,14 @@ fn at(tones: &[Tone], t_s: f64) -> (f64, f64) {
     })
 }
 
-/// Times of a sum of tones: ten periods of the lowest, ten points in each of the highest.
+/// Sampling times for a sum of tones: ten periods of the lowest, ten points in each period of the highest.
 fn times(tones: &[Tone]) -> impl Iterator<Item = f64> + use<> {
     let highest_hz = tones.iter().map(|tone| tone.frequency_hz).fold(0.0, f64::max);
     let count = (100.0 * highest_hz / lowest_hz(tones)).min(20_000.0) as u32;
     (0..count).map(move |k| f64::from(k) / (10.0 * highest_hz))
 }
 
-/// Peaks of displacement and velocity over their roots of mean squares, multiplied.
+/// Product of the crest factors of displacement and velocity.
 fn crest(tones: &[Tone]) -> f64 {
     let (mut peaks, mut squares, mut count) = ([0.0f64; 2], [0.0; 2], 0.0);
     for (x, v) in times(tones).map(|t_s| at(tones, t_s)) {
@@ -151,7 +151,7 @@ fn crest(tones: &[Tone]) -> f64 {
     peaks.iter().zip(squares).map(|(peak, square)| peak / (square / f64::max(count, 1.0)).sqrt()).product()
 }
 
-/// The same tones from a time on at which their sum is zero: a motion from rest is then not off its middle.
+/// The same tones, shifted to start at a zero of their sum, so that a motion from rest stays centred.
 fn from_zero(tones: Vec<Tone>) -> Vec<Tone> {
     let mut passes =
         times(&tones).zip(times(&tones).skip(1)).filter(|(a, b)| at(&tones, *a).0 * at(&tones, *b).0 <= 0.0);
@@ -164,12 +164,13 @@ fn from_zero(tones: Vec<Tone>) -> Vec<Tone> {
     tones.into_iter().map(turned).collect()
 }
 
-/// So many times the amplitudes.
+/// The tones with scaled amplitudes.
 fn scaled(tones: &[Tone], factor: f64) -> Vec<Tone> {
     tones.iter().map(|tone| Tone { amplitude_m: factor * tone.amplitude_m, ..*tone }).collect()
 }
 
-/// As large as the limits allow: by the terminal's motion alone first, then by the force that the device makes of it.
+/// Enlarged as far as the limits allow: first by the terminal's motion alone, then by the resulting force of the
+/// device.
 fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
     let of_unit_speed = |tone: Tone| Tone { amplitude_m: (TAU * tone.frequency_hz).recip(), ..tone };
     let unit = if tones.len() == 1 { tones.into_iter().map(of_unit_speed).collect() } else { tones };
@@ -177,7 +178,7 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
     for (x, v) in times(&unit).map(|t_s| at(&unit, t_s)) {
         kinematic = kinematic.and(Peaks { stroke_m: x.abs(), speed_m_per_s: v.abs(), ..Peaks::default() });
     }
-    // The force by a rigid contact, which a resonance exceeds.
+    // The force with a rigid contact, which a resonance exceeds.
     let [mass_kg, viscous, ..] = expected.law();
     let acceleration: f64 = unit.iter().map(|tone| tone.amplitude_m * (TAU * tone.frequency_hz).powi(2)).sum();
     let per_size = mass_kg * acceleration + viscous * kinematic.speed_m_per_s;
@@ -188,7 +189,7 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
     for _ in 0..ATTEMPTS {
         let tones = scaled(&unit, size);
         let Some(found) = seen(expected, limits, tones)? else {
-            // What does not break free may be too small a motion.
+            // A motion that does not break free may be too small.
             size *= 1.5;
             if size > limits.room(&kinematic) {
                 return Ok(best);
@@ -208,7 +209,7 @@ fn enlarged(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Op
     Ok(best)
 }
 
-/// What tones of this size tell; nothing where the estimator takes in nothing of them.
+/// The information of tones of this size; `None` if the estimator uses none of their samples.
 fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option<Candidate>, PlanError> {
     let fade_s = fade_s(&tones, limits);
     let from_s = fade_s + LEARNT_S;

@@ -1,4 +1,4 @@
-//! The motion itself: parts with their shares of the time, as long as what is wanted takes.
+//! Designs the motion: parts with their shares of the time, as long as the wanted intervals require.
 
 use inerter_core::{Bank, Detail, Found, Motion, NORMAL_COVERAGE, Scatter, Source, Systematic};
 use inerter_data::wants::Want;
@@ -16,52 +16,52 @@ use super::{
 };
 use crate::{calibrate, fit::budget};
 
-/// Effort of a design that is rehearsed, and of one that is not.
+/// Effort of a design with rehearsals, and of one without.
 const THOROUGH: Effort = Effort { frequencies: 12, varied: true };
 const QUICK: Effort = Effort { frequencies: 6, varied: false };
-/// Shortest motion \[s\]: the estimator judges no law before 200 updates.
+/// Shortest motion \[s\]: the estimator does not judge the law before 200 updates.
 const SHORTEST_S: f64 = 5.0;
-/// What is kept clear of what is wanted before a motion was rehearsed.
+/// Margin on the wanted intervals before a motion has been rehearsed.
 const MARGIN: f64 = 1.05;
-/// Attempts to find how long a motion must last.
+/// Attempts to find the required duration.
 const ATTEMPTS: usize = 3;
-/// Interval over what is wanted that is near enough from below, so that no shorter motion is sought.
+/// Ratio of an interval to the wanted one that is close enough, so that no shorter motion is searched for.
 const NEAR: f64 = 0.85;
-/// Periods of the lowest tone that a part lasts at least, beside its lead-in and lead-out.
+/// Minimum periods of the lowest tone in a part, in addition to its ramps.
 const PERIODS: f64 = 1.5;
-/// Attempts to bring a part within the limits, and what is kept clear of them.
+/// Attempts to bring a part within the limits, and the margin to them.
 const TRIMS: usize = 4;
 const CLEAR: f64 = 0.995;
-/// Weight of the determinant beside the widest interval over what is wanted: it decides where that is alike.
+/// Weight of the determinant relative to the largest ratio of an interval to the wanted one: it decides ties.
 const TIE: f64 = 1e-3;
-/// Rehearsed interval over that of the theory from which on the motion is not what the theory took it for, and 95 % of
-/// the scatter over the interval.
+/// Ratio of the rehearsed to the theoretical interval, and of 95 % of the scatter to the interval, above which the
+/// theory does not apply to the motion.
 const ASTRAY: f64 = 2.0;
 const SCATTERS: f64 = 1.2;
 
-/// By what a motion was chosen.
+/// The criterion of a design.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Criterion {
-    /// Least determinant of the covariance of inertance, viscous and Coulomb friction.
+    /// Minimum determinant of the covariance of inertance, viscous and Coulomb friction.
     DOptimal,
-    /// Least time for what is wanted.
+    /// Minimum time for the wanted intervals.
     Wanted,
 }
 
 /// A designed motion.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// What it is made of.
+    /// Its parts.
     pub parts: Vec<Part>,
     /// Its predicted intervals.
     pub prediction: Prediction,
-    /// The criterion by which it was chosen.
+    /// The criterion of its design.
     pub criterion: Criterion,
-    /// What was wanted.
+    /// The wanted intervals.
     pub wants: Vec<Want>,
     /// The limits that it respects.
     pub limits: Limits,
-    /// What chance alone adds to the interval of each by the theory, as the half width of a part.
+    /// The theoretical contribution of chance alone to each interval, as the half width of a component.
     chance: [f64; 4],
 }
 
@@ -76,12 +76,12 @@ impl Plan {
         duration_s(&self.parts)
     }
 
-    /// The predicted interval for a wanted one, or the scatter if that is wider; infinite if there will be none.
+    /// The predicted interval for a wanted one, or the scatter if that is larger; infinite if there will be none.
     pub fn reached(&self, want: &Want) -> f64 {
         self.of(want).half_width()
     }
 
-    /// The same for an endless motion: what no duration averages out.
+    /// The same for an endless motion: what averaging does not remove.
     pub fn floor(&self, want: &Want) -> f64 {
         let predicted = self.of(want);
         let part = |source| {
@@ -92,7 +92,7 @@ impl Plan {
         (predicted.half_width().powi(2) - averaged).max(0.0).sqrt()
     }
 
-    /// How long the same motion would have to last for this \[s\]; none where no time is enough.
+    /// How long the same motion would have to last for this \[s\]; `None` if no time is enough.
     pub fn enough_s(&self, want: &Want) -> Option<f64> {
         let (reached, floor) = (self.reached(want), self.floor(want));
         let (of_time, left) = (reached * reached - floor * floor, want.u95 * want.u95 - floor * floor);
@@ -104,16 +104,16 @@ impl Plan {
     }
 }
 
-/// A motion that was not rehearsed.
+/// A motion without rehearsals.
 #[derive(Clone, Debug)]
 pub struct Sketch {
-    /// What it is made of.
+    /// Its parts.
     pub parts: Vec<Part>,
-    /// The interval that each of the four parameters will have by the theory; infinite where there will be none.
+    /// The theoretical interval of each of the four parameters; infinite if there will be none.
     pub u95: [f64; 4],
 }
 
-/// What a design is sought by.
+/// The search for a design.
 struct Search<'a> {
     expected: &'a Expected,
     limits: &'a Limits,
@@ -121,8 +121,8 @@ struct Search<'a> {
     found: &'a [Candidate],
 }
 
-/// One way to seek it: by which criterion, for which bank where it is not left open, and up to which part of the
-/// highest frequency.
+/// One way to search: the criterion, the bank if it is fixed, and the fraction of the highest frequency up to which
+/// tones are used.
 #[derive(Clone, Copy)]
 struct Way {
     criterion: Criterion,
@@ -138,7 +138,8 @@ impl Search<'_> {
         }
     }
 
-    /// The first way to seek it, one for where that does not reach what is wanted, and those for where it leads astray.
+    /// The first way to search, one for when that does not reach the wanted intervals, and those for when the theory
+    /// does not apply.
     fn ways(&self) -> (Way, Option<Way>, [Way; 3]) {
         let criterion = if self.wants.is_empty() { Criterion::DOptimal } else { Criterion::Wanted };
         let any = Way { criterion, bank: None, highest: 1.0 };
@@ -152,7 +153,7 @@ impl Search<'_> {
         self.found.iter().map(|one| choice(one, self.limits)).collect()
     }
 
-    /// How long each candidate lasts so that all together fill so many seconds, and what they tell.
+    /// How long each candidate lasts so that together they fill this time, and their information.
     fn lasting(&self, seconds: f64, way: Way) -> Option<(Vec<f64>, Told)> {
         let told = |all: &Together| match way.bank {
             None => all.told(self.expected),
@@ -162,7 +163,7 @@ impl Search<'_> {
         let highest_hz = way.highest * self.limits.highest_hz;
         for (choice, one) in choices.iter_mut().zip(self.found) {
             if one.tones.iter().any(|tone| tone.frequency_hz > 1.01 * highest_hz) {
-                // None of it has room.
+                // It does not fit at all.
                 choice.shortest_s = f64::INFINITY;
             }
         }
@@ -172,7 +173,7 @@ impl Search<'_> {
         Some((lasting, told))
     }
 
-    /// The same for the least time that is enough for what is wanted, at most that of the limits.
+    /// The minimum time in which the wanted intervals are reached, at most that of the limits.
     fn shortest(&self, way: Way) -> f64 {
         if self.wants.is_empty() {
             return self.limits.duration_s;
@@ -183,8 +184,8 @@ impl Search<'_> {
         least(SHORTEST_S, self.limits.duration_s, is_enough)
     }
 
-    /// The parts that last so long each \[s\], the one with the largest force first: from it the estimator learns
-    /// friction soonest. Each by itself is within the limits, lead-in and lead-out included.
+    /// The parts with these durations \[s\], the one with the largest force first: from it the estimator learns
+    /// friction soonest. Each is within the limits on its own, including its ramps.
     fn parts(&self, lasting: &[f64]) -> Result<Vec<Part>, PlanError> {
         let mut chosen: Vec<(&Candidate, f64)> =
             self.found.iter().zip(lasting).filter(|(_, time)| **time > 0.0).map(|(one, time)| (one, *time)).collect();
@@ -205,7 +206,7 @@ impl Search<'_> {
         chosen.into_iter().map(part).collect()
     }
 
-    /// The plan for so many seconds, rehearsed, and made smaller where its parts together exceed a limit.
+    /// The plan for this time, rehearsed, and reduced if its parts together exceed a limit.
     fn rehearsed(&self, seconds: f64, way: Way) -> Result<Option<(Plan, Told)>, PlanError> {
         let Some((lasting, told)) = self.lasting(seconds, way) else { return Ok(None) };
         let mut parts = self.parts(&lasting)?;
@@ -223,8 +224,7 @@ impl Search<'_> {
         Ok(Some((Plan { parts, prediction, criterion: way.criterion, wants, limits, chance }, told)))
     }
 
-    /// The better one of a plan and of what this way leads to, and whether rehearsals show something else there than
-    /// the theory.
+    /// The better of a plan and the result of this way, and whether its rehearsals contradict the theory.
     fn sought(
         &self,
         mut best: Option<Plan>,
@@ -255,7 +255,7 @@ impl Search<'_> {
         Ok((best, is_astray))
     }
 
-    /// One that reaches all is better the shorter it is; of those that do not, the one that comes nearest.
+    /// Among plans that reach everything the shorter is better; among the others the one that comes closest.
     fn is_better(&self, plan: &Plan, than: &Plan) -> bool {
         match (self.worst(than) <= 1.0, self.worst(plan) <= 1.0) {
             (true, true) if !self.wants.is_empty() => plan.duration_s() < than.duration_s(),
@@ -265,7 +265,7 @@ impl Search<'_> {
         }
     }
 
-    /// How good a rehearsed motion is: less is better.
+    /// Rank of a rehearsed motion: lower is better.
     fn rank(&self, plan: &Plan) -> f64 {
         if self.wants.is_empty() {
             plan.prediction.parameters.iter().take(3).map(|predicted| same_rig_half_width(predicted).ln()).sum()
@@ -274,14 +274,14 @@ impl Search<'_> {
         }
     }
 
-    /// The widest interval over what is wanted; 0 where nothing is.
+    /// The largest ratio of an interval to the wanted one; 0 if nothing is wanted.
     fn worst(&self, plan: &Plan) -> f64 {
         self.wants.iter().map(|want| plan.reached(want) / want.u95).fold(0.0, f64::max)
     }
 }
 
-/// Designs the motion of an expected device within the limits: D-optimal over the whole duration, or, where something
-/// is wanted, the shortest one that reaches it. `progress` is handed the part that is done.
+/// Designs the motion for an expected device within the limits: D-optimal over the whole duration or, if intervals are
+/// wanted, the shortest one that reaches them. `progress` gets the completed fraction.
 pub fn design(
     expected: &Expected,
     limits: Limits,
@@ -309,17 +309,17 @@ pub fn design(
     Ok(Plan { wants: wants.to_vec(), ..best })
 }
 
-/// Half width without what two runs share, or the scatter where it is wider.
+/// Half width without the errors that two runs share, or the scatter if it is larger.
 fn same_rig_half_width(predicted: &Predicted) -> f64 {
     predicted.same_rig_u95().max(f64::from(NORMAL_COVERAGE) * predicted.scatter)
 }
 
-/// The interval that gain, lead and timebase alone leave of what is wanted, whatever the motion.
+/// The ratio of the interval from gain, lead and timebase alone to the wanted one, whatever the motion.
 fn calibration(expected: &Expected, want: &Want) -> f64 {
     let value = expected.law()[want.place];
     let found = Found { value: value as f32, error: 0.0, per_skew: 0.0, steps: 0.0 };
     let scatter = Scatter::white(value as f32, f32::INFINITY);
-    // Of any motion: none of the three depends on it.
+    // For any motion: none of the three depends on it.
     let motion = Motion::of(&Detail::default(), 1.0);
     let budget = budget(want.place, &Systematic::of(&expected.settings), &found, &scatter.in_motion(&motion), &motion);
     calibrate::together(
@@ -327,7 +327,8 @@ fn calibration(expected: &Expected, want: &Want) -> f64 {
     )
 }
 
-/// The same without rehearsals and with fewer candidates: what a motion of this length could tell, in a moment.
+/// The same without rehearsals and with fewer candidates: a quick estimate of what a motion of this length could
+/// identify.
 pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> {
     let limits = limits.checked(expected)?;
     let found = candidates(expected, &limits, QUICK, |_| ())?;
@@ -337,20 +338,20 @@ pub fn sketch(expected: &Expected, limits: Limits) -> Result<Sketch, PlanError> 
     Ok(Sketch { parts: search.parts(&lasting)?, u95: told.budgets.map(|budget| f64::from(budget.u95())) })
 }
 
-/// A candidate as the search has it.
+/// A candidate in the form for the search.
 pub(super) fn choice<'a>(one: &'a Candidate, limits: &Limits) -> Choice<'a> {
     let fade_s = fade_s(&one.tones, limits);
     let shortest_s = 2.0 * fade_s + PERIODS / lowest_hz(&one.tones);
-    // Lead-in and lead-out tell about half as much.
+    // The ramps contribute about half as much information.
     Choice { information: &one.information, shortest_s, lost_s: fade_s }
 }
 
-/// The widest interval over what is wanted.
+/// The largest ratio of an interval to the wanted one.
 fn widest(told: &Told, wants: &[Want]) -> f64 {
     wants.iter().map(|want| f64::from(told.budgets[want.place].u95()) / want.u95).fold(0.0, f64::max)
 }
 
-/// The least time for which it is enough, within two percent; the longest where none is.
+/// The minimum time that is enough, within two percent; the longest if none is.
 fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f64 {
     if longest_s <= shortest_s || !is_enough(longest_s) {
         return longest_s;
@@ -366,7 +367,7 @@ fn least(shortest_s: f64, longest_s: f64, is_enough: impl Fn(f64) -> bool) -> f6
     high
 }
 
-/// Why nothing can be told.
+/// Why nothing can be identified.
 fn nothing(expected: &Expected, limits: &Limits, found: &[Candidate]) -> PlanError {
     let why = match found.iter().map(|one| one.peaks.stroke_m).reduce(f64::max) {
         None => format!(

@@ -1,4 +1,4 @@
-//! Why no motion can be planned, always with what to do.
+//! Why no motion can be planned, always with advice.
 
 use inerter_data::{settings::SettingsInputError, wants::WantError};
 use inerter_plant::PlantError;
@@ -18,7 +18,7 @@ pub enum PlanError {
     #[diagnostic(code(inerter::plan::motion), help("`inerter simulate --help` lists every motion"))]
     Motion(PlantError),
 
-    /// What is wanted cannot be read.
+    /// The wanted intervals cannot be parsed.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Wants(#[from] WantError),
@@ -28,7 +28,7 @@ pub enum PlanError {
     #[diagnostic(transparent)]
     Settings(#[from] SettingsInputError),
 
-    /// Nothing says what to expect, or what the rig can do.
+    /// The expected device, or the limits of the rig, are not stated.
     #[error("{missing} is missing: a plan needs the expected device and the limits of the rig")]
     #[diagnostic(code(inerter::plan::unstated), help("{help}"))]
     Unstated { missing: &'static str, help: &'static str },
@@ -46,7 +46,7 @@ pub enum PlanError {
     #[diagnostic(code(inerter::plan::limit), help("{help}"))]
     Limit { name: &'static str, value: f64, wanted: &'static str, help: &'static str },
 
-    /// Two limits leave nothing between them.
+    /// Two limits exclude each other.
     #[error("{one} and {other} contradict each other: {why}")]
     #[diagnostic(code(inerter::plan::conflict), help("{help}"))]
     Conflict { one: &'static str, other: &'static str, why: String, help: &'static str },
@@ -67,7 +67,7 @@ pub enum PlanError {
     )]
     Run { why: &'static str },
 
-    /// What is wanted is out of reach.
+    /// The wanted intervals are out of reach.
     #[error("{what}")]
     #[diagnostic(code(inerter::plan::missed), help("{help}"))]
     Missed { what: String, help: String },

@@ -1,4 +1,4 @@
-//! The device that is expected, and what the estimator would see of it in a motion on this rig.
+//! The expected device, and a simulation of what the estimator would see in a motion on this rig.
 
 use inerter_core::{Bank, RawSample, Settings};
 use inerter_data::replay::{Outcome, Replay};
@@ -7,55 +7,55 @@ use inerter_plant::{Excitation, Inerter, Sample, Sensors, Simulation};
 use super::{error::PlanError, peaks::Peaks, speeds::Speeds};
 use crate::fit::Products;
 
-/// Part of a turn of the golden ratio: phases that are so far apart fill a count evenly.
+/// The golden ratio's fractional part: phases at multiples of it fill a count evenly.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_895;
 
-/// A device that is expected, on a rig whose settings and noise are known.
+/// An expected device, on a rig with known settings and noise.
 #[derive(Clone, Copy, Debug)]
 pub struct Expected {
     /// The device.
     pub device: Inerter,
-    /// Settings of the estimator: scales, rate and what is uncertain of them.
+    /// Settings of the estimator: scales, rate and their uncertainties.
     pub settings: Settings,
     /// White noise of the force in one sample, rms \[N\].
     pub force_noise_n: f64,
 }
 
-/// How a motion is looked at.
+/// Options of a simulation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
-    /// Seed of the noise, and of the encoder's place in a count.
+    /// Seed of the noise, and of the encoder's phase within a count.
     pub seed: u64,
-    /// Time from which on the sums count \[s\].
+    /// Time from which the sums count \[s\].
     pub from_s: f64,
-    /// With the readings that one sample sums, instead of their mean at once.
+    /// Simulate the single readings that a sample sums, instead of their mean.
     pub sums_readings: bool,
-    /// With the sums by speed.
+    /// Keep the sums by speed.
     pub by_speed: bool,
 }
 
-/// What the estimator made of a motion.
+/// The result of a simulation.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
     /// Its sums since [`Look::from_s`], of the fast and of the slow bank.
     pub products: [Products; 2],
-    /// The same by speed, where that was asked for.
+    /// The same by speed, if requested.
     pub speeds: [Speeds; 2],
-    /// All that it came to.
+    /// The estimator's outcome.
     pub outcome: Outcome,
-    /// How far, how fast and how hard the rig moved.
+    /// Peaks of displacement, speed and force.
     pub peaks: Peaks,
 }
 
 impl Expected {
-    /// Inertance with the structure \[kg\], viscous friction \[N s/m\], Coulomb friction and offset \[N\]: what the law
-    /// holds.
+    /// The law's parameters: inertance with the structure \[kg\], viscous friction \[N s/m\], Coulomb friction and
+    /// offset \[N\].
     pub fn law(&self) -> [f64; 4] {
         let Inerter { inertance_kg, viscous_n_s_per_m, coulomb_n, constant_force_n, .. } = self.device;
         [inertance_kg + self.settings.structure_mass_kg, viscous_n_s_per_m, coulomb_n, 0.0 - constant_force_n]
     }
 
-    /// The same of the device alone: the inertance without the structure.
+    /// The same for the device alone: the inertance without the structure.
     pub(super) fn own(&self) -> [f64; 4] {
         let [mt, cf, fc, offset] = self.law();
         [mt - self.settings.structure_mass_kg, cf, fc, offset]
@@ -66,7 +66,7 @@ impl Expected {
         [self.device.inertance_kg, self.device.viscous_n_s_per_m, self.device.coulomb_n]
     }
 
-    /// The rig's instruments with their noise; each seed has its own, and its own place within an encoder count.
+    /// The rig's instruments with their noise; each seed gives other noise and another encoder phase.
     pub fn sensors(&self, seed: u64) -> Sensors {
         let reading = self.at_once().settings;
         Sensors {
@@ -86,7 +86,7 @@ impl Expected {
         }
     }
 
-    /// The same with one reading a sample: what many readings are, but for their rounding.
+    /// The same with one reading per sample, which differs from many readings only by their rounding.
     fn at_once(&self) -> Self {
         let Settings { oversampling, .. } = self.settings;
         let code = |code: f64| (code / oversampling).trunc();
@@ -101,7 +101,7 @@ impl Expected {
         Self { settings, ..*self }
     }
 
-    /// Shakes the expected device for so long \[s\] and listens.
+    /// Simulates the motion of the expected device for this long \[s\] and runs it through the estimator.
     pub(super) fn see(&self, motion: &Excitation, duration_s: f64, look: Look) -> Result<Seen, PlanError> {
         if !look.sums_readings && self.settings.oversampling > 1.0 {
             return self.at_once().see(motion, duration_s, look);
@@ -136,7 +136,7 @@ impl Expected {
     }
 }
 
-/// Sums of both banks as they stand, the fast one first.
+/// The current sums of both banks, the fast one first.
 fn products(replay: &Replay) -> [Option<Products>; 2] {
     [Bank::Fast, Bank::Slow].map(|bank| {
         let (sums, more) = replay.sums(bank);

@@ -1,4 +1,4 @@
-//! What sums of the regressors tell of the device, by the estimator's own theory (docs/THEORY.md, 6).
+//! The information of the regressors' sums about the device, by the estimator's own theory (docs/THEORY.md, 6).
 
 use inerter_core::constants::{CLEAR_OF_STEPS, MOVED};
 use inerter_core::{Bank, Budget, Found, Motion, Source, Systematic};
@@ -9,46 +9,46 @@ use super::{
 };
 use crate::fit::{Products, budget};
 
-/// Mean square by which a normal deviation exceeds its own variance, where it does: `E max(0, z^2 - 1)`.
+/// Mean of the amount by which the square of a standard normal deviation exceeds its variance: `E max(0, z^2 - 1)`.
 const BEYOND_CHANCE: f64 = 0.484;
-/// Times by which the acceleration must be clear of the bound between the banks.
+/// Margin of the acceleration to the bound between the banks.
 const CERTAIN: f64 = 1.25;
-/// Half of the velocity's rms: what is slower is near rest.
+/// Half of the velocity's rms: lower speeds count as near rest.
 const NEAR_REST: f64 = 0.5;
 
-/// What a motion adds in a second.
+/// The information of a motion per second.
 #[derive(Clone, Debug)]
 pub(super) struct Information {
     all: Together,
-    /// Sums by speed, of the fast and of the slow bank.
+    /// Sums by speed, for the fast and the slow bank.
     speeds: [Speeds; 2],
 }
 
-/// Sums over motions, and what else the intervals rest on.
+/// Sums over motions, and the other inputs of the intervals.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Together {
-    /// Of the fast and of the slow bank.
+    /// For the fast and the slow bank.
     products: [Products; 2],
     /// Those away from rest.
     away: [Option<Products>; 2],
-    /// Part of the structure's mass that its motion across a gap leaves out.
+    /// Fraction of the structure's mass that is lost because the structure moves across the gap.
     apart: f64,
-    /// How often each stroke came.
+    /// How often each stroke occurred.
     repeats: f64,
-    /// Reversals, each as often as its stroke has come again.
+    /// Number of reversals, each counted as often as its stroke has repeated.
     reversals_again: f64,
-    /// Part of the strokes that are as long as the one before.
+    /// Fraction of the strokes that are as long as the previous one.
     steady: f64,
     /// Mean squares of the motion's frequency, weighted by the squared acceleration and velocity \[rad^2/s^2\].
     squares: [f64; 2],
-    /// Viscous and Coulomb friction that the second derivative of the force is taken for \[N s/m and N, per N/s^2\].
+    /// Viscous and Coulomb friction that the second derivative of the force imitates \[N s/m and N, per N/s^2\].
     friction_in_curvature: [f64; 2],
 }
 
-/// What they tell.
+/// The resulting uncertainties.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Told {
-    /// Of the four parameters.
+    /// Budgets of the four parameters.
     pub budgets: [Budget; 4],
     /// Logarithm of the determinant of the covariance of inertance, viscous and Coulomb friction, without what no
     /// motion can change: gain, lead and timebase.
@@ -56,22 +56,22 @@ pub(super) struct Told {
 }
 
 impl Information {
-    /// All that was seen in so many seconds of samples.
+    /// The information seen in this many seconds of samples.
     pub fn of(seen: Seen, seconds: f64) -> Self {
         let all = Together { repeats: 1.0, reversals_again: 0.0, ..Together::of(&seen) }.times(1.0 / seconds);
         Self { all, speeds: seen.speeds.map(|speeds| speeds.times(1.0 / seconds).accumulated()) }
     }
 
-    /// Whether either bank took in anything.
+    /// Whether either bank used any samples.
     pub fn is_something(&self) -> bool {
         self.all.products.iter().any(|products| products.updates() > 0.0)
     }
 }
 
 impl Together {
-    /// All that was seen.
+    /// All the information in a simulation.
     pub fn of(seen: &Seen) -> Self {
-        // The acceleration is among the products.
+        // The products already contain the acceleration.
         let Motion {
             repeats,
             apart,
@@ -94,7 +94,7 @@ impl Together {
         }
     }
 
-    /// So many seconds of each; nothing of none.
+    /// Each for this many seconds; `None` if there are none.
     pub fn lasting<'a>(parts: impl Iterator<Item = (f64, &'a Information)> + Clone) -> Option<Self> {
         let mut all = parts.clone().map(|(seconds, part)| part.all.times(seconds)).reduce(|all, one| all.and(&one))?;
         for (bank, (away, products)) in all.away.iter_mut().zip(&all.products).enumerate() {
@@ -107,7 +107,7 @@ impl Together {
         Some(all)
     }
 
-    /// So many times as much of the same.
+    /// The same information multiplied by a factor.
     pub fn times(mut self, factor: f64) -> Self {
         self.products = self.products.map(|products| products.times(factor));
         self.reversals_again *= factor;
@@ -117,7 +117,7 @@ impl Together {
 
     fn and(&self, other: &Self) -> Self {
         let [mine, others] = [self, other].map(|each| each.products[0]);
-        // Sums, not mean squares: each counts by its length.
+        // Sums, not mean squares: each counts according to its length.
         let weights = |products: Products| products.mean_squares().map(|square| (square * products.updates()).max(0.0));
         let (of_mine, of_others) = (weights(mine), weights(others));
         let mean = |i: usize| {
@@ -141,15 +141,15 @@ impl Together {
         }
     }
 
-    /// Mean square that the law has left in one bank over what noise and steps explain of it.
+    /// The law's mean square residual in one bank relative to what noise and steps explain.
     pub fn beyond_explained(&self, bank: Bank, expected: &Expected) -> Option<f64> {
         let products = &self.products[usize::from(bank == Bank::Slow)];
         let [inertance_kg, ..] = expected.law();
         products.beyond_explained(inertance_kg, expected.force_noise_n, &expected.settings).ok()
     }
 
-    /// What they tell of the expected device; nothing where they leave a direction open. Where it is not certain which
-    /// bank the estimator will take, the one that tells less counts.
+    /// The uncertainties for the expected device; `None` if a combination of parameters is not identified. If it is
+    /// uncertain which bank the estimator will use, the one with less information counts.
     pub fn told(&self, expected: &Expected) -> Option<Told> {
         let fast = || self.told_by(Bank::Fast, expected, 1.0);
         let slow = || self.told_by(Bank::Slow, expected, 1.0);
@@ -164,7 +164,7 @@ impl Together {
         Some(if fast.log_det > slow.log_det { fast } else { slow })
     }
 
-    /// The same where it is certain that the estimator will take this bank.
+    /// The same if it is certain that the estimator will use this bank.
     pub fn told_for_certain_by(&self, bank: Bank, expected: &Expected) -> Option<Told> {
         let is_certain = match bank {
             Bank::Fast => self.clear_of_steps(expected) > CERTAIN,
@@ -173,14 +173,14 @@ impl Together {
         is_certain.then(|| self.told_by(bank, expected, 1.0)).flatten()
     }
 
-    /// Acceleration over that from which on the estimator takes the fast bank, squared.
+    /// Squared ratio of the acceleration to that from which the estimator uses the fast bank.
     fn clear_of_steps(&self, expected: &Expected) -> f64 {
         let [fast, _] = &self.products;
         let [acceleration, _] = fast.mean_squares();
         acceleration / (CLEAR_OF_STEPS * fast.steps_square(&expected.settings))
     }
 
-    /// The same by one bank, where the law leaves so many times the mean square that noise and steps explain.
+    /// The same for one bank, if the law's mean square residual is this multiple of what noise and steps explain.
     pub fn told_by(&self, bank: Bank, expected: &Expected, times: f64) -> Option<Told> {
         let settings = &expected.settings;
         let place = usize::from(bank == Bank::Slow);
@@ -219,8 +219,8 @@ impl Together {
     }
 }
 
-/// What inertance, viscous and Coulomb friction will move by between the fits to all and away from rest, by chance
-/// alone, as the half width that the estimator makes of it.
+/// By how much inertance, viscous and Coulomb friction will differ by chance alone between the fit to all updates and
+/// the fit away from rest, as the half width that the estimator derives from it.
 fn moved_by_chance(all: &[Found; 4], away: &[Found; 4], coulomb: &Budget) -> [f32; 3] {
     let scatter = f64::from(coulomb.fit_square()) / f64::from(all[2].error).powi(2);
     let per_square = MOVED.powi(2) * BEYOND_CHANCE * scatter;

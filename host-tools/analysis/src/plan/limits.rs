@@ -1,33 +1,33 @@
-//! What the rig can do at most.
+//! The limits of the rig.
 
 use inerter_core::Settings;
 use inerter_data::{names::unit, words::three_digits};
 
 use super::{error::PlanError, expected::Expected, peaks::Peaks};
 
-/// Shortest and longest motion that is planned \[s\]: longer ones tell by the root of the time more.
+/// Shortest and longest planned motion \[s\]: beyond that, information grows only with the square root of time.
 const DURATION_S: (f64, f64) = (2.0, 600.0);
 /// Lowest frequency \[Hz\].
 const LOWEST_HZ: f64 = 0.01;
 /// Highest frequency \[Hz\]: the fast bank's kernel still passes a quarter.
 const HIGHEST_HZ: f64 = 25.0;
-/// What to do about a stroke.
+/// Advice about a missing stroke.
 const STROKE: &str = "state how far the terminal may move to either side of its middle";
-/// Part of a range of the instruments that a motion may take.
+/// Fraction of an instrument's range that a motion may use.
 const CLEAR: f64 = 0.9;
-/// Encoder counts of a stroke, end to end, under which nothing is seen of it.
+/// Minimum encoder counts of a stroke, end to end.
 const FEWEST_COUNTS: f64 = 20.0;
 
-/// What the rig can do at most.
+/// The limits of the rig.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// Displacement to either side of the middle \[m\].
     pub stroke_m: f64,
-    /// Speed of the terminal \[m/s\]; infinite where none is stated.
+    /// Speed of the terminal \[m/s\]; infinite if not stated.
     pub speed_m_per_s: f64,
-    /// Force on the load cell \[N\]; infinite where none is stated, and the force channel's rails count in any case.
+    /// Force on the load cell \[N\]; infinite if not stated. The force channel's rails apply in any case.
     pub force_n: f64,
-    /// Acceleration of the screw \[m/s^2\]; that of the estimator's full scale counts in any case.
+    /// Acceleration of the screw \[m/s^2\]; the estimator's full scale applies in any case.
     pub acceleration_m_per_s2: f64,
     /// Length of the motion \[s\].
     pub duration_s: f64,
@@ -35,13 +35,13 @@ pub struct Limits {
     pub lowest_hz: f64,
     /// Highest frequency \[Hz\].
     pub highest_hz: f64,
-    /// Time in which the motion comes up from rest and goes down to it \[s\].
+    /// Length of the ramps from rest and to rest \[s\].
     pub fade_s: f64,
 }
 
 impl Default for Limits {
-    /// None but those of time and frequency: 20 s, four periods of the lowest frequency, the highest one that the grid
-    /// of motions holds (docs/tables/accuracy.md).
+    /// No limits except time and frequency: 20 s, four periods of the lowest frequency, and the highest one in the grid
+    /// of motions (docs/tables/accuracy.md).
     fn default() -> Self {
         Self {
             stroke_m: f64::INFINITY,
@@ -141,7 +141,7 @@ impl Limits {
         })
     }
 
-    /// How many times a motion with these peaks may be enlarged; under 1 where it is too large.
+    /// Factor by which a motion with these peaks may be enlarged; below 1 if it is too large.
     pub fn room(&self, peaks: &Peaks) -> f64 {
         let each =
             [self.stroke_m / peaks.stroke_m, self.speed_m_per_s / peaks.speed_m_per_s, self.force_n / peaks.force_n];
@@ -149,7 +149,7 @@ impl Limits {
     }
 }
 
-/// Greatest force either way that the channel shows \[N\].
+/// Largest force in either direction that the channel can measure \[N\].
 fn rails_n(settings: &Settings) -> f64 {
     let up = settings.force_max_code - settings.force_zero_code;
     let down = settings.force_zero_code - settings.force_min_code;

@@ -1,12 +1,12 @@
 //! The most informative motion for an expected device within a rig's limits, and its predicted intervals.
 //!
 //! Tones and multisines are made as large as the limits allow (`candidates`) and passed through the estimator itself,
-//! on the simulated expected device. Their sums of regressors add up, so the search (`search`) finds the shares of the
-//! time that are jointly most informative: D-optimal, or with the narrowest intervals for what is wanted. The intervals
-//! of the whole motion are then predicted ([`predict()`]). [`Asked`] is all of this at once, for a program.
+//! on the simulated expected device. Their sums of regressors add up, so the search (`search`) finds the most
+//! informative combination of time shares: D-optimal, or with the narrowest wanted intervals. The intervals of the
+//! whole motion are then predicted ([`predict()`]). [`Asked`] is all of this at once, for a program.
 //!
-//! Glossary: a *part* is one tone or multisine with its own lead-in and lead-out; a *motion* is its parts in a row; a *want*
-//! is the half width of a 95 % interval; a *rehearsal* is a simulated run of the motion.
+//! Glossary: a *part* is one tone or multisine with its own ramps; a *motion* is a sequence of parts; a *want* is the
+//! half width of a 95 % interval; a *rehearsal* is a simulated run of the motion.
 
 mod advice;
 mod asked;

@@ -1,4 +1,4 @@
-//! What a run shows of device and rig, so that another motion can be planned from it.
+//! What a run shows about device and rig, for planning another motion.
 
 use std::{collections::VecDeque, f64::consts::TAU};
 
@@ -9,37 +9,37 @@ use inerter_plant::Inerter;
 
 use super::{error::PlanError, expected::Expected, limits::Limits};
 
-/// Time over which a speed is told \[s\]: half a box.
+/// Time over which a speed is measured \[s\]: half a box.
 const SPEED_S: f64 = 0.008;
-/// Fourth differences that are kept: when there are more, every second one goes.
+/// Maximum number of fourth differences: when full, every second one is removed.
 const MOST_DIFFERENCES: usize = 4096;
-/// Shortest and longest motion that is planned by a run \[s\].
+/// Shortest and longest motion that is planned from a run \[s\].
 const DURATION_S: (f64, f64) = (5.0, 60.0);
-/// Own frequency of a contact whose stiffness is not known \[Hz\], and its damping ratio: hard enough to have no part
-/// in the motion.
+/// Natural frequency of a contact whose stiffness is unknown \[Hz\], and its damping ratio: stiff enough not to affect
+/// the motion.
 const RIGID: (f64, f64) = (100.0, 0.5);
-/// Times that frequency from which on a contact is taken for such a one.
+/// Multiple of that frequency above which a contact is replaced by such a one.
 const HARDEST: f64 = 2.0;
 
-/// How far, how fast and how hard a run went, taken sample by sample.
+/// Peaks of displacement, speed and force in a run, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Reach {
     settings: Settings,
-    /// The latest samples: index, and counts that do not wrap.
+    /// The latest samples: index, and unwrapped count.
     latest: VecDeque<(u32, i64)>,
     counts: Option<(i64, i64)>,
     greatest_step: i64,
     codes: Option<(i32, i32)>,
     /// The latest force codes, oldest first.
     forces: VecDeque<i32>,
-    /// Magnitudes of fourth differences of the force, one every so many samples.
+    /// Magnitudes of fourth differences of the force, thinned out.
     differences: Vec<f64>,
     stride: u64,
     samples: u64,
 }
 
 impl Reach {
-    /// Nothing yet.
+    /// Empty, for these settings.
     pub fn new(settings: &Settings) -> Self {
         Self {
             settings: *settings,
@@ -54,11 +54,11 @@ impl Reach {
         }
     }
 
-    /// Takes the next sample.
+    /// Adds the next sample.
     pub fn push(&mut self, sample: &RawSample) {
         let before = self.latest.back().copied();
         let count = before.map_or(i64::from(sample.position_count), |(_, count)| {
-            // Counts wrap, and what is between two samples does not.
+            // Counts wrap, but the difference between two samples does not.
             count + i64::from(sample.position_count.wrapping_sub(count as i32))
         });
         if before.is_some_and(|(index, _)| sample.index != index.wrapping_add(1)) {
@@ -75,7 +75,7 @@ impl Reach {
         self.codes = Some(wider(self.codes, sample.force_code));
     }
 
-    /// Keeps a fourth difference of the force now and then: motion hardly has a part in it.
+    /// Stores a fourth difference of the force now and then: motion hardly affects it.
     fn push_force(&mut self, code: i32) {
         self.forces.push_back(code);
         if self.forces.len() > 5 {
@@ -103,7 +103,7 @@ impl Reach {
         let mut differences = self.differences.clone();
         differences.sort_by(f64::total_cmp);
         let codes = differences.get(differences.len() / 4).map_or(0.0, |quartile| quartile / QUARTILES[0]);
-        // Rounding is not what a rehearsal takes for noise.
+        // A rehearsal adds rounding itself.
         (codes * codes - ROUNDING).max(0.0).sqrt() * self.settings.newtons_per_code.abs()
     }
 
@@ -111,7 +111,7 @@ impl Reach {
         (SPEED_S * self.settings.sample_rate_hz).round().max(1.0) as usize
     }
 
-    /// Limits within which the run stayed, of a motion that lasts as long; the offset is no force on the device.
+    /// The limits that the run kept to, for a motion of the same length; the offset is not a force on the device.
     fn limits(&self, offset_n: f64, seconds: f64) -> Limits {
         let Settings { metres_per_count, oversampling, newtons_per_code, force_zero_code, sample_rate_hz, .. } =
             self.settings;
@@ -129,12 +129,12 @@ impl Reach {
     }
 }
 
-/// The least and the greatest so far, with one more.
+/// The range extended by one value.
 fn wider<T: Copy + Ord>(range: Option<(T, T)>, value: T) -> (T, T) {
     range.map_or((value, value), |(least, greatest)| (least.min(value), greatest.max(value)))
 }
 
-/// The device that a run makes one expect, its rig's noise, and the limits within which it stayed.
+/// The device to expect from a run, its rig's noise, and the limits that the run kept to.
 pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result<(Expected, Limits), PlanError> {
     let found = &outcome.estimate.whole_run;
     let Interval { value: inertance_kg, u95 } = found.inertance_kg.fitted();
@@ -143,7 +143,7 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     }
     let inertance_kg = f64::from(inertance_kg);
     let size = |parameter: &Parameter| f64::from(parameter.fitted().value).max(0.0);
-    // Less than its interval may as well be none.
+    // A value smaller than its interval may be zero.
     let viscous = Some(&found.viscous_n_s_per_m).filter(|viscous| viscous.fitted().u95 < viscous.fitted().value);
     let offset_n = f64::from(found.offset_n.fitted().value);
     let backlash_m = match outcome.detail.backlash.size {
@@ -165,8 +165,8 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     Ok((Expected { device, settings: *settings, force_noise_n: reach.noise_n() }, reach.limits(offset_n, seconds)))
 }
 
-/// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. Where the stiffness is not known, or so great that
-/// it only makes the simulation slow, with one that is hard enough to have no part in the motion.
+/// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. If the stiffness is unknown, or so large that it
+/// only slows the simulation, with one that is stiff enough not to affect the motion.
 pub fn with_contact(device: Inerter, stiffness_n_per_m: Option<f64>, damping_n_s_per_m: Option<f64>) -> Inerter {
     let (own_hz, ratio) = RIGID;
     let rate = TAU * own_hz;

@@ -1,16 +1,16 @@
-//! What a motion is made of: tones that come up from rest together and go down to it.
+//! Parts of a motion: tones that ramp up from rest together and down again.
 
 use inerter_plant::{Excitation, Tone};
 use serde_json::{Value, json};
 
-/// One stretch of a motion.
+/// One part of a motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
     /// Its tones.
     pub tones: Vec<Tone>,
     /// Its length \[s\].
     pub duration_s: f64,
-    /// Length of its lead-in and of its lead-out \[s\].
+    /// Length of each of its two ramps \[s\].
     pub fade_s: f64,
 }
 
@@ -28,18 +28,18 @@ impl Part {
         json!({ "duration_s": self.duration_s, "fade_s": self.fade_s, "tones": tones.collect::<Vec<_>>() })
     }
 
-    /// With so many times the amplitudes.
+    /// Multiplies the amplitudes by a factor.
     pub(super) fn scale(&mut self, factor: f64) {
         self.tones.iter_mut().for_each(|tone| tone.amplitude_m *= factor);
     }
 }
 
-/// Parts in a row.
+/// Parts in sequence.
 pub fn in_a_row(parts: &[Part]) -> Excitation {
     Excitation::sequence(parts.iter().map(Part::motion))
 }
 
-/// How long parts in a row last \[s\].
+/// Total duration of parts in sequence \[s\].
 pub fn duration_s(parts: &[Part]) -> f64 {
     parts.iter().map(|part| part.duration_s).sum()
 }

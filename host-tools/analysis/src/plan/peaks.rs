@@ -1,8 +1,8 @@
-//! How much of the rig a motion takes.
+//! What a motion demands of the rig.
 
 use inerter_plant::Truth;
 
-/// How far, how fast and how hard the rig moved.
+/// Peaks of displacement, speed and force.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Peaks {
     /// Displacement of the terminal \[m\].
@@ -16,7 +16,7 @@ pub struct Peaks {
 }
 
 impl Peaks {
-    /// With one more state, of a device with this structure mass \[kg\].
+    /// Includes one more state, for a device with this structure mass \[kg\].
     pub(super) fn take(&mut self, truth: &Truth, structure_mass_kg: f64) {
         *self = self.and(Self {
             stroke_m: truth.x1_m.abs(),
@@ -26,7 +26,7 @@ impl Peaks {
         });
     }
 
-    /// The greater of both.
+    /// The larger of both, for each peak.
     pub(super) fn and(self, other: Self) -> Self {
         Self {
             stroke_m: self.stroke_m.max(other.stroke_m),

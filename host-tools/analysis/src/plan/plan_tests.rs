@@ -13,7 +13,7 @@ use super::{
     *,
 };
 
-/// The paper's device on a rig without any error of calibration.
+/// The paper's device on a perfectly calibrated rig.
 fn paper() -> Expected {
     let sensors = Sensors { force_noise_n: 1.0, ..Sensors::default() };
     let calibrated = inerter_simulate::calibrated(&Inerter::paper(), &sensors).unwrap();
@@ -42,7 +42,7 @@ fn no_other_shares_of_the_time_tell_more_than_the_design() {
     let score = |all: &Together| all.told(&expected).map_or(f64::INFINITY, |told| told.log_det);
     let (best, least) = times(&choices, 12.0, score).unwrap();
     assert!((best.iter().sum::<f64>() - 12.0).abs() < 1e-9 && least.is_finite());
-    // Any three of them, in any shares, tell no more.
+    // Any three of them, with any shares, are no better.
     let (mut random, mut tried) = (Random(7), 0);
     while tried < 2000 {
         let mut other = vec![0.0; best.len()];
@@ -57,7 +57,7 @@ fn no_other_shares_of_the_time_tell_more_than_the_design() {
             assert!(score > least - 0.02, "{other:?}: {score} under {least}");
         }
     }
-    // And more than any of them alone.
+    // And it is better than any one alone.
     for place in 0..best.len() {
         let mut alone = vec![0.0; best.len()];
         alone[place] = 12.0;
@@ -108,7 +108,7 @@ fn sums_by_speed_hold_all_updates() {
     assert!((all.updates() / fast.updates() - 1.0).abs() < 0.01, "{} of {}", all.updates(), fast.updates());
     let ([a, v], [of_all, v_of_all]) = (fast.mean_squares(), all.mean_squares());
     assert!((of_all / a - 1.0).abs() < 0.01 && (v_of_all / v - 1.0).abs() < 0.01);
-    // A tone is slower than half of its rms during asin(0.354) of a quarter turn.
+    // A tone is below half of its rms velocity during asin(0.354) of a quarter period.
     let away = speeds.above(0.5 * v.sqrt()).unwrap().updates() / fast.updates();
     assert!((away - (1.0 - 2.0 / std::f64::consts::PI * 0.354_f64.asin())).abs() < 0.04, "{away}");
 }
@@ -128,7 +128,7 @@ fn the_reach_of_a_run_is_that_of_its_motion() {
     let (found, limits) = observed(&replay.outcome(), &expected.settings, &reach).unwrap();
     let seen =
         expected.see(&motion, 10.0, Look { seed: 5, from_s: 0.0, sums_readings: false, by_speed: false }).unwrap();
-    // Of the screw, which moves a little more than the terminal.
+    // The screw's, which moves slightly more than the terminal.
     assert!((limits.stroke_m / seen.peaks.stroke_m - 1.0).abs() < 0.1, "{limits:?} {:?}", seen.peaks);
     assert!((limits.speed_m_per_s / seen.peaks.speed_m_per_s - 1.0).abs() < 0.2, "{limits:?} {:?}", seen.peaks);
     assert!((limits.force_n / seen.peaks.force_n - 1.0).abs() < 0.02, "{limits:?} {:?}", seen.peaks);
@@ -148,7 +148,7 @@ fn a_limit_that_is_none_is_named() {
     assert!(refused(Limits { duration_s: f64::NAN, ..rig() }).contains("--duration: NaN"));
     assert!(refused(Limits { fade_s: -1.0, ..rig() }).contains("--fade-s: -1"));
     assert!(refused(Limits { lowest_hz: f64::NAN, ..rig() }).contains("--lowest-hz: NaN"));
-    // The force channel's rails are a limit, too.
+    // The force channel's rails are a limit too.
     let settings = Settings { force_max_code: 20_000.0, ..expected.settings };
     let narrow = rig().checked(&Expected { settings, ..expected }).unwrap_err().to_string();
     assert!(narrow.contains("the force channel's range"), "{narrow}");

@@ -1,4 +1,4 @@
-//! What was planned, for a person and for a program.
+//! A planned motion, for a person and for a program.
 
 use inerter_core::{Backlash, Machine, Source};
 use inerter_data::{
@@ -25,9 +25,9 @@ use super::{
     words::{interval_of, limits_text, part_text, peaks_text, source_words},
 };
 
-/// Scatter over that which the interval stands for from which on a person is told.
+/// Ratio of the scatter to what the interval covers above which it is reported.
 const SCATTERS: f64 = 1.3;
-/// Part of the rehearsals with a broken law from which on a person is told.
+/// Fraction of rehearsals with a broken law above which it is reported.
 const BREAKS: f64 = 0.1;
 
 /// A motion and its predicted intervals for the expected device.
@@ -35,18 +35,18 @@ const BREAKS: f64 = 0.1;
 pub struct Planned {
     expected: Expected,
     plan: Option<Plan>,
-    /// What the motion is called where it was given.
+    /// The text of the motion, if it was given.
     given: Option<String>,
     motion: Excitation,
     duration_s: f64,
     prediction: Prediction,
     limits: Limits,
-    /// Those that were stated, which a motion that is given may exceed.
+    /// The stated limits, which a given motion may exceed.
     stated: Limits,
 }
 
 impl Planned {
-    /// One that was designed.
+    /// A designed motion.
     pub(super) fn of(expected: Expected, plan: Plan) -> Self {
         Self {
             expected,
@@ -60,7 +60,7 @@ impl Planned {
         }
     }
 
-    /// One that was given.
+    /// A given motion.
     pub(super) fn given(
         expected: Expected,
         text: &str,
@@ -73,7 +73,7 @@ impl Planned {
         Self { expected, plan: None, given: Some(text.into()), motion, duration_s, prediction, limits, stated }
     }
 
-    /// The device that is expected.
+    /// The expected device.
     pub fn expected(&self) -> &Expected {
         &self.expected
     }
@@ -102,13 +102,13 @@ impl Planned {
         self.prediction.peaks
     }
 
-    /// The stroke of the rig, or that of the motion where none was stated \[m\].
+    /// The stroke of the rig, or of the motion if none was stated \[m\].
     pub fn stroke_m(&self) -> f64 {
         let stroke_m = self.stated.stroke_m;
         if stroke_m.is_finite() { stroke_m.max(self.peaks().stroke_m) } else { self.peaks().stroke_m }
     }
 
-    /// Wanted intervals that are out of reach, and why; nothing if there are none.
+    /// Wanted intervals that are out of reach, and why; `None` if there are none.
     pub fn missed(&self) -> Option<PlanError> {
         let missed: Vec<_> = self.wanted().filter(|(plan, want)| plan.reached(want) > want.u95).collect();
         let (plan, want) = missed.first()?;
@@ -120,7 +120,7 @@ impl Planned {
         })
     }
 
-    /// What of what is wanted cannot be had.
+    /// Why a wanted interval cannot be reached.
     fn missed_text(&self, plan: &Plan, want: &Want) -> String {
         let reached = plan.reached(want);
         let wanted = interval_of(self.machine(), want.place, want.u95);
@@ -140,12 +140,12 @@ impl Planned {
         }
     }
 
-    /// What is wanted of a plan, with the plan.
+    /// The wanted intervals of a plan, with the plan.
     fn wanted(&self) -> impl Iterator<Item = (&Plan, &Want)> {
         self.plan.iter().flat_map(|plan| plan.wants.iter().map(move |want| (plan, want)))
     }
 
-    /// The source that its interval comes from most; where no time is enough, of what does not average out.
+    /// The largest source of its interval; if no time is enough, the largest of those that do not average out.
     fn most(&self, plan: &Plan, want: &Want) -> Option<Source> {
         let predicted = &self.prediction.parameters[want.place];
         if plan.enough_s(want).is_some() {
@@ -155,7 +155,7 @@ impl Planned {
         parts.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(source, _)| source)
     }
 
-    /// What a person should know beside the numbers.
+    /// Remarks for a person, besides the numbers.
     pub fn remarks(&self) -> Vec<String> {
         let (expected, machine) = (&self.expected, self.machine());
         let Prediction { parameters, peaks, broken, .. } = &self.prediction;
@@ -256,7 +256,7 @@ impl Planned {
         text
     }
 
-    /// For a program, by the names of a linear machine; `files` are those that it was written to.
+    /// For a program, with the names of a linear machine; `files` are those that it was written to.
     pub fn json<F: Serialize>(&self, files: &[F]) -> Value {
         let expected = &self.expected;
         let finite = |value: f64| Some(value).filter(|value| value.is_finite());
@@ -308,7 +308,7 @@ impl Planned {
     }
 }
 
-/// What will be told of a parameter, in JSON.
+/// The prediction for a parameter, in JSON.
 #[derive(Serialize)]
 struct PredictedJson {
     value: f64,
@@ -334,7 +334,7 @@ impl PredictedJson {
             given: predicted.given,
             status: match (predicted.is_given(), predicted.is_shown()) {
                 (false, _) => "not_identifiable",
-                // Of an offset none is as good a finding as any other.
+                // For an offset zero is as good a result as any.
                 (true, false) if place < 3 => "below_u95",
                 (true, _) => "ok",
             },
@@ -372,7 +372,7 @@ fn row(machine: Machine, place: usize, predicted: &Predicted) -> String {
     )
 }
 
-/// What will be told of the backlash: its interval, or why there is none.
+/// The prediction for the backlash: its interval, or why there is none.
 fn backlash_words(backlash: &Backlash) -> String {
     match backlash.known() {
         Some(known) => format!("± {}", rounded_text(f64::from(known.u95) * 1e6, f64::from(known.u95) * 1e6)),

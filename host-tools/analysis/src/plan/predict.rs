@@ -1,11 +1,11 @@
-//! Predicted intervals of a motion with the expected device: the estimator's theory applied to its sums, and rehearsals
-//! for what has no formula.
+//! Predicts the intervals of a motion with the expected device: from the estimator's theory applied to its sums, and
+//! from rehearsals where there is no formula.
 //!
-//! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. Its sums are
-//! what the theory is applied to: `u_a`, the encoder's part and all that the settings state follow from them
-//! (docs/THEORY.md, 6). Rehearsals tell what has no formula: by how much the residual exceeds what noise and steps
-//! explain, what is added for a law that may not hold, how far values scatter where steps repeat or reversals are
-//! misplaced, and whether a value is given at all.
+//! A rehearsal is a simulated run of the whole motion with the rig's noise through the estimator itself. The theory is
+//! applied to its sums: `u_a`, the encoder's component and everything that the settings state follow from them
+//! (docs/THEORY.md, 6). Rehearsals give what has no formula: by how much the residual exceeds what noise and steps
+//! explain, the addition for a law that may not hold, the scatter of values where steps repeat or reversals are
+//! misplaced, and whether there is a value at all.
 
 use std::thread;
 
@@ -20,28 +20,28 @@ use super::{
 };
 use crate::{fit::each, law::median};
 
-/// Rehearsals of a prediction: their scatter is known to a tenth.
+/// Rehearsals of a prediction: they give the scatter to a tenth.
 pub const REHEARSALS: u64 = 48;
-/// Seed before the first.
+/// The seed before that of the first one.
 const BEFORE_FIRST: u64 = 900;
 
 /// The prediction for one parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct Predicted {
-    /// What is expected.
+    /// The expected value.
     pub value: f64,
     /// The sources of its interval.
     pub budget: Budget,
-    /// Standard uncertainty by scatter where noise and steps explain the residual: by the theory alone.
+    /// Standard uncertainty from scatter if noise and steps explain the residual: from the theory alone.
     pub theory_u_a: f64,
-    /// How far values will scatter from run to run, as a standard deviation.
+    /// Scatter of the values from run to run, as a standard deviation.
     pub scatter: f64,
-    /// Part of the rehearsals that gave a value.
+    /// Fraction of the rehearsals that gave a value.
     pub given: f64,
 }
 
 impl Predicted {
-    /// Half width of the 95 % interval that will be stated; infinite where most rehearsals gave none.
+    /// Half width of the 95 % interval that will be stated; infinite if most rehearsals gave none.
     pub fn u95(&self) -> f64 {
         if self.is_given() { f64::from(self.budget.u95()) } else { f64::INFINITY }
     }
@@ -51,12 +51,12 @@ impl Predicted {
         if self.is_given() { f64::from(self.budget.same_rig_u95()) } else { f64::INFINITY }
     }
 
-    /// Standard uncertainty by the scatter of a run alone, which the estimator will state.
+    /// Standard uncertainty from the scatter of a run alone, which the estimator will state.
     pub fn u_a(&self) -> f64 {
         f64::from(self.budget.standard_error())
     }
 
-    /// Half width that holds what it states and 95 % of the scatter.
+    /// Half width that covers both the stated interval and 95 % of the scatter.
     pub fn half_width(&self) -> f64 {
         self.u95().max(f64::from(NORMAL_COVERAGE) * self.scatter)
     }
@@ -66,7 +66,7 @@ impl Predicted {
         self.given >= 0.5 && self.budget.u95().is_finite()
     }
 
-    /// Whether the value will be greater than its interval.
+    /// Whether the value will be larger than its interval.
     pub fn is_shown(&self) -> bool {
         self.u95() < self.value.abs()
     }
@@ -81,17 +81,17 @@ impl Predicted {
 /// The prediction for a motion.
 #[derive(Clone, Debug)]
 pub struct Prediction {
-    /// Of inertance, viscous and Coulomb friction and offset.
+    /// The predictions for inertance, viscous and Coulomb friction and offset.
     pub parameters: [Predicted; 4],
-    /// Of the backlash, by the first rehearsal.
+    /// The backlash in the first rehearsal.
     pub backlash: Backlash,
     /// What it needs from the rig.
     pub peaks: Peaks,
     /// Bank that the estimate will come from.
     pub bank: Bank,
-    /// Frequencies that the inertance will be seen at \[Hz\].
+    /// Frequencies at which the inertance will be measured \[Hz\].
     pub band_hz: [f64; 2],
-    /// Part of the rehearsals in which the law was judged broken.
+    /// Fraction of the rehearsals in which the law was judged broken.
     pub broken: f64,
 }
 
@@ -101,7 +101,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
     let count = seen.len() as f64;
     let in_fast = seen.iter().filter(|seen| seen.outcome.estimate.bank == Bank::Fast).count() as f64;
     let bank = if in_fast >= 0.5 * count { Bank::Fast } else { Bank::Slow };
-    // A memory that begins anew on the way is no average of others: the middle one stands for all.
+    // If the estimator restarts its sums during the motion, averages make no sense: the median run represents all.
     let sums: Vec<Together> = seen.iter().map(Together::of).collect();
     let beyond = median(sums.iter().filter_map(|sums| sums.beyond_explained(bank, expected)).collect()).unwrap_or(1.0);
     let told = |times: f64| {
@@ -114,7 +114,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
     let predicted = |place: usize| {
         let [alone, stated] = [&theory, &told].map(|told| told.map_or(Budget::UNKNOWN, |told| told.budgets[place]));
         let value = values[place];
-        // What each says of a law that may not hold.
+        // The addition of each for a law that may not hold.
         let model_u95 = |seen: &Seen| f64::from(seen.outcome.budgets.whole_run[place].given_u95(Source::Model));
         let model = mean_square(seen.iter().map(model_u95));
         let known: Vec<_> =
@@ -140,7 +140,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
     })
 }
 
-/// All rehearsals, on as many cores as there are.
+/// All rehearsals, on all available cores.
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
     let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
     let run = |number: u64| {
@@ -160,7 +160,7 @@ fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Resul
     Ok(seen.into_iter().map(|(_, seen)| seen).collect())
 }
 
-/// Mean square of those that are finite; 0 of none.
+/// Mean square of the finite values; 0 if there are none.
 fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let squares: Vec<f64> = values.filter(|value| value.is_finite()).map(|value| value * value).collect();
     if squares.is_empty() { 0.0 } else { squares.iter().sum::<f64>() / squares.len() as f64 }

@@ -1,38 +1,38 @@
-//! How long each motion should last, so that in a row they tell most.
+//! Finds how long each motion should last so that the sequence is most informative.
 //!
-//! Motions one after the other add their information. From the best one alone the best exchange of time between two
-//! motions is made as long as there is one (Fedorov), the times growing smaller; one that would be too short for its
-//! lead-in and lead-out is left out, and so each more pays for its own. What is scored is what the estimator would
-//! state of the sum: the optimum is that of its intervals, not of a textbook's. Source: Atkinson, Donev and Tobias,
-//! Optimum Experimental Designs, with SAS, 9 to 12.
+//! The information of consecutive motions adds up. Starting from the best single one, the search makes the best
+//! exchange of time between two motions as long as one improves the score (Fedorov), with decreasing portions; a motion
+//! that would be too short for its ramps is left out, so each additional one must outweigh its own ramps. The score is
+//! what the estimator would state for the sum: the optimum is that of its intervals, not a textbook's. Source:
+//! Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS, 9 to 12.
 
 use super::information::{Information, Together};
 
-/// Parts of the whole time that are exchanged, the last one about the accuracy of the result.
+/// Portions of the total time that are exchanged; the last one is about the accuracy of the result.
 const PORTIONS: [f64; 5] = [0.3, 0.1, 0.03, 0.01, 0.003];
-/// Exchanges of one portion after which the next is tried in any case.
+/// Maximum exchanges of one portion before the next is tried.
 const MOST_EXCHANGES: usize = 60;
-/// Gain in the score under which an exchange is none.
+/// Minimum improvement of the score for an exchange.
 const LEAST_GAIN: f64 = 1e-4;
-/// Motions that are each begun with: the best ones by themselves.
+/// Number of starting motions: the best single ones.
 const STARTS: usize = 4;
-/// Most motions in a row.
+/// Maximum number of motions in a sequence.
 const MOST: usize = 6;
 
-/// One motion to choose.
+/// A motion to choose from.
 pub(super) struct Choice<'a> {
-    /// What it tells in a second.
+    /// Its information per second.
     pub information: &'a Information,
-    /// Least time that it takes \[s\].
+    /// Minimum time that it takes \[s\].
     pub shortest_s: f64,
-    /// Time of it in which it tells nothing \[s\].
+    /// Part of its time without information \[s\].
     pub lost_s: f64,
 }
 
 /// Chosen times of each motion \[s\], and their score.
 type Times = (Vec<f64>, f64);
 
-/// How long each should last so that together they fill this time with the least score; nothing where no motion has a
+/// How long each should last so that together they fill this time with the lowest score; `None` if no motion has a
 /// score.
 pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Together) -> f64) -> Option<Times> {
     let alone = (0..choices.len()).filter_map(|place| {
@@ -48,7 +48,7 @@ pub(super) fn times(choices: &[Choice<'_>], seconds: f64, score: impl Fn(&Togeth
     found.filter(|(_, score)| score.is_finite()).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// What all of them tell; nothing of no time at all.
+/// The total information; `None` if no time is assigned.
 pub(super) fn together(choices: &[Choice<'_>], times: &[f64]) -> Option<Together> {
     let parts = choices.iter().zip(times).filter(|(choice, seconds)| **seconds > choice.lost_s);
     Together::lasting(parts.map(|(choice, seconds)| (seconds - choice.lost_s, choice.information)))
@@ -75,7 +75,7 @@ fn exchanged(choices: &[Choice<'_>], start: Times, seconds: f64, score: &impl Fn
     (times, found)
 }
 
-/// The times after one motion has given another so much of its own; all of it where too little would be left.
+/// The times after one motion has given a portion of its time to another; all of it if too little would be left.
 fn given(choices: &[Choice<'_>], times: &[f64], giver: usize, taker: usize, seconds: f64) -> Option<Vec<f64>> {
     let (has, takes) = (times[giver], times[taker]);
     if giver == taker || has <= 0.0 {

@@ -1,12 +1,12 @@
-//! Sums of the regressors by the speed that they were seen at, from which those away from rest follow for any motion.
+//! Sums of the regressors by speed, from which those away from rest follow for any motion.
 //!
-//! The estimator fits the law to all updates and to those that are faster than half of the root of the mean square;
-//! what the parameters move by between the two widens the intervals (docs/THEORY.md, 6). Which updates those are
-//! depends on all parts of a motion, so each part keeps its sums in half octaves of speed.
+//! The estimator fits the law to all updates and to those faster than half the RMS speed; the difference of the
+//! parameters between the two widens the intervals (docs/THEORY.md, 6). Which updates those are depends on all parts of
+//! a motion, so each part keeps its sums in half octaves of speed.
 
 use crate::fit::Products;
 
-/// Half octaves of the lowest and the highest speed that are told apart \[m/s, rad/s\].
+/// Lowest and highest half octave of speed that are distinguished \[m/s, rad/s\].
 const LOWEST: i32 = -60;
 const HIGHEST: i32 = 20;
 
@@ -23,7 +23,7 @@ fn place(speed: f64) -> usize {
 }
 
 impl Speeds {
-    /// Takes what the sums grew by in one update.
+    /// Adds the increase of the sums in one update.
     pub fn push(&mut self, update: &Products) {
         if self.by_speed.is_empty() {
             self.by_speed = vec![update.times(0.0); (HIGHEST - LOWEST + 1) as usize];
@@ -33,13 +33,13 @@ impl Speeds {
         *sums = sums.and(update);
     }
 
-    /// So many times the sums.
+    /// The sums multiplied by a factor.
     pub fn times(mut self, factor: f64) -> Self {
         self.by_speed.iter_mut().for_each(|sums| *sums = sums.times(factor));
         self
     }
 
-    /// Sums so far become sums of all updates that are as fast or faster.
+    /// Converts the sums into cumulative sums of all updates that are as fast or faster.
     pub fn accumulated(mut self) -> Self {
         let mut faster: Option<Products> = None;
         for sums in self.by_speed.iter_mut().rev() {
@@ -49,8 +49,7 @@ impl Speeds {
         self
     }
 
-    /// Sums of the updates above a speed, of one that lies between two half octaves in proportion; nothing where none
-    /// is kept.
+    /// Sums of the updates above a speed, interpolated between two half octaves; `None` if none is kept.
     pub fn above(&self, speed: f64) -> Option<Products> {
         let below = place(speed);
         let (slower, faster) = (self.by_speed.get(below)?, self.by_speed.get(below + 1)?);

@@ -1,4 +1,4 @@
-//! Motions and their intervals, in words.
+//! Motions and their intervals, as text.
 
 use inerter_core::{Machine, Source};
 use inerter_data::{
@@ -9,7 +9,7 @@ use inerter_plant::Tone;
 
 use super::{limits::Limits, part::Part, peaks::Peaks};
 
-/// A length in mm, of a rotary machine an angle in mrad, to either side: `±7.08 mm`.
+/// An amplitude in mm, or in mrad for a rotary machine: `±7.08 mm`.
 fn stroke_text(machine: Machine, metres: f64) -> String {
     format!("±{} {}", three_digits(1e3 * metres), unit(machine, "mm"))
 }
@@ -38,12 +38,12 @@ pub fn part_text(machine: Machine, part: &Part) -> String {
     }
 }
 
-/// What a motion takes of a rig: `±7.08 mm, 0.0970 m/s and 597 N`.
+/// What a motion demands of a rig: `±7.08 mm, 0.0970 m/s and 597 N`.
 pub fn peaks_text(machine: Machine, peaks: &Peaks) -> String {
     reach_text(machine, peaks.stroke_m, peaks.speed_m_per_s, peaks.force_n)
 }
 
-/// What a rig allows, but for what it does not limit.
+/// The limits of a rig, without those that are not stated.
 pub fn limits_text(machine: Machine, limits: &Limits) -> String {
     reach_text(machine, limits.stroke_m, limits.speed_m_per_s, limits.force_n)
 }
@@ -62,7 +62,7 @@ pub fn interval_of(machine: Machine, place: usize, u95: f64) -> String {
     format!("{} to ± {digits} {}", field.symbol, field.unit)
 }
 
-/// What most of an interval comes from, and what would make it less.
+/// The main source of an interval, and how to reduce it.
 pub fn source_words(machine: Machine, source: Source) -> String {
     let words = match source {
         Source::Noise => "the force's noise and the encoder's steps: a longer or stronger motion",

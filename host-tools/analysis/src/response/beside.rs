@@ -1,4 +1,4 @@
-//! A measured response beside the ideal and the complete model, as rows for JSON and text.
+//! A measured response, the ideal and the complete model, as rows for JSON and text.
 
 use std::f64::consts::PI;
 
@@ -12,7 +12,7 @@ use super::{Input, Method, ModelParameters, Response, ideal, model};
 pub struct Polar {
     /// Force over displacement \[N/m\].
     pub magnitude_n_per_m: f64,
-    /// Phase of the force before the displacement \[degrees\], in (-180, 180].
+    /// Phase of the force relative to the displacement \[degrees\], in (-180, 180].
     pub phase_deg: f64,
 }
 
@@ -29,11 +29,11 @@ pub struct Row {
     pub frequency_hz: f64,
     /// As measured.
     pub measured: Polar,
-    /// Half width of the magnitude's 95 % interval, as a part of it.
+    /// Half width of the magnitude's 95 % interval, relative to it.
     pub magnitude_u95: f64,
     /// Half width of the phase's 95 % interval \[degrees\].
     pub phase_u95_deg: f64,
-    /// Part of the force's power that the displacement explains.
+    /// Fraction of the force's power that the displacement explains.
     pub coherence: f64,
     /// `mt s^2`.
     pub ideal: Polar,
@@ -41,14 +41,14 @@ pub struct Row {
     pub complete: Polar,
 }
 
-/// A response beside its models.
+/// A response with its models.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Beside {
-    /// `terminal` or `screw`: the displacement it is taken over.
+    /// `terminal` or `screw`: the reference displacement.
     pub input: &'static str,
     /// `welch` or `tones`.
     pub method: &'static str,
-    /// By rising frequency.
+    /// By increasing frequency.
     pub points: Vec<Row>,
 }
 
@@ -94,7 +94,7 @@ mod tests {
         assert_eq!(row.measured, row.ideal);
         assert_eq!((row.ideal.phase_deg.abs(), beside.input, beside.method), (180.0, "terminal", "tones"));
         let apart = row.complete.magnitude_n_per_m / row.ideal.magnitude_n_per_m - 1.0;
-        // The contact lifts the magnitude by (w / w0)^2.
+        // The contact raises the magnitude by (w / w0)^2.
         assert!((apart - (2.0 * PI).powi(2) * 300.0 / 2e6).abs() < 1e-4, "{apart}");
         assert!((row.phase_u95_deg - 0.573).abs() < 1e-3);
     }

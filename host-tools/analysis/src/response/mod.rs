@@ -1,12 +1,13 @@
 //! Frequency response force over displacement: measured, ideal, and that of the complete linear model.
 //!
-//! Glossary: `x1` displacement of the terminal, `x2` of the screw; `s = 2 pi i f`. Responses are in N/m, force over
-//! displacement.
-//! - *ideal*: `mt s^2`, an inertance and nothing else.
-//! - *complete*: `(mt s^2 + cf s)(cs s + ks) / (mt s^2 + (cs + cf) s + ks)`, with friction that is viscous and no backlash.
+//! Glossary: `x1` displacement of the terminal, `x2` of the screw; `s = 2 pi i f`. Responses are force over
+//! displacement, in N/m.
+//! - *ideal*: `mt s^2`, a pure inertance.
+//! - *complete*: `(mt s^2 + cf s)(cs s + ks) / (mt s^2 + (cs + cf) s + ks)`, with viscous friction and without
+//!   backlash.
 //! - *measured*: the cross spectrum over the spectrum of the displacement (`H1`), averaged over overlapping pieces after Welch;
 //!   for steady tones the ratio of the two lines, piece by piece.
-//! - *coherence*: the part of the force's power that the displacement explains linearly.
+//! - *coherence*: the fraction of the force's power that the displacement explains linearly.
 //!
 //! Sources: Bendat and Piersol, Random Data, 4th ed., 9.2 (errors of `H1` and of the coherence); P. D. Welch, "The use
 //! of fast Fourier transform for the estimation of power spectra", 1967; for [`equivalent_viscous`] Roberts and Spanos,
@@ -24,13 +25,13 @@ pub use model::{Agreement, ModelParameters, equivalent_viscous, ideal, ideal_ban
 pub use point::{Input, Method, Point, Response};
 pub use rustfft::num_complex::Complex;
 
-/// Least coherence of a point that is shown: below it, noise in the displacement biases `H1` by more than a fifth.
+/// Minimum coherence of a point that is shown: below it, noise in the displacement biases `H1` by more than a fifth.
 const LEAST_COHERENCE: f64 = 0.8;
-/// Greatest relative error of a point that is shown.
+/// Maximum relative error of a point that is shown.
 const GREATEST_ERROR: f64 = 0.5;
 
-/// The response that a run shows: over the terminal's displacement where it was measured, else over the screw's.
-/// Without any point when the run is too short or nothing moves.
+/// The response in a run: relative to the terminal's displacement if it was measured, otherwise to the screw's. It has
+/// no points if the run is too short or nothing moves.
 pub fn measured(series: &Series) -> Response {
     let has_terminal = series.stretches.iter().any(|stretch| !stretch.terminal_m.is_empty());
     let input = if has_terminal { Input::Terminal } else { Input::Screw };

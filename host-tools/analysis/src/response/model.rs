@@ -1,4 +1,4 @@
-//! Ideal and complete model, and where they agree.
+//! The ideal and the complete model, and the band in which they agree.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,17 +19,17 @@ pub struct ModelParameters {
     pub inertance_kg: f64,
     /// Viscous friction `cf` \[N s/m\].
     pub viscous_n_s_per_m: f64,
-    /// Contact stiffness `ks` \[N/m\]; 0 where it is not known, and then without end.
+    /// Contact stiffness `ks` \[N/m\]; 0 if unknown, and then taken as infinite.
     pub stiffness_n_per_m: f64,
     /// Contact damping `cs` \[N s/m\].
     pub contact_damping_n_s_per_m: f64,
     /// Structure mass `mr` on the measured terminal \[kg\].
     pub structure_mass_kg: f64,
-    /// Delay of the force behind the displacement \[s\].
+    /// Delay of the force relative to the displacement \[s\].
     pub skew_s: f64,
 }
 
-/// What the load cell reads over the displacement \[N/m\].
+/// The load cell's reading over the displacement \[N/m\].
 pub fn model(parameters: &ModelParameters, input: Input, frequency_hz: f64) -> Complex<f64> {
     let ModelParameters { inertance_kg, viscous_n_s_per_m, stiffness_n_per_m, .. } = *parameters;
     let s = Complex::new(0.0, TAU * frequency_hz);
@@ -51,18 +51,18 @@ pub fn ideal(inertance_kg: f64, frequency_hz: f64) -> Complex<f64> {
     Complex::new(-inertance_kg * (TAU * frequency_hz).powi(2), 0.0)
 }
 
-/// How near the ideal inertance is to the complete model.
+/// Agreement of the ideal inertance with the complete model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agreement {
-    /// Greatest difference of the magnitudes \[dB\].
+    /// Maximum difference of the magnitudes \[dB\].
     pub decibels: f64,
-    /// Greatest difference of the phases \[degrees\].
+    /// Maximum difference of the phases \[degrees\].
     pub degrees: f64,
 }
 
 impl Agreement {
-    /// Complete over ideal at one frequency, as seen from the terminals: the structure mass and the delay are the
-    /// rig's.
+    /// Complete model over ideal one at a frequency, between the terminals: the structure mass and the delay belong to
+    /// the rig.
     pub fn at(parameters: &ModelParameters, frequency_hz: f64) -> Self {
         let device = ModelParameters { structure_mass_kg: 0.0, skew_s: 0.0, ..*parameters };
         let ratio = model(&device, Input::Terminal, frequency_hz) / ideal(device.inertance_kg, frequency_hz);
@@ -75,8 +75,8 @@ impl Agreement {
     }
 }
 
-/// The widest band, by its ratio, within which the ideal inertance is as near to the complete model as `within` says:
-/// its lower and upper end \[Hz\], each to six digits; `None` for an end beyond 1e-5 or 1e4 Hz.
+/// The widest band, by frequency ratio, in which the ideal inertance agrees with the complete model to `within`: its
+/// lower and upper end \[Hz\], each to six digits; `None` for an end beyond 1e-5 or 1e4 Hz.
 pub fn ideal_band(parameters: &ModelParameters, within: Agreement) -> Option<(Option<f64>, Option<f64>)> {
     let decade = 10f64.powf(1.0 / f64::from(PER_DECADE));
     let count = ((SEARCH_HZ.1 / SEARCH_HZ.0).log10() * f64::from(PER_DECADE)).round() as i32;
@@ -99,10 +99,10 @@ pub fn ideal_band(parameters: &ModelParameters, within: Agreement) -> Option<(Op
     Some(((first > 0).then(|| edge(first, first - 1)), (last < count).then(|| edge(last, last + 1))))
 }
 
-/// The viscous friction that takes from this motion what Coulomb friction takes: `fc mean|v| / mean v^2` \[N s/m\];
-/// `4 fc / (pi V)` for a tone of velocity amplitude `V`. `None` where nothing moves.
+/// The viscous friction that dissipates the same energy in this motion as the Coulomb friction: `fc mean|v| / mean v^2`
+/// \[N s/m\]; `4 fc / (pi V)` for a tone with velocity amplitude `V`. `None` if nothing moves.
 pub fn equivalent_viscous(series: &Series, coulomb_n: f64) -> Option<f64> {
-    // Long enough that the encoder's steps are small against the motion.
+    // Long enough that the encoder's steps are small compared with the motion.
     let span = (0.02 / series.period_s).round().max(1.0) as usize;
     let velocities = series.stretches.iter().flat_map(|stretch| {
         let later = stretch.position_m.iter().skip(span);

@@ -1,25 +1,25 @@
-//! A measured response, and what both ways of measuring share.
+//! A measured response, and the parts that both methods share.
 
 use rustfft::num_complex::Complex;
 
 /// Standard errors in a 95 % interval of a normal distribution.
 pub(super) const NORMAL_COVERAGE: f64 = 1.96;
 
-/// Which displacement the response is taken over.
+/// The displacement that the response refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
-    /// The terminal's, by its own sensor.
+    /// The terminal's, from its own sensor.
     Terminal,
-    /// The screw's, by the encoder.
+    /// The screw's, from the encoder.
     Screw,
 }
 
 /// How it was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
-    /// Over all frequencies, from so many pieces worth of independent ones.
+    /// Over all frequencies, with this equivalent number of independent pieces.
     Welch {
-        /// Independent pieces.
+        /// Number of independent pieces.
         averages: f64,
     },
     /// At the frequencies of steady tones.
@@ -33,9 +33,9 @@ pub struct Point {
     pub frequency_hz: f64,
     /// Force over displacement \[N/m\].
     pub response: Complex<f64>,
-    /// Part of the force's power that the displacement explains, 0 to 1.
+    /// Fraction of the force's power that the displacement explains, 0 to 1.
     pub coherence: f64,
-    /// Half width of the 95 % interval of the magnitude, as a part of it.
+    /// Half width of the magnitude's 95 % interval, relative to it.
     pub error: f64,
 }
 
@@ -46,18 +46,18 @@ impl Point {
     }
 }
 
-/// A measured response; only points that say something.
+/// A measured response; only meaningful points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
-    /// The displacement it is taken over.
+    /// The displacement that it refers to.
     pub input: Input,
     /// How it was measured.
     pub method: Method,
-    /// By rising frequency.
+    /// By increasing frequency.
     pub points: Vec<Point>,
 }
 
-/// The data less its mean, under a Hann window.
+/// The data minus their mean, with a Hann window.
 pub(super) fn windowed(data: impl Iterator<Item = f64> + Clone, length: usize) -> Vec<Complex<f64>> {
     let n = length as f64;
     let mean = data.clone().sum::<f64>() / n;

@@ -29,11 +29,11 @@ fn a_random_motion_shows_the_complete_model_within_its_interval() {
         let response = measured(&simulated("random", 60.0, 0.0, terminal));
         let input = if terminal { Input::Terminal } else { Input::Screw };
         assert_eq!(response.input, input);
-        // What the window makes of a resonance that is hardly wider than its bins.
+        // The window's bias at a resonance hardly wider than its bins.
         let bias = if terminal { 0.02 } else { 1e-3 };
         let within = |point: &&Point| {
             let expected = model(&PAPER, input, point.frequency_hz);
-            // Once more the interval for two components instead of one.
+            // A wider interval, for two components instead of one.
             (point.response / expected - 1.0).norm() < 1.3 * point.error + bias
         };
         let highest_hz = if terminal { 11.0 } else { 14.5 };
@@ -57,7 +57,7 @@ fn a_tone_shows_the_model_with_its_friction_at_its_frequency() {
         let friction = equivalent_viscous(&series, 50.0).unwrap();
         let parameters = ModelParameters { viscous_n_s_per_m: PAPER.viscous_n_s_per_m + friction, ..PAPER };
         let off = (point.response / model(&parameters, Input::Terminal, point.frequency_hz) - 1.0).norm();
-        // At 0.053 Hz the screw sticks for some degrees at each end, which no viscous friction does.
+        // At 0.053 Hz the screw sticks for some degrees at each end, which viscous friction never does.
         assert!(off < if excite == "slow" { 0.06 } else { 0.03 }, "{excite}: {off} {point:?}");
         assert!(point.error < 0.03, "{excite}: {point:?}");
     }
@@ -78,7 +78,7 @@ fn the_papers_device_is_ideal_from_1_2_to_27_rad_per_s() {
     let within = Agreement { decibels: 1.0, degrees: 5.0 };
     let (low, high) = ideal_band(&PAPER, within).unwrap();
     let (low, high) = (low.unwrap() * std::f64::consts::TAU, high.unwrap() * std::f64::consts::TAU);
-    // Below, viscous friction turns the phase: cf / (mt tan 5); above, the resonance lifts the magnitude by 1 dB.
+    // Below, viscous friction shifts the phase: cf / (mt tan 5); above, the resonance raises the magnitude by 1 dB.
     assert!((low / (31.4 / (299.4906 * 5f64.to_radians().tan())) - 1.0).abs() < 1e-3, "{low}");
     let lifted = (2.1e6 / 299.4906 * (1.0 - 10f64.powf(-0.05))).sqrt();
     assert!((high / lifted - 1.0).abs() < 1e-2, "{high} against {lifted}");

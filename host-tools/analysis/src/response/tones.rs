@@ -6,30 +6,30 @@ use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::point::{Point, windowed};
 
-/// Tones above which a motion counts as broad.
+/// With more tones than this a motion counts as broadband.
 const MOST_TONES: usize = 8;
-/// Part of the velocity's power that the tones must hold.
+/// Fraction of the velocity's power that the tones must contain.
 const LEAST_PART: f64 = 0.9;
 /// Multiples of the strongest tone's frequency up to which power counts.
 const HARMONICS: usize = 30;
-/// Least power of a tone against the strongest: friction makes weaker ones of its own, most of all at the resonance.
+/// Minimum power of a tone relative to the strongest: friction creates weaker ones, most of all at the resonance.
 const LEAST_POWER: f64 = 5e-2;
-/// Greatest power of a drift against the strongest tone.
+/// Maximum power of a drift relative to the strongest tone.
 const MOST_DRIFT: f64 = 0.1;
-/// Bins on either side that belong to a tone: a Hann window gives it two, ramps and starts a few more.
+/// Bins on either side that belong to a tone: a Hann window adds two, ramps and starts a few more.
 const LOBE: usize = 8;
-/// Part of their power that must lie within two bins: a motion that comes and goes is no steady tone.
+/// Fraction of their power that must lie within two bins: an intermittent motion is not a steady tone.
 const LEAST_STEADY: f64 = 0.9;
-/// Least number of periods in the whole run.
+/// Minimum number of periods in the whole run.
 const LEAST_BIN: usize = 3;
-/// Samples that are searched for tones.
+/// Maximum number of samples searched for tones.
 const MOST_SEARCHED: usize = 1 << 18;
-/// Pieces by whose scatter the error is told.
+/// Number of pieces whose scatter gives the error.
 const PIECES: usize = 8;
-/// Least number of periods in one.
+/// Minimum number of periods per piece.
 const LEAST_PERIODS: f64 = 2.0;
 
-/// The response at each tone, or `None` where the motion is no sum of a few tones.
+/// The response at each tone, or `None` if the motion is not a sum of a few tones.
 pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> Option<Vec<Point>> {
     let (input, force) = pieces.iter().max_by_key(|(input, _)| input.len())?;
     let points: Vec<_> =
@@ -37,7 +37,7 @@ pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> Option<Vec<Point>
     (!points.is_empty()).then_some(points)
 }
 
-/// Frequencies of the tones \[Hz\], rising.
+/// Frequencies of the tones \[Hz\], in increasing order.
 fn tones(input: &[f64], period_s: f64) -> Option<Vec<f64>> {
     let input = &input[..input.len().min(MOST_SEARCHED)];
     if input.len() < 64 {
@@ -45,13 +45,13 @@ fn tones(input: &[f64], period_s: f64) -> Option<Vec<f64>> {
     }
     let mut spectrum = windowed(input.iter().copied(), input.len());
     FftPlanner::new().plan_fft_forward(spectrum.len()).process(&mut spectrum);
-    // Of the velocity: of a displacement alone a bang-bang motion would pass for a tone.
+    // The spectrum of velocity: in the displacement a bang-bang motion would look like a tone.
     let half = spectrum.iter().take(spectrum.len() / 2).enumerate();
     let mut power: Vec<f64> = half.map(|(bin, line)| line.norm_sqr() * (bin as f64).powi(2)).collect();
     let strongest_bin = power.iter().enumerate().skip(LEAST_BIN).max_by(|a, b| a.1.total_cmp(b.1))?.0;
-    // Higher up there is only what the sensor's steps make of a velocity.
+    // At higher frequencies the velocity contains only the sensor's quantisation.
     power.truncate(strongest_bin * HARMONICS + LOBE + 1);
-    // A drift, or what is left of too few periods.
+    // A drift, or a component with too few periods.
     let drift = power.get_mut(..LEAST_BIN)?;
     let greatest_drift = drift.iter().copied().fold(0.0, f64::max);
     drift.fill(0.0);
@@ -65,7 +65,7 @@ fn tones(input: &[f64], period_s: f64) -> Option<Vec<f64>> {
         }
         let end = (bin + LOBE + 1).min(power.len());
         let lobe = power.get_mut(bin.saturating_sub(LOBE)..end)?;
-        // The middle of the lobe's power is the tone, to a part of a bin.
+        // The centroid of the lobe's power is the tone's frequency, to a fraction of a bin.
         let offset = |at: usize| at as f64 - bin.min(LOBE) as f64;
         let (sum, moment) = lobe
             .iter()
@@ -84,7 +84,7 @@ fn tones(input: &[f64], period_s: f64) -> Option<Vec<f64>> {
     (seen >= LEAST_PART * total && greatest_drift < MOST_DRIFT * strongest).then_some(found)
 }
 
-/// Lines of both channels at a frequency, in pieces of `length` samples.
+/// Complex amplitudes of both channels at a frequency, in pieces of `length` samples.
 fn lines(input: &[f64], force: &[f64], length: usize, turn: f64) -> Vec<(Complex<f64>, Complex<f64>)> {
     let line = |data: &[f64]| -> Complex<f64> {
         let all = windowed(data.iter().copied(), length).into_iter().enumerate();
@@ -102,7 +102,7 @@ fn point(input: &[f64], force: &[f64], period_s: f64, tone_hz: f64) -> Option<Po
     let count = ((periods / LEAST_PERIODS) as usize).min(PIECES);
     let spread = student(count)?;
     let length = input.len() / count;
-    // The phase's advance from piece to piece is what the frequency is off by.
+    // The phase advance from piece to piece gives the error of the frequency.
     let rough = lines(input, force, length, TAU * tone_hz * period_s);
     let expected = Complex::from_polar(1.0, -TAU * tone_hz * period_s * length as f64);
     let advance: Complex<f64> =
@@ -114,7 +114,7 @@ fn point(input: &[f64], force: &[f64], period_s: f64, tone_hz: f64) -> Option<Po
     let cross: Complex<f64> = lines.iter().map(|line| line.0.conj() * line.1).sum();
     let response = cross / inputs;
     let scatter: f64 = lines.iter().map(|line| (line.1 - line.0 * response).norm_sqr()).sum::<f64>() / inputs;
-    // Of one of the two components; the pieces' powers sum in `inputs`, so this is the mean's already.
+    // For one of the two components; `inputs` sums the pieces' powers, so this is already the error of the mean.
     let error = (scatter / (2.0 * (count as f64 - 1.0))).sqrt();
     Some(Point {
         frequency_hz,
@@ -124,9 +124,10 @@ fn point(input: &[f64], force: &[f64], period_s: f64, tone_hz: f64) -> Option<Po
     })
 }
 
-/// Half width of a 95 % interval in standard errors, by Student's distribution of `2 (pieces - 1)` degrees of freedom.
+/// Half width of a 95 % interval in standard errors, from Student's distribution with `2 (pieces - 1)` degrees of
+/// freedom.
 fn student(pieces: usize) -> Option<f64> {
-    /// From three pieces on, up to the most.
+    /// From three pieces to the maximum.
     const FROM_THREE: [f64; PIECES - 2] = [2.776, 2.447, 2.306, 2.228, 2.179, 2.145];
     FROM_THREE.get(pieces.checked_sub(3)?).copied()
 }

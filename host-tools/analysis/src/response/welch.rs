@@ -1,8 +1,8 @@
-//! `H1` by averaged overlapping pieces.
+//! `H1` from averaged overlapping pieces.
 //!
-//! The displacement falls with the square of the frequency, which a window would smear from bin to bin. So its second
-//! difference is transformed, whose response to the force is nearly flat, and the difference's own exact response
-//! `2 cos(w T) - 2` multiplied afterwards.
+//! The displacement falls with the square of the frequency, and a window would leak this from bin to bin. So the second
+//! difference is transformed instead, whose ratio to the force is nearly flat; the difference's exact response `2 cos(w
+//! T) - 2` is applied afterwards.
 
 use std::f64::consts::TAU;
 
@@ -10,16 +10,16 @@ use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::point::{Method, NORMAL_COVERAGE, Point, windowed};
 
-/// Pieces that a run is cut into at least, overlap not counted.
+/// Minimum number of pieces of a run, not counting overlap.
 const PIECES: usize = 6;
 /// Finest resolution \[Hz\]: longer runs give more averages instead.
 const FINEST_HZ: f64 = 0.05;
-/// Bins left out at the bottom, where a trend would be seen.
+/// Lowest bins left out, because they would contain a trend.
 const LEAST_BIN: usize = 3;
-/// Part of the strongest bin's velocity power under which a bin holds no motion of the rig's, but what friction and
-/// impacts make of it.
+/// Velocity power, relative to the strongest bin's, below which a bin contains only effects of friction and impacts,
+/// not motion of the rig.
 const LEAST_MOTION: f64 = 3e-3;
-/// Part of the sample rate above which nothing is said.
+/// Fraction of the sample rate above which there are no points.
 const HIGHEST: f64 = 0.4;
 /// Independent pieces per piece: Hann windows that overlap by half are correlated by 1/36 in power.
 const INDEPENDENT: f64 = 1.0 / (1.0 + 2.0 / 36.0);
@@ -67,7 +67,7 @@ pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> (Method, Vec<Poin
         let turn = TAU * bin as f64 / length as f64;
         let coherence = here.cross.norm_sqr() / (here.input * here.force);
         let chance = NORMAL_COVERAGE * ((1.0 - coherence).max(0.0) / (2.0 * averages * coherence)).sqrt();
-        // Where in its window the motion lies is not known: the response's own slope over a bin.
+        // The position of the motion within the window is unknown: allow for the response's slope over a bin.
         let slope = (flat(above) - flat(below)).norm() / 2.0 / flat(here).norm();
         let point = Point {
             frequency_hz: bin as f64 / (length as f64 * period_s),
@@ -77,7 +77,7 @@ pub fn measured(pieces: &[(&[f64], &[f64])], period_s: f64) -> (Method, Vec<Poin
         };
         (bin >= LEAST_BIN && motion((bin, here)) >= LEAST_MOTION * strongest).then_some(point)
     };
-    // One piece alone explains itself whole.
+    // A single piece would have a coherence of one.
     let points = sums.windows(3).enumerate().filter_map(point).filter(|_| count >= 2.0);
     (Method::Welch { averages }, points.collect())
 }

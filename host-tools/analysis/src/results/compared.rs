@@ -1,4 +1,4 @@
-//! Runs beside each other, and what differs between them.
+//! Compared runs, and their differences.
 
 use inerter_data::limits::{Judged, NAMES};
 use serde::{Serialize, Serializer};
@@ -11,18 +11,18 @@ use crate::compare::{Compared, Difference, Rig, Row, Side, Verdict};
 pub struct CompareJson {
     kind: &'static str,
     files: Vec<String>,
-    /// Of each run.
+    /// For each run.
     rigs: Vec<RigJson>,
-    /// By name a list of all runs, in their order.
+    /// For each name a list with one entry per run, in order.
     #[serde(serialize_with = "by_name")]
     parameters: Vec<(&'static str, Vec<RunJson>)>,
-    /// What each run says of limits, where there are any.
+    /// The verdicts on limits for each run, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     limits: Option<Vec<LimitsJson>>,
 }
 
 impl CompareJson {
-    /// Of these runs; `within` has the verdicts of each on limits.
+    /// From these runs; `within` has the verdicts of each on limits.
     pub fn new(sides: &[Side], rigs: &[Rig], rows: &[Row], within: Option<&[Vec<Judged>]>) -> Self {
         let of_row = |row: &Row| (NAMES[row.place], row.runs.iter().map(RunJson::from).collect());
         Self {
@@ -52,7 +52,7 @@ impl From<&Rig> for RigJson {
     }
 }
 
-/// A parameter of a run beside others.
+/// A parameter of a run in the comparison.
 #[derive(Clone, Debug, Serialize)]
 struct RunJson {
     value: Option<f32>,
@@ -60,7 +60,7 @@ struct RunJson {
     same_rig_u95: Option<f32>,
     /// Why it proves nothing.
     reason: Option<&'static str>,
-    /// From the first run, which has none; null where one of the two does not tell it.
+    /// Difference from the first run, which itself has none; null if one of the two does not identify it.
     #[serde(skip_serializing_if = "Option::is_none")]
     difference: Option<Option<DifferenceJson>>,
     #[serde(skip_serializing_if = "Option::is_none")]

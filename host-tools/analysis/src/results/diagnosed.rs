@@ -1,4 +1,4 @@
-//! What breaks the law in a whole run, and the parameters with it included.
+//! Finds what violates the law in a whole run, and the parameters with it included.
 
 use std::cell::Cell;
 
@@ -21,31 +21,31 @@ use crate::{
     fit::FitError,
 };
 
-/// What a run shows.
+/// The result for a run.
 #[derive(Clone, Debug)]
 pub struct Diagnosed {
-    /// By the estimator alone.
+    /// The result of the estimator alone.
     pub outcome: Outcome,
     /// Gates that samples failed, and how often, in the order of the list.
     pub gates: Vec<(WarningKind, u32)>,
     /// The samples without the wrong ones.
     pub gated: Gated,
-    /// Causes, or why none could be sought.
+    /// Causes, or why no search was possible.
     pub found: Result<Diagnosis, Unsought>,
-    /// The parameters with all of it included, where they are known.
+    /// The parameters with everything found included, if known.
     pub corrected: Option<Parameters>,
 }
 
-/// Part of the work that the replay is, and part of what is left that a look at the run is, about.
+/// Fraction of the work that the replay takes, and approximate fraction of the rest per pass over the run.
 const OF_REPLAY: f64 = 0.15;
 const OF_A_LOOK: f64 = 0.1;
 
-/// Why no cause could be sought beside what is wrong with the samples.
+/// Why no cause could be searched for, apart from faults of the samples.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unsought {
-    /// The force pushes the wrong way.
+    /// The force acts in the wrong direction.
     Reversed,
-    /// What is left of the run is too little.
+    /// Too little of the run is left.
     Unfit(FitError),
 }
 
@@ -63,8 +63,8 @@ impl Unsought {
     }
 }
 
-/// Seeks what breaks the law in a whole run, or since the device changed last: `changed` is handed that time \[s\]
-/// before the search. `told` hears of the part that is done, from 0 to 1.
+/// Searches a whole run for what violates the law, or the part since the last change of the device: `changed` gets that
+/// time \[s\] before the search. `told` gets the completed fraction, from 0 to 1.
 pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitError>>(
     run: &Run,
     encoder: Encoder,
@@ -89,7 +89,7 @@ pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitEr
         gated.series.cut_before(since_s);
     }
     let published = outcome.published();
-    // How long it is depends on what is found.
+    // The number of passes depends on what is found.
     let part = Cell::new(OF_REPLAY);
     let tick = || {
         part.set(part.get() + OF_A_LOOK * (1.0 - part.get()));
@@ -108,7 +108,8 @@ pub fn diagnosed<E: From<SettingsInputError> + From<CalibrateError> + From<FitEr
     Ok(Diagnosed { outcome, gates, gated, found, corrected })
 }
 
-/// What is wrong with samples, in the order of the list: what the estimator said, and what only the whole run shows.
+/// Faults of the samples, in the order of the list: those that the estimator reported, and those that only the whole
+/// run shows.
 fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
     let times = |kind: WarningKind| {
         let told = told.iter().filter(|warning| warning.kind == kind).count() as u32;
@@ -121,16 +122,16 @@ fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
     all.filter(|(_, times)| *times > 0).collect()
 }
 
-/// The parameters with all that was found beside them. Where nothing breaks the law they are its own, without samples
-/// that tell nothing of the device; nothing where these are not known, something else is left over, or the force pushes
-/// the wrong way.
+/// The parameters with everything found included. If nothing violates the law they are the law's own, without samples
+/// that carry no information about the device; `None` if these are unknown, if another residual remains, or if the
+/// force acts in the wrong direction.
 fn corrected(outcome: &Outcome, gated: &Gated, found: &Result<Diagnosis, Unsought>) -> Option<Parameters> {
     let found = found.as_ref().ok().filter(|_| gated.not_found.is_empty())?;
     if !found.causes.is_empty() {
         return found.corrected;
     }
     if gated.has_no_force() {
-        // The estimator takes samples in until it sees what they are, and some beside those that it then leaves out.
+        // The estimator uses samples until it detects a fault, and then also leaves out some good ones.
         return found.corrected.filter(|_| found.is_explained());
     }
     let misfit = outcome.law.misfit?;
@@ -138,12 +139,12 @@ fn corrected(outcome: &Outcome, gated: &Gated, found: &Result<Diagnosis, Unsough
 }
 
 impl Diagnosed {
-    /// What breaks the law, in the order of its weight.
+    /// The causes, in descending order of importance.
     pub fn causes(&self) -> &[Cause] {
         self.found.as_ref().map_or(&[], |found| &found.causes)
     }
 
-    /// For a person: whether the law holds, what breaks it and what to do about it, a line each.
+    /// For a person: whether the law holds, what violates it and what to do about it, one line each.
     pub fn words(&self, machine: Machine) -> Vec<String> {
         let causes = self.causes();
         let law = match self.outcome.law.status {
@@ -208,7 +209,7 @@ pub struct CauseJson {
 }
 
 impl CauseJson {
-    /// One that was found.
+    /// A cause that was found.
     fn new(machine: Machine, cause: &Cause) -> Self {
         Self {
             name: cause.kind.name(),
@@ -221,7 +222,7 @@ impl CauseJson {
         }
     }
 
-    /// A gate that samples failed so often.
+    /// A gate that samples failed, and how often.
     fn gate(kind: WarningKind, times: u32) -> Self {
         Self {
             name: causes::Cause::Samples(kind).name(),

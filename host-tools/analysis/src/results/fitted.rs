@@ -1,4 +1,4 @@
-//! The fit to one run or to several together.
+//! The fit to one run or to several together, as JSON.
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -25,14 +25,14 @@ pub struct FitJson {
     symmetric_residual_rms_n: f64,
     by_direction: DirectionsJson,
     residual_rms_n: f64,
-    /// By how much the runs differ beyond their scatter, and which parameters by more than chance would have it.
+    /// By how much the runs differ beyond their scatter, and for which parameters that is more than chance.
     #[serde(skip_serializing_if = "Option::is_none")]
     apart: Option<ApartJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     differs: Option<Vec<&'static str>>,
-    /// Runs that the law does not hold for.
+    /// Runs for which the law does not hold.
     law_broken: Vec<String>,
-    /// Runs that moved too little for a sum.
+    /// Runs with too little motion to be summed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     nothing_summed: Vec<String>,
 }
@@ -58,7 +58,7 @@ struct DirectionsJson {
 }
 
 impl FitJson {
-    /// Of a fit with this offset, where it is known.
+    /// From a fit with this offset, if known.
     pub fn new(merged: &Merged, offset_n: Option<f64>) -> Self {
         let Merged { fit, bank, updates, names, apart, differs, broken, empty } = merged;
         let [viscous_positive, viscous_negative] = fit.viscous_n_s_per_m;

@@ -1,4 +1,4 @@
-//! The complete model of a device, with what each of its runs shows over frequency.
+//! The complete model of a device, with the frequency response of each of its runs.
 
 use inerter_data::{run::Run, series::Series};
 use serde::Serialize;
@@ -20,13 +20,13 @@ pub struct IdentifyJson<'a> {
 }
 
 impl<'a> IdentifyJson<'a> {
-    /// Of these runs, by the names of their files.
+    /// From these runs, with the names of their files.
     pub fn new(files: Vec<String>, runs: &[Run], identified: &'a Identified) -> Self {
         Self { kind: "identify", files, identified, responses: responses(runs, identified) }
     }
 }
 
-/// What each run shows over frequency, beside the models with the values found.
+/// The frequency response of each run, with the models from the values found.
 pub fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
     let model = ModelParameters::from(&found.model());
     runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()

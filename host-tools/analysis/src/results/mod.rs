@@ -1,4 +1,4 @@
-//! Results of runs, as the program prints them and other programs get them.
+//! Results of runs, as the program prints them and as other programs receive them.
 
 mod compared;
 mod diagnosed;

@@ -1,4 +1,4 @@
-//! A whole run through the estimator, with what its samples show in addition.
+//! A whole run through the estimator, with additional results from its samples.
 
 use std::cell::RefCell;
 
@@ -24,27 +24,27 @@ use crate::{
     told::Told,
 };
 
-/// What a run came to.
+/// The results of a run.
 #[derive(Clone, Debug)]
 pub struct Replayed {
     settings: Settings,
-    /// By the estimator alone, as the device would have reported it.
+    /// The result of the estimator alone, as the device would have reported it.
     pub outcome: Outcome,
     /// The parameters of the whole run, judged by the latest samples for a law that is only nearly true.
     pub judged: [Judged; 4],
-    /// What breaks the law in the latest samples.
+    /// What violates the law in the latest samples.
     pub causes: Vec<Cause>,
-    /// Which motion would have shown what this one could not.
+    /// A motion that would have identified what this one could not.
     pub advice: Option<Advice>,
     warnings: Vec<WarningJson>,
-    /// What is wrong with samples that the estimator had no time to see.
+    /// Faults of samples that the estimator had no time to detect.
     unseen: Vec<WarningKind>,
-    /// What exceeds the settings of full scale.
+    /// A note if something exceeds the full-scale settings.
     beyond: Option<String>,
 }
 
-/// Takes samples through the estimator, the first of them at `start_s` \[s\]; `tell` is handed all that it says, and
-/// the time of each \[s\].
+/// Runs samples through the estimator, the first of them at `start_s` \[s\]; `tell` gets everything that it reports,
+/// with its time \[s\].
 pub fn replayed<E: From<SettingsInputError>>(
     settings: &Settings,
     start_s: f64,
@@ -85,7 +85,7 @@ pub fn replayed<E: From<SettingsInputError>>(
     })
 }
 
-/// What is wrong with the samples, where the event says it.
+/// The fault of the samples, if the event reports one.
 pub fn warning(machine: Machine, t_s: f64, event: &EstimatorEvent) -> Option<WarningJson> {
     match event {
         EstimatorEvent::Warned(warning) => Some(WarningJson::new(t_s, warning, machine)),
@@ -94,7 +94,7 @@ pub fn warning(machine: Machine, t_s: f64, event: &EstimatorEvent) -> Option<War
 }
 
 impl Replayed {
-    /// What only the last minute as a whole shows to be wrong, each with its code.
+    /// Faults that only the last minute as a whole shows, each with its code.
     pub fn remarks(&self) -> impl Iterator<Item = (&'static str, String)> {
         let machine = self.settings.machine;
         let unseen =
@@ -108,8 +108,8 @@ impl Replayed {
         Told::new(&self.outcome, &self.judged, self.wrong_samples() > 0)
     }
 
-    /// How often samples were wrong: each time that the estimator said so, and each kind that only the last minute as a
-    /// whole shows.
+    /// How often samples were faulty: each time that the estimator reported it, plus each kind that only the last
+    /// minute as a whole shows.
     pub fn wrong_samples(&self) -> usize {
         self.warnings.len() + self.unseen.len()
     }
@@ -127,7 +127,7 @@ impl Replayed {
         }
     }
 
-    /// What the intervals of the whole run are made of.
+    /// The components of the whole run's intervals.
     fn uncertainty(&self) -> UncertaintyJson {
         let (sums, more) = self.outcome.sums();
         let correlation = Products::of(sums, more).and_then(|products| products.correlation()).ok();
@@ -144,12 +144,12 @@ pub struct LastJson {
     /// The last estimate.
     #[serde(flatten)]
     pub last: EstimateJson,
-    /// Of the whole run, where it was computed here.
+    /// The uncertainty of the whole run, if it was computed here.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<UncertaintyJson>,
-    /// What is wrong with samples or law.
+    /// Faults of samples or violations of the law.
     pub warnings: Vec<WarningJson>,
-    /// Which motion would have shown what this one could not.
+    /// A motion that would have identified what this one could not.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<AdviceJson>,
     /// Its verdicts on limits, if there are any.
@@ -165,22 +165,22 @@ pub struct LimitsJson {
 }
 
 impl LimitsJson {
-    /// Of all limits.
+    /// From the verdicts on all limits.
     pub fn new(all: &[limits::Judged]) -> Self {
         Self { verdict: limits::verdict(all), parameters: all.to_vec() }
     }
 }
 
-/// What to do about what a run could not show.
+/// Advice for what a run could not identify.
 #[derive(Clone, Debug, Serialize)]
 pub struct AdviceJson {
-    /// Names of what it could not show.
+    /// Names of the parameters that it could not identify.
     lacking: Vec<&'static str>,
-    /// Names of those that the motion would tell clearly better.
+    /// Names of those that the motion would identify clearly better.
     told: Vec<&'static str>,
     duration_s: Option<f64>,
     parts: Vec<Value>,
-    /// What the motion would tell each to, as half widths.
+    /// The predicted intervals, as half widths.
     predicted: Map<String, Value>,
     text: String,
 }

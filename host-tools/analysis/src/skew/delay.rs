@@ -1,8 +1,8 @@
-//! The delay of the force at which the law leaves least over, of all that a setting can undo.
+//! Finds the delay of the force with the smallest residual of the law, among those that a setting can correct.
 //!
-//! Rows stay where they are, and the force comes from so many samples later: what the law leaves over is a smooth
-//! function of the delay, and neither its size nor noise in the force's rate shift its minimum. Signs are placed by the
-//! position alone, as a force that is late can place none; friction may turn at another moment.
+//! Rows keep their times, and the force is taken a number of samples later: the residual is a smooth function of the
+//! delay, and neither its size nor noise in the force's rate shifts its minimum. Signs come from the position alone,
+//! because a delayed force cannot locate reversals; friction may reverse at another moment.
 
 use inerter_core::{Bank, Settings};
 use inerter_data::series::Series;
@@ -13,11 +13,11 @@ use super::{
 };
 use crate::law::Law;
 
-/// Greatest delay that is looked for \[s\]: what the setting `skew_s` holds.
+/// Largest delay that is searched for \[s\]: the range of the setting `skew_s`.
 pub const MOST_S: f64 = 0.005;
 
-/// The delay at which it is least \[s\], within the range; nothing where no delay gives a positive inertance, or the
-/// motion cannot tell inertance and friction apart. What skew the settings undo does not matter.
+/// The delay with the smallest residual \[s\], within the range; `None` if no delay gives a positive inertance, or the
+/// motion cannot separate inertance and friction. The skew that the settings already correct does not matter.
 pub(super) fn delay_s(series: &Series, settings: &Settings, bank: Bank) -> Option<f64> {
     let as_measured = Settings { skew_s: 0.0, ..*settings };
     let most = (MOST_S / series.period_s) as isize;
@@ -28,7 +28,7 @@ pub(super) fn delay_s(series: &Series, settings: &Settings, bank: Bank) -> Optio
         let force = rows.force_late_by(late);
         let right = products(&columns, &force);
         let values = &inverse * &right;
-        // As a part of the force, which differs with the samples that it is taken from.
+        // Relative to the force, which differs with the samples that it is taken from.
         (values[0] > 0.0).then(|| (late, 1.0 - values.dot(&right) / dot(&force, &force)))
     };
     let forward: Vec<(isize, f64)> = (-most..=most).filter_map(left).collect();

@@ -1,4 +1,4 @@
-//! Friction that is not the law's, as far as a run shows it: taken in beside the law, or what it may have moved.
+//! Friction beyond the law's, as far as a run shows it: either included beside the law, or counted as a possible shift.
 
 use std::mem::discriminant;
 
@@ -8,23 +8,23 @@ use super::{
 };
 use crate::law::{FALLS, MOST_LOAD, TURNS};
 
-/// F statistic from which on friction is taken in. Of some twenty that are tried none reaches the first by chance, but
-/// friction of another shape may, which the interval of what acts at the reversals holds, and that of the others does
-/// not.
+/// F statistic from which friction is included. None of about twenty candidates reaches the first value by chance.
+/// Friction of another shape may reach it; the interval of friction at the reversals covers that, but the interval of
+/// the others does not.
 const LIMIT_AT_REVERSALS: f64 = 30.0;
 const LIMIT: f64 = 150.0;
-/// Part of a column's square that the others must leave over, for the run to tell of it.
+/// Fraction of a column's square that the others must leave for the run to identify it.
 const LEAST_LEFT: f64 = 0.05;
-/// Steps by which a velocity or a distance is made more exact, on either side, and how many of them.
+/// Step factors with which a velocity or a distance is refined, on either side, and their number.
 const FINER: [f64; 2] = [1.5, 1.15];
 const MOST_STEPS: usize = 3;
-/// Standard deviations by which a parameter moves by chance when one of all that are tried is taken in.
+/// Standard deviations by which a parameter shifts by chance when one of all candidates is included.
 const CHANCE: f64 = 2.0;
-/// What is beyond that, as the half width of an interval.
+/// Weight of the shift beyond chance in the half width of an interval.
 const MOVED: f64 = 1.4;
 
 impl Friction {
-    /// All that is tried, but for the kinds that were taken in.
+    /// All candidates, except the kinds already included.
     fn others(rows: &Rows, taken: &[Self]) -> Vec<Self> {
         let falls = FALLS.map(|part| Self::Falling(part * rows.velocity_rms()));
         let turns = TURNS.map(|part| Self::Turning(part * rows.stroke_m));
@@ -32,17 +32,17 @@ impl Friction {
         all.filter(|one| taken.iter().all(|other| discriminant(one) != discriminant(other))).collect()
     }
 
-    /// Whether it acts at the reversals, by a shape that is only near to the machine's.
+    /// Whether it acts at the reversals, with a shape that only approximates the machine's.
     pub fn is_shaped(&self) -> bool {
         matches!(self, Self::Falling(_) | Self::Turning(_))
     }
 
-    /// F statistic from which on it is taken in.
+    /// F statistic from which it is included.
     fn limit(self) -> f64 {
         if self.is_shaped() { LIMIT_AT_REVERSALS } else { LIMIT }
     }
 
-    /// Whether its size can be that of a machine: it grows with the load, is greater at low speed, and comes late.
+    /// Whether its size is plausible for a machine: it grows with the load, is larger at low speed, and lags.
     fn can_be(self, size: f64) -> bool {
         match self {
             Self::Load => (0.0..MOST_LOAD).contains(&size),
@@ -61,7 +61,7 @@ impl Friction {
     }
 }
 
-/// Takes friction in beside columns, the strongest first.
+/// Includes friction beside the columns, the strongest first.
 pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> {
     let mut taken: Vec<Friction> = Vec::new();
     let mut columns = columns.to_vec();
@@ -92,14 +92,15 @@ pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> 
     }
 }
 
-/// How far what was not taken in may have moved the coefficient at a place, as the half width of an interval: the most
-/// that any moves it by beyond chance. `again` is the square of what a residual that repeats makes more of chance.
+/// By how much friction that was not included may have shifted the coefficient at an index, as the half width of an
+/// interval: the largest shift beyond chance. `again` is the square of the factor by which a repeating residual
+/// increases chance.
 pub(super) fn reach(rows: &Rows, squares: &Squares, place: usize, taken: &[Friction], again: f64) -> f64 {
     let error_square = squares.square() * rows.per_observation;
     let of = |friction: Friction| {
         let more = squares.with(&rows.friction(friction));
         let (moved, chance) = more.moves(place);
-        // Friction that would drive the screw is none.
+        // Friction that would drive the screw is impossible.
         let drives = |at: usize| {
             let (moved, chance) = more.moves(at);
             let error = (error_square * (squares.inverse[(at, at)] + chance)).sqrt();

@@ -1,8 +1,8 @@
-//! The skew of a run: how late the force is behind the position, with what is known of it.
+//! The skew of a run: the delay of the force relative to the position, with its uncertainty.
 //!
-//! Whole samples are found by what the law leaves over (`delay`), the rest by the coefficient of the force's rate
-//! beside the law and all friction that is not the law's (`round`), again and again until nothing is left: then neither
-//! the error of the series by which it is undone nor noise in that rate matter.
+//! Whole samples come from the residual of the law (`delay`), the rest from the coefficient of the force's rate in a
+//! fit with the law and any further friction (`round`), repeated until nothing is left. Then neither the error of the
+//! series that corrects it nor noise in that rate matters.
 
 mod delay;
 mod friction;
@@ -28,27 +28,27 @@ use self::{
 };
 use crate::fit::FitError;
 
-/// Part of the square of the force's rate that all else must leave over, for a delay to be told from viscous friction:
-/// a tone of
-/// 15.9 Hz leaves 0.0004, two tones that are a tenth apart 0.005, a random motion 0.06 and more.
+/// Fraction of the square of the force's rate that the other terms must leave, for a delay to be distinguished from
+/// viscous friction: a tone of 15.9 Hz leaves 0.0004, two tones that are a tenth apart 0.005, a random motion 0.06 and
+/// more.
 const LEAST_LEFT: f64 = 0.002;
-/// Part of that which may be noise of the force.
+/// Maximum fraction of that which may be noise of the force.
 const MOST_NOISE: f64 = 0.5;
-/// Widest interval, in radians of the force's own frequency: beyond it a tenth of the inertance's force could be
-/// friction.
+/// Maximum width of the interval, in radians of the force's own frequency: beyond it a tenth of the inertance's force
+/// could be friction.
 const WIDEST_RAD: f64 = 0.1;
-/// Part of the interval that may be left to undo, and rounds until it is.
+/// Fraction of the interval that may remain uncorrected, and maximum number of rounds.
 const SETTLED: f64 = 0.02;
 const MOST_ROUNDS: usize = 8;
 
-/// Why a motion shows no skew.
+/// Why a motion cannot identify the skew.
 #[derive(Debug, thiserror::Error, Diagnostic)]
 pub enum SkewError {
-    /// Too little can be looked at.
+    /// Too few samples are usable.
     #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
-    /// The force rate follows the velocity.
+    /// The force rate is proportional to the velocity.
     #[error(
         "{}",
         description(*machine, &format!(
@@ -64,10 +64,10 @@ pub enum SkewError {
     SingleTone {
         /// Kind of the machine.
         machine: Machine,
-        /// Part of the force rate's square that the other regressors leave over.
+        /// Fraction of the force rate's square that the other regressors leave.
         left: f64,
     },
-    /// Noise hides it.
+    /// Noise dominates.
     #[error(
         "{}",
         description(*machine, &format!(
@@ -87,12 +87,12 @@ pub enum SkewError {
         machine: Machine,
         /// Force, without its mean \[N\].
         force_rms_n: f64,
-        /// What is left unexplained \[N\].
+        /// RMS residual \[N\].
         residual_rms_n: f64,
         /// Half width that the interval would have \[s\].
         u95_s: f64,
     },
-    /// The residual still falls at the end of what can be undone.
+    /// The residual still falls at the end of the correctable range.
     #[error(
         "{}",
         description(*machine, &format!(
@@ -110,7 +110,7 @@ pub enum SkewError {
         /// Kind of the machine.
         machine: Machine,
     },
-    /// The force pushes the wrong way, however late it is.
+    /// The force acts in the wrong direction, for any delay.
     #[error(
         "{}",
         description(*machine, "no skew gives a positive inertance: the force has the wrong sign")
@@ -129,34 +129,33 @@ pub enum SkewError {
     Settings(#[from] SettingsInputError),
 }
 
-/// The skew of a run, and what it had made of the fit.
+/// The skew of a run, and its effect on the fit.
 #[derive(Clone, Copy, Debug)]
 pub struct Skew {
-    /// Delay of the force behind the position, in all \[s\].
+    /// Total delay of the force relative to the position \[s\].
     pub skew_s: f64,
     /// Delay beyond the skew in use \[s\].
     pub left_s: f64,
     /// Half width of its 95 % interval \[s\].
     pub u95_s: f64,
-    /// Viscous friction with the skew in use \[N s/m\], of the whole run.
+    /// Viscous friction with the skew in use \[N s/m\], for the whole run.
     pub viscous_before: Parameter,
-    /// Viscous friction with that skew undone \[N s/m\].
+    /// Viscous friction with the skew found corrected \[N s/m\].
     pub viscous_after: Parameter,
-    /// Residual of the law with the skew in use, and with that skew corrected, rms \[N\].
+    /// Residual of the law with the skew in use, and with the skew found corrected, rms \[N\].
     pub residual_rms_n: [f64; 2],
     /// Force without its mean, rms \[N\].
     pub force_rms_n: f64,
 }
 
 impl Skew {
-    /// Whether it says more than the skew in use: a delay is left beyond its interval, or the interval is the smaller
-    /// one.
+    /// Whether it improves on the skew in use: a delay beyond its interval remains, or the interval is the smaller one.
     pub fn is_better_than(&self, settings: &Settings) -> bool {
         self.left_s.abs() > self.u95_s || self.u95_s < settings.skew_u95_s
     }
 }
 
-/// Finds the skew of a run of which the estimator came to this.
+/// Finds the skew of a run with this outcome of the estimator.
 pub fn skew(run: &Run, outcome: &Outcome) -> Result<Skew, SkewError> {
     let series = Series::of(run);
     let settings = &run.settings;
@@ -179,7 +178,7 @@ pub fn skew(run: &Run, outcome: &Outcome) -> Result<Skew, SkewError> {
     if found.left_s.abs() > found.u95_s {
         return Err(SkewError::Beyond { machine });
     }
-    // What could not be undone, at the end of the range.
+    // The part that could not be corrected, at the end of the range.
     found.u95_s += found.left_s.abs();
     let skew_s = run.settings.skew_s;
     run.settings.skew_u95_s = found.u95_s;
@@ -199,7 +198,7 @@ fn replayed(run: &Run) -> Result<Outcome, SkewError> {
     replay(run, |_, _| Ok(()))
 }
 
-/// Refuses what a motion cannot show.
+/// Rejects what a motion cannot identify.
 fn check(found: &Round, machine: Machine) -> Result<(), SkewError> {
     let Round { u95_s, left, noise, residual_rms_n, force_rms_n, frequency, .. } = *found;
     let is_wide = u95_s * frequency > WIDEST_RAD || u95_s > MOST_S;

@@ -1,10 +1,10 @@
-//! What is left of a skew once one is undone, with its interval, which is made of
-//! - the scatter of what the stretches of the run say, as short as the kernel and as long as a twentieth of the run; what comes
-//!   again with the motion does not scatter, and counts as often as it comes;
-//! - the encoder's steps, which take from the inertance and so shift the skew (docs/THEORY.md, 6);
-//! - friction: all that moves the skew when friction of a shape is taken in, and what too little to be taken in moves it by
-//!   beyond chance;
-//! - what neither noise and steps nor friction explain;
+//! The remaining skew after a correction, with its interval. The components of the interval are
+//! - the scatter between the stretches of the run, from the length of the kernel to a twentieth of the run; errors that
+//!   repeat with the motion do not scatter, and count as often as they occur;
+//! - the encoder's steps, which attenuate the inertance and so shift the skew (docs/THEORY.md, 6);
+//! - friction: every shift of the skew when further friction is included, and the shift beyond chance by friction too
+//!   small to be included;
+//! - the residual that neither noise and steps nor friction explain;
 //! - the sampling.
 
 use inerter_core::{MOST_REPEATS, Settings, constants};
@@ -22,38 +22,38 @@ use crate::{
     law::{LEAST_OBSERVATIONS, Law, mean},
 };
 
-/// Part of what neither noise and steps nor friction explain that may be alike to the force's rate: 0.17 is seen with
-/// impacts of a worn screw.
+/// Fraction of the residual that neither noise and steps nor friction explain that may correlate with the force's rate:
+/// 0.17 was seen with impacts of a worn screw.
 const ALIKE: f64 = 0.2;
-/// Part of a sample period by which signs and kernels may be off, and the skew by them: 2 us at 500 Hz.
+/// Possible error of signs and kernels, and so of the skew, as a fraction of a sample period: 2 us at 500 Hz.
 const SAMPLING: f64 = 1e-3;
-/// Stretches of a run by which slow changes are seen, and observations of the shortest ones.
+/// Number of stretches of a run that show slow changes, and observations of the shortest ones.
 const LONG_STRETCHES: usize = 20;
 const SHORT_OBSERVATIONS: f64 = 3.0;
-/// Part of what the others leave of the acceleration that may be the encoder's steps.
+/// Maximum fraction of encoder steps in what the others leave of the acceleration.
 const MOST_STEPS: f64 = 0.5;
 
-/// What is left with a skew undone.
+/// The remainder after a correction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Round {
-    /// Delay that is left \[s\].
+    /// Remaining delay \[s\].
     pub left_s: f64,
     /// Half width of its 95 % interval \[s\].
     pub u95_s: f64,
-    /// Part of the square of the force's rate that all else leaves over.
+    /// Fraction of the square of the force's rate that the other terms leave.
     pub left: f64,
-    /// Part of that which is noise.
+    /// Fraction of that which is noise.
     pub noise: f64,
-    /// What is left unexplained \[N\].
+    /// RMS residual \[N\].
     pub residual_rms_n: f64,
     /// Force without its mean \[N\].
     pub force_rms_n: f64,
-    /// Frequency of the force, weighted by its square \[rad/s\].
+    /// RMS frequency of the force, weighted by its power \[rad/s\].
     pub frequency: f64,
 }
 
 impl Round {
-    /// Of a run that the estimator took with these settings.
+    /// For a run that the estimator processed with these settings.
     pub fn of(outcome: &Outcome, series: &Series, settings: &Settings) -> Result<Self, FitError> {
         let aligned = series.aligned(settings);
         let law = Law::of_run(&outcome.estimate.whole_run, settings);
@@ -72,7 +72,7 @@ impl Round {
         let columns = |of: &dyn Fn(&Friction) -> bool| -> Vec<Vec<f64>> {
             frictions.iter().filter(|friction| of(friction)).map(|friction| rows.friction(*friction)).collect()
         };
-        // Friction may turn too early or too late.
+        // Friction may reverse too early or too late.
         let turn = rows.turn();
         let squares = beside(columns(&|_| true).into_iter().chain(turn.clone()).collect())?;
         let shape_s = if frictions.iter().any(Friction::is_shaped) {
@@ -84,14 +84,14 @@ impl Round {
 
         let count = rows.force.len() as f64;
         let (inertance_kg, residual_square) = (squares.values[0], squares.square());
-        // Square of what all else leaves over of the force's rate, of which a cubic B-spline passes 2/3 of noise in its
-        // box's rate, where it passes 151/315 of the noise itself.
+        // Square of what the other terms leave of the force's rate. A cubic B-spline passes 2/3 of the noise in its
+        // box's rate, and 151/315 of the noise itself.
         let alone = squares.inverse[(place, place)].recip();
         let box_s = rows.box_s();
         let noise = count * residual_square * (2.0 / 3.0) / constants::BOXES_VARIANCE / box_s.powi(2) / alone;
 
-        // What the steps take of the inertance, as noise in a regressor does, is given back by half, or by what sums
-        // keep of it.
+        // The attenuation of the inertance by the steps, as by any noise in a regressor, is corrected by half, or by
+        // the part that sums retain.
         let kept = settings.oversampling.recip();
         let steps_square = settings.metres_per_count.powi(2) / 12.0 * (8.0 / 3.0) * series.period_s / box_s.powi(5);
         let taken_of = |i: usize| squares.inverse[(i, 0)] * steps_square * count;
@@ -113,7 +113,7 @@ impl Round {
         let says: Vec<f64> = weights.iter().zip(&squares.residual).map(|(weight, left)| weight * left).collect();
         let short = (SHORT_OBSERVATIONS * rows.per_observation).ceil() as usize;
         let long = says.len().div_ceil(LONG_STRETCHES).max(short);
-        // Noise in the rate takes from what it says.
+        // Noise in the rate attenuates its coefficient.
         let told = (1.0 - noise).max(0.5);
         let scatter_s = (half_width(&says, short) * again.sqrt()).max(half_width(&says, long)) / told;
         let reach_s = reach(&rows, &squares, place, &frictions, again);
@@ -134,7 +134,7 @@ impl Round {
     }
 }
 
-/// Half width of the 95 % interval of a sum, by the scatter of its stretches of so many parts.
+/// Half width of the 95 % interval of a sum, from the scatter of its stretches of `length` parts.
 fn half_width(parts: &[f64], length: usize) -> f64 {
     let sums: Vec<f64> = parts.chunks(length).map(|stretch| stretch.iter().sum()).collect();
     let count = sums.len() as f64;

@@ -1,4 +1,4 @@
-//! What the estimator's kernels make of a run in motion, and of friction that is not the law's.
+//! The outputs of the estimator's kernels for a run in motion, and those for friction beyond the law's.
 
 use inerter_core::{
     Bank, Settings,
@@ -12,34 +12,35 @@ use super::{
 };
 use crate::law::{Kernels, Law, around, mark, stands};
 
-/// Travel across a window of rest \[counts\] and force per Coulomb friction under which a reversal is grazing.
+/// Travel across a window of rest \[counts\], and force relative to the Coulomb friction, below which a reversal is
+/// grazing.
 const GRAZING_COUNTS: f64 = 4.0;
 const WEAK: f64 = 3.0;
-/// Rows of a box, and at most: further ones are taken from evenly spaced places.
+/// Rows per box, and maximum number: of more, evenly spaced ones are taken.
 const PER_BOX: usize = 2;
 const MOST_ROWS: usize = 20_000;
-/// Mean square of the sign's rate, per square of a box, under which the rows hold no reversals.
+/// Mean square of the sign's rate, relative to the square of a box, below which the rows contain no reversals.
 const LEAST_TURNING: f64 = 1e-3;
 
-/// Friction beside the law's.
+/// Friction beyond the law's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Friction {
     /// `|F - F0| s`: it grows with the load.
     Load,
     /// `|v|`: it differs by direction.
     Direction,
-    /// `s exp(-|v| / v0)`: it is greater at low speed.
+    /// `s exp(-|v| / v0)`: it is larger at low speed.
     Falling(f64),
-    /// `s exp(-|x - x at the last reversal| / x0)`: it turns over a distance.
+    /// `s exp(-|x - x at the last reversal| / x0)`: it reverses over a distance.
     Turning(f64),
 }
 
-/// Stretch with what is known of each sample.
+/// A stretch with data for each sample.
 struct Piece<'a> {
     stretch: &'a Stretch,
     velocities: Vec<(f64, f64)>,
     signs: Vec<f64>,
-    /// Samples in the middle of the rows.
+    /// Samples at the centres of the rows.
     middles: Vec<usize>,
 }
 
@@ -54,15 +55,15 @@ pub(super) struct Rows<'a> {
     pub force: Vec<f64>,
     /// Acceleration, velocity, its sign, one.
     pub base: [Vec<f64>; 4],
-    /// Rows that one independent observation has.
+    /// Rows per independent observation.
     pub per_observation: f64,
-    /// From end to end \[m\].
+    /// Stroke from end to end \[m\].
     pub stroke_m: f64,
 }
 
 impl<'a> Rows<'a> {
-    /// Of all samples in motion of an aligned series, with signs placed by this law, and so many samples on either side
-    /// of each row's kernel.
+    /// Rows for all samples in motion of an aligned series, with signs placed by this law, and a margin of samples on
+    /// either side of each row's kernel.
     pub fn of(series: &'a Series, settings: &Settings, bank: Bank, law: Law, margin: usize) -> Self {
         let period_s = series.period_s;
         let kernels = Kernels::new(bank, period_s);
@@ -97,7 +98,7 @@ impl<'a> Rows<'a> {
         Self { kernels, settings: *settings, law, period_s, pieces, force, base, per_observation, stroke_m }
     }
 
-    /// Independent observations.
+    /// Number of independent observations.
     pub fn observations(&self) -> f64 {
         self.force.len() as f64 / self.per_observation
     }
@@ -113,7 +114,7 @@ impl<'a> Rows<'a> {
         (dot(velocity, velocity) / velocity.len().max(1) as f64).sqrt()
     }
 
-    /// Force that the law must explain, taken so many samples later \[N\]: not more than the margin of the rows.
+    /// Force that the law must explain, taken this many samples later \[N\]: at most the margin of the rows.
     pub fn force_late_by(&self, samples: isize) -> Vec<f64> {
         let of = |piece: &Piece, middle: &usize| {
             let later = middle.saturating_add_signed(samples);
@@ -122,7 +123,7 @@ impl<'a> Rows<'a> {
         self.pieces.iter().flat_map(|piece| piece.middles.iter().map(move |middle| of(piece, middle))).collect()
     }
 
-    /// What a force that is late by a second adds: `-F'`.
+    /// The column of a delay of the force, per second: `-F'`.
     pub fn late(&self) -> Vec<f64> {
         self.through(|piece| piece.stretch.force_n.clone(), |kernels| &kernels.rate)
             .into_iter()
@@ -130,15 +131,15 @@ impl<'a> Rows<'a> {
             .collect()
     }
 
-    /// What friction that turns at another moment than the velocity adds, `s'`; nothing where hardly a row has a
-    /// reversal under it.
+    /// The column of friction that reverses at another moment than the velocity, `s'`; `None` if hardly any row
+    /// contains a reversal.
     pub fn turn(&self) -> Option<Vec<f64>> {
         let column = self.through(|piece| piece.signs.clone(), |kernels| &kernels.rate);
         let square = dot(&column, &column) * self.box_s().powi(2);
         (square > LEAST_TURNING * column.len() as f64).then_some(column)
     }
 
-    /// What friction beside the law's adds.
+    /// The column of further friction.
     pub fn friction(&self, friction: Friction) -> Vec<f64> {
         let by_speed = |(before, after): (f64, f64), velocity: f64| {
             let size = (-0.5 * (before + after).abs() / velocity).exp();
@@ -157,13 +158,13 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// What has the sign of the velocity.
+    /// A quantity multiplied by the sign of the velocity.
     fn signed(&self, size: impl Fn(&Piece) -> Vec<f64>) -> Vec<f64> {
         let signal = |piece: &Piece| size(piece).iter().zip(&piece.signs).map(|(size, sign)| size * sign).collect();
         self.through(signal, |kernels| &kernels.sign)
     }
 
-    /// A signal of each stretch through a kernel.
+    /// A signal of each stretch, passed through a kernel.
     fn through(&self, signal: impl Fn(&Piece) -> Vec<f64>, taps: impl Fn(&Kernels) -> &[f64]) -> Vec<f64> {
         let taps = taps(&self.kernels);
         let each = self.pieces.iter().flat_map(|piece| {
@@ -174,7 +175,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Travel whatever its direction \[m\].
+/// Travel regardless of direction \[m\].
 fn path(piece: &Piece) -> Vec<f64> {
     let positions = &piece.stretch.position_m;
     let mut path = vec![0.0];
@@ -184,7 +185,7 @@ fn path(piece: &Piece) -> Vec<f64> {
     path
 }
 
-/// How much of the way since the last reversal is still to go, as an exponential.
+/// An exponential of the distance since the last reversal.
 fn turned(piece: &Piece, distance_m: f64) -> Vec<f64> {
     let (mut from, mut last) = (f64::NAN, 0.0_f64);
     let each = piece.stretch.position_m.iter().zip(&piece.signs).map(|(position, sign)| {
@@ -199,7 +200,7 @@ fn turned(piece: &Piece, distance_m: f64) -> Vec<f64> {
     each.collect()
 }
 
-/// Where the screw stands, or turns so gently that friction may hold it, as the device leaves it out.
+/// Samples where the screw is at rest, or reverses so slowly that friction may hold it; the device leaves them out too.
 fn still(stretch: &Stretch, signs: &[f64], period_s: f64, settings: &Settings, law: &Law) -> Vec<bool> {
     let count_m = settings.metres_per_count.abs();
     let window = (REST_WINDOW_S / period_s).ceil() as usize;
@@ -215,7 +216,7 @@ fn still(stretch: &Stretch, signs: &[f64], period_s: f64, settings: &Settings, l
             still[middle] = true;
         }
     }
-    // A reversal that friction can hold is one that may have stuck for a moment.
+    // A screw that friction can hold at a reversal may have stuck briefly.
     for (at, (still, sign)) in still.iter_mut().zip(signs).enumerate() {
         *still |= sign.abs() < 1.0 && force_n(at) < 0.5 * weak_n;
     }

@@ -1,12 +1,12 @@
-//! Where the screw reverses, by what is known of it: the sign of each sample, and its velocity.
+//! The sign and the velocity of each sample, with reversals located from everything known.
 
 use inerter_core::Settings;
 use inerter_data::series::Stretch;
 
 use crate::{law::Law, reversals::Short};
 
-/// Mean sign of the velocity over a sample's own period, by a straight line through velocities half a sample before and
-/// after.
+/// Mean sign of the velocity over a sample's own period, from a straight line through the velocities half a sample
+/// before and after.
 pub(super) fn sign((before, after): (f64, f64)) -> f64 {
     match (before.is_nan(), after.is_nan()) {
         (true, true) => 0.0,
@@ -17,21 +17,20 @@ pub(super) fn sign((before, after): (f64, f64)) -> f64 {
     }
 }
 
-/// Velocities half a sample before and after each \[m/s\] through the estimator's short kernel, with what it takes from
-/// them given back: what Coulomb friction makes of it at a reversal, and what a changing force bends (docs/THEORY.md,
-/// 2); nothing of both without an inertance. The force is that of an aligned series. NaN where there are too few
-/// samples around.
+/// Velocities half a sample before and after each sample \[m/s\] through the estimator's short kernel, corrected for
+/// the effects of Coulomb friction at a reversal and of a changing force (docs/THEORY.md, 2); uncorrected without an
+/// inertance. The force is that of an aligned series. NaN if there are too few samples around.
 pub(super) fn velocities(piece: &Stretch, period_s: f64, law: &Law, settings: &Settings) -> Vec<(f64, f64)> {
     let Short { half: m, sum, moment, velocities } = Short::of(piece, period_s);
     let per_force = if law.inertance_kg > 0.0 { period_s / law.inertance_kg } else { 0.0 };
     let kink = per_force * moment / sum * law.coulomb_n;
-    // Of the force's integral: all samples beyond `i` from the middle see their difference.
+    // Weights of the force's integral: all samples beyond `i` from the middle contain its difference.
     let weights: Vec<f64> = (1..m).map(|i| ((m - i) * (m - i + 1)) as f64 / 2.0 / sum).collect();
     let lost = |at: usize| -> f64 {
         let (later, earlier) = (piece.force_n.iter().skip(at + 1), piece.force_n.iter().take(at + 1).rev());
         weights.iter().zip(later.zip(earlier)).map(|(weight, (later, earlier))| weight * (earlier - later)).sum()
     };
-    // What whole samples leave of the skew moves it.
+    // Shifted by the fractional part of the skew.
     let late = settings.skew_parts().1 / period_s;
     let bend = |at: usize| lost(at) + late * 0.5 * (lost(at + 1) - lost(at.saturating_sub(1)));
     let corrected = |(at, plain): (usize, f64)| {

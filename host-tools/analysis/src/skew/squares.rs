@@ -1,4 +1,4 @@
-//! Least squares of rows on columns, and what one column more would do.
+//! Least squares of rows on columns, and the effect of one more column.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,28 +6,28 @@ use crate::law::{self, less};
 
 pub(super) struct Squares {
     pub columns: Vec<Vec<f64>>,
-    /// Of the sums of the columns' products.
+    /// Inverse of the columns' Gram matrix.
     pub inverse: DMatrix<f64>,
     pub values: DVector<f64>,
     pub residual: Vec<f64>,
 }
 
-/// What one column more would do.
+/// The effect of one more column.
 pub(super) struct More {
-    /// Coefficient that it would have.
+    /// Its coefficient.
     pub size: f64,
-    /// Part of its square that the others leave over.
+    /// Fraction of its square that the others leave.
     pub left: f64,
     /// Square that it would explain.
     pub explained: f64,
-    /// What it would take from the coefficients of the others, per unit of its own.
+    /// What it would take from the coefficients of the others, per unit of its own coefficient.
     along: DVector<f64>,
-    /// Square of what the others leave over of it.
+    /// Square of what the others leave of it.
     square: f64,
 }
 
 impl Squares {
-    /// Fits the columns; nothing where they cannot be told apart.
+    /// Fits the columns; `None` if they cannot be separated.
     pub fn of(force: &[f64], columns: Vec<Vec<f64>>) -> Option<Self> {
         let inverse = inverse(&columns)?;
         let values = &inverse * products(&columns, force);
@@ -35,12 +35,12 @@ impl Squares {
         Some(Self { columns, inverse, values, residual })
     }
 
-    /// Mean square of what is left over.
+    /// Mean square residual.
     pub fn square(&self) -> f64 {
         dot(&self.residual, &self.residual) / self.residual.len() as f64
     }
 
-    /// What each row counts in the coefficient at this place.
+    /// Weight of each row in the coefficient at this index.
     pub fn weights(&self, place: usize) -> Vec<f64> {
         let mut weights = vec![0.0; self.residual.len()];
         for (i, column) in self.columns.iter().enumerate() {
@@ -50,7 +50,7 @@ impl Squares {
         weights
     }
 
-    /// With a column more.
+    /// The effect of adding a column.
     pub fn with(&self, column: &[f64]) -> More {
         let along = &self.inverse * products(&self.columns, column);
         let alone = less(column, &self.columns, along.as_slice());
@@ -61,20 +61,20 @@ impl Squares {
 }
 
 impl More {
-    /// What it moves the coefficient at this place by, and the square of what chance alone would, per mean square of
-    /// the residual of an independent row.
+    /// By how much it shifts the coefficient at this index, and the square of the shift by chance, per mean square
+    /// residual of an independent row.
     pub fn moves(&self, place: usize) -> (f64, f64) {
         (-self.along[place] * self.size, self.along[place] * self.along[place] / self.square)
     }
 }
 
-/// Inverse of the sums of the columns' products; nothing where they cannot be told apart.
+/// Inverse of the columns' Gram matrix; `None` if they cannot be separated.
 pub(super) fn inverse(columns: &[Vec<f64>]) -> Option<DMatrix<f64>> {
     let count = columns.len();
     law::inverse(&DMatrix::from_fn(count, count, |i, j| dot(&columns[i], &columns[j])))
 }
 
-/// Products of columns with one.
+/// Products of all columns with one.
 pub(super) fn products(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
     DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
