@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-/// Digits of the commit's name: a fixed number, so that the size of the image does not depend on it.
+/// Digits of the commit hash: a fixed number, so that the size of the image does not depend on it.
 const DIGITS: usize = 12;
 
 fn git(arguments: &[&str]) -> Option<String> {
@@ -16,10 +16,10 @@ fn main() {
         .unwrap_or_else(|| "0".repeat(DIGITS));
     println!("cargo:rustc-env=INERTER_GIT={commit}");
     println!("cargo:rerun-if-changed=../../.git/logs/HEAD");
-    // Not on the host, where the crate is a line of advice.
+    // Not on the host, where the crate is only a line of advice.
     if std::env::var("CARGO_CFG_TARGET_OS").as_deref() == Ok("none") {
         println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
-        // One copy of functions that are the same.
+        // Merges identical functions.
         println!("cargo:rustc-link-arg-bins=--icf=all");
     }
 }

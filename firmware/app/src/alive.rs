@@ -18,7 +18,7 @@ pub(crate) enum Task {
     Health = 8,
 }
 
-/// The tasks that measurement depends on.
+/// Which tasks have recently given a heartbeat.
 const ALL: u8 = Task::Sampling as u8 | Task::Estimating as u8 | Task::Telemetry as u8;
 
 /// Which tasks have given a heartbeat lately.
@@ -39,7 +39,7 @@ impl Heartbeats {
         self.0.fetch_or(task as u8, Ordering::Relaxed);
     }
 
-    /// Waits for a future that completes by itself, giving heartbeats of this task meanwhile.
+    /// Waits for a future that completes by itself, while giving heartbeats of this task.
     ///
     /// By reference: a future passed by value would be stored twice.
     pub async fn with_heartbeat<F: Future>(&self, task: Task, mut future: Pin<&mut F>) -> F::Output {

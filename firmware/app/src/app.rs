@@ -167,8 +167,8 @@ impl App {
         self.note(|health| health.dropped_frames = health.dropped_frames.saturating_add(1));
     }
 
-    /// Hands the link a record that no host requested: waits for room if the source of samples can wait, else drops and
-    /// counts it.
+    /// Hands the link a record that no host requested: waits for room if the source of samples can wait, otherwise
+    /// drops and counts it.
     ///
     /// The wait ends because every write to the link has a time limit.
     pub(crate) fn deliver(&self, by: Task, outgoing: Outgoing) -> impl Future<Output = ()> {

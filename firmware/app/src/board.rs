@@ -33,7 +33,7 @@ pub trait SampleSource {
     /// Whether the source can wait.
     fn pace(&self) -> Pace;
 
-    /// Waits for samples, puts them at the front of `into`, returns their number.
+    /// Waits for samples, puts them at the front of `into`, and returns their number.
     ///
     /// The future may be dropped while it waits; that must lose no sample. A live source whose hardware delivers
     /// nothing must end its wait with [`SourceError::Unreadable`]: after half a second without a sample the device no
@@ -82,14 +82,14 @@ pub enum StoreError {
     Unreadable,
     /// The memory holds settings written by a newer firmware.
     Newer,
-    /// The memory holds data that is damaged or another program's.
+    /// The memory holds data that is damaged or belongs to another program.
     Foreign,
 }
 
 /// Memory in which settings survive a restart.
 #[allow(async_fn_in_trait, reason = "used generically only, and never sent to another thread")]
 pub trait Store {
-    /// The settings last saved; `None` when there never were any. Never changes the memory, whatever it finds.
+    /// The settings last saved; `None` if there never were any. Never changes the memory, whatever it finds.
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError>;
 
     /// Saves `settings` in place of whatever is there. Whenever power fails, the next load gives either these or the
@@ -115,7 +115,7 @@ impl<S: Store> Store for &mut S {
     }
 }
 
-/// For a board that saves nothing; its capabilities lack [`Capabilities::STORE`].
+/// For a board that cannot save settings; its capabilities lack [`Capabilities::STORE`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoStore;
 
@@ -140,8 +140,8 @@ pub struct Start<'a> {
     pub cause: ResetCause,
     /// The message of the panic that ended it, if one did.
     pub panic: Option<&'a str>,
-    /// Saves that it left for this run ([`App::saves_left`](crate::App::saves_left)) if a host requested the restart;
-    /// otherwise [`SAVES`].
+    /// Saves that the previous run left for this one ([`App::saves_left`](crate::App::saves_left)) if a host requested
+    /// the restart; otherwise [`SAVES`].
     pub saves_left: u8,
 }
 
@@ -152,7 +152,7 @@ impl Start<'_> {
     pub const SOFTWARE: Self = Self { cause: ResetCause::Software, panic: None, saves_left: SAVES };
 }
 
-/// For a board that can do whatever [`Settings::validate`] accepts.
+/// For a board that can apply all settings accepted by [`Settings::validate`].
 pub fn accept_all(_settings: &Settings) -> Result<(), SettingsError> {
     Ok(())
 }
@@ -173,9 +173,9 @@ pub struct Identity<'a> {
     pub board: &'a str,
     /// Serial number, unique per device.
     pub serial: &'a str,
-    /// What the sample clock runs from.
+    /// Source of the sample clock.
     pub clock: ClockSource,
-    /// What the board can do; what every board can do is added. Commands beyond that are refused as unsupported.
+    /// Capabilities of the board; those of every board are added. Commands beyond that are refused as unsupported.
     pub capabilities: Capabilities,
     /// Whether the board can apply the settings, beyond [`Settings::validate`]; called before anything changes.
     pub accepts: fn(&Settings) -> Result<(), SettingsError>,
@@ -186,7 +186,7 @@ pub struct Identity<'a> {
     pub start: Start<'a>,
 }
 
-/// Figures that only the board can measure; `None` where it cannot.
+/// Figures that only the board can measure; `None` for those it cannot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
     /// Share of time that the processor was busy since the last call, in thousandths.

@@ -3,7 +3,7 @@
 //! Terms:
 //! - *entry*: the result of one trigger: an encoder count and two conversions, latched together.
 //! - *window*: the entries that are summed into one sample.
-//! - *rail*: either end of the converter's range. A window that touches it has lost part of the signal.
+//! - *rail*: either end of the converter's range. A window that touches a rail has lost part of the signal.
 //!
 //! Positions are in 64ths of a count and codes are sums of 64 conversions at every rate, so settings suit all rates.
 
@@ -20,9 +20,9 @@ pub const UPPER_RAIL: i32 = (WEIGHT * GREATEST as u32) as i32;
 
 /// Sums entries into samples.
 ///
-/// Sample `n` is the sum of the entries `n * w` to `n * w + w - 1`, `w` being the window; the counter wraps at 2^32.
-/// Positions wrap with the counts; force and terminal codes are 0 to [`UPPER_RAIL`]. A force code is a rail when any
-/// conversion of its window is, so that the estimator leaves it out.
+/// Sample `n` is the sum of the entries `n * w` to `n * w + w - 1`, with `w` the window length; the counter wraps at
+/// 2^32. Positions wrap with the counts; force and terminal codes are 0 to [`UPPER_RAIL`]. A force code is a rail when
+/// any conversion of its window is, so that the estimator leaves it out.
 #[derive(Clone, Debug)]
 pub struct Boxcar {
     window: u32,
@@ -30,20 +30,20 @@ pub struct Boxcar {
     shift: u32,
     /// Index of the sample that the current window will become.
     index: u32,
-    /// Entries of the current window that have passed.
+    /// Entries of the current window so far.
     passed: u32,
-    /// Some of them were lost.
+    /// Whether some of them were lost.
     incomplete: bool,
     position: u32,
     force: u32,
     terminal: u32,
-    /// Least and greatest force conversion of the window.
+    /// Smallest and largest force conversion of the window.
     least: u16,
     greatest: u16,
 }
 
 impl Boxcar {
-    /// At the start of the first window of 16, 32 or 64 entries: 4, 2 or 1 kHz from 64 kHz.
+    /// A boxcar at the start of its first window, of 16, 32 or 64 entries: 4, 2 or 1 kHz from 64 kHz.
     ///
     /// # Panics
     /// With any other number.
@@ -78,7 +78,7 @@ impl Boxcar {
 
     /// Takes the next entries and passes each sample that they complete to `into`.
     ///
-    /// The slices should have the same length; the excess of longer ones is left out.
+    /// The slices should have the same length; the excess of longer ones is ignored.
     pub fn push_half(
         &mut self,
         positions: &[u32],
@@ -124,7 +124,7 @@ impl Boxcar {
         (self.least, self.greatest) = (u16::MAX, 0);
     }
 
-    /// Adds slices of equal length; one loop for each, so that each takes a few instructions per entry.
+    /// Adds slices of equal length; one loop per slice, so that each takes a few instructions per entry.
     fn add(&mut self, positions: &[u32], forces: &[u16], terminals: &[u16]) {
         self.position = positions.iter().fold(self.position, |sum, count| sum.wrapping_add(*count));
         for &code in forces {
@@ -159,7 +159,7 @@ mod tests {
     use inerter_core::{RawSample, Settings};
     use std::vec::Vec;
 
-    /// Entries of a screw that turns evenly, and a force that follows the entry number.
+    /// Entries of a uniformly turning screw, with a force that follows the entry number.
     struct Entries {
         positions: Vec<u32>,
         forces: Vec<u16>,
@@ -264,7 +264,7 @@ mod tests {
                 }
             }
         }
-        // With the rails as limits, core leaves out such a window and no other.
+        // With the rails as limits, core leaves out exactly such windows.
         let limits = Settings {
             force_min_code: f64::from(LOWER_RAIL),
             force_max_code: f64::from(UPPER_RAIL),
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(entries.all(&mut Boxcar::new(64))[0].terminal_code, UPPER_RAIL - 4_095);
     }
 
-    /// Whatever is lost, and wherever, the complete windows come out under their own numbers.
+    /// Whatever is lost, the complete windows are delivered with their own numbers.
     #[test]
     fn windows_that_lost_entries_are_left_out_and_counted() {
         let entries = Entries::even(2_048);

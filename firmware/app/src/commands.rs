@@ -25,7 +25,7 @@ const RETRY: Duration = Duration::from_millis(50);
 const TARE_S: f64 = 0.5;
 /// Time within which a tare must get its samples.
 const TARE_LIMIT: Duration = Duration::from_secs(2);
-/// Time that an injected batch waits for room. Longer than the link can hold up the estimator.
+/// Time that an injected batch waits for room. It exceeds the time for which the link can block the estimator.
 const INJECT_LIMIT: Duration = Duration::from_secs(2);
 
 struct Commands<'a, K> {
@@ -81,7 +81,7 @@ pub async fn commands(
                     log!(warn, "bad frame");
                     app.note(|health| health.bad_frames = health.bad_frames.saturating_add(1));
                 }
-                // The host knows which of its requests got no reply.
+                // The host notices which of its requests got no reply.
                 Frame::Lost { .. } | Frame::Restarted | Frame::ForeignVersion { .. } => {}
             }
         }
@@ -108,7 +108,7 @@ impl<K: Store> Commands<'_, K> {
         self.app.urgent.send(Outgoing::Greeted).await;
     }
 
-    /// Sends an event that belongs before the first sample.
+    /// Sends an event that precedes the first sample.
     async fn start_event(&self, kind: EventKind) {
         self.app.urgent.send(Outgoing::Event(Event { index: 0, kind })).await;
     }
@@ -205,7 +205,7 @@ impl<K: Store> Commands<'_, K> {
                 self.app.measure.signal(*what);
                 self.app.measured.wait().await;
             }
-            // Handled in `serve`, as they take effect after the reply.
+            // Handled in `serve`, because they take effect after the reply.
             Command::EnterDfu | Command::Reboot => return Err(Refusal::Unsupported),
         }
         Ok(Done::Plain)
@@ -233,7 +233,7 @@ impl<K: Store> Commands<'_, K> {
         self.app.control.signal(control);
     }
 
-    /// Waits until the estimator answers [`ControlDone::Plain`].
+    /// Waits until the estimator replies [`ControlDone::Plain`].
     async fn control_done(&self) {
         while self.app.control_done.wait().await != ControlDone::Plain {}
     }
@@ -244,7 +244,7 @@ impl<K: Store> Commands<'_, K> {
         self.event(EventKind::EstimatorReset).await;
     }
 
-    /// Lets the source apply settings; it must be halted.
+    /// Makes the source apply settings; it must be halted.
     async fn configure(&self, settings: &Settings) -> Result<(), SourceError> {
         self.app.configured.reset();
         self.app.configure.signal(*settings);
@@ -255,7 +255,7 @@ impl<K: Store> Commands<'_, K> {
 
     /// Checks settings and puts them in use between two samples, or leaves everything as it was.
     ///
-    /// What concerns the source is changed while the sampler is halted and the queue empty, so that no sample is
+    /// Settings of the source are changed while the sampler is halted and the queue is empty, so that no sample is
     /// processed under settings other than those it was taken with.
     async fn adopt(&mut self, settings: &Settings) -> Result<(), Refusal> {
         let refusal = |error| Refusal::of_setting(&error, u8::MAX);
@@ -289,7 +289,7 @@ impl<K: Store> Commands<'_, K> {
         Ok(())
     }
 
-    /// Restores the source to the settings in use, if it can.
+    /// Reconfigures the source with the settings in use, if possible.
     async fn resume(&self, was_sampling: bool) {
         if self.configure(&self.in_use.settings).await.is_err() {
             log!(error, "source unusable");
@@ -365,7 +365,7 @@ impl<K: Store> Commands<'_, K> {
         Ok(Done::Injected { accepted, free })
     }
 
-    /// Gives samples to the estimator; returns whether all found room.
+    /// Queues samples for the estimator; returns whether all found room.
     fn enqueue(&self, samples: &Samples) -> bool {
         let mut batch = [RawSample::default(); BATCH];
         for (place, sample) in batch.iter_mut().zip(samples.iter().flatten()) {

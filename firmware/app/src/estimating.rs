@@ -113,7 +113,8 @@ impl Estimating<'_> {
         self.count();
     }
 
-    /// Runs a sample through the estimator and notes what is due. No part of the output is copied unless it is there.
+    /// Runs a sample through the estimator and notes which records are due. No part of the output is copied unless it
+    /// is present.
     fn step(&mut self, sample: &RawSample, stream: Streams) {
         let Output { published, reversal, warning, change, .. } = &self.active.step(self.state, sample);
         if stream.estimates {
@@ -136,7 +137,7 @@ impl Estimating<'_> {
             self.due.warning = *warning;
         }
         if change.is_some() {
-            // The last sums before the device changed: they start afresh with the next update.
+            // The last sums before the device changed: they restart with the next update.
             (self.due.change, self.due.sums) = (*change, Due::BOTH_BANKS);
         }
         if !stream.sums {
@@ -148,7 +149,7 @@ impl Estimating<'_> {
         self.active.settings().sample_rate_hz as u32
     }
 
-    /// Sends what is due.
+    /// Sends the records that are due.
     async fn tell(&mut self) {
         while let Some(outgoing) = self.next_due() {
             self.app.deliver(Task::Estimating, outgoing).await;
@@ -210,7 +211,7 @@ impl Estimating<'_> {
         }
     }
 
-    /// When there is something to do, or a heartbeat to give, even if no samples come.
+    /// When there is something to do or a heartbeat to give, even if no samples arrive.
     fn wake_at(&self) -> Instant {
         let beat_at = Instant::now() + BEAT;
         self.flush_at.map_or(beat_at, |flush_at| flush_at.min(beat_at))
@@ -263,7 +264,8 @@ impl Estimating<'_> {
         self.tell().await;
     }
 
-    /// Does what takes no time, and returns the rest. Kept across a wait, a `Control` would be stored twice.
+    /// Does what takes no time, and returns the rest of the work. Kept across a wait, a `Control` would be stored
+    /// twice.
     fn control(&mut self, control: Control) -> Rest {
         match control {
             Control::Use { active, reset } => {

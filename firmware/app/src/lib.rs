@@ -3,7 +3,7 @@
 //! Terms:
 //! - *sampler*: the board's own source of samples ([`SampleSource`]): a timer and its converters, or a file.
 //! - *pace*: whether the source can wait ([`Pace::OnDemand`], a file) or not ([`Pace::Live`], a timer). If it can, no
-//!   sample is lost on the way to a host that reads; if it cannot, samples that overflow are left out and counted.
+//!   sample is lost on the way to a host that reads; if it cannot, samples that overflow are dropped and counted.
 //! - *source in use*: the sampler, the link (samples injected by a host), or none.
 //!
 //! ```text
@@ -15,7 +15,7 @@
 //! ```
 //!
 //! Each task is a function; an [`App`] holds the queues between them. [`run`] joins the tasks into one future for any
-//! executor. A board that needs them apart, say sampling at a higher priority, spawns them one by one.
+//! executor. A board that needs separate tasks, say sampling at a higher priority, spawns them one by one.
 //! All memory is static: an [`App`] and an `inerter_core::State`.
 #![no_std]
 

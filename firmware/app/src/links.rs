@@ -1,4 +1,4 @@
-//! Combines two links into one: the first while its port is open, else the second.
+//! Combines two links into one: the first while its port is open, otherwise the second.
 //!
 //! Terms:
 //! - *first*, *second*: USB, whose port a host opens and closes, and a UART, which has no such state.
@@ -36,7 +36,7 @@ pub enum Which {
     Second,
 }
 
-/// Which link is in use, and whether a host is there.
+/// Which link is in use, and whether a host is connected.
 ///
 /// An [`App`](crate::App) has one. Until links are [joined](Self::join) to it, it describes a single link that is never
 /// mute.
@@ -130,7 +130,7 @@ impl LinkState {
         });
     }
 
-    /// The link in use.
+    /// The link in use now.
     pub fn in_use(&self) -> Which {
         self.with(|inner| inner.in_use())
     }
@@ -224,7 +224,7 @@ async fn read(link: &mut impl Read, into: &mut [u8]) -> Result<usize, ErrorKind>
     link.read(into).await.map_err(|error| error.kind())
 }
 
-/// Drops what arrives, forever.
+/// Discards all received bytes, forever.
 async fn drop_all(link: &mut impl Read) -> Infallible {
     let mut dropped = [0; DROPPED];
     loop {

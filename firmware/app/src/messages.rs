@@ -4,18 +4,18 @@ use crate::tare::Tare;
 use inerter_core::{Active, Detail, Estimate, Law, MoreSums, Reversal, Settings, Sums};
 use inerter_wire::{Event, Health, Hello, Measured, Reply, Samples};
 
-/// What the command task asks of the estimator: done between two batches, answered by a [`ControlDone`].
+/// Requests of the command task to the estimator: executed between two batches, answered by a [`ControlDone`].
 #[allow(clippy::large_enum_variant, reason = "only one exists at a time")]
 pub(crate) enum Control {
     /// Put other settings in use.
     Use {
         active: Active,
-        /// Forget what was gathered under the previous ones.
+        /// Discard what was gathered under the previous ones.
         reset: bool,
     },
     /// Send the raw samples that wait for a full batch.
     Flush,
-    /// Forget everything.
+    /// Discard everything.
     Reset,
     /// Average the force code over a number of unsaturated samples.
     Tare(Tare),
@@ -34,18 +34,18 @@ pub(crate) enum ControlDone {
     Tared { force_code: i32 },
 }
 
-/// What a host requested, to be done by the app's caller.
+/// A host's request that the app's caller executes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Restart {
     /// Restart.
     Reboot,
     /// Restart into the chip's firmware update mode.
     Dfu,
-    /// Do nothing more, until the watchdog bites.
+    /// Do nothing more, until the watchdog resets the chip.
     Hang,
 }
 
-/// Sent before raw samples: compact forms of the records, as many of them wait in a queue.
+/// Sent before raw samples: compact forms of the records, because many of them wait in a queue.
 pub(crate) enum Outgoing {
     Hello(Hello),
     Estimate(Estimate),
@@ -60,7 +60,7 @@ pub(crate) enum Outgoing {
     Measured(Measured),
     Sums(Sums),
     MoreSums(MoreSums),
-    /// Everything that a host must know of the start precedes this, from [`EventKind::Started`] on.
+    /// Everything that a host must know about the start precedes this, from [`EventKind::Started`] on.
     Greeted,
     /// Everything before this has been sent: end.
     Restart(Restart),

@@ -1,6 +1,6 @@
 //! Turns knots into outputs, step by step: the same code on the board that plays and on the host that evaluates.
 //!
-//! Input: [`Knot`]s, one for 64 steps. Output: [`Step`]s: two codes of 12 bits and a count. Integers only.
+//! Input: [`Knot`]s, one per 64 steps. Output: [`Step`]s, each with two 12-bit codes and a count. Integers only.
 //! Voltages are linear from knot to knot; the fraction below one code is carried to the next step, so the mean of 64
 //! steps is right to a 64th of a code. Counts are linear too, rounded down, with at most one edge per step.
 
@@ -29,7 +29,7 @@ pub struct Step {
 struct Voltage {
     /// In units of 2^-[`VOLTAGE_BITS`] codes.
     now: i32,
-    /// Change in a step.
+    /// Change per step.
     slope: i32,
     /// Code of the next knot, in sixteenths.
     to: u16,
@@ -72,12 +72,12 @@ impl Player {
         Self { force: Voltage::new(), terminal: Voltage::new(), count: 0, advance: 0, left: 0 }
     }
 
-    /// Whether the last knot is reached.
+    /// Whether the outputs rest at the last knot.
     pub fn stands(&self) -> bool {
         self.left == 0
     }
 
-    /// Heads for the next knot, from the previous one.
+    /// Moves towards the next knot, from the previous one.
     pub fn head_for(&mut self, knot: &Knot) {
         self.force.head_for(knot.force);
         self.terminal.head_for(knot.terminal);
@@ -85,7 +85,7 @@ impl Player {
         self.left = Knot::STEPS;
     }
 
-    /// The next outputs; they hold when there is no knot to head for.
+    /// The next outputs; they hold if there is no further knot.
     pub fn step(&mut self) -> Step {
         if self.left == 0 {
             (self.force.slope, self.terminal.slope, self.advance) = (0, 0, 0);
@@ -102,7 +102,7 @@ impl Default for Player {
     }
 }
 
-/// Levels of the encoder's A and B at a count: A leads where the count goes up.
+/// Levels of the encoder's A and B at a count: A leads while the count increases.
 pub const fn quadrature(count: i32) -> (bool, bool) {
     let quarter = count & 3;
     (quarter == 1 || quarter == 2, quarter >= 2)
@@ -131,7 +131,7 @@ mod tests {
         let sum = |part: usize| steps[part * 64..][..64].iter().map(|step| u32::from(step.force)).sum::<u32>();
         assert_eq!((steps[63].force, sum(1)), (0, 0));
         assert_eq!(steps[64 * 3 - 1].force, 1000);
-        // The middle of a straight line from 0 to 1000, taken at the ends of 64 steps.
+        // The mean of a straight line from 0 to 1000, sampled at the ends of 64 steps.
         assert!(sum(2).abs_diff(500 * 64 + 500) <= 1, "{}", sum(2));
         // From there by 5 sixteenths: 2.5 of them on average, 10 codes in 64 steps.
         assert!(sum(3).abs_diff(1000 * 64 + 10) <= 1, "{}", sum(3));

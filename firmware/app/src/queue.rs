@@ -13,13 +13,13 @@ use heapless::Deque;
 use inerter_core::RawSample;
 use inerter_wire::{Samples, Source};
 
-/// Most samples that a source hands over at once, and that are processed without a pause for commands.
+/// Maximum number of samples that a source hands over at once, and that are processed without a pause for commands.
 pub const BATCH: usize = Samples::MAX_SAMPLES;
 
 /// Samples that can wait for the estimator: 64 ms at 4 kHz.
 pub const QUEUE: usize = 256;
 
-/// The queue; `N` samples wait at most.
+/// The queue, for at most `N` samples.
 pub(crate) struct SampleQueue<const N: usize> {
     inner: Mutex<CriticalSectionRawMutex, RefCell<Inner<N>>>,
 }
@@ -106,7 +106,7 @@ impl<const N: usize> SampleQueue<N> {
         })
     }
 
-    /// Halts a sampler that has no more samples, and tells the taker after the last one.
+    /// Halts a sampler that has no more samples, and reports that to the consumer after the last one.
     pub fn end_sampler(&self) {
         self.with(|inner| {
             if inner.source == Source::Sampler {
@@ -117,7 +117,7 @@ impl<const N: usize> SampleQueue<N> {
         });
     }
 
-    /// Waits until the sampler is in use, or is not, as `wanted`. For one task only.
+    /// Waits until the sampler's being in use equals `wanted`. For one task only.
     pub async fn sampler_is(&self, wanted: bool) {
         poll_fn(|context| {
             self.with(|inner| {
@@ -131,7 +131,7 @@ impl<const N: usize> SampleQueue<N> {
         .await
     }
 
-    /// Gives all of `samples`, waiting for room; only the one source in use may wait.
+    /// Queues all of `samples`, waiting for room; only the source in use may wait.
     pub async fn give(&self, source: Source, samples: &[RawSample]) -> Result<(), NotInUse> {
         let mut left = samples;
         poll_fn(|context| {
@@ -167,7 +167,7 @@ impl<const N: usize> SampleQueue<N> {
         .await
     }
 
-    /// Gives as many as there is room for and returns how many did not fit.
+    /// Queues as many as there is room for, and returns how many did not fit.
     pub fn give_now(&self, source: Source, samples: &[RawSample]) -> Result<usize, NotInUse> {
         self.with(|inner| {
             if inner.source != source {
@@ -295,7 +295,7 @@ mod tests {
         assert!(poll_once(queue.take(&mut into)).is_pending());
     }
 
-    /// Notes that it was woken.
+    /// Records that it was woken.
     #[derive(Default)]
     struct Bell(AtomicBool);
 
@@ -305,7 +305,7 @@ mod tests {
         }
     }
 
-    /// Polling again would find the room too, but on the board a future that was not woken is not polled.
+    /// Another poll would find the room too, but on the board a future that was not woken is not polled.
     #[test]
     fn taking_wakes_a_giver_that_waits_for_room_and_nothing_else_does() {
         let queue = SampleQueue::<4>::new();

@@ -14,9 +14,9 @@ use embassy_futures::select::{Either, select};
 use embedded_io_async::{Read, Write};
 use inerter_core::{SettingsError, State};
 
-/// Runs the instrument until a host asks for a restart, which is left to the caller.
+/// Runs the instrument until a host requests a restart, which the caller executes.
 ///
-/// Fails only if the board's default settings are not valid.
+/// Fails only if the board's default settings are invalid.
 pub async fn run<S, R, W, K, P>(
     app: &App,
     state: &mut State,

@@ -20,7 +20,8 @@ struct Reported {
 
 /// Takes samples from the board's source while it is in use, and configures it while it is not.
 ///
-/// Deadline on a [`Pace::Live`] source: the length of its buffer, as this task may wait for others on its executor.
+/// Deadline on a [`Pace::Live`] source: the length of its buffer, because this task may wait for others on its
+/// executor.
 pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
     let waits = source.pace() == Pace::OnDemand;
     app.set_sampler_waits(waits);
@@ -40,7 +41,7 @@ pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
             app.heartbeats.beat(Task::Sampling);
             let samples = batch.get(..count).unwrap_or(&batch);
             if waits {
-                // If it is no longer in use, what was read ahead is dropped.
+                // If it is no longer in use, the samples read ahead are dropped.
                 let _ = app.queue.give(Source::Sampler, samples).await;
             } else if let Ok(lost @ 1..) = give_live(app, samples).await {
                 // The sample counter will show the discontinuity.
@@ -52,7 +53,7 @@ pub async fn sampling(app: &App, mut source: impl SampleSource) -> ! {
     }
 }
 
-/// Lets the halted source apply settings, until samples are wanted from it.
+/// Makes the halted source apply settings, until samples are wanted from it.
 async fn configure_until_wanted(app: &App, source: &mut impl SampleSource) {
     loop {
         app.heartbeats.beat(Task::Sampling);
@@ -67,7 +68,7 @@ async fn configure_until_wanted(app: &App, source: &mut impl SampleSource) {
     }
 }
 
-/// Gives samples that cannot wait and returns how many found no room.
+/// Queues samples that cannot wait and returns how many found no room.
 ///
 /// After a burst the estimator gets one turn to make room.
 async fn give_live(app: &App, samples: &[RawSample]) -> Result<usize, NotInUse> {

@@ -10,17 +10,17 @@ use inerter_wire::{Fault, Reading};
 pub struct InUse {
     /// In SI.
     pub settings: Settings,
-    /// Those of a device that was never set up.
+    /// The settings of a device that was never configured.
     pub defaults: Settings,
     /// What was wrong with the saved settings, if the defaults are in use because of it.
     pub fault: Option<Fault>,
 }
 
-/// The saved settings if there are any, they are valid and the board accepts them, else `defaults`, which must be valid
-/// and accepted; and their quantised form.
+/// The saved settings if there are any, they are valid and the board accepts them; otherwise `defaults`, which must be
+/// valid and accepted; and their quantised form.
 ///
-/// Saved settings that this firmware does not know are left out; those that are missing come from `defaults`. The
-/// store is not changed.
+/// Saved settings that this firmware does not know are ignored; missing ones come from `defaults`. The store is not
+/// changed.
 pub async fn load_settings(
     store: &mut impl Store,
     identity: &Identity<'_>,
@@ -33,7 +33,7 @@ pub async fn load_settings(
         Ok(None) => None,
         Ok(Some(values)) => {
             let Reading { settings, impossible, .. } = values.read(defaults);
-            // All or nothing: a calibration with one value from another is not a calibration.
+            // All or nothing: a mixture of two calibrations is not a calibration.
             if impossible == 0
                 && let Ok(active) = check(&settings)
             {
@@ -66,8 +66,8 @@ pub(crate) fn concerns_source(before: &Settings, after: &Settings) -> bool {
 
 /// Whether a change from `before` to `after` makes what the estimator has gathered meaningless.
 ///
-/// Every change does, except of intervals, averaging time and publish rate: what was gathered is in quantised units,
-/// which include the tare and the scales.
+/// Every change does, except one of uncertainties, averaging time or publish rate: the estimator's sums are in
+/// quantised units, which include the tare and the scales.
 pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
     let unaffected = Settings {
         structure_mass_u95_kg: after.structure_mass_u95_kg,
@@ -78,7 +78,7 @@ pub(crate) fn needs_reset(before: &Settings, after: &Settings) -> bool {
         timebase_u95: after.timebase_u95,
         memory_s: after.memory_s,
         publish_rate_hz: after.publish_rate_hz,
-        // Names and units of views.
+        // Only affects names and units on display.
         machine: after.machine,
         ..*before
     };

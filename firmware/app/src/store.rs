@@ -56,12 +56,12 @@ const _: () = assert!(MAX_SETTINGS < 0x80, "the number of settings is one byte i
 /// that is due to be erased.
 const RING_PAGES: u32 = 3;
 
-/// Settings in flash pages of their own.
+/// Settings in dedicated flash pages.
 pub struct FlashStore<F> {
     flash: F,
     range: Range<u32>,
     buffer: [u8; BUFFER],
-    /// Something was saved since the start, so what is read was written in full.
+    /// Something was saved since the start, so the newest entry was written completely.
     saved: bool,
 }
 
@@ -83,7 +83,7 @@ impl Ring {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Content {
     Settings,
-    /// Erased.
+    /// The settings were erased.
     Nothing,
     /// Settings in a form that this firmware does not know.
     Newer,
@@ -96,7 +96,7 @@ struct Found {
     content: Content,
 }
 
-/// What is in the pages.
+/// The contents of the pages.
 #[derive(Clone, Copy, Debug)]
 struct Survey {
     newest: Option<Found>,
@@ -182,7 +182,7 @@ impl<F: NorFlash> FlashStore<F> {
 
     /// A store in the pages of `range`, in the addresses of `flash`. Nothing is read yet.
     ///
-    /// Panics when `range` is not at least 6 whole pages: that is the programmer's mistake.
+    /// Panics if `range` is not at least 6 whole pages, which is a programming error.
     pub const fn new(flash: F, range: Range<u32>) -> Self {
         let page = F::ERASE_SIZE as u32;
         assert!(range.start.is_multiple_of(page) && range.end.is_multiple_of(page), "whole pages");
@@ -203,7 +203,7 @@ impl<F: NorFlash> FlashStore<F> {
         if self.pages(Ring::First).contains(&found.address) { Ring::First } else { Ring::Second }
     }
 
-    /// Looks at every word; writes nothing.
+    /// Reads every word; writes nothing.
     async fn survey(&mut self) -> Survey {
         let mut survey = Survey { newest: None, first_blank: true, second_blank: true, readable: false };
         let middle = self.pages(Ring::First).end;
@@ -226,7 +226,7 @@ impl<F: NorFlash> FlashStore<F> {
         survey
     }
 
-    /// The intact entry at `address`, if it is newer than `than`. One that fits is then in the buffer.
+    /// The intact entry at `address`, if it is newer than `than`. If it fits, it is then in the buffer.
     async fn entry(&mut self, address: u32, than: Option<Found>) -> Option<Found> {
         let page = F::ERASE_SIZE - (address - self.range.start) as usize % F::ERASE_SIZE;
         let head = self.buffer.get_mut(..HEAD.next_multiple_of(Self::WORD).min(page))?;
@@ -275,7 +275,7 @@ impl<F: NorFlash> FlashStore<F> {
         let generation = next.ok_or(StoreError::Unreadable)?;
         let entry = Entry { generation, settings };
         let [first, second] = rings;
-        // What looks blank may still refuse to be written.
+        // A page that looks blank may still refuse to be written.
         for (ring, blank) in [(first, survey.blank(first)), (second, false)] {
             let pages = self.pages(ring);
             let newest = survey.newest.map(|newest| newest.address).filter(|address| pages.contains(address));
@@ -289,7 +289,7 @@ impl<F: NorFlash> FlashStore<F> {
         Err(StoreError::Unreadable)
     }
 
-    /// Tries to write an entry. The caller must read the flash to learn whether it succeeded.
+    /// Tries to write an entry. The caller must read the flash to find out whether it succeeded.
     async fn append(&mut self, ring: Ring, entry: &Entry<'_>, newest: Option<u32>) {
         let pages = self.pages(ring);
         let flash = Guarded { flash: &mut self.flash, keep: newest };
@@ -305,7 +305,7 @@ impl<F: NorFlash> FlashStore<F> {
 }
 
 impl<F: NorFlash> Store for FlashStore<F> {
-    /// [`StoreError::Foreign`] also after a first save that a power failure cut short: nothing older is there.
+    /// [`StoreError::Foreign`] also after a first save that was cut short by a power failure: there is no older entry.
     async fn load(&mut self) -> Result<Option<SettingsValues>, StoreError> {
         let survey = self.survey().await;
         match survey.newest {

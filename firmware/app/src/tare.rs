@@ -13,7 +13,7 @@ pub(crate) struct Tare {
 }
 
 impl Tare {
-    /// To average `samples` samples under these settings.
+    /// An average of `samples` samples under these settings.
     pub fn new(samples: u32, settings: &Settings) -> Self {
         let (least_code, greatest_code) = (settings.force_min_code as i32, settings.force_max_code as i32);
         Self { wanted: samples.max(1), least_code, greatest_code, taken: 0, sum: 0 }

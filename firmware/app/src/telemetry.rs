@@ -1,10 +1,11 @@
 //! Sends records as frames on the link.
 //!
 //! Replies, events and estimates go before raw samples. Every write has a time limit, so that a task waiting for room
-//! here waits for a bounded time; what cannot be written is dropped, counted, and leaves a gap in the sequence.
+//! here waits for a bounded time; a record that cannot be written is dropped, counted, and leaves a gap in the
+//! sequence.
 //!
-//! On a mute link records are discarded without being counted, as no host is there to miss them. The stream begins,
-//! with [`EventKind::Started`] and sequence 0, when one is.
+//! On a mute link records are discarded without being counted, because no host is connected to miss them. The stream
+//! begins, with [`EventKind::Started`] and sequence 0, when a host speaks.
 
 use crate::alive::{BEAT, Task};
 use crate::app::App;
@@ -27,16 +28,16 @@ struct Sender<'a, W> {
     app: &'a App,
     link: W,
     sequence: SequenceCounter,
-    /// The stream has begun.
+    /// Whether the stream has begun.
     begun: bool,
-    /// Nothing was lost since the stream began, or began again.
+    /// Whether nothing was lost since the stream began or restarted.
     intact: bool,
     /// Session of the link that the state below belongs to.
     session: u32,
     /// Dropped frames that the host has seen as gaps in the sequence.
     accounted: u32,
     stalled: bool,
-    /// The link may hold the beginning of a frame.
+    /// Whether the link may hold the beginning of a frame.
     unfinished: bool,
     /// Room for the delimiter, then a frame.
     buffer: [u8; MAX_FRAME + 1],

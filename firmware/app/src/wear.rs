@@ -4,7 +4,7 @@
 //! [`FACTORY_RESET`] saves, since it erases a whole ring of pages, whereas only one save in seven erases a page
 //! ([`store`](crate::store)). So a flood of requests takes longer than a year to use up the flash's 280 000 saves. A
 //! restart by command, or by a watchdog reset that a host requested, does not refill the allowance; nor does a visit to
-//! update mode by command, provided that the ROM leaves alone the word that holds it. Other starts refill it.
+//! update mode by command, provided that the ROM does not overwrite the word that holds it. Other starts refill it.
 
 use embassy_time::{Duration, Instant};
 
@@ -12,18 +12,18 @@ use embassy_time::{Duration, Instant};
 pub const SAVES: u8 = 40;
 /// Time after which it accepts one more.
 const EACH: Duration = Duration::from_secs(120);
-/// What a factory reset costs, in saves: 280 000 of these fill both rings as often as 20 000 factory resets erase them.
+/// Cost of a factory reset, in saves: 280 000 saves wear both rings as much as 20 000 factory resets.
 pub const FACTORY_RESET: u8 = 14;
 
 /// The remaining saves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Allowance {
-    /// When all of them will be available again.
+    /// When the full allowance will be available again.
     full_at: Instant,
 }
 
 impl Allowance {
-    /// All of them.
+    /// The full allowance.
     pub(crate) const FULL: Self = Self { full_at: Instant::MIN };
 
     /// With this many left now.
@@ -73,7 +73,7 @@ mod tests {
             now += Duration::from_millis(700);
         }
         assert_eq!(taken, u32::from(SAVES) + 86_400 / EACH.as_secs() as u32 - 1);
-        // 280 000 saves are the flash's life.
+        // 280 000 saves are the endurance of the flash.
         assert!(EACH * 280_000 > Duration::from_secs(365 * 86_400));
     }
 

@@ -1,4 +1,4 @@
-//! The converter's clock: TIM1 divides the core's clock to 8 MHz, when it is wanted.
+//! The converter's clock: TIM1 divides the core's clock to 8 MHz, on demand.
 
 use crate::boards::clock::CORE_HZ;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Speed};
@@ -9,7 +9,7 @@ use embassy_stm32::{Peri, peripherals};
 
 /// The clock, in Hz: 168 MHz / 21.
 pub const HZ: u32 = 8_000_000;
-/// Core clocks in a period: 21. High for 10 of them: 48 %, the converter accepts 40 to 60.
+/// Core clocks per period: 21. High for 10 of them: 48 %; the converter accepts 40 to 60.
 const PERIOD: u16 = (CORE_HZ / HZ) as u16;
 const _: () = assert!(PERIOD as u32 * HZ == CORE_HZ);
 
@@ -27,7 +27,7 @@ impl Clkin {
         let function = pin.af_num();
         let mut pin = Flex::new(pin);
         pin.set_as_af_unchecked(function, AfType::output(OutputType::PushPull, Speed::VeryHigh));
-        // Stays connected.
+        // The pin stays connected.
         core::mem::forget(pin);
         critical_section::with(|_| RCC.apb2enr().modify(|w| w.set_tim1en(true)));
         TIM1.arr().write(|w| w.set_arr(PERIOD - 1));
@@ -38,7 +38,7 @@ impl Clkin {
         Self { _private: () }
     }
 
-    /// Starts the clock, or lets it run on.
+    /// Starts the clock, or leaves it running.
     pub fn start(&mut self) {
         TIM1.cr1().write(|w| w.set_cen(true));
     }

@@ -1,4 +1,4 @@
-//! The clocks, from the crystal when it runs.
+//! Starts the clocks, from the crystal if it runs.
 
 use crate::boards;
 use crate::boards::clock::{CORE_HZ, CORE_PER_US, NO_RTC, Oscillator};
@@ -11,8 +11,8 @@ use embassy_stm32::{Config, Peripherals, rcc};
 use embassy_time::TICK_HZ;
 use inerter_wire::ClockSource;
 
-/// Polls of the crystal, for 100 ms: at least 5 cycles each of the 16 MHz that the core then runs from. It needs 2 ms
-/// (DS12288, table 41).
+/// Polls of the crystal, for 100 ms: at least 5 cycles each of the 16 MHz clock that the core then has. The crystal
+/// needs 2 ms (DS12288, table 41).
 const POLLS: u32 = 320_000;
 
 /// After the ROM, restores the clocks that a reset leaves: the chip's own oscillator alone.
@@ -26,9 +26,10 @@ pub fn stop() {
     RCC.crrcr().modify(|w| w.set_hsi48on(false));
 }
 
-/// Starts all clocks and returns what they run from.
+/// Starts all clocks and returns their source.
 ///
-/// embassy-stm32 waits for oscillators and PLL without a limit of its own; the watchdog, already running, ends that.
+/// embassy-stm32 waits for oscillators and PLL without a time limit; the watchdog, already running, ends a wait that
+/// hangs.
 pub fn start() -> (ClockSource, Peripherals) {
     RCC.cr().modify(|w| w.set_hseon(true));
     let crystal_runs = (0..POLLS).any(|_| RCC.cr().read().hserdy());
@@ -38,10 +39,10 @@ pub fn start() -> (ClockSource, Peripherals) {
         RCC.cr().modify(|w| w.set_csson(true));
     }
     // First at the 16 MHz of the chip's own oscillator. From here to `reinit` the clock of embassy-time must not reach
-    // half a turn of its timer, 33 ms, as `reinit` resets the timer but not the count of its turns.
+    // half of its timer's range, 33 ms, because `reinit` resets the timer but not the count of its overflows.
     let mut config = Config::default();
     config.rcc.ls = NO_RTC;
-    // Keeps it on.
+    // Leaves it on.
     config.rcc.hse = oscillator.crystal;
     let mut peripherals = embassy_stm32::init(config);
     // Range 1 boost, for more than 150 MHz (RM0440 6.4.5: R1MODE, bit 8, to 0; the register has no other bit).
@@ -54,12 +55,13 @@ pub fn start() -> (ClockSource, Peripherals) {
 
 /// Switches from half the core's clock to the full clock.
 ///
-/// A step from under 80 MHz to more must stay at half for 1 us (RM0440 7.2.7); embassy-stm32 goes at once. Of all that
-/// asks embassy-stm32 for a frequency, only the clock of embassy-time is in use; it is adjusted here.
+/// A step from below 80 MHz to more must stay at half for 1 us (RM0440 7.2.7); embassy-stm32 switches at once. Of
+/// everything that takes its frequency from embassy-stm32, only the clock of embassy-time is in use; it is adjusted
+/// here.
 fn full_speed() {
     cortex_m::asm::delay(CORE_PER_US);
     FLASH.acr().modify(|w| w.set_latency(Latency::WS4));
-    // Else the core would read wrong instructions.
+    // Otherwise the core would read wrong instructions.
     assert!(
         (0..POLLS).any(|_| FLASH.acr().read().latency() == Latency::WS4),
         "the flash does not take its wait states"

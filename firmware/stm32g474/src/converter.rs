@@ -2,8 +2,8 @@
 //!
 //! Each "ready" edge is one sample: it latches the encoder's count, and the conversion that goes with it is read before
 //! the next. The count is matched to the filter's delay ([`MatchedPosition`]), the force is corrected for the bridge's
-//! excitation. After a damaged frame, a lost edge or a reset of the chip, operation is restored and a discontinuity
-//! reported; the clock, which is also the converter's, gives the number of samples lost.
+//! excitation. After a damaged frame, a lost edge or a reset of the chip, the driver restores operation and reports a
+//! discontinuity; the core's clock, from which the converter's is derived, gives the number of samples lost.
 
 use crate::clkin::{self, Clkin};
 use crate::led;
@@ -28,11 +28,11 @@ const RATIO: Ratiometric = match Ratiometric::new(EXCITATION) {
 };
 /// Force code of a bridge without its excitation: the rail, which the estimator leaves out.
 const NO_FORCE: i32 = -0x80_0000;
-/// If no edge comes in this time, the converter has stopped.
+/// If no edge arrives in this time, the converter has stopped.
 const EDGE_LIMIT: Duration = Duration::from_millis(20);
 /// Frames and edges are compared once in this many conversions.
 const CONVERSIONS_PER_CHECK: u16 = 1_000;
-/// Attempts to bring the two in step; an edge that comes meanwhile spoils one.
+/// Attempts to realign frames and edges; an edge that arrives meanwhile spoils one.
 const RESYNCHRONISATIONS: usize = 3;
 
 /// The front end.
@@ -44,20 +44,20 @@ pub struct Converter {
     period: Duration,
     /// Index of the next sample.
     index: u32,
-    /// A sample's index and the time of its edge, from which indices after a discontinuity are computed. `None` when
-    /// the instants of the conversions have moved.
+    /// A sample's index and the time of its edge, from which indices after a discontinuity are computed. `None` if the
+    /// times of the conversions have shifted.
     anchor: Option<(u32, Instant)>,
     /// Time of the previous edge.
     latest: Option<Instant>,
-    /// Edges may have passed unseen: the next one's index is computed from the clock.
+    /// Edges may have been missed: the next one's index is computed from the clock.
     unseen: bool,
-    /// Not read for a while: missed edges are expected.
+    /// Not read for a while, so missed edges are expected.
     paused: bool,
     until_check: u16,
 }
 
 impl Converter {
-    /// Does not talk to the chip yet.
+    /// Does not communicate with the chip yet.
     pub fn new(spi: Device, reset: Output<'static>, ready: Ready, clkin: Clkin) -> Self {
         let config = Config { clkin_hz: clkin::HZ, gains: GAINS, ..Config::default() };
         Self {
@@ -80,7 +80,7 @@ impl Converter {
         self.index
     }
 
-    /// Sets the chip up for the rate; the next sample has this index, whether that succeeds or not.
+    /// Configures the chip for the rate; the next sample has this index, whether or not that succeeds.
     pub async fn configure(&mut self, settings: &Settings, index: u32) -> Result<(), SourceError> {
         self.index = index;
         let osr = Osr::from_data_rate(clkin::HZ, settings.sample_rate_hz).ok_or(SourceError::Unreadable)?;
@@ -167,7 +167,7 @@ impl Converter {
         ((time.as_micros() + self.period.as_micros() / 2) / self.period.as_micros()) as u32
     }
 
-    /// Resets the chip and sets it up; the instants of its conversions move.
+    /// Resets and configures the chip; the times of its conversions shift.
     async fn set_up(&mut self) -> Result<(), SourceError> {
         self.anchor = None;
         self.position.reset();
@@ -177,7 +177,7 @@ impl Converter {
         Ok(())
     }
 
-    /// Empties the chip until it holds nothing and no edge has come meanwhile.
+    /// Reads the chip until it holds nothing and no edge has arrived meanwhile.
     async fn resynchronise_chip(&mut self) -> Result<(), SourceError> {
         self.position.reset();
         self.unseen = true;
@@ -191,7 +191,7 @@ impl Converter {
         Err(SourceError::Unreadable)
     }
 
-    /// From time to time, makes sure that the chip holds nothing after a read: else frames would be a period late.
+    /// From time to time, checks that the chip holds nothing after a read: otherwise frames would be a period late.
     async fn check_backlog(&mut self) -> Result<(), SourceError> {
         self.until_check -= 1;
         if self.until_check > 0 {
@@ -206,7 +206,7 @@ impl Converter {
     }
 }
 
-/// A whole number of microseconds, as the clock is 8 MHz.
+/// A whole number of microseconds, because the clock is 8 MHz.
 fn period(osr: Osr) -> Duration {
     Duration::from_micros(u64::from(osr.period_clkin() / (clkin::HZ / 1_000_000)))
 }

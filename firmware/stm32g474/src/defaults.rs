@@ -5,17 +5,17 @@ use inerter_app::boxcar::{LOWER_RAIL, UPPER_RAIL, WEIGHT};
 use inerter_core::Settings;
 use inerter_wire::ClockSource;
 
-/// Time from the event to the force that is converted, in ns: 2 converter clocks of the trigger (1.5 to 2.5, evenly)
-/// and 24.5 of the sampling (DS12288, table 66; the input is held at the end of sampling).
+/// Time from the event to the converted force, in ns: 2 converter clocks of trigger latency (1.5 to 2.5, uniformly) and
+/// 24.5 of sampling (DS12288, table 66; the input is held at the end of sampling).
 const FORCE_NS: f64 = (2.0 + 24.5) / (ADC_HZ as f64 * 1e-9);
-/// Time from the shaft's position to the event at which it is fetched, in ns: the inputs' filter takes 6 samples of
-/// 84 MHz, synchronisation and count about 5 clocks of 168 MHz, and the fetch comes about 8 of them after the event.
+/// Time from the shaft's position to the event at which it is fetched, in ns: the inputs' filter takes 6 samples at 84
+/// MHz, synchronisation and count about 5 clocks of 168 MHz, and the fetch comes about 8 clocks after the event.
 const POSITION_NS: f64 = 6.0 / 0.084 + (5.0 - 8.0) / 0.168;
 
-/// Settings of a device that was never set up: the analogue front end at 1 kHz.
+/// Settings of a device that was never configured: the analogue front end at 1 kHz.
 ///
-/// The force is that of the moment `FORCE_NS` after the event, the position that of `POSITION_NS` before it: the force
-/// is 0.68 us *ahead*. The user must add the delay of the amplifier and its filter.
+/// The force is sampled `FORCE_NS` after the event, the position `POSITION_NS` before it: the force is 0.68 us *ahead*.
+/// The user must add the delay of the amplifier and its filter.
 pub fn settings(clock: ClockSource) -> Settings {
     let mut settings = Settings {
         sample_rate_hz: 1_000.0,

@@ -24,11 +24,11 @@ static EXECUTOR: StaticCell<raw::Executor> = StaticCell::new();
 static IDLE_US: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 static SAMPLING: InterruptExecutor = InterruptExecutor::new();
 
-/// The thread-mode executor. There is one.
+/// The thread-mode executor. There is only one.
 pub struct Executor(&'static raw::Executor);
 
 impl Executor {
-    /// To be called once.
+    /// Must be called only once.
     pub fn new(scb: &SCB) -> Self {
         // SAFETY: sets one bit, which affects WFE only.
         unsafe { scb.scr.modify(|scr| scr | SEVONPEND) };
@@ -61,7 +61,7 @@ pub fn idle_us() -> u64 {
     critical_section::with(|cs| IDLE_US.borrow(cs).get())
 }
 
-/// Interrupt of the sampling executor: that of an unused peripheral.
+/// Interrupt of the sampling executor: the vector of an unused peripheral.
 pub struct SamplingHandler;
 
 impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
@@ -71,7 +71,7 @@ impl typelevel::Handler<typelevel::UART4> for SamplingHandler {
     }
 }
 
-/// Starts the sampling executor. To be called once.
+/// Starts the sampling executor. Must be called only once.
 pub fn start_sampling() -> SendSpawner {
     interrupt::UART4.set_priority(SAMPLING_PRIORITY);
     SAMPLING.start(interrupt::UART4)

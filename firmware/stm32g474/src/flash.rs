@@ -1,12 +1,12 @@
 //! The settings' pages: the last 16 KB of the second flash bank.
 //!
-//! The program runs from the first bank meanwhile, so sampling, estimating and sending continue; only the writing task
-//! waits. Offsets count from the first of these pages, so nothing else can be reached.
+//! The program runs from the first bank, so sampling, estimating and sending continue during a write; only the writing
+//! task waits. Offsets count from the first of these pages, so nothing else can be reached.
 //!
-//! Each double word has its own ECC. One that a power loss left half written may read as a double error, which raises
-//! NMI: the handler notes it, and the read becomes an error. The handler attributes it to the settings if they are
-//! being read (`READING`), as ECCR may hold anything after a write or erase was cut short (ES0430 2.2.3). They are read
-//! without the data cache, which would return the damage again without an NMI.
+//! Each double word has its own ECC. One that a power failure left half written may read as a double error, which
+//! raises NMI: the handler notes it, and the read returns an error. The handler attributes it to the settings if they
+//! are being read (`READING`), because ECCR may hold anything after a write or erase was cut short (ES0430 2.2.3). They
+//! are read without the data cache, which would return the damaged data again without an NMI.
 //!
 //! Source: RM0440 3 (dual bank: pages of 2 KB). The data cache stays off while a bank is written and the other is read:
 //! ES0430, "data cache might be corrupted during flash memory read-while-write operation".
@@ -20,15 +20,15 @@ use embassy_stm32::pac::{FLASH, RCC};
 use embassy_time::{Duration, Instant, Timer};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// First page, in the address space.
+/// Address of the first page.
 const START: usize = 0x0807_C000;
-/// Its number in the second bank.
+/// Its page number in the second bank.
 const FIRST_PAGE: u32 = 120;
 const PAGE: usize = 2048;
 const PAGES: usize = 8;
 /// Bytes of all pages.
 pub const SIZE: u32 = (PAGE * PAGES) as u32;
-/// Bytes written at once, with one ECC.
+/// Bytes written at once, with a common ECC.
 const DOUBLE_WORD: usize = 8;
 
 /// Flash of the chip in KB (RM0440, device electronic signature). The smaller members of the family lack these pages.
@@ -42,19 +42,19 @@ const WRITE_POLL: Duration = Duration::from_micros(50);
 const ERASE_POLL: Duration = Duration::from_millis(1);
 const LIMIT: Duration = Duration::from_millis(100);
 
-/// The settings' pages are being read.
+/// Whether the settings' pages are being read.
 static READING: AtomicBool = AtomicBool::new(false);
-/// A double error has occurred since this was last cleared.
+/// Whether a double error has occurred since this was last cleared.
 static DAMAGED: AtomicBool = AtomicBool::new(false);
-/// Its flag was found before its NMI came.
+/// Whether its flag was found before its NMI arrived.
 static LATE: AtomicBool = AtomicBool::new(false);
 
-/// Why the pages cannot be read or written there.
+/// Why the pages cannot be read or written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failed {
     /// The chip has no such pages, or a single bank.
     Missing,
-    /// Not within the pages, or not aligned to a double word or page.
+    /// Outside the pages, or not aligned to a double word or page.
     Place,
     /// The content is damaged.
     Content,
@@ -71,18 +71,18 @@ impl NorFlashError for Failed {
     }
 }
 
-/// The pages. There is one instance.
+/// The pages. There is only one instance.
 pub struct Pages {
     _private: (),
 }
 
 impl Pages {
-    /// To be created once.
+    /// Must be created only once.
     pub const fn new() -> Self {
         Self { _private: () }
     }
 
-    /// Waits for an operation that another future may have left behind, and prepares the next one.
+    /// Waits for an operation that an abandoned future may have left behind, and prepares the next one.
     async fn begin(&mut self) -> Result<(), Failed> {
         wait(WRITE_POLL).await?;
         FLASH.cr().modify(|w| {
@@ -108,7 +108,7 @@ impl Pages {
             w.set_per(false);
             w.set_lock(true);
         });
-        // The cache still holds the old content.
+        // The cache still holds the old contents.
         FLASH.acr().modify(|w| w.set_dcrst(true));
         FLASH.acr().modify(|w| w.set_dcrst(false));
         FLASH.acr().modify(|w| w.set_dcen(true));
@@ -179,7 +179,7 @@ impl ReadNorFlash for Pages {
 
     async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
         let start = check(offset, bytes.len(), Self::READ_SIZE)? as *const u8;
-        // Already off, and must stay off, if another future has left an operation behind.
+        // It is already off, and must stay off, if an abandoned future has left an operation behind.
         let cached = FLASH.acr().read().dcen();
         FLASH.acr().modify(|w| w.set_dcen(false));
         DAMAGED.store(false, Ordering::SeqCst);

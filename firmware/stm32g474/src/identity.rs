@@ -1,5 +1,5 @@
-//! Identity of the device, defined once: the program that updates the firmware finds it in the image by its first word,
-//! the host of a running device gets it in Hello.
+//! Identity of the device, defined once: the host's update program finds it in the image by its first word, and a host
+//! that talks to the device receives it in Hello.
 
 use crate::boards;
 use core::fmt::Write as _;
@@ -58,12 +58,12 @@ const DIGITS: usize = 12;
 
 /// Serial number from the chip's unique ID, as the ROM's update mode forms it.
 ///
-/// To be called once: it claims the memory of the text.
+/// Must be called only once: it claims the memory of the text.
 pub fn serial() -> &'static str {
     static SERIAL: StaticCell<String<DIGITS>> = StaticCell::new();
     let word = |n| UID.uid(n).read();
     let serial = SERIAL.init(String::new());
-    // There is room.
+    // The text fits.
     let _ = write!(serial, "{:08X}{:04X}", word(0).wrapping_add(word(2)), word(1) >> 16);
     serial
 }

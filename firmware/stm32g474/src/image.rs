@@ -27,12 +27,12 @@ use static_cell::{ConstStaticCell, StaticCell};
 
 defmt::timestamp!("{=u64:us}", uptime_us());
 
-/// 0 before the clock of embassy-time runs, as a panic may come first.
+/// 0 before the clock of embassy-time runs, because a panic may come first.
 fn uptime_us() -> u64 {
     if RCC.apb2enr().read().tim15en() { Instant::now().as_micros() } else { 0 }
 }
 
-/// Built at the start, as initial values would take space in flash too.
+/// Constructed at the start, because initial values would take space in flash too.
 static APP: StaticCell<App> = StaticCell::new();
 static STATE: ConstStaticCell<State> = ConstStaticCell::new(State::empty());
 // An argument passed to a task by value is stored twice.
@@ -71,7 +71,7 @@ async fn commands(
 #[embassy_executor::task]
 async fn telemetry(app: &'static App, link: &'static mut Transmitter) {
     let restart = work::counted(Task::Telemetry, pin!(inerter_app::telemetry(app, link))).await;
-    // The reply must get out first.
+    // The reply must be sent first.
     join(usb::drain(), lpuart::drain()).await;
     match restart {
         Restart::Reboot => reset::restart(app.saves_left()),
@@ -85,7 +85,7 @@ async fn usb_device(app: &'static App, device: usb::Device) -> ! {
     work::counted(Task::Usb, pin!(device.run(|open| app.link_state().set_open(open)))).await
 }
 
-/// Health figures, LED, watchdog, and the reset button's memory.
+/// Health figures, LED, watchdog, and the memory of the reset button.
 #[embassy_executor::task]
 async fn supervise(app: &'static App, platform: Platform, led: Output<'static>, clock: ClockSource) {
     let all = join4(
@@ -148,7 +148,7 @@ fn set_up(spawner: Spawner, started: Started) {
     let settings = if started.suspects_settings {
         leave_settings_alone(&defaults)
     } else {
-        // Loading only reads, and reading the flash does not wait.
+        // Loading only reads, and reading the flash never waits.
         block_on(load_settings(store, identity, &defaults))
     };
     let Ok((in_use, active)) = settings else { panic!("the default settings are not valid") };
@@ -165,7 +165,7 @@ fn set_up(spawner: Spawner, started: Started) {
     assert!(tasks.iter().all(Result::is_ok), "every task is spawned once");
 }
 
-/// Runs the instrument. To be called once, at the start.
+/// Runs the instrument. Must be called only once, at the start.
 pub fn run() -> ! {
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("the instrument starts once") };
     let started = reset::begin();

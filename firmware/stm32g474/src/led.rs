@@ -1,9 +1,9 @@
-//! What the LED shows.
+//! The states that the LED shows.
 //!
 //! | LED | state |
 //! |---|---|
 //! | steady light | starting; if it lasts, the firmware does not start |
-//! | quick blinking, 5 a second | no samples: halted, injected, or the front end gives none |
+//! | fast blinking, 5 a second | no samples: halted, injected, or the front end delivers none |
 //! | two flashes a second | samples, but the crystal does not run: the clock may be 1 % off |
 //! | one flash a second | samples, and no host listens |
 //! | half a second on, half off | samples, and a host listens |
@@ -15,19 +15,19 @@ use embassy_time::{Duration, Ticker};
 use inerter_app::App;
 use inerter_wire::ClockSource;
 
-/// One bit of a pattern.
+/// Duration of one bit of a pattern.
 const STEP: Duration = Duration::from_millis(100);
 const STEPS: u16 = 10;
-// A second each, first step in the lowest bit.
+// One second each, the first step in the lowest bit.
 const NO_SAMPLES: u16 = 0b01_0101_0101;
 const NO_CRYSTAL: u16 = 0b00_0000_0101;
 const NO_HOST: u16 = 0b00_0000_0001;
 const HOST_PRESENT: u16 = 0b00_0001_1111;
 
-/// Samples have come since the LED last checked.
+/// Whether samples have arrived since the LED last checked.
 static SAMPLES: AtomicBool = AtomicBool::new(false);
 
-/// Notes that samples have come.
+/// Notes that samples have arrived.
 pub fn note_samples() {
     SAMPLES.store(true, Ordering::Relaxed);
 }

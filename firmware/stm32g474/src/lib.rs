@@ -10,8 +10,10 @@
 //! - *Boards*: `boards/*.rs` are the only files that name pins and clocks; wiring and bring-up are in docs/HARDWARE.md.
 //! - *Samples*: one 64 kHz timer event starts everything; see `rings.rs` and `sampler.rs`. Or an ADS131M04; see
 //!   `converter.rs`. The setting `front_end` chooses.
-//! - *Links*: USB CDC-ACM while its port is open, else LPUART1 (the ST-Link's serial port), the same protocol on both.
-//! - *Executors*: sampling runs in an interrupt, above everything that may take long; all else in thread mode.
+//! - *Links*: USB CDC-ACM while its port is open, otherwise LPUART1 (the ST-Link's serial port), with the same protocol
+//!   on both.
+//! - *Executors*: sampling runs in an interrupt, above everything that may take long; everything else runs in thread
+//!   mode.
 //! - *Measurements of the board itself*, on request: `measure.rs`, with the counters of `work.rs`.
 //! - *Memory*: static only. Settings are in the last 16 KB of the second flash bank; what must survive a reset
 //!   (panic message, update request) is in RAM that start-up does not touch.

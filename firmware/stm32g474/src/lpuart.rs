@@ -1,7 +1,7 @@
-//! The second link: LPUART1 at 921 600 baud, on the NUCLEO the ST-Link's serial port.
+//! The second link: LPUART1 at 921 600 baud; on the NUCLEO it is the ST-Link's serial port.
 //!
-//! Bytes go through the interrupt and a pipe each way. There is no flow control: bytes not taken in time are lost,
-//! which the frames' checks detect. Source: RM0440 38.
+//! Bytes go through the interrupt and one pipe per direction. There is no flow control: bytes not taken in time are
+//! lost, which the frames' checks detect. Source: RM0440 38.
 
 use crate::boards::clock::CORE_HZ;
 use core::convert::Infallible;
@@ -15,13 +15,13 @@ use embassy_sync::pipe::Pipe;
 use embassy_time::Timer;
 use embedded_io_async::{ErrorType, Read, Write};
 
-/// Fast enough for every stream at 1 kHz, and within what the ST-Link V3E passes on (UM2505).
+/// Fast enough for every stream at 1 kHz, and supported by the ST-Link V3E (UM2505).
 const BAUD: u32 = 921_600;
 /// The divider counts 256ths (RM0440 38.4.7).
 const DIVIDER: u32 = ((256 * CORE_HZ as u64 + BAUD as u64 / 2) / BAUD as u64) as u32;
 // With less, the transmitter may fail (ES0430 2.17.1).
 const _: () = assert!(DIVIDER > 0x3FF);
-/// 11 ms of bytes.
+/// 11 ms at this baud rate.
 const RECEIVED_LENGTH: usize = 1024;
 const SENT_LENGTH: usize = 512;
 /// Bytes of the receiver's FIFO, and of the transmitter's.
@@ -37,7 +37,7 @@ pub struct UartHandler;
 
 impl Handler<LpuartInterrupt> for UartHandler {
     unsafe fn on_interrupt() {
-        // Bytes that come while the FIFO is emptied raise the interrupt again.
+        // Bytes that arrive while the FIFO is emptied raise the interrupt again.
         for _ in 0..FIFO {
             if !LPUART1.isr().read().rxne() {
                 break;
@@ -76,7 +76,7 @@ pub fn start(
     ] {
         let mut pin = pin;
         pin.set_as_af_unchecked(function, kind);
-        // Stays connected.
+        // The pin stays connected.
         core::mem::forget(pin);
     }
     critical_section::with(|_| RCC.apb1enr2().modify(|w| w.set_lpuart1en(true)));
@@ -88,7 +88,7 @@ pub fn start(
         w.set_te(true);
         w.set_ue(true);
     });
-    // SAFETY: the handler touches this UART and the two pipes only.
+    // SAFETY: the handler accesses only this UART and the two pipes.
     unsafe { LpuartInterrupt::enable() };
     (Receiver, Transmitter)
 }
@@ -130,7 +130,7 @@ impl Write for Transmitter {
         Ok(count)
     }
 
-    /// Written bytes are sent without it.
+    /// Written bytes are sent without a flush.
     async fn flush(&mut self) -> Result<(), Infallible> {
         Ok(())
     }

@@ -1,7 +1,8 @@
 //! What the board measures about itself on request: raw numbers, which the host evaluates.
 //!
-//! All of it runs in thread mode. Waits for hardware poll a bounded number of times; if nothing comes, they hold up the
-//! other thread-mode tasks for tens of ms, while sampling continues above them. Values that do not come are left out.
+//! All of it runs in thread mode. Waits for hardware poll a bounded number of times; if nothing happens, they block the
+//! other thread-mode tasks for tens of ms, while sampling continues at its higher priority. Missing values are left
+//! out.
 //!
 //! TIM5 counts the core's clock meanwhile: the cycle counter may stop while the core sleeps. Its first input latches
 //! the edges of the 32 kHz oscillator (RM0440 29.4.25, TI1SEL), one in eight.
@@ -22,14 +23,14 @@ const FROM_LSI: u8 = 1;
 /// Edges of the 32 kHz oscillator per latched one, and CCMR1.IC1PSC for it.
 const LATCHED_ONE_IN: u32 = 8;
 const ONE_IN_8: u8 = 3;
-/// Latched edges to look at: 4 ms of them.
+/// Number of latched edges examined: 4 ms.
 const LATCHED_EDGES: u32 = 16;
-/// Polls of the hardware, of at least 10 cycles each: 2 ms, in which a USB frame and an edge must come.
+/// Polls of the hardware, of at least 10 cycles each: 2 ms, in which a USB frame and an edge must occur.
 const LOOKS: u32 = 200 * CORE_PER_US;
 /// Two polls this close together were not interrupted.
 const CLOSE: u32 = 2 * CORE_PER_US;
 
-/// Measures `what`; takes a second for what needs time.
+/// Measures `what`; measurements over time take a second.
 pub async fn measure(what: Measure, sensor: &mut Sensor) -> Measured {
     let mut measured = Measured::new(what);
     match what {
@@ -37,7 +38,7 @@ pub async fn measure(what: Measure, sensor: &mut Sensor) -> Measured {
         Measure::Clocks => clocks(&mut measured).await,
         Measure::Supply => supply(&mut measured, sensor),
         Measure::Work => work(&mut measured).await,
-        // Handled where restarts are.
+        // Handled where restarts are handled.
         Measure::Hang => {}
     }
     measured
@@ -114,7 +115,7 @@ fn frame() -> Option<(u16, u32)> {
     None
 }
 
-/// Time between two latched edges of the 32 kHz oscillator, unless one between them was missed.
+/// Time between two latched edges of the 32 kHz oscillator; `None` if one between them was missed.
 fn between_edges() -> Option<u32> {
     TIM5.sr().write_value(Default::default());
     let edge = || {

@@ -1,8 +1,8 @@
 //! Panics and faults: the message goes to the log and survives the reset that follows.
 //!
-//! panic-probe would be a second panic handler, and a program can have only one; it also keeps nothing over the reset.
-//! Under a probe this handler does what panic-probe does (the message by defmt, then UDF, on which the probe stops and
-//! shows the stack); without one it restarts, and the next host gets the message.
+//! panic-probe would be a second panic handler, and a program can have only one; it also preserves nothing across the
+//! reset. Under a probe this handler does what panic-probe does (prints the message with defmt, then UDF, at which the
+//! probe stops and shows the stack); without one it restarts, and the next host receives the message.
 
 use crate::reset;
 use core::fmt::{self, Write};
@@ -16,14 +16,14 @@ use heapless::String;
 use inerter_wire::Crc32;
 use static_cell::StaticCell;
 
-/// Bytes kept: what an event can carry.
+/// Bytes kept: the capacity of an event.
 const LENGTH: usize = 96;
-/// Bytes kept of a source file's path: its end says most.
+/// Bytes kept of a source file's path: its end is the most informative part.
 const PATH: usize = 32;
-/// Marks that a message is there; the check shows that it is intact.
+/// Marks that a message is present; the checksum shows that it is intact.
 const MAGIC: u32 = 0x5041_4E21;
 
-/// A message kept over the reset: in words, as RAM keeps them.
+/// A message kept across the reset, in words, as RAM retains them.
 #[repr(C)]
 struct Kept {
     magic: u32,
@@ -36,7 +36,7 @@ struct Kept {
 static mut KEPT: MaybeUninit<Kept> = MaybeUninit::uninit();
 static PANICKED: AtomicBool = AtomicBool::new(false);
 
-/// Text of at most [`LENGTH`] bytes; what does not fit is left out, what is not ASCII becomes a question mark.
+/// Text of at most [`LENGTH`] bytes; the excess is dropped, and a non-ASCII character becomes a question mark.
 struct Message {
     text: String<LENGTH>,
 }
@@ -52,8 +52,8 @@ impl Message {
         }
         let kept = ptr::addr_of_mut!(KEPT).cast::<Kept>();
         let (words, _) = bytes.as_chunks();
-        // SAFETY: the fields of a static, by pointers that stay inside; volatile, as the next run reads them. Nothing
-        // else runs any more: interrupts are off, or this is a fault.
+        // SAFETY: the fields of a static, through pointers that stay inside; volatile, because the next run reads them.
+        // Nothing else runs any more: interrupts are off, or this is a fault.
         unsafe {
             for (place, word) in words.iter().enumerate() {
                 ptr::addr_of_mut!((*kept).text).cast::<u32>().add(place).write_volatile(u32::from_le_bytes(*word));
@@ -99,7 +99,7 @@ impl Write for Message {
     }
 }
 
-/// The message that the previous run left, if it ended by a panic or fault. Clears it. To be called once.
+/// The message that the previous run left, if it ended by a panic or fault. Clears it. Must be called only once.
 pub fn take() -> Option<&'static str> {
     static TAKEN: StaticCell<Message> = StaticCell::new();
     let message: &'static Message = TAKEN.init(Message::fetch()?);
@@ -109,7 +109,7 @@ pub fn take() -> Option<&'static str> {
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
-    // A panic in here adds nothing new.
+    // A panic in this handler adds nothing new.
     if !PANICKED.swap(true, Ordering::Relaxed) {
         let mut message = Message::EMPTY;
         if let Some(location) = info.location() {

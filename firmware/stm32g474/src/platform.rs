@@ -13,7 +13,7 @@ pub struct Platform {
 }
 
 impl Platform {
-    /// With the temperature sensor switched on.
+    /// Takes a temperature sensor that is switched on.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, load: Load::default() }
     }

@@ -6,11 +6,11 @@
 //!       '-update request------------------------------> DMA2_CH1 <-- pins[256], interrupts at half and at the end
 //! ```
 //!
-//! TIM7 has the clock and the period of TIM6, which samples, and lags it by as many ticks as the host wants, so that
-//! the host can observe a change of the outputs before, at and after the ADCs' aperture. All of this runs, and pins are
-//! driven, only from `Begin` to `End`. At each event a converter outputs what the DMA brought after the previous event;
-//! the pins, which need no trigger, are delayed by a step, so that all three change together. A transfer that fails
-//! ends everything as `End` does, and `End` then reports it.
+//! TIM7 has the clock and the period of TIM6, which samples, and lags it by a number of ticks that the host sets, so
+//! that the host can observe a change of the outputs before, at and after the ADCs' aperture. All of this runs, and
+//! pins are driven, only from `Begin` to `End`. At each event a converter outputs what the DMA transferred after the
+//! previous event; the pins, which need no trigger, are delayed by a step, so that all three change together. A failed
+//! transfer ends everything as `End` does, and `End` then reports it.
 //!
 //! Sources: RM0440 12.4.7 (DMA errors), 22 (DAC; trigger 2: TIM7_TRGO), 13 table 91 (DMAMUX), 33 (TIM7), 9.4.7 (BSRR).
 
@@ -29,14 +29,14 @@ use inerter_app::player::{Player, Step, quadrature};
 use inerter_wire::{Knot, Play, Refusal};
 use static_cell::ConstStaticCell;
 
-/// Steps in half a ring: two knots, so knots run out between halves only.
+/// Steps in half a ring: two knots, so knots can run out only between halves.
 const HALF: usize = 2 * Knot::STEPS as usize;
 const RING: usize = 2 * HALF;
 /// Knots that can wait.
 const WAITING: usize = 256;
-/// Ticks of the core's clock in a step.
+/// Ticks of the core's clock per step.
 const TICKS: u16 = (CORE_HZ / ENTRIES_PER_S) as u16;
-/// Edges closer than this, with the bus's jitter, are noise to the encoder's inputs (71 ns).
+/// Edges closer than this, including the bus's jitter, are rejected as noise by the encoder's inputs (71 ns).
 const LEAST_EDGE_TICKS: u16 = 24;
 /// The outputs are released after this long without a request from the host.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -73,7 +73,7 @@ static MEMORY: Memory = Memory {
     terminals: UnsafeCell::new([0; RING]),
 };
 static OUTPUTS: Mutex<RefCell<Option<Outputs>>> = Mutex::new(RefCell::new(None));
-/// Separate from the outputs, as initial values would take space in flash.
+/// Separate from the outputs, because initial values would take space in flash.
 static KNOTS: ConstStaticCell<[Knot; WAITING]> =
     ConstStaticCell::new([Knot { force: 0, terminal: 0, advance: 0 }; WAITING]);
 
@@ -90,7 +90,7 @@ fn with<R>(act: impl FnOnce(&mut Outputs) -> R) -> Option<R> {
     critical_section::with(|cs| OUTPUTS.borrow_ref_mut(cs).as_mut().map(act))
 }
 
-/// What the player is wired to.
+/// The outputs of the player.
 pub struct Wires {
     a: Flex<'static>,
     b: Flex<'static>,
@@ -117,7 +117,7 @@ pub fn wires(
     Wires { a: Flex::new(a), b: Flex::new(b), bsrr, bits }
 }
 
-/// Keeps the outputs for [`play`]. To be called once, at the start.
+/// Stores the outputs for [`play`]. Must be called only once, at the start.
 pub fn start(wires: Wires) {
     critical_section::with(|cs| OUTPUTS.borrow_ref_mut(cs).replace(Outputs::new(wires)));
 }
@@ -134,7 +134,7 @@ enum State {
     Knots,
     /// Rings of edges still to be output.
     Burst(u16),
-    /// The burst is over, the outputs hold.
+    /// The burst is over, and the outputs hold.
     Stands,
 }
 
@@ -142,15 +142,15 @@ struct Outputs {
     wires: Wires,
     state: State,
     player: Player,
-    /// A ring: `waiting` knots, from `first` on.
+    /// A ring buffer: `waiting` knots, from `first` on.
     knots: &'static mut [Knot; WAITING],
     first: usize,
     waiting: usize,
-    /// Levels of the previous step: see the module's head.
+    /// Levels of the previous step: see the module documentation.
     pins: u32,
     /// Knots taken since the beginning.
     taken: u32,
-    /// Times that the outputs stood still because no knots had come.
+    /// How often the outputs stopped because no knots had arrived.
     stood: u32,
     /// Edges of the burst.
     edges: u32,
@@ -252,7 +252,7 @@ impl Outputs {
             prepare(channel, request, dac.dhr12r(0).as_ptr() as u32, ring, Size::BITS16, true);
         }
         start_timer(TICKS);
-        // Starting takes the same time each time: the second pass corrects the error of the first.
+        // Starting always takes the same time: the second pass corrects the error of the first.
         let (mut set, mut found) = (phase_ticks, 0);
         for _ in 0..2 {
             let now = TIM6.cnt().read().cnt();
@@ -319,10 +319,10 @@ impl Outputs {
         Ok(0)
     }
 
-    /// Outputs the ring once. It stops by itself, so that no edge is output uncounted.
+    /// Outputs the ring once. It stops by itself, so that every edge is counted.
     fn lap(&mut self) {
         TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
-        // Drops a request that came after the last one.
+        // Drops a request that arrived after the last one.
         TIM7.dier().write(|_| ());
         let State::Burst(left @ 1..) = self.state else {
             // The burst was a whole number of quadrature cycles, so the pins are as they were. The timer continues for
@@ -345,7 +345,7 @@ impl Outputs {
         });
     }
 
-    /// A half has been output.
+    /// Handles a half that has been output.
     fn refill(&mut self) {
         let flags = DMA2.isr().read();
         if [PINS, FORCES, TERMINALS].into_iter().any(|channel| flags.teif(channel)) {
@@ -365,7 +365,8 @@ impl Outputs {
                 self.lap();
             }
             State::Knots => {
-                // Both: a half was output twice. Or the DMA was too slow for a converter, which then stops for good.
+                // Both flags: a half was output twice. Or the DMA was too slow for a converter, which then stops for
+                // good.
                 let late = [DAC1, DAC2].iter().any(|dac| dac.sr().read().dmaudr(0));
                 if first && second || late {
                     self.stood = self.stood.saturating_add(1);
@@ -403,7 +404,7 @@ impl Outputs {
         }
     }
 
-    /// What to write to BSRR: bits to set, and above them bits to reset.
+    /// The value to write to BSRR: bits to set, and above them bits to reset.
     fn levels(&self, count: i32) -> u32 {
         let (a, b) = quadrature(count);
         let of = |bit: u32, level: bool| if level { bit } else { bit << 16 };
@@ -411,7 +412,7 @@ impl Outputs {
     }
 }
 
-/// Starts the timer from 0 with this period; nothing uses its updates yet.
+/// Starts the timer at 0 with this period; nothing uses its updates yet.
 #[inline(never)]
 fn start_timer(ticks: u16) {
     TIM7.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
@@ -425,7 +426,7 @@ fn start_timer(ticks: u16) {
     });
 }
 
-/// Stops timer and DMA, after the transfers under way.
+/// Stops timer and DMA, after the transfers in progress.
 #[inline(never)]
 fn halt() {
     TIM7.cr1().write(|_| ());
@@ -444,7 +445,8 @@ fn minus(a: u16, b: u16) -> u16 {
     if a >= b { a - b } else { a + TICKS - b }
 }
 
-/// By how much TIM7 lags TIM6 now: the mean of two readings, one before and one after, cancels the time between them.
+/// The present lag of TIM7 behind TIM6: the mean of two readings, one before and one after, cancels the time between
+/// them.
 #[inline(never)]
 fn phase() -> u16 {
     let (before, sampling, after) = (TIM7.cnt().read().cnt(), TIM6.cnt().read().cnt(), TIM7.cnt().read().cnt());
@@ -469,7 +471,7 @@ fn prepare(channel: usize, request: u8, to: u32, from: u32, size: Size, circular
         w.set_dir(Dir::FROM_MEMORY);
         w.set_circ(circular);
         w.set_minc(true);
-        // A converter's register takes words only.
+        // A converter's register accepts only words.
         w.set_psize(Size::BITS32);
         w.set_msize(size);
         w.set_pl(Pl::HIGH);

@@ -1,7 +1,6 @@
 //! The converter's "ready" line: its edge latches the encoder's count, and the interrupt comes from the latch.
 //!
-//! So the count belongs to the edge, whenever it is fetched; and an edge that was not fetched in time leaves a
-//! trace.
+//! So the count belongs to the edge, whenever it is fetched; and an edge that was not fetched in time is detected.
 
 use core::future::poll_fn;
 use core::task::Poll;
@@ -31,7 +30,7 @@ impl Handler<Tim2Interrupt> for LatchHandler {
     }
 }
 
-/// What the line's last edge latched.
+/// The latest edge of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
     /// Encoder count.
@@ -61,17 +60,17 @@ impl Ready {
         Self { _private: () }
     }
 
-    /// Discards what was latched.
+    /// Discards a latched edge.
     pub fn clear(&mut self) {
         let _ = self.fetch();
     }
 
-    /// Whether an edge was latched that was not fetched.
+    /// Whether an edge is latched and not yet fetched.
     pub fn is_latched(&self) -> bool {
         TIM2.sr().read().ccif(CHANNEL)
     }
 
-    /// Waits for the next edge, or takes the last that was not fetched. The future may be dropped.
+    /// Waits for the next edge, or returns the last one not fetched. The future may be dropped.
     pub async fn edge(&mut self) -> Edge {
         poll_fn(|context| {
             LATCHED.register(context.waker());
@@ -95,7 +94,7 @@ impl Ready {
         let count = TIM2.ccr(CHANNEL).read();
         let missed = flags.ccof(CHANNEL);
         if missed {
-            // Writing 0 clears a flag, writing 1 leaves it.
+            // Writing 0 clears a flag, writing 1 leaves it unchanged.
             TIM2.sr().write(|w| {
                 w.0 = u32::MAX;
                 w.set_ccof(CHANNEL, false);

@@ -1,14 +1,15 @@
-//! Why the device started, and what follows from that before anything else runs.
+//! Why the device started, and the actions that follow before anything else runs.
 //!
 //! - Two presses of the reset button within half a second, or a command, start the ROM's update mode (DFU).
 //! - The ROM's update mode starts the new firmware by a jump; a reset then puts the chip in the state that the firmware
-//!   expects, unless the option bytes lead every reset into the ROM: then they are changed first (`options.rs`), and if
-//!   that was tried or the watchdog bit, what the ROM left is undone by hand until the next start. So it is if a reset
-//!   was tried and the start still looks like a jump: no state of the chip may cause endless resets. AN2606 says that
-//!   the ROM restores no register before the jump, AN3155 that it does, so nothing is assumed: a jump leaves the
-//!   vectors, address 0, the protection unit or the clocks unlike a reset, or exactly as a reset does.
+//!   expects, unless the option bytes lead every reset into the ROM. In that case they are changed first
+//!   (`options.rs`); if that was tried or the watchdog caused a reset, the ROM's changes are undone by hand until the
+//!   next start. The same happens if a reset was tried and the start still looks like a jump: no state of the chip may
+//!   cause endless resets. AN2606 says that the ROM restores no register before the jump, AN3155 that it does, so
+//!   nothing is assumed: a jump leaves the vectors, address 0, the protection unit or the clocks in a state other than
+//!   after a reset, or exactly as a reset does.
 //! - A firmware that keeps failing at its start ignores the saved settings, and finally enters update mode. Panics and
-//!   faults count themselves, the watchdog is recognised by its flag; a reset by a probe is neither.
+//!   faults increment the count, and the watchdog is recognised by its flag; a reset by a probe does not count.
 //!
 //! Sources: RM0440 7.4.30 (reset flags), 10.2.1 (MEM_MODE); AN2606 (system memory boot mode); PM0214 4.4.4 (VTOR).
 
@@ -30,13 +31,13 @@ const ROM: *const u32 = 0x1FFF_0000 as *const u32;
 const DOUBLE_PRESS: Instant = Instant::from_millis(500);
 /// A run that reaches this time has not failed at its start.
 const GOOD_RUN: Instant = Instant::from_secs(10);
-/// Failed starts in a row after which the saved settings are ignored, as they may be the cause.
+/// Consecutive failed starts after which the saved settings are ignored, because they may be the cause.
 const SUSPECTS_SETTINGS: u32 = 3;
-/// Failed starts in a row after which the device waits for another firmware.
+/// Consecutive failed starts after which the device waits for another firmware.
 const GIVES_UP: u32 = 6;
 
-// Runs before memory is set up, which the jump's state must not affect: a protection unit that is still on would make
-// the first write a fault, with the ROM's handlers. Uses no stack, as nothing is known about it.
+// Runs before memory is initialised, which must not depend on the state after the jump: with the protection unit still
+// on, the first write would fault, with the ROM's handlers. Uses no stack, because nothing is known about it.
 global_asm!(
     ".section .text.__pre_init,\"ax\",%progbits",
     ".global __pre_init",
@@ -53,7 +54,7 @@ global_asm!(
     "ldr r1, [r0]",
     "bics r1, r1, #0x08000000",
     "bne 2f",
-    // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) on for the moment.
+    // SYSCFG_MEMRMP.MEM_MODE, with its clock (APB2ENR.SYSCFGEN) temporarily on.
     "ldr r0, =0x40021060",
     "ldr r1, [r0]",
     "orr r2, r1, #1",
@@ -64,7 +65,7 @@ global_asm!(
     "str r1, [r0]",
     "ands r2, r2, #7",
     "bne 2f",
-    // Undoes what the ROM may have left in the core: interrupts enabled and pending, SysTick, masks, its stack.
+    // Undoes what the ROM may have changed in the core: interrupts enabled and pending, SysTick, masks, its stack.
     "4:",
     "movs r1, #0",
     "ldr r0, =0xE000E010",
@@ -91,8 +92,8 @@ global_asm!(
     "cpsie f",
     "cpsie i",
     // The first write to each cut of SRAM1 and SRAM2 may be lost (ES0430 2.2.7). The first cut has parity, if the
-    // option bytes say so, and must not be read before it is written: it is written twice, as start-up fills this place
-    // later. The others keep their content.
+    // option bytes enable it, and must not be read before it is written: it is written twice, because start-up fills
+    // this location later. The others keep their contents.
     "ldr r0, =0x20000000",
     "str r1, [r0]",
     "dsb",
@@ -121,7 +122,7 @@ global_asm!(
     "bne 5f",
     "tst r1, #0x0C000000",
     "bne 6f",
-    // It does: by hand. Protection unit off, address 0 and vectors in flash.
+    // It does: undo by hand. Protection unit off, address 0 and vectors in flash.
     "5:",
     "movs r1, #0",
     "ldr r0, =0xE000ED94",
@@ -158,7 +159,7 @@ pub fn flags() -> u32 {
     FLAGS.load(Ordering::Relaxed)
 }
 
-/// What a run leaves behind for the next one.
+/// A message from one run to the next.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 enum Note {
@@ -173,7 +174,7 @@ enum Note {
 #[unsafe(link_section = ".uninit.note")]
 static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// [`STARTS_MAGIC`] and, in the low byte, how many runs in a row have ended too early; not touched by start-up.
+/// [`STARTS_MAGIC`] and, in the low byte, how many consecutive runs have ended too early; not touched by start-up.
 #[unsafe(link_section = ".uninit.starts")]
 static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
 const STARTS_MAGIC: u32 = 0x5354_5200;
@@ -188,10 +189,11 @@ fn set_saves_left(number: u8) {
     unsafe { ptr::write_volatile(ptr::addr_of_mut!(SAVES_LEFT).cast(), SAVES_MAGIC | u32::from(number)) };
 }
 
-/// What the previous run left, if it ended by a request; returned once.
+/// The saves left by the previous run, if it ended by a request; returned once.
 fn take_saves_left(cause: ResetCause) -> u8 {
     let place = ptr::addr_of_mut!(SAVES_LEFT).cast::<u32>();
-    // SAFETY: one word of RAM, any content of which is valid; volatile, as the run before wrote it. Thread mode only.
+    // SAFETY: one word of RAM, any content of which is valid; volatile, because the previous run wrote it. Thread mode
+    // only.
     let word = unsafe { ptr::read_volatile(place) };
     // SAFETY: as above. Cleared, so that a later start that nobody requested does not find it.
     unsafe { ptr::write_volatile(place, 0) };
@@ -205,7 +207,7 @@ fn set_failed_starts(number: u32) {
 }
 
 fn failed_starts() -> u32 {
-    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
+    // SAFETY: one word of RAM, for which every content is valid; volatile, because the previous run wrote it.
     let word = unsafe { ptr::read_volatile(ptr::addr_of!(STARTS).cast::<u32>()) };
     if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
 }
@@ -220,7 +222,7 @@ pub fn note_failure() {
 pub struct Started {
     /// Why the device started.
     pub cause: ResetCause,
-    /// The previous runs ended so early, and so often, that the saved settings may be the cause.
+    /// Whether the previous runs ended so early and so often that the saved settings may be the cause.
     pub suspects_settings: bool,
     /// Saves that the flash may take now.
     pub saves_left: u8,
@@ -232,14 +234,14 @@ fn set_note(note: Note) {
 }
 
 fn note_is(note: Note) -> bool {
-    // SAFETY: one word of RAM, for which every content is valid; volatile, as the run before wrote it.
+    // SAFETY: one word of RAM, for which every content is valid; volatile, because the previous run wrote it.
     note as u32 == unsafe { ptr::read_volatile(ptr::addr_of!(NOTE).cast()) }
 }
 
-/// Finds out why the device started. To be called first of all; might not return.
+/// Finds out why the device started. Must be called first of all; may not return.
 pub fn begin() -> Started {
     if RCC.cfgr().read().sws() != Sw::HSI || RCC.crrcr().read().hsi48on() {
-        // Started by a jump (see `__pre_init`), and the clocks are the ROM's.
+        // Started by a jump (see `__pre_init`), with the ROM's clocks.
         if !options::start_in_rom() && !RCC.csr().read().sftrstf() {
             SCB::sys_reset();
         }
@@ -248,7 +250,7 @@ pub fn begin() -> Started {
     let flags = RCC.csr().read();
     RCC.csr().modify(|w| w.set_rmvf(true));
     FLAGS.store(flags.0, Ordering::Relaxed);
-    // The pin's flag is set along with each of the others, as the chip pulls the pin low itself.
+    // The pin's flag is set along with each of the others, because the chip pulls the pin low itself.
     let cause = if flags.borrstf() {
         ResetCause::PowerOn
     } else if flags.iwdgrstf() {
@@ -268,7 +270,8 @@ pub fn begin() -> Started {
     };
     let failed = match cause {
         ResetCause::Watchdog => failed_starts() + 1,
-        // A panic has counted itself; a requested restart has cleared the number; a probe's reset changes nothing.
+        // A panic has already been counted; a requested restart has cleared the number; a probe's reset changes
+        // nothing.
         ResetCause::Software => failed_starts(),
         _ => 0,
     };
@@ -277,7 +280,8 @@ pub fn begin() -> Started {
     let pressed = note_is(Note::Pressed);
     let again = pressed && cause == ResetCause::Pin;
     let wanted = note_is(Note::Update) && cause == ResetCause::Software;
-    // A press survives restarts that nobody requested, or two presses could not break an endless series of them.
+    // A press is remembered across restarts that nobody requested; otherwise two presses could not break an endless
+    // series of them.
     set_note(if cause == ResetCause::Pin || pressed && by_itself { Note::Pressed } else { Note::Nothing });
     if again || wanted || failed >= GIVES_UP {
         set_note(Note::Nothing);
@@ -287,7 +291,7 @@ pub fn begin() -> Started {
     Started { cause, suspects_settings: failed >= SUSPECTS_SETTINGS, saves_left: take_saves_left(cause) }
 }
 
-/// Forgets the press of the button in time, and failed starts after a good run.
+/// Clears the memory of a button press after its time, and the count of failed starts after a good run.
 pub async fn forget() {
     Timer::at(DOUBLE_PRESS).await;
     if note_is(Note::Pressed) {
@@ -305,7 +309,8 @@ pub fn restart(saves_left: u8) -> ! {
     SCB::sys_reset()
 }
 
-/// Does nothing more, with this many saves left: the watchdog bites. For the watchdog's test, so not a failed start.
+/// Does nothing more, with this many saves left, until the watchdog resets the chip. For the watchdog's test, so not a
+/// failed start.
 pub fn hang(saves_left: u8) -> ! {
     set_saves_left(saves_left);
     set_note(Note::Nothing);
@@ -323,7 +328,8 @@ pub fn update(saves_left: u8) -> ! {
     SCB::sys_reset()
 }
 
-/// Everything is as after a reset, the protection unit off and VTOR 0: the ROM starts as if selected by the boot pin.
+/// Everything is as after a reset, with the protection unit off and VTOR 0: the ROM starts as if selected by the boot
+/// pin.
 fn enter_rom() -> ! {
     RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // The ROM at address 0 (RM0440, 10.2.1: 001).

@@ -8,7 +8,7 @@
 //!
 //! The three rings have the same length and start together, so entry `n` of each belongs to the same event. A *half*
 //! (256 entries, 4 ms) is read while the hardware fills the other one. The state of the hardware is checked at each
-//! half: the rings must be at the same entry, in the half expected, with no conversion overrun.
+//! half: the rings must be at the same entry, in the expected half, with no conversion overrun.
 //!
 //! Sources: RM0440 12 (DMA), 13 table 91 (DMAMUX), 21 (ADC; trigger 13 of table 163 is TIM6_TRGO), 29 and 31 (timers).
 
@@ -31,7 +31,7 @@ use embassy_stm32::timer::{Ch1, Ch2, TimerPin};
 use embassy_stm32::{Peri, peripherals};
 use embassy_sync::waitqueue::AtomicWaker;
 
-/// Events a second.
+/// Events per second.
 pub const ENTRIES_PER_S: u32 = 64_000;
 /// Entries in half a ring: 4 ms.
 pub const HALF: usize = 256;
@@ -41,13 +41,13 @@ const RING: usize = 2 * HALF;
 const TICKS: u32 = CORE_HZ / ENTRIES_PER_S;
 const _: () = assert!(TICKS * ENTRIES_PER_S == CORE_HZ && TICKS <= 0x1_0000);
 
-/// Timer ticks from an event until its codes are certain to be in the rings: 0.95 us for the conversion, as much again
-/// for the transfers.
+/// Timer ticks from an event until its codes are certain to be in the rings: 0.95 us for the conversion, and the same
+/// again for the transfers.
 const SETTLED: u16 = 2 * CORE_PER_US as u16;
-/// The same for the check that the rings are at one entry: a converter that samples some microseconds late still
-/// belongs to its event, and restarts would hide how late it is, which the test with jumpers measures.
+/// The same for the check that the rings are at the same entry: a converter that samples some microseconds late still
+/// belongs to its event, and restarts would hide its delay, which the test with jumpers measures.
 const ALIGNED: u16 = 5 * CORE_PER_US as u16;
-/// Polls of the rings, some 20 ticks each, until one falls between two events: more than [`ALIGNED`].
+/// Polls of the rings, about 20 ticks each, until one falls between two events: more than [`ALIGNED`].
 const POLLS: usize = 64;
 /// Polls of a converter until its discarded conversion ends or it stops, of at least 10 cycles each: it takes 150.
 const DISCARD_POLLS: usize = 100;
@@ -143,7 +143,7 @@ pub struct Encoder {
     _private: (),
 }
 
-/// Takes the encoder's inputs and starts counting: four counts a line, 32 bits, wrapping.
+/// Takes the encoder's inputs and starts counting: four counts per line, 32 bits, wrapping.
 pub fn encoder(
     _timer: Peri<'static, peripherals::TIM2>,
     a: Peri<'static, impl TimerPin<peripherals::TIM2, Ch1>>,
@@ -166,10 +166,10 @@ pub fn encoder(
     Encoder { _private: () }
 }
 
-/// The rings and what fills them.
+/// The rings and the hardware that fills them.
 pub struct Rings {
     _encoder: Encoder,
-    /// Both converters are ready.
+    /// Whether both converters are ready.
     ready: bool,
 }
 
@@ -180,8 +180,9 @@ impl Rings {
             RCC.ahb2enr().modify(|w| w.set_adc12en(true));
             RCC.apb1enr1().modify(|w| w.set_tim6en(true));
         });
-        // The clock is not the timer's, though from the same PLL. A trigger waits for it: 1.5 to 2.5 of its periods,
-        // cycling through four phases, as 2625 ticks are not a multiple of 4; the same for both converters.
+        // This clock differs from the timer's, though both come from the same PLL. A trigger is synchronised to it: 1.5
+        // to 2.5 of its periods, cycling through four phases, because 2625 ticks are not a multiple of 4; the same for
+        // both converters.
         adc::choose_clock(ADC12_COMMON);
         let ready = convert(ADC1, force.channel) & convert(ADC2, terminal.channel);
         TIM6.cr1().write(|w| w.set_urs(Urs::COUNTER_ONLY));
@@ -214,12 +215,12 @@ impl Rings {
             adc.cr().modify(|w| w.set_adstart(true));
         }
         TIM6.cnt().write(|w| w.set_cnt(0));
-        // Last, as a request waits for its channel.
+        // Last, because a request waits for its channel.
         TIM6.dier().write(|w| w.set_ude(true));
         TIM6.cr1().modify(|w| w.set_cen(true));
     }
 
-    /// Stops everything, after the transfers under way.
+    /// Stops everything, after the transfers in progress.
     pub fn stop(&mut self) {
         TIM6.cr1().modify(|w| w.set_cen(false));
         // A conversion takes 0.95 us from the event, its transfer less.
@@ -228,7 +229,7 @@ impl Rings {
         for adc in [ADC1, ADC2] {
             if adc.cr().read().adstart() {
                 adc.cr().modify(|w| w.set_adstp(Adstp::STOP));
-                // If it does not stop, no half will be full after the next start, which is noticed.
+                // If it does not stop, no half will become full after the next start, which is detected.
                 let _ = (0..DISCARD_POLLS).any(|_| !adc.cr().read().adstart());
             }
         }
@@ -257,13 +258,13 @@ impl Rings {
         if position(TERMINALS) < HALF { Half::Second } else { Half::First }
     }
 
-    /// What a full half holds: counts, force codes, terminal codes.
+    /// The contents of a full half: counts, force codes, terminal codes.
     ///
     /// Valid only if [`holds`](Self::holds) is true afterwards.
     pub fn half(&self, half: Half) -> (&[u32; HALF], &[u16; HALF], &[u16; HALF]) {
         let start = half.start();
         // SAFETY: the pointers stay inside the rings. The DMA writes the other half; if it has come back meanwhile, the
-        // numbers are arbitrary, and `holds` tells the caller that they are invalid.
+        // numbers are arbitrary, and `holds` shows the caller that they are invalid.
         unsafe {
             (
                 &*ptr::from_ref(&(*MEMORY.counts.get())[start]).cast(),
@@ -273,7 +274,7 @@ impl Rings {
         }
     }
 
-    /// Whether the hardware has not come back to this half yet.
+    /// Whether the hardware has not yet returned to this half.
     pub fn holds(&self, half: Half) -> bool {
         let flags = DMA1.isr().read();
         let other_is_full = match half {
@@ -317,13 +318,13 @@ fn position(channel: usize) -> usize {
     RING.saturating_sub(usize::from(DMA1.ch(channel).ndtr().read().ndt())) % RING
 }
 
-/// Whether all rings are at the same entry. One entry off is a false damper: 47 N s/m for 300 kg at 16 Hz.
+/// Whether all rings are at the same entry. An error of one entry looks like a damper: 47 N s/m for 300 kg at 16 Hz.
 fn are_aligned() -> bool {
     let tick = || TIM6.cnt().read().cnt();
     for _ in 0..POLLS {
         let before = tick();
         let positions = [COUNTS, FORCES, TERMINALS].map(position);
-        // No event between the two: the timer restarts at each.
+        // No event occurred between the two: the timer restarts at each event.
         if before >= ALIGNED && tick() >= before {
             return positions == [positions[COUNTS]; 3];
         }
@@ -367,13 +368,13 @@ fn discard(adc: Adc) {
         w.set_exten(Exten::DISABLED);
     });
     adc.cr().modify(|w| w.set_adstart(true));
-    // If it does not end, no half will ever be full, which is noticed.
+    // If it does not end, no half will ever become full, which is detected.
     let _ = (0..DISCARD_POLLS).any(|_| !adc.cr().read().adstart());
     let _ = adc.dr().read();
     adc.cfgr().write_value(by_event);
 }
 
-/// Whether no conversion is running nor will start within this many of the timer's ticks.
+/// Whether no conversion is running and none will start within this many of the timer's ticks.
 pub fn rest_for(ticks: u16) -> bool {
     let rest = SETTLED..TICKS as u16 - ticks;
     !TIM6.cr1().read().cen() || rest.contains(&TIM6.cnt().read().cnt())

@@ -1,8 +1,8 @@
 //! The analogue front end: turns full halves of the rings into samples.
 //!
-//! Deadline: a half, 4 ms, from the interrupt to the last read. A miss is detected, and becomes a discontinuity.
-//! Every fault costs only time: what is lost is counted by the clock, the same that starts the conversions, so the
-//! sample counter stays right.
+//! Deadline: a half, 4 ms, from the interrupt to the last read. A miss is detected, and becomes a discontinuity. Every
+//! fault costs only time: the clock that starts the conversions also counts the lost samples, so the sample counter
+//! stays correct.
 
 use crate::led;
 use crate::rings::{ENTRIES_PER_S, HALF, Half, RingError, Rings};
@@ -20,7 +20,7 @@ const SAMPLES_PER_HALF: usize = HALF / 16;
 /// Time that a half takes to fill.
 const HALF_TIME: Duration = Duration::from_micros(HALF as u64 * 1_000_000 / ENTRIES_PER_S as u64);
 const _: () = assert!(HALF_TIME.as_micros() * ENTRIES_PER_S as u64 == HALF as u64 * 1_000_000);
-/// If no half is full in this time, the hardware has stopped.
+/// If no half becomes full in this time, the hardware has stopped.
 const HALF_LIMIT: Duration = Duration::from_millis(20);
 /// Time for which it is restarted repeatedly before it counts as broken.
 const RESTART_LIMIT: Duration = Duration::from_millis(250);
@@ -32,7 +32,7 @@ pub struct Sampler {
     running: bool,
     /// Half that will be full next.
     next: Half,
-    /// When that half began; `None` while no time counts: before the first start, and between two rates.
+    /// When that half began; `None` while time does not count: before the first start, and between two rates.
     begun: Option<Instant>,
     /// Samples not returned yet, from `given` on.
     ready: Vec<RawSample, SAMPLES_PER_HALF>,
@@ -42,7 +42,7 @@ pub struct Sampler {
 }
 
 impl Sampler {
-    /// Halted, at 1 kHz.
+    /// A sampler that is halted, at 1 kHz.
     pub fn new(rings: Rings) -> Self {
         Self {
             rings,
@@ -107,7 +107,7 @@ impl Sampler {
         }
     }
 
-    /// Starts at the first entry; what was missed since the last half is left out.
+    /// Starts at the first entry; entries missed since the last half are left out.
     fn start(&mut self) {
         let now = Instant::now();
         self.rings.start();
@@ -128,7 +128,7 @@ impl Sampler {
         Err(why)
     }
 
-    /// Takes the half's entries, unless the hardware comes back to it meanwhile.
+    /// Takes the half's entries, unless the hardware returns to it meanwhile.
     fn take(&mut self, half: Half) -> Result<(), SourceError> {
         self.ready.clear();
         self.given = 0;
@@ -149,7 +149,7 @@ impl Sampler {
         Err(SourceError::Overrun)
     }
 
-    /// Halves were overwritten: leaves them out and takes the latest full one.
+    /// Halves were overwritten: skips them and takes the latest full one.
     fn catch_up(&mut self) -> Result<(), SourceError> {
         let latest = self.rings.latest();
         let elapsed = self.begun.map_or(Duration::MIN, |begun| begun.elapsed());
@@ -167,16 +167,16 @@ fn entries_in(time: Duration) -> u32 {
     ((time.as_micros() * u64::from(ENTRIES_PER_S) + 500_000) / 1_000_000) as u32
 }
 
-/// Halves overwritten, from the time since the first of them began, when the latest is full.
+/// Number of halves overwritten, from the time since the first of them began, when the latest is full.
 ///
-/// The time tells how many, and which half is the latest tells whether the number is even.
+/// The time gives the number approximately; which half is the latest shows whether it is even.
 fn missed_halves(elapsed_us: u64, even: bool) -> u32 {
     let half_us = HALF_TIME.as_micros();
-    // All full halves but the latest.
+    // All full halves except the latest.
     let missed = (elapsed_us / half_us).saturating_sub(1) as u32;
     if missed.is_multiple_of(2) == even {
         return missed;
     }
-    // The interrupt and the clock were read at the edge of a half.
+    // The interrupt and the clock were read at the boundary of a half.
     if elapsed_us % half_us < half_us / 2 && missed > 0 { missed - 1 } else { missed + 1 }
 }

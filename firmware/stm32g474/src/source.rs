@@ -12,7 +12,7 @@ fn rates_hz(front_end: FrontEnd) -> &'static [f64] {
     }
 }
 
-/// Whether the front end that the settings select supports them.
+/// Whether the front end selected by the settings supports them.
 pub fn accepts(settings: &Settings) -> Result<(), SettingsError> {
     let (value, offered) = (settings.sample_rate_hz, rates_hz(settings.front_end));
     if !offered.contains(&value) {
@@ -34,7 +34,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Halted.
+    /// A source that is halted.
     pub fn new(sampler: Sampler, converter: Converter) -> Self {
         Self { sampler, converter, in_use: None }
     }
@@ -53,7 +53,7 @@ impl SampleSource for Source {
         }
     }
 
-    /// The sample counter continues, whichever front end follows; one index is left out, as the samples before and
+    /// The sample counter continues, whichever front end follows; one index is skipped, because the samples before and
     /// after are not consecutive.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
         self.halt().await;

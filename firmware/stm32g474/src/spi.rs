@@ -1,4 +1,4 @@
-//! The converter's bus: SPI2 by DMA, with its chip select.
+//! The converter's bus: SPI2 with DMA, and its chip select.
 //!
 //! Bytes go through a buffer that outlives every future, so the DMA never accesses memory of a dropped future.
 //! Source: RM0440 39.5.9 (communication using DMA), 13 table 91 (requests).
@@ -23,7 +23,7 @@ const SENT: usize = 3;
 const RECEIVED: usize = 4;
 const REQUEST_SENT: u8 = 13;
 const REQUEST_RECEIVED: u8 = 12;
-/// Bytes at once; a frame has 18.
+/// Maximum bytes per transfer; a frame has 18.
 const LENGTH: usize = 32;
 /// Bytes of the SPI's own receive buffer.
 const FIFO: usize = 4;
@@ -69,7 +69,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// Takes the bus. `select` is high at rest.
+    /// Takes the bus. `select` is high when idle.
     pub fn new(
         _bus: Peri<'static, peripherals::SPI2>,
         clock: Peri<'static, impl SckPin<peripherals::SPI2>>,
@@ -86,7 +86,7 @@ impl Device {
         ] {
             let mut pin = pin;
             pin.set_as_af_unchecked(function, kind);
-            // Stays connected.
+            // The pin stays connected.
             core::mem::forget(pin);
         }
         critical_section::with(|_| RCC.apb1enr1().modify(|w| w.set_spi2en(true)));
@@ -107,7 +107,7 @@ impl Device {
     }
 }
 
-/// Deselects and stops the bus, even when the future is dropped.
+/// Deselects the device and stops the bus, even if the future is dropped.
 struct Selected<'a>(&'a mut Output<'static>);
 
 impl<'a> Selected<'a> {
@@ -116,7 +116,7 @@ impl<'a> Selected<'a> {
         Self(select)
     }
 
-    /// Sends the buffer's bytes and replaces them by those that come back.
+    /// Sends the buffer's bytes and replaces them with those received.
     async fn exchange(&mut self, count: usize) -> Result<(), Failed> {
         SPI2.cr2().modify(|w| w.set_rxdmaen(true));
         prepare(RECEIVED, Dir::FROM_PERIPHERAL, count);
@@ -170,8 +170,8 @@ fn prepare(channel: usize, dir: Dir, count: usize) {
 /// Stops a transfer at any point; does nothing if it has ended.
 fn stop() {
     DMA1.ch(SENT).cr().write(|_| ());
-    // If all bytes have come back, nothing is on its way. Else that ends within one to four bytes. An SPI switched off
-    // before may show busy forever (ES0430 2.18.1), so the flag is not read afterwards.
+    // If all bytes have been received, nothing is in transit. Otherwise that ends within one to four bytes. An SPI that
+    // was switched off before may show busy forever (ES0430 2.18.1), so the flag is not read afterwards.
     if DMA1.ch(RECEIVED).ndtr().read().ndt() != 0 {
         let is_idle = || {
             let status = SPI2.sr().read();
@@ -181,7 +181,7 @@ fn stop() {
     }
     DMA1.ch(RECEIVED).cr().write(|_| ());
     SPI2.cr1().modify(|w| w.set_spe(false));
-    // A transfer that was cut off may have left bytes.
+    // An aborted transfer may have left bytes.
     for _ in 0..FIFO {
         if SPI2.sr().read().frlvl() == Frlvl::EMPTY {
             break;

@@ -10,7 +10,7 @@ unsafe extern "C" {
     static mut _stack_end: u32;
 }
 
-/// Bytes of the guard: more stack than the fault handler needs, as the guard does not stop that handler.
+/// Size of the guard: more stack than the fault handler needs, because the guard does not stop that handler.
 const GUARD: u32 = 1024;
 /// RASR: no execution, no access, size 2^(9+1), enabled (ARMv7-M, B3.5.9).
 const NO_ACCESS: u32 = 1 << 28 | 9 << 1 | 1;
@@ -19,10 +19,10 @@ const ENABLE: u32 = 1 << 2 | 1;
 
 /// Turns a stack overflow into a fault at the stack's end, instead of a change in other memory.
 ///
-/// Only once it is certain that this run does not enter the ROM: the ROM's program works in the same memory, and only
-/// a reset removes the guard.
+/// Called only once it is certain that this run does not enter the ROM: the ROM's program uses the same memory, and
+/// only a reset removes the guard.
 pub fn guard(mpu: &mut MPU) {
-    // SAFETY: the region lies above all static memory and below what the stack has used so far.
+    // SAFETY: the region is above all static memory and below the stack used so far.
     unsafe {
         mpu.rnr.write(0);
         mpu.rbar.write(guard_start());
@@ -38,7 +38,7 @@ fn guard_start() -> u32 {
     (ptr::addr_of!(_stack_end) as u32).next_multiple_of(GUARD)
 }
 
-/// The whole stack, in bytes.
+/// Size of the whole stack, in bytes.
 pub fn bytes() -> u32 {
     ptr::addr_of!(_stack_start) as u32 - (guard_start() + GUARD)
 }

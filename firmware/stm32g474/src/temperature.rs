@@ -1,7 +1,7 @@
 //! The chip's own temperature and voltage reference, by ADC5.
 //!
-//! Converts twice, as the first conversion more than 1 ms after the one before may be wrong (ES0430 2.7.9), and between
-//! two samples, as starting a converter may disturb another one's conversion (ES0430 2.7.11).
+//! Converts twice, because the first conversion more than 1 ms after the previous one may be wrong (ES0430 2.7.9), and
+//! between two samples, because starting a converter may disturb another one's conversion (ES0430 2.7.11).
 //!
 //! Source: RM0440 21.4.32 and 21.4.34; DS12288 tables 5 and 6 (calibration at 30 and 130 degrees, supply of 3.0 V).
 
@@ -16,7 +16,7 @@ const SENSOR: u8 = 4;
 const REFERENCE: u8 = 18;
 /// Polls of the converter, of at least 10 cycles each: a conversion takes 1000.
 const POLLS: u32 = 1_000;
-/// Core clocks of a conversion: (247.5 + 12.5) converter clocks, each four of the core's, and two until it starts.
+/// Core clocks per conversion: (247.5 + 12.5) converter clocks, each four of the core's, and two until it starts.
 const CONVERSION: u16 = 7 * CORE_PER_US as u16;
 const CALIBRATION_30: *const u16 = 0x1FFF_75A8 as *const u16;
 const CALIBRATION_130: *const u16 = 0x1FFF_75CA as *const u16;
@@ -24,12 +24,12 @@ const CALIBRATION_REFERENCE: *const u16 = 0x1FFF_75AA as *const u16;
 /// Supply here divided by supply at the calibration.
 const SUPPLY: f32 = 3.3 / 3.0;
 
-/// Polls for a moment between two samples, of at least 10 cycles each: two periods of sampling.
+/// Polls for a gap between two samples, of at least 10 cycles each: two periods of sampling.
 const MOMENTS: u32 = 500;
 
 /// The sensor, switched on.
 pub struct Sensor {
-    /// Its converter is ready.
+    /// Whether its converter is ready.
     ready: bool,
 }
 
@@ -49,8 +49,8 @@ impl Sensor {
         Self { ready }
     }
 
-    /// Temperature in degrees Celsius, to about 5; takes 45 us at most. `None` when the converter does not answer or
-    /// the chip has no calibration.
+    /// Temperature in degrees Celsius, to about 5; takes at most 45 us. `None` if the converter does not respond or the
+    /// chip has no calibration.
     pub fn read_c(&mut self) -> Option<f32> {
         let code = f32::from(self.read(SENSOR)?) * SUPPLY;
         let [at_30, at_130, _] = factory();
@@ -87,7 +87,7 @@ impl Sensor {
     }
 }
 
-/// Codes at the factory: the sensor at 30 and at 130 degrees, the reference.
+/// Factory calibration codes: the sensor at 30 and at 130 degrees, the reference.
 pub fn factory() -> [u16; 3] {
     // SAFETY: constants of the chip, in its system memory.
     unsafe { [ptr::read(CALIBRATION_30), ptr::read(CALIBRATION_130), ptr::read(CALIBRATION_REFERENCE)] }

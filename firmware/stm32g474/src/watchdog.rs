@@ -1,4 +1,4 @@
-//! The independent watchdog: resets a device that measures nothing.
+//! The independent watchdog: resets a device that has stopped measuring.
 
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::{DBGMCU, IWDG};
@@ -12,9 +12,9 @@ const PERIODS: u16 = 2_000;
 const TAKEN_OVER_MS: u32 = 50;
 const CHECK_PERIOD: Duration = Duration::from_millis(500);
 
-/// Starts the watchdog, before the first wait: a start that hangs has failed.
+/// Starts the watchdog, before the first wait, so that a start that hangs fails.
 ///
-/// [`watch`] runs in time: until then the limit is that of the registers after a reset, 0.5 s, and a start takes 0.2 s
+/// [`watch`] runs in time: until then the limit is that of the registers' reset values, 0.5 s, and a start takes 0.2 s
 /// if there is no crystal.
 pub fn start() {
     // A probe that halts the core halts the watchdog.
@@ -22,7 +22,7 @@ pub fn start() {
     IWDG.kr().write(|w| w.set_key(Key::START));
 }
 
-/// Feeds the watchdog as long as sampling, estimating and telemetry all give heartbeats.
+/// Feeds the watchdog while sampling, estimating and telemetry all give heartbeats.
 pub async fn watch(app: &App) -> ! {
     // After the start (RM0440, 42.3.2).
     IWDG.kr().write(|w| w.set_key(Key::ENABLE));

@@ -1,7 +1,7 @@
 //! Cycles that each task takes, by the core's cycle counter (DWT_CYCCNT; ARMv7-M, C1.8).
 //!
 //! Always counted: a poll costs two reads of the counter and an addition. All numbers wrap; a difference over less than
-//! 25 s is right. The counter may stop while the core sleeps, when no task runs.
+//! 25 s is correct. The counter may stop while the core sleeps, when no task runs.
 
 use core::future::poll_fn;
 use core::pin::Pin;
@@ -30,20 +30,20 @@ pub fn start(dcb: &mut DCB, dwt: &mut DWT) {
     dwt.enable_cycle_counter();
 }
 
-/// Each has one writer, so that no atomic read-modify-write is needed.
+/// Each has only one writer, so no atomic read-modify-write is needed.
 fn add(to: &AtomicU32, cycles: u32) {
     to.store(to.load(Ordering::Relaxed).wrapping_add(cycles), Ordering::Relaxed);
 }
 
-/// Counts the cycles of the sampling interrupt, with those of what interrupts it.
+/// Counts the cycles of the sampling interrupt, including those of interrupts that preempt it.
 pub fn counted_sampling(work: impl FnOnce()) {
     let begin = DWT::cycle_count();
     work();
     add(&SAMPLING, DWT::cycle_count().wrapping_sub(begin));
 }
 
-/// A clock that stops while samples are taken, and never goes back: if sampling came between the two reads, a task that
-/// takes next to no time would get a negative number, that is, one near 2^32.
+/// A clock that stops during sampling and never goes back: if sampling ran between the two reads, a task that takes
+/// next to no time would get a negative number, that is, one near 2^32.
 fn thread_cycles() -> u32 {
     loop {
         let sampling = SAMPLING.load(Ordering::Relaxed);
@@ -69,7 +69,7 @@ pub async fn counted<F: Future>(task: Task, mut future: Pin<&mut F>) -> F::Outpu
     .await
 }
 
-/// Cycles so far: sampling, then the tasks in their order.
+/// Cycles so far: sampling, then the tasks in order.
 pub fn cycles() -> [u32; 1 + TASKS] {
     let mut all = [SAMPLING.load(Ordering::Relaxed); 1 + TASKS];
     for (place, taken) in all.iter_mut().skip(1).zip(&TAKEN) {

@@ -1,4 +1,8 @@
 //! What each part of the estimator contributes: core without that part, compared with core itself, on the same runs.
+//!
+//! The copies of core are in target/ablation. A small test program that uses nothing else is built with them, so the
+//! firmware's source needs no switch and the image no extra instruction. [`host`] does the same for the host's
+//! computations.
 
 mod heuristics;
 mod host;

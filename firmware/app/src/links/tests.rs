@@ -14,7 +14,7 @@ use std::task::Poll;
 use std::vec;
 use std::vec::Vec;
 
-/// One direction. The wakers are not kept: the tests poll.
+/// One direction. The wakers are not kept, because the tests poll.
 #[derive(Clone)]
 struct Pipe(Rc<RefCell<Inner>>);
 
@@ -99,7 +99,7 @@ impl LinkPair {
         Self { state, usb, uart, receiver, transmitter }
     }
 
-    /// With hosts that have spoken on both.
+    /// With hosts that have sent a valid request on both.
     fn heard() -> Self {
         let mut bench = Self::new();
         for open in [false, true] {
@@ -109,7 +109,7 @@ impl LinkPair {
         bench
     }
 
-    /// A host says something valid on the link in use.
+    /// A host sends a valid request on the link in use.
     fn speak(&mut self) {
         let link = if self.state.in_use() == Which::First { &self.usb } else { &self.uart };
         link[0].put(b"request");
@@ -139,7 +139,7 @@ impl LinkPair {
     }
 }
 
-/// What a host gets from `bytes`: the complete frames.
+/// What a host receives in `bytes`: the complete frames.
 fn whole(bytes: &[u8]) -> Vec<&[u8]> {
     let mut frames: Vec<&[u8]> = bytes.split_inclusive(|byte| *byte == DELIMITER).collect();
     frames.retain(|frame| frame.len() > 1 && frame.ends_with(&[DELIMITER]));
@@ -260,7 +260,7 @@ fn nothing_is_sent_before_the_host_has_spoken() {
     assert!(!bench.state.note_request(), "once");
     bench.send(b"frame\0").unwrap();
     assert_eq!((bench.usb[1].all(), bench.uart[1].all()), (b"\0frame\0".to_vec(), vec![]));
-    // On the UART no host has spoken yet; on USB one must speak again.
+    // On the UART no host has sent a request yet; on USB one must send another.
     bench.state.set_open(false);
     bench.read();
     assert!(bench.state.is_mute());
@@ -292,7 +292,7 @@ fn a_port_that_opens_and_closes_without_end_leaves_no_torn_frame() {
     let mut sent = 0;
     for round in 0..400usize {
         if round % 3 == 0 {
-            // Faster than anything polls.
+            // Changes faster than any poll.
             for flap in 0..round % 4 {
                 bench.state.set_open(flap % 2 == 0);
             }

@@ -1,10 +1,10 @@
-//! The core's clock, the same on every board, and the oscillator that it is derived from.
+//! The core's clock, the same on every board, and the oscillator from which it is derived.
 
 use embassy_stm32::rcc;
 
 /// Clock of the core and of all buses and timers, in Hz.
 ///
-/// Not the 170 MHz that the chip can do: 168 MHz is 2625 times 64 kHz, exactly.
+/// Not the chip's maximum of 170 MHz: 168 MHz is exactly 2625 times 64 kHz.
 pub const CORE_HZ: u32 = 168_000_000;
 /// The same, per microsecond.
 pub const CORE_PER_US: u32 = CORE_HZ / 1_000_000;
@@ -23,15 +23,15 @@ pub struct Oscillator {
     pub crystal: Option<rcc::Hse>,
     /// Divides the oscillator before the PLL.
     pub divider: rcc::PllPreDiv,
-    /// Multiplies, to 336 MHz; half of that is the core's clock, an eighth the converters'.
+    /// Multiplies to 336 MHz; half of that is the core's clock, an eighth the converters'.
     pub multiplier: rcc::PllMul,
 }
 
 impl Oscillator {
-    /// 16 MHz / 4 * 84 / 2 = 168 MHz, about 1 %: for a board whose crystal does not start.
+    /// 16 MHz / 4 * 84 / 2 = 168 MHz, to about 1 %: for a board whose crystal does not start.
     pub const INTERNAL: Self = Self { crystal: None, divider: rcc::PllPreDiv::DIV4, multiplier: rcc::PllMul::MUL84 };
 
-    /// All clocks, the core's at half of [`CORE_HZ`], as it must not go there from under 80 MHz in one step: see
+    /// All clocks, with the core at half of [`CORE_HZ`], because it must not step there from below 80 MHz: see
     /// `clocks.rs`. USB runs from the chip's 48 MHz oscillator, trimmed by the host's start of frame.
     pub fn clocks(self) -> rcc::Config {
         let mut config = rcc::Config::new();

@@ -12,12 +12,12 @@ pub struct Parts {
     pub led: Output<'static>,
     /// USB, not started yet.
     pub usb: usb::Peripheral,
-    /// High while a host powers the bus; `None` where the board cannot tell.
+    /// High while a host powers the bus; `None` if the board cannot detect it.
     pub vbus: Option<ExtiInput<'static, Async>>,
     /// The second link.
     pub uart: lpuart::Uart,
     /// Encoder and both front ends.
     pub source: Source,
-    /// Outputs that jumpers lead back to them, for the self-test.
+    /// Outputs that jumpers connect to the inputs, for the self-test.
     pub player: player::Wires,
 }

@@ -1,14 +1,14 @@
-//! embassy-stm32's USB driver, plus what it lacks.
+//! embassy-stm32's USB driver, with additions.
 //!
-//! - *Bus power*: the peripheral has no detection of its own, and the driver pulls D+ up permanently. Here the pull-up
+//! - *Bus power*: the peripheral has no VBUS detection, and the driver pulls D+ up permanently. Here the pull-up
 //!   follows VBUS, so that a self-powered device does not feed a dead port.
-//! - *Halts*: clearing a halt must reset the data toggle and let the endpoint resume (USB 2.0, 9.4.5);
+//! - *Halts*: clearing a halt must reset the data toggle and re-enable the endpoint (USB 2.0, 9.4.5);
 //!   embassy-stm32 0.6 does neither. An endpoint number that does not exist must not reach the registers.
 //! - *Requests without data*: embassy-usb 0.6 neither answers nor rejects a request for 0 bytes, and the host waits
 //!   until it gives up. Here such a request is passed on as one for 1 byte, and the answer is discarded.
-//! - *Reset within a request*: embassy-usb 0.6 waits for nothing but the end of a control transfer, and after a bus
-//!   reset that never comes. Here a reset or suspend ends it, and what was received before a reset is discarded.
-//! - *Suspend*: if a suspend and a resume came together, embassy-stm32 reports the suspend last.
+//! - *Reset within a request*: embassy-usb 0.6 waits only for the end of a control transfer, which never comes after a
+//!   bus reset. Here a reset or suspend ends the wait, and data received before a reset are discarded.
+//! - *Suspend*: if a suspend and a resume are pending together, embassy-stm32 reports the suspend last.
 //!
 //! Register meanings: RM0440 45.6.
 
@@ -31,9 +31,9 @@ use embassy_usb_driver::{
 
 type Inner = usb::Driver<'static, peripherals::USB>;
 
-/// Endpoints that the peripheral has.
+/// Number of endpoints of the peripheral.
 const ENDPOINTS: usize = 8;
-/// To drop a packet: the host takes it during the first attempt, or the second one drops it.
+/// Attempts to drop a packet: the host fetches it during the first attempt, or the second one drops it.
 const ATTEMPTS: u32 = 4;
 /// Time for which VBUS must be present before the device connects, in milliseconds: contacts bounce.
 const STEADY_MS: u64 = 100;
@@ -42,10 +42,10 @@ const TO_HOST: u8 = 0x80;
 
 /// Wakes the task that waits for the end of a control transfer.
 static DISTURBED: AtomicWaker = AtomicWaker::new();
-/// A bus reset was handled, and the control pipe does not know of it yet.
+/// Whether a bus reset was handled of which the control pipe does not know yet.
 static WAS_RESET: AtomicBool = AtomicBool::new(false);
 
-/// Detects resets and suspends; to be bound before the inner driver's handler, which clears their flags.
+/// Detects resets and suspends; must be bound before the inner driver's handler, which clears their flags.
 pub struct DisturbanceHandler;
 
 impl Handler<USB_LP> for DisturbanceHandler {
@@ -57,7 +57,7 @@ impl Handler<USB_LP> for DisturbanceHandler {
     }
 }
 
-/// Waits for a reset, which switches endpoint 0 off, or a suspend.
+/// Waits for a reset, which disables endpoint 0, or a suspend.
 async fn disturbed() {
     poll_fn(|context| {
         DISTURBED.register(context.waker());
@@ -196,7 +196,7 @@ impl embassy_usb_driver::Bus for Bus {
     }
 
     fn endpoint_set_stalled(&mut self, address: EndpointAddress, stalled: bool) {
-        // The control pipe clears its stalls by itself.
+        // The control pipe clears its stalls itself.
         if !(1..ENDPOINTS).contains(&address.index()) || status(address) == Stat::DISABLED {
             return;
         }
@@ -204,7 +204,7 @@ impl embassy_usb_driver::Bus for Bus {
             self.inner.endpoint_set_stalled(address, true);
         } else {
             reset_toggle(address);
-            // To "not ready" or "ready to receive", and wakes the waiting task.
+            // Sets "not ready" or "ready to receive", and wakes the waiting task.
             self.inner.endpoint_set_enabled(address, true);
         }
     }
@@ -226,7 +226,7 @@ fn status(address: EndpointAddress) -> Stat {
     }
 }
 
-/// Begins with DATA0 again. Writing 1 to a toggle bit toggles it; writing 1 to a transfer flag leaves it.
+/// Restarts with DATA0. Writing 1 to a toggle bit toggles it; writing 1 to a transfer flag leaves it unchanged.
 fn reset_toggle(address: EndpointAddress) {
     let register = USB.epr(address.index());
     let now = register.read();
@@ -248,7 +248,7 @@ pub fn is_sending() -> bool {
 /// Drops the packet that waits for the host, if any.
 pub fn drop_sent() {
     let register = USB.epr(sending());
-    // The host may fetch it at this moment; then there is nothing left to drop.
+    // The host may fetch it at this moment; then there is nothing to drop.
     for _ in 0..ATTEMPTS {
         if !is_sending() {
             return;
@@ -268,7 +268,7 @@ fn sending() -> usize {
     usize::from(SENDING.load(Ordering::Relaxed))
 }
 
-/// Runs part of a control transfer, up to a reset or suspend.
+/// Runs part of a control transfer until it ends, or until a reset or suspend.
 async fn undisturbed<R>(transfer: impl Future<Output = R>) -> Result<R, EndpointError> {
     match select(transfer, disturbed()).await {
         Either::First(result) => Ok(result),
@@ -279,7 +279,7 @@ async fn undisturbed<R>(transfer: impl Future<Output = R>) -> Result<R, Endpoint
 /// Endpoint 0.
 pub struct ControlPipe {
     inner: <Inner as embassy_usb_driver::Driver<'static>>::ControlPipe,
-    /// The current request is one for 0 bytes.
+    /// Whether the current request is one for 0 bytes.
     without_data: bool,
 }
 
@@ -290,7 +290,7 @@ impl embassy_usb_driver::ControlPipe for ControlPipe {
 
     async fn setup(&mut self) -> [u8; 8] {
         if WAS_RESET.swap(false, Ordering::Relaxed) {
-            // A host waits 10 ms after a reset: a request that is there at once is from before it.
+            // A host waits 10 ms after a reset: a request that is already there is from before it.
             let _ = poll_once(self.inner.setup());
         }
         let mut request = self.inner.setup().await;
@@ -323,7 +323,7 @@ impl embassy_usb_driver::ControlPipe for ControlPipe {
     }
 
     async fn accept_set_address(&mut self, address: u8) {
-        // The inner driver sets the address last: it must not after a reset.
+        // The inner driver sets the address last, which it must not do after a reset.
         let _ = undisturbed(self.inner.accept_set_address(address)).await;
     }
 }

@@ -1,7 +1,7 @@
 //! The port's bytes, in both directions, while a host has it open.
 //!
-//! *Open* means: configured, not suspended, and DTR set. A host that closes the port takes no more packets, so what
-//! waits for it then is dropped: the next one to open it must not get the end of an old session.
+//! *Open* means: configured, not suspended, and DTR set. A host that closes the port fetches no more packets, so
+//! pending data are dropped: the next host to open it must not receive the end of an old session.
 
 use super::driver::{self, Driver};
 use core::future::{Future, poll_fn};
@@ -16,7 +16,7 @@ use embassy_usb::class::cdc_acm::{self, ControlChanged};
 use embassy_usb::driver::EndpointError;
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
 
-/// Bytes of a full-speed bulk packet.
+/// Size of a full-speed bulk packet \[bytes\].
 pub const PACKET: usize = 64;
 
 static CONFIGURED: AtomicBool = AtomicBool::new(false);
@@ -28,7 +28,7 @@ const DRAIN_MS: u64 = 100;
 /// Time for the host to process it, in milliseconds.
 const SETTLE_MS: u64 = 5;
 
-/// Follows the state of the bus.
+/// Tracks the state of the bus.
 pub struct Handler;
 
 impl Handler {
@@ -62,7 +62,7 @@ fn is_open(lines: &ControlChanged) -> bool {
     CONFIGURED.load(Ordering::Relaxed) && !SUSPENDED.load(Ordering::Relaxed) && lines.dtr()
 }
 
-/// Calls `opened` at each change, and drops what waits for a host that has gone.
+/// Calls `opened` at each change, and drops pending data for a host that has gone.
 pub async fn watch(lines: &ControlChanged<'_>, opened: impl Fn(bool)) {
     let mut open = false;
     loop {
@@ -107,7 +107,7 @@ pub struct Receiver {
     endpoint: cdc_acm::Receiver<'static, Driver>,
     lines: &'static ControlChanged<'static>,
     packet: [u8; PACKET],
-    /// Part of the packet that was not returned yet.
+    /// Start of the part of the packet that was not returned yet.
     start: usize,
     end: usize,
 }
@@ -143,7 +143,7 @@ impl Read for Receiver {
 pub struct Transmitter {
     endpoint: cdc_acm::Sender<'static, Driver>,
     lines: &'static ControlChanged<'static>,
-    /// The last packet was a full one, so the host waits for the next.
+    /// The last packet was full, so the host waits for the next.
     full: bool,
 }
 
@@ -168,7 +168,7 @@ impl Write for Transmitter {
         self.packet(bytes.get(..PACKET).unwrap_or(bytes)).await
     }
 
-    /// Ends a transfer whose last packet was full by an empty one: until then the host delivers nothing.
+    /// After a full last packet sends an empty one to end the transfer: until then the host delivers nothing.
     async fn flush(&mut self) -> Result<(), ErrorKind> {
         if self.full {
             self.packet(&[]).await?;

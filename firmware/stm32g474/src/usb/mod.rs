@@ -1,10 +1,10 @@
 //! The first link: a USB CDC-ACM port.
 //!
-//! - `driver.rs`: embassy-stm32's driver, plus what it lacks: bus power, halts, requests without data.
+//! - `driver.rs`: embassy-stm32's driver, with additions: bus power, halts, requests without data, resets and suspends.
 //! - `link.rs`: bytes in both directions while a host has the port open.
 //!
 //! VID and PID are from pid.codes' range for tests. The serial number is the chip's, in the form that the ROM's update
-//! mode also shows, so that one number identifies a device in either mode.
+//! mode also uses, so that one number identifies a device in both modes.
 
 mod driver;
 mod link;
@@ -25,7 +25,7 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// pid.codes, range for tests.
 const VENDOR: u16 = 0x1209;
 const PRODUCT: u16 = 0x0001;
-/// Name of the maker and of the product.
+/// Name of the manufacturer and of the product.
 const NAME: &str = "inerter";
 
 static CONFIGURATION: ConstStaticCell<[u8; 96]> = ConstStaticCell::new([0; 96]);
@@ -50,7 +50,7 @@ pub fn peripheral(
 
 /// The device and the port that it offers.
 pub struct Port {
-    /// Runs the device; for a task of its own.
+    /// Runs the device; needs its own task.
     pub device: Device,
     /// Bytes from the host.
     pub receiver: Receiver,
@@ -58,7 +58,7 @@ pub struct Port {
     pub transmitter: Transmitter,
 }
 
-/// Builds the device. It appears on the bus when it runs and there is power on `vbus`.
+/// Builds the device. It appears on the bus when it runs and `vbus` is powered.
 pub fn start(usb: Peripheral, vbus: Option<ExtiInput<'static, Async>>, serial: &'static str) -> Port {
     let mut config = Config::new(VENDOR, PRODUCT);
     config.manufacturer = Some(NAME);

@@ -4,7 +4,7 @@
 //! [`timebase`]) that returns a [`Finding`] or a [`CalibrateError`].
 //!
 //! Glossary:
-//! - *code*: one sample's force as the device counts it; *count*: one sample's position, a sum of `oversampling` counts.
+//! - *code*: one sample's force as the device counts it; *count*: a sample's position, a sum of `oversampling` counts.
 //! - *level*: the mean code of a device at rest, with its uncertainty.
 //! - *U95*: half width of the 95 % interval.
 

@@ -5,8 +5,8 @@
 //! - *ideal*: `mt s^2`, a pure inertance.
 //! - *complete*: `(mt s^2 + cf s)(cs s + ks) / (mt s^2 + (cs + cf) s + ks)`, with viscous friction and without
 //!   backlash.
-//! - *measured*: the cross spectrum over the spectrum of the displacement (`H1`), averaged over overlapping pieces after Welch;
-//!   for steady tones the ratio of the two lines, piece by piece.
+//! - *measured*: the cross spectrum over the spectrum of the displacement (`H1`), averaged over overlapping pieces
+//!   (Welch); for steady tones the ratio of the two lines, piece by piece.
 //! - *coherence*: the fraction of the force's power that the displacement explains linearly.
 //!
 //! Sources: Bendat and Piersol, Random Data, 4th ed., 9.2 (errors of `H1` and of the coherence); P. D. Welch, "The use
