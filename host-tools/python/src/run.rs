@@ -25,7 +25,7 @@ use crate::{
 /// Settings that override those of a run, by name.
 pub type Given = BTreeMap<String, f64>;
 
-/// A run: settings and samples, with what is known of the device.
+/// A run: settings and samples, with the known data of the device.
 #[pyclass(frozen, module = "inerter")]
 #[derive(Clone)]
 pub struct Run {
@@ -147,7 +147,7 @@ impl Run {
         self.source.notes.clone()
     }
 
-    /// The device that recorded it, by name; empty where it is not known.
+    /// The device that recorded it, by name; empty if unknown.
     #[getter]
     fn device(&self) -> BTreeMap<String, String> {
         self.source.device.clone().unwrap_or_default()

@@ -193,7 +193,7 @@ struct Place {
     longest: String,
     /// The committed corpus, packed.
     packed: PathBuf,
-    /// The same as files, written anew for each run.
+    /// The same as single files, written again for each run.
     corpus: PathBuf,
     seeds: PathBuf,
     found: PathBuf,
@@ -241,7 +241,7 @@ impl Place {
         }
         let mut command = self.command();
         command.args([&self.found, &self.corpus, &self.seeds]);
-        // To libFuzzer a limit of 0 is none: then run the corpus alone.
+        // A limit of 0 means no limit to libFuzzer, so run only the corpus.
         command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
         command
             .arg(format!("-seed={}", seed.unwrap_or_else(new_seed)))

@@ -31,7 +31,7 @@ pub struct Source {
     pub calibration: Option<Calibration>,
     /// The true parameters of a simulated device.
     pub truth: Option<BTreeMap<String, String>>,
-    /// How much there is.
+    /// The extent of the samples.
     pub extent: Extent,
     /// Remarks made during the recording.
     pub markers: Vec<Marker>,
