@@ -8,13 +8,14 @@
 //! are compiled once, and only the package and its tests for each change.
 //!
 //! The work continues file by file: `tests/mutants/PACKAGE.md` has a row for each source file that was tested, with a
-//! checksum of its contents. A run takes the files that have no row, or have changed since, and writes the table after
+//! checksum of its code. A run takes the files that have no row, or have changed since, and writes the table after
 //! each, so it can be stopped at any time. Reasons written beside a survivor are kept. For a package that would take
 //! days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which gives
 //! another sample.
 
 use crate::{copy, process, tool, tree, workspace};
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
+use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use sha2::{Digest, Sha256};
 use std::{
     cell::Cell,
@@ -227,7 +228,8 @@ impl Package {
         for path in tree::files(self.sources())? {
             let name = from_root(&path);
             if name.ends_with(".rs") && !name.ends_with("tests.rs") {
-                files.insert(name, sum(&tree::read(&path)?));
+                let sum = code_sum(&tree::text(&name)?).with_context(|| name.clone())?;
+                files.insert(name, sum);
             }
         }
         Ok(files)
@@ -254,7 +256,7 @@ impl Package {
         let started = Instant::now();
         // Before the tests: a source that is edited meanwhile no longer matches.
         let sum = match scope {
-            Scope::File(file) => sum(&tree::read(file)?),
+            Scope::File(file) => code_sum(&tree::text(file)?).with_context(|| file.clone())?,
             Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
         };
         tree::make(folder.join(self.name))?;
@@ -365,6 +367,42 @@ impl Outcomes {
 fn exactly(text: &str) -> String {
     let escaped = |letter: char| (r"\.+*?()|[]{}^$".contains(letter)).then_some('\\').into_iter().chain([letter]);
     format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
+}
+
+/// Checksum of the code in a source: comments have no mutants.
+fn code_sum(source: &str) -> Result<String> {
+    let tokens = source.parse::<TokenStream>().map_err(|error| anyhow!("{error}"))?;
+    let mut code = String::new();
+    write_code(tokens, &mut code);
+    Ok(sum(code.as_bytes()))
+}
+
+/// Appends the tokens, without the attributes that documentation becomes.
+fn write_code(tokens: TokenStream, code: &mut String) {
+    let is_inner = |token: &TokenTree| matches!(token, TokenTree::Punct(mark) if mark.as_char() == '!');
+    let is_documentation = |token: &TokenTree| match token {
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
+            matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
+        }
+        _ => false,
+    };
+    let mut tokens = tokens.into_iter().peekable();
+    while let Some(token) = tokens.next() {
+        match token {
+            TokenTree::Punct(mark) if mark.as_char() == '#' => {
+                let inner = tokens.next_if(is_inner).map_or("", |_| "!");
+                if tokens.next_if(is_documentation).is_none() {
+                    *code += &format!("#{inner} ");
+                }
+            }
+            TokenTree::Group(group) => {
+                *code += &format!("{:?} ", group.delimiter());
+                write_code(group.stream(), code);
+                *code += "end ";
+            }
+            other => *code += &format!("{other} "),
+        }
+    }
 }
 
 fn sum(bytes: &[u8]) -> String {
@@ -542,6 +580,20 @@ mod tests {
         record.take("a/src/lib.rs", tested("4567", 0), Vec::new(), Vec::new());
         record.survivors.get_mut("a/src/crc.rs").unwrap()[0].1 = "the table ends there: nothing differs".into();
         record
+    }
+
+    #[test]
+    fn a_comment_changes_no_sum() {
+        let plain = code_sum("fn f(a: u8) -> u8 { a + 1 }").unwrap();
+        let same =
+            ["//! F.\n/// One more.\nfn f(a: u8) -> u8 {\n    // a\n    a + 1\n}\n", "fn f(a:u8)->u8{a+1/* . */}"];
+        assert_eq!(same.map(|text| code_sum(text).unwrap()), [plain.clone(), plain.clone()]);
+        for other in
+            ["fn f(a: u8) -> u8 { a + 2 }", "#[inline] fn f(a: u8) -> u8 { a + 1 }", "fn f(a: u8) -> u8 {} a + 1"]
+        {
+            assert_ne!(code_sum(other).unwrap(), plain, "{other}");
+        }
+        assert!(code_sum("fn f() {").is_err());
     }
 
     #[test]
