@@ -1,10 +1,10 @@
-//! The rig around the board: the simulated inerter, its sensors, and the amplifiers up to the pins.
+//! The test rig around the board: the simulated inerter, its sensors, and the amplifiers up to the pins.
 //!
-//! [`Rig`] describes the rig, [`Bench`] runs it, as the chip sees it through [`World`]. Encoder counts are the plant's
-//! screw in steps; the force at the load cell passes an amplifier with a first-order anti-alias filter and is limited
-//! to the converter's supply; the terminal's displacement is a voltage. The same numbers give the settings of a device
-//! that was calibrated without error against this rig ([`Rig::settings`]), and the instruments with which the plant's
-//! own simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] feeds samples to core.
+//! [`Rig`] describes the rig; [`Bench`] runs it and connects it to the chip through [`World`]. The encoder count is the
+//! plant's screw position, quantised. The load cell's force passes an amplifier with a first-order anti-alias filter,
+//! limited to the converter's supply range. The terminal's displacement is a voltage. The same numbers give the
+//! settings of a device calibrated without error on this rig ([`Rig::settings`]), and the instruments with which the
+//! plant's own simulation takes the same samples without a chip ([`Rig::sensors`]). [`replay`] feeds samples to core.
 
 use std::collections::VecDeque;
 
@@ -16,18 +16,18 @@ use inerter_plant::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Tr
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
 
-/// From the event of the sampling clock to the aperture of the converters \[s\]: a trigger latency of 1.5 to 2.5 clocks
-/// and a sampling time of 24.5 clocks at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
+/// From the update event of the sampling timer to the converters' aperture \[s\]: trigger latency of 1.5 to 2.5 clocks
+/// plus sampling time of 24.5 clocks at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
 pub const APERTURE_S: f64 = (2.0 + 24.5) / 42e6;
-/// Conversions per second that the samples are summed from \[Hz\].
+/// Rate of the conversions that are summed to samples \[Hz\].
 pub const TRIGGER_HZ: f64 = 64e3;
-/// Clock of the digital front end \[Hz\].
+/// Clock of the external ADC (ADS131M04) \[Hz\].
 pub const CLKIN_HZ: u32 = 8_000_000;
-/// Full scale of the digital front end at gain 1 \[V\].
+/// Full scale of the external ADC at gain 1 \[V\].
 const DIGITAL_FULL_SCALE_V: f64 = 1.2;
-/// Codes of the digital front end from zero to full scale.
+/// Codes of the external ADC from zero to full scale.
 const DIGITAL_CODES: f64 = 8_388_608.0;
-/// How far back a signal may be asked for \[s\]: three conversions of the digital front end at its slowest rate.
+/// How far into the past a signal can be read \[s\]: three conversions of the external ADC at its lowest rate.
 const LOOK_BACK_S: f64 = 0.02;
 
 /// The rig and its faults.
@@ -35,13 +35,13 @@ const LOOK_BACK_S: f64 = 0.02;
 pub struct Rig {
     /// The inerter.
     pub device: Inerter,
-    /// What moves its terminal, from `start_s` on.
+    /// Excitation of its terminal, from `start_s` on.
     pub motion: Excitation,
-    /// When the motion begins \[s since power was applied\].
+    /// Start of the motion \[s since power was applied\].
     pub start_s: f64,
     /// Displacement per encoder count; negative reverses the direction \[m\].
     pub metres_per_count: f64,
-    /// The encoder's phase within a count at the start.
+    /// Position within an encoder count at the start.
     pub encoder_phase_count: f64,
     /// Load cell and amplifier: force per volt; negative reverses the direction \[N/V\].
     pub newtons_per_volt: f64,
@@ -51,42 +51,42 @@ pub struct Rig {
     pub filter_s: f64,
     /// Terminal sensor: displacement per volt \[m/V\].
     pub metres_per_volt: f64,
-    /// The bridge itself, before an amplifier: force per volt between its outputs \[N/V\].
+    /// The bridge without an amplifier: force per volt at its outputs \[N/V\].
     pub newtons_per_bridge_volt: f64,
-    /// What the digital front end sees of the bridge's excitation \[V\].
+    /// Bridge excitation voltage at the external ADC, after the divider \[V\].
     pub excitation_v: f64,
     /// Temperature of the chip \[degree Celsius\].
     pub temperature_c: f64,
-    /// Faults, and when they occur.
+    /// Faults with their times.
     pub faults: Vec<Fault>,
 }
 
-/// A fault. Times in seconds since power was applied.
+/// A fault. Times are seconds since power was applied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The encoder's count jumps: a hand turns the screw unobserved, or the counter is near its end.
+    /// The encoder count jumps: someone turned the screw while nothing counted, or the counter is close to its wrap.
     Jump {
-        /// When \[s\].
+        /// Time of the jump \[s\].
         at_s: f64,
-        /// By how much, wrapping.
+        /// Size of the jump, wrapping.
         counts: u32,
     },
-    /// A sensor's cable is unplugged: the force's and the terminal's pins fall to 0 V, the encoder's count stops.
+    /// A sensor's cable is unplugged: the force or terminal pin falls to 0 V, or the encoder count stops.
     Unplugged {
-        /// Which one.
+        /// The sensor.
         sensor: Sensor,
-        /// From \[s\].
+        /// Start \[s\].
         from_s: f64,
-        /// Until \[s\].
+        /// End \[s\].
         until_s: f64,
     },
-    /// An additional force on the load cell, as when somebody leans on it \[N\].
+    /// An additional force on the load cell, for example when somebody leans on it.
     Push {
-        /// From \[s\].
+        /// Start \[s\].
         from_s: f64,
-        /// Until \[s\].
+        /// End \[s\].
         until_s: f64,
-        /// How much \[N\].
+        /// Force \[N\].
         newtons: f64,
     },
 }
@@ -94,21 +94,21 @@ pub enum Fault {
 /// A sensor with a cable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
-    /// Of the screw's position.
+    /// Screw position.
     Encoder,
-    /// Of the force.
+    /// Force.
     Force,
-    /// Of the terminal's displacement.
+    /// Terminal displacement.
     Terminal,
 }
 
 impl Rig {
-    /// Amplifier and terminal sensor are at the middle of the converter's range at zero \[V\].
+    /// Output of the amplifier and of the terminal sensor at zero: the middle of the converter's range \[V\].
     pub const ZERO_V: f64 = REFERENCE_V / 2.0;
 
-    /// The paper's device, 20 kN over the converter's range (`fast` takes 16), 33 mm of terminal displacement, 10 us of
-    /// filter; for the digital front end a load cell of 10 kN at 2 mV/V, its bridge and the divider of the excitation
-    /// at 2.5 V (docs/HARDWARE.md).
+    /// The paper's device, 20 kN over the converter's range (`fast` needs 16), 33 mm of terminal displacement, a filter
+    /// of 10 us. For the external ADC: a load cell of 10 kN at 2 mV/V, and the divided bridge excitation of 2.5 V
+    /// (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {
             device: Inerter::paper(),
@@ -132,8 +132,8 @@ impl Rig {
         self.newtons_per_volt * REFERENCE_V / CODES
     }
 
-    /// Settings of a device that was calibrated against this rig without error, for one of the analogue front end's
-    /// rates \[Hz\].
+    /// Settings of a device calibrated without error on this rig, for one of the sample rates of the analogue front end
+    /// \[Hz\].
     pub fn settings(&self, sample_rate_hz: f64) -> Settings {
         let weight = f64::from(WEIGHT);
         Settings {
@@ -156,9 +156,9 @@ impl Rig {
         }
     }
 
-    /// The same for the digital front end at this oversampling ratio, its bridge channel at this gain.
+    /// The same for the digital front end (ADS131M04) at this oversampling ratio, with the bridge channel at this gain.
     ///
-    /// Its filter ends a modulator sample earlier than the position's taps assume: 0.25 us
+    /// Its filter ends one modulator sample earlier than the position's filter taps assume: 0.25 us
     /// ([`Filter`](crate::chip::ads131m04::Filter)).
     pub fn digital_settings(&self, osr: Osr, gain: Gain) -> Settings {
         let full_scale_v = DIGITAL_FULL_SCALE_V / f64::from(1_u32 << gain as u32);
@@ -175,7 +175,8 @@ impl Rig {
         }
     }
 
-    /// Instruments with which [`inerter_plant::Simulation`] takes the analogue front end's samples without a chip.
+    /// Instruments with which [`inerter_plant::Simulation`] takes the same samples as the analogue front end, without a
+    /// chip.
     pub fn sensors(&self, sample_rate_hz: f64, quality: &Quality) -> Sensors {
         let oversampling = TRIGGER_HZ / sample_rate_hz;
         Sensors {
@@ -202,18 +203,18 @@ impl Rig {
 pub struct Bench {
     rig: Rig,
     plant: Plant,
-    /// Segments of the last [`LOOK_BACK_S`].
+    /// Segments of the motion over the last [`LOOK_BACK_S`].
     segments: VecDeque<Segment>,
-    /// The last state looked up, as several signals are taken at one moment.
+    /// The last state computed, as several signals are read at the same time.
     last: Truth,
-    /// Output of the filter, its last input, and the time of that \[N, N, s\].
+    /// The filter's output, its last input, and the time of that input \[N, N, s\].
     filter: Option<(f64, f64, f64)>,
-    /// Count of an encoder whose cable is unplugged.
+    /// Frozen count of an encoder whose cable is unplugged.
     standing: Option<u32>,
 }
 
 impl Bench {
-    /// Checks device and motion.
+    /// Validates the device and the motion.
     pub fn new(rig: Rig) -> Result<Self, PlantError> {
         let mut plant = Plant::new(rig.device, rig.motion.clone())?;
         let first = plant.next_segment();
@@ -226,7 +227,7 @@ impl Bench {
         &self.rig
     }
 
-    /// The true state, in the plant's time.
+    /// The true state at this time since power was applied.
     fn truth(&mut self, time_s: f64) -> Truth {
         let t_s = time_s - self.rig.start_s;
         if t_s == self.last.t_s {
@@ -238,8 +239,8 @@ impl Bench {
                 self.segments.pop_front();
             }
         }
-        // Usually the last one, otherwise one shortly before; before the start it is the beginning of the first one, at
-        // rest.
+        // Usually the newest segment, otherwise one shortly before. Before the motion starts it is the beginning of the
+        // first segment, at rest.
         let mut candidates = self.segments.iter().rev();
         if let Some(segment) = candidates.find(|segment| segment.start_s() <= t_s).or(self.segments.front()) {
             self.last = segment.at(t_s);
@@ -265,7 +266,7 @@ impl Bench {
         truth.force_n + self.rig.device.structure_mass_kg * truth.a1_m_per_s2 + self.rig.force_offset_n + pushed
     }
 
-    /// The anti-alias filter, exact for a straight line between two times.
+    /// Output of the anti-alias filter, exact for an input that is linear between two calls.
     fn filtered_n(&mut self, time_s: f64) -> f64 {
         let (now_n, tau_s) = (self.cell_n(time_s), self.rig.filter_s);
         let Some((output_n, before_n, before_s)) = self.filter.filter(|_| tau_s > 0.0) else {
@@ -337,18 +338,18 @@ impl World for Bench {
     }
 }
 
-/// Core's results for samples.
+/// Core's results for a series of samples.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    /// Every estimate it published.
+    /// All estimates that core published.
     pub published: Vec<Estimate>,
-    /// The last one.
+    /// The last estimate.
     pub last: Estimate,
-    /// Its counters.
+    /// Core's counters.
     pub counters: Counters,
 }
 
-/// Feeds core with samples, from a reset on.
+/// Feeds samples to core, starting from its reset state.
 pub fn replay(settings: &Settings, samples: &[RawSample]) -> Result<Replay, SettingsError> {
     let active: Active = settings.validate()?;
     let mut state = Box::new(State::new(&active));
@@ -393,7 +394,7 @@ mod tests {
             let count = (truth.x2_m / 2.44140625e-6 + 0.37).floor() as i64 as u32;
             assert_eq!(bench.encoder(time_s), count);
             let newtons = truth.force_n + 1.515 * truth.a1_m_per_s2 + 3.0;
-            // One solution ends 1e-11 m from where the next begins; the contact's stiffness turns that into 20 uN.
+            // A segment ends 1e-11 m from where the next starts; the contact stiffness turns that into 20 uN.
             assert!((bench.force_volts(time_s) - (1.65 + newtons * 3.3 / 20_000.0)).abs() < 1e-7);
             assert!((bench.terminal_volts(time_s) - (1.65 + truth.x1_m * 100.0)).abs() < 1e-9);
             assert!((bench.bridge_volts(time_s) - newtons * 5e-3 / 10_000.0).abs() < 1e-12);
@@ -422,7 +423,7 @@ mod tests {
             let late = plain.force_volts(time_s - tau_s);
             worst = worst.max((filtered.force_volts(time_s) - late).abs());
         }
-        // It rounds the kinks at reversals and breakaways: 0.2 mV are 0.6 N.
+        // The filter rounds the corners at reversals and breakaways: 0.2 mV is 0.6 N.
         assert!(worst < 1e-4, "{worst}");
     }
 
@@ -452,7 +453,7 @@ mod tests {
             let sensors = rig.sensors(rate_hz, &quality);
             let settings = rig.settings(rate_hz);
             settings.validate().unwrap();
-            // A sum of fewer conversions is scaled to 64 of them.
+            // The sum of fewer conversions is scaled to 64 of them.
             let scale = f64::from(WEIGHT) / sensors.oversampling;
             let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
             near(settings.newtons_per_code * scale, sensors.newtons_per_sample_code());

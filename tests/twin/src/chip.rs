@@ -1,9 +1,9 @@
-//! The STM32G474RE: every peripheral, the memories, and the wires between them.
+//! The STM32G474RE: every peripheral, the memories, and the connections between them.
 //!
-//! The bus ([`Chip::read`], [`Chip::write`]) finds the peripheral by its address (RM0440 table 3), checks that its
-//! clock is on, and ends the run at an access that no model knows. Interrupt lines are levels ([`Chip::irq_lines`];
-//! numbers from RM0440 table 97). Time passes in [`Chip::advance`]; [`Chip::next_event`] gives the latest time at which
-//! that must be called.
+//! The bus ([`Chip::read`], [`Chip::write`]) selects the peripheral by address (RM0440 table 3), checks that its clock
+//! is on, and ends the run at an access that no model handles. Interrupt requests are levels ([`Chip::irq_lines`];
+//! numbers from RM0440 table 97). Time passes in [`Chip::advance`], which must be called no later than
+//! [`Chip::next_event`].
 
 pub mod adc;
 pub mod ads131m04;
@@ -47,14 +47,14 @@ use tim::{Kind, Tim};
 
 /// First address of SRAM1.
 pub const RAM_START: u32 = 0x2000_0000;
-/// SRAM1, SRAM2 and, after them, the alias of the CCM RAM.
+/// Length of the RAM \[bytes\]: SRAM1, SRAM2 and, after them, the alias of the CCM SRAM.
 pub const RAM_LEN: usize = 128 << 10;
-/// First address of the CCM RAM: the last 32 KB of the above again.
+/// First address of the CCM SRAM, which is the last 32 KB of the above.
 pub const CCM_START: u32 = 0x1000_0000;
-/// Length of the CCM RAM.
+/// Length of the CCM SRAM \[bytes\].
 pub const CCM_LEN: usize = 32 << 10;
 
-/// An access that no model knows.
+/// An access that no model handles.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{} {address:#010x} ({peripheral} + {offset:#x}, {} bytes): {what}", access(*value), width.bytes())]
 pub struct BadAccess {
@@ -64,7 +64,7 @@ pub struct BadAccess {
     pub peripheral: &'static str,
     /// Offset from its base.
     pub offset: u32,
-    /// Bytes moved.
+    /// Width of the access.
     pub width: Width,
     /// The value written; none for a read.
     pub value: Option<u32>,
@@ -76,7 +76,7 @@ fn access(value: Option<u32>) -> String {
     value.map_or_else(|| "read of".into(), |value| format!("write of {value:#x} to"))
 }
 
-/// What is at an address of the bus.
+/// The peripheral at a bus address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Peripheral {
     Tim2,
@@ -111,7 +111,7 @@ enum Peripheral {
     Dbgmcu,
 }
 
-/// A range of addresses that belongs to one peripheral.
+/// An address range of one peripheral.
 struct Block {
     start: u32,
     end: u32,
@@ -124,7 +124,7 @@ const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral,
     Block { start, end: start + len, name, peripheral, gate }
 }
 
-/// By rising address. Without a gate the clock is always on.
+/// Sorted by address. The clock of a block without a gate is always on.
 const BLOCKS: [Block; 36] = [
     block(0x4000_0000, 0x400, "TIM2", Peripheral::Tim2, Some(Gate::apb1(0))),
     block(0x4000_0400, 0x400, "TIM3", Peripheral::Tim3, Some(Gate::apb1(1))),
@@ -136,7 +136,7 @@ const BLOCKS: [Block; 36] = [
     block(0x4000_2400, 0x400, "TAMP", Peripheral::Tamp, Some(Gate::apb1(10))),
     block(0x4000_3000, 0x400, "IWDG", Peripheral::Iwdg, None),
     block(0x4000_3800, 0x400, "SPI2", Peripheral::Spi2, Some(Gate::apb1(14))),
-    // The registers, then the packet memory at offset 0x400.
+    // Registers, then the packet memory at offset 0x400.
     block(0x4000_5c00, 0x800, "USB", Peripheral::Usb, Some(Gate::apb1(23))),
     block(0x4000_7000, 0x400, "PWR", Peripheral::Pwr, Some(Gate::apb1(28))),
     block(0x4000_8000, 0x400, "LPUART1", Peripheral::Lpuart1, Some(Gate::apb1_2(0))),
@@ -159,7 +159,7 @@ const BLOCKS: [Block; 36] = [
     block(0x4800_1000, 0x400, "GPIOE", Peripheral::Gpio(4), Some(Gate::ahb2(4))),
     block(0x4800_1400, 0x400, "GPIOF", Peripheral::Gpio(5), Some(Gate::ahb2(5))),
     block(0x4800_1800, 0x400, "GPIOG", Peripheral::Gpio(6), Some(Gate::ahb2(6))),
-    // ADC1, ADC2 and their common registers; ADC3 to ADC5 after them have their own gate.
+    // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
     block(0x5000_0000, 0x800, "ADC", Peripheral::Adc, Some(Gate::ahb2(13))),
     block(0x5000_0800, 0x400, "DAC1", Peripheral::Dac1, Some(Gate::ahb2(16))),
     block(0x5000_0c00, 0x400, "DAC2", Peripheral::Dac2, Some(Gate::ahb2(17))),
@@ -169,21 +169,21 @@ const BLOCKS: [Block; 36] = [
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
 const ADC345_GATE: Gate = Gate::ahb2(14);
 
-/// Each word is an alias of one bit of the first megabyte of peripherals.
+/// Bit-band region: each word is an alias of one bit of the first megabyte of peripherals.
 const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
 
 /// RCC_BDCR, which is in the backup domain.
 const RCC_BDCR: u32 = 0x4002_1090;
-/// RCC_CFGR, which chooses the system clock.
+/// RCC_CFGR, which selects the system clock.
 const RCC_CFGR: u32 = 0x4002_1008;
 
-/// A peripheral whose gate in RCC is closed.
+/// The clock of the peripheral is off in RCC.
 pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
 const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
-/// No block of registers at this address.
+/// No register block at this address.
 pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
 
-/// Numbers of the interrupts (RM0440 table 97).
+/// Interrupt numbers (RM0440 table 97).
 mod irq {
     pub const FLASH: u32 = 4;
     pub const EXTI0: u32 = 6;
@@ -234,20 +234,20 @@ pub const TIM2_INPUTS: [(Pin, u8, usize); 11] = [
     (Pin::new('B', 11), 1, 4),
     (Pin::new('A', 10), 10, 4),
 ];
-/// LPUART1 on PA2 and PA3 (DS12288 table 13).
+/// PA2 and PA3 as LPUART1 (DS12288 table 13).
 const LPUART1_FUNCTION: Mode = Mode::Alternate(12);
 
 /// The chip with everything connected to it.
 pub struct Chip {
     /// SRAM1, SRAM2, CCM RAM.
     pub ram: Ram,
-    /// Flash memory, its controller, option bytes.
+    /// Flash memory, its controller and the option bytes.
     pub flash: flash::Flash,
-    /// Frequencies in use.
+    /// Clock frequencies in use.
     pub clocks: Clocks,
-    /// What is outside the pins.
+    /// The world outside the pins.
     pub world: Box<dyn World>,
-    /// What is soldered around the chip.
+    /// The circuit around the chip.
     pub board: Board,
     /// Reset and clock control.
     pub rcc: rcc::Rcc,
@@ -269,23 +269,23 @@ pub struct Chip {
     pub dbgmcu: dbgmcu::Dbgmcu,
     /// Serial link.
     pub lpuart1: lpuart::Lpuart,
-    /// Advanced timer.
+    /// Advanced-control timer.
     pub tim1: Tim,
-    /// The encoder's counter.
+    /// General-purpose timer; counts the encoder.
     pub tim2: Tim,
-    /// General timer.
+    /// General-purpose timer.
     pub tim3: Tim,
-    /// General timer.
+    /// General-purpose timer.
     pub tim4: Tim,
-    /// General timer of 32 bits.
+    /// General-purpose timer of 32 bits.
     pub tim5: Tim,
-    /// Advanced timer.
+    /// Advanced-control timer.
     pub tim8: Tim,
-    /// Small timer.
+    /// General-purpose timer of two channels.
     pub tim15: Tim,
-    /// Small timer.
+    /// General-purpose timer of one channel.
     pub tim16: Tim,
-    /// Small timer.
+    /// General-purpose timer of one channel.
     pub tim17: Tim,
     /// DMA controller 1.
     pub dma1: dma::Dma,
@@ -293,43 +293,43 @@ pub struct Chip {
     pub dma2: dma::Dma,
     /// DMA request multiplexer.
     pub dmamux: dmamux::Dmamux,
-    /// Transfers by DMA since power-on.
+    /// DMA transfers since power-on.
     pub transfers: u64,
     /// ADC1 to ADC5 and their common registers.
     pub adc: adc::Adcs,
-    /// The sampling clock.
+    /// Timer of the sampling clock.
     pub tim6: tim6::Tim6,
-    /// The player's clock.
+    /// Timer of the player, which drives the DACs.
     pub tim7: tim6::Tim6,
     /// DAC1 and DAC2.
     pub dac: [dac::Dac; 2],
-    /// Wires from outputs to inputs, instead of the world.
+    /// Wires from outputs to inputs; they replace the world.
     pub jumpers: Option<jumpers::Jumpers>,
-    /// Faults planted on purpose.
+    /// Injected faults.
     pub planted: jumpers::Planted,
     wired: jumpers::Wired,
-    /// Converters that a late trigger starts, and when.
+    /// Pending delayed ADC triggers: when each is due, and its converter.
     late: std::collections::VecDeque<(Cycles, adc::Unit)>,
-    /// Bus of the digital front end.
+    /// SPI bus of the ADS131M04.
     pub spi2: spi::Spi,
-    /// The digital front end, if one is connected.
+    /// The external ADC, if one is connected.
     pub ads131m04: Option<ads131m04::Ads131m04>,
-    /// USB full speed device and its packet memory.
+    /// USB full-speed device and its packet memory.
     pub usb: usb::Usb,
-    /// Changes of the LED: when, and whether it is on from then.
+    /// Changes of the LED: time, and whether it is on from then.
     pub light: Vec<(Cycles, bool)>,
-    /// Where the chip differs from its manual.
+    /// Errata in force.
     errata: Errata,
-    /// How violations by the program are treated.
+    /// How strictly the model treats violations by the program.
     rules: Rules,
-    /// A fault of the signal path, which stops it.
+    /// Access by the signal path that failed; it stops the path.
     path_fault: Option<BadAccess>,
-    /// Nothing happens by itself before this moment.
+    /// No event is due before this time.
     due: Cycles,
 }
 
 impl Chip {
-    /// A chip with power, at its first start.
+    /// A powered chip before its first start.
     pub fn new(board: Board, world: Box<dyn World>) -> Self {
         Self {
             ram: Ram::new(RAM_LEN, 0),
@@ -419,7 +419,7 @@ impl Chip {
         self.clocks.seconds(at)
     }
 
-    /// Bytes of RAM or flash, as DMA reads them; none if they are in neither.
+    /// Bytes of RAM or flash for a DMA read; none if the range is in neither.
     pub fn bytes(&self, address: u32, len: usize) -> Option<&[u8]> {
         let (memory, start) = match ram_offset(address) {
             Some(start) => (self.ram.bytes(), start),
@@ -428,13 +428,13 @@ impl Chip {
         memory.get(start..start.checked_add(len)?)
     }
 
-    /// Bytes of RAM, as DMA writes them; none if they are elsewhere.
+    /// Bytes of RAM for a DMA write; none if the range is not in RAM.
     pub fn ram_mut(&mut self, address: u32, len: usize) -> Option<&mut [u8]> {
         let start = ram_offset(address)?;
         self.ram.bytes_mut().get_mut(start..start.checked_add(len)?)
     }
 
-    /// A read by any bus master.
+    /// A read by the core or by DMA.
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
         let bad =
             |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
@@ -454,7 +454,7 @@ impl Chip {
         }
     }
 
-    /// A write by any bus master.
+    /// A write by the core or by DMA.
     pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
         let bad = |peripheral, offset, Unknown { what }| BadAccess {
             address,
@@ -465,7 +465,7 @@ impl Chip {
             what,
         };
         if let Some((word, bit)) = bit_band(address) {
-            // A whole word is read and written, whatever the width of the access (DDI 0439, 3.7).
+            // The bit-band write reads and writes the whole word, whatever the width of the access (DDI 0439, 3.7).
             let old = self.bus_read(word, Width::Word, now)?;
             let new = old & !(1 << bit) | (value & 1) << bit;
             return self.bus_write(word, new, Width::Word, now);
@@ -493,7 +493,7 @@ impl Chip {
         if !self.is_clocked(block, offset) {
             match (self.rules, block.peripheral) {
                 (Rules::Enforced, _) => return Err(CLOCK_OFF),
-                // Its registers are in a domain that always runs.
+                // The PWR registers are in a domain that is always clocked.
                 (Rules::AsOnTheChip, Peripheral::Pwr) => {}
                 (Rules::AsOnTheChip, _) => return Ok(0),
             }
@@ -546,7 +546,7 @@ impl Chip {
         }
     }
 
-    /// Puts the peripherals that RCC holds in reset into their reset state.
+    /// Resets the peripherals that RCC holds in reset.
     fn reset_held(&mut self, now: Cycles) {
         for block in &BLOCKS {
             if block.gate.is_some_and(|gate| self.rcc.is_reset(gate)) {
@@ -585,7 +585,7 @@ impl Chip {
         self.dma2.set_errata(errata);
     }
 
-    /// Sets how strictly violations are treated from now on; a new chip enforces the rules.
+    /// Sets how strictly the model treats violations from now on; a new chip enforces the rules.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
         self.rcc.set_rules(rules);
@@ -593,12 +593,12 @@ impl Chip {
         self.adc.set_rules(rules);
     }
 
-    /// Where the chip differs from its manual.
+    /// The errata in force.
     pub fn errata(&self) -> Errata {
         self.errata
     }
 
-    /// Supply and battery are removed: RAM holds anything (in fact a pattern from the seed) when they return.
+    /// Removes supply and battery. RAM content is undefined when power returns: here a pattern from the seed.
     pub fn lose_power(&mut self, seed: u64) {
         self.flash.lose_power();
         self.tamp.lose_power();
@@ -613,29 +613,29 @@ impl Chip {
         }
     }
 
-    /// A reset that the chip itself asks for.
+    /// The reset that the chip itself requests, if any.
     pub fn reset_wanted(&self) -> Option<Reset> {
         if self.iwdg.bites() { Some(Reset::Watchdog) } else { self.flash.launches().then_some(Reset::OptionBytes) }
     }
 
-    /// Whether something drives the line of the non-maskable interrupt.
+    /// Whether a peripheral requests the NMI.
     pub fn nmi(&self) -> bool {
         self.flash.nmi() || self.rcc.nmi()
     }
 
-    /// Something outside drives a pin.
+    /// Sets the external level at a pin.
     pub fn set_pin(&mut self, pin: Pin, level: bool, now: Cycles) {
         let before = self.gpio[pin.port].pins();
         self.gpio[pin.port].drive(pin.number, Some(level));
         self.pins_changed(pin.port, before, now);
     }
 
-    /// The level that something outside sees at a pin; there an undriven pin is pulled up.
+    /// The level that an external circuit with a pull-up sees at a pin.
     pub fn pin_output(&self, pin: Pin) -> bool {
         self.gpio[pin.port].output(pin.number)
     }
 
-    /// What a pin is used for.
+    /// The mode of a pin.
     pub fn pin_mode(&self, pin: Pin) -> Mode {
         self.gpio[pin.port].mode(pin.number)
     }
@@ -672,10 +672,10 @@ impl Chip {
         leads_to(self.board.encoder_a, 1) && leads_to(self.board.encoder_b, 2)
     }
 
-    /// Passes the outputs' levels through the wires to the encoder's inputs.
+    /// Passes the output levels through the wires to the encoder's inputs.
     fn follow_jumpers(&mut self) {
         let Some(jumpers) = self.jumpers else { return };
-        // The inputs are pulled up.
+        // The inputs have pull-ups.
         let level = |pin: Option<Pin>| pin.is_none_or(|pin| self.pin_mode(pin) != Mode::Output || self.pin_output(pin));
         let levels = (level(jumpers.a), level(jumpers.b));
         self.wired.follow(levels);
@@ -684,13 +684,13 @@ impl Chip {
         }
     }
 
-    /// The encoder's position, whether it is the world's or made of wires.
+    /// The encoder's position, from the wires if there are any, else from the world.
     fn encoder_count(&mut self, time_s: f64) -> u32 {
         let count = if self.jumpers.is_some() { self.wired.count } else { self.world.encoder(time_s) };
         if self.planted.half_counts { (count as i32 >> 1) as u32 } else { count }
     }
 
-    /// Sets TIM2's count to the encoder's position, if its pins are connected.
+    /// Sets TIM2's counter to the encoder's position, if its pins are connected.
     fn latch_encoder(&mut self, now: Cycles) {
         if self.encoder_is_wired() {
             let time_s = self.seconds(now);
@@ -699,7 +699,7 @@ impl Chip {
         }
     }
 
-    /// The computer at the serial link sends; nothing arrives if the pin is not assigned to the port.
+    /// Sends bytes from the computer on the serial link. Nothing arrives if the pin is not assigned to LPUART1.
     pub fn serial_send(&mut self, bytes: &[u8], now: Cycles) {
         self.lpuart1.advance(now);
         if self.pin_mode(self.board.serial_rx) == LPUART1_FUNCTION {
@@ -707,7 +707,7 @@ impl Chip {
         }
     }
 
-    /// What the computer at the serial link has received since the last call.
+    /// Bytes that the computer on the serial link received since the last call.
     pub fn serial_take(&mut self, now: Cycles) -> Vec<u8> {
         self.lpuart1.advance(now);
         let sent = self.lpuart1.take_sent();
@@ -719,7 +719,7 @@ impl Chip {
         [tim1, tim2, tim3, tim4, tim5, tim8, tim15, tim16, tim17]
     }
 
-    /// The levels of the interrupt lines, bit n for interrupt n.
+    /// Levels of the interrupt requests: bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
         use adc::Unit;
         let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), irq::DMA1[channel]));
@@ -759,7 +759,7 @@ impl Chip {
         lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
     }
 
-    /// Storage registers that were read and never written, by name.
+    /// Names of the storage registers that were read but never written.
     pub fn unwritten_reads(&mut self) -> Vec<String> {
         let mut list = Vec::new();
         for block in &BLOCKS {
@@ -775,7 +775,7 @@ fn find(address: u32) -> Option<&'static Block> {
     BLOCKS[..behind].last().filter(|block| address < block.end)
 }
 
-/// The word and its bit for which an address of the peripherals' bit-band alias stands (RM0440 2.3).
+/// Address of the word and number of the bit for a peripheral bit-band alias address (RM0440 2.3); none for others.
 fn bit_band(address: u32) -> Option<(u32, u32)> {
     let offset = address.checked_sub(BIT_BAND.start).filter(|_| address < BIT_BAND.end)?;
     Some((0x4000_0000 + ((offset / 32) & !3), offset / 4 % 32))
@@ -847,7 +847,7 @@ mod tests {
         assert_eq!(chip.read(0x4000_0024, Width::Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
         write(&mut chip, ENABLES[1], 1);
         assert_eq!(chip.read(0x4000_0024, Width::Word, 0), Ok(0));
-        // Held in reset.
+        // TIM2 held in reset.
         write(&mut chip, ENABLES[1] - 0x20, 1);
         assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
     }
@@ -856,15 +856,15 @@ mod tests {
     fn a_program_of_others_finds_the_chips_answer_where_ours_would_end() {
         let mut chip = chip();
         chip.set_rules(Rules::AsOnTheChip);
-        // TIM2_ARR, which is all ones after reset.
+        // TIM2_ARR, whose reset value is all ones.
         write(&mut chip, 0x4000_002c, 7);
         assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
         write(&mut chip, ENABLES[1], 1);
         assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
-        // PWR_CR1 with its gate closed.
+        // PWR_CR1 while its clock is off.
         write(&mut chip, 0x4000_7000, 0x300);
         assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
-        // RCC_BDCR while the backup domain is closed.
+        // RCC_BDCR while the backup domain is write-protected.
         write(&mut chip, RCC_BDCR, 1 << 15);
         assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
     }
@@ -872,7 +872,7 @@ mod tests {
     #[test]
     fn a_word_of_the_bit_band_alias_is_one_bit() {
         let mut chip = chip();
-        // Bit 5 of RCC_AHB2ENR, the gate of port F.
+        // Bit 5 of RCC_AHB2ENR: GPIOF clock enable.
         let alias = 0x4200_0000 + (ENABLES[0] - 0x4000_0000) * 32 + 4 * 5;
         write(&mut chip, ENABLES[0], 1);
         write(&mut chip, alias, 0xffff_ffff);
@@ -978,7 +978,7 @@ mod tests {
         let mut chip = chip();
         assert_eq!(chip.reset_wanted(), None);
         write(&mut chip, 0x4000_3000, 0xcccc);
-        // 4096 counts of 4 periods: 0.512 s.
+        // 4096 counts of 4 LSI periods: 0.512 s.
         assert_eq!(chip.next_event(), Some(8_192_000));
         chip.advance(8_192_000);
         assert_eq!(chip.reset_wanted(), Some(Reset::Watchdog));

@@ -1,19 +1,18 @@
-//! The core: unicorn executes instructions; this module keeps time, takes exceptions and sleeps.
+//! The core: unicorn executes the instructions; this module keeps time, enters and leaves exceptions, and sleeps.
 //!
-//! - *Time*: a hook before each block of instructions adds their number to the clock. It stops before the block if a
-//!   peripheral has something to do or an exception is to be taken; peripherals are brought to the time of each access.
-//! - *Exceptions*: frames are stacked and unstacked here, outside unicorn (ARM DDI 0403, B1.5.6 to B1.5.8); the frame
-//!   of the floating point unit is stored at once whenever the unit is in use, which is how lazy stacking looks to a
-//!   program.
+//! - *Time*: a hook before each block of instructions adds the number of instructions to the clock. It stops before the
+//!   block if a peripheral event is due or an exception can be taken. Each access first advances the peripherals to its
+//!   time.
+//! - *Exceptions*: this module stacks and unstacks the frames, outside unicorn (ARM DDI 0403, B1.5.6 to B1.5.8). It
+//!   stores the FPU frame at once whenever the FPU is in use, which a program cannot distinguish from lazy stacking.
 //! - *Sleep*: time jumps to the next event.
-//! - *Faults*: an access with no answer or an undefined instruction ends the run, unless [`Faults::Taken`].
+//! - *Faults*: an access that nothing answers or an undefined instruction ends the run, unless [`Faults::Taken`].
 //!
-//! - *Protection*: the regions of the protection unit become those of unicorn; a change takes effect from the next
-//!   block on.
+//! - *Protection*: the MPU regions become memory protections in unicorn; a change takes effect from the next block on.
 //!
-//! Interrupts are taken between blocks only, so up to about ten instructions later than on the chip. Not modelled: lazy
-//! stacking as such, tail chaining (return and entry cost their 12 cycles each), wait states of flash.
-//! [`Cpu::count_cycles`] counts what these cost, separately from the clock.
+//! The core takes interrupts between blocks only, so up to about ten instructions later than the chip. Not modelled:
+//! lazy stacking as such, tail chaining (return and entry cost 12 cycles each), flash wait states.
+//! [`Cpu::count_cycles`] counts the cost of these, separately from the clock.
 
 use crate::{
     Cycles, Width,
@@ -23,61 +22,61 @@ use crate::{
 };
 use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
 
-/// Cycles from an exception's request to its handler's first instruction, and back (DDI 0439, 3.9).
+/// Cycles from an exception's request to its handler's first instruction, and for the return (DDI 0439, 3.9).
 const EXCEPTION_CYCLES: Cycles = 12;
-/// CONTROL: the process stack is in use; the floating point unit is in use.
+/// CONTROL: the process stack is in use; the FPU is in use.
 const SPSEL: u32 = 1 << 1;
 const FPCA: u32 = 1 << 2;
-/// XPSR: the conditions on the next instructions.
+/// XPSR: the IT state of the following instructions.
 const IT: u64 = 0x0600_fc00;
-/// Unicorn's numbers of exceptions (QEMU, target/arm/cpu.h).
+/// Unicorn's exception numbers (QEMU, target/arm/cpu.h).
 const EXCP_SWI: u32 = 2;
 const EXCP_BKPT: u32 = 7;
 const EXCP_EXCEPTION_EXIT: u32 = 8;
-/// Addresses from here on are not code but the return from an exception.
+/// A branch to an address from here on is an exception return.
 const EXC_RETURN: u32 = 0xffff_ff00;
-/// Start addresses of the parts of SRAM1 and SRAM2: SRAM1 has three (ES0430 2.2.7, as public firmware has it; RM0440
-/// 2.4).
+/// Start addresses of the parts of SRAM1 and SRAM2. SRAM1 has three parts (public firmware's reading of ES0430 2.2.7;
+/// RM0440 2.4).
 pub const SRAM_CUTS: [u32; 4] = [0x2000_0000, 0x2000_8000, 0x2001_0000, 0x2001_4000];
-/// End of the last one.
+/// End of the last part.
 const SRAM_END: u32 = 0x2001_8000;
-/// Name of an access that fetches an instruction.
+/// What [`Stop`] calls an instruction fetch.
 const EXECUTION: &str = "execution at";
 const WFE: u16 = 0xbf20;
 const SEV: u16 = 0xbf40;
 
-/// What happens at a fault of the program.
+/// What happens when the program faults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Faults {
-    /// The run ends: a healthy firmware never comes here.
+    /// The run ends. A correct program never faults.
     #[default]
     EndTheRun,
     /// HardFault is taken, as on the chip.
     Taken,
 }
 
-/// Where the program was.
+/// The program's location.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Address of the instruction.
     pub pc: u32,
-    /// Where its function returns to, unless that is on the stack.
+    /// Return address of its function, if it is still in LR.
     pub lr: u32,
 }
 
 /// Why a run ended early.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
-    /// The program went to the boot loader in ROM.
+    /// The program entered the boot loader in ROM.
     #[error("the ROM's boot loader was entered")]
     Bootloader,
-    /// The chip was started, and its option bytes lead into SRAM1.
+    /// The chip started with option bytes that select SRAM1.
     #[error("the chip starts whatever is in SRAM1, by its option bytes")]
     Ram,
-    /// The supply failed during a flash operation, as ordered.
+    /// Power failed during a flash operation, as the test requested.
     #[error("the supply failed during a flash operation")]
     PowerFailed,
-    /// No model knows this access.
+    /// An access that no model handles.
     #[error("{0}")]
     Bus(BadAccess),
     /// A memory access that nothing answers.
@@ -85,18 +84,18 @@ pub enum Stop {
     Unmapped {
         /// Read of, write to, execution at.
         what: &'static str,
-        /// Where.
+        /// Address of the access.
         address: u32,
     },
-    /// A memory access that the protection unit forbids.
+    /// A memory access that the MPU forbids.
     #[error("{what} {address:#010x}, which the protection unit forbids")]
     Protected {
         /// Read of, write to, execution at.
         what: &'static str,
-        /// Where.
+        /// Address of the access.
         address: u32,
     },
-    /// An undefined instruction, with which panics usually end.
+    /// An undefined instruction. A panic usually ends with one.
     #[error("undefined instruction")]
     Undefined,
     /// A breakpoint without a debugger.
@@ -105,13 +104,13 @@ pub enum Stop {
     /// A fault while handling one.
     #[error("lock-up: a fault inside the handler of a fault")]
     LockUp,
-    /// The floating point unit was used before CPACR enabled it.
+    /// An FPU instruction before CPACR enabled the FPU.
     #[error("a floating point instruction while the unit is off (CPACR)")]
     FloatingPointOff,
-    /// There is no room for an exception frame.
+    /// An exception frame does not fit.
     #[error("an exception frame at {0:#010x} lies outside of RAM, or where the protection unit forbids it")]
     Stack(u32),
-    /// An exception return without an exception.
+    /// An exception return with no exception active.
     #[error("exception return {0:#010x} while no exception is active")]
     Return(u32),
     /// An error of the emulator itself.
@@ -119,7 +118,7 @@ pub enum Stop {
     Emulator(String),
 }
 
-/// A piece of the program's code that runs from its first instruction to its last.
+/// A basic block of the program: it executes from its first instruction to its last.
 #[derive(Clone, Copy, Debug, Default)]
 struct Block {
     bytes: u32,
@@ -128,7 +127,7 @@ struct Block {
 }
 
 impl Block {
-    /// Decodes only as far as lengths go: halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
+    /// Decodes instruction lengths only: a halfword of 0xe800 or more starts a 32-bit instruction (DDI 0403, A5.1).
     fn decode(code: &[u8]) -> Self {
         let mut block = Self { bytes: code.len() as u32, ..Self::default() };
         let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
@@ -146,10 +145,10 @@ impl Block {
 /// Why unicorn returned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Pause {
-    /// By itself: WFI.
+    /// The core executed WFI, which makes unicorn return.
     #[default]
     Itself,
-    /// There is something to do before the next block.
+    /// An event or exception is due before the next block.
     Attention,
     /// WFE.
     Event,
@@ -157,11 +156,11 @@ enum Pause {
     Exception(u32),
 }
 
-/// What the hooks share with the loop around them.
+/// State that the hooks share with the run loop.
 pub struct Core {
     /// The chip around the core.
     pub chip: Chip,
-    /// The core's own registers.
+    /// The registers on the private peripheral bus.
     pub nvic: Nvic,
     now: Cycles,
     /// Time of the next event.
@@ -170,45 +169,45 @@ pub struct Core {
     limit: Cycles,
     pause: Pause,
     asleep: Option<Sleep>,
-    /// An exception is pending that only masks may hold back.
+    /// An exception is pending that only the masks may block.
     check: bool,
     stop: Option<Stop>,
-    /// Address of the running block, and of the one with an unknown access.
+    /// Address of the block in execution, and of the block with an access that no model handles.
     block: u32,
     failed: Option<u32>,
-    /// An unanswered access, until the fault is handled.
+    /// An access that nothing answered, until its fault is handled.
     unmapped: Option<(&'static str, u32)>,
     blocks: Vec<Block>,
-    /// Which parts of SRAM1 and SRAM2 have not been written since the reset, if the first write is to be lost.
+    /// Parts of SRAM1 and SRAM2 not written since the reset, if the first write to each is to be lost.
     untouched: [bool; SRAM_CUTS.len()],
-    /// Writes that are about to be lost: where, and what remains.
+    /// Writes to undo: address, and the old bytes.
     losing: Vec<(u32, Vec<u8>)>,
-    /// Writes lost since power-on that would have changed something: where.
+    /// Addresses of the lost writes since power-on that would have changed the memory.
     pub lost_writes: Vec<u32>,
-    /// Addresses of all first writes.
+    /// Addresses of the first write to each part.
     pub first_writes: Vec<u32>,
     /// Instructions executed since power-on.
     pub instructions: u64,
-    /// Cycles asleep since power-on.
+    /// Cycles spent asleep since power-on.
     pub slept: Cycles,
     /// Exceptions taken since power-on, by number.
     pub taken: [u64; 128],
-    /// Most exceptions active at once.
+    /// Maximum number of exceptions active at once.
     pub deepest: usize,
-    /// The count of cycles, if enabled.
+    /// The cycle model, if counting is enabled.
     model: Option<Box<Model>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sleep {
-    /// Until an event.
+    /// WFE.
     Event,
-    /// Until an interrupt.
+    /// WFI.
     Interrupt,
 }
 
 impl Core {
-    /// Updates lines, events and the time of the next event.
+    /// Updates the interrupt requests and the time of the next event.
     fn refresh(&mut self) {
         self.nvic.set_lines(self.chip.irq_lines(), self.chip.nmi());
         self.nvic.advance(self.now);
@@ -217,7 +216,7 @@ impl Core {
         self.deadline = events.into_iter().flatten().min().map_or(self.limit, |event| event.min(self.limit));
     }
 
-    /// Brings the peripherals to the current time.
+    /// Advances the peripherals to the current time.
     fn advance(&mut self) {
         self.chip.advance(self.now);
         if let Some(bad) = self.chip.take_fault() {
@@ -285,7 +284,7 @@ impl Core {
         self.failed.get_or_insert(self.block);
     }
 
-    /// A vector. MEM_MODE selects what is at address 0: flash, or the ROM, whose handlers are not modelled.
+    /// Reads a vector. MEM_MODE selects the memory at address 0: flash, or the ROM, whose handlers are not modelled.
     fn vector(&self, address: u32) -> Option<u32> {
         let from_flash = address < flash::LEN as u32 && self.chip.syscfg.mem_mode() == 0;
         let word = self.code(if from_flash { flash::START + address } else { address }, 4)?;
@@ -296,7 +295,7 @@ impl Core {
         self.chip.bytes(address, len as usize)
     }
 
-    /// Passes something to the model of cycles, if there is one.
+    /// Calls `tell` with the cycle model, if counting is enabled.
     fn model(&mut self, tell: impl FnOnce(&mut Model, &Self)) {
         if let Some(mut model) = self.model.take() {
             tell(&mut model, self);
@@ -304,12 +303,12 @@ impl Core {
         }
     }
 
-    /// Cycles that the core was awake since [`Cpu::count_cycles`].
+    /// Cycles spent awake since [`Cpu::count_cycles`].
     pub fn cycles(&self) -> Option<Range> {
         self.model.as_ref().map(|model| model.total(self.chip.transfers))
     }
 
-    /// Looks up a block of code by its address.
+    /// Returns a block of code, decoded once and then cached.
     fn look_up(&mut self, address: u32, bytes: u32) -> Block {
         let slot = (address.wrapping_sub(flash::START) / 2) as usize;
         if let Some(block) = self.blocks.get(slot).filter(|block| block.bytes == bytes) {
@@ -323,10 +322,10 @@ impl Core {
     }
 }
 
-/// The private peripheral bus, and within it what belongs to the chip.
+/// The private peripheral bus, and the part of it that the chip handles.
 const PRIVATE: u32 = 0xe000_0000;
 const DEBUG: u32 = 0xe004_2000;
-/// The protection unit.
+/// The MPU.
 const MPU: u32 = 0xe000_ed90;
 
 fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
@@ -337,13 +336,13 @@ fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -
 pub struct Cpu {
     uc: Unicorn<'static, Core>,
     faults: Faults,
-    /// The regions that unicorn enforces.
+    /// The regions last set in unicorn.
     regions: Vec<Region>,
-    /// The hook that sees writes, while one is to be lost.
+    /// The hook that sees writes, until the first write to each part is lost.
     writes: Option<UcHookId>,
 }
 
-/// Registers of an exception frame in the order of their addresses; return address and status follow.
+/// Registers of an exception frame in ascending address order; return address and XPSR follow.
 const FRAME: [R; 6] = [R::R0, R::R1, R::R2, R::R3, R::R12, R::LR];
 const FLOATS: [R; 16] = [
     R::S0,
@@ -369,7 +368,7 @@ fn emulator(error: uc_error) -> Stop {
 }
 
 impl Cpu {
-    /// A core on this chip, which has its flash loaded. Nothing runs before [`Self::reset`].
+    /// A core on this chip, whose flash is already loaded. Call [`Self::reset`] before running.
     pub fn new(chip: Chip) -> Result<Self, Stop> {
         let core = Core {
             chip,
@@ -402,33 +401,34 @@ impl Cpu {
         Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None })
     }
 
-    /// Sets what happens at a fault of the program from now on.
+    /// Sets what happens when the program faults from now on.
     pub fn set_faults(&mut self, faults: Faults) {
         self.faults = faults;
     }
 
-    /// From now on also counts cycles, which takes about twice the computer's time ([`Core::cycles`]).
+    /// Starts counting cycles ([`Core::cycles`]), which about doubles the run time on the host.
     pub fn count_cycles(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
         core.model = Some(Box::new(Model::new(core.chip.transfers)));
         let seen = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
             uc.get_data_mut().model(|model, core| model.data(address as u32, len, &core.chip.flash.access()));
-            // Before a hook unicorn restores the IT state, which its code then leaves for the next block.
+            // Before a hook call unicorn stores the IT state in XPSR, and its translated code would leave it set for
+            // the next block.
             let status = uc.reg_read(R::XPSR).unwrap_or(0);
             status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
         };
         let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
         self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
-        // Code already translated calls no hook.
+        // Translated code does not call a newly added hook.
         self.forget_code()
     }
 
-    /// The core's registers and the chip.
+    /// The core and the chip.
     pub fn core(&self) -> &Core {
         self.uc.get_data()
     }
 
-    /// The same, to be changed between runs.
+    /// The core and the chip, to be changed between runs.
     pub fn core_mut(&mut self) -> &mut Core {
         self.uc.get_data_mut()
     }
@@ -438,7 +438,7 @@ impl Cpu {
         self.core().now
     }
 
-    /// A register.
+    /// Value of a core register.
     pub fn register(&self, register: R) -> u32 {
         self.uc.reg_read(register).map_or(0, |value| value as u32)
     }
@@ -453,7 +453,7 @@ impl Cpu {
         self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes()).map_err(emulator)
     }
 
-    /// Where the program is; after an unknown access, the start of the block of instructions that made it.
+    /// Location of the program; after an access that no model handles, the start of the block that made it.
     pub fn place(&self) -> Place {
         let pc = self.core().failed.unwrap_or_else(|| self.register(R::PC) & !1);
         Place { pc, lr: self.register(R::LR) }
@@ -468,7 +468,7 @@ impl Cpu {
         }
     }
 
-    /// Makes the first write to each SRAM get lost.
+    /// Arms the erratum that loses the first write to each SRAM part, if it applies.
     fn lose_first_writes(&mut self) -> Result<(), Stop> {
         if !self.core().chip.errata().first_write_lost {
             return Ok(());
@@ -481,7 +481,7 @@ impl Cpu {
                 let which = SRAM_CUTS.partition_point(|start| *start <= address) - 1;
                 if std::mem::take(&mut core.untouched[which]) {
                     core.first_writes.push(address);
-                    // The write comes after this; it is undone before the next block.
+                    // The write happens after this hook; it is undone before the next block.
                     core.losing.extend(core.chip.bytes(address, len).map(|old| (address, old.to_vec())));
                     core.deadline = 0;
                 }
@@ -493,7 +493,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Undoes writes that are lost.
+    /// Undoes the writes that are lost.
     fn lose_write(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
         for (address, old) in std::mem::take(&mut core.losing) {
@@ -530,7 +530,7 @@ impl Cpu {
         self.set(R::PC, start | 1)
     }
 
-    /// Enters the boot loader in ROM, as after a start that leads there.
+    /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
     pub fn enter_rom(&mut self) -> Result<(), Stop> {
         let [stack, start] = rom::VECTORS;
         self.set(R::SP, stack)?;
@@ -546,7 +546,7 @@ impl Cpu {
         core.stop.take().map_or(Ok(()), Err)
     }
 
-    /// The program in flash was changed.
+    /// Discards decoded and translated code after the program in flash has changed.
     pub fn forget_code(&mut self) -> Result<(), Stop> {
         let core = self.core_mut();
         core.blocks.fill(Block::default());
@@ -554,7 +554,7 @@ impl Cpu {
         self.uc.ctl_flush_tb().map_err(emulator)
     }
 
-    /// Enters a program as a boot loader does: stack and start from its vectors, everything else unchanged.
+    /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
     pub fn jump(&mut self, vectors: u32) -> Result<(), Stop> {
         let core = self.core_mut();
         (core.asleep, core.stop, core.failed, core.unmapped) = (None, None, None, None);
@@ -564,8 +564,8 @@ impl Cpu {
         self.set(R::PC, start | 1)
     }
 
-    /// Runs up to a moment, which is met exactly unless the core was busy; a reset that the chip requests ends the run
-    /// too.
+    /// Runs until `until`: exactly if the core sleeps then, else to the end of the block. A reset request ends the run
+    /// early.
     pub fn run(&mut self, until: Cycles) -> Result<Option<Reset>, Stop> {
         self.core_mut().limit = until;
         loop {
@@ -593,7 +593,7 @@ impl Cpu {
         }
     }
 
-    /// While the core sleeps, time jumps from event to event.
+    /// Advances time from event to event while the core sleeps.
     fn sleep(&mut self) {
         let masks = Self::masks(&self.uc);
         let core = self.core_mut();
@@ -618,7 +618,7 @@ impl Cpu {
         }
     }
 
-    /// Makes unicorn enforce what the protection unit does.
+    /// Applies the MPU's regions to unicorn.
     fn protect(&mut self) -> Result<(), Stop> {
         let regions = self.core().nvic.regions(Self::masks(&self.uc));
         if regions == self.regions {
@@ -638,7 +638,7 @@ impl Cpu {
         Ok(())
     }
 
-    /// Lets unicorn run until there is something to do.
+    /// Runs unicorn until something must be handled.
     fn execute(&mut self) -> Result<(), Stop> {
         self.protect()?;
         self.core_mut().pause = Pause::Itself;
@@ -712,7 +712,7 @@ impl Cpu {
         let floats = control & FPCA != 0;
         let before = self.register(R::SP);
         let stack = before.wrapping_sub(if floats { 0x68 } else { 0x20 }) & !7;
-        // Bit 9 says that the stack was aligned to a multiple of eight.
+        // Bit 9 records that the stack pointer was realigned to a multiple of eight.
         let status = self.register(R::XPSR) & !(1 << 9) | (before & 4) << 7;
         let mut frame: Vec<u32> = FRAME.iter().map(|&register| self.register(register)).collect();
         frame.extend([self.register(R::PC) & !1, status]);
@@ -723,8 +723,8 @@ impl Cpu {
         let bytes: Vec<u8> = frame.iter().flat_map(|word| word.to_le_bytes()).collect();
         let masks = Self::masks(&self.uc);
         let core = self.core_mut();
-        // A fault's handler is entered with the stack that caused the fault, whether the frame can be stored or not;
-        // here it is stored.
+        // A fault handler starts with the stack that caused the fault, whether or not the frame can be stored. This
+        // model stores it.
         let into_fault = matches!(exception, NMI | HARD_FAULT);
         if !into_fault && core.nvic.regions(masks).iter().any(|region| !region.write && region.contains(stack)) {
             return Err(Stop::Stack(stack));
@@ -739,7 +739,7 @@ impl Cpu {
             (true, false) => 0x9,
             (false, _) => 0x1,
         };
-        // The main stack first: in handler mode the choice can no longer be changed.
+        // The main stack first: in handler mode SPSEL can no longer be changed.
         self.set(R::CONTROL, control & !(SPSEL | FPCA))?;
         self.set(R::XPSR, 1 << 24 | exception as u32)?;
         self.set(R::LR, 0xffff_ffe0 | if floats { 0 } else { 0x10 } | mode)?;
@@ -757,7 +757,7 @@ impl Cpu {
         }
     }
 
-    /// Returns to what an exception interrupted (B1.5.8).
+    /// Returns to the code that an exception interrupted (B1.5.8).
     fn leave(&mut self, exc_return: u32) -> Result<(), Stop> {
         let core = self.core_mut();
         let Some(ended) = core.nvic.leave() else { return Err(Stop::Return(exc_return)) };
@@ -788,7 +788,7 @@ impl Cpu {
         if !process {
             self.set(R::SP, after)?;
         }
-        // Unicorn's XPSR lacks the greater-or-equal flags.
+        // Unicorn's XPSR lacks the GE flags.
         self.set(R::XPSR, status & !(1 << 9))?;
         self.set(R::XPSR_NZCVQG, status)?;
         let control = self.register(R::CONTROL) & !(SPSEL | FPCA);
@@ -814,13 +814,13 @@ fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     unsafe { uc.mem_map_ptr(flash::START.into(), flash::BANK as u64, Prot::READ | Prot::EXEC, code.cast())? };
     // SAFETY: as above, of RAM_LEN bytes.
     unsafe { uc.mem_map_ptr(RAM_START.into(), RAM_LEN as u64, Prot::READ | Prot::WRITE, ram.cast())? };
-    // SAFETY: the CCM RAM is the last part of it.
+    // SAFETY: the CCM SRAM is the last part of the RAM.
     let ccm = unsafe { ram.add(RAM_LEN - CCM_LEN) };
     // SAFETY: as above, of CCM_LEN bytes.
     unsafe { uc.mem_map_ptr(CCM_START.into(), CCM_LEN as u64, Prot::READ | Prot::WRITE, ccm.cast())? };
     uc.mem_map(rom::START.into(), rom::LEN as u64, Prot::READ | Prot::EXEC)?;
     uc.mem_write(rom::START.into(), &rom::bytes())?;
-    // Bank 2, which may be busy; APB and AHB1; AHB2; the core's own.
+    // Bank 2, which may be busy; APB and AHB1; AHB2; the private peripheral bus.
     for (start, len) in [
         (flash::START + flash::BANK as u32, flash::BANK),
         (0x4000_0000, 0x1000_0000),
@@ -841,7 +841,7 @@ fn map(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     Ok(())
 }
 
-/// Before a block: whether it may run, and what it costs.
+/// Called before a block: decides whether it may run, and adds its instructions to the clock.
 fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
     let address = address as u32;
     let core = uc.get_data();
@@ -861,7 +861,7 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
     let core = uc.get_data_mut();
     if pause {
         core.pause = Pause::Attention;
-        // The block does not run; the program counter stays on it. Nothing else can be done about a failure here.
+        // The block does not run and the program counter stays on it. A failure of this call cannot be handled here.
         let _ = uc.emu_stop();
         return;
     }
@@ -881,8 +881,8 @@ fn before_block(uc: &mut Unicorn<Core>, address: u64, bytes: u32) {
 
 fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     uc.add_block_hook(1, 0, before_block)?;
-    // Unicorn calls this for WFE, with the program counter after it; for an undefined instruction the program counter
-    // is on it.
+    // Unicorn calls this for WFE with the program counter after it, and for an undefined instruction with the program
+    // counter on it.
     uc.add_insn_invalid_hook(|uc: &mut Unicorn<Core>| {
         let pc = uc.reg_read(R::PC).unwrap_or(0) as u32;
         let half = |core: &Core, at: u32| core.code(at, 2).map(|code| u16::from_le_bytes([code[0], code[1]]));
@@ -904,7 +904,7 @@ fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
             MemType::WRITE_UNMAPPED | MemType::WRITE_PROT => "write to",
             _ => EXECUTION,
         };
-        // Fetching the return address of an exception is not a fault.
+        // The fetch of an exception return address is not a fault.
         if (address as u32) < EXC_RETURN {
             uc.get_data_mut().unmapped = Some((what, address as u32));
         }

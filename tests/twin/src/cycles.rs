@@ -1,26 +1,26 @@
-//! How many cycles a program takes: two bounds, kept separately from the twin's own time.
+//! The number of cycles that a program takes on the chip: two bounds, kept separately from the twin's own time.
 //!
-//! The twin's clock counts one cycle per instruction. If enabled ([`crate::cpu::Cpu::count_cycles`]), this model adds
-//! up what the same blocks of instructions cost on the chip while the core is awake. What no document specifies is
-//! taken both ways, so the answer is a range.
+//! The twin's clock counts one cycle per instruction. If enabled ([`crate::cpu::Cpu::count_cycles`]), this model sums
+//! the cycles that the same blocks of instructions take on the chip while the core is awake. Where no document gives a
+//! figure, each bound uses its own assumption, so the result is a range.
 //!
-//! | what | optimistic | pessimistic | source |
+//! | item | optimistic | pessimistic | source |
 //! |---|---|---|---|
 //! | instructions | [`timing`] | [`timing`] | DDI 0439, 3.3 |
 //! | refill after a taken branch | 1 | 3 | DDI 0439, 3.3.1: "P is between 1 and 3" |
-//! | flash read | wait states + 1 for each 64 bits (128 with one bank) | the same | RM0440, 3.3.3 and 3.3.4 |
+//! | flash read | wait states + 1 per 64 bits (128 in single-bank mode) | the same | RM0440, 3.3.3 and 3.3.4 |
 //! | instruction cache | 1 KB, 32 bytes a line, least recently used | the same | RM0440, 3.3.5 |
-//! | miss | wait states for the first double word; further ones are read while the core executes | the core waits for the whole line | not documented |
-//! | fetching ahead | nothing in vain | three words behind each block | DDI 0439, 3.1 (three words); what follows is ours |
-//! | data from flash | cache of 256 bytes, else wait states | the same with whole lines, and a cycle of contention | RM0440, 3.3.5; DDI 0439, 3.3.3 |
+//! | cache miss | the first double word stalls, further ones load during execution | stall for a line | not documented |
+//! | prefetch by the core | none wasted | three words after each block | DDI 0439, 3.1 (three words); effect assumed |
+//! | flash data | 256-byte cache, else wait states | whole lines, 1 for contention | RM0440, 3.3.5; DDI 0439, 3.3.3 |
 //! | unaligned access | 1 more | 2 more | not documented |
 //! | peripheral access | 0 more | 8 more | not documented |
-//! | transfer by DMA | no delay | 2 cycles of delay | AN4031, 2.1: round robin, so one access of the other's at read and write |
+//! | DMA transfer | no delay | 2 cycles | AN4031, 2.1: round robin, one access delayed at the read and one at the write |
 //! | exception: entry | 12, after another one 6 in all | 29 and a line of flash for the vector | DDI 0439, 3.9 |
-//! | exception: return | 10 | 29 | as above, with the floating point frame |
+//! | exception: return | 10 | 29 | as above, with the FPU frame |
 //!
-//! SRAM and CCM SRAM have no wait states (RM0440, 2.4). Not modelled: the prefetch of the flash interface
-//! (FLASH_ACR.PRFTEN), which our image leaves off; flash of bank 2 while it is busy, which the twin counts itself.
+//! SRAM and CCM SRAM have no wait states (RM0440, 2.4). Not modelled: the flash interface's prefetch
+//! (FLASH_ACR.PRFTEN), which our image leaves off, and reads of bank 2 while it is busy, which the twin counts itself.
 //! Order and time of interrupts are the twin's.
 
 pub mod timing;
@@ -29,9 +29,9 @@ use crate::chip::flash::{self, Access};
 use std::collections::HashMap;
 pub use timing::Range;
 
-/// Peripherals of the chip, which are behind buses of their own.
+/// Peripherals of the chip, which are on AHB and APB buses.
 const REGISTERS: std::ops::Range<u32> = 0x4000_0000..0x6000_0000;
-/// Bytes of a cache line, in both organisations of flash.
+/// Size of a cache line, in single-bank and dual-bank mode \[bytes\].
 const LINE: u32 = 32;
 const INSTRUCTION_LINES: usize = 32;
 const DATA_LINES: usize = 8;
@@ -41,18 +41,18 @@ const PERIPHERAL: Range = Range { least: 0, most: 8 };
 const TRANSFER: Range = Range { least: 0, most: 2 };
 const ENTRY: Range = Range { least: 12, most: 29 };
 const RETURN: Range = Range { least: 10, most: 29 };
-/// Return and entry of exceptions that follow each other immediately.
+/// Least cycles for the return from one exception and the entry of another that follows at once.
 const TAIL_CHAIN: u64 = 6;
-/// What the core fetches ahead, in bytes.
+/// Bytes that the core prefetches.
 const FETCHED_AHEAD: u32 = 12;
 
-/// The core waits for a whole line; without a cache, for one read.
+/// Stall while the core waits for a whole line; without a cache, for one read.
 fn line_stall(access: &Access, cached: bool) -> u64 {
     let reads = if cached { u64::from(LINE / access.width) } else { 1 };
     reads * (access.wait_states + 1) - 1
 }
 
-/// Lines of flash, the most recently used last.
+/// Cached lines of flash, the most recently used last.
 #[derive(Clone, Debug)]
 struct Cache {
     lines: Vec<u32>,
@@ -64,10 +64,10 @@ impl Cache {
         Self { lines: Vec::with_capacity(capacity), capacity }
     }
 
-    /// Uses the line of this address; returns whether it was there.
+    /// Uses the line of this address; returns whether it was cached.
     fn hit(&mut self, address: u32) -> bool {
         let line = address / LINE;
-        // Usually the one used last.
+        // Usually the most recently used line.
         let found = self.lines.iter().rposition(|&held| held == line);
         match found {
             Some(at) => self.lines[at..].rotate_left(1),
@@ -82,7 +82,7 @@ impl Cache {
     }
 }
 
-/// Caches as assumed by one of the bounds.
+/// The caches under one bound's assumptions.
 #[derive(Clone, Debug)]
 struct Caches {
     instructions: Cache,
@@ -95,25 +95,25 @@ impl Caches {
     }
 }
 
-/// What precedes the next block.
+/// What the core executed before the next block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Before {
-    /// A block that ends here.
+    /// A block that ends at this address.
     Block(u32),
-    /// A return from an exception.
+    /// An exception return.
     Return,
-    /// The entry of one, or nothing.
+    /// An exception entry, or nothing.
     Entry,
 }
 
-/// The running count.
+/// The running total.
 #[derive(Clone, Debug)]
 pub struct Model {
     total: Range,
     least: Caches,
     most: Caches,
     before: Before,
-    /// Transfers by DMA before the count.
+    /// DMA transfers before the count.
     transfers: u64,
     costs: HashMap<(u32, u32), Range>,
 }
@@ -123,7 +123,7 @@ fn in_flash(address: u32) -> bool {
 }
 
 impl Model {
-    /// A count of zero, with empty caches, after this many transfers by DMA.
+    /// A count of zero with empty caches; `transfers` is the number of DMA transfers so far.
     pub fn new(transfers: u64) -> Self {
         Self {
             total: Range::default(),
@@ -135,7 +135,7 @@ impl Model {
         }
     }
 
-    /// Cycles so far, after this many transfers by DMA in total.
+    /// Cycles so far; `transfers` is the total number of DMA transfers.
     pub fn total(&self, transfers: u64) -> Range {
         let new = transfers - self.transfers;
         let mut total = self.total;
@@ -143,12 +143,12 @@ impl Model {
         total
     }
 
-    /// The program changed.
+    /// Discards cached costs after the program has changed.
     pub fn forget_code(&mut self) {
         self.costs.clear();
     }
 
-    /// A block of instructions is executed.
+    /// Adds the execution of a block of instructions.
     pub fn block(&mut self, address: u32, code: &[u8], access: &Access) {
         let end = address + code.len() as u32;
         let execution = *self.costs.entry((address, end)).or_insert_with(|| timing::cost(address, code));
@@ -165,14 +165,14 @@ impl Model {
         }
     }
 
-    /// Cycles of a block whose missing double words are read while it executes; only the first one after a branch
-    /// cannot be read in advance.
+    /// Cycles of a block whose missing double words are read while it executes. Only the first read after a branch
+    /// cannot be done in advance.
     fn fetch(&mut self, code: std::ops::Range<u32>, execution: u64, follows: bool, access: &Access) -> u64 {
         let (mut missing, mut held) = (0, None);
         for read in code.start / access.width..=(code.end - 1) / access.width {
             let address = read * access.width;
             let line = address / LINE;
-            // A line is looked up once per block, as its parts follow each other.
+            // A line is looked up once per block, as its reads are consecutive.
             let is_held = match held {
                 Some((known, is_held)) if known == line => is_held,
                 _ => self.least.instructions.hit(address) && access.instruction_cache,
@@ -194,7 +194,7 @@ impl Model {
         missed as u64 * line_stall(access, true)
     }
 
-    /// The program reads or writes memory.
+    /// Adds a data access to memory.
     pub fn data(&mut self, address: u32, len: usize, access: &Access) {
         if !(address as usize).is_multiple_of(len.clamp(1, 4)) {
             self.total += UNALIGNED;
@@ -209,14 +209,14 @@ impl Model {
         self.total.most += 1 + if hit { 0 } else { line_stall(access, access.data_cache) };
     }
 
-    /// The program reads or writes a register. The core's own respond at once.
+    /// Adds a peripheral register access. The core's own registers have no delay.
     pub fn register(&mut self, address: u32) {
         if REGISTERS.contains(&address) {
             self.total += PERIPHERAL;
         }
     }
 
-    /// An exception is taken.
+    /// Adds an exception entry.
     pub fn enter(&mut self, access: &Access) {
         self.total.most += ENTRY.most + line_stall(access, true);
         if self.before == Before::Return {
@@ -227,7 +227,7 @@ impl Model {
         self.before = Before::Entry;
     }
 
-    /// The program returns from an exception.
+    /// Adds an exception return.
     pub fn leave(&mut self) {
         self.total += RETURN;
         self.before = Before::Return;
@@ -242,7 +242,7 @@ mod tests {
     const ONE_BANK: Access = Access { width: 16, ..TWO_BANKS };
     const NOP: [u8; 2] = [0x00, 0xbf];
 
-    /// Cycles of blocks of this many NOPs at these addresses.
+    /// Cycles of blocks with these addresses and numbers of NOPs.
     fn cycles(access: &Access, blocks: &[(u32, usize)]) -> Range {
         let mut model = Model::new(0);
         for &(address, instructions) in blocks {
@@ -276,7 +276,7 @@ mod tests {
             }
             after[after.len() - 1].since(after[after.len() / 2])
         };
-        // 31 blocks of 10 and the refills between them.
+        // 31 blocks of 10 NOPs, and the refills between them.
         assert_eq!(laps(1024), Range::new(31 * 11, 31 * 13));
         // Each line is evicted before it is used again.
         let long = laps(1056);
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn straight_code_is_bound_by_the_width_of_flash() {
-        // Sixteen instructions of two bytes, then what is fetched ahead: four reads of 64 bits or two of 128.
+        // Sixteen 2-byte instructions, then the prefetched words: four reads of 64 bits or two of 128.
         assert_eq!(cycles(&TWO_BANKS, &[(flash::START, 16)]), Range::new(20, 16 + 19 + 19));
         assert_eq!(cycles(&ONE_BANK, &[(flash::START, 16)]), Range::new(20, 16 + 9 + 9));
         let slow = Access { wait_states: 8, ..ONE_BANK };

@@ -1,4 +1,4 @@
-//! The board with its firmware, for tests.
+//! The board running its firmware, for tests.
 //!
 //! ```no_run
 //! use inerter_twin::{machine::Machine, world::Still};
@@ -10,8 +10,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The same image, world and calls give the same run to the bit. Resets that the chip requests are carried out and
-//! noted ([`Machine::resets`]); any other irregularity ends the run with [`Ended`].
+//! The same image, world and calls give a bit-identical run. The machine carries out resets that the chip requests and
+//! records them ([`Machine::resets`]). Any other irregularity ends the run with [`Ended`].
 
 use crate::{
     Board, Cycles, Width, World,
@@ -31,7 +31,7 @@ use crate::{
 use std::path::PathBuf;
 use unicorn_engine::RegisterARM;
 
-/// What cortex-m-rt paints the stack with beforehand.
+/// The pattern with which cortex-m-rt paints the stack.
 const PAINT: u32 = 0xcccc_cccc;
 
 /// Why a machine cannot be built.
@@ -40,12 +40,12 @@ pub enum StartError {
     /// The image cannot be read.
     #[error(transparent)]
     Elf(#[from] ElfError),
-    /// A part of the image lies outside of flash.
+    /// A segment of the image lies outside flash.
     #[error("{len} bytes at {address:#010x} lie outside of flash")]
     Outside {
-        /// First address.
+        /// First address of the segment.
         address: u32,
-        /// Bytes.
+        /// Length of the segment \[bytes\].
         len: usize,
     },
     /// The core cannot be built.
@@ -53,7 +53,7 @@ pub enum StartError {
     Cpu(#[from] Stop),
 }
 
-/// A run ended early.
+/// The reason and place of an early end of a run.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "{stop}, at {time_s:.6} s, pc {} (called from {})",
@@ -61,13 +61,13 @@ pub enum StartError {
     named(place.lr, lr_function)
 )]
 pub struct Ended {
-    /// Why.
+    /// The reason.
     pub stop: Stop,
-    /// Where the program was (see [`Cpu::place`]).
+    /// Location of the program (see [`Cpu::place`]).
     pub place: Place,
-    /// The function it was in.
+    /// The function at `pc`.
     pub pc_function: Option<String>,
-    /// The function that called this one.
+    /// The function that it returns to.
     pub lr_function: Option<String>,
     /// Seconds since power-on.
     pub time_s: f64,
@@ -77,18 +77,18 @@ fn named(address: u32, function: &Option<String>) -> String {
     function.as_ref().map_or_else(|| format!("{address:#010x}"), |name| format!("{address:#010x} {name}"))
 }
 
-/// What the core did in a stretch of time.
+/// Activity of the core over a period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Usage {
-    /// Length \[s\].
+    /// Length of the period \[s\].
     pub time_s: f64,
-    /// Cycles in it.
+    /// Length of the period \[cycles\].
     pub cycles: Cycles,
-    /// Of these, asleep.
+    /// Cycles spent asleep.
     pub slept: Cycles,
     /// Instructions executed.
     pub instructions: u64,
-    /// Cycles awake by the model of the chip ([`crate::cycles`]), where they are counted.
+    /// Cycles awake on the chip, by the cycle model ([`crate::cycles`]); none unless counting is enabled.
     pub awake: Option<Range>,
 }
 
@@ -103,13 +103,13 @@ impl Usage {
         self.instructions as f64 / self.time_s
     }
 
-    /// Fraction of the time that the core is awake on the chip.
+    /// Fraction of the time that the core is awake on the chip: lower and upper bound. None unless cycles are counted.
     pub fn load_on_the_chip(&self) -> Option<[f64; 2]> {
         let awake = self.awake?;
         Some([awake.least, awake.most].map(|cycles| cycles as f64 / self.cycles.max(1) as f64))
     }
 
-    /// The difference to an earlier moment.
+    /// The activity since an earlier reading.
     pub fn since(&self, earlier: &Self) -> Self {
         Self {
             time_s: self.time_s - earlier.time_s,
@@ -121,29 +121,29 @@ impl Usage {
     }
 }
 
-/// How much of the stack was used.
+/// Stack usage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StackUse {
-    /// Bytes from the start of the stack down to the lowest that was changed.
+    /// Bytes from the start of the stack down to the lowest changed word.
     pub used: usize,
     /// Bytes available.
     pub available: usize,
 }
 
-/// Everything that may differ between two machines with the same image.
+/// The options in which two machines with the same image may differ.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// What is soldered around the chip.
+    /// The circuit around the chip.
     pub board: Board,
-    /// Decides what RAM holds when power comes.
+    /// Seed of the RAM contents at power-on.
     pub seed: u64,
-    /// Kilobytes of flash that the chip reports.
+    /// Flash size that the chip reports \[KB\].
     pub flash_kb: u16,
-    /// What happens at a fault of the program.
+    /// What happens when the program faults.
     pub faults: Faults,
-    /// Where the chip differs from its manual.
+    /// Errata in force.
     pub errata: Errata,
-    /// How violations by the program are treated.
+    /// How strictly the model treats violations by the program.
     pub rules: Rules,
 }
 
@@ -167,19 +167,19 @@ pub struct Machine {
     seed: u64,
     resets: Vec<(f64, Reset)>,
     boot0: bool,
-    /// How the boot loader leaves, if it acts as on the chip; otherwise the run ends there.
+    /// How the boot loader leaves, if the machine simulates it. If none, entering the boot loader ends the run.
     serves: Option<Left>,
-    /// The boot loader while it runs.
+    /// The boot loader, while it runs.
     rom: Option<BootRom>,
 }
 
 impl Machine {
-    /// A NUCLEO board, flashed with an image and just switched on.
+    /// A NUCLEO board with the image in flash, just powered on.
     pub fn new(image: &[u8], world: Box<dyn World>) -> Result<Self, StartError> {
         Self::with(image, Options::default(), world)
     }
 
-    /// A board flashed with an image and just switched on.
+    /// A board with the image in flash, just powered on.
     pub fn with(image: &[u8], options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
         let elf = Elf::parse(image)?;
         Self::with_segments(elf, options, world)
@@ -229,7 +229,7 @@ impl Machine {
         &self.cpu
     }
 
-    /// The core, to be changed between runs.
+    /// The core with its interrupt controller, to be changed between runs.
     pub fn cpu_mut(&mut self) -> &mut Cpu {
         &mut self.cpu
     }
@@ -239,15 +239,15 @@ impl Machine {
         &self.elf
     }
 
-    /// Runs up to a moment in seconds since power-on.
+    /// Runs until a time in seconds since power-on.
     pub fn run_until(&mut self, time_s: f64) -> Result<(), Ended> {
         loop {
-            // Frequencies may have changed in between.
+            // The clock frequencies may have changed since the last slice.
             let until = self.chip().clocks.cycle_at(time_s);
             if until <= self.now() {
                 return Ok(());
             }
-            // Until the clock tree is set up, a second is not yet its final number of cycles.
+            // The number of cycles in a second changes while the program sets up the clock tree.
             let slice = until.min(self.now() + SLICE);
             if self.rom.is_some() {
                 self.look_into_rom(until).map_err(|stop| self.ended(stop))?;
@@ -262,12 +262,12 @@ impl Machine {
         }
     }
 
-    /// Runs for a length of time in seconds.
+    /// Runs for a time in seconds.
     pub fn run_for(&mut self, length_s: f64) -> Result<(), Ended> {
         self.run_until(self.time_s() + length_s)
     }
 
-    /// Runs, `step_s` at a time, until a condition holds or this time has passed; returns whether it holds.
+    /// Runs in steps of `step_s` until a condition holds or `limit_s` has passed; returns whether it holds.
     pub fn run_until_that(
         &mut self,
         limit_s: f64,
@@ -291,12 +291,12 @@ impl Machine {
         Ended { stop, place, pc_function, lr_function, time_s: self.time_s() }
     }
 
-    /// From now on the boot loader waits for firmware on USB, and leaves in this way.
+    /// Makes the boot loader, once entered, wait for firmware on USB and leave in this way.
     pub fn serve_rom(&mut self, left: Left) {
         self.serves = Some(left);
     }
 
-    /// Whether the boot loader runs.
+    /// Whether the boot loader is running.
     pub fn is_in_rom(&self) -> bool {
         self.rom.is_some()
     }
@@ -336,22 +336,22 @@ impl Machine {
         }
     }
 
-    /// Sets the level of the boot pin; it counts at the next start, if the option bytes allow it.
+    /// Sets the level of BOOT0. It takes effect at the next start if the option bytes select the pin.
     pub fn set_boot0(&mut self, level: bool) {
         self.boot0 = level;
     }
 
-    /// The reset button is pressed.
+    /// Resets the chip with the reset button.
     pub fn reset(&mut self) -> Result<(), StartError> {
         Ok(self.restart(Reset::Pin)?)
     }
 
-    /// Something resets the chip.
+    /// Resets the chip for this cause.
     pub fn reset_by(&mut self, cause: Reset) -> Result<(), StartError> {
         Ok(self.restart(cause)?)
     }
 
-    /// The ROM's boot loader starts the program by a jump, as its "leave" and "go" do.
+    /// Makes the ROM's boot loader jump to the program, as its "leave" and "go" commands do.
     pub fn leave_rom(&mut self, left: Left) -> Result<(), StartError> {
         Ok(self.jump_from_rom(left)?)
     }
@@ -360,7 +360,7 @@ impl Machine {
         let noise = rom::noise();
         self.chip_mut().ram.bytes_mut()[..noise.len()].copy_from_slice(&noise);
         for &(address, value) in left.writes() {
-            // Longer than any oscillator needs.
+            // Longer than the start-up of any oscillator that the boot loader enables.
             self.cpu.pass(1_000)?;
             let now = self.now();
             let core = self.cpu.core_mut();
@@ -377,7 +377,7 @@ impl Machine {
         self.cpu.jump(flash::START)
     }
 
-    /// Power is lost and returns: flash keeps its contents, RAM holds anything.
+    /// Removes and restores power. Flash keeps its contents; RAM contents are undefined.
     pub fn power_cut(&mut self) -> Result<(), StartError> {
         self.seed = self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(1);
         let seed = self.seed;
@@ -385,12 +385,12 @@ impl Machine {
         Ok(self.restart(Reset::Power)?)
     }
 
-    /// Every start so far, power-on included: when and why.
+    /// Time and cause of every start so far, power-on included.
     pub fn resets(&self) -> &[(f64, Reset)] {
         &self.resets
     }
 
-    /// What the core did since power was first applied.
+    /// The core's activity since power was first applied.
     pub fn usage(&self) -> Usage {
         let core = self.cpu.core();
         Usage {
@@ -412,27 +412,27 @@ impl Machine {
         self.chip().clocks.hclk_hz
     }
 
-    /// The computer at the serial link sends.
+    /// Sends bytes from the computer on the serial link.
     pub fn serial_send(&mut self, bytes: &[u8]) {
         let now = self.now();
         self.chip_mut().serial_send(bytes, now);
     }
 
-    /// What the computer at the serial link has received since the last call.
+    /// Bytes that the computer on the serial link received since the last call.
     pub fn serial_take(&mut self) -> Vec<u8> {
         let now = self.now();
         self.chip_mut().serial_take(now)
     }
 
-    /// A word of RAM or flash; none elsewhere.
+    /// A word of RAM or flash; none for other addresses.
     pub fn word(&self, address: u32) -> Option<u32> {
         let bytes = self.chip().bytes(address, 4)?;
         Some(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
     }
 
-    /// How much of the stack was used since the last start, as far as the paint of cortex-m-rt shows.
+    /// Peak stack usage since the last start, from the stack paint of cortex-m-rt.
     ///
-    /// None for an image without that paint's symbols.
+    /// None for an image without cortex-m-rt's stack symbols.
     pub fn stack_high_water(&self) -> Option<StackUse> {
         let end = self.elf.symbol("_stack_end")?;
         let start = self.elf.symbol("_stack_start")?;
@@ -442,37 +442,37 @@ impl Machine {
         Some(StackUse { used: len - untouched, available: len })
     }
 
-    /// Storage registers that were read and never written, by name.
+    /// Names of the storage registers that were read but never written.
     pub fn unwritten_reads(&mut self) -> Vec<String> {
         self.chip_mut().unwritten_reads()
     }
 
-    /// A copy of everything that flash keeps.
+    /// A copy of the flash's non-volatile contents.
     pub fn flash(&self) -> flash::Contents {
         self.chip().flash.contents()
     }
 
-    /// Puts such a copy into flash; a restart must follow.
+    /// Restores such a copy; restart the chip afterwards.
     pub fn set_flash(&mut self, contents: &flash::Contents) {
         self.chip_mut().flash.set_contents(contents);
     }
 
-    /// A register of the core.
+    /// Value of a core register.
     pub fn register(&self, register: RegisterARM) -> u32 {
         self.cpu.register(register)
     }
 }
 
-/// Longest stretch in which frequencies are assumed constant: 1 ms at 16 MHz.
+/// Maximum time over which the frequencies are assumed constant: 1 ms at 16 MHz.
 const SLICE: Cycles = 16_000;
 
-/// An image given in the environment, or left by `cargo build --release`; if there is none, the test is skipped
-/// ([`inerter_needs::or_skip`]).
+/// Reads the image named by an environment variable, or else the one built by `cargo build --release`. If there is
+/// none, the test is skipped ([`inerter_needs::or_skip`]).
 pub fn image(variable: &str, built: &str) -> Option<Vec<u8>> {
     read(std::env::var_os(variable).map_or_else(|| built_here(built), PathBuf::from))
 }
 
-/// The same, from the folder given in the environment.
+/// The same, from a folder named by an environment variable.
 pub fn image_in(variable: &str, built: &str) -> Option<Vec<u8>> {
     let own = built_here(built);
     let named = std::env::var_os(variable).map(PathBuf::from).zip(own.file_name().map(PathBuf::from));

@@ -1,37 +1,39 @@
-//! The core's own registers: interrupt controller, system control block, SysTick, cycle counter (ARM DDI 0403, B3).
+//! The registers on the private peripheral bus: interrupt controller, system control block, SysTick, MPU, cycle counter
+//! (ARM DDI 0403, B3).
 //!
-//! Plain bookkeeping: which exceptions are pending or active, and which may be taken; [`crate::cpu`] moves the stack
-//! and enforces the regions of the protection unit ([`Nvic::regions`]). The coprocessor access and the fault registers
-//! are only stored, except that the floating point unit counts as off until CPACR enables it.
+//! This module tracks which exceptions are pending or active, and which the core may take. [`crate::cpu`] stacks the
+//! frames and enforces the MPU regions ([`Nvic::regions`]). CPACR is storage; the FPU counts as off until it grants
+//! full access. The fault registers hold the faults that [`crate::cpu`] reports.
 //!
-//! Glossary: *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts. *Priority*:
-//! lower is more urgent; -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip), [`THREAD`]
-//! when nothing is active.
+//! Glossary:
+//! - *exception*: 2 NMI, 3 HardFault, 11 SVCall, 14 PendSV, 15 SysTick, 16 and up interrupts.
+//! - *priority*: lower is more urgent: -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip),
+//!   [`THREAD`] when nothing is active.
 
 use crate::{Cycles, Storage, Unknown, Width};
 
-/// Less urgent than any exception.
+/// Priority of thread mode, less urgent than any exception.
 pub const THREAD: i32 = 256;
-/// Interrupts of the chip.
+/// Number of interrupts of the chip.
 const INTERRUPTS: usize = 102;
-/// The NMI's number.
+/// Exception number of NMI.
 pub const NMI: usize = 2;
-/// HardFault's number.
+/// Exception number of HardFault.
 pub const HARD_FAULT: usize = 3;
-/// SVCall's number.
+/// Exception number of SVCall.
 pub const SV_CALL: usize = 11;
 const PEND_SV: usize = 14;
 const SYS_TICK: usize = 15;
 const FIRST_INTERRUPT: usize = 16;
 
-/// The four bits of a priority that exist.
+/// The four implemented priority bits.
 const PRIORITY_BITS: u8 = 0xf0;
 
 const SEVONPEND: u32 = 1 << 4;
 /// AIRCR: the key that a write must carry, and the bit that requests a reset.
 const VECTKEY: u32 = 0x05fa;
 const SYSRESETREQ: u32 = 1 << 2;
-/// CPACR: full access to the floating point unit.
+/// CPACR: full access to the FPU.
 const FPU_ACCESS: u32 = 0xf << 20;
 
 const SCR: u32 = 0xd10;
@@ -44,21 +46,21 @@ const MMFAR: u32 = 0xd34;
 const MPU_CTRL: u32 = 0xd94;
 const MPU_RNR: u32 = 0xd98;
 const MPU_RBAR: u32 = 0xd9c;
-/// End of RASR and the three aliases of both.
+/// End of RASR and of the three aliases of RBAR and RASR.
 const MPU_END: u32 = 0xdbc;
-/// Regions of the protection unit (PM0214 4.5).
+/// Number of MPU regions (PM0214 4.5).
 const REGIONS: usize = 8;
-/// CTRL: enabled; also in the handlers of NMI and HardFault; the default map where there is no region.
+/// MPU_CTRL: enabled; also enabled in the handlers of NMI and HardFault; default memory map outside the regions.
 const MPU_ENABLE: u32 = 1 << 0;
 const MPU_IN_FAULTS: u32 = 1 << 1;
 const MPU_BACKGROUND: u32 = 1 << 2;
 
-/// What the protection unit allows in a range of addresses (B3.5.9), to privileged code.
+/// Access that the MPU grants privileged code in an address range (B3.5.9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
     /// First address.
     pub start: u32,
-    /// Bytes.
+    /// Size \[bytes\].
     pub len: u32,
     /// May be read.
     pub read: bool,
@@ -74,7 +76,7 @@ impl Region {
         address.wrapping_sub(self.start) < self.len
     }
 
-    /// From RBAR and RASR; none if it is off.
+    /// Decodes RBAR and RASR; none if the region is disabled.
     fn decode(base: u32, attributes: u32) -> Result<Option<Self>, Unknown> {
         if attributes & 1 == 0 {
             return Ok(None);
@@ -95,14 +97,14 @@ impl Region {
     }
 }
 
-/// What the core masks: its special registers.
+/// The core's mask registers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Masks {
-    /// Everything but NMI and HardFault.
+    /// PRIMASK: masks everything but NMI and HardFault.
     pub primask: bool,
-    /// Everything but NMI.
+    /// FAULTMASK: masks everything but NMI.
     pub faultmask: bool,
-    /// This priority and all that are less urgent; 0 masks nothing.
+    /// BASEPRI: masks this priority and all less urgent ones; 0 masks nothing.
     pub basepri: u8,
 }
 
@@ -116,13 +118,13 @@ struct Active {
 struct SysTick {
     control: u32,
     reload: u32,
-    /// When the counter was last, or will next be, loaded.
+    /// Time at which the counter was last, or will next be, loaded.
     since: Cycles,
     counted: bool,
 }
 
 impl SysTick {
-    /// Cycles per count: the core's clock, or an eighth of it.
+    /// Cycles per count: 1 if HCLK clocks the counter, 8 if HCLK / 8 does.
     fn divider(&self) -> u64 {
         if self.control & 4 != 0 { 1 } else { 8 }
     }
@@ -143,7 +145,7 @@ impl SysTick {
         self.reload - counts as u32
     }
 
-    /// Whether it has passed zero since the last call.
+    /// Whether the counter has reached zero since the last call.
     fn advance(&mut self, now: Cycles) -> bool {
         if !self.runs() || now < self.since + self.period() {
             return false;
@@ -155,30 +157,30 @@ impl SysTick {
     }
 }
 
-/// The registers.
+/// The registers on the private peripheral bus.
 #[derive(Clone, Debug)]
 pub struct Nvic {
     enabled: u128,
     pending: u128,
     lines: u128,
     nmi_line: bool,
-    /// Pending exceptions below the interrupts, by number.
+    /// Pending exceptions with numbers below 16, as a bit mask.
     pending_system: u32,
     active: Vec<Active>,
     priorities: [u8; INTERRUPTS],
-    /// Of the exceptions 4 to 15.
+    /// Priorities of the exceptions 4 to 15.
     system_priorities: [u8; 12],
     group: u32,
     vector_table: u32,
     storage: Storage,
-    /// RBAR without its number, and RASR, of each region.
+    /// RBAR (without the region number) and RASR of each region.
     regions: [(u32, u32); REGIONS],
     systick: SysTick,
     cycle_counter_on: bool,
-    /// Cycles by which the counter lags behind the machine's.
+    /// Cycles by which the cycle counter lags behind the machine's clock.
     cycle_counter_lag: u32,
     event: bool,
-    /// What was pending at the last check: the rest is new.
+    /// What was pending at the last check; anything else that is pending is new.
     seen: (u128, u32),
     reset: bool,
 }
@@ -198,7 +200,7 @@ impl Default for Nvic {
             group: 0,
             vector_table: 0,
             storage: Storage::new(&[
-                // SCR, CCR, SHCSR, fault status and addresses.
+                // SCR, CCR, SHCSR, fault status and address registers.
                 (SCR, 0, 0x1e),
                 (0xd14, 0x200, 0x31b),
                 plain(0xd24),
@@ -207,7 +209,7 @@ impl Default for Nvic {
                 plain(0xd30),
                 plain(MMFAR),
                 plain(BFAR),
-                // CPACR, MPU (type, control, number; the regions are apart).
+                // CPACR, MPU_TYPE, MPU_CTRL, MPU_RNR; the region registers are separate.
                 (CPACR, 0, FPU_ACCESS),
                 (0xd90, 0x800, 0),
                 (MPU_CTRL, 0, 7),
@@ -234,7 +236,7 @@ impl Default for Nvic {
 }
 
 impl Nvic {
-    /// Urgency of an exception, without the bits that only order pending ones.
+    /// Group priority of an exception, without the subpriority bits.
     fn priority(&self, exception: usize) -> i32 {
         match exception {
             NMI => -2,
@@ -248,7 +250,7 @@ impl Nvic {
         i32::from(priority) & !((2 << self.group) - 1)
     }
 
-    /// Order of exceptions within one group: all bits, then the number.
+    /// Order of pending exceptions of equal group priority: subpriority, then exception number.
     fn order(&self, exception: usize) -> (i32, i32, usize) {
         let whole = match exception {
             NMI | HARD_FAULT => 0,
@@ -258,14 +260,14 @@ impl Nvic {
         (self.priority(exception), i32::from(whole), exception)
     }
 
-    /// Pending interrupts: those whose line is high pend again as soon as their handler has ended.
+    /// Pending interrupts. One whose request is still high becomes pending again when its handler ends.
     fn pending_interrupts(&self) -> u128 {
         let active = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
         let active = active.fold(0u128, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT));
         self.pending | self.lines & !active
     }
 
-    /// The most urgent exception that is pending and enabled, whatever is active or masked.
+    /// The most urgent exception that is pending and enabled, regardless of active exceptions and masks.
     fn candidate(&self) -> Option<usize> {
         let mut system = self.pending_system;
         let mut best = None;
@@ -287,7 +289,7 @@ impl Nvic {
         best.map(|(_, exception)| exception)
     }
 
-    /// Priority at which the core runs (B1.5.4).
+    /// Execution priority of the core (B1.5.4).
     fn execution_priority(&self, masks: Masks) -> i32 {
         let active = self.active.iter().map(|active| active.priority).min().unwrap_or(THREAD);
         let base = if masks.basepri == 0 { THREAD } else { self.group_priority(masks.basepri) };
@@ -296,22 +298,22 @@ impl Nvic {
         active.min(base).min(primask).min(faultmask)
     }
 
-    /// The exception that the core takes now.
+    /// The exception that the core takes now, if any.
     pub fn takeable(&self, masks: Masks) -> Option<usize> {
         self.candidate().filter(|&exception| self.priority(exception) < self.execution_priority(masks))
     }
 
-    /// Whether there is an exception that only the core's masks may hold back.
+    /// Whether an exception is pending that only the masks may block.
     pub fn wants_attention(&self) -> bool {
         self.takeable(Masks::default()).is_some()
     }
 
-    /// Whether WFI ends: PRIMASK does not count.
+    /// Whether WFI ends, which PRIMASK does not prevent.
     pub fn ends_wfi(&self, masks: Masks) -> bool {
         self.takeable(Masks { primask: false, ..masks }).is_some()
     }
 
-    /// The levels of the chip's lines.
+    /// Sets the levels of the interrupt requests and of the NMI request.
     pub fn set_lines(&mut self, lines: u128, nmi: bool) {
         self.pending |= lines & !self.lines;
         self.lines = lines;
@@ -321,12 +323,12 @@ impl Nvic {
         self.nmi_line = nmi;
     }
 
-    /// An exception caused by the running instruction.
+    /// Makes an exception below 16 pending, for example one that an instruction causes.
     pub fn pend_system(&mut self, exception: usize) {
         self.pending_system |= 1 << exception;
     }
 
-    /// A bus fault at this address, which escalates to HardFault: nothing enables BusFault here.
+    /// Records a bus fault at this address. It escalates to HardFault, as BusFault is never enabled here.
     pub fn bus_fault(&mut self, address: u32) {
         self.storage.set(BFAR, address);
         // PRECISERR, BFARVALID.
@@ -334,7 +336,7 @@ impl Nvic {
         self.hard_fault();
     }
 
-    /// An access that the protection unit forbids, which escalates to HardFault: nothing enables MemManage here.
+    /// Records an access that the MPU forbids. It escalates to HardFault, as MemManage is never enabled here.
     pub fn protection_fault(&mut self, address: u32, executing: bool) {
         // IACCVIOL, or DACCVIOL with MMARVALID.
         let status = if executing { 1 << 0 } else { 1 << 1 | 1 << 7 };
@@ -345,19 +347,19 @@ impl Nvic {
         self.hard_fault();
     }
 
-    /// What the protection unit currently enforces, the region with precedence last; empty while it is off, and in the
-    /// handlers of faults if it does not apply there.
+    /// The regions that the MPU currently enforces, in ascending precedence. Empty while the MPU is off, and in fault
+    /// handlers if it does not apply there.
     pub fn regions(&self, masks: Masks) -> Vec<Region> {
         let control = self.storage.get(MPU_CTRL);
         let in_fault = masks.faultmask || self.active.iter().any(|active| active.priority < 0);
         if control & MPU_ENABLE == 0 || in_fault && control & MPU_IN_FAULTS == 0 {
             return Vec::new();
         }
-        // A region without a model was refused when it was written.
+        // A region without a model was refused at the write.
         self.regions.iter().filter_map(|&(base, attributes)| Region::decode(base, attributes).ok().flatten()).collect()
     }
 
-    /// An undefined instruction.
+    /// Records an undefined instruction, which escalates to HardFault.
     pub fn undefined_instruction(&mut self) {
         self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 16);
         self.hard_fault();
@@ -369,61 +371,61 @@ impl Nvic {
         self.pend_system(HARD_FAULT);
     }
 
-    /// The core takes an exception; returns the address of its vector.
+    /// Makes an exception active; returns the address of its vector.
     pub fn enter(&mut self, exception: usize) -> u32 {
         self.active.push(Active { exception, priority: self.priority(exception) });
         match exception {
             0..FIRST_INTERRUPT => self.pending_system &= !(1 << exception),
             _ => self.pending &= !(1 << (exception - FIRST_INTERRUPT)),
         }
-        // What was pending no longer is: pending again is new.
+        // Forget what is no longer pending: if it becomes pending again, it is new.
         self.seen = (self.seen.0 & self.pending_interrupts(), self.seen.1 & self.pending_system);
         self.event = true;
         self.vector_table + 4 * exception as u32
     }
 
-    /// The exception entered last ends.
+    /// Ends the exception entered last.
     pub fn leave(&mut self) -> Option<usize> {
         self.event = true;
         self.active.pop().map(|active| active.exception)
     }
 
-    /// The running exception, as in IPSR; 0 in thread mode.
+    /// Number of the active exception, as in IPSR; 0 in thread mode.
     pub fn running(&self) -> usize {
         self.active.last().map_or(0, |active| active.exception)
     }
 
-    /// How many exceptions are active.
+    /// Number of active exceptions.
     pub fn depth(&self) -> usize {
         self.active.len()
     }
 
-    /// SEV, or an equivalent.
+    /// Sets the event register, as SEV does.
     pub fn set_event(&mut self) {
         self.event = true;
     }
 
-    /// Takes the event that WFE waits for, if there was one.
+    /// Clears the event register, on which WFE waits; returns its previous value.
     pub fn take_event(&mut self) -> bool {
         std::mem::take(&mut self.event)
     }
 
-    /// Whether a reset is requested.
+    /// Whether the program requested a reset.
     pub fn reset_wanted(&self) -> bool {
         self.reset
     }
 
-    /// Where the vectors are.
+    /// Address of the vector table (VTOR).
     pub fn vector_table(&self) -> u32 {
         self.vector_table
     }
 
-    /// Whether the floating point unit may be used.
+    /// Whether CPACR grants full access to the FPU.
     pub fn fpu_is_on(&self) -> bool {
         self.storage.get(CPACR) & FPU_ACCESS == FPU_ACCESS
     }
 
-    /// Brings SysTick to `now` and notes what has become pending.
+    /// Advances SysTick to `now` and detects newly pending exceptions.
     pub fn advance(&mut self, now: Cycles) {
         if self.systick.advance(now) && self.systick.control & 2 != 0 {
             self.pending_system |= 1 << SYS_TICK;
@@ -436,12 +438,12 @@ impl Nvic {
         }
     }
 
-    /// When SysTick next interrupts.
+    /// Time of the next SysTick exception.
     pub fn next_event(&self) -> Option<Cycles> {
         (self.systick.runs() && self.systick.control & 2 != 0).then(|| self.systick.since + self.systick.period())
     }
 
-    /// Word `number` of 32 bits of a set of interrupts.
+    /// Word `number` of a set of interrupts, 32 bits each.
     fn word(set: u128, number: u32) -> u32 {
         (set >> (32 * number)) as u32
     }
@@ -465,7 +467,7 @@ impl Nvic {
             | bit(NMI, 31)
     }
 
-    /// A read in the private peripheral bus, 0xE000_0000 and up.
+    /// A read on the private peripheral bus, 0xE000_0000 and up.
     pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
         let word = match address & !3 {
             0xe000_1000 => 0x4000_0000 | u32::from(self.cycle_counter_on),
@@ -510,7 +512,7 @@ impl Nvic {
         })
     }
 
-    /// A write in the private peripheral bus.
+    /// A write on the private peripheral bus.
     pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         match address & !3 {
             0xe000_1000 => {
@@ -527,22 +529,22 @@ impl Nvic {
                 self.set_cycle_count(value, now);
                 Ok(())
             }
-            // The lock of the watchpoint unit, which an M4 does not have.
+            // The lock access register of the DWT, which an M4 does not have.
             0xe000_1fb0 => Ok(()),
             0xe000_e000..0xe000_f000 => self.write_scs(address & 0xfff, value, width, now),
             _ => Err(Unknown::REGISTER),
         }
     }
 
-    /// The region that RBAR and RASR show.
+    /// The region that RBAR and RASR access.
     fn region(&self) -> usize {
         self.storage.get(MPU_RNR) as usize % REGIONS
     }
 
-    /// RBAR and RASR, and their three aliases.
+    /// A write to RBAR or RASR, or to one of their three aliases.
     fn write_region(&mut self, register: u32, value: u32) -> Result<(), Unknown> {
         let is_base = register & 4 == MPU_RBAR & 4;
-        // VALID: the write includes the number.
+        // VALID: the write includes the region number.
         if is_base && value & 1 << 4 != 0 {
             self.storage.set(MPU_RNR, value & 0xf);
         }
@@ -616,10 +618,10 @@ impl Nvic {
                     }
                 }
             }
-            // Written ones clear.
+            // Writing 1 clears a bit.
             CFSR | HFSR => self.storage.set(register, self.storage.get(register) & !value),
             0xf00 => self.pending |= 1 << (value & 0x7f) & existing,
-            // Cache and branch predictor maintenance, of which an M4 has neither.
+            // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
             MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
                 return Err(Unknown { what: "the protection unit without the usual map has no model" });
@@ -685,7 +687,7 @@ mod tests {
     #[test]
     fn groups_order_without_interrupting() {
         let mut nvic = two();
-        // Two bits for the group: 0x60 and 0x40 are in the same one.
+        // PRIGROUP leaves two bits for the group: 0x60 and 0x40 are in the same group.
         write(&mut nvic, 0xd0c, VECTKEY << 16 | 5 << 8);
         nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("known");
         write(&mut nvic, 0x200, 3 << 5);
@@ -736,7 +738,7 @@ mod tests {
         assert!(nvic.take_event(), "also one that is not enabled");
         nvic.advance(0);
         assert!(!nvic.take_event());
-        // Served and raised again: new.
+        // Served and raised again: newly pending.
         write(&mut nvic, 0x100, 1 << 9);
         nvic.enter(25);
         nvic.set_lines(0, false);

@@ -1,15 +1,15 @@
-//! The computer at the other end of the USB cable.
+//! The USB host, for tests of the device.
 //!
-//! [`UsbHost`] does the work of a host controller and its drivers: it gives the device a supply and frames, enumerates
-//! it, and moves transfers packet by packet while the time on the wire passes. [`Socket`] is the device with its cable;
-//! every method that lets time pass takes it, so a test can inspect the device in between.
+//! [`UsbHost`] acts as a host controller and its drivers: it powers the device, sends SOF packets, enumerates the
+//! device, and carries out transfers packet by packet while bus time passes. [`Socket`] is the device with its cable.
+//! Every method that lets time pass takes the socket, so a test can inspect the device between calls.
 //!
-//! - *transfer*: what a driver asks for: a control request, or bytes to or from an endpoint. The host divides it into
+//! - *transfer*: a driver's request: a control request, or bytes to or from an endpoint. The host divides it into
 //!   packets.
-//! - *short packet*: one with fewer bytes than the endpoint can carry, zero included. It ends a transfer to the host;
-//!   64 bytes that are not followed by one stay in the host, unseen by the reader.
+//! - *short packet*: a packet below the endpoint's maximum size, possibly empty. It ends a transfer to the host. If a
+//!   multiple of 64 bytes is not followed by one, the data stays in the host and the reader does not get it.
 //!
-//! All times are the device's, in seconds. Source: USB 2.0, chapters 5, 8 and 9; CDC PSTN 1.2, 6.3.
+//! All times are device times, in seconds. Source: USB 2.0, chapters 5, 8 and 9; CDC PSTN 1.2, 6.3.
 
 use crate::chip::usb::{Answer, Toggle, Usb};
 use std::collections::VecDeque;
@@ -19,65 +19,65 @@ pub mod serial;
 
 pub use descriptors::{Description, DescriptorError, Endpoint, EndpointKind, Text};
 
-/// A device and its end of the cable.
+/// A device at the end of a cable.
 pub trait Socket {
-    /// The peripheral, brought to the current time.
+    /// The USB peripheral, advanced to the current time.
     fn usb(&mut self) -> &mut Usb;
     /// Seconds since power-on.
     fn time_s(&mut self) -> f64;
     /// Lets time pass; an error ends the run.
     fn run_for(&mut self, time_s: f64) -> Result<(), String>;
-    /// Switches the 5 V of the cable.
+    /// Switches VBUS on or off.
     fn set_supply(&mut self, on: bool);
 }
 
-/// Bytes of a full packet of bulk endpoints at full speed, and the maximum for control endpoints.
+/// Maximum packet size of bulk endpoints at full speed, and upper limit for control endpoints.
 const FULL_PACKET: usize = 64;
-/// Bus address given to the device.
+/// Address that the host assigns.
 const ADDRESS: u8 = 9;
-/// From the plug's contact to the reset (USB 2.0 7.1.7.3).
+/// Time from connection to bus reset (USB 2.0 7.1.7.3).
 const DEBOUNCE_S: f64 = 0.1;
-/// Length of a reset plus the recovery time (USB 2.0 7.1.7.5).
+/// Duration of a bus reset and the recovery after it (USB 2.0 7.1.7.5).
 const RESET_S: f64 = 0.02;
-/// Time to change the address (USB 2.0 9.2.6.3).
+/// Recovery time after SET_ADDRESS (USB 2.0 9.2.6.3).
 const SET_ADDRESS_S: f64 = 0.002;
-/// Length of the resume signal plus the recovery time (USB 2.0 7.1.7.7).
+/// Duration of resume signalling and the recovery after it (USB 2.0 7.1.7.7).
 const RESUME_S: f64 = 0.03;
-/// No traffic for this long means suspend (USB 2.0 7.1.7.6: after 3 ms, before 10 ms).
+/// Idle time that suspends the device (USB 2.0 7.1.7.6: after 3 ms, before 10 ms).
 const SUSPEND_S: f64 = 0.01;
-/// A device whose pull-up is not seen by then counts as dead.
+/// The host gives up on a device whose pull-up does not appear within this time.
 const ATTACH_S: f64 = 1.0;
-/// Time for a control request (Linux: USB_CTRL_GET_TIMEOUT).
+/// Timeout of a control request (Linux: USB_CTRL_GET_TIMEOUT).
 pub const CONTROL_S: f64 = 5.0;
-/// Pause after a round in which nothing moved; doubled after each further one, up to [`LONGEST_PAUSE_S`].
+/// Pause after a round without progress; doubled after each further one, up to [`LONGEST_PAUSE_S`].
 const PAUSE_S: f64 = 20e-6;
-/// A host that also does other things returns within this time.
+/// Maximum pause, for a host that also has other work.
 const LONGEST_PAUSE_S: f64 = 160e-6;
-/// Unanswered packets until the device counts as broken (USB 2.0 8.7: three).
+/// Consecutive packets without a response after which a transfer fails (USB 2.0 8.7: three).
 const STRIKES: u32 = 3;
 
 /// Why a transfer, or the bus, failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UsbError {
-    /// The device refuses it.
+    /// The endpoint is stalled.
     #[error("the device refused the request (STALL)")]
     Stalled,
-    /// Three packets without an answer.
+    /// No response to three packets.
     #[error("the device does not answer")]
     Silent,
-    /// More data than asked for.
+    /// More data than requested.
     #[error("the device sent more than was asked for")]
     TooMuch,
-    /// Not done in time.
+    /// Timeout.
     #[error("not done within the time")]
     Late,
-    /// No device at the end of the cable.
+    /// No device is connected.
     #[error("no device is attached")]
     Detached,
     /// The device's descriptors are wrong.
     #[error("{0}")]
     Descriptor(#[from] DescriptorError),
-    /// The device's program ended.
+    /// The device's simulation ended.
     #[error("the device stopped: {0}")]
     Stopped(String),
 }
@@ -85,27 +85,27 @@ pub enum UsbError {
 /// A control request (USB 2.0 9.3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// Direction, type, recipient.
+    /// bmRequestType: direction, type, recipient.
     pub kind: u8,
-    /// Which request.
+    /// bRequest.
     pub request: u8,
-    /// Its parameter.
+    /// wValue.
     pub value: u16,
-    /// Interface, endpoint or language.
+    /// wIndex: interface, endpoint or language.
     pub index: u16,
-    /// Bytes of data.
+    /// wLength: bytes of data.
     pub length: u16,
 }
 
 impl Setup {
-    /// As on the wire.
+    /// The setup packet.
     pub fn bytes(&self) -> [u8; 8] {
         let ([v0, v1], [i0, i1]) = (self.value.to_le_bytes(), self.index.to_le_bytes());
         let [l0, l1] = self.length.to_le_bytes();
         [self.kind, self.request, v0, v1, i0, i1, l0, l1]
     }
 
-    /// From the wire.
+    /// Decodes a setup packet.
     pub fn from_bytes(bytes: [u8; 8]) -> Self {
         let [kind, request, v0, v1, i0, i1, l0, l1] = bytes;
         let word = |low, high| u16::from_le_bytes([low, high]);
@@ -117,14 +117,14 @@ impl Setup {
     }
 }
 
-/// What a driver asks for.
+/// A driver's request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Transfer {
     /// A control request with the data for the device.
     Control(Setup, Vec<u8>),
-    /// At most this many bytes from an endpoint; a short packet ends it.
+    /// At most this many bytes from an endpoint; a short packet ends the transfer.
     In(u8, usize),
-    /// Bytes to an endpoint; with `true` a packet of zero bytes follows full ones.
+    /// Bytes to an endpoint; with `true`, an empty packet follows data that ends with a full packet.
     Out(u8, Vec<u8>, bool),
 }
 
@@ -133,9 +133,9 @@ pub enum Transfer {
 pub struct Done {
     /// The number that [`UsbHost::submit`] gave.
     pub number: u64,
-    /// Bytes from the device, none for a transfer to it; or the error.
+    /// The bytes from the device (empty for a transfer to it), or the error.
     pub result: Result<Vec<u8>, UsbError>,
-    /// Bytes moved either way.
+    /// Bytes transferred, in either direction.
     pub moved: usize,
 }
 
@@ -156,17 +156,17 @@ struct Running {
     received: Vec<u8>,
     sent: usize,
     strikes: u32,
-    /// Bytes of a full packet.
+    /// Maximum packet size.
     full: usize,
 }
 
-/// What one packet did.
+/// Outcome of one packet.
 enum Step {
-    /// Something moved; the transfer continues.
+    /// Progress; the transfer continues.
     Moved,
-    /// Nothing moved.
+    /// No progress.
     Waits,
-    /// The transfer is over.
+    /// The transfer has ended.
     Ends(Result<(), UsbError>),
 }
 
@@ -177,7 +177,7 @@ struct Pipe {
     toggle: Toggle,
 }
 
-/// Which pipe: 0 control, 1 to 15 to the device, 17 to 31 to the host.
+/// Index of a pipe: 0 control, 1 to 15 OUT, 17 to 31 IN.
 const PIPES: usize = 32;
 const TO_HOST: usize = 16;
 
@@ -189,11 +189,11 @@ pub struct UsbHost {
     address: u8,
     supplied: bool,
     frames: bool,
-    /// How long this host's frames are; nominally 1 ms.
+    /// Frame length by the device's clock \[s\]; nominally 1 ms.
     frame_s: f64,
     description: Option<Description>,
     pause_s: f64,
-    /// Bytes of a full packet of endpoint 0, as the device reports.
+    /// Maximum packet size of endpoint 0, from the device descriptor.
     control_packet: usize,
 }
 
@@ -204,7 +204,7 @@ impl Default for UsbHost {
 }
 
 impl UsbHost {
-    /// A host with nothing plugged in and an exact clock.
+    /// A host with nothing connected and an exact clock.
     pub fn new() -> Self {
         Self {
             pipes: std::array::from_fn(|_| Pipe::default()),
@@ -220,25 +220,25 @@ impl UsbHost {
         }
     }
 
-    /// The same with a clock that is slow by `ppm` millionths.
+    /// The same with a clock that is `ppm` parts per million slow.
     pub fn with_slow_clock(ppm: f64) -> Self {
         Self { frame_s: 1e-3 * (1.0 + ppm * 1e-6), ..Self::new() }
     }
 
-    /// What the device reported of itself when it was enumerated.
+    /// The descriptors of the last enumeration.
     pub fn description(&self) -> Option<&Description> {
         self.description.as_ref()
     }
 
-    // ---- the cable and the bus
+    // ---- cable and bus
 
-    /// Plugs the cable in, waits for the device, and resets it.
+    /// Connects the cable, waits for the device, and resets it.
     pub fn plug(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         self.supplied = true;
         socket.set_supply(true);
         socket.usb().set_cable(true);
         let end_s = socket.time_s() + ATTACH_S;
-        // From contact on; starts over when that is lost, as after a short pull at the plug.
+        // Time since which the device has been attached; restarts when contact is lost, as in a brief unplug.
         let mut seen_s: Option<f64> = None;
         loop {
             let now_s = socket.time_s();
@@ -254,7 +254,7 @@ impl UsbHost {
         self.reset(socket)
     }
 
-    /// Pulls the cable out. Transfers under way end with [`UsbError::Detached`].
+    /// Disconnects the cable. Transfers in progress end with [`UsbError::Detached`].
     pub fn unplug(&mut self, socket: &mut impl Socket) {
         socket.set_supply(false);
         socket.usb().set_cable(false);
@@ -262,7 +262,7 @@ impl UsbHost {
         self.lose(socket);
     }
 
-    /// Resets the device: it is at address 0 and not configured afterwards.
+    /// Resets the bus. The device then has address 0 and is not configured.
     pub fn reset(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         self.fail_all(&UsbError::Silent);
         self.address = 0;
@@ -274,14 +274,14 @@ impl UsbHost {
         run(socket, RESET_S)
     }
 
-    /// Stops all traffic for long enough that the device must take it as a suspend.
+    /// Stops all traffic long enough to suspend the device.
     pub fn suspend(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         socket.usb().stop_frames();
         self.frames = false;
         run(socket, SUSPEND_S)
     }
 
-    /// Wakes the device.
+    /// Resumes the device.
     pub fn resume(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         self.check_attached(socket)?;
         socket.usb().resume();
@@ -290,16 +290,16 @@ impl UsbHost {
         run(socket, RESUME_S)
     }
 
-    /// Gives the device an address, reads its descriptors and configures it, in the order of Linux.
+    /// Assigns an address, reads the descriptors and configures the device, in Linux's order.
     pub fn enumerate(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
-        // Its eighth byte gives the packet length; it comes with the first packet, however short that is.
+        // Byte 7 of the device descriptor is the maximum packet size. It is in the first packet, whatever the size.
         self.control_packet = FULL_PACKET;
         let head = self.get_descriptor(socket, 1, 0, 0, 64)?;
         self.control_packet = descriptors::control_packet(&head)?;
         self.reset(socket)?;
         self.set_address(socket)?;
         let device = self.get_descriptor(socket, 1, 0, 0, 18)?;
-        // A device of USB 2.0 or later is asked what it would be at high speed; one that has only full speed refuses.
+        // A USB 2.0 host asks for the device qualifier. A full-speed-only device stalls.
         match self.get_descriptor(socket, 6, 0, 0, 10) {
             Ok(_) | Err(UsbError::Stalled) => {}
             Err(error) => return Err(error),
@@ -320,7 +320,7 @@ impl UsbHost {
         Ok(description)
     }
 
-    /// Plugs in and enumerates.
+    /// Connects and enumerates.
     pub fn connect(&mut self, socket: &mut impl Socket) -> Result<Description, UsbError> {
         self.plug(socket)?;
         self.enumerate(socket)
@@ -339,7 +339,7 @@ impl UsbHost {
         self.control(socket, setup, &[]).map(|_| ())
     }
 
-    /// CLEAR_FEATURE(ENDPOINT_HALT). `endpoint` has its top bit set if it is to the host.
+    /// CLEAR_FEATURE(ENDPOINT_HALT). The top bit of `endpoint` is set for an IN endpoint.
     pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Result<(), UsbError> {
         let setup = Setup { kind: 2, request: 1, value: 0, index: endpoint.into(), length: 0 };
         self.control(socket, setup, &[]).map(|_| ())
@@ -358,16 +358,16 @@ impl UsbHost {
         self.control(socket, Setup { kind: 0x80, request: 6, value, index: language, length }, &[])
     }
 
-    // ---- transfers, waited for
+    // ---- blocking transfers
 
-    /// A control request with its data; returns the device's data.
+    /// A control request with its data; returns the data from the device.
     pub fn control(&mut self, socket: &mut impl Socket, setup: Setup, data: &[u8]) -> Result<Vec<u8>, UsbError> {
         self.wait_for(socket, Transfer::Control(setup, data.to_vec()), CONTROL_S).result
     }
 
-    /// What arrives on an endpoint within a time: up to a short packet, at most `most` bytes.
+    /// Reads from an endpoint within a time: up to a short packet, at most `most` bytes.
     ///
-    /// Bytes that arrived without a short packet are lost to the caller, as to the reader of a real host.
+    /// The caller loses bytes that arrive without a short packet, as with a real host.
     pub fn read(
         &mut self,
         socket: &mut impl Socket,
@@ -378,7 +378,7 @@ impl UsbHost {
         self.wait_for(socket, Transfer::In(endpoint, most), within_s).result
     }
 
-    /// Sends bytes to an endpoint within a time; returns how many the device took.
+    /// Writes bytes to an endpoint within a time; returns how many the device accepted.
     pub fn write(
         &mut self,
         socket: &mut impl Socket,
@@ -408,9 +408,9 @@ impl UsbHost {
         }
     }
 
-    // ---- transfers, side by side
+    // ---- queued transfers
 
-    /// Queues a transfer; its number is returned in [`Done`].
+    /// Queues a transfer. [`Done`] has the returned number.
     pub fn submit(&mut self, transfer: Transfer) -> u64 {
         let number = self.next_number;
         self.next_number += 1;
@@ -433,7 +433,7 @@ impl UsbHost {
         number
     }
 
-    /// Cancels a transfer, unless it is over; returns the number of bytes that it moved.
+    /// Cancels a transfer that has not ended; returns the number of bytes that it transferred.
     pub fn cancel(&mut self, number: u64) -> Option<usize> {
         self.pipes.iter_mut().find_map(|pipe| {
             let place = pipe.queue.iter().position(|running| running.number == number)?;
@@ -446,7 +446,7 @@ impl UsbHost {
         self.done.pop_front()
     }
 
-    /// A certain transfer, if it is finished.
+    /// The transfer with this number, if it has finished.
     pub fn take_done(&mut self, number: u64) -> Option<Done> {
         self.done.remove(self.done.iter().position(|done| done.number == number)?)
     }
@@ -456,13 +456,13 @@ impl UsbHost {
         self.pipes.iter().all(|pipe| pipe.queue.is_empty())
     }
 
-    /// Gives each pipe with a queued transfer one packet; the time on the wire passes.
+    /// Processes one packet for each pipe with a queued transfer, and lets its bus time pass.
     pub fn service(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         if self.supplied && !socket.usb().attached() {
             self.lose(socket);
         }
         let mut moved = false;
-        // Time of packets that moved nothing: the device need not see them one by one.
+        // Bus time of packets without progress, which passes in one step at the end.
         let mut idle_s = 0.0;
         for index in 0..PIPES {
             if !self.frames || self.pipes[index].queue.is_empty() {
@@ -494,7 +494,7 @@ impl UsbHost {
         }
     }
 
-    /// After a new configuration, or a cleared halt, endpoints begin with DATA0 (USB 2.0 9.1.1.5, 9.4.5).
+    /// After SET_CONFIGURATION or a cleared halt, endpoints restart with DATA0 (USB 2.0 9.1.1.5, 9.4.5).
     fn restart_toggles(&mut self, setup: Setup) {
         match (setup.kind, setup.request, setup.value) {
             (0, 9, _) => self.pipes.iter_mut().for_each(|pipe| pipe.toggle = Toggle::Data0),
@@ -526,7 +526,7 @@ impl UsbHost {
         if self.supplied && socket.usb().attached() { Ok(()) } else { Err(UsbError::Detached) }
     }
 
-    /// One packet of the transfer at the head of a pipe, and the time that it takes.
+    /// Processes one packet of the first transfer of a pipe; returns the outcome and the bus time.
     fn step(&mut self, index: usize, usb: &mut Usb) -> (Step, f64) {
         let address = self.address;
         let Pipe { queue, toggle } = &mut self.pipes[index];
@@ -559,7 +559,7 @@ impl UsbHost {
     }
 }
 
-/// Which packet a step put on the wire.
+/// The kind of packet in a step.
 enum PacketKind {
     Setup,
     Out,
@@ -579,7 +579,7 @@ fn control_packet(
     usb: &mut Usb,
     address: u8,
 ) -> (Answer, usize, PacketKind) {
-    // Without data the status comes from the device, whatever direction the request states (USB 2.0 8.5.3).
+    // Without a data stage the status stage is IN, whatever direction the request gives (USB 2.0 8.5.3).
     let reads = setup.to_host() && setup.length > 0;
     match stage {
         Stage::Setup => (usb.setup(address, &setup.bytes()), 8, PacketKind::Setup),
@@ -591,7 +591,7 @@ fn control_packet(
 }
 
 impl Running {
-    /// Takes the device's answer to a packet of this transfer.
+    /// Processes the device's response to a packet of this transfer.
     fn take(
         &mut self,
         answer: Answer,
@@ -608,7 +608,7 @@ impl Running {
                 usb.acknowledge(address, number);
                 self.strikes = 0;
                 if toggle != expected {
-                    // A repetition: acknowledged and discarded (USB 2.0 8.6.4).
+                    // A retransmission: the host acknowledges and discards it (USB 2.0 8.6.4).
                     return Step::Moved;
                 }
                 data
@@ -659,7 +659,7 @@ impl Running {
                     self.stage = Stage::Status;
                 }
             }
-            // The status is an empty packet.
+            // The status stage is an empty packet.
             Stage::Status if data.is_empty() => return Step::Ends(Ok(())),
             Stage::Status => return Step::Ends(Err(UsbError::TooMuch)),
         }
@@ -667,7 +667,8 @@ impl Running {
     }
 }
 
-/// Time of a packet with token and handshake at 12 Mbit/s, plus a sixth of the data for stuffed bits (USB 2.0 5.11.3).
+/// Bus time of a transaction with token and handshake at 12 Mbit/s, plus a sixth of the data for bit stuffing (USB 2.0
+/// 5.11.3).
 fn packet_time_s(bytes: usize, with_data: bool) -> f64 {
     if with_data { 9.1e-6 + bytes as f64 * 8.0 * (7.0 / 6.0) / 12e6 } else { 5e-6 }
 }

@@ -1,18 +1,19 @@
-//! The five analogue-to-digital converters with their two common blocks, and the analogue side's effect on a voltage.
+//! The five analogue-to-digital converters, their two common register blocks, and the codes that a voltage gives.
 //!
-//! [`Adcs`] keeps registers and times; [`Quality`] is the noise of the conversions. Only regular conversions are
-//! modelled, of 12 bits, started by software or by a timer's trigger, read by DMA or by the program. What the manual
-//! forbids (to calibrate before the regulator has settled, to change a sequence while it runs) ends the run, as silicon
-//! would give no warning.
+//! [`Adcs`] holds registers and times; [`Quality`] describes the noise of the conversions. The model covers regular
+//! conversions only: 12 bits, started by software or by a timer's trigger, read by DMA or by the program. A violation
+//! of the manual ends the run, for example a calibration before the regulator has settled or a change to a sequence
+//! while it runs. The chip itself would give no warning.
 //!
 //! Glossary:
-//! - *trigger*: the event that starts a sequence; *aperture*: the moment at which the voltage is held, which is the
-//!   trigger plus its latency plus the sampling time; the result comes 12.5 clocks of the converter later.
-//! - *phase*: of a trigger within a clock of the converter, if that is divided down from the core's.
-//! - *overrun*: a result arrived before the previous one was read; DMA requests then cease until the flag is cleared.
+//! - *trigger*: the event that starts a sequence.
+//! - *aperture*: the moment at which the converter holds the voltage: trigger, plus latency, plus sampling time. The
+//!   result follows 12.5 ADC clocks later.
+//! - *phase*: position of a trigger within an ADC clock period, if that clock is divided from the core clock.
+//! - *overrun*: a result arrives before the previous one is read. DMA requests then stop until the flag is cleared.
 //!
 //! Not modelled, and refused: injected conversions, dual modes, the oversampler, offsets, analogue watchdogs,
-//! auto-delay, discontinuous mode, other resolutions. A stop takes no time here.
+//! auto-delay, discontinuous mode, other resolutions. Setting ADSTP stops a conversion at once here.
 //!
 //! Sources: RM0440 chapter 21 (registers 21.7 and 21.8; overrun 21.4.27; DMA 21.4.28); times and noise from DS12288,
 //! table of the ADC's characteristics; internal channels, RM0440 21.4.11; trigger numbers, table 163.
@@ -30,7 +31,7 @@ use crate::{Cycles, Registers, Unknown, Width};
 
 /// Reference voltage of all converters \[V\].
 pub const REFERENCE_V: f64 = 3.3;
-/// Codes of a conversion.
+/// Number of codes of a conversion.
 pub const CODES: f64 = 4096.0;
 /// Code of the temperature sensor at 30 degrees Celsius and a reference of 3.0 V, at 0x1FFF_75A8 (DS12288, 3.16.1).
 pub const TS_CAL1: u16 = code_at_3_volts(SENSOR_30_V);
@@ -48,25 +49,25 @@ const fn code_at_3_volts(volts: f64) -> u16 {
     (volts / 3.0 * CODES + 0.5) as u16
 }
 
-/// Settling time of the regulator \[s\] (DS12288, tADCVREG_STUP).
+/// Settling time of the voltage regulator \[s\] (DS12288, tADCVREG_STUP).
 const REGULATOR_S: f64 = 20e-6;
-/// Clocks of the converter for a calibration (DS12288, tCAL).
+/// Duration of a calibration \[ADC clocks\] (DS12288, tCAL).
 const CALIBRATION_CLOCKS: f64 = 116.0;
-/// Clocks after a calibration in which ADEN cannot be set (RM0440 21.4.8).
+/// Time after a calibration during which ADEN cannot be set \[ADC clocks\] (RM0440 21.4.8).
 const AFTER_CALIBRATION_CLOCKS: f64 = 4.0;
-/// Clocks from ADEN to ADRDY: one conversion (DS12288, tSTAB).
+/// Time from ADEN to ADRDY: one conversion \[ADC clocks\] (DS12288, tSTAB).
 const READY_CLOCKS: f64 = 15.0;
-/// A pause between two conversions after which the second may be wrong \[s\] (ES0430 2.7.9), and its error here \[V\].
+/// After a longer pause between two conversions \[s\] the second may be wrong (ES0430 2.7.9), here by this much \[V\].
 const PAUSE_S: f64 = 1e-3;
 const AFTER_PAUSE_V: f64 = 0.4;
 /// Error of a conversion that another converter disturbs \[V\] (ES0430 2.7.11).
 const DISTURBED_V: f64 = 0.4;
-/// Clocks of a conversion of 12 bits after its sampling.
+/// Duration of a 12-bit conversion after its sampling \[ADC clocks\].
 const CONVERSION_CLOCKS: f64 = 12.5;
-/// Sampling times by the numbers in SMPR1 and SMPR2 \[clocks\].
+/// Sampling times by the field values of SMPR1 and SMPR2 \[ADC clocks\].
 const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5];
 
-/// Number of the trigger TIM6_TRGO in EXTSEL.
+/// EXTSEL value of the trigger TIM6_TRGO.
 pub const TRIGGER_TIM6: u32 = 13;
 
 mod isr {
@@ -128,7 +129,7 @@ mod offset {
     pub const DIFSEL: u32 = 0xB0;
 }
 
-/// Registers of a converter that only keep what is written: offset, value after reset, writable bits.
+/// Registers of a converter that are plain storage: offset, reset value, writable bits.
 const STORAGE: [(u32, u32, u32); 20] = [
     (0x10, 0, 0x0E01_07FF),
     (0x14, 0, 0xBFFF_FFFF),
@@ -168,10 +169,10 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// All of them.
+    /// All five converters.
     pub const ALL: [Self; 5] = [Self::One, Self::Two, Self::Three, Self::Four, Self::Five];
 
-    /// Its DMA request.
+    /// Its DMA request line.
     pub const fn request(self) -> Request {
         match self {
             Self::One => Request::Adc1,
@@ -182,7 +183,7 @@ impl Unit {
         }
     }
 
-    /// Base addresses of its registers and of its common block.
+    /// Offsets of its registers and of its common block from the start of the ADC region.
     const fn bases(self) -> (u32, u32) {
         match self {
             Self::One => (0x000, 0x300),
@@ -193,7 +194,7 @@ impl Unit {
         }
     }
 
-    /// The first common block or the second.
+    /// Index of its common block: 0 or 1.
     const fn common(self) -> usize {
         match self {
             Self::One | Self::Two => 0,
@@ -205,7 +206,7 @@ impl Unit {
         self as usize
     }
 
-    /// The channels that are connected to pins.
+    /// The channels that are connected to a pin, with that pin.
     #[cfg(test)]
     pub(super) fn pins(self) -> impl Iterator<Item = (u8, Pin)> {
         (0..=18).filter_map(move |channel| match self.signal(channel)? {
@@ -214,7 +215,7 @@ impl Unit {
         })
     }
 
-    /// What is connected to a channel, if anything (DS12288, pin definitions; RM0440 figures 82 to 86).
+    /// The signal connected to a channel, if any (DS12288, pin definitions; RM0440 figures 82 to 86).
     const fn signal(self, channel: u8) -> Option<Signal> {
         match (self, channel) {
             (Self::One | Self::Two, 1) => Some(Signal::Pin(Pin::new('A', 0))),
@@ -227,21 +228,21 @@ impl Unit {
     }
 }
 
-/// What a converter can measure.
+/// A signal that a converter can measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
-    /// A pin.
+    /// The voltage at a pin.
     Pin(Pin),
     /// The temperature sensor.
     Temperature,
-    /// A third of the battery's voltage.
+    /// A third of the battery voltage.
     Battery,
-    /// The internal reference.
+    /// The internal voltage reference.
     InternalReference,
 }
 
 impl Signal {
-    /// The bit of the common control register that connects an internal signal.
+    /// The bit of the common control register that connects an internal signal; 0 for a pin.
     const fn switch(self) -> u32 {
         match self {
             Self::Pin(_) => 0,
@@ -252,7 +253,7 @@ impl Signal {
     }
 }
 
-/// Voltage of the temperature sensor \[V\].
+/// Output voltage of the temperature sensor \[V\].
 pub fn sensor_volts(temperature_c: f64) -> f64 {
     SENSOR_30_V + (temperature_c - 30.0) * SENSOR_SLOPE_V
 }
@@ -262,12 +263,12 @@ pub const fn internal_reference_volts() -> f64 {
     INTERNAL_REFERENCE_V
 }
 
-/// Where a broken converter stops.
+/// The point at which a broken converter hangs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Broken {
-    /// Its calibration does not end.
+    /// The calibration never ends.
     Calibration,
-    /// It does not become ready.
+    /// ADRDY never rises.
     Ready,
 }
 
@@ -276,23 +277,23 @@ pub enum Broken {
 pub struct Quality {
     /// White noise of a conversion, rms \[codes\].
     pub noise_lsb: f64,
-    /// White noise of the reference, rms, as a fraction of it; the same for conversions held at the same moment.
+    /// White noise of the reference, rms, as a fraction of it; equal for conversions with the same aperture.
     pub reference_noise: f64,
-    /// Greatest deviation from a straight line, one period of a sine over the range \[codes\].
+    /// Maximum deviation from a straight line: one period of a sine over the input range \[codes\].
     pub nonlinearity_lsb: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
 
 impl Default for Quality {
-    /// 66 dB of signal to noise (DS12288, typical single-ended), 100 uV on the reference, a straight line.
+    /// 66 dB of signal-to-noise ratio (DS12288, typical single-ended), 100 uV on the reference, no nonlinearity.
     fn default() -> Self {
         Self { noise_lsb: 0.7, reference_noise: 3e-5, nonlinearity_lsb: 0.0, seed: 1 }
     }
 }
 
 impl Quality {
-    /// Nothing but quantisation.
+    /// Quantisation only.
     pub const IDEAL: Self = Self { noise_lsb: 0.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 0 };
 }
 
@@ -300,10 +301,10 @@ impl Quality {
 #[derive(Clone, Debug)]
 struct Analogue {
     quality: Quality,
-    /// One stream each, so that the use of one converter leaves the others' noise unchanged.
+    /// One random stream per converter, so that using one leaves the others' noise unchanged.
     noise: [ChaCha8Rng; 5],
     reference: ChaCha8Rng,
-    /// Moment of the last aperture and the reference's deviation then.
+    /// The last aperture and the deviation of the reference at it.
     held: (Cycles, f64),
 }
 
@@ -317,7 +318,7 @@ impl Analogue {
         Self { quality, noise: [0, 1, 2, 3, 4].map(stream), reference: stream(5), held: (0, 0.0) }
     }
 
-    /// Code of a voltage that `unit` held at `aperture`: rounded, 0 to 4095.
+    /// Code of the voltage that `unit` held at `aperture`, rounded to 0..=4095.
     fn code(&mut self, unit: Unit, aperture: Cycles, volts: f64) -> u16 {
         let Quality { noise_lsb, reference_noise, nonlinearity_lsb, .. } = self.quality;
         let normal = |sigma: f64, rng: &mut ChaCha8Rng| {
@@ -329,12 +330,12 @@ impl Analogue {
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
         let noise = self.noise.get_mut(unit.index()).map_or(0.0, |rng| normal(noise_lsb, rng));
-        // A conversion from float saturates at the range of its type.
+        // A cast from float saturates at the limits of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
 }
 
-/// A conversion under way.
+/// A conversion in progress.
 #[derive(Clone, Copy, Debug)]
 struct Conversion {
     rank: usize,
@@ -345,20 +346,21 @@ struct Conversion {
     end: Cycles,
 }
 
-/// The clock of the converters of a block.
+/// The clock of the converters of a block, which is the ADC clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Timing {
-    /// Cycles of the core per clock.
+    /// Core cycles per ADC clock.
     cycles: f64,
-    /// From a trigger to the start, in clocks (DS12288, tLATR); none if the clock is not made from the core's: then it
-    /// is from 1.5 to 2.5, up to the second edge, which is taken to be at a whole multiple of the clock.
+    /// From a trigger to the start \[ADC clocks\] (DS12288, tLATR). None if the ADC clock is not derived from the core
+    /// clock: the start is then at the second clock edge, 1.5 to 2.5 clocks later, with the edges taken to be at whole
+    /// multiples of the clock period.
     latency: Option<f64>,
-    /// Divided by more than 1, from the core's clock or from the source's.
+    /// The core clock or the kernel clock is divided by more than 1.
     divided: bool,
 }
 
 impl Timing {
-    /// From a trigger at this moment to the start, in clocks.
+    /// From a trigger at `now` to the start \[ADC clocks\].
     fn latency_at(&self, now: Cycles) -> f64 {
         self.latency.unwrap_or_else(|| {
             let at = now as f64 / self.cycles;
@@ -383,7 +385,7 @@ struct Converter {
     cfgr: u32,
     dr: u16,
     storage: Storage,
-    /// The sequence as it was at the start.
+    /// The sequence as loaded at the last start.
     sequence: [Rank; 16],
     length: usize,
     conversion: Option<Conversion>,
@@ -391,15 +393,15 @@ struct Converter {
     calibration_end: Option<Cycles>,
     enable_from: Cycles,
     ready_at: Option<Cycles>,
-    /// Ready for conversions; ADRDY reports that it became so, and may be cleared.
+    /// Ready for conversions. ADRDY reports the transition to ready, and software may clear it.
     ready: bool,
-    /// One-shot DMA has had its last transfer.
+    /// A one-shot DMA has made its last transfer.
     dma_ended: bool,
     /// End of the last conversion.
     ended: Option<Cycles>,
-    /// Conversions were stopped by software, or a one-shot DMA made its last transfer, and none has been made since.
+    /// Software stopped the conversions, or a one-shot DMA made its last transfer, and no conversion has ended since.
     stopped: bool,
-    /// Phase of the first trigger since the start.
+    /// Phase of the first trigger after the start.
     phase: Option<Cycles>,
 }
 
@@ -437,7 +439,7 @@ impl Converter {
         self.cr & cr::ADSTART != 0
     }
 
-    /// EXTEN: 0 is by software.
+    /// EXTEN; 0 selects a software start.
     fn edges(&self) -> u32 {
         self.cfgr >> 10 & 3
     }
@@ -458,7 +460,7 @@ impl Converter {
         self.isr & (isr::EOC | isr::OVR) == isr::EOC && self.cfgr & cfgr::DMAEN != 0 && !self.dma_ended
     }
 
-    /// Reads the sequence and refuses what has no model.
+    /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Result<(), Unknown> {
         let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
         no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: a mode without a model")?;
@@ -471,7 +473,7 @@ impl Converter {
         let smpr = [self.storage.get(offset::SMPR1), self.storage.get(offset::SMPR2)];
         let differential = self.storage.get(offset::DIFSEL);
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
-            // SQ1 takes the second field of the first register; each register has five fields of six bits.
+            // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
             let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
             no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels have no model")?;
@@ -483,17 +485,17 @@ impl Converter {
     }
 }
 
-/// All converters: registers from 0x5000_0000 on.
+/// All converters and common blocks: the registers from 0x5000_0000 on.
 #[derive(Clone, Debug)]
 pub struct Adcs {
     units: [Converter; 5],
-    /// Common control of ADC1 and 2, of ADC3 to 5.
+    /// Common control register of ADC1 and ADC2, and that of ADC3 to ADC5.
     common: [u32; 2],
     hclk_hz: f64,
-    /// For both blocks.
+    /// Kernel clock of each block \[Hz\].
     kernel_hz: [f64; 2],
     analogue: Analogue,
-    /// When the next conversion ends.
+    /// End of the next conversion, and its converter.
     due: Option<(Cycles, Unit)>,
     errata: Errata,
     rules: Rules,
@@ -507,7 +509,7 @@ impl Default for Adcs {
 }
 
 impl Adcs {
-    /// As after power-on.
+    /// The state after power-on.
     pub fn new() -> Self {
         Self {
             units: std::array::from_fn(|_| Converter::new()),
@@ -527,17 +529,17 @@ impl Adcs {
         self.errata = errata;
     }
 
-    /// Sets how strictly violations are treated from now on.
+    /// Sets how strictly the model treats violations from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
 
-    /// Breaks a converter permanently.
+    /// Makes a converter hang permanently at this point.
     pub fn break_down(&mut self, unit: Unit, at: Broken) {
         self.broken = Some((unit, at));
     }
 
-    /// Sets the quality of conversions from now on; the noise restarts.
+    /// Sets the quality of the conversions from now on and restarts the noise.
     pub fn set_quality(&mut self, quality: Quality) {
         self.analogue = Analogue::new(quality);
     }
@@ -555,7 +557,7 @@ impl Adcs {
         &mut self.units[unit.index()]
     }
 
-    /// The clock of the converters of a block.
+    /// The ADC clock of a block.
     fn timing(&self, common: usize) -> Result<Timing, Unknown> {
         let ccr = self.common[common];
         let prescaler = match ccr >> 18 & 0xF {
@@ -584,21 +586,21 @@ impl Adcs {
         Ok((clocks * self.timing(unit.common())?.cycles).round() as Cycles)
     }
 
-    /// Whether the converters of a block have a clock, which may stop while they wait.
+    /// Whether a block has an ADC clock. It may stop while a converter waits for a trigger.
     fn is_clocked(&self, common: usize) -> bool {
         self.common[common] >> 16 & 3 != 0 || self.kernel_hz[common] > 0.0
     }
 
-    /// A trigger output rose at `now`: sequences that wait for it begin. One under way continues.
+    /// A trigger output rises at `now`: every sequence waiting for it starts. A sequence in progress continues.
     pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
         Unit::ALL.into_iter().try_for_each(|unit| self.trigger_one(unit, number, now))
     }
 
-    /// The same for one of them.
+    /// The same for one converter.
     pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Result<(), Unknown> {
         let it = self.unit(unit);
         let waits = it.is_started() && it.conversion.is_none();
-        // Rising edges are those of EXTEN 1 and 3.
+        // EXTEN values 1 and 3 include rising edges.
         if waits && it.edges() & 1 != 0 && it.cfgr >> 5 & 0x1F == number && self.is_clocked(unit.common()) {
             let timing = self.timing(unit.common())?;
             let phase = now % (timing.cycles.round() as Cycles).max(1);
@@ -618,10 +620,10 @@ impl Adcs {
         Ok(())
     }
 
-    /// Lets a starting conversion disturb those under way; returns whether they disturb it.
+    /// Marks the conversions in progress that a starting conversion disturbs; returns whether they disturb it.
     ///
-    /// Those that start at the same moment do not disturb each other if their clocks are the same and are divided by 1,
-    /// or if the triggers' period is a multiple of the divider.
+    /// Conversions that start at the same moment do not disturb each other if they share the same ADC clock and it is
+    /// either undivided or has a period that divides the trigger period.
     fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Result<bool, Unknown> {
         let clock_of = |this: &Self, unit: Unit| {
             let common = unit.common();
@@ -649,23 +651,23 @@ impl Adcs {
         self.due = ends.min_by_key(|(end, _)| *end);
     }
 
-    /// When the next conversion ends and which converter's; it ends by [`finish`](Self::finish).
+    /// End of the next conversion, and its converter; [`finish`](Self::finish) must be called then.
     pub fn due(&self) -> Option<(Cycles, Unit)> {
         self.due
     }
 
-    /// When the conversion of `unit` that is under way ends.
+    /// End of `unit`'s conversion in progress.
     pub fn due_of(&self, unit: Unit) -> Option<Cycles> {
         self.unit(unit).conversion.map(|conversion| conversion.end)
     }
 
-    /// Whether a trigger gives one result: a sequence of one channel, not repeated.
+    /// Whether a trigger gives one result: a sequence of one channel in single mode.
     pub fn is_single(&self, unit: Unit) -> bool {
         let it = self.unit(unit);
         it.length == 1 && it.cfgr & cfgr::CONT == 0
     }
 
-    /// The input of `unit`'s conversion under way, and when it holds the voltage.
+    /// The input of `unit`'s conversion in progress, and its aperture.
     pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
         let it = self.unit(unit);
         let conversion = it.conversion.ok_or(Unknown { what: "no conversion is under way" })?;
@@ -678,7 +680,7 @@ impl Adcs {
         Ok((signal, conversion.aperture))
     }
 
-    /// Ends the conversion of `unit` that is under way, which held `volts`.
+    /// Ends `unit`'s conversion in progress, which held `volts`.
     pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
         let Some(conversion) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
         let Conversion { rank, aperture, end, disturbed, .. } = conversion;
@@ -687,7 +689,7 @@ impl Adcs {
         let Errata { adc_after_pause, adc_after_stop, .. } = self.errata;
         let it = self.unit_mut(unit);
         let paused = it.ended.replace(end).is_none_or(|last| end - last > pause) && adc_after_pause;
-        // Channel 0 of no converter is connected to anything.
+        // No converter has channel 0 connected.
         let elsewhere = std::mem::take(&mut it.stopped) && adc_after_stop;
         let code = match (elsewhere, paused) {
             (true, _) => 0,
@@ -715,12 +717,12 @@ impl Adcs {
         Ok(())
     }
 
-    /// Whether the converter asks for DMA.
+    /// Whether `unit` requests DMA.
     pub fn dma_request(&self, unit: Unit) -> bool {
         self.unit(unit).dma_request()
     }
 
-    /// DMA has had the last transfer of a lap.
+    /// Called at the last transfer of a DMA transfer sequence: in one-shot mode, no request follows.
     pub fn dma_end(&mut self, unit: Unit) {
         let it = self.unit_mut(unit);
         let one_shot = it.cfgr & cfgr::DMACFG == 0;
@@ -728,12 +730,12 @@ impl Adcs {
         it.stopped |= one_shot;
     }
 
-    /// Whether the converter has a result that may raise an interrupt: then each conversion is an event of its own.
+    /// Whether `unit` has an interrupt enabled other than ADRDY. Each end of conversion is then an event.
     pub fn interrupts_each(&self, unit: Unit) -> bool {
         self.unit(unit).ier & !isr::ADRDY != 0
     }
 
-    /// Level of the interrupt line that `unit` drives; ADC1 and ADC2 share one.
+    /// Level of `unit`'s interrupt request; ADC1 and ADC2 share one line.
     pub fn irq(&self, unit: Unit) -> bool {
         let it = self.unit(unit);
         it.isr & it.ier != 0
@@ -744,7 +746,7 @@ impl Adcs {
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
-        // Plain bits.
+        // Plain read-write bits.
         if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
             if value & cr::DEEPPWD != 0 {
                 return refuse("ADC_CR: ADVREGEN set in deep power-down");
@@ -754,7 +756,7 @@ impl Adcs {
         let plain = cr::ADVREGEN | cr::DEEPPWD | cr::ADCALDIF;
         it.cr = it.cr & !plain | value & plain;
 
-        // Bits that are set by software and cleared by hardware: those that rise.
+        // Bits that software sets and hardware clears: `rising` are those newly set.
         let rising = value & !it.cr & !plain;
         if rising & (cr::JADSTART | cr::JADSTP) != 0 {
             return refuse("ADC_CR: injected conversions have no model");
@@ -778,7 +780,7 @@ impl Adcs {
             }
         }
         let it = self.unit(unit);
-        // Within four clocks of a calibration the bit cannot be set.
+        // ADEN cannot be set during a calibration or in the four ADC clocks after it.
         if rising & cr::ADEN != 0 && it.cr & cr::ADCAL == 0 && now >= it.enable_from {
             let ready = now + self.clocks(unit, READY_CLOCKS)?;
             let it = self.unit_mut(unit);
@@ -877,7 +879,7 @@ impl Adcs {
         Ok(width.part(word, offset))
     }
 
-    /// The converter, or the common block, that a place belongs to, and the offset within it.
+    /// The converter or common block at an offset, and the offset within it.
     fn place(offset: u32) -> Option<(Place, u32)> {
         let of_unit = |unit: Unit| offset.checked_sub(unit.bases().0).filter(|within| *within < 0x100);
         let of_common = |base: u32| offset.checked_sub(base).filter(|within| *within < 0x100);
@@ -894,7 +896,7 @@ impl Adcs {
 
     fn read_common(&mut self, common: usize, offset: u32) -> Result<u32, Unknown> {
         match offset {
-            // Flags of the first two (or master and slave) of the block.
+            // Flags of the block's first two converters (master and slave).
             0x00 => {
                 Ok(Self::units_of(common).take(2).enumerate().map(|(n, unit)| self.unit(unit).isr << (16 * n)).sum())
             }
@@ -948,7 +950,7 @@ impl Registers for Adcs {
         }
     }
 
-    /// The ready flags; conversions end by [`finish`](Adcs::finish).
+    /// The enabled ready flags and conversion interrupts; conversions end by [`finish`](Adcs::finish).
     fn next_event(&self) -> Option<Cycles> {
         let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & isr::ADRDY != 0);
         let each = self.due.filter(|(_, unit)| self.interrupts_each(*unit)).map(|(end, _)| end);
@@ -988,7 +990,7 @@ mod tests {
     const CFGR: u32 = 0x0C;
     const CCR12: u32 = 0x308;
     const CKMODE_4: u32 = 3 << 16;
-    /// 20 us.
+    /// 20 us at 168 MHz.
     const SETTLED: Cycles = 3360;
 
     fn write(adc: &mut Adcs, offset: u32, value: u32, now: Cycles) {
@@ -1009,7 +1011,7 @@ mod tests {
         adc
     }
 
-    /// ADC1 ready at time 10000, one channel, 24.5 clocks of sampling.
+    /// ADC1, ready at cycle 10000, one channel with 24.5 clocks of sampling.
     fn ready(cfgr: u32) -> Adcs {
         let mut adc = powered();
         write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
@@ -1024,7 +1026,7 @@ mod tests {
         write(adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, now);
     }
 
-    /// EXTEN rising, EXTSEL TIM6.
+    /// EXTEN: rising edge; EXTSEL: TIM6_TRGO.
     const TRIGGERED: u32 = 1 << 10 | TRIGGER_TIM6 << 5;
 
     #[test]
@@ -1049,7 +1051,7 @@ mod tests {
         let end = SETTLED + 116 * 4;
         assert_ne!(read(&mut adc, CR, end - 1) & cr::ADCAL, 0);
         assert_eq!(read(&mut adc, CR, end) & cr::ADCAL, 0);
-        // Four more clocks in which ADEN cannot be set.
+        // ADEN cannot be set in the next four ADC clocks.
         write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 15);
         assert_eq!(read(&mut adc, CR, end + 15) & cr::ADEN, 0);
         write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 16);
@@ -1066,7 +1068,7 @@ mod tests {
         assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
         write(&mut adc, CCR12, 2 << 16, 0);
         assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
-        // The kernel clock divided by four (PRESC 2) is as good as HCLK divided by four.
+        // The kernel clock divided by four (PRESC = 2) gives the same clock as HCLK divided by four.
         write(&mut adc, CCR12, 2 << 18, 0);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
         assert_eq!(adc.clocks(Unit::One, 10.0), Ok(40));
@@ -1081,7 +1083,7 @@ mod tests {
         adc.trigger(TRIGGER_TIM6 + 1, 21_000).unwrap();
         assert_eq!(adc.due(), None, "another trigger");
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
-        // (2.125 + 24.5) clocks of four cycles, 12.5 more to the end.
+        // Aperture after (2.125 + 24.5) clocks of four cycles, end 12.5 clocks later.
         assert_eq!(adc.looks_at(Unit::One), Ok((Signal::Pin(Pin::new('A', 0)), 30_000 + 107)));
         assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)));
         adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
@@ -1093,7 +1095,7 @@ mod tests {
         assert_ne!(read(&mut adc, CR, 30_157) & cr::ADSTART, 0, "waits for the next trigger");
     }
 
-    /// Codes of ADC1 and ADC2, which both look at 0 V, at these triggers.
+    /// Codes of ADC1 and ADC2, both sampling 0 V, at these triggers.
     fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
         let mut adc = Adcs::new();
         adc.set_quality(Quality::IDEAL);
@@ -1128,7 +1130,7 @@ mod tests {
             assert!(codes.iter().all(|[one, two]| one == two));
             codes.iter().filter(|[one, _]| *one != 0).count()
         };
-        // HCLK / 4, the PLL's clock, and that divided by 2.
+        // HCLK / 4; the kernel clock; the kernel clock divided by 2.
         for (ccr, round, steady) in [(3 << 16, 6, 0), (0, 0, 0), (1 << 18, 7, 0)] {
             assert_eq!(disturbed(ccr, 2625, only), round, "{ccr:#x}");
             assert_eq!(disturbed(ccr, 2624, only), steady, "{ccr:#x}");
@@ -1146,7 +1148,7 @@ mod tests {
             }
             start(&mut adc, 30_000);
             adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
-            // The other one is started by software.
+            // Software starts ADC2.
             write(&mut adc, 0x100 + offset::SQR1, 1 << 6, 30_050);
             write(&mut adc, 0x100 + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 30_050);
             for unit in [Unit::One, Unit::Two] {
@@ -1167,7 +1169,7 @@ mod tests {
                 adc.finish(Unit::One, 0.0).unwrap();
                 read(&mut adc, offset::DR, at + 1000)
             };
-            // The first of all, at once after it, and 1.1 ms later.
+            // The first conversion, one soon after it, and one 1.1 ms later.
             assert_eq!([20_000, 30_000, 214_800].map(&mut convert), [off, 0, off]);
         }
     }
@@ -1176,7 +1178,7 @@ mod tests {
     fn the_first_conversion_after_a_stop_is_of_channel_0_by_an_erratum_only() {
         let volts = 100.0 / CODES * REFERENCE_V;
         for (errata, first) in [(Errata { adc_after_stop: true, ..Errata::NONE }, 0), (Errata::NONE, 100)] {
-            // Stopped by software; stopped as the last transfer of a one-shot DMA was made.
+            // Stopped by software, then by the last transfer of a one-shot DMA.
             for by_dma in [false, true] {
                 let mut adc = ready(TRIGGERED | if by_dma { cfgr::DMAEN } else { 0 });
                 adc.set_errata(errata);
@@ -1213,7 +1215,7 @@ mod tests {
             adc.trigger(TRIGGER_TIM6, at).unwrap();
             adc.looks_at(Unit::One).unwrap().1 - at
         };
-        // From 1.5 to 2.5 clocks of four cycles, and 24.5 of sampling.
+        // Latency of 1.5 to 2.5 clocks of four cycles, sampling of 24.5 clocks.
         assert_eq!([20_000, 20_001, 20_002, 20_003, 20_004].map(aperture), [106, 105, 104, 107, 106]);
     }
 
@@ -1273,14 +1275,14 @@ mod tests {
         };
         let white = Quality { noise_lsb: 2.0, reference_noise: 0.0, nonlinearity_lsb: 0.0, seed: 3 };
         let codes = run(white, 1.65);
-        // Two codes and the quantisation's own 1/sqrt(12).
+        // Noise of 2 codes, plus 1/sqrt(12) from quantisation.
         let expected = (4.0f64 + 1.0 / 12.0).sqrt();
         assert!((deviation(&mut codes.iter().map(|it| it.0)) / expected - 1.0).abs() < 0.02);
         let root_two = expected * 2.0f64.sqrt();
         assert!((deviation(&mut codes.iter().map(|it| it.0 - it.1)) / root_two - 1.0).abs() < 0.02);
         assert_eq!(codes, run(white, 1.65));
         assert_ne!(codes, run(Quality { seed: 4, ..white }, 1.65));
-        // 1e-3 of 3 V are 3.7 codes, the same in both converters.
+        // 1e-3 of 3 V is 3.7 codes, equal in both converters.
         let codes = run(Quality { reference_noise: 1e-3, ..Quality::IDEAL }, 3.0);
         assert!((deviation(&mut codes.iter().map(|it| it.0)) / 3.72 - 1.0).abs() < 0.03);
         assert_eq!(deviation(&mut codes.iter().map(|it| it.0 - it.1)), 0.0);
@@ -1399,7 +1401,8 @@ mod tests {
     fn calibration_words_agree_with_the_sensor() {
         assert_eq!((TS_CAL1, TS_CAL2, VREFINT_CAL), (1038, 1379, 1655));
         let code = sensor_volts(80.0) / REFERENCE_V * CODES;
-        // The program's own formula: scaled to 3.0 V, between the two points.
+        // The program's formula: the code scaled to a reference of 3.0 V, interpolated between the two calibration
+        // points.
         let scaled = code * REFERENCE_V / 3.0;
         let celsius = 30.0 + 100.0 * (scaled - f64::from(TS_CAL1)) / f64::from(TS_CAL2 - TS_CAL1);
         assert!((celsius - 80.0).abs() < 0.3, "{celsius}");

@@ -1,16 +1,16 @@
-//! The digital front end on SPI2.
+//! The ADS131M04, an external ADC (the digital front end) on SPI2.
 //!
-//! Registers and frames are the driver crate's own mock; modulators, filter and clock are here. A conversion is the
-//! filter's output from the voltages before it: sinc3 of N modulator samples, then the mean of M of its outputs
-//! (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator samples. This leaves
-//! out three boxes of one grid step: their delay, which is added, and a droop of 3e-6 at 50 Hz. A modulator sample
-//! represents the middle of its period, so a conversion lags by half a period less than `3 N / 2` periods for each box,
-//! plus that half: [`Filter::delay_clkin`].
+//! The driver crate's mock provides registers and frames; this module provides modulators, filter and clock. A
+//! conversion is the filter's output from the voltages before it: a sinc3 over N modulator samples, then the mean of M
+//! of its outputs (SBAS890, "SINC3 and SINC3 + SINC1 Filter"). The filter is computed on a grid of N/16 modulator
+//! samples. This omits three boxes of one grid step; their delay is added, and their droop is 3e-6 at 50 Hz. A
+//! modulator sample represents the middle of its period. A conversion therefore lags by `3 N / 2` periods, less half a
+//! period for each box, plus that half: [`Filter::delay_clkin`].
 //!
-//! Channel 0 is the bridge, 1 its excitation, 2 the terminal displacement, 3 open.
+//! Channel 0 is the bridge, 1 its excitation, 2 the terminal displacement; 3 is open.
 //!
-//! Wires: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from channel 1 of TIM1. Without CLKIN nothing is converted and
-//! no reset takes effect; a CLKIN that changes restarts the conversion.
+//! Connections: CS PB12, SYNC/RESET PB11, DRDY PB10, CLKIN PA8 from TIM1_CH1. Without CLKIN nothing is converted and no
+//! reset takes effect. A change of CLKIN restarts the conversion.
 
 use std::collections::VecDeque;
 
@@ -21,7 +21,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::pin::Pin;
 use crate::{Cycles, Unknown, World};
 
-/// Select, active low.
+/// Chip select, active low.
 pub const CS: Pin = Pin::new('B', 12);
 /// Data ready, active low.
 pub const DRDY: Pin = Pin::new('B', 10);
@@ -30,30 +30,30 @@ pub const RESET: Pin = Pin::new('B', 11);
 /// Clock.
 pub const CLKIN: Pin = Pin::new('A', 8);
 
-/// Greatest clock rate of the bus \[Hz\] (SBAS890, timing requirements, 2.7 to 3.6 V).
+/// Maximum SPI clock \[Hz\] (SBAS890, timing requirements, 2.7 to 3.6 V).
 const GREATEST_RATE_HZ: f64 = 25e6;
-/// Least and greatest CLKIN in high-resolution mode \[Hz\] (SBAS890, recommended operating conditions).
+/// Range of CLKIN in high-resolution mode \[Hz\] (SBAS890, recommended operating conditions).
 const CLKIN_HZ: std::ops::RangeInclusive<f64> = 0.3e6..=8.4e6;
-/// Steps of the grid in a sinc3's length.
+/// Grid steps in the length N of a box.
 const GRID: u32 = 16;
 /// CLKIN periods per modulator sample.
 const CLKIN_PER_SAMPLE: u32 = 2;
 const CHANNELS: usize = 4;
-/// Address of CLOCK; writing it restarts the conversion.
+/// Address of the CLOCK register; a write to it restarts the conversion.
 const CLOCK: u8 = 0x03;
 
-/// Decimation filter on a grid.
+/// Decimation filter, computed on the grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filter {
-    /// Weight of each step, the latest first; their sum is 1.
+    /// Weight of each step, the latest first; the sum is 1.
     weights: Vec<f64>,
-    /// Modulator samples of a step.
+    /// Modulator samples per step.
     step_samples: u32,
     period_clkin: u32,
 }
 
 impl Filter {
-    /// Of N and M.
+    /// The filter for N and M.
     pub fn new((n, m): (u32, u32)) -> Self {
         let convolve = |a: &[f64], b: &[f64]| {
             let mut sum = vec![0.0; a.len() + b.len() - 1];
@@ -72,9 +72,9 @@ impl Filter {
         Self { weights, step_samples: n / GRID, period_clkin: CLKIN_PER_SAMPLE * n * m }
     }
 
-    /// CLKIN periods from the middle of the latest step to the conversion.
+    /// CLKIN periods from the middle of the latest step to the end of the conversion.
     fn latest_clkin(&self) -> u32 {
-        // Three boxes of `step_samples`, and half a sample: 3 (c - 1) / 2 + 1/2 samples of two periods.
+        // Three boxes of c = `step_samples`, and half a sample: 3 (c - 1) / 2 + 1/2 samples of two periods each.
         3 * (self.step_samples - 1) + 1
     }
 
@@ -94,14 +94,14 @@ impl Filter {
     }
 }
 
-/// What the chip sees at its pins.
+/// The signals at the device's input pins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inputs {
     /// Level of CS.
     pub cs: bool,
     /// Level of SYNC/RESET.
     pub reset: bool,
-    /// Cycles of the core per period of CLKIN, while it runs (168 MHz: 21 for 8 MHz).
+    /// Core cycles per period of CLKIN, while it runs (at 168 MHz: 21 for 8 MHz).
     pub clkin_cycles: Option<Cycles>,
 }
 
@@ -109,7 +109,7 @@ pub struct Inputs {
 #[derive(Clone, Copy, Debug, Default)]
 struct Clkin {
     cycles: Option<Cycles>,
-    /// Periods that had passed at its last change, and the time of that.
+    /// Periods up to the last change of CLKIN, and the time of that change.
     periods: u64,
     since: Cycles,
 }
@@ -120,16 +120,16 @@ impl Clkin {
     }
 }
 
-/// The chip with the levels that drive its inputs.
+/// The device and the levels at its inputs.
 #[derive(Clone, Debug)]
 pub struct Ads131m04 {
-    /// Registers, frames, buffer; public for tests that disturb them.
+    /// Registers, frames, buffer. Public, so that tests can disturb them.
     pub chip: mock::Chip,
     clkin: Clkin,
     filter: Filter,
-    /// Voltages of the channels on the grid, the latest first.
+    /// Voltages of the channels at the grid steps, the latest first.
     history: VecDeque<[f64; CHANNELS]>,
-    /// When the next conversion is done.
+    /// End of the next conversion.
     next: Option<Cycles>,
     selected: bool,
     in_reset: bool,
@@ -138,7 +138,7 @@ pub struct Ads131m04 {
 }
 
 impl Ads131m04 {
-    /// Just powered on. `noise_v` is the rms of one conversion of each channel \[V\], `seed` its seed.
+    /// A device just powered on. `noise_v` is the rms noise of a conversion of each channel \[V\], `seed` its seed.
     pub fn new(noise_v: [f64; CHANNELS], seed: u64) -> Self {
         let chip = mock::Chip::new();
         let filter = Filter::new(chip.osr().stages());
@@ -155,7 +155,7 @@ impl Ads131m04 {
         }
     }
 
-    /// Its supply fails and returns at `now`.
+    /// Removes power and restores it at `now`.
     pub fn power_cycle(&mut self, now: Cycles) {
         self.chip.power_cycle();
         self.selected = false;
@@ -167,7 +167,7 @@ impl Ads131m04 {
         &self.filter
     }
 
-    /// When the next conversion is done, which [`convert`](Self::convert) does then.
+    /// End of the next conversion; [`convert`](Self::convert) must be called then.
     pub fn due(&self) -> Option<Cycles> {
         self.next
     }
@@ -177,7 +177,7 @@ impl Ads131m04 {
         self.chip.drdy()
     }
 
-    /// Follows the pins and the registers written over the bus: to be called after anything that may have changed them.
+    /// Applies the pin levels and the registers written over SPI. Call it after anything that may have changed them.
     pub fn follow(&mut self, inputs: Inputs, now: Cycles) {
         let Inputs { cs, reset, clkin_cycles } = inputs;
         let mut restart = false;
@@ -194,7 +194,7 @@ impl Ads131m04 {
             let clock = self.chip.register(CLOCK);
             self.selected = !cs;
             self.chip.cs(!cs);
-            // A write to CLOCK restarts the conversion, and so does the end of standby and of reset.
+            // A write to CLOCK, the end of standby and the end of reset each restart the conversion.
             restart |= self.chip.register(CLOCK) != clock;
             restart |= self.next.is_some() != self.chip.period_clkin().is_some() && clkin_cycles.is_some();
         }
@@ -203,25 +203,25 @@ impl Ads131m04 {
         }
     }
 
-    /// Conversions restart.
+    /// Restarts conversions.
     fn restart(&mut self, now: Cycles) {
         self.filter = Filter::new(self.chip.osr().stages());
         self.history.clear();
         self.next = self.after(now);
     }
 
-    /// When a conversion that begins now is done.
+    /// End of a conversion that starts now.
     fn after(&self, now: Cycles) -> Option<Cycles> {
         Some(now + Cycles::from(self.chip.period_clkin()?) * self.clkin.cycles?)
     }
 
-    /// Ends the conversion under way, which is due at `now`; `seconds` is the time of a cycle.
+    /// Ends the conversion in progress, which is due at `now`; `seconds` converts cycles to time.
     pub fn convert(&mut self, now: Cycles, seconds: impl Fn(Cycles) -> f64, world: &mut dyn World) {
         let clkin_cycles = self.clkin.cycles.unwrap_or(0);
         let step = Cycles::from(CLKIN_PER_SAMPLE * self.filter.step_samples) * clkin_cycles;
         let latest = now.saturating_sub(Cycles::from(self.filter.latest_clkin()) * clkin_cycles);
         let wanted = self.filter.weights.len();
-        // After a restart the filter's whole length is looked up, as the modulators had been running.
+        // After a restart, voltages over the filter's whole length are read, as the modulators were running before it.
         let fresh = if self.history.is_empty() { wanted } else { self.filter.steps_per_conversion() as usize };
         for back in (0..fresh as u64).rev() {
             let time_s = seconds(latest.saturating_sub(back * step));
@@ -243,7 +243,7 @@ impl Ads131m04 {
         self.next = self.after(now);
     }
 
-    /// Exchanges a byte, in the mode (clock's idle level, data at the second edge) and at the rate of the bus.
+    /// Exchanges a byte over SPI; `mode` is (CPOL, CPHA).
     pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
         if self.selected && mode != (false, true) {
             return Err(Unknown { what: "the ADS131M04 takes SPI mode 1 (CPOL 0, CPHA 1)" });
@@ -254,7 +254,7 @@ impl Ads131m04 {
         Ok(self.chip.shift(byte))
     }
 
-    /// Refuses a CLKIN that the chip does not accept at this core clock \[Hz\].
+    /// Refuses a CLKIN outside the device's range; `hclk_hz` is the core clock \[Hz\].
     pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
         match self.clkin.cycles {
             Some(cycles) if !CLKIN_HZ.contains(&(hclk_hz / cycles as f64)) => {
@@ -274,7 +274,7 @@ mod tests {
     const HCLK_HZ: f64 = 168e6;
     const CLKIN: f64 = HCLK_HZ / CLKIN_CYCLES as f64;
 
-    /// A bridge voltage that follows a function of time.
+    /// A bridge voltage given as a function of time.
     struct Bridge<F>(F);
 
     impl<F: Fn(f64) -> f64> World for Bridge<F> {
@@ -302,7 +302,7 @@ mod tests {
         ads
     }
 
-    /// Reads the oldest conversion's first channel.
+    /// Reads channel 0 of the oldest conversion.
     fn read(ads: &mut Ads131m04) -> i32 {
         ads.follow(SELECTED, 0);
         let bytes: Vec<u8> = (0..18).map(|_| ads.exchange(0, (false, true), 10.5e6).unwrap()).collect();
@@ -315,10 +315,12 @@ mod tests {
         for (stages, delay) in [((1024, 1), 1.5), ((1024, 2), 1.0), ((1024, 4), 0.75), ((256, 1), 1.5)] {
             let filter = Filter::new(stages);
             assert!((filter.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            // Each box ends half a modulator sample before the continuous one: one sample, two CLKIN periods.
+            // A box ends half a modulator sample before the continuous one; a sample adds half: in all one sample, two
+            // CLKIN periods.
+            // two CLKIN periods.
             let period = f64::from(filter.period_clkin());
             assert_eq!(filter.delay_clkin(), delay * period - 2.0, "{stages:?}");
-            // Zeros of sinc3 at multiples of the rate of its outputs.
+            // Sinc3 has zeros at multiples of its output rate.
             let n = f64::from(stages.0);
             let gain = |cycles_per_n: f64| {
                 let turn = TAU * cycles_per_n / f64::from(GRID);
@@ -332,7 +334,8 @@ mod tests {
                 (gain(0.02) - (1.0 - f64::from(3 + stages.1.pow(2) - 1) * (TAU * 0.01).powi(2) / 6.0)).abs() < 1e-4
             );
             assert_eq!(period, 2.0 * n * f64::from(stages.1));
-            // What the grid leaves out at 50 Hz, in periods of 2 N / CLKIN: three boxes of a sixteenth of it.
+            // Error of the grid at 50 Hz, with frequency in units of CLKIN / (2 N): three boxes of a sixteenth of the
+            // length.
             let exact = |cycles_per_n: f64| {
                 let (x, m) = (0.5 * TAU * cycles_per_n, f64::from(stages.1));
                 (x.sin() / x).powi(3) * ((m * x).sin() / (m * x.sin()))
@@ -374,7 +377,7 @@ mod tests {
             })
             .collect();
         assert!(codes[..10].iter().all(|code| *code == 0));
-        // 1/6, 5/6 and all of half the range.
+        // 1/6, 5/6 and 6/6 of half the full scale.
         let sixths: Vec<f64> = codes[10..].iter().map(|code| f64::from(*code) / 4_194_304.0 * 6.0).collect();
         assert!((sixths[0] - 1.0).abs() < 0.15 && (sixths[1] - 5.0).abs() < 0.15, "{sixths:?}");
         assert_eq!(codes[12..], [4_194_304; 3]);
@@ -386,7 +389,7 @@ mod tests {
         ads.chip.disturb_register(0x04, 0x5555);
         ads.follow(RESET, 1000);
         assert_eq!(ads.due(), None);
-        // Less than 2048 periods only synchronise the conversion.
+        // A reset pulse below 2048 periods only synchronises the conversion.
         ads.follow(RUNNING, 1000 + 2000 * CLKIN_CYCLES);
         assert_eq!(ads.due(), Some(1000 + 2000 * CLKIN_CYCLES + 2048 * CLKIN_CYCLES));
         assert_eq!(ads.chip.register(0x04), 0x5555);

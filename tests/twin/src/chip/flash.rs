@@ -1,15 +1,15 @@
-//! Flash memory: 512 KB in two banks of 2 KB pages, its controller and the option bytes (RM0440 section 3.7).
+//! Flash memory: 512 KB in two banks of 2 KB pages, its controller, and the option bytes (RM0440 section 3.7).
 //!
-//! - Programming takes double words, each once between two erasures (or to zero), and 85 us; a page is erased in 22 ms
-//!   (DS12288 table "Flash memory characteristics", typical values rounded up).
-//! - One bank may be read while the other is busy. Reading the busy bank stalls the core, which is counted. The code
-//!   runs from bank 1, so an operation there ends the run.
-//! - A power failure during an operation leaves a double word that no longer matches its error correction code, or a
-//!   page of such words: reading one sets ECCD and raises the non-maskable interrupt.
-//! - The data cache keeps what it read: reading after an operation without resetting the cache ends the run, and
-//!   reading from it again raises nothing.
+//! - Programming writes a double word in 85 us. A double word can be programmed once after an erase, and again only to
+//!   zero. Erasing a page takes 22 ms (DS12288 table "Flash memory characteristics", typical values rounded up).
+//! - One bank can be read while the other is busy. Reading the busy bank stalls the core; the model counts the stalls.
+//!   The code runs from bank 1, so an operation there ends the run.
+//! - A power failure during an operation leaves a double word that does not match its ECC, or a page of such words.
+//!   Reading one sets ECCD and raises the NMI.
+//! - The data cache keeps what was read. A read after an operation without a cache reset ends the run. A double word
+//!   with an ECC error that the cache already holds raises nothing when it is read again.
 //!
-//! Not modelled: fast programming, mass erasure, write and read protection, single-bank mode, secured areas.
+//! Not modelled: fast programming, mass erase, write and read protection, single-bank mode, securable areas.
 
 use super::rom;
 use crate::{
@@ -20,19 +20,19 @@ use std::collections::BTreeSet;
 
 /// First address.
 pub const START: u32 = 0x0800_0000;
-/// Bytes in both banks.
+/// Size of both banks \[bytes\].
 pub const LEN: usize = 512 << 10;
-/// Bytes in each bank.
+/// Size of a bank \[bytes\].
 pub const BANK: usize = LEN / 2;
-/// Bytes in a page.
+/// Size of a page \[bytes\].
 pub const PAGE: usize = 2048;
 
-/// How the core reads flash.
+/// Flash access settings that determine the core's read timing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Access {
     /// FLASH_ACR.LATENCY.
     pub wait_states: u64,
-    /// Bytes of one read: 8 with two banks, 16 with one.
+    /// Bytes per read: 8 in dual-bank mode, 16 in single-bank mode.
     pub width: u32,
     /// FLASH_ACR.ICEN.
     pub instruction_cache: bool,
@@ -50,15 +50,15 @@ const SR: u32 = 0x10;
 const CR: u32 = 0x14;
 const ECCR: u32 = 0x18;
 const OPTR: u32 = 0x20;
-/// OPTR: reserved bits, which stay as delivered.
+/// OPTR: reserved bits, which keep their factory value.
 const OPTR_RESERVED: u32 = 0x8020_8800;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 
-/// OPTR: two banks.
+/// OPTR: dual-bank mode.
 const DBANK: u32 = 1 << 22;
-/// ACR: instruction cache enable, data cache enable and reset.
+/// ACR: instruction cache enable, data cache enable, data cache reset.
 const ICEN: u32 = 1 << 9;
 const DCEN: u32 = 1 << 10;
 const DCRST: u32 = 1 << 12;
@@ -68,7 +68,7 @@ const PROGERR: u32 = 1 << 3;
 const PGAERR: u32 = 1 << 5;
 const SIZERR: u32 = 1 << 6;
 const PGSERR: u32 = 1 << 7;
-/// Flags of SR that block programming while they are set.
+/// Flags of SR that block programming and erasing while set.
 const ERRORS: u32 = 0x3f8;
 const BSY: u32 = 1 << 16;
 const PG: u32 = 1 << 0;
@@ -81,59 +81,59 @@ const ERRIE: u32 = 1 << 25;
 const OBL_LAUNCH: u32 = 1 << 27;
 const OPTLOCK: u32 = 1 << 30;
 const LOCK: u32 = 1 << 31;
-/// CR: PG, PER, PNB, BKER and the interrupt enables; the rest starts something or is not modelled.
+/// CR: PG, PER, PNB, BKER and the interrupt enables. The other bits start an operation or have no model.
 const CR_KEPT: u32 = PG | PER | 0x7f << 3 | BKER | EOPIE | ERRIE;
 const CR_UNKNOWN: u32 = 1 << 2 | 1 << 15 | 1 << 18 | 3 << 28;
-/// ECCR: bank 2, and an error of two bits that could not be corrected.
+/// ECCR: the failing double word is in bank 2. ECCD below flags a double-bit error, which cannot be corrected.
 const BK_ECC: u32 = 1 << 21;
 /// ECCR: address, bank, system flash.
 const ECC_PLACE: u32 = 0x7_ffff | BK_ECC | 1 << 22;
 const ECCIE: u32 = 1 << 24;
 const ECCD: u32 = 1 << 31;
 
-/// Option bytes as ST delivers them: two banks, brown-out level 0, no protection.
+/// Factory option bytes: dual-bank, brown-out level 0, no protection.
 pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;
 
-/// Where a start leads.
+/// What a start executes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Boot {
-    /// To the program in bank 1.
+    /// The program in bank 1.
     Flash,
-    /// To the ROM, which starts the program of either bank by a jump (AN2606, dual bank boot); bank 2 has none here.
+    /// The ROM, which jumps to the program in bank 1 or 2 (AN2606, dual-bank boot). Bank 2 holds none here.
     EitherBank,
-    /// To the ROM's update mode.
+    /// The ROM's boot loader.
     Rom,
-    /// To whatever is in SRAM1.
+    /// Whatever is in SRAM1.
     Ram,
 }
 
-/// What an operation leaves that lost power halfway.
+/// The state in which an operation leaves the flash if power fails during it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// Everything as before: the cells had not changed yet.
+    /// As before: the cells have not changed yet.
     Before,
-    /// Some bits changed, and the error correction code matches none of it.
+    /// Some bits have changed, and the contents do not match the ECC.
     Between,
-    /// Everything as it should be, but not reported.
+    /// As after the operation, but its end was not reported.
     After,
 }
 
 impl Torn {
-    /// All of them.
+    /// All three.
     pub const ALL: [Self; 3] = [Self::Before, Self::Between, Self::After];
 }
 
-/// Everything that flash keeps without power.
+/// The non-volatile contents of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Contents {
     bytes: Vec<u8>,
-    /// Double words (by number) that do not match their error correction code.
+    /// Indices of the double words that do not match their ECC.
     torn: BTreeSet<usize>,
     options: u32,
 }
 
 impl Contents {
-    /// Both banks.
+    /// The bytes of both banks.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
@@ -164,17 +164,17 @@ impl Operation {
 
 #[derive(Clone, Copy, Debug)]
 struct Cut {
-    /// Operations that still complete.
+    /// Operations that complete before the one that is cut.
     left: u32,
     torn: Torn,
 }
 
-/// Memory and controller.
+/// The flash memory and its controller.
 #[derive(Debug)]
 pub struct Flash {
     memory: Ram,
     torn: BTreeSet<usize>,
-    /// Option bytes in their cells; OPTR shows those that were loaded at the last start.
+    /// Option bytes in flash; OPTR shows the values loaded at the last start.
     options: u32,
     storage: Storage,
     status: u32,
@@ -182,23 +182,23 @@ pub struct Flash {
     ecc: u32,
     /// The flash size that the chip reports.
     size_kb: u16,
-    /// Operations do not end.
+    /// Operations never end.
     hangs: bool,
-    /// From a double error to its interrupt, if that comes late.
+    /// Delay from a double-bit error to its NMI; 0 for none.
     nmi_delay: Cycles,
     nmi_due: Option<Cycles>,
-    /// A late one drives the line.
+    /// The NMI request of a delayed error is active.
     nmi_late: bool,
     keys: usize,
     option_keys: usize,
-    /// A wrong key was written: locked until the next reset.
+    /// A wrong key was written: the registers stay locked until the next reset.
     shut: bool,
     operation: Option<Operation>,
-    /// The first half of a double word.
+    /// First word of a double word being programmed: its offset and value.
     half: Option<(usize, u32)>,
     /// The data cache may hold outdated contents.
     stale: bool,
-    /// Double words in the data cache that do not match their error correction code.
+    /// Indices of the double words with an ECC error that the data cache holds.
     cached: BTreeSet<usize>,
     errata: Errata,
     rules: Rules,
@@ -206,16 +206,16 @@ pub struct Flash {
     cut_at: Option<Cycles>,
     hclk_hz: f64,
     noise: u64,
-    /// Cycles for which the core must still wait.
+    /// Cycles that the core must still wait.
     stall: Cycles,
     launch: bool,
-    /// Double words programmed since the twin was made.
+    /// Double words programmed since the model was created.
     pub programmed: u64,
-    /// Pages erased since the twin was made.
+    /// Pages erased since the model was created.
     pub erased: u64,
-    /// How often the core had to wait for a busy bank.
+    /// Number of times the core waited for a busy bank.
     pub stalls: u64,
-    /// Cycles that it waited in all.
+    /// Total of those waits \[cycles\].
     pub stalled: Cycles,
 }
 
@@ -258,19 +258,19 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// Both banks.
+    /// The bytes of both banks.
     pub fn bytes(&self) -> &[u8] {
         self.memory.bytes()
     }
 
-    /// Address of both banks in the host.
+    /// Address of the flash contents in host memory.
     pub fn as_ptr(&self) -> *mut u8 {
         self.memory.as_ptr()
     }
 
-    /// Writes bytes as a probe does that has just erased everything below them.
+    /// Writes bytes as a debug probe does, into pages that it has erased first.
     ///
-    /// Returns false, and writes nothing, if they do not fit.
+    /// Returns false and writes nothing if they do not fit.
     #[must_use]
     pub fn load(&mut self, address: u32, bytes: &[u8]) -> bool {
         let Some(start) = address.checked_sub(START) else { return false };
@@ -283,35 +283,35 @@ impl Flash {
         true
     }
 
-    /// A copy of everything that is kept without power.
+    /// A copy of the non-volatile contents.
     pub fn contents(&self) -> Contents {
         Contents { bytes: self.memory.bytes().to_vec(), torn: self.torn.clone(), options: self.options }
     }
 
-    /// Puts a copy back.
+    /// Restores such a copy.
     pub fn set_contents(&mut self, contents: &Contents) {
         self.memory.bytes_mut().copy_from_slice(&contents.bytes);
         self.torn = contents.torn.clone();
         self.options = contents.options;
     }
 
-    /// Ends the run in the middle of an operation: after `operations` more have completed.
+    /// Makes power fail in the middle of an operation, after `operations` more have completed.
     pub fn cut_power_after(&mut self, operations: u32, torn: Torn) {
         self.cut = Some(Cut { left: operations, torn });
     }
 
-    /// Operations that begin from now on do not end.
+    /// Makes operations started from now on hang.
     pub fn hang(&mut self) {
         self.hangs = true;
     }
 
-    /// Cancels the cut.
+    /// Cancels the power failure.
     pub fn keep_power(&mut self) {
         self.cut = None;
         self.cut_at = None;
     }
 
-    /// Whether the moment of the cut has come.
+    /// Whether the power failure is due.
     pub fn power_fails(&self, now: Cycles) -> bool {
         self.cut_at.is_some_and(|at| at <= now)
     }
@@ -321,17 +321,17 @@ impl Flash {
         self.errata = errata;
     }
 
-    /// Sets how strictly violations are treated from now on.
+    /// Sets how strictly the model treats violations from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
 
-    /// The wait states that are set.
+    /// The wait states that are set (FLASH_ACR.LATENCY).
     pub fn wait_states(&self) -> u32 {
         self.storage.get(ACR) & 0xf
     }
 
-    /// How the core reads it: with two banks 64 bits at a time, with one 128 (RM0440, 3.3.3).
+    /// How the core reads the flash: 64 bits at a time in dual-bank mode, 128 in single-bank mode (RM0440, 3.3.3).
     pub fn access(&self) -> Access {
         let (acr, two_banks) = (self.storage.get(ACR), self.options() & DBANK != 0);
         Access {
@@ -342,17 +342,17 @@ impl Flash {
         }
     }
 
-    /// Option bytes in use.
+    /// The option bytes in use, as last loaded.
     pub fn options(&self) -> u32 {
         self.storage.get(OPTR)
     }
 
-    /// Writes the option bytes as a probe does; to be followed by a restart.
+    /// Writes the option bytes as a debug probe does. They take effect at the next restart.
     pub fn set_options(&mut self, options: u32) {
         self.options = options;
     }
 
-    /// Where a start leads, by the option bytes in use and the level of the boot pin (RM0440 2.6).
+    /// What a start executes, by the option bytes in use and the level of BOOT0 (RM0440 2.6).
     pub fn boots(&self, boot0: bool) -> Boot {
         let is_set = |bit: u32| self.options() >> bit & 1 != 0;
         let (nboot1, nswboot0, nboot0, bfb2) = (is_set(23), is_set(26), is_set(27), is_set(20));
@@ -370,25 +370,25 @@ impl Flash {
         self.storage.get(OPTR) >> 8 & 7
     }
 
-    /// Whether this many bytes are in flash.
+    /// Whether the `len` bytes from `address` on are within flash.
     pub fn holds(&self, address: u32, len: usize) -> bool {
         let start = address.wrapping_sub(START) as usize;
         start < LEN && len <= LEN - start
     }
 
-    /// Whether an operation is under way.
+    /// Whether an operation is in progress.
     pub fn is_busy(&mut self, now: Cycles) -> bool {
         self.advance(now);
         self.operation.is_some()
     }
 
-    /// The boot loader, which runs from neither bank, erases a page of either.
+    /// The boot loader erases a page. It runs from system memory, so either bank may be erased.
     pub fn rom_erase(&mut self, page: usize, now: Cycles) {
         self.begin(Action::Erase { page }, now);
         self.stale = false;
     }
 
-    /// The boot loader programs a double word; returns false, and does nothing, if it is not erased.
+    /// The boot loader programs a double word. Returns false and does nothing if the double word is not erased.
     #[must_use]
     pub fn rom_program(&mut self, address: u32, data: u64, now: Cycles) -> bool {
         let at = address.wrapping_sub(START) as usize;
@@ -400,7 +400,8 @@ impl Flash {
         erased
     }
 
-    /// What the ROM reads at an address: flash, the chip's data in system memory, option bytes (their word, then its inverse).
+    /// What the ROM reads at an address: flash, the chip's data in system memory, or the option bytes (the word, then
+    /// its complement).
     pub fn rom_read(&self, address: u32, length: usize) -> Option<Vec<u8>> {
         const OPTION_BYTES: u32 = 0x1fff_7800;
         if self.holds(address, length) {
@@ -424,7 +425,7 @@ impl Flash {
         self.size_kb = kb;
     }
 
-    /// Power is lost: what was under way is torn.
+    /// Power fails: an operation in progress is torn.
     pub fn lose_power(&mut self) {
         let torn = match (self.cut_at.take(), self.cut.take()) {
             (Some(_), Some(cut)) => cut.torn,
@@ -440,13 +441,13 @@ impl Flash {
                     self.tear_erased(at);
                 }
             }
-            // The old ones stay: an assumption, as no document that we read says how the controller keeps option bytes.
+            // The old option bytes stay. This is an assumption: we found no document on how the controller stores them.
             (Torn::Between, Action::Options) => {}
         }
     }
 
     fn random(&mut self) -> u64 {
-        // xorshift64 (Marsaglia 2003): any bits will do, the same ones each time.
+        // xorshift64 (Marsaglia 2003): the quality does not matter, but the sequence must repeat.
         self.noise ^= self.noise << 13;
         self.noise ^= self.noise >> 7;
         self.noise ^= self.noise << 17;
@@ -470,7 +471,7 @@ impl Flash {
         self.torn.insert(at / 8);
     }
 
-    /// Leaves a double word of zeros that does not match its error correction code.
+    /// Clears some bits of a double word, which then no longer matches its ECC.
     #[cfg(test)]
     pub(crate) fn tear_for_test(&mut self, address: u32) {
         self.tear((address - START) as usize, 0);
@@ -502,7 +503,8 @@ impl Flash {
         }
     }
 
-    /// Checks the erratum for a bank that is written while the core reads the other.
+    /// Refuses an operation while the data cache is on, if the erratum on writing one bank while reading the other
+    /// applies.
     fn check_cache(&self) -> Result<(), Unknown> {
         if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
             return Err(Unknown {
@@ -518,7 +520,7 @@ impl Flash {
             Action::Erase { .. } => ERASE_S,
             Action::Options => ERASE_S + PROGRAM_S,
         };
-        // A year, if it does not end.
+        // An operation that hangs takes about a year.
         let length = (if self.hangs { 3e7 } else { length_s } * self.hclk_hz) as Cycles;
         self.operation = Some(Operation { action, end: now + length });
         self.stale |= self.storage.get(ACR) & DCEN != 0;
@@ -537,7 +539,7 @@ impl Flash {
         self.half = None;
     }
 
-    /// The core waits until nothing is under way; returns the moment at which it continues.
+    /// Makes the core wait for the end of an operation in progress; returns the time at which it continues.
     fn wait(&mut self, now: Cycles) -> Cycles {
         let end = match self.operation {
             Some(operation) if operation.end > now => operation.end,
@@ -550,33 +552,33 @@ impl Flash {
         end
     }
 
-    /// Cycles for which the core must wait after the access that it has just made.
+    /// Returns and clears the cycles that the core must wait after its last access.
     pub fn take_stall(&mut self) -> Cycles {
         std::mem::take(&mut self.stall)
     }
 
-    /// Whether the option bytes are to be loaded, which restarts the chip.
+    /// Whether software requested an option byte load, which resets the chip.
     pub fn launches(&self) -> bool {
         self.launch
     }
 
-    /// The level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.status & EOP != 0 && self.control & EOPIE != 0 || self.status & OPERR != 0 && self.control & ERRIE != 0
     }
 
-    /// Whether an error that could not be corrected drives the line of the non-maskable interrupt.
+    /// Whether a double-bit error requests the NMI.
     pub fn nmi(&self) -> bool {
         if self.nmi_delay == 0 { self.ecc & ECCD != 0 } else { self.nmi_late }
     }
 
-    /// Delays the interrupt of a double error by this many cycles, whether its flag is still set or not: no document
-    /// that we read says how soon it comes.
+    /// Delays the NMI of a double-bit error by this many cycles. It then comes even if software has cleared the flag.
+    /// We found no document on how soon the NMI comes.
     pub fn delay_nmi(&mut self, cycles: Cycles) {
         self.nmi_delay = cycles;
     }
 
-    /// The core reads memory of bank 2.
+    /// The core reads bank 2.
     pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
         let at = address.wrapping_sub(START) as usize;
         let now = match self.operation {
@@ -601,7 +603,7 @@ impl Flash {
         Ok(value)
     }
 
-    /// The core writes to memory.
+    /// The core writes to flash.
     pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let at = address.wrapping_sub(START) as usize;
         if at < BANK {
@@ -662,7 +664,7 @@ impl Flash {
     fn write_control(&mut self, word: u32, now: Cycles) -> Result<(), Unknown> {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
-            // Locking again is harmless.
+            // Setting LOCK again is allowed.
             return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
         }
         if word & CR_UNKNOWN != 0 {
@@ -691,7 +693,7 @@ impl Flash {
             }
         }
         if word & OPTSTRT != 0 {
-            // As for writes and erases; the manual does not say.
+            // The same condition as for programming and erasing; the manual does not specify it.
             if self.status & ERRORS != 0 {
                 self.fail(PGSERR);
             } else {
@@ -721,7 +723,7 @@ impl Registers for Flash {
                 self.control | started
             }
             ECCR => self.ecc,
-            // Both are read so that some of their bits can be changed.
+            // A program reads both to change single bits, so a read before any write is not listed.
             ACR | OPTR => self.storage.get(offset & !3),
             _ => return Err(Unknown::REGISTER),
         };
@@ -734,7 +736,7 @@ impl Registers for Flash {
         match offset & !3 {
             KEYR => self.unlock(word)?,
             OPTKEYR => self.unlock_options(word)?,
-            // Written ones clear.
+            // Writing 1 clears a flag.
             SR => self.status &= !word,
             CR => self.write_control(width.replace(self.control, offset, value), now)?,
             ECCR => {
@@ -751,7 +753,7 @@ impl Registers for Flash {
                         (true, Rules::Enforced) => {
                             return Err(Unknown { what: "the data cache is reset while it is on" });
                         }
-                        // No effect.
+                        // No effect, as the cache is on.
                         (true, Rules::AsOnTheChip) => {}
                         (false, _) => {
                             self.stale = false;
@@ -796,7 +798,7 @@ impl Registers for Flash {
 
     fn reset(&mut self, now: Cycles) {
         self.advance(now);
-        // A reset stops what is under way; the cells are torn as in a power failure.
+        // A reset aborts an operation in progress, which leaves the cells as a power failure does.
         self.lose_power();
         self.storage.reset();
         self.storage.set(OPTR, self.options);

@@ -3,17 +3,17 @@
 /// A pin of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
-    /// 0 for A to 6 for G.
+    /// Port number: 0 for A to 6 for G.
     pub port: usize,
-    /// 0 to 15.
+    /// Pin number in the port: 0 to 15.
     pub number: usize,
 }
 
 impl Pin {
-    /// From the name in the data sheet: `Pin::new('B', 10)` is PB10.
+    /// The pin with this data sheet name: `Pin::new('B', 10)` is PB10.
     ///
     /// # Panics
-    /// If there is no such pin.
+    /// If the pin does not exist.
     pub const fn new(port: char, number: usize) -> Self {
         assert!(matches!(port, 'A'..='G') && number < 16, "no such pin");
         Self { port: port as usize - 'A' as usize, number }

@@ -1,11 +1,12 @@
-//! The signal path event by event: sampling clock, converters, SPI, and the DMA transfers that they request.
+//! The signal path as a sequence of events: sampling timer, converters, SPI, and the DMA transfers that they request.
 //!
-//! None of it is stepped while the core runs. `pipeline_advance` catches up, each event at its own time and in order,
-//! whenever the core touches a peripheral or an interrupt line may rise; until then the rings in RAM stay as they were.
-//! `pipeline_next_event` gives the time at which a line may rise: for a circular DMA channel that is its next half.
+//! None of it is stepped while the core runs. When the core accesses a peripheral or an interrupt may be due,
+//! `pipeline_advance` catches up: it processes every event in order, each at its own time. Until then the rings in RAM
+//! stay unchanged. `pipeline_next_event` returns the earliest time at which an interrupt may be due; for a circular DMA
+//! channel that is the next half or full transfer.
 //!
-//! Order within one moment: the update of the sampling clock first latches the encoder's count by DMA, then triggers
-//! the converters; a converter samples its pin at its aperture, and its result is transferred at the conversion's end.
+//! Order within one cycle: the sampling timer's update first latches the encoder count by DMA, then triggers the
+//! converters. A converter samples its pin at the aperture, and DMA transfers the result at the end of the conversion.
 //! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at 20
 //! mm/s.
 
@@ -24,15 +25,15 @@ use crate::{Cycles, Registers, Unknown, Width};
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
 const WIRES: [Pin; 3] = [Pin::new('B', 13), Pin::new('B', 14), Pin::new('B', 15)];
 const SPI2_FUNCTION: Mode = Mode::Alternate(5);
-/// PA8 as channel 1 of TIM1.
+/// PA8 as TIM1_CH1.
 const TIM1_FUNCTION: Mode = Mode::Alternate(6);
 
-/// The earliest times at which requests can come.
+/// The earliest times of future requests.
 #[derive(Clone, Copy, Debug)]
 struct Pace {
     first: Cycles,
     second: Cycles,
-    /// From the second on.
+    /// From the second request on.
     period: Cycles,
 }
 
@@ -41,19 +42,19 @@ impl Pace {
         Self { first, second: first + period, period }
     }
 
-    /// When the request of this number comes, counted from 1.
+    /// Time of the `number`th request, counted from 1.
     fn nth(&self, number: u32) -> Cycles {
         if number <= 1 { self.first } else { self.second + u64::from(number - 2) * self.period }
     }
 }
 
 impl Chip {
-    /// The fault of the signal path since the last call, if any; the path stops at it.
+    /// The fault of the signal path since the last call, if any. The path stops at a fault.
     pub fn take_fault(&mut self) -> Option<BadAccess> {
         self.path_fault.take()
     }
 
-    /// Processes everything up to and including `now`.
+    /// Processes all events up to and including `now`.
     pub(crate) fn pipeline_advance(&mut self, now: Cycles) {
         while let Some(at) = self.next_step().filter(|at| *at <= now) {
             if self.path_fault.is_some() {
@@ -66,7 +67,7 @@ impl Chip {
         self.adc.advance(now);
     }
 
-    /// When an interrupt line of the signal path may next rise; may be early.
+    /// Earliest time at which the signal path may raise an interrupt request; it may turn out too early.
     pub(crate) fn pipeline_next_event(&self) -> Option<Cycles> {
         if self.path_fault.is_some() {
             return None;
@@ -80,7 +81,7 @@ impl Chip {
         own.into_iter().chain(stalls).flatten().chain(triggers).chain(channels).min()
     }
 
-    /// When the channel's interrupt line may next rise.
+    /// Earliest time at which the channel may raise its interrupt request.
     fn next_interrupt(&self, channel: usize) -> Option<Cycles> {
         let transfers = self.dma(channel).transfers_until_interrupt(channel % CHANNELS)?;
         Some(self.pace(Request::of(self.dmamux.request(channel))?)?.nth(transfers))
@@ -89,7 +90,8 @@ impl Chip {
     fn pace(&self, request: Request) -> Option<Pace> {
         let clock = |first: Cycles| Pace::every(self.tim6.period(), first);
         let of_unit = |unit: Unit| match (self.adc.due_of(unit), self.tim6.next_update()) {
-            // One result may come at once, then one per trigger; without a trigger, or in a sequence, many.
+            // One result may come at once, then one per trigger. Without a trigger, or in a longer sequence, results
+            // may come at any time.
             (Some(due), Some(update)) if self.adc.is_single(unit) => {
                 Some(Pace { first: due, ..clock(update - self.tim6.period()) })
             }
@@ -99,7 +101,7 @@ impl Chip {
         };
         match request {
             Request::Tim6Update => self.tim6.next_update().map(clock),
-            // The converters' requests come with the same timer's trigger.
+            // DAC requests come with the trigger of the same timer.
             Request::Tim7Update | Request::Dac1 | Request::Dac2 => {
                 self.tim7.next_update().map(|first| Pace::every(self.tim7.period(), first))
             }
@@ -114,7 +116,7 @@ impl Chip {
         }
     }
 
-    /// When the next event of the path occurs, whether it is visible or not.
+    /// Time of the next event of the path, whether the core can observe it or not.
     fn next_step(&self) -> Option<Cycles> {
         let sources = [
             self.tim6.next_update(),
@@ -134,7 +136,7 @@ impl Chip {
         self.dma2.advance(at);
         if self.tim6.next_update() == Some(at) {
             let trigger = self.tim6.update().trigger;
-            // Reading TIM2 for it updates the count to this moment.
+            // This transfer reads TIM2, which updates its counter to this time.
             self.serve_dma(at);
             if trigger {
                 self.start_conversions(at)?;
@@ -166,7 +168,7 @@ impl Chip {
         Ok(())
     }
 
-    /// The sampling clock's trigger reaches the converters, each with its planted delay.
+    /// Delivers the sampling timer's trigger to the converters, each with its injected delay.
     fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
         if self.planted.late == [0; 2] {
             return self.adc.trigger(TRIGGER_TIM6, at);
@@ -182,7 +184,7 @@ impl Chip {
         Ok(())
     }
 
-    /// The answer to a frame on SPI2.
+    /// Exchanges a frame on SPI2; returns the received data.
     fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // Nothing drives the line: it reads as ones.
@@ -199,7 +201,7 @@ impl Chip {
         }
     }
 
-    /// Ends the digital front end's conversion if it is due: an edge of DRDY, which latches the encoder's count.
+    /// Ends the external ADC's conversion if it is due: DRDY falls, which latches the encoder count.
     fn convert(&mut self, at: Cycles) -> Result<(), Unknown> {
         let clocks = self.clocks;
         let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
@@ -208,14 +210,14 @@ impl Chip {
         let ready = !ads.drdy();
         self.latch_encoder(at);
         if ready {
-            // If the last conversion was not read, the line goes high for a moment.
+            // If the last conversion was not read, DRDY goes high briefly.
             self.set_pin(DRDY, true, at);
             self.set_pin(DRDY, false, at);
         }
         Ok(())
     }
 
-    /// Passes the pins' levels to the digital front end.
+    /// Passes the pin levels to the external ADC.
     fn follow_pins(&mut self, now: Cycles) {
         if self.ads131m04.is_none() {
             return;
@@ -229,7 +231,7 @@ impl Chip {
         }
     }
 
-    /// Cycles of the core per period of PA8's output, rounded.
+    /// Core cycles per period of the output on PA8, rounded.
     fn clkin_cycles(&self) -> Option<Cycles> {
         let pwm = self.tim1.pwm(1).filter(|_| self.pin_mode(CLKIN) == TIM1_FUNCTION)?;
         Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
@@ -250,7 +252,7 @@ impl Chip {
         }
     }
 
-    /// Voltage at the force's or the terminal's pin \[V\].
+    /// Voltage at the force pin or the terminal pin \[V\].
     fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Result<f64, Unknown> {
         let (is_force, is_terminal) = (pin == self.board.force, pin == self.board.terminal);
         match (self.jumpers, is_force, is_terminal) {
@@ -267,7 +269,7 @@ impl Chip {
         dac.and_then(|dac| dac.volts(at)).unwrap_or(FLOATING_V)
     }
 
-    /// Whether this request is the one to be lost.
+    /// Whether the injected fault loses this request.
     fn loses(&mut self, request: Request, now: Cycles) -> bool {
         let lost = self.planted.lost.is_some_and(|(which, after_s)| which == request && self.seconds(now) >= after_s);
         if lost {
@@ -276,7 +278,7 @@ impl Chip {
         lost
     }
 
-    /// Does the requested transfers until there are none, and passes on triggers that a write has caused.
+    /// Executes pending DMA requests until none is left, after passing on triggers that a register write caused.
     pub(crate) fn serve_dma(&mut self, now: Cycles) {
         if self.tim6.take_trigger()
             && let Err(unknown) = self.adc.trigger(TRIGGER_TIM6, now)
@@ -303,7 +305,8 @@ impl Chip {
         }
     }
 
-    /// Does one transfer for the request, if it is pending and a channel listens. Returns whether one was done.
+    /// Executes one transfer if the request is pending and an enabled channel is assigned to it; returns whether it
+    /// did.
     fn serve(&mut self, request: Request, now: Cycles) -> bool {
         if !self.is_requested(request) {
             return false;
@@ -329,7 +332,7 @@ impl Chip {
         false
     }
 
-    /// The request is served. The requests of the analogue-to-digital converters go with their results.
+    /// Clears a served request. Reading the result clears an ADC's request.
     fn forget(&mut self, request: Request) {
         match request {
             Request::Tim6Update => self.tim6.dma_acknowledge(),
@@ -414,9 +417,9 @@ mod tests {
     const PERIOD: Cycles = 2625;
     /// From the update to the aperture: (2.125 + 24.5) clocks of four cycles.
     const APERTURE: Cycles = 107;
-    /// From the update to the result.
+    /// From the update to the end of the conversion.
     const RESULT: Cycles = 157;
-    /// When the counter is enabled.
+    /// Time at which the timer is enabled.
     const START: Cycles = 100_000;
     const TIM2_CNT: u32 = 0x4000_0024;
     const POSITIONS: u32 = 0x2000_0000;
@@ -424,7 +427,7 @@ mod tests {
     const TERMINALS: u32 = 0x2000_2000;
     const ENTRIES: u32 = 16;
 
-    /// Signals that encode the time at which they were read: 1 V per millisecond, a count per cycle.
+    /// Signals that encode the time of the read: 1 V per millisecond, one count per cycle.
     struct Ramp;
 
     impl World for Ramp {
@@ -446,15 +449,15 @@ mod tests {
         chip.write(address, value, Width::Word, now).unwrap();
     }
 
-    /// Rings, converters and clock set up as in the firmware, except for the last write. But the converters' clock is
-    /// the core's divided by four, as the trigger latency is then the same at each of its phases.
+    /// Rings, converters and timer set up as in the firmware, except for the last write. One difference: the ADC clock
+    /// is HCLK / 4, which has the same trigger latency at every phase.
     fn chip() -> Chip {
         let mut chip = Chip::new(Board::NUCLEO, Box::new(Ramp));
         let clocks =
             Clocks { hclk_hz: HCLK_HZ, timer1_hz: HCLK_HZ, timer2_hz: HCLK_HZ, pclk1_hz: HCLK_HZ, ..Clocks::POWER_ON };
         chip.adc.set_quality(Quality::IDEAL);
         let now = 0;
-        // All clocks on, the encoder's pins with TIM2, which counts its edges.
+        // All clocks on; the encoder pins assigned to TIM2 in encoder mode.
         for (address, value) in [
             (0x4002_1048, u32::MAX),
             (0x4002_104C, u32::MAX),
@@ -469,12 +472,12 @@ mod tests {
         ] {
             write(&mut chip, address, value, now);
         }
-        // Turning the clocks on has applied the frequencies of the registers.
+        // Enabling the clocks has recomputed the frequencies from the registers.
         chip.use_clocks(clocks, now);
         for (n, (request, peripheral, memory, ccr)) in [
             (8, TIM2_CNT, POSITIONS, 2 << 8 | 2 << 10),
             (5, 0x5000_0040, FORCES, 1 << 8 | 1 << 10),
-            // Half and complete interrupts from the last to finish.
+            // Half and complete interrupts on the channel that finishes last.
             (36, 0x5000_0140, TERMINALS, 1 << 8 | 1 << 10 | 1 << 2 | 1 << 1),
         ]
         .into_iter()
@@ -582,7 +585,7 @@ mod tests {
 
     #[test]
     fn an_update_before_the_start_puts_the_converters_one_ahead() {
-        // The result for a driver that forces an update while the converters wait: an entry without a position.
+        // As with a driver that forces an update while the converters wait: a result without a position.
         let mut chip = chip();
         write(&mut chip, 0x4000_1000, 1 << 2, START - 5000);
         write(&mut chip, 0x4000_1014, 1, START - 5000);
@@ -596,7 +599,7 @@ mod tests {
         let mut chip = running();
         chip.dma1.stall(0, START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
-        // Three updates, of which the last request is served late.
+        // Three updates fall into the stall. Only one of their requests is pending at its end, and is served late.
         assert_eq!(left(&mut chip), [10, 8, 8]);
         assert_eq!(u64::from(position(&chip, 0)), START + 3 * PERIOD + 10, "read when the bus is free");
     }
@@ -620,7 +623,7 @@ mod tests {
         write(&mut chip, 0x4000_1000, 1, START);
         chip.advance(START + 2 * PERIOD);
         assert!(chip.dma1.irq(2) && !chip.dma1.is_enabled(2));
-        // A transfer that the bus refuses is another case.
+        // The other kind of error: the bus refuses a transfer.
         write(&mut chip, 0x4002_0004, 8 << 8, START);
         write(&mut chip, 0x4002_0008 + 0x34, TERMINALS, START);
         write(&mut chip, 0x4002_0008 + 0x28, 1 << 8 | 1 << 10 | 1 << 7 | 1 << 5 | 1 << 3 | 1, START);
@@ -677,9 +680,8 @@ mod tests {
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("analogue")));
     }
 
-    /// The digital front end at 8 MHz; SPI2 has its own pins, PB12 and PB11 are outputs and high, PB10 is TIM2's third
-    /// channel, which captures at falling edges, PA8 is TIM1's first, which puts out a period of 21 cycles from 5000
-    /// on.
+    /// The external ADC with CLKIN at 8 MHz. SPI2 is on its pins; PB12 and PB11 are high outputs. PB10 is TIM2_CH3,
+    /// which captures falling edges. PA8 is TIM1_CH1, with a period of 21 cycles from cycle 5000 on.
     fn digital() -> Chip {
         let mut chip = chip();
         chip.ads131m04 = Some(Ads131m04::new([0.0; 4], 0));
@@ -716,7 +718,7 @@ mod tests {
             assert_eq!(chip.read(0x4000_0010, Width::Word, edge - 1).unwrap() & 1 << 3, 0);
             chip.advance(edge);
             assert_eq!(chip.read(0x4000_003C, Width::Word, edge), Ok(edge as u32));
-            // A frame by hand.
+            // A frame read by software.
             let mut now = edge + 100;
             write(&mut chip, 0x4800_0428, 1 << 12, now);
             let bytes: Vec<u8> = (0..18)

@@ -1,11 +1,11 @@
 //! Reset and clock control (RM0440 section 7.4).
 //!
-//! The frequencies follow from the registers: a wrong divider gives a wrong rate everywhere, and a setting outside the
-//! chip's limits ends the run. Oscillators become ready after their typical start-up time (DS12288 section 5.3.7 to
-//! 5.3.9).
+//! The model derives all frequencies from the registers: a wrong divider gives wrong rates everywhere, and a setting
+//! outside the chip's limits ends the run. Oscillators become ready after their typical start-up times (DS12288 section
+//! 5.3.7 to 5.3.9).
 //!
-//! A crystal that breaks ([`Rcc::break_crystal`]) puts the core on the internal oscillator and, where the clock
-//! security system watches, raises the non-maskable interrupt. Not modelled: clock output, LSE, clocks in sleep mode.
+//! If the crystal fails ([`Rcc::break_crystal`]) while the clock security system (CSS) monitors it, the core falls back
+//! to HSI and the NMI is raised. Not modelled: clock output, LSE, clocks in sleep mode.
 
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
@@ -30,7 +30,7 @@ const CSR: u32 = 0x94;
 const CRRCR: u32 = 0x98;
 const CCIPR2: u32 = 0x9c;
 
-/// Existing gates; those of RTC and window watchdog have no reset.
+/// Implemented gates. The RTC and the window watchdog have no reset bit.
 const AHB1_GATES: u32 = 0x111f;
 const AHB2_GATES: u32 = 0x050f_607f;
 const AHB3_GATES: u32 = 0x101;
@@ -42,32 +42,32 @@ const APB2_GATES: u32 = 0x0437_f801;
 const HSION: u32 = 1 << 8;
 const HSEON: u32 = 1 << 16;
 const HSEBYP: u32 = 1 << 18;
-/// The clock security system watches the crystal.
+/// The CSS monitors the crystal.
 const CSSON: u32 = 1 << 19;
 const PLLON: u32 = 1 << 24;
-/// In CR each ready flag is the bit above its switch, except HSI's.
+/// In CR each ready flag is the bit above its enable bit, except HSI's.
 const HSIRDY: u32 = 1 << 10;
 const HSERDY: u32 = 1 << 17;
 const PLLRDY: u32 = 1 << 25;
 
-/// On a step from below this system clock to above it the core must run at half of it for a time (RM0440 7.2.7; ST's
-/// HAL, `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
+/// When the system clock rises across `STEP_HZ`, HCLK must be half of it for `STEP_S` (RM0440 7.2.7; ST's HAL,
+/// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
 const STEP_HZ: f64 = 80e6;
 const STEP_S: f64 = 1e-6;
-/// CFGR: the core runs from a fraction of the system clock.
+/// CFGR: the AHB prescaler divides.
 const AHB_DIVIDES: u32 = 1 << 7;
 
-/// BDCR: RTCEN, and 2 in RTCSEL.
+/// BDCR: RTCEN, and RTCSEL = 2 (LSI).
 const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
-/// CSR: clears the causes of reset.
+/// CSR: clears the reset flags.
 const RMVF: u32 = 1 << 23;
 
-/// CIFR and CICR: the crystal has failed.
+/// CIFR and CICR: the CSS detected a crystal failure.
 const CSSF: u32 = 1 << 8;
 
 const HSI_HZ: f64 = 16e6;
 const HSI48_HZ: f64 = 48e6;
-/// The slow internal oscillator, which the watchdog counts \[Hz\].
+/// Frequency of the low-speed internal oscillator, which clocks the watchdog \[Hz\].
 pub const LSI_HZ: f64 = 32e3;
 
 /// Typical start-up times \[s\]: DS12288 tables "HSE oscillator", "PLL" (lock), "HSI48", "LSI".
@@ -76,23 +76,23 @@ const PLL_LOCK_S: f64 = 15e-6;
 const HSI48_START_S: f64 = 2.5e-6;
 const LSI_START_S: f64 = 130e-6;
 
-/// The cause of a reset, in the bits of RCC_CSR (RM0440 7.4.28).
+/// The cause of a reset, as flagged in RCC_CSR (RM0440 7.4.28).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reset {
-    /// Supply came up.
+    /// Power came up.
     Power,
-    /// NRST was pulled.
+    /// NRST was pulled low externally.
     Pin,
     /// AIRCR.SYSRESETREQ.
     Software,
-    /// The independent watchdog ran out.
+    /// The independent watchdog expired.
     Watchdog,
     /// The option bytes were reloaded.
     OptionBytes,
 }
 
 impl Reset {
-    /// Flags that this sets. Every internal reset pulls NRST low as well.
+    /// The flags that this cause sets. Every internal reset also pulls NRST low.
     const fn flags(self) -> u32 {
         const PIN: u32 = 1 << 26;
         match self {
@@ -105,7 +105,7 @@ impl Reset {
     }
 }
 
-/// The switch of a peripheral's clock: register and bit. The bit of its reset has the same place, 0x20 lower.
+/// A peripheral's clock enable: register and bit. Its reset bit has the same number in the register 0x20 below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gate {
     register: u32,
@@ -113,39 +113,39 @@ pub struct Gate {
 }
 
 impl Gate {
-    /// By the name of the register, then the number of the bit.
+    /// Bit of AHB1ENR.
     pub const fn ahb1(bit: u32) -> Self {
         Self { register: AHB1ENR, bit }
     }
 
-    /// AHB2ENR.
+    /// Bit of AHB2ENR.
     pub const fn ahb2(bit: u32) -> Self {
         Self { register: AHB2ENR, bit }
     }
 
-    /// APB1ENR1.
+    /// Bit of APB1ENR1.
     pub const fn apb1(bit: u32) -> Self {
         Self { register: APB1ENR1, bit }
     }
 
-    /// APB1ENR2.
+    /// Bit of APB1ENR2.
     pub const fn apb1_2(bit: u32) -> Self {
         Self { register: APB1ENR2, bit }
     }
 
-    /// APB2ENR.
+    /// Bit of APB2ENR.
     pub const fn apb2(bit: u32) -> Self {
         Self { register: APB2ENR, bit }
     }
 }
 
-/// The registers.
+/// The RCC registers.
 #[derive(Clone, Debug)]
 pub struct Rcc {
     storage: Storage,
     hse_hz: f64,
     hclk_hz: f64,
-    /// Times at which what was switched on is ready; none while it is off.
+    /// Time at which each oscillator or PLL that is on becomes ready; none while it is off.
     hse_ready: Option<Cycles>,
     pll_ready: Option<Cycles>,
     hsi48_ready: Option<Cycles>,
@@ -156,12 +156,12 @@ pub struct Rcc {
     stepped: Cycles,
     errata: Errata,
     rules: Rules,
-    /// The system clock in use (SWS), if it is not the chosen one because that is not ready.
+    /// The system clock in use (SWS), if the selected one (SW) is not ready yet.
     still: Option<u32>,
 }
 
 impl Rcc {
-    /// With a crystal of this frequency, 0 for none.
+    /// RCC with a crystal of this frequency, 0 for none.
     pub fn new(hse_hz: f64) -> Self {
         let storage = Storage::new(&[
             (CR, HSION, HSION | 1 << 9 | HSEON | HSEBYP | CSSON | PLLON),
@@ -206,17 +206,17 @@ impl Rcc {
         }
     }
 
-    /// Sets how strictly violations are treated from now on.
+    /// Sets how strictly the model treats violations from now on.
     pub fn set_rules(&mut self, rules: Rules) {
         self.rules = rules;
     }
 
-    /// The system clock in use: SWS.
+    /// The system clock in use (SWS).
     fn in_use(&self) -> u32 {
         self.still.unwrap_or(self.storage.get(CFGR) & 3)
     }
 
-    /// When a source of the system clock is ready; none while it is off.
+    /// Time at which a system clock source becomes ready; none while it is off.
     fn ready(&self, source: u32) -> Option<Cycles> {
         match source {
             1 => (self.storage.get(CR) & HSION != 0).then_some(0),
@@ -226,7 +226,8 @@ impl Rcc {
         }
     }
 
-    /// Changes to the chosen system clock once it is ready; afterwards the frequencies must be updated.
+    /// Switches to the selected system clock once that is ready. If it returns true, the caller must update the
+    /// frequencies.
     #[must_use]
     pub fn switches(&mut self, now: Cycles) -> bool {
         let ready = self.still.is_some() && self.ready(self.storage.get(CFGR) & 3).is_some_and(|at| at <= now);
@@ -241,12 +242,12 @@ impl Rcc {
         self.errata = errata;
     }
 
-    /// The backup domain has no battery either.
+    /// Removes the supply and the battery, so the backup domain is lost too.
     pub fn lose_power(&mut self, hse_hz: f64) {
         *self = Self { errata: self.errata, rules: self.rules, ..Self::new(hse_hz) };
     }
 
-    /// Whether a peripheral is clocked.
+    /// Whether a peripheral's clock is enabled.
     pub fn is_on(&self, gate: Gate) -> bool {
         self.storage.get(gate.register) >> gate.bit & 1 != 0
     }
@@ -256,11 +257,11 @@ impl Rcc {
         self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
     }
 
-    /// The crystal breaks. What ran from it stops, and the core continues from the internal oscillator if the crystal
-    /// is watched (RM0440 7.2.8); afterwards the frequencies must be updated.
+    /// Makes the crystal fail, which stops everything that it clocks. If the CSS monitors the crystal, the core
+    /// continues on HSI (RM0440 7.2.8). The caller must then update the frequencies.
     pub fn break_crystal(&mut self, now: Cycles) {
         self.hse_hz = 0.0;
-        // One that is not ready yet never is.
+        // A crystal that is not ready yet never becomes ready.
         self.hse_ready = self.hse_ready.filter(|at| *at <= now);
         let watched = self.storage.get(CR) & CSSON != 0 && self.hse_ready.take().is_some();
         if watched {
@@ -272,27 +273,27 @@ impl Rcc {
         }
     }
 
-    /// Whether a failure of the crystal drives the line of the non-maskable interrupt.
+    /// Whether a crystal failure requests the NMI.
     pub fn nmi(&self) -> bool {
         self.failed
     }
 
-    /// CCIPR: the clock from which each of the peripherals with a choice runs.
+    /// CCIPR: clock source selections of the peripherals.
     pub fn ccipr(&self) -> u32 {
         self.storage.get(CCIPR)
     }
 
-    /// The clock of RTC and backup registers is switched on.
+    /// Whether LSI is on (RCC_CSR.LSION).
     pub fn lsi_is_on(&self) -> bool {
         self.storage.get(CSR) & 1 != 0
     }
 
-    /// A reset for this cause; a power-on reset also clears earlier causes.
+    /// Adds the flags of a reset cause; a power-on reset clears earlier flags.
     pub fn set_cause(&mut self, cause: Reset) {
         self.causes = if cause == Reset::Power { 0 } else { self.causes } | cause.flags();
     }
 
-    /// Frequencies of the PLL's input, of its oscillator and of its outputs P, Q and R (0 for those that are off).
+    /// Frequencies of the PLL input, the VCO and the outputs P, Q and R (0 for an output that is off).
     fn pll(&self) -> (f64, f64, [f64; 3]) {
         let pllcfgr = self.storage.get(PLLCFGR);
         let field = |shift: u32, mask: u32| f64::from(pllcfgr >> shift & mask);
@@ -323,7 +324,7 @@ impl Rcc {
         }
     }
 
-    /// Frequencies set in the registers, from a moment on that is `since_s` seconds after power-on.
+    /// Frequencies set in the registers, from the time `since` on, which is `since_s` seconds after power-on.
     pub fn clocks(&self, since: Cycles, since_s: f64) -> Clocks {
         let cfgr = self.storage.get(CFGR);
         let sysclk_hz = self.sysclk_hz();
@@ -333,7 +334,7 @@ impl Rcc {
             _ => 1.0,
         };
         let hclk_hz = sysclk_hz / ahb;
-        // If a bus is divided, its timers run at twice its clock.
+        // If the APB prescaler divides, the timer clock is twice the bus clock.
         let bus = |shift: u32| match cfgr >> shift & 7 {
             code @ 4..=7 => (hclk_hz / f64::from(2 << (code - 4)), 2.0),
             _ => (hclk_hz, 1.0),
@@ -378,7 +379,7 @@ impl Rcc {
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
         let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
-        // Out of its range it may lock or not, which matters only if it is used.
+        // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
             if !(2.66e6..=16e6).contains(&input) {
@@ -412,7 +413,7 @@ impl Rcc {
     }
 }
 
-/// Ready time of what a bit switches: kept while it stays on.
+/// Ready time of an oscillator: unchanged while it stays on.
 fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
     on.then(|| before.unwrap_or(ready))
 }
@@ -427,8 +428,7 @@ impl Registers for Rcc {
         if !self.storage.contains(register) {
             return Err(Unknown::REGISTER);
         }
-        // Not counted as read before written: all of them are shared, and read so that some of their bits can be
-        // changed.
+        // A program reads all of them to change single bits, so a read before any write is not listed.
         let value = self.storage.get(register);
         let word = match register {
             CR => {
@@ -488,8 +488,8 @@ impl Registers for Rcc {
         }
         match register {
             CR => {
-                // In bypass, which waits for an external clock, a crystal does not respond; a missing one never
-                // responds.
+                // A crystal does not start in bypass mode, which expects an external clock. Without a crystal HSE never
+                // becomes ready.
                 let crystal = word & HSEON != 0 && word & HSEBYP == 0 && self.hse_hz > 0.0;
                 self.hse_ready = switched(crystal, self.hse_ready, self.in_s(now, HSE_START_S));
                 self.pll_ready = switched(word & PLLON != 0, self.pll_ready, self.in_s(now, PLL_LOCK_S));
@@ -507,7 +507,7 @@ impl Registers for Rcc {
     }
 
     fn reset(&mut self, _: Cycles) {
-        // The backup domain's register outlives a reset of the system.
+        // A system reset does not affect RCC_BDCR.
         let bdcr = self.storage.get(BDCR);
         self.storage.reset();
         self.storage.set(BDCR, bdcr);
@@ -538,7 +538,7 @@ mod tests {
         rcc.read(offset, Width::Word, now).expect("known")
     }
 
-    /// HSE 24 MHz / 2 * 28 / 2, started and chosen at cycle 40000.
+    /// HSE 24 MHz / 2 * 28 / 2; PLL selected at cycle 40000.
     fn at_168_mhz() -> Rcc {
         let mut rcc = Rcc::new(24e6);
         write(&mut rcc, CR, HSION | HSEON, 0);
@@ -566,7 +566,7 @@ mod tests {
         let clocks = rcc.clocks(40_000, 0.0025);
         assert_eq!((clocks.hclk_hz, clocks.timer1_hz, clocks.usb_hz), (168e6, 168e6, 0.0));
         assert_eq!(rcc.check(&clocks, true, 4), Ok(()));
-        // APB1 by 4, the core by 2.
+        // APB1 prescaler 4, AHB prescaler 2.
         write(&mut rcc, CFGR, 3 | 8 << 4 | 5 << 8, 40_000);
         write(&mut rcc, CRRCR, 1, 40_000);
         let clocks = rcc.clocks(40_000, 0.0025);
@@ -584,7 +584,7 @@ mod tests {
             rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
             "changed while it runs"
         );
-        // The same divider with another board's crystal.
+        // The same multiplication with another board's crystal.
         let mut other = Rcc::new(8e6);
         write(&mut other, CR, HSION | HSEON, 0);
         write(&mut other, PLLCFGR, 3 | 3 << 4 | 28 << 8 | 1 << 24, 33_000);

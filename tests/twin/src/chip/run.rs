@@ -1,4 +1,4 @@
-//! The chip over time: what happens before, at and after each access of the core.
+//! The chip over time: processing before, at and after each access of the core.
 
 use super::rcc::Reset;
 use super::{BLOCKS, BadAccess, Chip, RCC_CFGR};
@@ -37,7 +37,7 @@ impl Chip {
         event
     }
 
-    /// Brings everything to `now`, as far as it is visible.
+    /// Advances everything to `now`, as far as the core can observe it.
     pub fn advance(&mut self, now: Cycles) {
         self.pipeline_advance(now);
         if now < self.due {
@@ -60,7 +60,7 @@ impl Chip {
         self.flash.advance(now);
     }
 
-    /// Restarts for this reason. RAM is kept; to lose power, call [`Self::lose_power`] before.
+    /// Resets the chip for this cause. RAM is kept; to lose power, call [`Self::lose_power`] first.
     pub fn reset(&mut self, cause: Reset, now: Cycles) {
         self.advance(now);
         let mem_mode = self.syscfg.mem_mode();
@@ -77,7 +77,7 @@ impl Chip {
         self.due = 0;
     }
 
-    /// The crystal breaks. A core that runs from it unwatched would stop; here it is not affected.
+    /// Makes the crystal fail. Without the CSS a core clocked by the crystal would stop; here it continues.
     pub fn break_crystal(&mut self, now: Cycles) {
         self.advance(now);
         self.rcc.break_crystal(now);

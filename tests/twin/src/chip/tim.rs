@@ -1,10 +1,10 @@
 //! Timers with capture and compare: TIM1 to TIM5, TIM8, TIM15 to TIM17 (RM0440 sections 28 to 30).
 //!
-//! Modelled: up-counting with prescaler and preload, compare flags, update flag and its sources, encoder modes, input
-//! capture, capture of the 32 kHz oscillator by TIM5 with its prescaler, PWM as far as frequency and duty can be
-//! queried. Counting down or centre-aligned, slave modes other than the encoder's, one-pulse mode and DMA are unknown.
+//! Modelled: up-counting with prescaler and preload, compare flags, the update flag and its sources, encoder modes,
+//! input capture, capture of LSI by TIM5 with the input prescaler, and PWM as far as frequency and duty cycle. Refused:
+//! down-counting and centre-aligned modes, slave modes other than the encoder modes, one-pulse mode, DMA.
 //!
-//! Glossary: *tick*: the counter's clock after the prescaler; *update*: the counter restarts.
+//! Glossary: *tick*: a clock of the counter, after the prescaler. *Update*: the counter restarts.
 
 use super::rcc::LSI_HZ;
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
@@ -31,7 +31,7 @@ const TISEL: u32 = 0x5c;
 const AF1: u32 = 0x60;
 const AF2: u32 = 0x64;
 
-/// TISEL of TIM5: the 32 kHz oscillator.
+/// TISEL of TIM5: LSI.
 const LSI: u32 = 1;
 
 const CEN: u32 = 1 << 0;
@@ -40,25 +40,25 @@ const URS: u32 = 1 << 2;
 const DIR: u32 = 1 << 4;
 const ARPE: u32 = 1 << 7;
 const UIFREMAP: u32 = 1 << 11;
-/// CR1 bits that the model follows: CEN, UDIS, URS, DIR, ARPE, CKD, UIFREMAP.
+/// CR1 bits that the model implements: CEN, UDIS, URS, DIR, ARPE, CKD, UIFREMAP.
 const CR1_KNOWN: u32 = CEN | UDIS | URS | DIR | ARPE | 3 << 8 | UIFREMAP;
-/// SR and DIER: update; compare 1 to 4 follow.
+/// SR and DIER: update. Compare 1 to 4 are the next bits.
 const UIF: u32 = 1 << 0;
-/// BDTR: the outputs of a timer with break are on.
+/// BDTR: main output enable, for timers with a break input.
 const MOE: u32 = 1 << 15;
 
-/// The kind of a timer: its bus and its features.
+/// The kind of a timer, which gives its bus and its features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// 32 bits, four channels: TIM2, TIM5.
     Wide,
     /// 16 bits, four channels: TIM3, TIM4.
     General,
-    /// 16 bits, four channels, outputs behind a break input, on APB2: TIM1, TIM8.
+    /// 16 bits, four channels, break input, on APB2: TIM1, TIM8.
     Advanced,
-    /// 16 bits, two channels, break, on APB2: TIM15.
+    /// 16 bits, two channels, break input, on APB2: TIM15.
     Small,
-    /// 16 bits, one channel, break, on APB2: TIM16, TIM17.
+    /// 16 bits, one channel, break input, on APB2: TIM16, TIM17.
     Single,
 }
 
@@ -71,7 +71,7 @@ impl Kind {
         }
     }
 
-    /// Whether its outputs are behind a break input, and its clock is that of APB2.
+    /// Whether it has a break input and is clocked by APB2.
     fn has_break(self) -> bool {
         matches!(self, Self::Advanced | Self::Small | Self::Single)
     }
@@ -80,9 +80,9 @@ impl Kind {
 /// Output of a PWM channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pwm {
-    /// Repetitions per second \[Hz\].
+    /// PWM frequency \[Hz\].
     pub frequency_hz: f64,
-    /// Fraction of the time that the output is high.
+    /// Duty cycle: fraction of the time that the output is high.
     pub duty: f64,
 }
 
@@ -93,21 +93,21 @@ pub struct Tim {
     storage: Storage,
     flags: u32,
     count: u32,
-    /// Prescaler and period in use; the registers are loaded into them at an update.
+    /// Active prescaler and period (shadow registers), which an update loads from the registers.
     prescaler: u32,
     period: u32,
-    /// Core cycles per clock of the timer.
+    /// Core cycles per timer clock.
     cycles_per_clock: u64,
     clock_hz: f64,
-    /// Time up to which the counter was brought, and clocks of the timer since its last tick.
+    /// Time up to which the counter is valid, and timer clocks since its last tick.
     since: Cycles,
     remainder: u64,
-    /// The encoder's position when its edges were last counted.
+    /// The encoder position when its edges were last counted.
     encoder: u32,
-    /// Whether its first input can be the 32 kHz oscillator: TIM5 (RM0440 table 294).
+    /// Whether channel 1 can capture LSI: TIM5 (RM0440 table 294).
     takes_lsi: bool,
     hclk_hz: f64,
-    /// The oscillator's next edge \[cycles\], and its edges since the last one latched.
+    /// The next edge of LSI \[cycles\], and the number of edges since the last capture.
     lsi_edge: f64,
     lsi_edges: u32,
 }
@@ -132,7 +132,7 @@ impl Tim {
             (PSC, 0, 0xffff),
             (ARR, mask, mask),
             (CCR1, 0, mask),
-            // TISEL: no inputs other than the pins, and what `write` lets pass.
+            // TISEL: other inputs than the pins are refused in `write`, except LSI.
             (TISEL, 0, if kind == Kind::Wide { 0xf } else { 0 }),
         ];
         if kind != Kind::Single {
@@ -142,7 +142,7 @@ impl Tim {
             registers.extend([(CCMR2, 0, ccmr1), (CCR3, 0, mask), (CCR4, 0, mask)]);
         }
         if kind.has_break() {
-            // No repetition; the break input at its pin is open after reset.
+            // No repetition counter; the break input at the pin is enabled after reset.
             let bdtr = if kind == Kind::Advanced { 0x3fff_ffff } else { 0x140f_ffff };
             let second = u32::from(kind == Kind::Advanced);
             registers.extend([(RCR, 0, 0), (BDTR, 0, bdtr), (AF1, 1, 0xf), (AF2, second, 0xf * second)]);
@@ -169,12 +169,12 @@ impl Tim {
         }
     }
 
-    /// The same with the 32 kHz oscillator available for its first input.
+    /// The same timer with LSI available on channel 1.
     pub fn with_lsi(self) -> Self {
         Self { takes_lsi: true, ..self }
     }
 
-    /// Latches the edges of the 32 kHz oscillator up to `now`, one in as many as the prescaler says.
+    /// Captures the edges of LSI up to `now`, one in as many as the input prescaler sets.
     fn capture_lsi(&mut self, now: Cycles) {
         let enabled = self.storage.get(CCER) & 1 != 0 && self.channel_mode(1) & 3 == 1;
         if self.storage.get(TISEL) & 0xf != LSI || !enabled {
@@ -192,7 +192,7 @@ impl Tim {
         }
     }
 
-    /// Brings the counter to this moment.
+    /// Advances the counter to `now`.
     fn count_to(&mut self, now: Cycles) {
         let elapsed = now.saturating_sub(self.since) + self.remainder;
         self.since = self.since.max(now);
@@ -202,7 +202,7 @@ impl Tim {
         }
         let mut ticks = elapsed / self.cycles_per_tick();
         self.remainder = elapsed % self.cycles_per_tick();
-        // Up to the next update, after which prescaler and period may differ; then the rest.
+        // First up to the next update, which may change prescaler and period; then the rest.
         let until_update = self.round().saturating_sub(u64::from(self.count)).max(1);
         if ticks >= until_update {
             self.pass(until_update);
@@ -222,7 +222,7 @@ impl Tim {
         if self.kind == Kind::Wide { u32::MAX } else { 0xffff }
     }
 
-    /// If the encoder's edges move the counter instead of the clock, how many of the four per period count.
+    /// In an encoder mode, the number of edges counted of the four per encoder period; none in other modes.
     fn encoder_edges(&self) -> Option<u32> {
         if self.kind == Kind::Single {
             return None;
@@ -238,7 +238,7 @@ impl Tim {
         self.storage.get(CR1) & CEN != 0 && self.encoder_edges().is_none()
     }
 
-    /// Ticks in a full round.
+    /// Ticks of a full counter period.
     fn round(&self) -> u64 {
         u64::from(self.period) + 1
     }
@@ -247,7 +247,7 @@ impl Tim {
         (u64::from(self.prescaler) + 1) * self.cycles_per_clock
     }
 
-    /// Ticks, at least one, until the counter shows `value` next.
+    /// Ticks until the counter next has this value, at least one.
     fn ticks_until(&self, value: u32) -> Option<u64> {
         let (round, value) = (self.round(), u64::from(value));
         if value >= round {
@@ -271,7 +271,7 @@ impl Tim {
         self.channel_mode(channel) & 3 != 0
     }
 
-    /// Lets this many ticks pass with the current prescaler and period.
+    /// Advances the counter by this many ticks with the active prescaler and period.
     fn pass(&mut self, ticks: u64) {
         for channel in 1..=self.kind.channels() {
             let reached = self.ticks_until(self.storage.get(Self::ccr(channel))).is_some_and(|until| until <= ticks);
@@ -288,12 +288,12 @@ impl Tim {
         self.period = self.storage.get(ARR);
     }
 
-    /// The counter's value.
+    /// The counter value.
     pub fn count(&self) -> u32 {
         self.count
     }
 
-    /// The encoder outside has moved to this count of edges (all four per period, wrapping).
+    /// Sets the position of the external encoder in edges (four per period, wrapping).
     pub fn set_encoder(&mut self, edges: u32) {
         let moved = edges.wrapping_sub(self.encoder) as i32;
         let Some(counted) = self.encoder_edges() else {
@@ -310,7 +310,7 @@ impl Tim {
             return;
         }
         self.encoder = self.encoder.wrapping_add((steps * per_count) as u32);
-        // Each inverted input reverses the direction.
+        // Each inverted input reverses the count direction.
         let inverted = (self.storage.get(CCER) >> 1 ^ self.storage.get(CCER) >> 5) & 1 != 0;
         let steps = i64::from(if inverted { -steps } else { steps });
         let unwrapped = i64::from(self.count) + steps;
@@ -322,8 +322,7 @@ impl Tim {
         self.storage.set(CR1, if steps < 0 { cr1 | DIR } else { cr1 & !DIR });
     }
 
-    /// The level at the input pin of a channel has changed: a channel that captures on this edge takes the counter's
-    /// value.
+    /// The input of a channel has an edge. A channel that captures this edge stores the counter value.
     pub fn edge(&mut self, channel: usize, rising: bool) {
         let enable = self.storage.get(CCER) >> (4 * (channel - 1));
         // CCxP and CCxNP: 00 rising, 01 falling, 11 both.
@@ -339,28 +338,28 @@ impl Tim {
         self.storage.set(Self::ccr(channel), self.count);
         let flag = 1 << channel;
         if self.flags & flag != 0 {
-            // The previous capture was not read: over-capture.
+            // The previous capture was not read: overcapture.
             self.flags |= flag << 8;
         }
         self.flags |= flag;
     }
 
-    /// The level of the interrupt line, if there is only one.
+    /// Level of the interrupt request of a timer with a single line.
     pub fn irq(&self) -> bool {
         self.irq_update() || self.irq_compare()
     }
 
-    /// The level of the line that signals updates.
+    /// Level of the update interrupt request.
     pub fn irq_update(&self) -> bool {
         self.flags & self.storage.get(DIER) & UIF != 0
     }
 
-    /// The level of the line that signals captures and compares.
+    /// Level of the capture/compare interrupt request.
     pub fn irq_compare(&self) -> bool {
         self.flags & self.storage.get(DIER) & 0x1e != 0
     }
 
-    /// Output of a channel; none unless it is a running PWM output.
+    /// Output of a channel; none unless it is an enabled PWM output.
     pub fn pwm(&self, channel: usize) -> Option<Pwm> {
         let enabled = self.storage.get(CCER) >> (4 * (channel - 1)) & 5 != 0;
         let gated = self.kind.has_break() && self.storage.get(BDTR) & MOE == 0;
@@ -392,7 +391,7 @@ impl Registers for Tim {
             register @ CCR1..=CCR4 if self.storage.contains(register) => {
                 let channel = ((register - CCR1) / 4 + 1) as usize;
                 if self.is_input(channel) {
-                    // The hardware has written it.
+                    // A captured value, which hardware has written.
                     self.flags &= !(1 << channel);
                     self.storage.get(register)
                 } else {
@@ -407,7 +406,7 @@ impl Registers for Tim {
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         self.advance(now);
         match offset & !3 {
-            // Written zeros clear, ones have no effect.
+            // Writing 0 clears a flag, writing 1 has no effect.
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
                 if value & !1 != 0 {
@@ -496,7 +495,7 @@ impl Registers for Tim {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        // Registers shared by several users are read so that some of their bits can be changed.
+        // Programs read shared registers to change single bits.
         let shared = [CR1, CR2, SMCR, DIER, CCMR1, CCMR2, CCER, BDTR];
         self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
     }
@@ -514,7 +513,7 @@ mod tests {
         tim.read(offset, Width::Word, now).expect("known")
     }
 
-    /// Prescaler 16, started at cycle 100.
+    /// Prescaler 16, enabled at cycle 100.
     fn time_driver() -> Tim {
         let mut tim = Tim::new(Kind::Small);
         write(&mut tim, PSC, 15, 0);
@@ -573,7 +572,7 @@ mod tests {
         let mut tim = Tim::new(Kind::Wide).with_lsi();
         tim.set_clocks(&Clocks { hclk_hz: 168e6, timer1_hz: 168e6, ..Clocks::POWER_ON });
         write(&mut tim, TISEL, LSI, 0);
-        // From the input, one edge in eight.
+        // The captured input, one edge in eight.
         write(&mut tim, CCMR1, 1 | 3 << 2, 0);
         write(&mut tim, CCER, 1, 0);
         write(&mut tim, CR1, CEN, 0);

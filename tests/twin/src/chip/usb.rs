@@ -1,26 +1,27 @@
-//! USB full-speed device: registers, packet memory and the wire.
+//! USB full-speed device: registers, packet memory and the bus.
 //!
-//! Two sides: the firmware's, through [`Registers`], and the host's, one method per thing that can happen on the cable.
-//! A host's packet takes no time here; [`crate::usb_host`] accounts for the time on the wire.
+//! The firmware's side is [`Registers`]. The host's side has one method per event on the cable. A packet from the host
+//! takes no time here; [`crate::usb_host`] accounts for the bus time.
 //!
-//! - *endpoint register*: one of eight, `USB_EPnR`. Its number need not be the endpoint number on the wire (`EA`).
-//! - *packet memory*: 1 KiB between firmware and wire. The descriptor table in it (`USB_BTABLE`) says where each endpoint
-//!   register's packets lie.
-//! - *frame*: a millisecond of the host, begun by a start-of-frame packet.
-//! - *traffic*: anything on the wire, start of frame included. Three milliseconds without it suspend the device.
+//! - *endpoint register*: one of the eight registers `USB_EPnR`. Its index n need not be the endpoint number on the bus
+//!   (`EA`).
+//! - *packet memory*: 1 KiB shared by firmware and bus. The buffer descriptor table in it (`USB_BTABLE`) gives the
+//!   location of each endpoint register's packets.
+//! - *frame*: a millisecond by the host's clock, which starts with a start-of-frame (SOF) packet.
+//! - *traffic*: any packet on the bus, SOF included. Three milliseconds without it suspend the device.
 //!
-//! Source: RM0440 Rev 8, chapter 45; sections named below. Not modelled, and refused where the firmware asks for it:
-//! isochronous and double-buffered endpoints, remote wake-up, charger detection. Link power management is storage only: the
-//! hosts here send no such token.
+//! Source: RM0440 Rev 8, chapter 45; sections named below. Not modelled, and refused when the firmware enables them:
+//! isochronous and double-buffered endpoints, remote wake-up, charger detection. Link power management is storage only,
+//! as the hosts here send no such token.
 
 use super::clocks::Clocks;
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
 pub const MEMORY_OFFSET: u32 = 0x400;
-/// Bytes of packet memory (RM0440 45.2).
+/// Size of the packet memory \[bytes\] (RM0440 45.2).
 pub const MEMORY_BYTES: usize = 1024;
-/// Endpoint registers.
+/// Number of endpoint registers.
 const ENDPOINTS: usize = 8;
 
 /// Bits of `USB_EPnR` (RM0440 45.6.1).
@@ -38,11 +39,11 @@ mod endpoint {
     pub const TOGGLE_SEND: u16 = 1 << 6;
     pub const STATUS_SEND: u16 = 3 << 4;
     pub const ADDRESS: u16 = 0xF;
-    /// Written 1 to flip, 0 to keep.
+    /// Writing 1 toggles a bit, writing 0 keeps it.
     pub const FLIPPED: u16 = TOGGLE_RECEIVE | STATUS_RECEIVE | TOGGLE_SEND | STATUS_SEND;
-    /// Written 0 to clear, 1 to keep.
+    /// Writing 0 clears a bit, writing 1 keeps it.
     pub const EVENTS: u16 = RECEIVED | SENT;
-    /// Written as they are.
+    /// Plain read-write bits.
     pub const PLAIN: u16 = TYPE | KIND | ADDRESS;
 }
 
@@ -74,9 +75,9 @@ mod interrupt {
     pub const SUSPEND: u16 = 1 << 11;
     pub const WAKE_UP: u16 = 1 << 12;
     pub const TRANSFER: u16 = 1 << 15;
-    /// Those that the firmware clears by writing 0.
+    /// Bits that the firmware clears by writing 0.
     pub const CLEARABLE: u16 = 0x7F80;
-    /// Those that can raise the interrupt.
+    /// Bits that can raise the interrupt.
     pub const ALL: u16 = 0xFF80;
 }
 
@@ -89,16 +90,16 @@ mod frame {
     pub const NUMBER: u16 = 0x7FF;
 }
 
-/// `USB_DADDR.EF`: the device answers at all (RM0440 45.6.1).
+/// `USB_DADDR.EF`: the device responds to packets (RM0440 45.6.1).
 const ADDRESS_ENABLED: u16 = 1 << 7;
-/// `USB_BCDR.DPPU`: the pull-up that shows the host a full-speed device (RM0440 45.6.1).
+/// `USB_BCDR.DPPU`: the D+ pull-up, by which the host detects a full-speed device (RM0440 45.6.1).
 const PULL_UP: u16 = 1 << 15;
 /// `USB_BCDR`: charger detection.
 const CHARGER: u16 = 0xF;
-/// Missing frames after which the bus counts as suspended (RM0440 45.6.1, ESOF).
+/// Number of missing SOF packets after which the bus is suspended (RM0440 45.6.1, ESOF).
 const FRAMES_TO_SUSPEND: u16 = 3;
 
-/// Which of the two kinds of data packet: they alternate, so that a repeated packet can be recognised.
+/// PID of a data packet. The two alternate, so that the receiver recognises a retransmission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Toggle {
     /// DATA0.
@@ -109,7 +110,7 @@ pub enum Toggle {
 }
 
 impl Toggle {
-    /// The other one.
+    /// The other PID.
     pub fn flipped(self) -> Self {
         match self {
             Self::Data0 => Self::Data1,
@@ -122,40 +123,40 @@ impl Toggle {
     }
 }
 
-/// The device's answer to a packet of the host.
+/// The device's response to a packet from the host.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// Taken.
+    /// The device accepted the packet.
     Ack,
-    /// Not now.
+    /// The device is not ready.
     Nak,
-    /// Never.
+    /// The endpoint is halted, or does not support the request.
     Stall,
-    /// A packet for the host.
+    /// A data packet for the host.
     Data(Toggle, Vec<u8>),
-    /// No answer: not addressed, switched off, or a packet that it could not interpret.
+    /// No response: the packet is for another address or invalid, or the device is off.
     Nothing,
 }
 
-/// The host's frames, by the host's clock.
+/// The host's frames, timed by the host's clock.
 #[derive(Clone, Copy, Debug)]
 struct Frames {
     start_s: f64,
     period_s: f64,
-    /// Number of the next one.
+    /// Number of the next frame.
     next: u64,
 }
 
-/// The peripheral, 0x4000_5C00 to 0x4000_63FF.
+/// The peripheral, at 0x4000_5C00 to 0x4000_63FF.
 pub struct Usb {
     endpoints: [u16; ENDPOINTS],
     control: u16,
-    /// The clearable bits of `USB_ISTR`; the others follow from the endpoint registers.
+    /// The clearable bits of `USB_ISTR`; the others derive from the endpoint registers.
     interrupts: u16,
     frame_number: u16,
-    /// Start-of-frame packets since the last reset or resume, counted as far as they matter.
+    /// SOF packets since the last reset or resume; the count stops once the frame timer has locked.
     frames_seen: u8,
-    /// Frames missed in a row.
+    /// Consecutive missing frames.
     frames_lost: u16,
     address: u16,
     table: u16,
@@ -164,12 +165,12 @@ pub struct Usb {
     memory: [u8; MEMORY_BYTES],
     now: Cycles,
     clocks: Clocks,
-    /// When something was last on the wire, or the watch for it began.
+    /// Time of the last traffic, or of the start of the watch for it.
     traffic: Cycles,
     frames: Option<Frames>,
-    /// A host at the other end pulls both lines down.
+    /// A host is connected, which pulls both lines down.
     cable: bool,
-    /// Start-of-frame packets not yet taken by [`take_frames`](Self::take_frames).
+    /// SOF packets not yet returned by [`take_frames`](Self::take_frames).
     frames_begun: u32,
 }
 
@@ -180,7 +181,7 @@ impl Default for Usb {
 }
 
 impl Usb {
-    /// As after power-on: transceiver off, no pull-up, nothing plugged in.
+    /// The state after power-on: transceiver off, no pull-up, no cable.
     pub fn new() -> Self {
         Self {
             endpoints: [0; ENDPOINTS],
@@ -203,49 +204,49 @@ impl Usb {
         }
     }
 
-    /// Level of the interrupt line `USB_LP` (20).
+    /// Level of the interrupt request `USB_LP` (20).
     pub fn irq_low(&self) -> bool {
         self.status() & self.control & interrupt::ALL != 0
     }
 
-    /// Level of `USB_HP` (19): only isochronous and double-buffered endpoints use it.
+    /// Level of the interrupt request `USB_HP` (19), which only isochronous and double-buffered endpoints use.
     pub fn irq_high(&self) -> bool {
         false
     }
 
-    /// Level of the wake-up line, EXTI line 18 (RM0440 table 97).
+    /// Level of the wake-up request, EXTI line 18 (RM0440 table 97).
     pub fn irq_wakeup(&self) -> bool {
         self.interrupts & interrupt::WAKE_UP != 0
     }
 
-    /// Start-of-frame packets since the last call: the pulses that trim the 48 MHz clock.
+    /// SOF packets since the last call; they synchronise the trimming of the 48 MHz clock.
     pub fn take_frames(&mut self) -> u32 {
         std::mem::take(&mut self.frames_begun)
     }
 
     // ---- the host's side of the cable
 
-    /// Whether the host sees a full-speed device: the pull-up is on and the transceiver runs.
+    /// Whether the host detects a full-speed device: pull-up on and transceiver powered.
     pub fn attached(&self) -> bool {
         self.charger & PULL_UP != 0 && self.control & control::POWER_DOWN == 0
     }
 
-    /// Plugs a host in or unplugs it.
+    /// Connects or disconnects a host.
     pub fn set_cable(&mut self, plugged: bool) {
         let low = self.lines_low();
         self.cable = plugged;
         self.watch_lines(low);
     }
 
-    /// Whether the firmware has put the peripheral to sleep after a suspend.
+    /// Whether the firmware has forced suspend (`USB_CNTR.FSUSP`).
     pub fn sleeps(&self) -> bool {
         self.control & control::FORCE_SUSPEND != 0
     }
 
-    /// The host drives both lines low for long enough: a bus reset.
+    /// A bus reset by the host.
     ///
-    /// Address and endpoint registers are zeroed, except for the event bits, which stay so that no packet before the
-    /// reset is lost (RM0440 45.6.1, USB_EPnR, USB_DADDR).
+    /// It clears the address and the endpoint registers, except for CTR_RX and CTR_TX, so that no packet received
+    /// before the reset is lost (RM0440 45.6.1, USB_EPnR, USB_DADDR).
     pub fn bus_reset(&mut self) {
         if !self.listens() {
             return;
@@ -254,17 +255,17 @@ impl Usb {
         self.protocol_reset();
     }
 
-    /// From now on the host begins a frame every `period_s`: a millisecond by its own clock.
+    /// Makes the host start a frame every `period_s`, a millisecond by its own clock.
     pub fn start_frames(&mut self, period_s: f64) {
         self.frames = Some(Frames { start_s: self.clocks.seconds(self.now), period_s: period_s.max(1e-4), next: 1 });
     }
 
-    /// The host, or the cable, is gone: no more traffic on the wire.
+    /// Ends all traffic: the host or the cable is gone.
     pub fn stop_frames(&mut self) {
         self.frames = None;
     }
 
-    /// The host's resume signal; a device that does not sleep ignores it.
+    /// The host's resume signalling. A device that is not suspended ignores it.
     pub fn resume(&mut self) {
         if self.listens() {
             self.activity();
@@ -273,8 +274,8 @@ impl Usb {
 
     /// A SETUP packet.
     ///
-    /// Taken whatever `STAT_RX` says, unless it says disabled; not answered while the previous packet has not been
-    /// processed (RM0440 45.5.2, control transfers).
+    /// The device accepts it whatever `STAT_RX` is, except for disabled. It does not respond until the firmware has
+    /// processed the previous packet (RM0440 45.5.2, control transfers).
     pub fn setup(&mut self, address: u8, packet: &[u8; 8]) -> Answer {
         let Some(index) = self.find(address, 0) else { return Answer::Nothing };
         let register = self.endpoints[index];
@@ -293,7 +294,7 @@ impl Usb {
         Answer::Ack
     }
 
-    /// An OUT packet: data for the device.
+    /// An OUT transaction: data for the device.
     pub fn send(&mut self, address: u8, number: u8, toggle: Toggle, data: &[u8]) -> Answer {
         let Some(index) = self.find(address, number) else { return Answer::Nothing };
         let register = self.endpoints[index];
@@ -303,13 +304,13 @@ impl Usb {
             status::STALL => return Answer::Stall,
             _ => return Answer::Nothing,
         }
-        // A status stage that must be empty (RM0440 45.6.1, EP_KIND as STATUS_OUT).
+        // STATUS_OUT is set: the data must have zero length (RM0440 45.6.1, EP_KIND).
         let empty = register & (endpoint::TYPE | endpoint::KIND) == endpoint::TYPE_CONTROL | endpoint::KIND;
         if empty && !data.is_empty() {
             return Answer::Stall;
         }
         if toggle != Toggle::from_bit(register & endpoint::TOGGLE_RECEIVE != 0) {
-            // A repetition of what was already taken: the host missed our handshake.
+            // A retransmission of a packet already received: the host missed the ACK.
             return Answer::Ack;
         }
         if !self.store(index, data) {
@@ -320,7 +321,7 @@ impl Usb {
         Answer::Ack
     }
 
-    /// An IN packet: asks the device for data. The device releases them only with [`acknowledge`](Self::acknowledge).
+    /// An IN transaction: requests data from the device. The buffer is freed by [`acknowledge`](Self::acknowledge).
     pub fn ask(&mut self, address: u8, number: u8) -> Answer {
         let Some(index) = self.find(address, number) else { return Answer::Nothing };
         let register = self.endpoints[index];
@@ -338,7 +339,7 @@ impl Usb {
         }
     }
 
-    /// The host's handshake for the data that [`ask`](Self::ask) gave.
+    /// The host's ACK for the data that [`ask`](Self::ask) returned.
     pub fn acknowledge(&mut self, address: u8, number: u8) {
         let Some(index) = self.find(address, number) else { return };
         let register = self.endpoints[index];
@@ -348,14 +349,15 @@ impl Usb {
         }
     }
 
-    // ---- inside
+    // ---- internals
 
-    /// Transceiver on, and not held in reset.
+    /// Whether the transceiver is on and the peripheral is not in reset.
     fn listens(&self) -> bool {
         self.control & (control::POWER_DOWN | control::FORCE_RESET) == 0
     }
 
-    /// Both lines low: a host's resistors without a pull-up against them. A listening peripheral takes that as a reset.
+    /// Whether both lines are low (SE0): the host's pull-downs with no pull-up on the device. An enabled peripheral
+    /// detects that as a bus reset.
     fn lines_low(&self) -> bool {
         self.cable && self.listens() && self.charger & PULL_UP == 0
     }
@@ -377,7 +379,7 @@ impl Usb {
         self.interrupts |= interrupt::RESET;
     }
 
-    /// Traffic on the wire: a sleeping peripheral reports it (RM0440 45.5.5).
+    /// Traffic on the bus, which wakes a suspended peripheral (RM0440 45.5.5).
     fn activity(&mut self) {
         self.traffic = self.now;
         self.frames_lost = 0;
@@ -388,7 +390,8 @@ impl Usb {
         }
     }
 
-    /// The lowest endpoint register with this address, if the device is addressed, awake, and has no reset to process.
+    /// Lowest endpoint register with this endpoint number; none if the device has another address, is suspended, or has
+    /// a bus reset pending.
     fn find(&mut self, address: u8, number: u8) -> Option<usize> {
         if !self.listens() {
             return None;
@@ -396,7 +399,7 @@ impl Usb {
         let sleeps = self.sleeps();
         self.activity();
         let addressed = self.address == ADDRESS_ENABLED | u16::from(address);
-        // Reception and transmission are disabled until the firmware has cleared the bit (RM0440 45.6.1, RESET).
+        // Reception and transmission stay disabled until the firmware clears the bit (RM0440 45.6.1, RESET).
         if sleeps || !addressed || self.interrupts & interrupt::RESET != 0 {
             return None;
         }
@@ -406,7 +409,7 @@ impl Usb {
         })
     }
 
-    /// Byte offset of word `word` of the descriptor of `index`: send address and count, receive address and count.
+    /// Byte offset of a word of the buffer descriptor of `index`: ADDR_TX, COUNT_TX, ADDR_RX, COUNT_RX.
     fn descriptor_place(&self, index: usize, word: usize) -> usize {
         usize::from(self.table) + index * 8 + word * 2
     }
@@ -419,8 +422,8 @@ impl Usb {
         }
     }
 
-    /// Stores a received packet where its descriptor says; `false` if it is longer than the space there (RM0440 45.6.2,
-    /// COUNTn_RX: blocks of 2 or 32 bytes).
+    /// Stores a received packet in its buffer; `false` if it is longer than the buffer (RM0440 45.6.2, COUNTn_RX:
+    /// blocks of 2 or 32 bytes).
     fn store(&mut self, index: usize, data: &[u8]) -> bool {
         let (start, count) = (self.descriptor(index, 2), self.descriptor(index, 3));
         let blocks = count >> 10 & 0x1F;
@@ -438,7 +441,7 @@ impl Usb {
         true
     }
 
-    /// `USB_ISTR`: the lowest endpoint register with an event gives number and direction.
+    /// `USB_ISTR`: EP_ID and DIR come from the lowest endpoint register with an event.
     fn status(&self) -> u16 {
         let event = self.endpoints.iter().position(|register| register & endpoint::EVENTS != 0);
         let of_event = event.map_or(0, |index| {
@@ -448,7 +451,7 @@ impl Usb {
         self.interrupts | of_event
     }
 
-    /// `USB_FNR`: locked from the second frame on; an attached full-speed line idles with D+ high.
+    /// `USB_FNR`: LCK is set from the second frame on; the bus of an attached full-speed device idles with D+ high.
     fn frame_register(&self) -> u16 {
         let line = if self.attached() { frame::LINE_PLUS } else { 0 };
         let locked = if self.frames_seen >= 2 { frame::LOCKED } else { 0 };
@@ -460,16 +463,16 @@ impl Usb {
         Some(self.clocks.cycle_at(frames.start_s + frames.period_s * frames.next as f64))
     }
 
-    /// Cycles of the core in a millisecond of the device's own 48 MHz clock.
+    /// Core cycles per millisecond of the device's own 48 MHz clock.
     fn millisecond(&self) -> Cycles {
         let fast = if self.clocks.usb_hz > 0.0 { self.clocks.usb_hz / 48e6 } else { 1.0 };
         self.clocks.cycles_in(1e-3 / fast)
     }
 
-    /// When the device's own watch misses the next frame; `None` while it does not watch.
+    /// Time at which the device detects the next frame as missing (ESOF); `None` while it does not expect any.
     ///
-    /// The watch allows a frame to be a quarter of a millisecond late, so that a slow host is not taken for a silent
-    /// one.
+    /// The device allows each frame to be a quarter of a millisecond late, so that a slow host does not count as
+    /// missing.
     fn next_missed(&self) -> Option<Cycles> {
         let watches = self.attached() && self.listens() && !self.sleeps();
         let counts = watches && self.frames_lost < FRAMES_TO_SUSPEND;
@@ -523,7 +526,7 @@ impl Usb {
             0x44 => self.interrupts &= value | !interrupt::CLEARABLE,
             0x4C => self.address = value & 0xFF,
             0x50 => self.table = value & 0xFFF8,
-            // Only the enable and acknowledge bits can be written (RM0440 45.6.1, USB_LPMCSR).
+            // Only the enable and acknowledge bits are writable (RM0440 45.6.1, USB_LPMCSR).
             0x54 => self.link_power = value & 3,
             0x58 if value & CHARGER != 0 => return Err(Unknown { what: "USB_BCDR: charger detection" }),
             0x58 => {
@@ -562,7 +565,7 @@ impl Usb {
         let released = !self.listens() && value & (control::POWER_DOWN | control::FORCE_RESET) == 0;
         self.control = value & !control::RESERVED;
         if value & control::FORCE_RESET != 0 {
-            // Exactly like a reset on the wire, its interrupt included (RM0440 45.6.1, FRES).
+            // The same effect as a bus reset, including the interrupt (RM0440 45.6.1, FRES).
             self.protocol_reset();
         }
         self.watch_lines(low);
@@ -606,7 +609,8 @@ impl Registers for Usb {
                     [*low, *high] = (value as u16).to_le_bytes();
                     Ok(())
                 }
-                // Halves only: the memory is 16 bits wide, and chips of this family were seen to write a byte twice.
+                // Half-words only: the memory is 16 bits wide, and chips of this family have been observed to write a
+                // byte twice.
                 (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: write of a byte or word" }),
                 _ => Err(Unknown { what: "USB packet memory: outside" }),
             };
@@ -633,7 +637,7 @@ impl Registers for Usb {
         self.now = self.now.max(now);
     }
 
-    /// The packet memory keeps its bytes; the cable stays as it is.
+    /// The packet memory and the cable stay unchanged.
     fn reset(&mut self, now: Cycles) {
         let kept = Self {
             now,
@@ -678,7 +682,7 @@ mod tests {
         usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("packet memory");
     }
 
-    /// Endpoint 0 as control and endpoint 1 as bulk, both ready to receive 64 bytes, at address 5.
+    /// Endpoint 0 is a control endpoint and endpoint 1 a bulk endpoint, both ready to receive 64 bytes, at address 5.
     fn configured() -> Usb {
         let mut usb = Usb::new();
         usb.set_clocks(&CLOCKS);
@@ -700,7 +704,7 @@ mod tests {
     fn an_endpoint_register_flips_clears_and_keeps_as_the_manual_says() {
         let mut usb = configured();
         usb.endpoints[2] = endpoint::EVENTS | endpoint::SETUP | (status::NAK << 12);
-        // 1 flips a status bit, 0 keeps it; 0 clears an event, 1 keeps it; SETUP cannot be written.
+        // Writing 1 toggles a status bit, 0 keeps it. Writing 0 clears an event, 1 keeps it. SETUP is read-only.
         write(&mut usb, 8, endpoint::RECEIVED | (1 << 12) | endpoint::TOGGLE_SEND | 3);
         let expected = endpoint::RECEIVED | endpoint::SETUP | (status::VALID << 12) | endpoint::TOGGLE_SEND | 3;
         assert_eq!(read(&mut usb, 8), expected);
@@ -735,7 +739,7 @@ mod tests {
             Answer::Nak,
             "nothing is taken before the firmware is ready"
         );
-        // Ready again: NAK to VALID, event cleared.
+        // Receive again: toggle NAK to VALID, clear the event.
         write(&mut usb, 4, endpoint::SENT | (1 << 12) | 1);
         assert!(!usb.irq_low());
         assert_eq!(usb.send(5, 1, Toggle::Data0, b"hello"), Answer::Ack);
@@ -820,7 +824,7 @@ mod tests {
     fn frames_count_at_the_hosts_pace_and_their_absence_suspends() {
         let mut usb = configured();
         write(&mut usb, CNTR, interrupt::SUSPEND | interrupt::WAKE_UP);
-        // A host that is 1000 ppm slow: 1998 frames begin in just under two seconds.
+        // A host clock 1000 ppm slow: 1998 frames start in just under two seconds.
         usb.start_frames(1.001e-3);
         usb.advance(2000 * MILLISECOND);
         assert_eq!(read(&mut usb, FNR) & 0x3FFF, frame::LOCKED | 1998);
