@@ -1,27 +1,27 @@
-//! What is soldered around the chip.
+//! The circuit around the chip.
 
 use crate::chip::Pin;
 
-/// The properties of a board that the chip cannot know.
+/// Properties of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Board {
-    /// Name, for messages.
+    /// Name for messages.
     pub name: &'static str,
-    /// Frequency of the crystal at HSE, 0 if it is broken \[Hz\].
+    /// Frequency of the HSE crystal, 0 if it is broken \[Hz\].
     pub hse_hz: f64,
-    /// Phase A of the encoder.
+    /// Encoder phase A.
     pub encoder_a: Pin,
-    /// Phase B of the encoder.
+    /// Encoder phase B.
     pub encoder_b: Pin,
-    /// The force signal.
+    /// Force signal.
     pub force: Pin,
-    /// The terminal displacement signal.
+    /// Terminal displacement signal.
     pub terminal: Pin,
-    /// The chip's transmitter of the serial link.
+    /// TX of the serial link.
     pub serial_tx: Pin,
-    /// The chip's receiver of the serial link.
+    /// RX of the serial link.
     pub serial_rx: Pin,
-    /// Divider from USB's VBUS.
+    /// Divided VBUS of the USB connector.
     pub vbus: Pin,
     /// The LED.
     pub led: Pin,

@@ -1,10 +1,10 @@
-//! The chip's ROM boot loader as a USB device, which takes firmware by DfuSe.
+//! The chip's ROM boot loader as a USB device that accepts firmware by DfuSe.
 //!
-//! It is not machine code: this code replaces the program and works on the same registers of the chip, so that the host
-//! sees no difference. Its control endpoint has only what the boot loader needs; the descriptors are ST's, with one of
-//! the four alternate settings, that of flash.
+//! It is not machine code: this module runs in place of the program and uses the same chip registers, so the host sees
+//! no difference. Its control endpoint supports only what the boot loader needs. The descriptors are ST's, with only
+//! one of the five alternate settings, that of flash.
 //!
-//! Sources: AN2606 and AN3156 (identity, layout), USB 2.0 chapter 9, USB DFU 1.1, RM0440 45 (registers).
+//! Sources: AN2606 and AN3156 (device ID, memory layout), USB 2.0 chapter 9, USB DFU 1.1, RM0440 45 (registers).
 
 mod dfu;
 
@@ -20,12 +20,12 @@ const ADDRESS: u32 = REGISTERS + 0x4c;
 const TABLE: u32 = REGISTERS + 0x50;
 const PULL_UP: u32 = REGISTERS + 0x58;
 const MEMORY: u32 = 0x4000_6000;
-/// Packets of endpoint 0 in the packet memory, after the table.
+/// Buffers of endpoint 0 in the packet memory, after the descriptor table.
 const SEND_AT: u32 = 0x40;
 const RECEIVE_AT: u32 = 0x80;
 const PACKET: usize = 64;
 
-/// Bits of the endpoint's register: written 0 to clear, 1 to keep; written as they are; flipped.
+/// Bits of USB_EP0R: RECEIVED and SENT are cleared by writing 0, CONTROL_TYPE is read-write, the status fields toggle.
 const RECEIVED: u32 = 1 << 15;
 const SETUP: u32 = 1 << 11;
 const CONTROL_TYPE: u32 = 1 << 9;
@@ -34,7 +34,7 @@ const STALL: u32 = 1;
 const NAK: u32 = 2;
 const VALID: u32 = 3;
 
-/// How often the boot loader polls \[s\].
+/// Polling interval of the boot loader \[s\].
 pub const LOOK_S: f64 = 10e-6;
 
 const DEVICE: [u8; 18] = [18, 1, 0, 1, 0, 0, 0, 64, 0x83, 0x04, 0x11, 0xdf, 0, 0x22, 1, 2, 3, 1];
@@ -45,20 +45,20 @@ const CONFIGURATION: [u8; 27] = [
     9, 0x21, 0x0b, 0xff, 0, 0, 8, 0x1a, 1,
 ];
 
-/// A request whose data are in transit.
+/// Stage of the control request in progress.
 #[derive(Clone, Debug, Default)]
 enum Stage {
     #[default]
     None,
-    /// To the host: what is left, and whether an empty packet ends it.
+    /// Data to the host: the rest of it, and whether an empty packet ends it.
     ToHost { data: Vec<u8>, ends_empty: bool },
-    /// From the host: the request, and what has arrived.
+    /// Data from the host: the request, and the data received so far.
     FromHost { setup: [u8; 8], data: Vec<u8> },
-    /// The empty packet that ends a request to the device, which may be SET_ADDRESS.
+    /// The status stage of a request to the device, and the address that takes effect after it.
     Status { address: Option<u8> },
 }
 
-/// The running boot loader.
+/// The boot loader while it runs.
 #[derive(Debug, Default)]
 pub struct BootRom {
     stage: Stage,
@@ -68,12 +68,12 @@ pub struct BootRom {
 }
 
 impl BootRom {
-    /// The program is to be started; the device has left the bus.
+    /// Whether the device has left the bus and the program must be started.
     pub fn has_left(&self) -> bool {
         self.left
     }
 
-    /// One poll.
+    /// Polls the USB peripheral.
     pub fn look(&mut self, chip: &mut Chip, now: Cycles) {
         if !self.begun {
             self.begun = true;
@@ -86,7 +86,7 @@ impl BootRom {
             after_reset(chip, now);
             return;
         }
-        // Frames and suspends are ignored.
+        // Other interrupts are ignored: SOF, suspend.
         write(chip, INTERRUPTS, 0, now);
         if interrupts & 1 << 15 == 0 {
             return;
@@ -115,7 +115,7 @@ impl BootRom {
         self.answer(chip, setup, &[], now);
     }
 
-    /// Takes the data of a request to the device, or the empty packet that ends a request to the host.
+    /// Processes data for the device, or the empty packet that ends a request to the host.
     fn take(&mut self, chip: &mut Chip, packet: &[u8], now: Cycles) {
         let Stage::FromHost { setup, data } = &mut self.stage else {
             return set_status(chip, Some(VALID), Some(NAK), now);
@@ -129,7 +129,7 @@ impl BootRom {
         self.answer(chip, setup, &data, now);
     }
 
-    /// Carries out a request whose data are complete.
+    /// Executes a request whose data is complete.
     fn answer(&mut self, chip: &mut Chip, setup: [u8; 8], data: &[u8], now: Cycles) {
         let [kind, request, value_low, value_high, ..] = setup;
         let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
@@ -139,7 +139,7 @@ impl BootRom {
             (0, 0) => Some(vec![0, 0]),
             (0, 8) => Some(vec![1]),
             (0, 10) => Some(vec![0]),
-            // SET_ADDRESS, SET_CONFIGURATION, SET_INTERFACE of the one setting.
+            // SET_ADDRESS, SET_CONFIGURATION, and SET_INTERFACE to the only setting.
             (0, 5 | 9) => Some(Vec::new()),
             (0, 11) if value_low == 0 => Some(Vec::new()),
             (0x20, _) => self.dfu.request(request, block, data, length.min(BLOCK), &mut chip.flash, now).ok(),
@@ -165,7 +165,7 @@ impl BootRom {
         }
     }
 
-    /// The previous packet has gone: sends the next one, or ends.
+    /// Processes the end of a packet to the host: sends the next one, or ends the stage.
     fn sent(&mut self, chip: &mut Chip, now: Cycles) {
         match &mut self.stage {
             Stage::ToHost { data, ends_empty } if !data.is_empty() || *ends_empty => {
@@ -174,7 +174,7 @@ impl BootRom {
                 send(chip, &packet, now);
             }
             Stage::ToHost { .. } if self.dfu.leaves() => {
-                // The status was sent: off the bus, and on to the program.
+                // The status was sent: leave the bus and start the program.
                 write(chip, PULL_UP, 0, now);
                 self.left = true;
             }
@@ -207,7 +207,7 @@ fn descriptor(kind: u8, index: u8) -> Option<Vec<u8>> {
     Some([&[units.len() as u8 + 2, 3], units.as_slice()].concat())
 }
 
-/// HSI48 for USB, its clock on, transceiver and pull-up.
+/// Enables HSI48, the USB clock, the transceiver and the pull-up.
 fn begin(chip: &mut Chip, now: Cycles) {
     write(chip, 0x4002_1098, 1, now);
     let clocks = read(chip, 0x4002_1058, now);
@@ -229,7 +229,7 @@ fn after_reset(chip: &mut Chip, now: Cycles) {
     write(chip, ADDRESS, 0x80, now);
 }
 
-/// Changes how the endpoint treats the next packet in either direction.
+/// Sets STAT_RX and STAT_TX of the endpoint.
 fn set_status(chip: &mut Chip, receive: Option<u32>, send: Option<u32>, now: Cycles) {
     let register = read(chip, ENDPOINT, now);
     let flip = |wanted: Option<u32>, shift: u32| wanted.map_or(0, |wanted| (register >> shift & 3 ^ wanted) << shift);

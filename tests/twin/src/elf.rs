@@ -1,14 +1,14 @@
-//! The image: what is loaded where, and the names of addresses.
+//! The image: its segments and symbols.
 
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind, read::elf::ElfFile32};
 use std::collections::BTreeMap;
 
-/// Why an image cannot be used.
+/// The image is not usable.
 #[derive(Debug, thiserror::Error)]
 #[error("the image is no ELF file for ARM: {0}")]
 pub struct ElfError(String);
 
-/// The needed parts of an ELF file.
+/// The parts of an ELF file that the twin needs.
 #[derive(Clone, Debug, Default)]
 pub struct Elf {
     segments: Vec<(u32, Vec<u8>)>,
@@ -26,7 +26,7 @@ impl Elf {
         let mut elf = Self::default();
         let endian = file.endian();
         for header in file.elf_program_headers() {
-            // Only what is loaded; it goes to flash, at its physical address.
+            // Loaded segments only; they go to flash, at their physical address.
             if header.p_type.get(endian) == object::elf::PT_LOAD && header.p_filesz.get(endian) > 0 {
                 let start = header.p_offset.get(endian) as usize;
                 let data = bytes.get(start..start.saturating_add(header.p_filesz.get(endian) as usize));
@@ -51,7 +51,7 @@ impl Elf {
         Ok(elf)
     }
 
-    /// Addresses and bytes to be written to flash.
+    /// Flash addresses and contents.
     pub fn segments(&self) -> &[(u32, Vec<u8>)] {
         &self.segments
     }
@@ -71,13 +71,13 @@ impl Elf {
         self.sections.get(name).copied()
     }
 
-    /// The code of the function that begins at an address.
+    /// Code of the function that starts at an address.
     pub fn function(&self, address: u32) -> Option<&[u8]> {
         let &(start, end, _) = self.functions.iter().find(|function| function.0 == address & !1)?;
         self.code(start, end)
     }
 
-    /// The code of each function, by its name in the file.
+    /// Code of each function, with its symbol name.
     pub fn functions(&self) -> impl Iterator<Item = (&str, &[u8])> {
         self.functions.iter().filter_map(|(start, end, name)| Some((name.as_str(), self.code(*start, *end)?)))
     }
@@ -88,7 +88,7 @@ impl Elf {
         bytes.get((start - segment) as usize..(end - segment) as usize)
     }
 
-    /// The name of the function at an address, as in the source.
+    /// Demangled name of the function at an address.
     pub fn function_at(&self, address: u32) -> Option<String> {
         let behind = self.functions.partition_point(|&(start, ..)| start <= address);
         let (_, end, name) = self.functions[..behind].last()?;
@@ -104,7 +104,7 @@ mod tests {
     fn what_is_no_image_is_refused() {
         assert!(Elf::parse(b"").is_err());
         assert!(Elf::parse(&[0x7f; 100]).is_err());
-        // This test's own program, which is for another machine.
+        // The executable of this test, which is for another architecture.
         let own = std::fs::read(std::env::current_exe().expect("running")).expect("readable");
         assert!(Elf::parse(&own).is_err());
     }

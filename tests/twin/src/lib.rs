@@ -1,21 +1,19 @@
-//! The shipping binary on a computer.
+//! Runs the shipping binary on a computer.
 //!
-//! The release ELF for the STM32G474RE runs unmodified: [unicorn](https://www.unicorn-engine.org) executes the
-//! instructions, and everything around them is ours: interrupt controller and virtual time ([`nvic`], [`cpu`]), one
-//! small model per peripheral ([`chip`]), the world outside the pins ([`world`], [`mod@bench`]) and the other end of
-//! the USB cable ([`usb_host`]). Tests use a [`machine::Machine`].
+//! The release ELF for the STM32G474RE runs unmodified. [unicorn](https://www.unicorn-engine.org) executes the
+//! instructions; this crate implements everything around them: interrupt controller and virtual time ([`nvic`],
+//! [`cpu`]), one small model per peripheral ([`chip`]), the world outside the pins ([`world`], [`mod@bench`]) and the
+//! USB host ([`usb_host`]). Tests use a [`machine::Machine`].
 //!
 //! Glossary:
-//! - *cycle*: one period of the core's clock HCLK. One instruction counts as one cycle, an exception entry or return
-//!   as 12; [`cycles`] has bounds of what they cost on the chip.
-//! - *now*: cycles since power was first applied, the only clock there is; [`chip::clocks::Clocks`] turns it into
-//!   seconds.
-//! - *line*: the level of an interrupt request between a peripheral and the interrupt controller.
-//! - *storage*: a register that only keeps what was written to it. Reading one that was never written is listed.
+//! - *cycle*: one period of the core clock HCLK. An instruction counts as one cycle, an exception entry or return as
+//!   12; [`cycles`] bounds their cost on the chip.
+//! - *now*: cycles since power was first applied, the only time base; [`chip::clocks::Clocks`] converts it to seconds.
+//! - *line*: the level of an interrupt request from a peripheral to the interrupt controller.
+//! - *storage*: a register that only stores what was written to it. A read of one that was never written is listed.
 //!
-//! Meaning of agreement: the binary agrees with these models, and these models are our reading of RM0440 (reference
+//! What a passing test means: the binary agrees with these models, and the models are our reading of RM0440 (reference
 //! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). They were not checked against silicon.
-//!
 //! Licence: unicorn is GPL-2.0. This crate is for tests and is linked into nothing that ships.
 
 pub mod bench;

@@ -1,4 +1,4 @@
-//! Register descriptions of the chip from `stm32-metapac`, for tests: those of the models, and `tests/registers.rs`.
+//! Register descriptions of the chip from `stm32-metapac`, for the tests of the models and for `tests/registers.rs`.
 
 #![allow(dead_code, reason = "each test program uses its part")]
 
@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 use stm32_metapac::metadata::ir::{Array, BitOffset, Block, BlockItem, BlockItemInner, Field, IR};
 use stm32_metapac::metadata::{METADATA, Peripheral};
 
-/// A register, as all its views together describe it.
+/// A register, with the fields of all its views merged.
 #[derive(Clone, Debug)]
 pub struct Register {
-    /// Peripheral and register.
+    /// Names of the peripheral and the register.
     pub name: String,
-    /// Bits that belong to a field.
+    /// Bits that belong to any field.
     pub fields: u32,
 }
 
@@ -20,7 +20,7 @@ pub fn peripheral(name: &str) -> &'static Peripheral {
     METADATA.peripherals.iter().find(|one| one.name == name).unwrap_or_else(|| panic!("metapac has no {name}"))
 }
 
-/// All registers by their addresses.
+/// All registers, by address.
 pub fn registers() -> BTreeMap<u32, Register> {
     let mut found = BTreeMap::new();
     for peripheral in METADATA.peripherals {
@@ -31,7 +31,7 @@ pub fn registers() -> BTreeMap<u32, Register> {
     found
 }
 
-/// Where a register of a peripheral is, and the bits of one of its fields; of several alike, those of the first.
+/// Address of a peripheral's register, and the bits of one of its fields; for an array of fields, those of the first.
 pub fn field(of: &str, register: &str, name: &str) -> (u32, u32) {
     let peripheral = peripheral(of);
     let registers = peripheral.registers.as_ref().expect("described");
@@ -46,14 +46,14 @@ pub fn field(of: &str, register: &str, name: &str) -> (u32, u32) {
 /// Asserts that constants of a model match metapac's fields.
 ///
 /// # Panics
-/// If one does not.
+/// If a constant differs.
 pub fn fields_agree<B: Into<u32> + Copy>(of: &str, register: &str, constants: &[(&str, B)]) {
     for (name, bits) in constants {
         assert_eq!((*bits).into(), field(of, register, name).1, "{of}.{register}.{name}");
     }
 }
 
-/// The lists of peripherals and of registers write the same names in different case.
+/// Compares names. The lists of peripherals and of registers use different case and underscores.
 pub fn is_named(one: &str, other: &str) -> bool {
     let letters = |name: &str| name.replace('_', "").to_ascii_lowercase();
     letters(one) == letters(other)
@@ -63,7 +63,7 @@ fn block(ir: &IR, name: &str) -> &'static Block {
     ir.blocks.iter().find(|one| is_named(one.name, name)).expect("metapac knows its blocks")
 }
 
-/// A register of a block, or of one in it.
+/// A register of a block, or of a block nested in it.
 fn item(ir: &'static IR, name: &str, register: &str) -> Option<(&'static BlockItem, &'static str)> {
     let block = block(ir, name);
     let own = block.items.iter().find_map(|one| match &one.inner {
@@ -116,12 +116,12 @@ fn walk(ir: &IR, name: &str, base: u32, prefix: &str, found: &mut BTreeMap<u32, 
                         let mask = field_mask(&field.bit_offset, field.bit_size);
                         offsets(&field.array).into_iter().fold(0, |all, shift| all | mask << shift)
                     };
-                    // Without fields all bits count as one.
+                    // A register without fields counts as one field of all bits.
                     let fields = register
                         .fieldset
                         .map_or(u32::MAX, |set| all_fields(ir, set).into_iter().fold(0, |all, field| all | of(field)));
                     let fields = fields & (u32::MAX >> (32 - register.bit_size));
-                    // Several views of one register.
+                    // A register may have several views.
                     let entry = found.entry(address & !3).or_insert(Register { name, fields: 0 });
                     entry.fields |= fields << (8 * (address & 3));
                 }

@@ -1,8 +1,8 @@
-//! A peripheral as seen by the bus: registers, and a time at which something happens by itself.
+//! A peripheral as seen from the bus: its registers, and the time of its next event.
 
 use crate::chip::clocks::{Clocks, Cycles};
 
-/// Bytes moved by one access.
+/// Width of a bus access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     /// 8 bits.
@@ -14,7 +14,7 @@ pub enum Width {
 }
 
 impl Width {
-    /// From this number of bytes; none if the bus has no such access.
+    /// The width for this number of bytes; none if the bus has no such access.
     pub const fn of(bytes: usize) -> Option<Self> {
         match bytes {
             1 => Some(Self::Byte),
@@ -24,7 +24,7 @@ impl Width {
         }
     }
 
-    /// 1, 2 or 4.
+    /// Number of bytes: 1, 2 or 4.
     pub const fn bytes(self) -> u32 {
         match self {
             Self::Byte => 1,
@@ -33,7 +33,7 @@ impl Width {
         }
     }
 
-    /// Ones in the bits that are moved.
+    /// A mask of the bits of the access.
     pub const fn mask(self) -> u32 {
         match self {
             Self::Byte => 0xff,
@@ -42,12 +42,12 @@ impl Width {
         }
     }
 
-    /// The part of a register's word that a read at this offset sees.
+    /// The part of a register's word that a read at this offset returns.
     pub const fn part(self, word: u32, offset: u32) -> u32 {
         (word >> (8 * (offset & 3))) & self.mask()
     }
 
-    /// A register's word after a write at this offset has replaced its part of it.
+    /// A register's word after a write at this offset.
     pub const fn replace(self, word: u32, offset: u32, value: u32) -> u32 {
         let shift = 8 * (offset & 3);
         let mask = self.mask() << shift;
@@ -55,23 +55,23 @@ impl Width {
     }
 }
 
-/// An access that the model does not know: it ends the run.
+/// An access that the model does not handle; it ends the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// What is not known, for the reader of the run's end.
+    /// The reason, for the message that ends the run.
     pub what: &'static str,
 }
 
 impl Unknown {
-    /// The offset is not that of a register.
+    /// There is no register at this offset.
     pub const REGISTER: Self = Self { what: "no such register in the model" };
-    /// The register cannot be reached by bytes or half-words.
+    /// The register does not allow byte or half-word access.
     pub const WIDTH: Self = Self { what: "the register takes whole words only" };
 }
 
-/// One peripheral's registers.
+/// The registers of a peripheral.
 ///
-/// `offset` is counted from the peripheral's base address and keeps its two low bits; an access never crosses a word.
+/// `offset` is relative to the peripheral's base address and keeps its two low bits. An access never crosses a word.
 /// `now` never decreases.
 pub trait Registers {
     /// A read by the core or by DMA, side effects included.
@@ -80,31 +80,32 @@ pub trait Registers {
     /// A write by the core or by DMA.
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown>;
 
-    /// When an interrupt line or another peripheral may next change by itself; may be earlier than that, never later.
+    /// Earliest time at which an interrupt request or another peripheral may change without an access. May be too
+    /// early, never too late.
     fn next_event(&self) -> Option<Cycles> {
         None
     }
 
-    /// Brings the model to `now`.
+    /// Advances the model to `now`.
     fn advance(&mut self, now: Cycles) {
         let _ = now;
     }
 
-    /// The state after a system reset (RM0440 7.1.2), at `now`.
+    /// Applies a system reset (RM0440 7.1.2) at `now`.
     fn reset(&mut self, now: Cycles);
 
-    /// The frequencies in `clocks` apply from now on. The model has been brought to this moment by `advance`.
+    /// Applies new clock frequencies. `advance` has been called for this time.
     fn set_clocks(&mut self, clocks: &Clocks) {
         let _ = clocks;
     }
 
-    /// Offsets of storage registers that were read and had never been written since power-on.
+    /// Offsets of storage registers that were read without a write since power-on.
     fn unwritten_reads(&self) -> Vec<u32> {
         Vec::new()
     }
 }
 
-/// Registers that only keep what was written to them.
+/// Registers that are plain storage.
 #[derive(Clone, Debug)]
 pub struct Storage {
     cells: Vec<Cell>,
@@ -121,7 +122,7 @@ struct Cell {
 }
 
 impl Storage {
-    /// From `(offset, value after reset, writable bits)`.
+    /// Creates registers from `(offset, reset value, writable bits)`.
     pub fn new(registers: &[(u32, u32, u32)]) -> Self {
         let cell = |&(offset, reset, writable)| Cell {
             offset,
@@ -145,7 +146,7 @@ impl Storage {
         Ok(width.part(cell.value, offset))
     }
 
-    /// A write by the program: bits that are not writable keep their value.
+    /// A write by the program; bits that are not writable keep their value.
     pub fn write(&mut self, offset: u32, value: u32, width: Width) -> Result<(), Unknown> {
         let cell = self.cell(offset)?;
         let word = width.replace(cell.value, offset, value);
@@ -162,7 +163,7 @@ impl Storage {
     /// A register's value as the hardware sees it.
     ///
     /// # Panics
-    /// If there is no register at this offset: the model's own mistake.
+    /// If there is no register at this offset, which is an error in the model.
     pub fn get(&self, offset: u32) -> u32 {
         match self.cells.iter().find(|cell| cell.offset == offset) {
             Some(cell) => cell.value,
@@ -170,10 +171,10 @@ impl Storage {
         }
     }
 
-    /// Changes a register from the hardware's side.
+    /// Changes a register from the hardware side.
     ///
     /// # Panics
-    /// If there is no register at this offset: the model's own mistake.
+    /// If there is no register at this offset, which is an error in the model.
     pub fn set(&mut self, offset: u32, value: u32) {
         match self.cells.iter_mut().find(|cell| cell.offset == offset) {
             Some(cell) => cell.value = value,
@@ -181,14 +182,14 @@ impl Storage {
         }
     }
 
-    /// Sets all registers to their values after reset; what was written or read before stays known.
+    /// Sets all registers to their reset values; the record of reads and writes is kept.
     pub fn reset(&mut self) {
         for cell in &mut self.cells {
             cell.value = cell.reset;
         }
     }
 
-    /// Offsets that were read before they were ever written.
+    /// Offsets of registers that were read before any write.
     pub fn unwritten_reads(&self) -> Vec<u32> {
         self.cells.iter().filter(|cell| cell.read_unwritten).map(|cell| cell.offset).collect()
     }

@@ -1,12 +1,12 @@
-//! A board on the serial link (LPUART1 behind the ST-Link's virtual port), with the host's program at the other end.
+//! A board on the serial link (LPUART1 behind the ST-Link's virtual COM port), with the host program at the other end.
 //!
-//! For tests that are not about USB: no enumeration, no host schedule, the same bytes.
+//! For tests that are not about USB: no enumeration and no bus schedule, but the same bytes.
 
 use crate::machine::{Ended, Machine};
 use crate::talk::Talk;
 use inerter_wire::{Command, Record, Refusal, Reply};
 
-/// How often the host polls its port \[s\].
+/// Polling interval of the host \[s\].
 const STEP_S: f64 = 5e-3;
 
 /// Why a request failed.
@@ -15,12 +15,12 @@ pub enum SerialError {
     /// The run has ended.
     #[error(transparent)]
     Ended(#[from] Ended),
-    /// No reply within the time.
+    /// No reply within the timeout.
     #[error("no reply to {command} within {limit_s} s")]
     NoReply {
         /// The command.
         command: String,
-        /// How long the wait was \[s\].
+        /// The timeout \[s\].
         limit_s: f64,
     },
     /// The device refused.
@@ -28,28 +28,28 @@ pub enum SerialError {
     Refused {
         /// The command.
         command: String,
-        /// Why not.
+        /// The reason.
         refusal: Refusal,
     },
 }
 
-/// Device, wire, host.
+/// Device, link and host.
 pub struct SerialLink {
     /// The device.
     pub machine: Machine,
-    /// The host program's half of the conversation.
+    /// The host program's protocol state.
     pub talk: Talk,
 }
 
 impl SerialLink {
-    /// Both ends are connected, nothing has been sent.
+    /// A link with nothing sent yet.
     pub fn new(machine: Machine) -> Self {
         Self { machine, talk: Talk::new() }
     }
 
-    /// Listens until a moment in seconds since power-on; the records are in [`talk`](Self::talk).
+    /// Receives until a time in seconds since power-on; the records go to [`talk`](Self::talk).
     pub fn listen_until(&mut self, time_s: f64) -> Result<(), Ended> {
-        // A run ends on a whole cycle, which rounding may put on either side of the moment.
+        // A run ends on a whole cycle, which rounding may put just before or after `time_s`.
         while self.machine.time_s() + 1e-9 < time_s {
             self.machine.run_until(time_s.min(self.machine.time_s() + STEP_S))?;
             let bytes = self.machine.serial_take();
@@ -74,14 +74,14 @@ impl SerialLink {
         }
     }
 
-    /// The same for a command that must be carried out.
+    /// The same for a command that must succeed.
     pub fn order(&mut self, command: Command, limit_s: f64) -> Result<(), SerialError> {
         let name = format!("{command:?}");
         let reply = self.request(command, limit_s)?;
         reply.result.map(|_| ()).map_err(|refusal| SerialError::Refused { command: name, refusal })
     }
 
-    /// Takes the records that have arrived.
+    /// Returns and removes the records that have arrived.
     pub fn records(&mut self) -> Vec<Record> {
         self.talk.records()
     }

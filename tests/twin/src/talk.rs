@@ -1,20 +1,20 @@
-//! A host's half of the conversation with the instrument, independent of any wire.
+//! The host's side of the protocol with the instrument, independent of the transport.
 //!
-//! Bytes go in and out; the caller moves them, in its own time. The bytes are those of `docs/PROTOCOL.md`, written and
-//! read by `inerter-wire`.
+//! Bytes go in and out; the caller transfers them and keeps the time. The format is that of `docs/PROTOCOL.md`, encoded
+//! and decoded by `inerter-wire`.
 
 use inerter_wire::{
     Command, Counts, DELIMITER, Frame, FrameReader, MAX_FRAME, Record, Reply, Request, SequenceCounter, encode_request,
 };
 use std::collections::VecDeque;
 
-/// Requests to bytes, bytes to records.
+/// Encodes requests and decodes records.
 pub struct Talk {
     reader: FrameReader<Record>,
     sequence: SequenceCounter,
     next_id: u16,
     records: VecDeque<Record>,
-    /// Frames that the device counted and that did not arrive.
+    /// Frames that are missing according to the device's sequence numbers.
     lost: u64,
 }
 
@@ -25,7 +25,7 @@ impl Default for Talk {
 }
 
 impl Talk {
-    /// At the beginning of both streams.
+    /// The state at the start of both streams.
     pub fn new() -> Self {
         Self {
             reader: FrameReader::new(),
@@ -36,8 +36,8 @@ impl Talk {
         }
     }
 
-    /// A request as bytes, and the id that its reply will carry. A `Hello` restarts the stream, with a delimiter before
-    /// it.
+    /// Encodes a request; returns its id, which the reply carries, and the bytes. `Hello` restarts the stream and is
+    /// sent after a delimiter.
     pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
         let id = self.next_id;
         self.next_id = id.wrapping_add(1).max(1);
@@ -47,13 +47,13 @@ impl Talk {
             bytes.push(DELIMITER);
         }
         let mut frame = [0; MAX_FRAME];
-        // A frame of the greatest length holds every command that can be built.
+        // A frame of maximum length can hold every command.
         let length = encode_request(&Request { id, command }, self.sequence.take(), &mut frame).unwrap_or(0);
         bytes.extend_from_slice(&frame[..length]);
         (id, bytes)
     }
 
-    /// Takes bytes from the device.
+    /// Decodes bytes from the device.
     pub fn take(&mut self, mut bytes: &[u8]) {
         while let Some(frame) = self.reader.read(&mut bytes) {
             match frame {
@@ -64,7 +64,7 @@ impl Talk {
         }
     }
 
-    /// Takes the reply to a request out of what has arrived; other records stay.
+    /// Removes and returns the reply to a request, if it has arrived; other records stay.
     pub fn reply(&mut self, id: u16) -> Option<Reply> {
         let of_id = |record: &Record| matches!(record, Record::Reply(reply) if reply.id == id);
         match self.records.remove(self.records.iter().position(of_id)?) {
@@ -73,17 +73,17 @@ impl Talk {
         }
     }
 
-    /// Everything that has arrived and was not taken yet.
+    /// Removes and returns all records that have arrived.
     pub fn records(&mut self) -> Vec<Record> {
         self.records.drain(..).collect()
     }
 
-    /// Frames that the device counted and that did not arrive.
+    /// Frames that are missing according to the device's sequence numbers.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// The reader's counts, damaged frames among them.
+    /// Counters of the frame reader, including damaged frames.
     pub fn counts(&self) -> &Counts {
         self.reader.counts()
     }

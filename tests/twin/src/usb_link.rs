@@ -1,7 +1,7 @@
-//! A board on a USB cable with the host's program at the other end.
+//! A board on a USB cable, with the host program at the other end.
 //!
-//! Most tests use [`UsbLink::connect`], [`UsbLink::open`], [`UsbLink::request`], and in between the machine itself in
-//! [`UsbLink::socket`].
+//! Most tests use [`UsbLink::connect`], [`UsbLink::open`] and [`UsbLink::request`], and access the machine between
+//! calls in [`UsbLink::socket`].
 
 use crate::Registers;
 use crate::chip::usb::Usb;
@@ -12,16 +12,16 @@ use crate::usb_host::{Description, Socket, UsbError, UsbHost};
 use inerter_core::Settings;
 use inerter_wire::{Command, Record, Refusal, Reply, SettingsValues};
 
-/// Time for a reply; a save may have to erase a page.
+/// Timeout for a reply; saving settings may have to erase a page.
 const REPLY_S: f64 = 2.0;
 
-/// Why there was no reply.
+/// Why a request failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LinkError {
     /// The port is not open.
     #[error("the port is not open")]
     Closed,
-    /// The bus failed.
+    /// A USB transfer failed.
     #[error(transparent)]
     Usb(#[from] UsbError),
     /// No reply within the time.
@@ -32,13 +32,13 @@ pub enum LinkError {
     Refused(Refusal),
 }
 
-/// Device, cable, host.
+/// Device, cable and host.
 pub struct UsbLink<S> {
     /// The device.
     pub socket: S,
     /// The host controller.
     pub host: UsbHost,
-    /// The host program's half of the conversation.
+    /// The host program's protocol state.
     pub talk: Talk,
     port: Option<SerialPort>,
 }
@@ -67,17 +67,17 @@ impl Socket for Machine {
 }
 
 impl<S: Socket> UsbLink<S> {
-    /// A device with nothing plugged in.
+    /// A device with its cable disconnected.
     pub fn new(socket: S) -> Self {
         Self { socket, host: UsbHost::new(), talk: Talk::new(), port: None }
     }
 
-    /// Plugs in and enumerates.
+    /// Connects and enumerates.
     pub fn connect(&mut self) -> Result<Description, UsbError> {
         self.host.connect(&mut self.socket)
     }
 
-    /// Opens the port; a program that opens it knows nothing of earlier traffic.
+    /// Opens the port. The protocol state starts fresh, as in a program that has just been started.
     pub fn open(&mut self) -> Result<(), UsbError> {
         self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
         self.talk = Talk::new();
@@ -92,20 +92,20 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// The host's program stops reading; only closing and reopening the port changes that.
+    /// Makes the host program stop reading until the port is reopened.
     pub fn stop_reading(&mut self) {
         if let Some(port) = &mut self.port {
             port.stop_reading(&mut self.host);
         }
     }
 
-    /// Pulls the cable out; the port is gone.
+    /// Disconnects the cable, which closes the port.
     pub fn unplug(&mut self) {
         self.port = None;
         self.host.unplug(&mut self.socket);
     }
 
-    /// Bytes to the device; returns how many it took within the time.
+    /// Sends bytes to the device; returns how many it accepted within the time.
     pub fn send(&mut self, bytes: &[u8], within_s: f64) -> Result<usize, LinkError> {
         let port = self.port.as_mut().ok_or(LinkError::Closed)?;
         match port.send(&mut self.host, &mut self.socket, bytes, within_s) {
@@ -114,13 +114,13 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// The bytes that arrive within a time, unchanged.
+    /// The raw bytes that arrive within a time.
     pub fn receive(&mut self, for_s: f64) -> Result<Vec<u8>, LinkError> {
         let port = self.port.as_mut().ok_or(LinkError::Closed)?;
         Ok(port.receive(&mut self.host, &mut self.socket, for_s)?)
     }
 
-    /// Listens for a time; the records are in [`talk`](Self::talk).
+    /// Receives for a time; the records go to [`talk`](Self::talk).
     pub fn listen(&mut self, for_s: f64) -> Result<(), LinkError> {
         let bytes = self.receive(for_s)?;
         self.talk.take(&bytes);
@@ -143,7 +143,7 @@ impl<S: Socket> UsbLink<S> {
         }
     }
 
-    /// Plugs in, applies settings, saves them, and pulls the cable out, as one does once with a new board.
+    /// Connects, applies and saves settings, and disconnects, as a user does once with a new board.
     pub fn set_up(&mut self, settings: &Settings) -> Result<(), LinkError> {
         self.connect()?;
         self.open()?;
@@ -155,7 +155,7 @@ impl<S: Socket> UsbLink<S> {
         Ok(())
     }
 
-    /// Takes the records that have arrived.
+    /// Returns and removes the records that have arrived.
     pub fn records(&mut self) -> Vec<Record> {
         self.talk.records()
     }

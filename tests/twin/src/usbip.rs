@@ -1,11 +1,11 @@
-//! The device on the network: a USB/IP server for Linux's `vhci_hcd`.
+//! A USB/IP server for Linux's `vhci_hcd`, which makes the device available over the network.
 //!
-//! [`Server::turn`] moves everything one step: connections, packets, the device's time. [`Server::run`] keeps that time
-//! in step with the wall clock, because a kernel at the other end uses it.
+//! [`Server::turn`] advances everything by one step: connections, packets, device time. [`Server::run`] keeps device
+//! time in step with wall-clock time, because the client's kernel uses the latter.
 //!
-//! The client's kernel acts as a host's drivers, and [`UsbHost`] as its host controller. An import plugs the cable in,
-//! the end of the connection pulls it out. Linux sets the address and resets by itself without telling the server,
-//! which therefore does both before the first command; suspend and resume remain with the client.
+//! The client's kernel acts as the host's drivers, [`UsbHost`] as its host controller. An import connects the cable;
+//! the end of the connection disconnects it. Linux does not forward its bus reset and SET_ADDRESS to the server, which
+//! therefore does both before the first command. Suspend and resume stay with the client.
 
 mod protocol;
 
@@ -16,16 +16,16 @@ use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::time::{Duration, Instant};
 
-/// How far the device's time may be ahead of the wall clock.
+/// Maximum lead of device time over wall-clock time.
 const AHEAD: Duration = Duration::from_millis(1);
-/// Being further behind than this is not caught up.
+/// A lag above this is not caught up.
 const BEHIND: Duration = Duration::from_millis(50);
-/// Pause while ahead.
+/// Pause while device time leads.
 const NAP: Duration = Duration::from_micros(300);
-/// A client that takes no bytes for this long is gone.
+/// A client that accepts no data for this long is disconnected.
 const WRITE_TIME: Duration = Duration::from_secs(5);
 
-/// Error numbers of Linux, as they go over the wire.
+/// Linux error numbers, as sent in replies.
 mod errno {
     pub const BROKEN_PIPE: i32 = -32;
     pub const PROTOCOL: i32 = -71;
@@ -38,17 +38,17 @@ mod errno {
 struct Client {
     stream: TcpStream,
     bytes: Vec<u8>,
-    /// Whether it has the device.
+    /// Whether it has imported the device.
     owner: bool,
 }
 
-/// Why a connection ends.
+/// Reason for the end of a connection.
 enum Over {
-    /// Closed, or broken.
+    /// The client closed the connection, or it broke.
     Gone,
-    /// Not this protocol.
+    /// The data does not follow the protocol.
     Foreign,
-    /// The device cannot continue.
+    /// The device's simulation ended.
     Device(UsbError),
 }
 
@@ -64,37 +64,37 @@ impl From<Foreign> for Over {
     }
 }
 
-/// What the server did so far.
+/// Counters of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Imports granted.
     pub imports: u32,
-    /// Imports refused because another client has the device.
+    /// Imports refused because another client had the device.
     pub busy: u32,
-    /// Finished transfers.
+    /// Completed transfers.
     pub transfers: u64,
     /// Cancelled transfers.
     pub unlinked: u64,
-    /// Connections closed because of bytes not of this protocol.
+    /// Connections closed because of data that does not follow the protocol.
     pub foreign: u32,
 }
 
-/// A device for one client at a time.
+/// A server of one device, for one client at a time.
 pub struct Server<S> {
     /// The device.
     pub socket: S,
-    /// What was done so far.
+    /// Counters since the start.
     pub counts: Counts,
     host: UsbHost,
     listener: TcpListener,
     clients: Vec<Client>,
-    /// The host's transfers by number: the client's number, and whether its bytes go to the host.
+    /// The host's transfers by number: the client's sequence number, and whether it is an IN transfer.
     transfers: BTreeMap<u64, (u32, bool)>,
     description: Option<Description>,
 }
 
 impl<S: Socket> Server<S> {
-    /// Serves a device, powered and not plugged in, on a free port of the loopback.
+    /// Serves a device on a free loopback port. The device is powered, with its cable disconnected.
     pub fn new(socket: S) -> io::Result<Self> {
         let listener = TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0))?;
         listener.set_nonblocking(true)?;
@@ -109,23 +109,23 @@ impl<S: Socket> Server<S> {
         })
     }
 
-    /// The address at which it listens.
+    /// The address of its listening socket.
     pub fn address(&self) -> io::Result<SocketAddr> {
         self.listener.local_addr()
     }
 
-    /// Whether a client has the device.
+    /// Whether a client has imported the device.
     pub fn is_imported(&self) -> bool {
         self.clients.iter().any(|client| client.owner)
     }
 
-    /// Pulls the cable out: the client that has the device sees it vanish.
+    /// Disconnects the cable and the client that has imported the device.
     pub fn unplug(&mut self) {
         self.clients.retain(|client| !client.owner);
         self.release();
     }
 
-    /// Serves in step with the wall clock until `over` returns true.
+    /// Serves until `over` returns true, with device time in step with wall-clock time.
     pub fn run(&mut self, mut over: impl FnMut(&mut Self) -> bool) -> Result<(), UsbError> {
         let mut start = (Instant::now(), self.socket.time_s());
         while !over(self) {
@@ -141,7 +141,7 @@ impl<S: Socket> Server<S> {
         Ok(())
     }
 
-    /// One round: new connections, their data, one packet of each transfer, finished transfers.
+    /// One step: new connections, their data, one packet of each transfer, completed transfers.
     pub fn turn(&mut self) -> Result<(), UsbError> {
         self.accept();
         let mut index = 0;
@@ -162,7 +162,7 @@ impl<S: Socket> Server<S> {
         }
         self.host.service(&mut self.socket)?;
         self.return_done();
-        // To a hub, a device that leaves the bus by itself has been pulled out.
+        // A device that disables its pull-up looks unplugged to the hub.
         if self.is_imported() && !self.socket.usb().attached() {
             self.unplug();
         }
@@ -181,7 +181,7 @@ impl<S: Socket> Server<S> {
         }
     }
 
-    /// Reads what a client sent and does what it asks for.
+    /// Reads data from a client and executes its requests.
     fn hear(&mut self, index: usize) -> Result<(), Over> {
         self.clients[index].read()?;
         loop {
@@ -232,7 +232,8 @@ impl<S: Socket> Server<S> {
         Err(Over::Gone)
     }
 
-    /// Plugs in and gives the device an address, nothing more. A device that does not answer has no description.
+    /// Connects and enumerates the device, then resets it and sets only its address. `description` is none if that
+    /// fails.
     fn plug(&mut self) -> Result<(), UsbError> {
         let host = &mut self.host;
         let ready = host.connect(&mut self.socket).and_then(|description| {
@@ -273,14 +274,14 @@ impl<S: Socket> Server<S> {
                     self.host.cancel(number)
                 });
                 self.counts.unlinked += u64::from(cancelled.is_some());
-                // A transfer that had already finished was returned as such.
+                // The reply to a completed transfer has already been sent.
                 let status = if cancelled.is_some() { errno::RESET } else { 0 };
                 self.clients[index].write(&protocol::unlinked(sequence, status))
             }
         }
     }
 
-    /// Returns finished transfers; a client that does not take them is detected when it is read next.
+    /// Sends the replies to completed transfers. A broken connection is detected at the next read.
     fn return_done(&mut self) {
         while let Some(done) = self.host.next_done() {
             let Some((sequence, to_host)) = self.transfers.remove(&done.number) else { continue };
@@ -321,7 +322,7 @@ impl Client {
     }
 }
 
-/// Linux's number for it.
+/// Linux's error number.
 fn status(error: &UsbError) -> i32 {
     match error {
         UsbError::Stalled => errno::BROKEN_PIPE,

@@ -1,9 +1,9 @@
-//! What is outside the pins.
+//! The world outside the pins.
 
-/// The world outside the pins. Time in seconds since power-on.
+/// Source of the signals at the pins. Times are in seconds since power-on.
 ///
-/// Each signal is read at times that never decrease; between signals, times may differ by some milliseconds, as the
-/// digital front end looks back over a conversion.
+/// The times at which one signal is read never decrease. Those of different signals may differ by some milliseconds, as
+/// the digital front end reads the voltages of a whole conversion at its end.
 pub trait World {
     /// Encoder edges (x4) since the start, wrapping at 2^32.
     fn encoder(&mut self, time_s: f64) -> u32;
@@ -11,12 +11,12 @@ pub trait World {
     fn force_volts(&mut self, time_s: f64) -> f64;
     /// Voltage of the terminal displacement signal at its pin \[V\].
     fn terminal_volts(&mut self, time_s: f64) -> f64;
-    /// Voltage between the bridge's outputs, at the digital front end \[V\].
+    /// Bridge output voltage at the digital front end \[V\].
     fn bridge_volts(&mut self, time_s: f64) -> f64 {
         let _ = time_s;
         0.0
     }
-    /// Voltage that the digital front end sees of the bridge's excitation \[V\].
+    /// Bridge excitation voltage at the digital front end, after the divider \[V\].
     fn excitation_volts(&mut self, time_s: f64) -> f64 {
         let _ = time_s;
         0.0
@@ -26,14 +26,14 @@ pub trait World {
         let _ = time_s;
         0.0
     }
-    /// Temperature of the chip \[degree Celsius\].
+    /// Chip temperature \[degree Celsius\].
     fn temperature_c(&mut self, time_s: f64) -> f64 {
         let _ = time_s;
         25.0
     }
 }
 
-/// Nothing moves.
+/// A world in which nothing moves.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Still;
 

@@ -1,9 +1,9 @@
-//! Talk between a test and the Linux guest that it started.
+//! Protocol between a test and the Linux guest that it started.
 //!
-//! The guest has a network, and its first program connects to the test ([`serve`]). The test then sends shell commands, one after
-//! the other, and gets exit code and output of each ([`Guest`]).
+//! The guest has a network, and its init program connects to the test ([`serve`]). The test then sends shell commands
+//! one at a time and receives the exit code and the output of each ([`Guest`]).
 //!
-//! A request is a length and a command line; an answer is an exit code, and standard output and standard error, each
+//! A request is a length and a command line. A reply is an exit code, then standard output and standard error, each
 //! with its length. Numbers are four bytes, big-endian.
 
 use std::io::{self, Read, Write};
@@ -11,15 +11,15 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// More than any command or output has.
+/// Limit on a length, above that of any command or output.
 const MOST_BYTES: u32 = 64 << 20;
-/// How often it is looked whether the guest has called, or is still there.
+/// Polling interval while waiting for the guest to connect.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What a command did.
+/// Result of a command.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Ended {
-    /// Exit code; 128 and the signal where it was killed.
+    /// Exit code; 128 plus the signal number if a signal killed the command.
     pub code: i32,
     /// Standard output.
     pub output: Vec<u8>,
@@ -34,13 +34,13 @@ impl Ended {
     }
 }
 
-/// The test's end.
+/// The test's end of the connection.
 pub struct Guest {
     stream: TcpStream,
 }
 
 impl Guest {
-    /// Waits for the guest to call; gives up when `alive` says that it never will, or after `within`.
+    /// Waits for the guest to connect. Gives up when `alive` returns false, or after `within`.
     pub fn accept(listener: &TcpListener, within: Duration, mut alive: impl FnMut() -> bool) -> io::Result<Self> {
         listener.set_nonblocking(true)?;
         let start = Instant::now();
@@ -63,7 +63,7 @@ impl Guest {
         }
     }
 
-    /// Runs a command line in the guest's shell, which must be done within a time.
+    /// Runs a command line in the guest's shell; `within` is the timeout.
     pub fn run(&mut self, command: &str, within: Duration) -> io::Result<Ended> {
         self.stream.set_read_timeout(Some(within))?;
         write_bytes(&mut self.stream, command.as_bytes())?;
@@ -74,7 +74,7 @@ impl Guest {
     }
 }
 
-/// The guest's end: runs what the test sends until the test goes away.
+/// The guest's end: runs the commands that the test sends until the test disconnects.
 pub fn serve(test: SocketAddr) -> io::Result<()> {
     let mut stream = TcpStream::connect(test)?;
     stream.set_nodelay(true)?;
@@ -129,27 +129,27 @@ fn read_bytes(stream: &mut impl Read) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// USB/IP's part in the guest: the device of a server becomes one of this kernel's.
+/// USB/IP client in the guest: attaches a server's device to this kernel.
 pub mod usbip {
     use std::io::{self, Read, Write};
     use std::net::{SocketAddr, TcpStream};
 
     /// `OP_REQ_IMPORT` of USB/IP 1.1.1 for the device "1-1".
     const IMPORT: [u8; 11] = *b"\x01\x11\x80\x03\0\0\0\x001-1";
-    /// Bytes of the question, and of the answer's two parts.
+    /// Length of the request, and of the two parts of the reply \[bytes\].
     const QUESTION: usize = 40;
     const HEAD: usize = 8;
     const DEVICE: usize = 312;
-    /// Where bus, device number and speed lie in the answer's second part.
+    /// Offset of bus, device number and speed in the second part of the reply.
     const NUMBERS: usize = 256 + 32;
-    /// Ports of Linux's virtual host controller at full speed.
+    /// Number of full-speed ports of Linux's virtual host controller.
     const PORTS: u32 = 8;
 
     fn number(bytes: &[u8], at: usize) -> u32 {
         bytes.get(at..at + 4).and_then(|four| four.try_into().ok()).map_or(0, u32::from_be_bytes)
     }
 
-    /// Asks a server for its device; gives the connection, and bus, number and speed of the device.
+    /// Imports a server's device; returns the connection, and the device's bus, number and speed.
     pub fn import(server: SocketAddr) -> io::Result<(TcpStream, [u32; 3])> {
         let mut stream = TcpStream::connect(server)?;
         stream.set_nodelay(true)?;
@@ -168,7 +168,7 @@ pub mod usbip {
         Ok((stream, [0, 4, 8].map(|at| number(&device, NUMBERS + at))))
     }
 
-    /// Hands the connection to the kernel, at the first port that is free.
+    /// Passes the connection to the kernel, on the first free port; returns the port.
     #[cfg(unix)]
     pub fn attach(server: SocketAddr) -> io::Result<u32> {
         use std::os::fd::AsRawFd;

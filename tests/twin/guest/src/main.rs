@@ -1,7 +1,7 @@
-//! First program of the Linux guest, and its hands.
+//! Init program of the Linux guest, and its command line tool.
 //!
-//! `inerter-guest serve HOST:PORT` runs what the test at that address sends; `inerter-guest attach HOST:PORT` plugs the device of
-//! a USB/IP server in and prints the port of the virtual host controller.
+//! `inerter-guest serve HOST:PORT` runs the commands that the test at that address sends. `inerter-guest attach
+//! HOST:PORT` attaches the device of a USB/IP server and prints the port of the virtual host controller.
 
 use std::net::SocketAddr;
 use std::process::ExitCode;

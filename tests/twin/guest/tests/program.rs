@@ -1,4 +1,4 @@
-//! The program as the guest's first script starts it, on this machine.
+//! Tests the program as the guest's first script starts it, on this machine.
 
 use inerter_guest::{Ended, Guest};
 use std::net::TcpListener;

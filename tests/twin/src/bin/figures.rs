@@ -1,10 +1,11 @@
-//! Cost of the shipping image while it serves: prints one line of JSON.
+//! Measures the cost of the shipping image while it works; prints one line of JSON.
 //!
-//! On the twin the board measures a random motion at 1, 2 and 4 kHz with every stream on, over USB, while settings are
-//! written and saved, the estimator is reset and a tare is requested; at 4 kHz also with the terminal's displacement,
-//! and through the digital front end. `loads` has for each case (`with`, and the rate \[Hz\]) what the core executes in
-//! the steady part \[instructions/s\], and the bounds of the time that it is awake on the chip
-//! ([`inerter_twin::cycles`]); `stack_bytes` is the deepest stack of the whole run. `cargo xtask size` runs this.
+//! On the twin, the board measures a random motion at 1, 2 and 4 kHz with all streams on, over USB, while settings are
+//! changed and saved, the estimator is reset and a tare is requested. At 4 kHz it also does so with the terminal
+//! displacement, and with the digital front end. `loads` has for each case (`with`, and the rate \[Hz\]) the
+//! instruction rate in the steady part \[instructions/s\], and the bounds of the time that the core is awake on the
+//! chip ([`inerter_twin::cycles`]). `stack_bytes` is the peak stack usage of the whole run. `cargo xtask size` runs
+//! this.
 
 use ads131m04::{Gain, Osr};
 use inerter_core::Settings;
@@ -17,11 +18,11 @@ use inerter_wire::{Command, Record, SettingsValues, Streams};
 use std::error::Error;
 use std::process::ExitCode;
 
-/// The firmware starts and enumerates within this time.
+/// Time for the firmware to start and to be enumerated.
 const START_S: f64 = 0.5;
-/// Time for a reply.
+/// Timeout for a reply.
 const REPLY_S: f64 = 2.0;
-/// Time until the estimator has filled, and the time that is counted.
+/// Time until the estimator has converged, and duration of the measurement.
 const SETTLE_S: f64 = 2.0;
 const STEADY_S: f64 = 4.0;
 

@@ -1,12 +1,11 @@
-//! Puts the shipping binary on the network as a USB device.
+//! Serves the simulated board, running the shipping binary, as a USB device over the network.
 //!
 //! ```text
 //! inerter-twin-usbip [ELF]
 //! ```
 //!
-//! The board is on a rig in motion and runs in step with the wall clock until Ctrl-C. Any Linux with `vhci_hcd` can
-//! attach it: `modprobe vhci-hcd` and then, with the port that is printed, `usbip --tcp-port PORT attach -r 127.0.0.1
-//! -b 1-1`.
+//! The board is on a moving rig and runs in step with wall-clock time until Ctrl-C. Any Linux with `vhci_hcd` can
+//! attach it: `modprobe vhci-hcd` and then, with the printed port, `usbip --tcp-port PORT attach -r 127.0.0.1 -b 1-1`.
 
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -16,9 +15,9 @@ use inerter_twin::usbip::Server;
 use std::error::Error;
 use std::process::ExitCode;
 
-/// Where `cargo build --release` in firmware/stm32g474 puts it.
+/// Path to which `cargo build --release` in firmware/stm32g474 writes the image.
 const ELF: &str = "target/thumbv7em-none-eabihf/release/inerter-stm32g474";
-/// The firmware starts within this time.
+/// Time for the firmware to start.
 const START_S: f64 = 0.5;
 
 fn serve(path: &str) -> Result<(), Box<dyn Error>> {

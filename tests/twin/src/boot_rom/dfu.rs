@@ -1,13 +1,13 @@
 //! DfuSe: the boot loader's class requests (AN3156; UM0424; USB DFU 1.1).
 //!
-//! A command or block is carried out when the host asks for the status after it. System memory and option bytes can
-//! only be read. Not modelled: writing option bytes, one-time memory, mass erasure and read protection.
+//! A command or block is executed when the host requests the status after it. System memory and option bytes are
+//! read-only. Not modelled: programming of option bytes, one-time programmable memory, mass erase, read protection.
 
 use crate::Cycles;
 use crate::chip::flash::{self, Flash, PAGE};
 use std::collections::VecDeque;
 
-/// Bytes of a block.
+/// Size of a block \[bytes\].
 pub const BLOCK: usize = 2048;
 /// Requests (USB DFU 1.1, 3).
 const DNLOAD: u8 = 1;
@@ -19,7 +19,7 @@ const ABORT: u8 = 6;
 /// Commands of block 0 (AN3156 5).
 const SET_ADDRESS: u8 = 0x21;
 const ERASE: u8 = 0x41;
-/// Commands that it lists: get, set address, erase.
+/// Commands that GET reports: get, set address, erase.
 const COMMANDS: [u8; 3] = [0x00, SET_ADDRESS, ERASE];
 /// Number of the block at the address pointer.
 const FIRST_BLOCK: u16 = 2;
@@ -28,7 +28,7 @@ const ERR_TARGET: u8 = 1;
 const ERR_PROG: u8 = 6;
 const ERR_STALLED: u8 = 15;
 
-/// Time that the host is told to wait \[ms\], rounded up from DS12288: a page 22 ms, a block of 256 double words 22 ms.
+/// bwPollTimeout \[ms\], rounded up from DS12288: a page takes 22 ms, a block of 256 double words 22 ms.
 const WAIT_MS: u8 = 25;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,19 +62,19 @@ pub struct Dfu {
     status: u8,
     pointer: u32,
     job: Option<Job>,
-    /// Double words that are still to be written, with their addresses.
+    /// Double words still to be programmed, with their addresses.
     writing: VecDeque<(u32, u64)>,
 }
 
 impl Default for Dfu {
-    /// The pointer begins at flash, as AN3156 has it.
+    /// The address pointer starts at the beginning of flash, as in AN3156.
     fn default() -> Self {
         Self { state: State::Idle, status: 0, pointer: flash::START, job: None, writing: VecDeque::new() }
     }
 }
 
 impl Dfu {
-    /// The host was told that the program is being started.
+    /// Whether the host has been told that the program starts.
     pub fn leaves(&self) -> bool {
         self.state == State::Manifest
     }
@@ -106,7 +106,7 @@ impl Dfu {
         }
     }
 
-    /// Continues what is under way.
+    /// Continues the operation in progress.
     pub fn work(&mut self, flash: &mut Flash, now: Cycles) {
         if self.state != State::Busy || flash.is_busy(now) {
             return;
@@ -185,7 +185,7 @@ impl Dfu {
                 flash.rom_erase((address - flash::START) as usize / PAGE, now);
             }
             Some(Job::Write(address, data)) if flash.holds(address, data.len()) => {
-                // The missing part of the last double word stays as erased.
+                // The rest of the last double word stays erased.
                 let words = data.chunks(8).map(|chunk| {
                     let mut bytes = [0xff; 8];
                     bytes[..chunk.len()].copy_from_slice(chunk);

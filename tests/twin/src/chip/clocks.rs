@@ -1,14 +1,14 @@
-//! Frequencies of the chip and the relation between cycles and seconds.
+//! Clock frequencies of the chip, and the conversion between cycles and seconds.
 
 /// Core cycles since power was first applied. Never decreases, even over a reset or a power cut.
 pub type Cycles = u64;
 
-/// Frequencies in use since a certain moment.
+/// Frequencies in use since a given time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clocks {
-    /// Moment from which they hold, in cycles.
+    /// Time from which they apply \[cycles\].
     pub since: Cycles,
-    /// The same moment in seconds since power was first applied.
+    /// The same time in seconds since power was first applied.
     pub since_s: f64,
     /// Core, AHB and DMA clock \[Hz\]: the unit of [`Cycles`].
     pub hclk_hz: f64,
@@ -24,14 +24,14 @@ pub struct Clocks {
     pub usb_hz: f64,
     /// LPUART1 kernel clock \[Hz\].
     pub lpuart1_hz: f64,
-    /// ADC1 and ADC2 kernel clock if it is not derived from HCLK \[Hz\], 0 while it is off.
+    /// ADC1 and ADC2 kernel clock \[Hz\], 0 while it is off or not selected.
     pub adc12_hz: f64,
     /// The same for ADC3 to ADC5.
     pub adc345_hz: f64,
 }
 
 impl Clocks {
-    /// After power-on: everything on the internal 16 MHz.
+    /// After power-on: everything runs from HSI, 16 MHz.
     pub const POWER_ON: Self = Self {
         since: 0,
         since_s: 0.0,
@@ -46,18 +46,18 @@ impl Clocks {
         adc345_hz: 0.0,
     };
 
-    /// Seconds since power was first applied, at a moment not before [`Self::since`].
+    /// Seconds since power was first applied, at a time not before [`Self::since`].
     pub fn seconds(&self, at: Cycles) -> f64 {
         self.since_s + at.saturating_sub(self.since) as f64 / self.hclk_hz
     }
 
-    /// The first cycle not before a moment in seconds, nor before [`Self::since`], so that a wait for a later moment
+    /// The first cycle that is not before `time_s`, nor before [`Self::since`]. A wait for a later time thus always
     /// makes progress.
     pub fn cycle_at(&self, time_s: f64) -> Cycles {
         self.since + ((time_s - self.since_s) * self.hclk_hz).max(0.0).ceil() as Cycles
     }
 
-    /// Cycles in a length of time, rounded to the nearest, at least one.
+    /// A duration in cycles, rounded to the nearest, at least one.
     pub fn cycles_in(&self, length_s: f64) -> Cycles {
         ((length_s * self.hclk_hz).round() as Cycles).max(1)
     }

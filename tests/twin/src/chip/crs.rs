@@ -1,6 +1,6 @@
-//! Clock recovery (RM0440 section 8.8): trims the 48 MHz oscillator by the frames of USB.
+//! Clock recovery system (RM0440 section 8.8): trims HSI48 by the USB SOF packets.
 //!
-//! The twin's oscillator is exact, so trimming changes nothing: each synchronisation reports success.
+//! The twin's oscillator is exact, so trimming changes nothing and each synchronisation reports success.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -9,13 +9,13 @@ const CFGR: u32 = 0x04;
 const ISR: u32 = 0x08;
 const ICR: u32 = 0x0c;
 
-/// CR: the error counter runs.
+/// CR: frequency error counter enable.
 const CEN: u32 = 1 << 5;
-/// ISR and ICR: synchronisation done, and the pulse expected next.
+/// ISR and ICR: synchronisation OK, and expected synchronisation.
 const SYNCOK: u32 = 1 << 0;
 const ESYNC: u32 = 1 << 3;
 
-/// The registers.
+/// The CRS registers.
 #[derive(Clone, Debug)]
 pub struct Crs {
     storage: Storage,
@@ -29,14 +29,14 @@ impl Default for Crs {
 }
 
 impl Crs {
-    /// A pulse of the source arrived, which for USB is the start of a frame.
+    /// Processes a pulse of the synchronisation source, which for USB is an SOF packet.
     pub fn synchronise(&mut self) {
         if self.storage.get(CR) & CEN != 0 {
             self.flags |= SYNCOK | ESYNC;
         }
     }
 
-    /// The level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.flags & self.storage.get(CR) & 0xf != 0
     }
@@ -47,7 +47,7 @@ impl Registers for Crs {
         match offset & !3 {
             ISR => Ok(width.part(self.flags, offset)),
             ICR => Ok(0),
-            // Both are read so that some of their bits can be changed.
+            // A program reads both to change single bits, so a read before any write is not listed.
             CR | CFGR => Ok(width.part(self.storage.get(offset & !3), offset)),
             _ => Err(Unknown::REGISTER),
         }

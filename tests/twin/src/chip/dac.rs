@@ -1,24 +1,24 @@
-//! The digital-to-analogue converters DAC1 and DAC2, channel 1 of each, and the settling of their output voltage.
+//! The digital-to-analogue converters DAC1 and DAC2, channel 1 of each, with the settling of the output voltage.
 //!
-//! A write to the holding register reaches the output at once, or with the chosen trigger; each trigger requests the
-//! next code by DMA. The voltage then settles like a first-order low-pass ([`Quality`]).
-//! Not modelled, and refused: the second channel, wave generation, sample and hold, two codes at once, calibration.
+//! A write to the holding register reaches the output at once, or at the selected trigger. Each trigger requests the
+//! next code by DMA. The output then settles like a first-order low-pass ([`Quality`]).
+//! Not modelled, and refused: channel 2, wave generation, sample and hold, dual-channel writes, calibration.
 //!
-//! Sources: RM0440 chapter 22 (registers 22.7.1 to 22.7.16; DMA underrun 22.4.8; triggers, table 187); settling, gain and
-//! offset from DS12288, DAC characteristics.
+//! Sources: RM0440 chapter 22 (registers 22.7.1 to 22.7.16; DMA underrun 22.4.8; triggers, table 187); settling, gain
+//! and offset from DS12288, DAC characteristics.
 
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
 use crate::{Cycles, Registers, Unknown, Width};
 use std::collections::VecDeque;
 
-/// Number of TIM7_TRGO in TSEL.
+/// TSEL value of TIM7_TRGO.
 pub const TRIGGER_TIM7: u32 = 2;
-/// The bus clock over which HFSEL must be 2 \[Hz\].
+/// The bus clock above which HFSEL must be 2 \[Hz\].
 const FAST_HZ: f64 = 160e6;
-/// How near the rails the buffered output comes \[V\] (DS12288, VDAC_OUT).
+/// Minimum distance of the buffered output from the rails \[V\] (DS12288, VDAC_OUT).
 const FROM_RAIL_V: f64 = 0.2;
-/// Changes of the output that are remembered: a converter looks back less than one step.
+/// Number of output changes kept. An ADC reads back less than one step.
 const REMEMBERED: usize = 4;
 
 mod cr {
@@ -41,23 +41,23 @@ const HFSEL: u32 = 3 << 14;
 /// Quality of the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Volts relative to their nominal value.
+    /// Output voltage relative to its nominal value.
     pub gain: f64,
-    /// Volts at code 0 \[V\].
+    /// Output voltage at code 0 \[V\].
     pub offset_v: f64,
-    /// Time constant of settling \[s\].
+    /// Time constant of the settling \[s\].
     pub settling_s: f64,
 }
 
 impl Default for Quality {
-    /// Half of the gain error and the offset that DS12288 allows, and 1.7 us to half a code (its typical settling time)
-    /// from end to end.
+    /// Half of the maximum gain error and offset of DS12288; full-scale settling to half a code in 1.7 us (its typical
+    /// settling time).
     fn default() -> Self {
         Self { gain: 1.0025, offset_v: 5e-3, settling_s: 0.19e-6 }
     }
 }
 
-/// One change of the output.
+/// A change of the output.
 #[derive(Clone, Copy, Debug)]
 struct Change {
     at: Cycles,
@@ -80,40 +80,40 @@ pub struct Dac {
 }
 
 impl Dac {
-    /// Sets its quality from now on.
+    /// Sets the quality of the output from now on.
     pub fn set_quality(&mut self, quality: Quality) {
         self.quality = quality;
     }
 
-    /// A timer's trigger.
+    /// Processes a timer's trigger.
     pub fn trigger(&mut self, number: u32, now: Cycles) {
         if self.cr & (cr::EN | cr::TEN) != cr::EN | cr::TEN || (self.cr & cr::TSEL) >> 2 != number {
             return;
         }
         self.put_out(now);
         if self.cr & cr::DMAEN != 0 && !self.underrun {
-            // The previous one was not served: no further ones until the flag is cleared.
+            // The previous request was not served: underrun. There are no further requests until the flag is cleared.
             self.underrun = self.request;
             self.request = !self.underrun;
         }
     }
 
-    /// Whether it requests a code by DMA.
+    /// Whether it requests DMA.
     pub fn dma_request(&self) -> bool {
         self.request
     }
 
-    /// The transfer was done.
+    /// Clears the DMA request after the transfer.
     pub fn dma_acknowledge(&mut self) {
         self.request = false;
     }
 
-    /// Level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.underrun && self.cr & cr::DMAUDRIE != 0
     }
 
-    /// Voltage at the pin, not far back; none while the output is off \[V\].
+    /// Voltage at the pin \[V\], now or shortly before; none while the output is off.
     pub fn volts(&self, at: Cycles) -> Option<f64> {
         if self.cr & cr::EN == 0 {
             return None;
@@ -224,7 +224,7 @@ mod tests {
         let mut dac = dac(cr::EN);
         assert_eq!(dac.volts(168_000), Some(1.65));
         write(&mut dac, 0x08, 1024, 168_000);
-        // One time constant.
+        // After one time constant.
         let after = dac.volts(168_000 + 168).expect("on");
         assert!((after - (0.825 + 0.825 * (-1f64).exp())).abs() < 1e-12, "{after}");
         assert_eq!(dac.volts(167_000), Some(1.65), "looking back");
@@ -253,7 +253,7 @@ mod tests {
         dac.dma_acknowledge();
         dac.trigger(TRIGGER_TIM7, 40);
         assert!(dac.dma_request() && !dac.irq());
-        // The transfer does not come.
+        // No transfer follows.
         dac.trigger(TRIGGER_TIM7, 50);
         assert!(dac.irq() && !dac.dma_request());
         write(&mut dac, 0x34, sr::DMAUDR, 60);

@@ -1,12 +1,11 @@
-//! Debug support of the chip (RM0440 section 47.6): the identity; what to freeze when the core is halted is only
-//! stored.
+//! Debug support of the chip (RM0440 section 47.6): the device ID. The freeze bits are storage.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 /// Category 3 devices of the G4, revision X (RM0440 47.6.1).
 const IDCODE: u32 = 0x2003_6469;
 
-/// The registers.
+/// The DBGMCU registers.
 #[derive(Clone, Debug)]
 pub struct Dbgmcu(Storage);
 

@@ -1,17 +1,18 @@
-//! The direct memory access controllers DMA1 and DMA2: eight channels each, circular or once.
+//! The DMA controllers DMA1 and DMA2: eight channels each, in circular or normal mode.
 //!
-//! A channel answers one request with one transfer between a peripheral register and memory; the bus does the transfer,
-//! this model chooses it and counts. Half-way and at the end of a lap it raises its flags. A transfer that fails
-//! disables its channel, which stays off until the error's flag is cleared.
-//! Not modelled, and refused: memory to memory, priorities (a transfer takes no time here, so none ever waits).
+//! A channel serves a request with one transfer between a peripheral register and memory. The bus executes the
+//! transfer; this model selects and counts it. A channel sets its flags at half transfer and at transfer complete. A
+//! transfer error disables the channel, which cannot be enabled until its error flag is cleared.
+//! Not modelled, and refused: memory-to-memory mode, priorities (a transfer takes no time here, so none waits for
+//! another).
 //!
-//! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; where a register may be written, the notes beside its
-//! fields.
+//! Sources: RM0440 chapter 12, registers 12.6.1 to 12.6.6; the notes beside the fields say when a register may be
+//! written.
 
 use super::errata::Errata;
 use crate::{Cycles, Registers, Unknown, Width};
 
-/// Channels of one controller.
+/// Number of channels of a controller.
 pub const CHANNELS: usize = 8;
 
 /// DMA_CCRx.
@@ -28,9 +29,9 @@ mod ccr {
     pub const MSIZE: u32 = 3 << 10;
     pub const PL: u32 = 3 << 12;
     pub const MEM2MEM: u32 = 1 << 14;
-    /// At the positions of their flags.
+    /// Interrupt enables, at the positions of their flags.
     pub const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
-    /// What must not change while the channel is enabled.
+    /// Fields that must not change while the channel is enabled.
     pub const FIXED: u32 = DIR | PINC | MINC | PSIZE | MSIZE | PL | MEM2MEM;
     pub const ALL: u32 = 0x7FFF;
 }
@@ -53,10 +54,10 @@ pub enum Direction {
     ToPeripheral,
 }
 
-/// One transfer that a channel wants done.
+/// A transfer that a channel requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
-    /// Address in the peripheral.
+    /// Address of the peripheral register.
     pub peripheral: u32,
     /// Width of the access there.
     pub peripheral_width: Width,
@@ -71,13 +72,13 @@ pub struct Transfer {
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     ccr: u32,
-    /// Transfers left in the lap.
+    /// Transfers left in this pass.
     cndtr: u32,
     cpar: u32,
     cmar: u32,
-    /// Transfers of a lap: what was last written to CNDTR.
+    /// Transfers per pass: the last value written to CNDTR.
     lap: u32,
-    /// Flags without the global one.
+    /// Flags except the global one.
     flags: u32,
 }
 
@@ -86,7 +87,7 @@ impl Channel {
         self.ccr & ccr::EN != 0
     }
 
-    /// Transfers done in this lap.
+    /// Transfers done in this pass.
     fn done(&self) -> u32 {
         self.lap - self.cndtr
     }
@@ -104,7 +105,7 @@ impl Channel {
         self.flags & self.ccr & ccr::INTERRUPTS != 0
     }
 
-    /// Transfers until a flag with its interrupt enabled is set; none if it never is.
+    /// Transfers until a flag with an enabled interrupt is set; none if that never happens.
     fn until_interrupt(&self) -> Option<u32> {
         if !self.is_enabled() || self.cndtr == 0 {
             return None;
@@ -126,9 +127,9 @@ impl Channel {
 pub struct Dma {
     channels: [Channel; CHANNELS],
     errata: Errata,
-    /// The channel that is kept off the bus, and until when.
+    /// The channel that is denied the bus, and until when.
     stall: Option<(usize, Cycles)>,
-    /// The channel whose transfers fail from now on.
+    /// The channel whose transfers all fail.
     broken: Option<usize>,
 }
 
@@ -139,7 +140,7 @@ impl Default for Dma {
 }
 
 impl Dma {
-    /// As after reset.
+    /// The state after reset.
     pub fn new() -> Self {
         Self::default()
     }
@@ -149,7 +150,7 @@ impl Dma {
         self.errata = errata;
     }
 
-    /// What the channel would do on a request; none if it is disabled, has nothing left, or is kept waiting.
+    /// The transfer that the channel would do on a request; none if it is disabled, has completed, or is stalled.
     pub fn transfer(&self, channel: usize) -> Result<Option<Transfer>, Unknown> {
         let Some(it) = self.channels.get(channel) else { return Ok(None) };
         if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
@@ -160,7 +161,7 @@ impl Dma {
         }
         let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
         let place = |base: u32, moves: u32, width: Width| {
-            // A pointer is aligned to its size: the lowest bits are ignored (12.6.5, 12.6.6).
+            // An address is aligned to the transfer size: the lowest bits are ignored (12.6.5, 12.6.6).
             let step = if it.ccr & moves != 0 { it.done() * width.bytes() } else { 0 };
             (base & !(width.bytes() - 1)).wrapping_add(step)
         };
@@ -173,7 +174,7 @@ impl Dma {
         }))
     }
 
-    /// The channel's transfer was done. Returns whether it was the last of a lap; one that failed does not count.
+    /// Counts a transfer that was done; returns whether it was the last of a pass. A failed transfer does not count.
     pub fn complete(&mut self, channel: usize) -> bool {
         let Some(it) = self.channels.get_mut(channel).filter(|it| it.is_enabled()) else { return false };
         it.cndtr = it.cndtr.saturating_sub(1);
@@ -190,7 +191,7 @@ impl Dma {
         true
     }
 
-    /// The channel's transfer met a reserved address, or the bus refused it: the channel stops (12.4.7).
+    /// The transfer hit a reserved address, or the bus refused it: a transfer error disables the channel (12.4.7).
     pub fn fail(&mut self, channel: usize) {
         if let Some(it) = self.channels.get_mut(channel) {
             it.flags |= flag::ERROR;
@@ -198,17 +199,17 @@ impl Dma {
         }
     }
 
-    /// Makes each transfer of this channel fail.
+    /// Makes every transfer of this channel fail.
     pub fn break_off(&mut self, channel: usize) {
         self.broken = Some(channel);
     }
 
-    /// Whether each transfer of this channel fails.
+    /// Whether every transfer of this channel fails.
     pub fn is_broken(&self, channel: usize) -> bool {
         self.broken == Some(channel)
     }
 
-    /// Level of the channel's interrupt line.
+    /// Level of the channel's interrupt request.
     pub fn irq(&self, channel: usize) -> bool {
         self.channels.get(channel).is_some_and(Channel::interrupts)
     }
@@ -218,19 +219,19 @@ impl Dma {
         self.channels.get(channel).is_some_and(Channel::is_enabled)
     }
 
-    /// Transfers that the channel must do until its interrupt line rises; none if it never rises.
+    /// Transfers until the channel raises its interrupt request; none if it never does.
     pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
         let it = self.channels.get(channel)?;
         let fails = self.is_broken(channel) && it.ccr & ccr::TEIE != 0 && it.is_enabled();
         if fails { Some(1) } else { it.until_interrupt() }
     }
 
-    /// Keeps one channel off the bus until `end`, as a busier master would: its requests wait.
+    /// Denies a channel the bus until `end`, as if another master held it. Its requests wait.
     pub fn stall(&mut self, channel: usize, end: Cycles) {
         self.stall = Some((channel, end));
     }
 
-    /// The channel and the register within its group of five words, which begins at 0x08.
+    /// The channel at an offset, and the register within its group of five words. The first group starts at 0x08.
     fn place(offset: u32) -> Option<(usize, u32)> {
         let offset = offset.checked_sub(0x08)?;
         let channel = (offset / 0x14) as usize;
@@ -296,7 +297,7 @@ impl Registers for Dma {
         Ok(())
     }
 
-    /// The end of a stall; everything else waits for a request.
+    /// The end of a stall. Everything else waits for a request.
     fn next_event(&self) -> Option<Cycles> {
         self.stall.map(|(_, end)| end)
     }
@@ -331,7 +332,7 @@ mod tests {
         dma.read(offset, Width::Word, 0).unwrap()
     }
 
-    /// Channel 2 with a lap of `count`.
+    /// Channel 2 with a pass of `count` transfers.
     fn ring(count: u32, ccr: u32) -> Dma {
         let mut dma = Dma::new();
         write(&mut dma, CNDTR, count);
@@ -369,7 +370,7 @@ mod tests {
         }
         let half = (flag::GLOBAL | flag::HALF) << 4;
         assert_eq!(seen, [(0, false), (half, true), (half, true), (half | flag::COMPLETE << 4, true)]);
-        // The line follows the flag whose interrupt is enabled.
+        // The interrupt request follows the flag whose interrupt is enabled.
         write(&mut dma, IFCR, flag::HALF << 4);
         assert_eq!((read(&mut dma, ISR), dma.irq(CHANNEL)), ((flag::GLOBAL | flag::COMPLETE) << 4, false));
         write(&mut dma, IFCR, flag::GLOBAL << 4);
@@ -385,7 +386,7 @@ mod tests {
         dma.fail(CHANNEL);
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR), 0);
-        // On the chip of the manual, always.
+        // Without errata the write is always accepted.
         let mut dma = ring(2, HALVES);
         assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
     }
@@ -436,7 +437,7 @@ mod tests {
             assert!(dma.write(offset, 1, Width::Word, 0).is_err());
         }
         assert!(dma.write(CCR, ccr::EN, Width::Word, 0).is_err());
-        // Interrupt enables and CIRC may change, and so may everything once it is disabled.
+        // Interrupt enables and CIRC may change. Once the channel is disabled, everything may.
         write(&mut dma, CCR, HALVES | ccr::EN | ccr::TCIE | ccr::CIRC);
         write(&mut dma, CCR, 0);
         write(&mut dma, CNDTR, 7);

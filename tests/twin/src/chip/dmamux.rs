@@ -1,30 +1,30 @@
-//! The DMA request multiplexer: which peripheral's request reaches which DMA channel.
+//! The DMA request multiplexer: routes peripheral requests to DMA channels.
 //!
-//! Multiplexer channels 0 to 7 serve DMA1 channels 1 to 8, 8 to 15 DMA2's. Synchronisation and request generators are
-//! not modelled, and refused.
+//! Multiplexer channels 0 to 7 serve channels 1 to 8 of DMA1, 8 to 15 those of DMA2. Synchronisation and request
+//! generators are not modelled, and refused.
 //!
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
 use crate::{Cycles, Registers, Unknown, Width};
 
-/// Channels of the multiplexer.
+/// Number of multiplexer channels.
 pub const CHANNELS: usize = 16;
 
-/// Numbers of the requests that are raised here.
+/// Request numbers of the modelled peripherals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Request {
     /// ADC1 has a result.
     Adc1 = 5,
-    /// DAC1 wants a code.
+    /// DAC1 requests a code.
     Dac1 = 6,
-    /// TIM6 was updated.
+    /// Update of TIM6.
     Tim6Update = 8,
-    /// TIM7 was updated.
+    /// Update of TIM7.
     Tim7Update = 9,
-    /// SPI2 has received.
+    /// SPI2 has received data.
     Spi2Receive = 12,
-    /// SPI2 has room to send.
+    /// SPI2 has room in its transmit FIFO.
     Spi2Transmit = 13,
     /// ADC2 has a result.
     Adc2 = 36,
@@ -34,12 +34,12 @@ pub enum Request {
     Adc4 = 38,
     /// ADC5 has a result.
     Adc5 = 39,
-    /// DAC2 wants a code.
+    /// DAC2 requests a code.
     Dac2 = 41,
 }
 
 impl Request {
-    /// All of them.
+    /// All of them, in order of service.
     pub const ALL: [Self; 11] = [
         Self::Adc1,
         Self::Tim6Update,
@@ -54,7 +54,7 @@ impl Request {
         Self::Dac2,
     ];
 
-    /// The request of this number; none if nothing here raises it.
+    /// The request with this number; none if no model raises it.
     pub fn of(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|request| *request as u8 == number)
     }
@@ -82,17 +82,17 @@ pub struct Dmamux {
 }
 
 impl Dmamux {
-    /// As after reset.
+    /// The state after reset.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Number of the request that the channel listens to; 0 is none.
+    /// Number of the request assigned to a channel; 0 is none.
     pub fn request(&self, channel: usize) -> u8 {
         self.channels.get(channel).map_or(0, |ccr| (ccr & ccr::DMAREQ_ID) as u8)
     }
 
-    /// Channels that listen to the request.
+    /// Channels to which the request is assigned.
     pub fn listeners(&self, request: Request) -> impl Iterator<Item = usize> {
         (0..CHANNELS).filter(move |channel| self.request(*channel) == request as u8)
     }
@@ -106,7 +106,7 @@ impl Registers for Dmamux {
         let place = (offset / 4) as usize;
         match offset {
             0x00..=0x3C => Ok(self.channels.get(place).copied().unwrap_or(0)),
-            // Without synchronisation and generators there is no overrun.
+            // There is no overrun without synchronisation and generators.
             0x80 | 0x140 => Ok(0),
             0x100..=0x10C => Ok(self.generators.get(place - 0x40).copied().unwrap_or(0)),
             _ => Err(Unknown::REGISTER),
@@ -175,7 +175,7 @@ mod tests {
     fn fields_are_metapacs() {
         use crate::metapac::fields_agree;
 
-        // metapac has one more bit in DMAREQ_ID, for other chips.
+        // metapac's DMAREQ_ID has one more bit, for other chips.
         fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
     }
 }

@@ -1,60 +1,62 @@
 //! Errata of the chip, each a switch of the model.
 //!
-//! docs/HARDWARE.md ("Errata") says which concern the board, and which test belongs to which. The errata sheet ES0430
-//! itself was not available: numbers are as others cite them (revision 9 unless stated), and only what is in quotation
-//! marks was read, at the place named. How an erratum shows itself here is the model's choice, at its worst. All are on
-//! unless a test turns them off; for each, a test of the model shows what it does, and that nothing happens without it.
+//! docs/HARDWARE.md ("Errata") lists which of them concern the board, and which test covers which. The errata sheet
+//! ES0430 itself was not available. Numbers are as others cite them (revision 9 unless stated), and only text in
+//! quotation marks was read, at the place named. Where an erratum leaves its effect open, the model assumes the worst
+//! case. All errata are on unless a test turns them off. For each, a test of the model shows its effect, and that there
+//! is none without it.
 
-/// Which errata the model has.
+/// The errata that the model applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Errata {
-    /// 2.2.7. The first write to each part of SRAM after a reset at an unlucky moment may be lost; a part with parity
-    /// must be initialised, for the others a read suffices: the boot loader of public firmware does so (startup_ram.c
-    /// with `__wrap_SystemInit`, "ES0430 Rev9 2.2.7", at 0x2000_0000, 0x2000_8000, 0x2001_0000 and 0x2001_4000). Here:
-    /// to each of the four, after every reset.
+    /// 2.2.7. The first write to each part of SRAM after a reset at an unlucky moment may be lost. A part with parity
+    /// must be initialised; for the others a read is enough. The boot loader of public firmware does so (startup_ram.c
+    /// with `__wrap_SystemInit`, "ES0430 Rev9 2.2.7", at 0x2000_0000, 0x2000_8000, 0x2001_0000 and 0x2001_4000). In the
+    /// model: the first write to each of the four parts is lost after every reset.
     pub first_write_lost: bool,
-    /// 2.2.2, "Data cache might be corrupted during Flash memory read-while-write operation" (Zephyr, flash_stm32g4x.c, of
-    /// revision 7). Here: a write or erase that begins with the data cache on ends the run.
+    /// 2.2.2, "Data cache might be corrupted during Flash memory read-while-write operation" (Zephyr, flash_stm32g4x.c,
+    /// of revision 7). In the model: a program or erase that starts with the data cache on ends the run.
     pub data_cache: bool,
-    /// 2.2.3, as cited; no public wording found. ECCR may be wrong when a location is read whose write or erase was cut
-    /// short; ST's X-CUBE-EEPROM relies on an address of its own. Here: bank, address and the flag of system flash,
-    /// always.
+    /// 2.2.3, as cited; no public wording found. ECCR may be wrong when a location is read whose program or erase was
+    /// interrupted. ST's X-CUBE-EEPROM relies on an address that it stores itself. In the model: bank, address and the
+    /// system flash flag are always inverted.
     pub eccr_after_cut: bool,
     /// 2.7.9 (2.7.7 in older revisions): "The result of an ADC conversion done more than 1 ms later than the previous
-    /// ADC conversion or ADC calibration might be incorrect", of the families L4, L5 and G4 (efton.sk, STM32 gotchas,
-    /// 150). Here: 0.4 V too much, and always after a calibration.
+    /// ADC conversion or ADC calibration might be incorrect", for the families L4, L5 and G4 (efton.sk, STM32 gotchas,
+    /// 150). In the model: such a result is 0.4 V too high, and so is always the first after a calibration.
     pub adc_after_pause: bool,
     /// 2.7.10 (2.7.8 in revision 8; 2.5.8 in the sheet of the STM32G431), "ADC channel 0 converted instead of the
     /// required ADC channel" (ST's motor control library, R3_2_G4XX; QMK, analog.c; NuttX, pull request 3878). In
     /// revision Y of the chip: after ADSTP, after the last transfer of a one-shot DMA, and where injected conversions
-    /// meet regular ones (a public review of a motor board, round5_c_mcu.md, R5C-05). Here: the first conversion after
-    /// the first two, always, and channel 0 gives code 0.
+    /// meet regular ones (a public review of a motor board, round5_c_mcu.md, R5C-05). In the model: always the first
+    /// conversion after each of the first two, and channel 0 gives code 0.
     pub adc_after_stop: bool,
     /// 2.7.11 (2.7.9 in revision 8). ADC1 and ADC2 in a dual mode "do not impact one another whatever the clock
-    /// source"; all others that convert at the same time need one source divided by 1, or else "trigger them with the
-    /// same timer using the same clock prescaler division ratio (or its integer multiple) as the ADC prescaler": a
-    /// public review of a motor board with this chip quotes revision 8 so (round4_c_mcu.md, R4C-03). Others agree:
-    /// "must use PLL instead of ADC prescaler to avoid performance degradation" (a motor controller's board_hw.h); "the
-    /// same resolution, clock source and prescaler 1" (Embedbits/Bsp-Mcal-Adc, README); "ADC1/2 results can be
-    /// corrupted" at some phases of the divided clocks (moteus, fw/stm32g4_adc.cc). Here: always, 0.4 V too much, if
-    /// two have not started at the same moment, if their clocks differ, or if they are divided and the trigger has
-    /// another phase than the first one had.
+    /// source". All others that convert at the same time need one source divided by 1, or else "trigger them with the
+    /// same timer using the same clock prescaler division ratio (or its integer multiple) as the ADC prescaler"
+    /// (revision 8, as quoted by a public review of a motor board with this chip, round4_c_mcu.md, R4C-03). Others
+    /// agree: "must use PLL instead of ADC prescaler to avoid performance degradation" (a motor controller's
+    /// board_hw.h); "the same resolution, clock source and prescaler 1" (Embedbits/Bsp-Mcal-Adc, README); "ADC1/2
+    /// results can be corrupted" at some phases of the divided clocks (moteus, fw/stm32g4_adc.cc). In the model:
+    /// results are always 0.4 V too high if two conversions did not start at the same moment, if their clocks differ,
+    /// or if the clocks are divided and the trigger's phase differs from that of the first trigger.
     pub adc_concurrent: bool,
     /// 2.18.1, "BSY bit may stay high when SPI is disabled" (Embedbits/Bsp-Mcal-Spi, README). ST's sheet of the
-    /// STM32F078, with a SPI of the same kind, has it in full: "The BSY flag may remain high upon disabling the SPI
-    /// while operating in: a master transmit mode and the TXE flag is low"; "disable the SPI when TXE=1 and BSY=0".
-    /// Here: if it is switched off with anything left to send, until the peripheral is reset.
+    /// STM32F078, whose SPI is of the same kind, has the full text: "The BSY flag may remain high upon disabling the
+    /// SPI while operating in: a master transmit mode and the TXE flag is low"; "disable the SPI when TXE=1 and BSY=0".
+    /// In the model: BSY stays set if the SPI is disabled with anything left to send, until the peripheral is reset.
     pub spi_busy_stays: bool,
     /// "DMA disable failure and error flag omission upon simultaneous transfer error and global flag clear" (a driver
-    /// for the STM32G0, with a DMA of the same kind, of ES0548, 2.4.1). Here: CGIF to an enabled channel ends the run.
+    /// for the STM32G0, whose DMA is of the same kind; ES0548, 2.4.1). In the model: writing CGIF for an enabled
+    /// channel ends the run.
     pub dma_global_clear: bool,
-    /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). Here: ends
-    /// the run.
+    /// "Unstable LSI when it clocks RTC or CSS on LSE" (ES0431, the sheet of the STM32G431, revision 7, 2.2.3). In the
+    /// model: it ends the run.
     pub lsi_with_rtc: bool,
 }
 
 impl Errata {
-    /// The chip as it is.
+    /// The chip with all its errata.
     pub const ALL: Self = Self {
         first_write_lost: true,
         data_cache: true,
@@ -66,7 +68,7 @@ impl Errata {
         dma_global_clear: true,
         lsi_with_rtc: true,
     };
-    /// The chip as in the reference manual.
+    /// The chip as the reference manual describes it.
     pub const NONE: Self = Self {
         first_write_lost: false,
         data_cache: false,

@@ -1,7 +1,7 @@
-//! Extended interrupts (RM0440 section 15.5): edges of pins and of other blocks become pending requests.
+//! Extended interrupts (RM0440 section 15.5): edges of pins and of internal lines become pending requests.
 //!
-//! Lines 0 to 15 are pins (SYSCFG chooses the port), 16 the supply monitor, 18 wake-up by USB. Events (EMR) are only
-//! stored: nothing in the twin sleeps so deeply that it needs them.
+//! Lines 0 to 15 are pins (SYSCFG selects the port), 16 is the PVD, 18 the USB wake-up. Event masks (EMR) are storage,
+//! as the twin has no sleep mode that needs them.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -37,18 +37,18 @@ impl Default for Exti {
 }
 
 impl Exti {
-    /// A line changed its level.
+    /// Processes an edge on a line.
     pub fn edge(&mut self, line: usize, rising: bool) {
         let trigger = self.storage.get(if rising { RTSR1 } else { FTSR1 });
         self.pending |= trigger & 1 << line;
     }
 
-    /// Whether an unmasked request is pending on any of these lines (in bits).
+    /// Whether an unmasked request is pending on any of these lines (bit mask).
     pub fn requests(&self, lines: u32) -> bool {
         self.pending & self.storage.get(IMR1) & lines != 0
     }
 
-    /// Whether a direct line, which has no pending bit here, is unmasked.
+    /// Whether a direct line, which has no pending bit, is unmasked.
     pub fn unmasked(&self, line: usize) -> bool {
         self.storage.get(IMR1) >> line & 1 != 0
     }
@@ -58,7 +58,7 @@ impl Registers for Exti {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
             PR1 => Ok(width.part(self.pending, offset)),
-            // Shared by the users of the lines, each of which changes one bit.
+            // All users of the lines share these registers, and each changes one bit.
             IMR1 | EMR1 | RTSR1 | FTSR1 => Ok(width.part(self.storage.get(offset & !3), offset)),
             _ => self.storage.read(offset, width),
         }

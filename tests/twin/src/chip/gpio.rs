@@ -1,7 +1,7 @@
 //! GPIO ports (RM0440 section 9.4).
 //!
-//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are only
-//! stored; locking is unknown. A pin that is neither driven nor pulled reads low.
+//! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
+//! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -16,16 +16,16 @@ const AFRL: u32 = 0x20;
 const AFRH: u32 = 0x24;
 const BRR: u32 = 0x28;
 
-/// What a pin is used for.
+/// The mode of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// Digital input.
     Input,
-    /// Output by the output data register.
+    /// Output from ODR.
     Output,
-    /// Belongs to the peripheral with this number in the data sheet's table.
+    /// Assigned to the peripheral with this alternate function number (data sheet table).
     Alternate(u8),
-    /// Analogue; the digital input is off.
+    /// Analogue; the digital input is disabled.
     Analog,
 }
 
@@ -33,14 +33,14 @@ pub enum Mode {
 #[derive(Clone, Debug)]
 pub struct Gpio {
     storage: Storage,
-    /// Pins that something outside drives.
+    /// Pins that are driven externally, as a bit mask.
     driven: u16,
-    /// Their levels.
+    /// Levels of those pins.
     levels: u16,
 }
 
 impl Gpio {
-    /// From the values of MODER, OSPEEDR and PUPDR after reset: on A and B these hold the debug pins.
+    /// Reset values of MODER, OSPEEDR and PUPDR; ports A and B have the debug pins.
     const fn reset_values(port: usize) -> (u32, u32, u32) {
         match port {
             0 => (0xabff_ffff, 0x0c00_0000, 0x6400_0000),
@@ -49,7 +49,7 @@ impl Gpio {
         }
     }
 
-    /// Port A is 0.
+    /// The port with this number; port A is 0.
     pub fn new(port: usize) -> Self {
         let (mode, speed, pull) = Self::reset_values(port);
         let storage = Storage::new(&[
@@ -64,7 +64,7 @@ impl Gpio {
         Self { storage, driven: 0, levels: 0 }
     }
 
-    /// What a pin is used for.
+    /// The mode of a pin.
     pub fn mode(&self, pin: usize) -> Mode {
         match self.storage.get(MODER) >> (2 * pin) & 3 {
             0 => Mode::Input,
@@ -77,14 +77,14 @@ impl Gpio {
         }
     }
 
-    /// Something outside drives a pin to a level, or releases it.
+    /// Drives a pin externally to a level, or releases it.
     pub fn drive(&mut self, pin: usize, level: Option<bool>) {
         let bit = 1 << pin;
         self.driven = if level.is_some() { self.driven | bit } else { self.driven & !bit };
         self.levels = if level == Some(true) { self.levels | bit } else { self.levels & !bit };
     }
 
-    /// The levels at the pins, in bits.
+    /// Levels at the pins, as a bit mask.
     pub fn pins(&self) -> u16 {
         let mode = self.storage.get(MODER);
         let pull = self.storage.get(PUPDR);
@@ -103,13 +103,13 @@ impl Gpio {
         })
     }
 
-    /// The level that something outside sees at a pin; there an undriven pin is pulled up.
+    /// The level that an external circuit with a pull-up sees at a pin.
     pub fn output(&self, pin: usize) -> bool {
         let driven = self.mode(pin) == Mode::Output || self.driven >> pin & 1 != 0;
         !driven || self.pins() >> pin & 1 != 0
     }
 
-    /// What the input register shows: analogue pins read zero.
+    /// Value of IDR: analogue pins read zero.
     fn input(&self) -> u32 {
         let mode = self.storage.get(MODER);
         let digital = (0..16).filter(|pin| mode >> (2 * pin) & 3 != 3).fold(0, |mask, pin| mask | 1 << pin);
@@ -122,7 +122,7 @@ impl Registers for Gpio {
         match offset & !3 {
             IDR => Ok(width.part(self.input(), offset)),
             BSRR | BRR => Ok(0),
-            // Code may change single pins through this register before anything was written.
+            // Code may read this register before any write, to change single pins.
             ODR => Ok(width.part(self.storage.get(ODR), offset)),
             _ => self.storage.read(offset, width),
         }
@@ -133,7 +133,7 @@ impl Registers for Gpio {
         let output = self.storage.get(ODR);
         match offset & !3 {
             IDR => Err(Unknown { what: "the input register is read-only" }),
-            // Setting has priority over resetting.
+            // Set has priority over reset.
             BSRR => self.storage.write(ODR, output & !(word >> 16) | word & 0xffff, Width::Word),
             BRR => self.storage.write(ODR, output & !word, Width::Word),
             _ => self.storage.write(offset, value, width),
@@ -145,7 +145,7 @@ impl Registers for Gpio {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        // All of these are used by reading a pin's setting before changing it.
+        // Programs read these registers to change the setting of one pin.
         let shared = [MODER, OTYPER, OSPEEDR, PUPDR, AFRL, AFRH];
         self.storage.unwritten_reads().into_iter().filter(|offset| !shared.contains(offset)).collect()
     }

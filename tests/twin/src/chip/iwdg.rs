@@ -1,7 +1,7 @@
-//! Independent watchdog (RM0440 section 42.4), counted by the slow internal oscillator of nominally 32 kHz.
+//! Independent watchdog (RM0440 section 42.4), clocked by LSI with nominally 32 kHz.
 //!
-//! New values of prescaler and reload take effect five periods of that oscillator after they were written, or after the
-//! start if that came later.
+//! New prescaler, reload and window values take effect five LSI periods after the write, or after the start if that is
+//! later.
 
 use super::rcc::LSI_HZ;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
@@ -16,7 +16,7 @@ const ACCESS: u32 = 0x5555;
 const RELOAD: u32 = 0xaaaa;
 const START: u32 = 0xcccc;
 
-/// Periods of the oscillator until a written value takes effect.
+/// LSI periods until a written value takes effect.
 const TRANSFER: f64 = 5.0;
 
 /// The watchdog.
@@ -24,18 +24,18 @@ const TRANSFER: f64 = 5.0;
 pub struct Iwdg {
     open: bool,
     running: bool,
-    /// In use.
+    /// Active prescaler and reload value.
     prescaler: u32,
     reload: u32,
-    /// A refresh while more counts than these are left causes a reset.
+    /// A refresh while the counter is above this value causes a reset.
     window: u32,
-    /// It was refreshed too early.
+    /// A refresh came too early.
     early: bool,
-    /// Written, and when they take effect.
+    /// Written values, and when they take effect.
     new_prescaler: Option<(u32, Cycles)>,
     new_reload: Option<(u32, Cycles)>,
     new_window: Option<(u32, Cycles)>,
-    /// Periods of the oscillator left, at a moment.
+    /// LSI periods left at the time `since`.
     left: f64,
     since: Cycles,
     hclk_hz: f64,
@@ -81,14 +81,14 @@ impl Iwdg {
         now + self.cycles(TRANSFER)
     }
 
-    /// Time without a refresh after which it resets the chip \[s\]; none while it is not running.
+    /// Time without a refresh until a reset \[s\]; none while the watchdog is off.
     pub fn timeout_s(&self) -> Option<f64> {
         let (prescaler, reload) =
             (self.new_prescaler.map_or(self.prescaler, |new| new.0), self.new_reload.map_or(self.reload, |new| new.0));
         self.running.then(|| f64::from(reload + 1) * f64::from(4 << prescaler.min(6)) / LSI_HZ)
     }
 
-    /// Whether it has run out and the chip is to be reset.
+    /// Whether the watchdog has expired, or was refreshed too early, and resets the chip.
     pub fn bites(&self) -> bool {
         self.running && (self.left <= 0.0 || self.early)
     }
@@ -134,7 +134,7 @@ impl Registers for Iwdg {
             PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
-            // It includes a refresh (RM0440 42.3.4).
+            // A write to WINR includes a refresh (RM0440 42.3.4).
             WINR => {
                 self.new_window = Some((value & 0xfff, self.in_use_at(now)));
                 self.refresh();
@@ -179,7 +179,7 @@ impl Registers for Iwdg {
         }
         self.left -= self.periods(now - self.since);
         self.since = now;
-        // Rounding of the last period.
+        // Rounding error of the last period.
         if self.left < 1e-6 {
             self.left = 0.0;
         }
@@ -202,7 +202,7 @@ mod tests {
         iwdg.write(offset, value, Width::Word, now).expect("known");
     }
 
-    /// One second: divider 16, 2000 counts. 500 cycles are one period.
+    /// One second: prescaler 16, 2000 counts. An LSI period is 500 cycles.
     fn started() -> Iwdg {
         let mut iwdg = Iwdg::default();
         for (offset, value) in [(KR, ACCESS), (PR, 2), (RLR, 1999), (KR, START)] {

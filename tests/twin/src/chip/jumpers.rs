@@ -1,4 +1,4 @@
-//! The self-test's wires from outputs of the chip to its inputs, instead of the world, and faults that a test plants.
+//! The self-test's wires from outputs of the chip to its inputs, which replace the world, and injected faults.
 
 use super::dmamux::Request;
 use super::pin::Pin;
@@ -19,18 +19,18 @@ pub enum Output {
 /// Source of each input's wire; none if the wire is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jumpers {
-    /// The force input's.
+    /// Source of the force input.
     pub force: Option<Output>,
-    /// The terminal input's.
+    /// Source of the terminal input.
     pub terminal: Option<Output>,
-    /// Phase A's.
+    /// Source of encoder phase A.
     pub a: Option<Pin>,
-    /// Phase B's.
+    /// Source of encoder phase B.
     pub b: Option<Pin>,
 }
 
 impl Jumpers {
-    /// As in docs/HARDWARE.md.
+    /// Correct wiring, as in docs/HARDWARE.md.
     pub const RIGHT: Self = Self {
         force: Some(Output::One),
         terminal: Some(Output::Two),
@@ -39,20 +39,20 @@ impl Jumpers {
     };
 }
 
-/// Faults of the chip or its program, planted on purpose.
+/// Injected faults of the chip or its program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Planted {
     /// Delay of ADC1 and ADC2 after their trigger \[cycles\].
     pub late: [Cycles; 2],
-    /// The first such request after this moment is lost \[s since power was applied\].
+    /// The request to lose, and the time from which its first occurrence is lost \[s since power was applied\].
     pub lost: Option<(Request, f64)>,
-    /// The encoder's counter counts every other edge.
+    /// The encoder counter counts only every other edge.
     pub half_counts: bool,
-    /// The encoder's counter misses the edge that would bring it to this count for the first time.
+    /// The encoder counter misses the edge that would take it to this count for the first time.
     pub lost_edge: Option<u32>,
 }
 
-/// The encoder that two wires form.
+/// The encoder that two wires simulate.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wired {
     levels: (bool, bool),
@@ -60,7 +60,7 @@ pub(super) struct Wired {
 }
 
 impl Wired {
-    /// Takes the new levels. If both change at once there is no direction.
+    /// Applies the new levels. If both change at once, the direction is unknown and nothing is counted.
     pub(super) fn follow(&mut self, levels: (bool, bool)) {
         let quarter = |(a, b): (bool, bool)| if b { 3 - u32::from(a) } else { u32::from(a) };
         self.count = match (quarter(levels) + 4 - quarter(self.levels)) % 4 {

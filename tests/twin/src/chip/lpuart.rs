@@ -1,8 +1,8 @@
 //! The serial link LPUART1 (RM0440 section 38.7): 8 data bits, no parity, one stop bit.
 //!
-//! The other end is a pair of byte pipes: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the rate
-//! set in the registers; an end that runs at another rate gives framing errors. Modelled: FIFO, its threshold and
-//! interrupts, idle line, overrun, DMA requests. Flow control, addressing, wake-up and half-duplex are unknown.
+//! The remote end is a pair of byte queues: [`Lpuart::send`] and [`Lpuart::take_sent`]. Bytes take their time at the
+//! baud rate set in the registers; a remote end at another rate causes framing errors. Modelled: FIFO with thresholds
+//! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
@@ -18,14 +18,14 @@ const RDR: u32 = 0x24;
 const TDR: u32 = 0x28;
 const PRESC: u32 = 0x2c;
 
-/// CR1: UART enable, receiver, transmitter, FIFO.
+/// CR1: UART enable, receiver enable, transmitter enable, FIFO enable.
 const UE: u32 = 1 << 0;
 const RE: u32 = 1 << 2;
 const TE: u32 = 1 << 3;
 const FIFOEN: u32 = 1 << 29;
 /// CR1: word length other than 8, parity, mute mode.
 const CR1_UNKNOWN: u32 = 1 << 28 | 1 << 12 | 1 << 10 | 1 << 13;
-/// CR3: error interrupt, DMA of receiver and transmitter, no overrun detection.
+/// CR3: error interrupt enable, DMA enable of receiver and transmitter, overrun disable.
 const EIE: u32 = 1 << 0;
 const DMAR: u32 = 1 << 6;
 const DMAT: u32 = 1 << 7;
@@ -48,27 +48,27 @@ const TXFT: u32 = 1 << 27;
 
 /// Start bit, eight data bits, stop bit.
 const BITS: f64 = 10.0;
-/// Difference of the two rates beyond which a byte is not received correctly: half a bit in ten.
+/// Relative difference of the baud rates above which bytes are received with errors: half a bit in ten.
 const TOLERANCE: f64 = 0.045;
 
-/// The port with both of its ends.
+/// The UART and the remote end.
 #[derive(Clone, Debug)]
 pub struct Lpuart {
     storage: Storage,
     flags: u32,
     clock_hz: f64,
     hclk_hz: f64,
-    /// Rate of the other end \[bit/s\].
+    /// Baud rate of the remote end \[bit/s\].
     far_baud: f64,
-    /// Byte being sent, and when its last bit has left.
+    /// Byte in the shift register, and the end of its last bit.
     shifting: Option<(u8, Cycles)>,
     transmit: VecDeque<u8>,
-    /// Last value written for sending; it reads back.
+    /// Last value written to TDR, which reads back.
     written: u8,
     receive: VecDeque<u8>,
     sent: Vec<u8>,
     arriving: VecDeque<u8>,
-    /// When the first of the arriving bytes is complete.
+    /// Time at which the first of the arriving bytes is complete.
     arrives: Cycles,
     idles: Option<Cycles>,
 }
@@ -101,12 +101,12 @@ impl Default for Lpuart {
 }
 
 impl Lpuart {
-    /// Rate of the other end \[bit/s\].
+    /// Sets the baud rate of the remote end \[bit/s\].
     pub fn set_far_baud(&mut self, baud: f64) {
         self.far_baud = baud;
     }
 
-    /// The other end sends.
+    /// Sends bytes from the remote end.
     pub fn send(&mut self, bytes: &[u8], now: Cycles) {
         if self.arriving.is_empty() {
             self.arrives = now + self.byte_time(self.far_baud);
@@ -114,17 +114,17 @@ impl Lpuart {
         self.arriving.extend(bytes);
     }
 
-    /// Whether something that the other end sent is still in transit.
+    /// Whether bytes from the remote end are still in transit.
     pub fn is_arriving(&self) -> bool {
         !self.arriving.is_empty()
     }
 
-    /// What the chip has sent since the last call, as the other end receives it.
+    /// Bytes that the remote end received since the last call.
     pub fn take_sent(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.sent)
     }
 
-    /// Rate set in the registers \[bit/s\]; none while there is none.
+    /// Baud rate set in the registers \[bit/s\]; none if the setting is invalid.
     pub fn baud(&self) -> Option<f64> {
         let prescaler = [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 16.0, 32.0, 64.0, 128.0, 256.0];
         let divider = f64::from(self.storage.get(BRR));
@@ -153,7 +153,7 @@ impl Lpuart {
         if self.has(FIFOEN) { 8 } else { 1 }
     }
 
-    /// Bytes at which RXFT or TXFT is raised (CR3 threshold fields).
+    /// Number of bytes at which RXFT or TXFT is set (CR3 threshold fields).
     fn threshold(&self, shift: u32) -> usize {
         match self.storage.get(CR3) >> shift & 7 {
             0 => 1,
@@ -181,10 +181,10 @@ impl Lpuart {
             | flag(fifo && free >= self.threshold(29), TXFT)
     }
 
-    /// The level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         let (cr1, cr3, status) = (self.storage.get(CR1), self.storage.get(CR3), self.status());
-        // IDLEIE, RXNEIE, TCIE and TXEIE are at the positions of their flags; overrun comes with RXNEIE.
+        // IDLEIE, RXNEIE, TCIE and TXEIE have the positions of their flags; RXNEIE also enables overrun.
         cr1 & status & (IDLE | RXNE | TC | TXE) != 0
             || cr1 & RXNE != 0 && status & ORE != 0
             || cr3 & EIE != 0 && status & (FE | ORE) != 0
@@ -194,12 +194,12 @@ impl Lpuart {
             || cr1 & 1 << 31 != 0 && status & RXFF != 0
     }
 
-    /// The receiver asks DMA to read it.
+    /// Whether the receiver requests DMA.
     pub fn dma_receive(&self) -> bool {
         self.storage.get(CR3) & DMAR != 0 && !self.receive.is_empty()
     }
 
-    /// The transmitter asks DMA to fill it.
+    /// Whether the transmitter requests DMA.
     pub fn dma_transmit(&self) -> bool {
         self.storage.get(CR3) & DMAT != 0 && self.has(UE | TE) && self.transmit.len() < self.depth()
     }
@@ -230,7 +230,7 @@ impl Registers for Lpuart {
             RDR => u32::from(self.receive.pop_front().unwrap_or(0)),
             ICR | RQR => 0,
             TDR => u32::from(self.written),
-            // Shared by receiver and transmitter.
+            // Receiver and transmitter share these registers.
             CR1 | CR2 | CR3 => self.storage.get(offset & !3),
             register => self.storage.read(register, Width::Word)?,
         };
@@ -298,7 +298,7 @@ impl Registers for Lpuart {
         while !self.arriving.is_empty() && self.arrives <= now {
             if let Some(byte) = self.arriving.pop_front().filter(|_| self.has(UE | RE)) {
                 self.received(byte);
-                // The line is idle once a whole frame of ones has passed.
+                // The line is idle after a whole frame of ones.
                 self.idles = Some(self.arrives + self.byte_time(self.far_baud));
             }
             self.arrives += self.byte_time(self.far_baud);

@@ -1,4 +1,4 @@
-//! Power control (RM0440 section 6.4): boost mode and the key to the backup domain; the rest is only stored.
+//! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
@@ -6,18 +6,18 @@ const CR1: u32 = 0x00;
 const SR2: u32 = 0x14;
 const CR5: u32 = 0x80;
 
-/// CR1: the backup domain may be written.
+/// CR1: write access to the backup domain.
 const DBP: u32 = 1 << 8;
-/// CR5: range 1 without boost.
+/// CR5: range 1 normal mode, without boost.
 const R1MODE: u32 = 1 << 8;
 
-/// The registers.
+/// The PWR registers.
 #[derive(Clone, Debug)]
 pub struct Pwr(Storage);
 
 impl Default for Pwr {
     fn default() -> Self {
-        // CR1 to CR4, SR1, SR2, SCR, CR5. Range 1 is the only one: VOS does not change.
+        // CR1 to CR4, SR1, SR2, SCR, CR5. Only range 1 is modelled: VOS does not change.
         Self(Storage::new(&[
             (CR1, 0x200, 0x4107 | DBP),
             (0x04, 0, 0xf0),
@@ -32,12 +32,12 @@ impl Default for Pwr {
 }
 
 impl Pwr {
-    /// The core may run faster than 150 MHz.
+    /// Whether range 1 boost mode is on, in which the core may exceed 150 MHz.
     pub fn boost(&self) -> bool {
         self.0.get(CR5) & R1MODE == 0
     }
 
-    /// The backup domain may be written.
+    /// Whether the backup domain is writable.
     pub fn backup_is_open(&self) -> bool {
         self.0.get(CR1) & DBP != 0
     }

@@ -1,25 +1,25 @@
-//! Memory that both the emulated core and the DMA models reach.
+//! Memory that both the emulated core and the DMA models access.
 
 use std::{alloc, ptr::NonNull};
 
-/// Bytes at an address that does not change, shared with unicorn through a pointer.
+/// Bytes at a fixed address, shared with unicorn through a pointer.
 ///
-/// No reference into it exists while the core runs: the core's loads and stores happen inside unicorn, ours between
-/// them, in one thread.
+/// No reference to the memory exists while the core runs: the core's loads and stores happen inside unicorn, ours
+/// between its runs, in one thread.
 #[derive(Debug)]
 pub struct Ram {
     bytes: NonNull<u8>,
     layout: alloc::Layout,
 }
 
-/// Alignment to a page of the host, which unicorn requires.
+/// Page alignment on the host, which unicorn requires.
 const PAGE: usize = 4096;
 
 impl Ram {
-    /// Memory of this many bytes, all of this value.
+    /// Allocates `len` bytes, all set to `value`.
     ///
     /// # Panics
-    /// If `len` is zero, or the host has no memory left.
+    /// If `len` is zero or too large for an allocation. Running out of memory aborts.
     pub fn new(len: usize, value: u8) -> Self {
         assert!(len > 0, "memory without bytes");
         let layout = alloc::Layout::from_size_align(len, PAGE).expect("a size that exists");
@@ -31,20 +31,20 @@ impl Ram {
         ram
     }
 
-    /// All of it.
+    /// The whole memory.
     pub fn bytes(&self) -> &[u8] {
         // SAFETY: allocated and initialised by `new` with this length, freed by `drop` only; the core does not run
         // meanwhile.
         unsafe { std::slice::from_raw_parts(self.bytes.as_ptr(), self.layout.size()) }
     }
 
-    /// All of it, to be changed.
+    /// The whole memory, mutable.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         // SAFETY: as in `bytes`, and the borrow of `self` is exclusive.
         unsafe { std::slice::from_raw_parts_mut(self.bytes.as_ptr(), self.layout.size()) }
     }
 
-    /// Its address in the host, for unicorn. Valid as long as `self`.
+    /// Address in host memory, for unicorn. Valid as long as `self`.
     pub fn as_ptr(&self) -> *mut u8 {
         self.bytes.as_ptr()
     }

@@ -1,65 +1,64 @@
-//! System memory: what ST put into the chip (RM0440 table 3 and section 48, DS12288 section 3.18).
+//! System memory: ST's factory contents (RM0440 table 3 and section 48, DS12288 section 3.18).
 //!
-//! The boot loader is a pair of vectors and an endless loop; a jump there ends the run, or is handled by
-//! [`crate::boot_rom`]. It leaves by a jump, not by a reset, and the state that it leaves behind is uncertain
-//! ([`Left`]): AN2606 says that its "go" does not restore registers, AN3155 that it does.
+//! The boot loader consists of two vectors and an endless loop. A jump there ends the run, or [`crate::boot_rom`] takes
+//! over. The real one starts the program by a jump, not by a reset, and the state in which it leaves the chip is
+//! uncertain ([`Left`]): AN2606 says that its "go" command does not restore registers, AN3155 says that it does.
 
 use super::adc::{TS_CAL1, TS_CAL2, VREFINT_CAL};
 
 /// First address.
 pub const START: u32 = 0x1fff_0000;
-/// Bytes.
+/// Size \[bytes\].
 pub const LEN: usize = 64 << 10;
-/// Where the code of the boot loader ends.
+/// End address of the boot loader's code.
 pub const CODE_END: u32 = 0x1fff_7000;
 
-/// Stack and start of the boot loader.
+/// Initial stack pointer and entry point of the boot loader.
 pub const VECTORS: [u32; 2] = [0x2000_3000, START + 0x101];
 
-/// The unique identity of this chip: position on the wafer, number of the wafer and of the lot, as in a real one.
+/// Unique device ID: position on the wafer, wafer number and lot number, with the values of a real chip.
 pub const UID: [u32; 3] = [0x0039_0025, 0x5836_500a, 0x2034_3356];
 
-/// Address of the flash size in kilobytes (RM0440 48.2).
+/// Address of the flash size register, in kilobytes (RM0440 48.2).
 pub const FLASH_KB_AT: u32 = 0x1fff_75e0;
-/// Flash size of the chip on both boards, in kilobytes.
+/// Flash size of the chip on both boards \[KB\].
 pub const FLASH_KB: u16 = 512;
 
 /// Package register: LQFP64 (RM0440 48.3).
 const PACKAGE: (u32, u32) = (0x1fff_7500, 0);
 
-/// RAM in which the boot loader works (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
+/// RAM that the boot loader uses (AN2606, STM32G47xxx: 16 KB from 0x2000_0000).
 const WORK: usize = 16 << 10;
 
-/// Contents of `WORK` afterwards.
+/// Contents of that RAM after the boot loader has run.
 pub fn noise() -> Vec<u8> {
     (0..WORK as u32).map(|n| (n.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect()
 }
 
-/// State in which the boot loader leaves the chip. The protection unit is as it was found.
+/// State in which the boot loader leaves the chip. The MPU is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
-    /// HSI48 on, the ROM at address 0 and its vectors in use (candleLight 319 quotes AN3156 rev. 18 for this).
+    /// HSI48 on, the ROM mapped at address 0, VTOR at the ROM (candleLight 319 quotes AN3156 rev. 18 for this).
     Running,
-    /// The same, with flash and option bytes unlocked, as it writes both, and with an error flag.
+    /// The same, with flash and option bytes unlocked, as the boot loader writes both, and with an error flag set.
     Unlocked,
     /// As `Running`, with the core at 72 MHz from the PLL.
     Fast,
-    /// Clocks as after a reset, the ROM at address 0 and its vectors in use.
+    /// Clocks as after a reset, the ROM mapped at address 0, VTOR at the ROM.
     Slow,
-    /// The same, except for the vectors, which are again those at address 0.
+    /// The same with VTOR at 0.
     Mapped,
     /// Everything as after a reset.
     Restored,
-    /// The same, except for the protection unit: older firmware entered the ROM with its guard on, which only a reset
-    /// removes. The guard is at the end of its stack.
+    /// The same except for the MPU: older firmware entered the ROM with its stack guard region enabled, which only a
+    /// reset removes. The guard is at the end of the firmware's stack.
     Guarded,
-    /// The same as `Restored`, except for the core's interrupts, which are masked, with one enabled and pending, and
-    /// for its stack, which is the other one.
+    /// As `Restored`, but with interrupts masked, one interrupt enabled and pending, and the process stack in use.
     Masked,
 }
 
 impl Left {
-    /// All of them.
+    /// All eight.
     pub const ALL: [Self; 8] = [
         Self::Running,
         Self::Unlocked,
@@ -71,9 +70,9 @@ impl Left {
         Self::Masked,
     ];
 
-    /// Registers that are not as found: address and value, in order.
+    /// Registers that differ from their state before: address and value, in order.
     ///
-    /// Those of [`Left::Masked`] without an address are set separately ([`Left::is_masked`]).
+    /// PRIMASK and CONTROL of [`Left::Masked`] have no address; [`Left::is_masked`] stands for them.
     pub fn writes(self) -> &'static [(u32, u32)] {
         const SYSCFG_ON: (u32, u32) = (0x4002_1060, 1);
         const ROM_AT_0: (u32, u32) = (0x4001_0000, 1);
@@ -83,7 +82,8 @@ impl Left {
         match self {
             // HSI48 on.
             Self::Running => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS, (0x4002_1098, 1)],
-            // The keys of FLASH_KEYR and FLASH_OPTKEYR; FLASH_CR.STRT without anything to start: PGSERR.
+            // The keys of FLASH_KEYR and FLASH_OPTKEYR; then FLASH_CR.STRT with no operation selected, which sets
+            // PGSERR.
             Self::Unlocked => &[
                 SYSCFG_ON,
                 ROM_AT_0,
@@ -95,7 +95,7 @@ impl Left {
                 (0x4002_200c, 0x4c5d_6e7f),
                 (0x4002_2014, 1 << 16),
             ],
-            // Two wait states; HSI / 4 * 36 / 2; the PLL on, and in use.
+            // Two wait states; PLL = HSI / 4 * 36 / 2; PLL on, and selected.
             Self::Fast => &[
                 (0x4002_2000, 0x4_0602),
                 (0x4002_100c, 2 | 3 << 4 | 36 << 8 | 1 << 24),
@@ -109,7 +109,7 @@ impl Left {
             Self::Slow => &[SYSCFG_ON, ROM_AT_0, ROM_VECTORS],
             Self::Mapped => &[SYSCFG_ON, ROM_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
             Self::Restored => &[SYSCFG_ON, FLASH_AT_0, FIRST_VECTORS, (0x4002_1060, 0)],
-            // MPU_RNR, RBAR, RASR (no access to 1 KB), CTRL (on, with the usual map elsewhere).
+            // MPU_RNR, RBAR, RASR (no access to 1 KB), CTRL (enabled, default memory map elsewhere).
             Self::Guarded => &[
                 SYSCFG_ON,
                 FLASH_AT_0,
@@ -120,7 +120,7 @@ impl Left {
                 (0xe000_eda0, 1 << 28 | 9 << 1 | 1),
                 (0xe000_ed94, 1 << 2 | 1),
             ],
-            // Interrupt 0, and SysTick.
+            // SysTick, and interrupt 0.
             Self::Masked => &[
                 SYSCFG_ON,
                 FLASH_AT_0,
@@ -136,20 +136,20 @@ impl Left {
 }
 
 impl Left {
-    /// PRIMASK and CONTROL.SPSEL are 1.
+    /// Whether PRIMASK and CONTROL.SPSEL are 1.
     pub fn is_masked(self) -> bool {
         self == Self::Masked
     }
 }
 
-/// All of it.
+/// The contents of system memory.
 pub fn bytes() -> Vec<u8> {
     let mut bytes = vec![0xff; LEN];
     let mut put = |address: u32, data: &[u8]| {
         let at = (address - START) as usize;
         bytes[at..at + data.len()].copy_from_slice(data);
     };
-    // Stack and start of the boot loader, and at its start a branch to itself.
+    // Initial stack pointer and entry point of the boot loader; at the entry point, a branch to itself.
     put(START, &VECTORS[0].to_le_bytes());
     put(START + 4, &VECTORS[1].to_le_bytes());
     put(START + 0x100, &0xe7feu16.to_le_bytes());

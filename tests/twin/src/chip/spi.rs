@@ -1,8 +1,8 @@
-//! SPI2 as a master: frames of 4 to 16 bits, two FIFOs of four bytes, DMA both ways.
+//! SPI2 as a master: frames of 4 to 16 bits, two FIFOs of four bytes, DMA in both directions.
 //!
-//! A frame takes the time of its bits; the other end's answer is exchanged at its end ([`Spi::finish`]).
-//! Not modelled, and refused: slave mode, one line or one direction, CRC, I2S, lowest bit first, the TI frame, a select
-//! pin driven by hardware; they read as set and end the run when the peripheral is enabled.
+//! A frame takes the time of its bits. The data from the slave is passed at its end ([`Spi::finish`]).
+//! Not modelled, and refused: slave mode, bidirectional and one-way modes, CRC, I2S, LSB first, TI frame format,
+//! hardware NSS output. These bits read back as written, and end the run when the SPI is enabled.
 //!
 //! Sources: RM0440 chapter 39, registers 39.9.1 to 39.9.4; FIFO levels and data packing, 39.5.9; status flags, 39.5.10.
 
@@ -45,15 +45,15 @@ mod sr {
     pub const BSY: u32 = 1 << 7;
 }
 
-/// Bytes that a FIFO holds.
+/// Size of a FIFO \[bytes\].
 const DEPTH: usize = 4;
 
-/// A frame being shifted.
+/// A frame in the shift register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame {
-    /// What the master sends.
+    /// Data from the master.
     pub data: u16,
-    /// 4 to 16.
+    /// Frame length: 4 to 16 bits.
     pub bits: u32,
     end: Cycles,
 }
@@ -64,15 +64,15 @@ pub struct Spi {
     cr1: u32,
     cr2: u32,
     overrun: bool,
-    /// The data register was read while the overrun flag was set: reading the status clears it.
+    /// The data register was read while the overrun flag was set; the next read of the status register clears the flag.
     overrun_read: bool,
     transmit: VecDeque<u8>,
     receive: VecDeque<u8>,
     frame: Option<Frame>,
-    /// It was switched off with something left to send, so the busy flag stays (ES0430 2.18.1).
+    /// BSY stays set because the SPI was disabled with something left to send (ES0430 2.18.1).
     busy_stays: bool,
     errata: Errata,
-    /// Cycles of the core per clock of the peripheral's bus.
+    /// Core cycles per APB clock.
     divider: u64,
     /// CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
     storage: Storage,
@@ -85,7 +85,7 @@ impl Default for Spi {
 }
 
 impl Spi {
-    /// As after power-on.
+    /// The state after power-on.
     pub fn new() -> Self {
         Self {
             cr1: 0,
@@ -109,34 +109,34 @@ impl Spi {
     }
 
     fn bits(&self) -> u32 {
-        // Less than four bits count as eight (39.9.2, DS).
+        // Values below four bits select eight (39.9.2, DS).
         match self.cr2 >> 8 & 0xF {
             0..=2 => 8,
             ds => ds + 1,
         }
     }
 
-    /// Bytes of a FIFO that a frame takes.
+    /// FIFO bytes per frame.
     fn frame_bytes(&self) -> usize {
         if self.bits() > 8 { 2 } else { 1 }
     }
 
-    /// Cycles of the core per bit.
+    /// Core cycles per bit.
     fn bit(&self) -> Cycles {
         self.divider << ((self.cr1 >> 3 & 7) + 1)
     }
 
-    /// Cycles of the core per frame.
+    /// Core cycles per frame.
     pub fn frame_cycles(&self) -> Cycles {
         self.bit() * u64::from(self.bits())
     }
 
-    /// Clock rate of the bus at a core clock of `hclk_hz` \[Hz\].
+    /// SPI clock rate at a core clock of `hclk_hz` \[Hz\].
     pub fn rate_hz(&self, hclk_hz: f64) -> f64 {
         hclk_hz / self.bit() as f64
     }
 
-    /// Idle level of the clock (CPOL) and whether data is taken at its second edge (CPHA).
+    /// CPOL (idle level of the clock) and CPHA (data is sampled at the second edge).
     pub fn mode(&self) -> (bool, bool) {
         (self.cr1 & cr1::CPOL != 0, self.cr1 & cr1::CPHA != 0)
     }
@@ -170,24 +170,24 @@ impl Spi {
             | level(&self.transmit) << 11
     }
 
-    /// The frame under way.
+    /// The frame in progress.
     pub fn frame(&self) -> Option<Frame> {
         self.frame
     }
 
-    /// When it ends; [`finish`](Self::finish) must be called then.
+    /// End of the frame in progress; [`finish`](Self::finish) must be called then.
     pub fn due(&self) -> Option<Cycles> {
         self.frame.map(|frame| frame.end)
     }
 
-    /// Ends the frame under way, for which the other end sent `answer`; the next begins at once.
+    /// Ends the frame in progress, in which the slave sent `answer`. The next frame starts at once.
     pub fn finish(&mut self, answer: u16) {
         let Some(frame) = self.frame.take() else { return };
         let bytes = self.frame_bytes();
         if self.receive.len() + bytes > DEPTH {
             self.overrun = true;
         } else {
-            // The first byte read is the low one (39.5.9).
+            // The low byte is read first (39.5.9).
             self.receive.extend(answer.to_le_bytes().into_iter().take(bytes));
         }
         self.start(frame.end);
@@ -203,29 +203,29 @@ impl Spi {
         self.frame = Some(Frame { data, bits: self.bits(), end: now + self.frame_cycles() });
     }
 
-    /// Whether a received frame waits for DMA.
+    /// Whether a received frame requests DMA.
     pub fn receive_request(&self) -> bool {
         self.cr2 & cr2::RXDMAEN != 0 && self.rxne()
     }
 
-    /// Whether there is room for DMA to fill.
+    /// Whether free space in the FIFO requests DMA.
     pub fn transmit_request(&self) -> bool {
         self.cr2 & cr2::TXDMAEN != 0 && self.is_enabled() && self.txe()
     }
 
-    /// Level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.cr2 & cr2::TXEIE != 0 && self.txe()
             || self.cr2 & cr2::RXNEIE != 0 && self.rxne()
             || self.cr2 & cr2::ERRIE != 0 && self.overrun
     }
 
-    /// Whether each frame may raise the interrupt line.
+    /// Whether each frame may raise the interrupt request.
     pub fn interrupts_each(&self) -> bool {
         self.cr2 & (cr2::TXEIE | cr2::RXNEIE | cr2::ERRIE) != 0
     }
 
-    /// Whether the busy flag stays because of an erratum, until the peripheral is reset.
+    /// Whether BSY stays set because of the erratum, until the peripheral is reset.
     pub fn busy_stays(&self) -> bool {
         self.busy_stays
     }
@@ -250,7 +250,7 @@ impl Spi {
     }
 
     fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        // A half-word holds two frames of up to eight bits, a byte cannot hold a longer one.
+        // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
                 return Err(Unknown { what: "SPI_DR: a byte written in frames of more than 8 bits" });
@@ -301,7 +301,7 @@ impl Registers for Spi {
             0x00 => self.write_control(width.replace(self.cr1, offset, value), now),
             0x04 => {
                 let value = width.replace(self.cr2, offset, value) & 0x7FFF;
-                // Size, frame and threshold may change only while disabled (39.9.2).
+                // DS, FRF, NSSP and SSOE may change only while the SPI is disabled (39.9.2).
                 let fixed = 0xF << 8 | cr2::FRF | 1 << 3 | 1 << 2;
                 if self.is_enabled() && (self.cr2 ^ value) & fixed != 0 {
                     return Err(Unknown { what: "SPI_CR2 changed while the SPI is enabled" });
@@ -317,7 +317,7 @@ impl Registers for Spi {
         }
     }
 
-    /// The end of the frame under way, if it may raise the interrupt line.
+    /// The end of the frame in progress, if it may raise the interrupt request.
     fn next_event(&self) -> Option<Cycles> {
         self.due().filter(|_| self.interrupts_each())
     }
@@ -351,7 +351,7 @@ mod tests {
         spi.read(offset, width, 0).unwrap()
     }
 
-    /// Frames of one byte, at an eighth of the core's clock.
+    /// Frames of one byte, at HCLK / 8.
     fn master() -> Spi {
         let mut spi = Spi::new();
         write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH, Width::Word);
@@ -393,7 +393,7 @@ mod tests {
         for byte in [0x11, 0x22, 0x33] {
             write(&mut spi, DR, byte, Width::Byte);
         }
-        // One in the shifter, two in the FIFO.
+        // One frame in the shift register, two in the FIFO.
         assert_eq!(levels(&mut spi), (0, 2));
         assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
         assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::BSY, 0);
@@ -458,7 +458,7 @@ mod tests {
         }
         assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
         assert_eq!((0..4).map(|_| read(&mut spi, DR, Width::Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
-        // Reading the data register, then the status, clears the flag.
+        // A read of the data register, then of the status register, clears the flag.
         assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
         assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
     }

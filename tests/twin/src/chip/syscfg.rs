@@ -1,23 +1,23 @@
-//! System configuration (RM0440 section 10.2): the port to which an external interrupt line listens; the rest is only
-//! stored.
+//! System configuration (RM0440 section 10.2): the port of each external interrupt line, and MEM_MODE; the rest is
+//! storage.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MEMRMP: u32 = 0x00;
 const EXTICR1: u32 = 0x08;
 
-/// The registers.
+/// The SYSCFG registers.
 #[derive(Clone, Debug)]
 pub struct Syscfg(Storage, Kept);
 
-/// Whether MEM_MODE survives a software reset: no document that we read says that it does, and firmware must not loop
-/// if it does.
+/// Whether MEM_MODE survives a software reset. We found no document that says so, but firmware must not loop if it
+/// does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kept {
-    /// It is lost.
+    /// MEM_MODE is reset.
     #[default]
     Nothing,
-    /// It stays.
+    /// MEM_MODE is kept.
     MemMode,
 }
 
@@ -41,25 +41,25 @@ impl Default for Syscfg {
 }
 
 impl Syscfg {
-    /// Sets what survives a software reset from now on.
+    /// Sets whether MEM_MODE survives a software reset from now on.
     pub fn keep(&mut self, kept: Kept) {
         self.1 = kept;
     }
 
-    /// After a software reset, restores what survives it: MEM_MODE as it was before.
+    /// Restores MEM_MODE after a software reset, if it survives; `mem_mode` is the value before.
     pub fn restore(&mut self, mem_mode: u32) {
         if self.1 == Kept::MemMode {
-            // A mode that was in use is a known one.
+            // A value that was in use is accepted.
             let _ = self.0.write(MEMRMP, mem_mode, Width::Word);
         }
     }
 
-    /// What is at address 0: 0 is flash, 1 the ROM.
+    /// MEM_MODE, which selects the memory at address 0: 0 is flash, 1 the ROM.
     pub fn mem_mode(&self) -> u32 {
         self.0.get(MEMRMP) & 7
     }
 
-    /// The port (A is 0) whose pin of this number is the external interrupt line of the same number.
+    /// Port (A is 0) whose pin number `line` drives that EXTI line.
     pub fn exti_port(&self, line: usize) -> usize {
         (self.0.get(EXTICR1 + 4 * (line as u32 / 4)) >> (4 * (line % 4)) & 0xf) as usize
     }
@@ -68,14 +68,14 @@ impl Syscfg {
 impl Registers for Syscfg {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
-            // This one tells how the chip started; each of the others is shared by four lines.
+            // Programs read MEMRMP for the boot mode, and EXTICR1 to EXTICR4 to change one of four lines.
             MEMRMP | 0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
             _ => self.0.read(offset, width),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
-        // The ROM's boot loader needs itself at address 0; nothing else can be there in the twin.
+        // The ROM's boot loader must be at address 0; other memories cannot be mapped there in the twin.
         if offset & !3 == MEMRMP && value & 7 > 1 {
             return Err(Unknown { what: "at address 0 there is flash or the ROM" });
         }
@@ -108,7 +108,7 @@ mod tests {
         use crate::metapac::fields_agree;
 
         fields_agree("SYSCFG", "MEMRMP", &[("MEM_MODE", 7u32)]);
-        // Four lines a register, four bits each.
+        // Four lines per register, four bits each.
         fields_agree("SYSCFG", "EXTICR", &[("EXTI", 0xfu32)]);
     }
 }

@@ -1,17 +1,17 @@
-//! Backup registers (RM0440 section 36.6): 32 words that survive a reset, but not the loss of power. Tamper detection
-//! is unknown.
+//! Backup registers (RM0440 section 36.6): 32 words that survive a reset but not a loss of power. Tamper detection is
+//! refused.
 
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;
 
-/// The registers.
+/// The TAMP registers.
 #[derive(Clone, Debug)]
 pub struct Tamp(Storage);
 
 impl Default for Tamp {
     fn default() -> Self {
-        // CR1 starts with the internal tampers on; it may be switched off, and does nothing else.
+        // CR1 starts with the internal tampers enabled. They can be disabled, which has no other effect.
         let registers: Vec<_> = [(0x00, 0xffff_0000, 0x3f_0007)]
             .into_iter()
             .chain(BACKUP.step_by(4).map(|offset| (offset, 0, u32::MAX)))
@@ -21,7 +21,7 @@ impl Default for Tamp {
 }
 
 impl Tamp {
-    /// The battery domain has lost power.
+    /// The backup domain loses power.
     pub fn lose_power(&mut self) {
         self.0.reset();
     }
@@ -30,7 +30,7 @@ impl Tamp {
 impl Registers for Tamp {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
-            // Their purpose is to be read for what the previous run left.
+            // Programs read these for the values of the previous run, so a read before any write is not listed.
             register if BACKUP.contains(&register) => Ok(width.part(self.0.get(register), offset)),
             _ => self.0.read(offset, width),
         }

@@ -1,8 +1,8 @@
-//! TIM6, the sampling clock: counts up, and at each overflow triggers the converters and requests DMA.
+//! TIM6, the sampling timer (and TIM7): counts up, and at each overflow triggers conversions and requests DMA.
 //!
-//! The counter is not stepped: its value follows from the time since it was last zero. Auto-reload and prescaler take
-//! effect at an update; an auto-reload without preload takes effect at once.
-//! Not modelled, and refused: dithering, one-pulse mode, and a counter whose auto-reload was set below its value.
+//! The model does not step the counter: it computes its value from the time since it was last zero. Prescaler and
+//! auto-reload take effect at an update; without preload, auto-reload takes effect at once.
+//! Not modelled, and refused: dithering, one-pulse mode, and an auto-reload value below the counter.
 //!
 //! Sources: RM0440 chapter 33 (basic timers), registers 33.4.1 to 33.4.9; update events, 33.3.2; trigger output,
 //! 33.4.2.
@@ -21,19 +21,19 @@ mod cr1 {
     pub const ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
 }
 
-/// DIER, and SR for the first.
+/// Bits of DIER; UIE has the position of UIF in SR.
 mod dier {
     pub const UIE: u32 = 1 << 0;
     pub const UDE: u32 = 1 << 8;
 }
 
-/// MMS in CR2: the update is the trigger output.
+/// MMS in CR2: the update event is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
 
-/// External effects of an event of the timer.
+/// External effects of an update event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// The trigger output had a pulse.
+    /// Whether the trigger output has a pulse.
     pub trigger: bool,
 }
 
@@ -44,19 +44,19 @@ pub struct Tim6 {
     cr2: u32,
     dier: u32,
     sr: u32,
-    /// As written; in effect from the next update on.
+    /// Value written; it takes effect at the next update.
     psc: u32,
     arr: u32,
     psc_in_effect: u32,
     arr_in_effect: u32,
-    /// When the counter was or would have been zero, while it runs.
+    /// While the counter runs: the time at which it was zero, or would have been.
     zero: Cycles,
-    /// Its value, while it is stopped.
+    /// While the counter is stopped: its value.
     standing: u32,
-    /// Cycles of the core per clock of the timer.
+    /// Core cycles per timer clock.
     divider: u64,
     dma_request: bool,
-    /// A pulse of the trigger output that the program itself caused.
+    /// The trigger output has a pulse that the program caused by software.
     software_trigger: bool,
 }
 
@@ -67,7 +67,7 @@ impl Default for Tim6 {
 }
 
 impl Tim6 {
-    /// As after power-on.
+    /// The state after power-on.
     pub fn new() -> Self {
         Self {
             cr1: 0,
@@ -91,7 +91,7 @@ impl Tim6 {
         self.cr1 & cr1::CEN != 0 && self.arr_in_effect != 0
     }
 
-    /// Cycles of the core per step of the counter.
+    /// Core cycles per counter step.
     fn step(&self) -> Cycles {
         self.divider * u64::from(self.psc_in_effect + 1)
     }
@@ -100,17 +100,17 @@ impl Tim6 {
         if self.runs() { ((now - self.zero) / self.step()) as u32 } else { self.standing }
     }
 
-    /// Cycles from one update to the next.
+    /// Core cycles between two updates.
     pub fn period(&self) -> Cycles {
         self.step() * u64::from(self.arr_in_effect + 1)
     }
 
-    /// When the counter overflows next.
+    /// Time of the next overflow.
     pub fn next_update(&self) -> Option<Cycles> {
         self.runs().then(|| self.zero + self.period())
     }
 
-    /// The counter overflows; to be called at [`next_update`](Self::next_update).
+    /// Processes an overflow; must be called at [`next_update`](Self::next_update).
     pub fn update(&mut self) -> Outcome {
         self.zero += self.period();
         if self.cr1 & cr1::UDIS != 0 {
@@ -126,27 +126,27 @@ impl Tim6 {
         (self.psc_in_effect, self.arr_in_effect) = (self.psc, self.arr);
     }
 
-    /// Takes a pulse of the trigger output that a write has caused.
+    /// Returns and clears a trigger pulse that a register write caused.
     pub fn take_trigger(&mut self) -> bool {
         std::mem::take(&mut self.software_trigger)
     }
 
-    /// Whether an update waits for its DMA transfer.
+    /// Whether an update requests DMA.
     pub fn dma_request(&self) -> bool {
         self.dma_request
     }
 
-    /// The transfer was done.
+    /// Clears the DMA request after the transfer.
     pub fn dma_acknowledge(&mut self) {
         self.dma_request = false;
     }
 
-    /// Level of the interrupt line.
+    /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
         self.sr & self.dier & dier::UIE != 0
     }
 
-    /// Whether each update may raise the interrupt line.
+    /// Whether each update may raise the interrupt request.
     pub fn interrupts_each(&self) -> bool {
         self.dier & dier::UIE != 0
     }
@@ -195,11 +195,11 @@ impl Registers for Tim6 {
                 self.dier = value & (dier::UIE | dier::UDE);
                 self.dma_request &= self.dier & dier::UDE != 0;
             }
-            // Written zeros clear.
+            // Writing 0 clears a flag.
             0x10 => self.sr &= value,
             0x14 if value & 1 == 0 => {}
             0x14 => {
-                // An update by software: URS suppresses the flag and the DMA request, not the trigger output.
+                // A software update. URS suppresses the flag and the DMA request, but not the trigger output.
                 if self.cr1 & cr1::UDIS == 0 {
                     if self.cr1 & cr1::URS == 0 {
                         self.sr |= dier::UIE;
@@ -221,7 +221,7 @@ impl Registers for Tim6 {
                     }
                     self.arr_in_effect = self.arr;
                     if self.runs() {
-                        // A counter stopped by an auto-reload of zero starts now.
+                        // This starts a counter that an auto-reload of zero had stopped.
                         self.set_counter(counter, now);
                     }
                 }
@@ -231,7 +231,7 @@ impl Registers for Tim6 {
         Ok(())
     }
 
-    /// The next update, if it may raise the interrupt line.
+    /// The next update, if it may raise the interrupt request.
     fn next_event(&self) -> Option<Cycles> {
         self.next_update().filter(|_| self.interrupts_each())
     }
@@ -255,7 +255,7 @@ mod tests {
         timer.write(offset, value, Width::Word, now).unwrap();
     }
 
-    /// 2625 cycles of 168 MHz: 64 kHz.
+    /// 2625 cycles at 168 MHz: 64 kHz.
     fn sampling_clock() -> Tim6 {
         let mut timer = Tim6::new();
         write(&mut timer, 0x2C, 2624, 0);
@@ -299,7 +299,7 @@ mod tests {
         assert_eq!(timer.next_update(), Some(100 + 2625));
         timer.update();
         assert_eq!((timer.next_update(), timer.period()), (Some(100 + 2625 + 200), 200));
-        // Without preload the auto-reload changes at once, the prescaler never does.
+        // Without preload, auto-reload changes at once; the prescaler never does.
         write(&mut timer, 0x00, cr1::CEN, 2725);
         write(&mut timer, 0x2C, 49, 2725);
         write(&mut timer, 0x28, 0, 2725);

@@ -1,6 +1,6 @@
-//! Programs for the tests of the core: machine code and its listing.
+//! Programs for the tests of the core: machine code with its disassembly.
 
-/// A loop of 100 rounds, then sleep.
+/// A loop of 100 iterations, then sleep.
 pub const COUNT: &str = "
     2064      | movs r0, #100
     3801      | 1: subs r0, #1
@@ -8,7 +8,7 @@ pub const COUNT: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Two words to the second part of SRAM1, in blocks of their own.
+/// Stores two words to the second part of SRAM1, in separate blocks.
 pub const STORE_TWICE: &str = "
     f248 1000 | movw r0, #0x8100
     f2c2 0000 | movt r0, #0x2000
@@ -19,35 +19,35 @@ pub const STORE_TWICE: &str = "
     e7fe      | b .
 ";
 
-/// Loads an address in SRAM and does nothing with it.
+/// Loads an address in SRAM into a register and does not use it.
 pub const NO_ACCESS: &str = "
     f04f 5000 | mov.w r0, #0x20000000
     2100      | movs r1, #0
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// The same with a word read from there.
+/// The same with a word read from the address.
 pub const READ_ALIGNED: &str = "
     f04f 5000 | mov.w r0, #0x20000000
     6841      | ldr r1, [r0, #4]
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// The same across two words.
+/// The same with an unaligned read.
 pub const READ_UNALIGNED: &str = "
     f04f 5000 | mov.w r0, #0x20000000
     f8d0 1002 | ldr.w r1, [r0, #2]
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// The same from flash.
+/// The same with a read from flash.
 pub const READ_FLASH: &str = "
     f04f 6000 | mov.w r0, #0x08000000
     6841      | ldr r1, [r0, #4]
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Interrupt 5 with priority 0x80, 6 with 0x40; pends 5, then notes the 5 that is still in r3.
+/// Interrupt 5 has priority 0x80, 6 has 0x40. Pends 5, then records the 5 that is still in r3.
 pub const NEST: &str = "
     f24e 4000 | movw r0, #0xe400
     f2ce 0000 | movt r0, #0xe000
@@ -69,7 +69,7 @@ pub const NEST: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Notes 1, pends 6, notes 3.
+/// Records 1, pends 6, records 3.
 pub const NEST_LOW: &str = "
     2301      | movs r3, #1
     f804 3b01 | strb r3, [r4], #1
@@ -80,13 +80,13 @@ pub const NEST_LOW: &str = "
     f804 3b01 | strb r3, [r4], #1
     4770      | bx lr
 ";
-/// Notes 2.
+/// Records 2.
 pub const NEST_HIGH: &str = "
     2302      | movs r3, #2
     f804 3b01 | strb r3, [r4], #1
     4770      | bx lr
 ";
-/// Fills s0 to s15 from 0x2000_0100, is interrupted by 5, stores them at 0x2000_0200 with FPSCR and CONTROL.
+/// Loads s0 to s15 from 0x2000_0100, takes interrupt 5, stores them at 0x2000_0200 with FPSCR and CONTROL.
 pub const FLOATING: &str = "
     f64e 5088 | movw r0, #0xed88
     f2ce 0000 | movt r0, #0xe000
@@ -120,7 +120,7 @@ pub const FLOATING: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Notes stack, link and CONTROL at 0x2000_0300, then overwrites s0 to s15 and FPSCR.
+/// Records SP, LR and CONTROL at 0x2000_0300, then overwrites s0 to s15 and FPSCR.
 pub const FLOATING_HANDLER: &str = "
     f240 3000 | movw r0, #0x0300
     f2c2 0000 | movt r0, #0x2000
@@ -135,7 +135,7 @@ pub const FLOATING_HANDLER: &str = "
     eee1 1a10 | vmsr fpscr, r1
     4770      | bx lr
 ";
-/// On the process stack, at an odd word: is interrupted by 5, notes stack, CONTROL and main stack at 0x2000_0200.
+/// On a process stack aligned to 4 only: takes interrupt 5, records SP, CONTROL and MSP at 0x2000_0200.
 pub const PROCESS: &str = "
     f243 0004 | movw r0, #0x3004
     f2c2 0000 | movt r0, #0x2000
@@ -162,7 +162,7 @@ pub const PROCESS: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Notes stack, link and process stack at 0x2000_0300.
+/// Records SP, LR and PSP at 0x2000_0300.
 pub const PROCESS_HANDLER: &str = "
     f240 3000 | movw r0, #0x0300
     f2c2 0000 | movt r0, #0x2000
@@ -172,7 +172,8 @@ pub const PROCESS_HANDLER: &str = "
     6081      | str r1, [r0, #8]
     4770      | bx lr
 ";
-/// Waits for SysTick, 10000 cycles away, by WFE with interrupts masked; notes when it woke and how many were served.
+/// Waits in WFE with interrupts masked for SysTick, 10000 cycles away. Records the time of the wake-up and the number
+/// of interrupts served.
 pub const EVENT: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -202,7 +203,7 @@ pub const EVENT: &str = "
     bf20      | 2: wfe
     e7fd      | b 2
 ";
-/// The same by WFI.
+/// The same with WFI.
 pub const WAIT: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -228,7 +229,7 @@ pub const WAIT: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Stops SysTick and counts.
+/// Stops SysTick and increments the count.
 pub const TICK: &str = "
     2000      | movs r0, #0
     6120      | str r0, [r4, #0x10]
@@ -237,7 +238,7 @@ pub const TICK: &str = "
     6030      | str r0, [r6]
     4770      | bx lr
 ";
-/// Interrupt 5 with priority 0x60 behind BASEPRI 0x40; notes its count before and after unmasking.
+/// Interrupt 5 with priority 0x60, masked by BASEPRI 0x40. Records its count before and after unmasking.
 pub const BASE: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -261,14 +262,14 @@ pub const BASE: &str = "
     bf30      | 3: wfi
     e7fd      | b 3
 ";
-/// Counts.
+/// Increments the count.
 pub const COUNT_HANDLER: &str = "
     6830      | ldr r0, [r6]
     3001      | adds r0, #1
     6030      | str r0, [r6]
     4770      | bx lr
 ";
-/// A supervisor call; notes its count.
+/// A supervisor call; records its count.
 pub const CALL: &str = "
     f04f 5600 | mov.w r6, #0x20000000
     df03      | svc #3
@@ -291,14 +292,14 @@ pub const BAD_READ: &str = "
     6841      | ldr r1, [r0, #4]
     e7fe      | b .
 ";
-/// Reads where SPI3 would be.
+/// Reads the address of SPI3, which has no model.
 pub const BAD_REGISTER: &str = "
     f643 4000 | movw r0, #0x3c00
     f2c4 0000 | movt r0, #0x4000
     6801      | ldr r1, [r0]
     e7fe      | b .
 ";
-/// Uses the floating point unit, which is off.
+/// Uses the FPU while it is off.
 pub const FLOAT_TOO_EARLY: &str = "
     2000      | movs r0, #0
     ee00 0a10 | vmov s0, r0
@@ -314,7 +315,7 @@ pub const TO_ROM: &str = "
     6841      | ldr r1, [r0, #4]
     4708      | bx r1
 ";
-/// Counts its starts in RAM; the third one stays.
+/// Counts its starts in RAM and loops at the third.
 pub const RESTART: &str = "
     f04f 5600 | mov.w r6, #0x20000000
     6830      | ldr r0, [r6]
@@ -332,7 +333,7 @@ pub const RESTART: &str = "
     bf30      | 2: wfi
     e7fd      | b 2
 ";
-/// Wakes every 2^24 cycles by SysTick and notes the cycle counter.
+/// Wakes every 2^24 cycles by SysTick and records the cycle counter.
 pub const CLOCKED: &str = "
     f24e 0400 | movw r4, #0xe000
     f2ce 0400 | movt r4, #0xe000
@@ -358,7 +359,7 @@ pub const STORE_BANK_2: &str = "
     bf30      | 1: wfi
     e7fd      | b 1
 ";
-/// Sets the flags of greater-or-equal, is interrupted by 5, selects by them.
+/// Sets the GE flags, takes interrupt 5, then selects by the flags.
 pub const GREATER: &str = "
     f24e 1000 | movw r0, #0xe100
     f2ce 0000 | movt r0, #0xe000

@@ -1,4 +1,4 @@
-//! The core alone: small programs instead of the firmware.
+//! Tests of the core alone: small programs instead of the firmware.
 
 use super::{programs::*, *};
 use crate::{Board, chip::errata::Errata, world::Still};
@@ -6,10 +6,10 @@ use crate::{Board, chip::errata::Errata, world::Still};
 /// First instruction of the program, after the vectors.
 const CODE: u32 = flash::START + 0x200;
 const STACK: u32 = 0x2000_4000;
-/// Where programs note their results.
+/// Address to which programs write their results.
 const NOTES: u32 = RAM_START;
 
-/// A core with a program, and handlers of exceptions by number.
+/// A core with a program, and exception handlers by exception number.
 fn core(program: &str, handlers: &[(usize, &str)]) -> Cpu {
     let mut chip = Chip::new(Board::NUCLEO, Box::new(Still));
     let mut vectors = [STACK, CODE | 1].map(u32::to_le_bytes).concat();
@@ -27,7 +27,7 @@ fn core(program: &str, handlers: &[(usize, &str)]) -> Cpu {
     cpu
 }
 
-/// The code in a listing: hexadecimal half-words up to the bar.
+/// The code in a listing: hexadecimal half-words before the bar.
 fn assemble(listing: &str) -> Vec<u8> {
     let lines = listing.lines().filter_map(|line| line.split_once('|'));
     let halves = lines.flat_map(|(code, _)| code.split_whitespace());
@@ -72,8 +72,7 @@ fn cycles_are_counted_beside_the_clock_while_awake() {
     assert_eq!(cpu.run(100_000), Ok(None));
     let core = cpu.core();
     assert_eq!((core.instructions, core.slept), (202, 100_000 - 202), "time is as ever");
-    // 99 of 100 branches are taken; without wait states the pessimistic bound waits for three further reads of the
-    // line.
+    // 99 of 100 branches are taken. Without wait states, the pessimistic bound adds three further reads for the line.
     assert_eq!(core.cycles(), Some(Range::new(202 + 99, 202 + 3 * 99 + 3)));
 }
 
@@ -92,7 +91,7 @@ fn what_is_done_on_the_bus_is_in_the_count() {
     };
     assert_eq!(more(READ_ALIGNED), (1, 2), "a load instead of a move, its address just written");
     assert_eq!(more(READ_UNALIGNED), (2, 4));
-    // Without wait states: contention, and three further reads of another line.
+    // Without wait states: one cycle of contention, and three further reads for another line.
     assert_eq!(more(READ_FLASH), (1, 6));
 }
 
@@ -179,7 +178,7 @@ fn flags_of_greater_or_equal_come_back() {
     let mut cpu = core(GREATER, &[(21, GREATER_HANDLER)]);
     assert_eq!(cpu.run(1000), Ok(None));
     assert_eq!(cpu.core().taken[21], 1);
-    // Bytes 1 and 3 are greater or equal.
+    // Bytes 1 and 3 are greater than or equal.
     assert_eq!(word(&cpu, NOTES), 0x01ff_01ff);
     assert_eq!(word(&cpu, NOTES + 4), 0x800a_0000, "negative by the comparison, and the flags of bytes 1 and 3");
 }
@@ -217,7 +216,7 @@ fn a_fault_can_be_taken_and_one_inside_its_handler_locks_the_core_up() {
 #[test]
 fn an_error_in_flash_raises_the_interrupt_that_nothing_masks() {
     let mut cpu = core(STORE_BANK_2, &[(2, WAIT_FOREVER)]);
-    // A torn double word, made by a supply failure.
+    // A torn double word, as after a power failure.
     let flash = &mut cpu.core_mut().chip.flash;
     flash.tear_for_test(0x0807_c000);
     assert_eq!(cpu.run(1000), Ok(None));

@@ -1,34 +1,33 @@
-//! Cost of the instructions alone (ARM DDI 0439, 3.3 and 7.2.3), without fetching them.
+//! Execution cycles of instructions (ARM DDI 0439, 3.3 and 7.2.3), without instruction fetch.
 //!
-//! If the manual gives a range or makes a stall depend on circumstances, the bounds are its ends: a division takes 2 to
-//! 12 cycles, a store 1 or 2 (if its buffer is full), an `IT` 0 or 1, a division or root of the floating point unit 1
-//! (if other instructions overlap it) to 14. A load takes 2 cycles, 1 after another load whose result is not its
-//! address; the pessimistic bound has no such pairs, and adds 1 if the instruction before wrote the address. An
-//! instruction under an `IT` may be skipped in 1 cycle. Every third of the wide instructions that follow each other on
-//! odd halfwords may cost 1 more (<https://compendium.i-0.nl/docs/instruction-alignment/rules>, measured: one for a
-//! group of three, sometimes more).
+//! Where the manual gives a range or a conditional stall, the bounds are its ends: a division takes 2 to 12 cycles, a
+//! store 1 or 2 (if its buffer is full), an `IT` 0 or 1, an FPU division or square root 1 (if other instructions
+//! overlap it) to 14. A load takes 2 cycles, or 1 after another load whose result is not its address. The pessimistic
+//! bound assumes no such pairs, and adds 1 if the previous instruction wrote the address. An instruction under an `IT`
+//! may be skipped in 1 cycle. In a run of 32-bit instructions on odd halfwords, every third may cost 1 more
+//! (<https://compendium.i-0.nl/docs/instruction-alignment/rules>, measured: one for a group of three, sometimes more).
 
-/// Cycles between two bounds.
+/// A number of cycles between two bounds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Range {
-    /// Optimistic.
+    /// Optimistic bound.
     pub least: u64,
-    /// Pessimistic.
+    /// Pessimistic bound.
     pub most: u64,
 }
 
 impl Range {
-    /// Both bounds.
+    /// A range from its bounds.
     pub const fn new(least: u64, most: u64) -> Self {
         Self { least, most }
     }
 
-    /// The same in both.
+    /// The same number as both bounds.
     pub const fn exactly(cycles: u64) -> Self {
         Self::new(cycles, cycles)
     }
 
-    /// The difference to an earlier moment.
+    /// The difference to an earlier count.
     pub fn since(self, earlier: Self) -> Self {
         Self::new(self.least - earlier.least, self.most - earlier.most)
     }
@@ -41,23 +40,23 @@ impl std::ops::AddAssign for Range {
     }
 }
 
-/// The properties of an instruction that matter to its own time and the next one's.
+/// The properties of an instruction that affect its own time and the next one's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Instruction {
     kind: Kind,
-    /// Registers written, as bits.
+    /// Registers written, as a bit mask.
     writes: u16,
-    /// Registers from which an address is made.
+    /// Registers that form the address, as a bit mask.
     address: u16,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    /// Always takes this long.
+    /// Independent of the instructions around it.
     Plain(Range),
     Load,
     Store,
-    /// Makes the next ones conditional.
+    /// Makes the following instructions conditional.
     IfThen(u32),
 }
 
@@ -79,7 +78,7 @@ impl Instruction {
         }
     }
 
-    /// Several words at once: one cycle plus one for each.
+    /// A load or store of several words: one cycle plus one per word.
     fn several(words: u32, base: u16) -> Self {
         Self { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
     }
@@ -117,9 +116,9 @@ fn wide(first: u16, second: u16) -> Instruction {
     let (base, destination, target) = (first & 0xf, second >> 8 & 0xf, second >> 12);
     match first >> 8 & 0x1f {
         0x08 | 0x09 if first & 0x40 == 0 => Instruction::several(second.count_ones(), base),
-        // TBB and TBH: "at least six", of which the refill's least is counted with the branch.
+        // TBB and TBH: "at least six"; the caller counts one of them as the branch's refill.
         0x08 if first & 0xfff0 == 0xe8d0 && second & 0xffe0 == 0xf000 => Instruction::plain(5, 5),
-        // Exclusive.
+        // Exclusive access.
         0x08 if first & 0x01e0 == 0x0040 || first & 0xffe0 == 0xe8c0 => {
             Instruction { address: 1 << base, ..Instruction::plain(2, 2) }
         }
@@ -127,7 +126,7 @@ fn wide(first: u16, second: u16) -> Instruction {
         0x0c..=0x0f | 0x1c..=0x1f => floating(first, second),
         0x10..=0x17 if second & 0x8000 == 0 => Instruction::one(destination),
         0x10..=0x17 if second & 0xd000 == 0x8000 && first & 0x0380 == 0x0380 => match first & 0xfff0 {
-            // DSB, DMB, ISB: until writes are done or the pipeline is filled again.
+            // DSB, DMB, ISB: may wait for writes, or refill the pipeline.
             0xf3b0 => Instruction::plain(1, 5),
             0xf3a0 => Instruction::plain(1, 1),
             _ => Instruction::plain(1, 2),
@@ -138,9 +137,9 @@ fn wide(first: u16, second: u16) -> Instruction {
             let index = if first & 0x80 == 0 && second & 0x0fc0 == 0 { 1 << (second & 0xf) } else { 0 };
             let address = if base == PC { 0 } else { 1 << base };
             match (load && target == PC, first >> 5 & 3) {
-                // A load of the program counter: "at least five", as above.
+                // A load to PC: "at least five", counted as above.
                 (true, 2) => Instruction { address: address | index, ..Instruction::plain(4, 4) },
-                // A hint to load soon.
+                // A preload hint.
                 (true, _) => Instruction::plain(1, 1),
                 (false, _) => Instruction::access(load, target, address | index),
             }
@@ -168,7 +167,7 @@ fn floating(first: u16, second: u16) -> Instruction {
     if second & 0x10 != 0 {
         return Instruction::plain(1, 2);
     }
-    // The next one may wait a cycle for the result.
+    // The next instruction may wait a cycle for the result.
     match first >> 4 & 0xb {
         0x0 | 0x1 | 0x9 | 0xa => Instruction::plain(3, 4),
         0x8 => Instruction::plain(1, 14),
@@ -177,7 +176,7 @@ fn floating(first: u16, second: u16) -> Instruction {
     }
 }
 
-/// Cycles of a block of instructions at this address.
+/// Execution cycles of a block of instructions at this address.
 pub fn cost(address: u32, code: &[u8]) -> Range {
     let mut total = Range::default();
     let (mut at, mut across_words) = (address, 0);
@@ -185,7 +184,7 @@ pub fn cost(address: u32, code: &[u8]) -> Range {
     let mut conditional = 0;
     let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
     while let Some(half) = halves.next() {
-        // Halfwords from 0xe800 on begin an instruction of two (DDI 0403, A5.1).
+        // A halfword of 0xe800 or more starts a 32-bit instruction (DDI 0403, A5.1).
         let is_narrow = half < 0xe800;
         let instruction = if is_narrow { narrow(half) } else { wide(half, halves.next().unwrap_or(0)) };
         across_words = if is_narrow || at & 2 == 0 { 0 } else { across_words + 1 };
@@ -224,7 +223,7 @@ mod tests {
 
     #[test]
     fn three_wide_instructions_on_odd_halfwords_may_cost_one_more() {
-        // add.w r0, r1, r2, so many times
+        // This many times: add.w r0, r1, r2
         let most = |address, instructions| cost(address, &[0x01, 0xeb, 0x02, 0x00].repeat(instructions)).most;
         assert_eq!([0, 2, 3, 6].map(|instructions| most(0x2000_0000, instructions)), [0, 2, 3, 6]);
         assert_eq!([0, 2, 3, 5, 6].map(|instructions| most(0x2000_0002, instructions)), [0, 2, 4, 6, 8]);
@@ -278,7 +277,7 @@ mod tests {
         assert_eq!(of(&[0x6808, 0x681a]), (3, 4));
         // ldr r0, [r1]; ldr r2, [r0]
         assert_eq!(of(&[0x6808, 0x6802]), (4, 5));
-        // str r0, [r1]; ldr r2, [r3]: nothing pairs after a store
+        // str r0, [r1]; ldr r2, [r3]: no pairing after a store
         assert_eq!(of(&[0x6008, 0x681a]), (3, 4));
         // adds r1, #4; ldr r0, [r1]
         assert_eq!(of(&[0x3104, 0x6808]), (3, 4));
@@ -286,7 +285,7 @@ mod tests {
         assert_eq!(of(&[0x3204, 0x6808]), (3, 3));
     }
 
-    /// DDI 0439, 3.3.3: "normally three cycles total" each; a branch's refill, 1 to 3, is counted separately.
+    /// DDI 0439, 3.3.3: "normally three cycles total" each. A branch's refill of 1 to 3 is counted separately.
     #[test]
     fn what_arm_publishes_lies_within_the_bounds() {
         let published: [(&str, &[u16], u64); 5] = [

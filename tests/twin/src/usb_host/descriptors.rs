@@ -1,91 +1,91 @@
-//! A device's description of itself.
+//! USB descriptors of the device.
 //!
 //! Source: USB 2.0 9.6; CDC 1.2 5.2.
 
-/// Descriptors that break the rules.
+/// Errors in descriptors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptorError {
-    /// Cut off, or with an impossible length.
+    /// A descriptor is truncated, or its length is impossible.
     #[error("a descriptor is shorter than it says")]
     Short,
-    /// Not the one that was asked for.
+    /// Not the requested descriptor type.
     #[error("a descriptor of another kind than the one asked for")]
     Kind,
-    /// A string that is not UTF-16.
+    /// A string descriptor is not UTF-16.
     #[error("a string descriptor is not UTF-16")]
     Text,
-    /// More or fewer interfaces than stated.
+    /// The number of interfaces differs from bNumInterfaces.
     #[error("the configuration does not hold the interfaces that it counts")]
     Interfaces,
-    /// A packet size that full speed does not allow.
+    /// A packet size that is not allowed at full speed.
     #[error("an endpoint has a packet size that full speed does not allow")]
     PacketSize,
-    /// It contains no communication device.
+    /// There is no CDC data interface with a pair of bulk endpoints.
     #[error("not a serial port: no pair of bulk endpoints in a CDC data interface")]
     NotSerial,
 }
 
-/// How an endpoint moves its data.
+/// Transfer type of an endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndpointKind {
-    /// Requests.
+    /// Control requests.
     Control,
-    /// A packet in each frame.
+    /// One packet per frame.
     Isochronous,
-    /// When there is time.
+    /// Packets in the remaining bus time.
     Bulk,
-    /// A packet every given number of frames.
+    /// One packet every given number of frames.
     Interrupt,
 }
 
 /// An endpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Endpoint {
-    /// Number, with the top bit set for one to the host.
+    /// bEndpointAddress: number, with the top bit set for IN.
     pub address: u8,
-    /// How it moves its data.
+    /// Transfer type.
     pub kind: EndpointKind,
-    /// Bytes of a full packet.
+    /// Maximum packet size \[bytes\].
     pub packet: u16,
-    /// Class of its interface.
+    /// Class of the interface.
     pub class: u8,
 }
 
-/// A string and its number.
+/// A string descriptor and its index.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Text {
-    /// Its number; 0 if there is none.
+    /// String index; 0 if there is none.
     pub index: u8,
     /// The string.
     pub text: String,
 }
 
-/// A device, as it describes itself.
+/// The contents of a device's descriptors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// USB version, binary coded decimal.
+    /// USB version, BCD.
     pub usb: u16,
-    /// Vendor.
+    /// Vendor ID.
     pub vendor: u16,
-    /// Product.
+    /// Product ID.
     pub product_number: u16,
-    /// Its version, binary coded decimal.
+    /// Device version, BCD.
     pub version: u16,
     /// Class, subclass, protocol.
     pub class: [u8; 3],
-    /// Bytes of a full packet of endpoint 0.
+    /// Maximum packet size of endpoint 0.
     pub control_packet: u8,
     /// Manufacturer.
     pub manufacturer: Text,
-    /// Product.
+    /// Product name.
     pub product: Text,
     /// Serial number.
     pub serial: Text,
-    /// Number of its first configuration.
+    /// Value of the first configuration.
     pub configuration: u8,
     /// Attributes of the configuration: bit 6 self-powered, bit 5 remote wake-up.
     pub attributes: u8,
-    /// Current from the cable \[mA\].
+    /// Maximum bus current \[mA\].
     pub current_ma: u16,
     /// Number, class, subclass and protocol of each interface.
     pub interfaces: Vec<[u8; 4]>,
@@ -94,7 +94,7 @@ pub struct Description {
 }
 
 impl Description {
-    /// From the device's and its configuration's descriptors, without strings.
+    /// Parses the device and configuration descriptors; strings stay empty.
     pub fn parse(device: &[u8], configuration: &[u8]) -> Result<Self, DescriptorError> {
         let device: &[u8; 18] = device.try_into().map_err(|_| DescriptorError::Short)?;
         if device[0] != 18 || device[1] != 1 {
@@ -170,7 +170,7 @@ impl Description {
         if self.interfaces.len() == promised { Ok(()) } else { Err(DescriptorError::Interfaces) }
     }
 
-    /// The pair of endpoints of the serial port: to the device, to the host.
+    /// The serial port's pair of bulk endpoints: OUT, IN.
     pub fn serial_endpoints(&self) -> Result<(u8, u8), DescriptorError> {
         const CDC_DATA: u8 = 10;
         let bulk = |to_host: bool| {
@@ -181,7 +181,7 @@ impl Description {
     }
 }
 
-/// Length of a configuration with everything that belongs to it, from its first bytes.
+/// Total length of a configuration with all its descriptors, from its first bytes.
 pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
     match *head {
         [9, 2, low, high, ..] => Ok(u16::from_le_bytes([low, high])),
@@ -190,7 +190,7 @@ pub fn total_length(head: &[u8]) -> Result<u16, DescriptorError> {
     }
 }
 
-/// Bytes of a full packet of endpoint 0, from the device's own descriptor (USB 2.0 9.6.1, bMaxPacketSize0).
+/// Maximum packet size of endpoint 0, from the device descriptor (USB 2.0 9.6.1, bMaxPacketSize0).
 pub fn control_packet(device: &[u8]) -> Result<usize, DescriptorError> {
     match *device {
         [18, 1, _, _, _, _, _, size @ (8 | 16 | 32 | 64), ..] => Ok(size.into()),
@@ -199,7 +199,7 @@ pub fn control_packet(device: &[u8]) -> Result<usize, DescriptorError> {
     }
 }
 
-/// The first language in which the device has strings.
+/// The first language of the device's strings.
 pub fn first_language(bytes: &[u8]) -> Result<u16, DescriptorError> {
     match *bytes {
         [length, 3, low, high, ..] if usize::from(length) == bytes.len() => Ok(u16::from_le_bytes([low, high])),

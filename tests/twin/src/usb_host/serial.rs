@@ -1,7 +1,8 @@
-//! The serial port that a computer's CDC driver provides for the device.
+//! The serial port that the host's CDC driver provides for the device.
 //!
-//! As in Linux's `cdc_acm`: sixteen reads of two packets each wait on the bulk endpoint while the port is open, none
-//! while it is closed. What the device sends after a close therefore waits in its endpoint for the next open.
+//! As in Linux's `cdc_acm`, sixteen reads of two packets each are queued on the bulk endpoint while the port is open,
+//! and none while it is closed. Data that the device sends after a close therefore waits in its endpoint for the next
+//! open.
 
 use super::{Setup, Socket, Transfer, UsbError, UsbHost};
 use std::collections::VecDeque;
@@ -12,22 +13,22 @@ const SET_LINE_CODING: u8 = 0x20;
 const GET_LINE_CODING: u8 = 0x21;
 /// SET_CONTROL_LINE_STATE (CDC PSTN 1.2 6.3.12).
 const SET_CONTROL_LINE_STATE: u8 = 0x22;
-/// Queued reads, and bytes of each (Linux: ACM_NR, `acm->readsize`).
+/// Number of queued reads, and the size of each \[bytes\] (Linux: ACM_NR, `acm->readsize`).
 const READS: usize = 16;
 const READ_BYTES: usize = 128;
 
-/// An open port. It must be closed, or its reads stay queued.
+/// An open port. Close it, or its reads stay queued.
 #[derive(Debug)]
 pub struct SerialPort {
     to_device: u8,
     to_host: u8,
     reads: VecDeque<u64>,
-    /// Arrived, and not asked for yet.
+    /// Received, not yet returned.
     received: Vec<u8>,
 }
 
 impl SerialPort {
-    /// Opens the port of an enumerated device: 115200 baud 8N1, DTR and RTS on.
+    /// Opens the port of an enumerated device: 115200 baud 8N1, DTR and RTS set.
     pub fn open(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Self, UsbError> {
         let (to_device, to_host) = host.description().ok_or(UsbError::Detached)?.serial_endpoints()?;
         let reads = (0..READS).map(|_| host.submit(Transfer::In(to_host, READ_BYTES))).collect();
@@ -37,7 +38,7 @@ impl SerialPort {
         Ok(port)
     }
 
-    /// Switches DTR and RTS off and cancels the reads, in the order of Linux.
+    /// Clears DTR and RTS and cancels the reads, in Linux's order.
     pub fn close(self, host: &mut UsbHost, socket: &mut impl Socket) -> Result<(), UsbError> {
         let result = set_control_lines(host, socket, false, false);
         for number in self.reads {
@@ -46,15 +47,14 @@ impl SerialPort {
         result
     }
 
-    /// Cancels the reads, like a terminal whose program no longer reads: what the device sends then waits in its
-    /// endpoint.
+    /// Cancels the reads, as when the program no longer reads. Data that the device then sends waits in its endpoint.
     pub fn stop_reading(&mut self, host: &mut UsbHost) {
         for number in self.reads.drain(..) {
             host.cancel(number);
         }
     }
 
-    /// Everything that arrives within a time.
+    /// All bytes that arrive within a time.
     pub fn receive(&mut self, host: &mut UsbHost, socket: &mut impl Socket, for_s: f64) -> Result<Vec<u8>, UsbError> {
         let end_s = socket.time_s() + for_s;
         self.collect(host)?;
@@ -65,8 +65,8 @@ impl SerialPort {
         Ok(std::mem::take(&mut self.received))
     }
 
-    /// Sends bytes within a time; returns how many the device took. No empty packet follows full ones: Linux sends
-    /// none. What arrives meanwhile is kept for [`receive`](Self::receive).
+    /// Sends bytes within a time; returns how many the device accepted. No empty packet follows full ones, as Linux
+    /// sends none. Bytes that arrive meanwhile are kept for [`receive`](Self::receive).
     pub fn send(
         &mut self,
         host: &mut UsbHost,
@@ -87,7 +87,7 @@ impl SerialPort {
         }
     }
 
-    /// Takes what the reads brought, and queues them again.
+    /// Collects the data of finished reads and queues new ones.
     fn collect(&mut self, host: &mut UsbHost) -> Result<(), UsbError> {
         while let Some(done) = self.reads.front().and_then(|first| host.take_done(*first)) {
             self.reads.pop_front();
@@ -105,7 +105,7 @@ pub fn set_line_coding(host: &mut UsbHost, socket: &mut impl Socket, baud: u32) 
     host.control(socket, setup, &[b0, b1, b2, b3, 0, 0, 8]).map(|_| ())
 }
 
-/// GET_LINE_CODING, as received.
+/// GET_LINE_CODING; returns the data from the device.
 pub fn line_coding(host: &mut UsbHost, socket: &mut impl Socket) -> Result<Vec<u8>, UsbError> {
     let setup = Setup { kind: 0xA1, request: GET_LINE_CODING, value: 0, index: 0, length: 7 };
     host.control(socket, setup, &[])

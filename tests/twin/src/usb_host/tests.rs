@@ -1,4 +1,4 @@
-//! Host against peripheral, with a small driver instead of the firmware: an echoing serial port.
+//! Tests of the host against the peripheral model. Instead of the firmware, a small driver echoes a serial port.
 
 use super::serial::{SerialPort, line_coding, set_control_lines, set_line_coding};
 use super::*;
@@ -7,7 +7,7 @@ use crate::chip::usb::MEMORY_OFFSET;
 use crate::{Cycles, Registers, Width};
 
 const CLOCKS: Clocks = Clocks { hclk_hz: 168e6, usb_hz: 48e6, ..Clocks::POWER_ON };
-/// How often the driver polls its interrupts.
+/// Interval at which the driver polls its interrupts.
 const LOOK: Cycles = 1680;
 
 const DEVICE: [u8; 18] = [18, 1, 0, 2, 2, 0, 0, 64, 0x09, 0x12, 1, 0, 0, 1, 0, 1, 0, 1];
@@ -26,7 +26,7 @@ fn configuration() -> Vec<u8> {
 enum Control {
     Idle,
     Sending(Vec<u8>),
-    /// A status packet in transit; then the address changes.
+    /// Status packet in progress, and the address that takes effect after it.
     Status(Option<u8>),
     Receiving,
 }
@@ -39,15 +39,15 @@ pub struct Puppet {
     lines: u16,
     echo: VecDeque<u8>,
     sending: bool,
-    /// Full packets are followed by an empty one.
+    /// The driver sends an empty packet after full ones.
     closes: bool,
-    /// A full packet was sent.
+    /// The last packet was a full one.
     owes_empty: bool,
-    /// It does not poll its interrupts.
+    /// The driver does not poll its interrupts.
     hangs: bool,
     supply: bool,
     resets: u32,
-    /// Suspends and wake-ups seen.
+    /// Number of suspends and of wake-ups.
     naps: (u32, u32),
 }
 
@@ -113,7 +113,7 @@ impl Puppet {
         self.status(endpoint, None, Some(3));
     }
 
-    /// Sets the two status fields of an endpoint.
+    /// Sets STAT_RX and STAT_TX of an endpoint.
     fn status(&mut self, endpoint: u32, receive: Option<u16>, send: Option<u16>) {
         let register = self.get(endpoint * 4);
         let flip = |want: Option<u16>, shift: u32| want.map_or(0, |want| ((register >> shift ^ want) & 3) << shift);
@@ -153,7 +153,7 @@ impl Puppet {
 
     fn transfer(&mut self, endpoint: u32) {
         let register = self.get(endpoint * 4);
-        // Clears the events seen and changes nothing else.
+        // Clears the events that were read and changes nothing else.
         self.set(endpoint * 4, !register & 0x8080 | register & 0x070F);
         match (endpoint, register & 0x8000 != 0) {
             (1, true) => {
@@ -186,7 +186,7 @@ impl Puppet {
     fn send_control(&mut self, mut data: Vec<u8>) {
         let rest = data.split_off(data.len().min(64));
         self.send(0, &data);
-        // From now on the host may end it when it chooses.
+        // The host may now end the data stage at any time.
         self.status(0, Some(3), None);
         self.control = if rest.is_empty() { Control::Idle } else { Control::Sending(rest) };
     }
@@ -248,7 +248,7 @@ impl Socket for Puppet {
 fn connected() -> (UsbHost, Puppet) {
     let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
     host.connect(&mut puppet).expect("enumeration");
-    // Between plug and reset there is no traffic: the device takes that as a suspend, as a real one does.
+    // Between connection and bus reset there is no traffic, so the device suspends, as a real one does.
     assert_eq!(std::mem::take(&mut puppet.naps), (1, 1));
     (host, puppet)
 }
@@ -359,7 +359,7 @@ fn a_suspended_device_wakes_and_goes_on() {
 
 #[test]
 fn a_full_speed_wire_carries_a_little_over_a_megabyte_a_second() {
-    // By the table, 19 packets of 64 bytes fit in a millisecond; this host and this driver reach most of that.
+    // USB 2.0's table allows 19 packets of 64 bytes per frame; this host and driver come close to it.
     let (mut host, mut puppet) = connected();
     let before = puppet.time_s();
     host.write(&mut puppet, 1, &[0; 10_000], 1.0).1.expect("taken");

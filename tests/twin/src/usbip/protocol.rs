@@ -1,81 +1,81 @@
-//! Bytes of USB/IP 1.1.1.
+//! Messages of USB/IP 1.1.1.
 //!
-//! All numbers are big-endian. A connection begins with one of two questions; after a granted import it carries
-//! commands and returns of 48 bytes each, followed by data for those that have any.
+//! All numbers are big-endian. A connection starts with one of two requests. After a successful import it carries
+//! commands and replies of 48 bytes each, some followed by data.
 //!
 //! Source: Linux, Documentation/usb/usbip_protocol.rst.
 
 use crate::usb_host::{Description, Setup};
 
-/// Version of the protocol.
+/// Protocol version.
 const VERSION: u16 = 0x0111;
-/// Bytes of a bus identifier.
+/// Length of a bus ID field \[bytes\].
 const BUS_ID: usize = 32;
-/// Bytes of a path.
+/// Length of a path field \[bytes\].
 const PATH: usize = 256;
-/// Bytes of a command or return.
+/// Length of a command or reply header \[bytes\].
 pub const HEADER: usize = 48;
 /// Full speed, in Linux's `enum usb_device_speed`.
 const FULL_SPEED: u32 = 2;
-/// The bus of the only device here, and its number there.
+/// Bus number of the only device.
 const BUS: u32 = 1;
-/// Its number on the bus.
+/// Number of the device on the bus.
 const DEVICE: u32 = 2;
-/// Its identifier.
+/// Bus ID of the device.
 pub const BUS_NAME: &str = "1-1";
-/// `URB_ZERO_PACKET`: an empty packet follows full ones.
+/// `URB_ZERO_PACKET`: an empty packet follows data that ends with a full one.
 const ZERO_PACKET: u32 = 0x40;
-/// More than our clients ever send at once; what announces more is not a client.
+/// Limit on announced data, above anything that our clients send. A peer that announces more is not a client.
 const MOST_BYTES: u32 = 1 << 20;
 
-/// A question at the beginning of a connection.
+/// A request at the start of a connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// Which devices are there?
+    /// `OP_REQ_DEVLIST`: list the devices.
     List,
-    /// May I have this one?
+    /// `OP_REQ_IMPORT`: import the device with this bus ID.
     Import(String),
 }
 
-/// An answer to an import.
+/// An error reply to an import.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
-    /// Another client has it (`ST_DEV_BUSY`).
+    /// Another client has imported the device (`ST_DEV_BUSY`).
     Busy = 2,
-    /// There is none with this name, or it cannot be used (`ST_NODEV`).
+    /// There is no device with this name, or it cannot be used (`ST_NODEV`).
     NoDevice = 4,
 }
 
-/// A command of a client that has the device.
+/// A command from the client that has imported the device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Move these bytes.
+    /// Submit a transfer.
     Submit {
-        /// Number of the command.
+        /// Sequence number of the command.
         sequence: u32,
-        /// Endpoint without direction.
+        /// Endpoint number without direction.
         endpoint: u8,
-        /// Whether the bytes go to the host.
+        /// Whether it is an IN transfer.
         to_host: bool,
-        /// Bytes wanted, or sent.
+        /// Bytes requested, or sent.
         length: usize,
-        /// Whether an empty packet follows full ones.
+        /// Whether an empty packet follows data that ends with a full one.
         close: bool,
-        /// The request, for endpoint 0.
+        /// The setup packet, for endpoint 0.
         setup: Setup,
-        /// The bytes for the device.
+        /// Data for the device.
         data: Vec<u8>,
     },
     /// Cancel a command.
     Unlink {
-        /// Number of this command.
+        /// Sequence number of this command.
         sequence: u32,
-        /// Number of the one to cancel.
+        /// Sequence number of the command to cancel.
         other: u32,
     },
 }
 
-/// Bytes that are not of this protocol.
+/// Data that does not follow this protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("not USB/IP 1.1.1: {0}")]
 pub struct Foreign(pub &'static str);
@@ -84,7 +84,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
     bytes.get(at..at + 4)?.try_into().ok().map(u32::from_be_bytes)
 }
 
-/// Takes a question from the front of `bytes`; none until it is complete.
+/// Takes a request from the front of `bytes`; none until it is complete.
 pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
     let Some(head) = word(bytes, 0).filter(|_| bytes.len() >= 8) else { return Ok(None) };
     if (head >> 16) as u16 != VERSION {
@@ -155,12 +155,12 @@ fn device(description: &Description) -> Vec<u8> {
         bytes.extend(number.to_be_bytes());
     }
     bytes.extend(description.class);
-    // Linux's vhci reads the configurations itself; none is set yet, and there is one.
+    // Linux's vhci reads the configurations itself: current configuration (none), number of configurations (1).
     bytes.extend([0, 1, description.interfaces.len() as u8]);
     bytes
 }
 
-/// The answer to [`Question::List`].
+/// The reply to [`Question::List`].
 pub fn list(description: Option<&Description>) -> Vec<u8> {
     let mut bytes = header(0x0005, 0);
     bytes.extend(u32::from(description.is_some()).to_be_bytes());
@@ -173,7 +173,7 @@ pub fn list(description: Option<&Description>) -> Vec<u8> {
     bytes
 }
 
-/// The answer to [`Question::Import`].
+/// The reply to [`Question::Import`].
 pub fn imported(description: Result<&Description, Refusal>) -> Vec<u8> {
     match description {
         Ok(description) => [header(0x0003, 0), device(description)].concat(),
@@ -189,14 +189,14 @@ fn returned(code: u32, sequence: u32, status: i32, moved: usize) -> Vec<u8> {
     bytes
 }
 
-/// The end of a [`Command::Submit`]: Linux's error number or 0, the bytes moved, those for the host.
+/// The reply to [`Command::Submit`]: Linux error number or 0, number of bytes transferred, and the data for the host.
 pub fn submitted(sequence: u32, status: i32, moved: usize, data: &[u8]) -> Vec<u8> {
     let mut bytes = returned(3, sequence, status, moved);
     bytes.extend_from_slice(data);
     bytes
 }
 
-/// The end of a [`Command::Unlink`].
+/// The reply to [`Command::Unlink`].
 pub fn unlinked(sequence: u32, status: i32) -> Vec<u8> {
     returned(4, sequence, status, 0)
 }
@@ -209,7 +209,7 @@ mod tests {
         words.iter().flat_map(|word| word.to_be_bytes()).collect()
     }
 
-    /// A submit to endpoint 2 with three bytes, as Linux sends it.
+    /// A submit of three bytes to endpoint 2, as Linux sends it.
     fn submit() -> Vec<u8> {
         let mut bytes = numbers(&[1, 7, 0x1_0002, 0, 2, ZERO_PACKET, 3, 0, 0, 0]);
         bytes.extend([0; 8]);

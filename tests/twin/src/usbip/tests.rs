@@ -1,10 +1,10 @@
-//! The server with a minimal client and no kernel.
+//! Tests of the server with a minimal client, without a kernel.
 
 use super::protocol::HEADER;
 use super::*;
 use crate::usb_host::tests::Puppet;
 
-/// A client that takes turns with the server, so that neither blocks.
+/// A client that alternates with the server in one thread, so that neither blocks.
 struct Peer {
     stream: TcpStream,
     bytes: Vec<u8>,
@@ -34,7 +34,7 @@ impl Peer {
         self.send(&head, &[setup.as_slice(), data].concat());
     }
 
-    /// This many bytes, or those that arrived before the server closed.
+    /// Reads this many bytes, or fewer if the server closes the connection.
     fn take(&mut self, server: &mut Server<Puppet>, count: usize) -> Vec<u8> {
         let mut portion = [0; 1024];
         for _ in 0..100_000 {
@@ -51,7 +51,7 @@ impl Peer {
         panic!("only {} of {count} bytes came", self.bytes.len());
     }
 
-    /// Command, sequence, status, bytes moved, and the data after them.
+    /// A reply: command, sequence number, status, number of bytes transferred, and its data.
     fn take_return(&mut self, server: &mut Server<Puppet>, to_host: bool) -> (u32, u32, i32, u32, Vec<u8>) {
         let head = self.take(server, HEADER);
         let word = |at: usize| u32::from_be_bytes(head[4 * at..4 * at + 4].try_into().expect("four bytes"));
