@@ -16,18 +16,18 @@ use inerter_plant::{Excitation, Inerter, Plant, PlantError, Segment, Sensors, Tr
 use crate::World;
 use crate::chip::adc::{CODES, Quality, REFERENCE_V};
 
-/// From the update event of the sampling timer to the converters' aperture \[s\]: trigger latency of 1.5 to 2.5 clocks
+/// From the update event of the sampling clock to the converters' aperture \[s\]: trigger latency of 1.5 to 2.5 clocks
 /// plus sampling time of 24.5 clocks at 42 MHz (DS12288, tLATR; firmware/stm32g474, SMP).
 pub const APERTURE_S: f64 = (2.0 + 24.5) / 42e6;
 /// Rate of the conversions that are summed to samples \[Hz\].
 pub const TRIGGER_HZ: f64 = 64e3;
-/// Clock of the external ADC (ADS131M04) \[Hz\].
+/// Clock of the digital front end (ADS131M04) \[Hz\].
 pub const CLKIN_HZ: u32 = 8_000_000;
-/// Full scale of the external ADC at gain 1 \[V\].
+/// Full scale of the digital front end at gain 1 \[V\].
 const DIGITAL_FULL_SCALE_V: f64 = 1.2;
-/// Codes of the external ADC from zero to full scale.
+/// Codes of the digital front end from zero to full scale.
 const DIGITAL_CODES: f64 = 8_388_608.0;
-/// How far into the past a signal can be read \[s\]: three conversions of the external ADC at its lowest rate.
+/// How far into the past a signal can be read \[s\]: three conversions of the digital front end at its lowest rate.
 const LOOK_BACK_S: f64 = 0.02;
 
 /// The rig and its faults.
@@ -53,7 +53,7 @@ pub struct Rig {
     pub metres_per_volt: f64,
     /// The bridge without an amplifier: force per volt at its outputs \[N/V\].
     pub newtons_per_bridge_volt: f64,
-    /// Bridge excitation voltage at the external ADC, after the divider \[V\].
+    /// Bridge excitation voltage at the digital front end, after the divider \[V\].
     pub excitation_v: f64,
     /// Temperature of the chip \[degree Celsius\].
     pub temperature_c: f64,
@@ -107,7 +107,7 @@ impl Rig {
     pub const ZERO_V: f64 = REFERENCE_V / 2.0;
 
     /// The paper's device, 20 kN over the converter's range (`fast` needs 16), 33 mm of terminal displacement, a filter
-    /// of 10 us. For the external ADC: a load cell of 10 kN at 2 mV/V, and the divided bridge excitation of 2.5 V
+    /// of 10 us. For the digital front end: a load cell of 10 kN at 2 mV/V, and the divided bridge excitation of 2.5 V
     /// (docs/HARDWARE.md).
     pub fn new(motion: Excitation, start_s: f64) -> Self {
         Self {

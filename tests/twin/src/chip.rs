@@ -239,7 +239,7 @@ const LPUART1_FUNCTION: Mode = Mode::Alternate(12);
 
 /// The chip with everything connected to it.
 pub struct Chip {
-    /// SRAM1, SRAM2, CCM RAM.
+    /// SRAM1, SRAM2, CCM SRAM.
     pub ram: Ram,
     /// Flash memory, its controller and the option bytes.
     pub flash: flash::Flash,
@@ -297,7 +297,7 @@ pub struct Chip {
     pub transfers: u64,
     /// ADC1 to ADC5 and their common registers.
     pub adc: adc::Adcs,
-    /// Timer of the sampling clock.
+    /// The sampling clock.
     pub tim6: tim6::Tim6,
     /// Timer of the player, which drives the DACs.
     pub tim7: tim6::Tim6,
@@ -312,7 +312,7 @@ pub struct Chip {
     late: std::collections::VecDeque<(Cycles, adc::Unit)>,
     /// SPI bus of the ADS131M04.
     pub spi2: spi::Spi,
-    /// The external ADC, if one is connected.
+    /// The digital front end, if one is connected.
     pub ads131m04: Option<ads131m04::Ads131m04>,
     /// USB full-speed device and its packet memory.
     pub usb: usb::Usb,

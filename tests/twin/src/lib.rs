@@ -1,4 +1,4 @@
-//! Runs the shipping binary on a computer.
+//! The twin: runs the shipping binary on a computer.
 //!
 //! The release ELF for the STM32G474RE runs unmodified. [unicorn](https://www.unicorn-engine.org) executes the
 //! instructions; this crate implements everything around them: interrupt controller and virtual time ([`nvic`],
@@ -14,7 +14,9 @@
 //!
 //! What a passing test means: the binary agrees with these models, and the models are our reading of RM0440 (reference
 //! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). They were not checked against silicon.
-//! Licence: unicorn is GPL-2.0. This crate is for tests and is linked into nothing that ships.
+//!
+//!
+//! Licence: unicorn is GPL-2.0. This crate is for tests only and is not linked into anything that ships.
 
 pub mod bench;
 pub mod board;

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 const START_S: f64 = 0.5;
 /// Timeout for a reply.
 const REPLY_S: f64 = 2.0;
-/// Time until the estimator has converged, and duration of the measurement.
+/// Settling time of the estimator, and duration of the measurement.
 const SETTLE_S: f64 = 2.0;
 const STEADY_S: f64 = 4.0;
 

@@ -1,4 +1,4 @@
-//! The ADS131M04, an external ADC (the digital front end) on SPI2.
+//! The ADS131M04 on SPI2: the digital front end.
 //!
 //! The driver crate's mock provides registers and frames; this module provides modulators, filter and clock. A
 //! conversion is the filter's output from the voltages before it: a sinc3 over N modulator samples, then the mean of M
@@ -315,9 +315,8 @@ mod tests {
         for (stages, delay) in [((1024, 1), 1.5), ((1024, 2), 1.0), ((1024, 4), 0.75), ((256, 1), 1.5)] {
             let filter = Filter::new(stages);
             assert!((filter.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-            // A box ends half a modulator sample before the continuous one; a sample adds half: in all one sample, two
-            // CLKIN periods.
-            // two CLKIN periods.
+            // Each of the three boxes ends half a modulator sample before the continuous one, and half a sample is
+            // added: in all one sample less, which is two CLKIN periods.
             let period = f64::from(filter.period_clkin());
             assert_eq!(filter.delay_clkin(), delay * period - 2.0, "{stages:?}");
             // Sinc3 has zeros at multiples of its output rate.

@@ -24,7 +24,7 @@ pub struct Clocks {
     pub usb_hz: f64,
     /// LPUART1 kernel clock \[Hz\].
     pub lpuart1_hz: f64,
-    /// ADC1 and ADC2 kernel clock \[Hz\], 0 while it is off or not selected.
+    /// ADC1 and ADC2 kernel clock, used if the ADC clock is not derived from HCLK \[Hz\]; 0 while it is off.
     pub adc12_hz: f64,
     /// The same for ADC3 to ADC5.
     pub adc345_hz: f64,

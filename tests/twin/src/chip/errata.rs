@@ -1,4 +1,4 @@
-//! Errata of the chip, each a switch of the model.
+//! Errata of the chip; a test can turn each one on or off.
 //!
 //! docs/HARDWARE.md ("Errata") lists which of them concern the board, and which test covers which. The errata sheet
 //! ES0430 itself was not available. Numbers are as others cite them (revision 9 unless stated), and only text in
@@ -23,7 +23,8 @@ pub struct Errata {
     pub eccr_after_cut: bool,
     /// 2.7.9 (2.7.7 in older revisions): "The result of an ADC conversion done more than 1 ms later than the previous
     /// ADC conversion or ADC calibration might be incorrect", for the families L4, L5 and G4 (efton.sk, STM32 gotchas,
-    /// 150). In the model: such a result is 0.4 V too high, and so is always the first after a calibration.
+    /// 150). In the model: such a result is 0.4 V too high, and so is always the first after a reset. Only conversions
+    /// count, not calibrations.
     pub adc_after_pause: bool,
     /// 2.7.10 (2.7.8 in revision 8; 2.5.8 in the sheet of the STM32G431), "ADC channel 0 converted instead of the
     /// required ADC channel" (ST's motor control library, R3_2_G4XX; QMK, analog.c; NuttX, pull request 3878). In

@@ -1,11 +1,11 @@
-//! The signal path as a sequence of events: sampling timer, converters, SPI, and the DMA transfers that they request.
+//! The signal path as a sequence of events: sampling clock, converters, SPI, and the DMA transfers that they request.
 //!
 //! None of it is stepped while the core runs. When the core accesses a peripheral or an interrupt may be due,
 //! `pipeline_advance` catches up: it processes every event in order, each at its own time. Until then the rings in RAM
 //! stay unchanged. `pipeline_next_event` returns the earliest time at which an interrupt may be due; for a circular DMA
 //! channel that is the next half or full transfer.
 //!
-//! Order within one cycle: the sampling timer's update first latches the encoder count by DMA, then triggers the
+//! Order within one cycle: the sampling clock's update first latches the encoder count by DMA, then triggers the
 //! converters. A converter samples its pin at the aperture, and DMA transfers the result at the end of the conversion.
 //! A DMA transfer takes no time. On the chip it takes some tens of nanoseconds, in which the encoder moves 1e-9 m at 20
 //! mm/s.
@@ -168,7 +168,7 @@ impl Chip {
         Ok(())
     }
 
-    /// Delivers the sampling timer's trigger to the converters, each with its injected delay.
+    /// Delivers the sampling clock's trigger to the converters, each with its injected delay.
     fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
         if self.planted.late == [0; 2] {
             return self.adc.trigger(TRIGGER_TIM6, at);
@@ -201,7 +201,7 @@ impl Chip {
         }
     }
 
-    /// Ends the external ADC's conversion if it is due: DRDY falls, which latches the encoder count.
+    /// Ends the digital front end's conversion if it is due: DRDY falls, which latches the encoder count.
     fn convert(&mut self, at: Cycles) -> Result<(), Unknown> {
         let clocks = self.clocks;
         let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
@@ -217,7 +217,7 @@ impl Chip {
         Ok(())
     }
 
-    /// Passes the pin levels to the external ADC.
+    /// Passes the pin levels to the digital front end.
     fn follow_pins(&mut self, now: Cycles) {
         if self.ads131m04.is_none() {
             return;
@@ -680,8 +680,8 @@ mod tests {
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("analogue")));
     }
 
-    /// The external ADC with CLKIN at 8 MHz. SPI2 is on its pins; PB12 and PB11 are high outputs. PB10 is TIM2_CH3,
-    /// which captures falling edges. PA8 is TIM1_CH1, with a period of 21 cycles from cycle 5000 on.
+    /// The digital front end with CLKIN at 8 MHz. SPI2 is on its pins; PB12 and PB11 are high outputs. PB10 is
+    /// TIM2_CH3, which captures falling edges. PA8 is TIM1_CH1, with a period of 21 cycles from cycle 5000 on.
     fn digital() -> Chip {
         let mut chip = chip();
         chip.ads131m04 = Some(Ads131m04::new([0.0; 4], 0));

@@ -1,4 +1,4 @@
-//! TIM6, the sampling timer (and TIM7): counts up, and at each overflow triggers conversions and requests DMA.
+//! TIM6, the sampling clock (and TIM7): counts up, and at each overflow triggers conversions and requests DMA.
 //!
 //! The model does not step the counter: it computes its value from the time since it was last zero. Prescaler and
 //! auto-reload take effect at an update; without preload, auto-reload takes effect at once.

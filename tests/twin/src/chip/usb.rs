@@ -130,7 +130,7 @@ pub enum Answer {
     Ack,
     /// The device is not ready.
     Nak,
-    /// The endpoint is halted, or does not support the request.
+    /// The endpoint is halted or rejects the request.
     Stall,
     /// A data packet for the host.
     Data(Toggle, Vec<u8>),
