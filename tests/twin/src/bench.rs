@@ -209,7 +209,7 @@ pub struct Bench {
     last: Truth,
     /// The filter's output, its last input, and the time of that input \[N, N, s\].
     filter: Option<(f64, f64, f64)>,
-    /// Frozen count of an encoder whose cable is unplugged.
+    /// The last encoder count read, which stays while the encoder is unplugged.
     standing: Option<u32>,
 }
 

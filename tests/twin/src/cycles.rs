@@ -10,12 +10,12 @@
 //! | refill after a taken branch | 1 | 3 | DDI 0439, 3.3.1: "P is between 1 and 3" |
 //! | flash read | wait states + 1 per 64 bits (128 in single-bank mode) | the same | RM0440, 3.3.3 and 3.3.4 |
 //! | instruction cache | 1 KB, 32 bytes a line, least recently used | the same | RM0440, 3.3.5 |
-//! | cache miss | the first double word stalls, further ones load during execution | stall for a line | not documented |
+//! | cache miss | stall for a double word, the rest loads during execution | stall for a line | not documented |
 //! | prefetch by the core | none wasted | three words after each block | DDI 0439, 3.1 (three words); effect assumed |
 //! | flash data | 256-byte cache, else wait states | whole lines, 1 for contention | RM0440, 3.3.5; DDI 0439, 3.3.3 |
 //! | unaligned access | 1 more | 2 more | not documented |
 //! | peripheral access | 0 more | 8 more | not documented |
-//! | DMA transfer | no delay | 2 cycles | AN4031, 2.1: round robin, one access delayed at the read and one at the write |
+//! | DMA transfer | no delay | 2 cycles | AN4031, 2.1: round robin: another access before the read and the write |
 //! | exception: entry | 12, after another one 6 in all | 29 and a line of flash for the vector | DDI 0439, 3.9 |
 //! | exception: return | 10 | 29 | as above, with the FPU frame |
 //!

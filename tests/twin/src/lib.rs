@@ -15,7 +15,6 @@
 //! What a passing test means: the binary agrees with these models, and the models are our reading of RM0440 (reference
 //! manual), DS12288 (data sheet) and ARM DDI 0403 (ARMv7-M). They were not checked against silicon.
 //!
-//!
 //! Licence: unicorn is GPL-2.0. This crate is for tests only and is not linked into anything that ships.
 
 pub mod bench;

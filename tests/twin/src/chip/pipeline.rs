@@ -187,7 +187,8 @@ impl Chip {
     /// Exchanges a frame on SPI2; returns the received data.
     fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
-        // Nothing drives the line: it reads as ones.
+        // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
+        // ones.
         if self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION) {
             return Err(Unknown { what: "SPI2 is in use and its pins PB13, PB14, PB15 are not its own" });
         }
