@@ -246,7 +246,7 @@ fn send(chip: &mut Chip, packet: &[u8], now: Cycles) {
 }
 
 fn received(chip: &mut Chip, now: Cycles) -> Vec<u8> {
-    let half = |chip: &mut Chip, at| chip.read(at, Width::Half, now).expect("the packet memory") as u16;
+    let half = |chip: &mut Chip, at| chip.read(at, Width::Half, now).expect("address in packet memory") as u16;
     let count = usize::from(half(chip, MEMORY + 6) & 0x3ff).min(PACKET);
     let mut bytes: Vec<u8> = Vec::new();
     for place in (MEMORY + RECEIVE_AT..).step_by(2).take(count.div_ceil(2)) {
@@ -257,13 +257,13 @@ fn received(chip: &mut Chip, now: Cycles) -> Vec<u8> {
 }
 
 fn read(chip: &mut Chip, address: u32, now: Cycles) -> u32 {
-    chip.read(address, Width::Word, now).expect("the boot loader knows its registers")
+    chip.read(address, Width::Word, now).expect("existing register")
 }
 
 fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-    chip.write(address, value, Width::Word, now).expect("the boot loader knows its registers");
+    chip.write(address, value, Width::Word, now).expect("existing register");
 }
 
 fn write_half(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-    chip.write(address, value, Width::Half, now).expect("the packet memory");
+    chip.write(address, value, Width::Half, now).expect("address in packet memory");
 }

@@ -179,9 +179,9 @@ const RCC_CFGR: u32 = 0x4002_1008;
 
 /// The clock of the peripheral is off in RCC.
 pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" };
-const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is not open for writing (PWR_CR1.DBP)" };
+const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is write-protected (PWR_CR1.DBP)" };
 /// No register block at this address.
-pub const NOTHING: Unknown = Unknown { what: "nothing is at this address" };
+pub const NOTHING: Unknown = Unknown { what: "no peripheral at this address" };
 
 /// Interrupt numbers (RM0440 table 97).
 mod irq {
@@ -805,7 +805,7 @@ mod tests {
     }
 
     fn write(chip: &mut Chip, address: u32, value: u32) {
-        chip.write(address, value, Width::Word, 0).expect("known");
+        chip.write(address, value, Width::Word, 0).expect("modelled access");
     }
 
     /// AHB2ENR, APB1ENR1, APB2ENR.
@@ -832,13 +832,16 @@ mod tests {
     #[test]
     fn an_access_that_nobody_knows_is_named() {
         let mut chip = clocked();
-        let error = chip.write(0x4000_0070, 5, Width::Word, 0).expect_err("unknown");
+        let error = chip.write(0x4000_0070, 5, Width::Word, 0).expect_err("access that is not modelled");
         assert_eq!(
             error.to_string(),
             "write of 0x5 to 0x40000070 (TIM2 + 0x70, 4 bytes): no such register in the model"
         );
-        let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("unknown");
-        assert_eq!(error.to_string(), "read of 0x40020c00 (no peripheral + 0x0, 1 bytes): nothing is at this address");
+        let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("access that is not modelled");
+        assert_eq!(
+            error.to_string(),
+            "read of 0x40020c00 (no peripheral + 0x0, 1 bytes): no peripheral at this address"
+        );
     }
 
     #[test]
@@ -937,12 +940,12 @@ mod tests {
         write(&mut chip, 0x4000_0000, 1);
         assert_eq!(chip.read(0x4000_0024, Width::Word, 16_000), Ok(0));
         // PA15 and PB3 to alternate function 1.
-        let mut at_16_000 = |address, value| chip.write(address, value, Width::Word, 16_000).expect("known");
+        let mut at_16_000 = |address, value| chip.write(address, value, Width::Word, 16_000).expect("modelled access");
         at_16_000(0x4800_0000, 0xabff_ffff);
         at_16_000(0x4800_0024, 1 << 28);
         at_16_000(0x4800_0400, 0xffff_febf);
         at_16_000(0x4800_0420, 1 << 12);
-        let start = chip.read(0x4000_0024, Width::Word, 32_000).expect("known");
+        let start = chip.read(0x4000_0024, Width::Word, 32_000).expect("modelled access");
         assert_eq!(chip.read(0x4000_0024, Width::Word, 48_000), Ok(start + 1000));
     }
 
@@ -960,14 +963,14 @@ mod tests {
     #[test]
     fn memory_outlives_a_reset_and_not_the_supply() {
         let mut chip = chip();
-        chip.ram_mut(0x2000_0100, 1).expect("RAM")[0] = 7;
+        chip.ram_mut(0x2000_0100, 1).expect("address in RAM")[0] = 7;
         chip.reset(Reset::Pin, 10);
         assert_eq!(chip.bytes(0x2000_0100, 1), Some(&[7][..]));
         chip.lose_power(1);
         let first = chip.bytes(0x2000_0100, 8).map(<[u8]>::to_vec);
         chip.lose_power(2);
         assert_ne!(chip.bytes(0x2000_0100, 8).map(<[u8]>::to_vec), first);
-        chip.ram_mut(0x1000_0000, 1).expect("RAM")[0] = 9;
+        chip.ram_mut(0x1000_0000, 1).expect("address in RAM")[0] = 9;
         assert_eq!(chip.bytes(0x2001_8000, 1), Some(&[9][..]), "the same memory at its second address");
         assert_eq!(chip.bytes(0x2002_0000, 1), None);
         assert_eq!(chip.bytes(flash::START, 2), Some(&[0xff, 0xff][..]));
@@ -1050,7 +1053,9 @@ mod tests {
             let name = format!("P{}{}", char::from(b'A' + pin.port as u8), pin.number);
             peripheral(of).pins.iter().any(|one| one.pin == name && one.signal == signal && one.af == function)
         };
-        let Mode::Alternate(function) = LPUART1_FUNCTION else { panic!("a function of its own") };
+        let Mode::Alternate(function) = LPUART1_FUNCTION else {
+            panic!("LPUART1_FUNCTION is not an alternate function")
+        };
         assert!(has("LPUART1", Board::NUCLEO.serial_tx, "TX", Some(function)));
         assert!(has("LPUART1", Board::NUCLEO.serial_rx, "RX", Some(function)));
         let mut inputs = 0;

@@ -68,19 +68,19 @@ pub struct Place {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Stop {
     /// The program entered the boot loader in ROM.
-    #[error("the ROM's boot loader was entered")]
+    #[error("the program entered the boot loader in ROM")]
     Bootloader,
     /// The chip started with option bytes that select SRAM1.
-    #[error("the chip starts whatever is in SRAM1, by its option bytes")]
+    #[error("the option bytes select a boot from SRAM1")]
     Ram,
     /// Power failed during a flash operation, as the test requested.
-    #[error("the supply failed during a flash operation")]
+    #[error("power failed during a flash operation")]
     PowerFailed,
     /// An access that no model handles.
     #[error("{0}")]
     Bus(BadAccess),
     /// A memory access that nothing answers.
-    #[error("{what} {address:#010x}, where nothing is")]
+    #[error("{what} {address:#010x}: unmapped address")]
     Unmapped {
         /// Read of, write to, execution at.
         what: &'static str,
@@ -88,7 +88,7 @@ pub enum Stop {
         address: u32,
     },
     /// A memory access that the MPU forbids.
-    #[error("{what} {address:#010x}, which the protection unit forbids")]
+    #[error("{what} {address:#010x}: forbidden by the MPU")]
     Protected {
         /// Read of, write to, execution at.
         what: &'static str,
@@ -102,13 +102,13 @@ pub enum Stop {
     #[error("breakpoint")]
     Breakpoint,
     /// A fault while handling one.
-    #[error("lock-up: a fault inside the handler of a fault")]
+    #[error("lock-up: a fault in a fault handler")]
     LockUp,
     /// An FPU instruction before CPACR enabled the FPU.
-    #[error("a floating point instruction while the unit is off (CPACR)")]
+    #[error("FPU instruction while the FPU is disabled (CPACR)")]
     FloatingPointOff,
     /// An exception frame does not fit.
-    #[error("an exception frame at {0:#010x} lies outside of RAM, or where the protection unit forbids it")]
+    #[error("exception frame at {0:#010x} is outside RAM or forbidden by the MPU")]
     Stack(u32),
     /// An exception return with no exception active.
     #[error("exception return {0:#010x} while no exception is active")]
@@ -628,7 +628,7 @@ impl Cpu {
         let before: Vec<Region> = self.regions.iter().map(everything).collect();
         for region in before.iter().chain(&regions) {
             if !(RAM_START..RAM_START + RAM_LEN as u32).contains(&region.start) {
-                return Err(Stop::Emulator("a region of the protection unit outside of SRAM has no model".into()));
+                return Err(Stop::Emulator("MPU region outside SRAM is not modelled".into()));
             }
             let allowed = [(region.read, Prot::READ), (region.write, Prot::WRITE), (region.execute, Prot::EXEC)];
             let allowed = allowed.into_iter().filter(|(may, _)| *may).fold(Prot::NONE, |all, (_, one)| all | one);

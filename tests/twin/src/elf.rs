@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 /// The image is not usable.
 #[derive(Debug, thiserror::Error)]
-#[error("the image is no ELF file for ARM: {0}")]
+#[error("the image is not an ARM ELF file: {0}")]
 pub struct ElfError(String);
 
 /// The parts of an ELF file that the twin needs.
@@ -30,7 +30,7 @@ impl Elf {
             if header.p_type.get(endian) == object::elf::PT_LOAD && header.p_filesz.get(endian) > 0 {
                 let start = header.p_offset.get(endian) as usize;
                 let data = bytes.get(start..start.saturating_add(header.p_filesz.get(endian) as usize));
-                let data = data.ok_or_else(|| ElfError("a segment lies past the end of the file".into()))?;
+                let data = data.ok_or_else(|| ElfError("a segment extends past the end of the file".into()))?;
                 elf.segments.push((header.p_paddr.get(endian), data.to_vec()));
             }
         }
@@ -105,7 +105,7 @@ mod tests {
         assert!(Elf::parse(b"").is_err());
         assert!(Elf::parse(&[0x7f; 100]).is_err());
         // The executable of this test, which is for another architecture.
-        let own = std::fs::read(std::env::current_exe().expect("running")).expect("readable");
+        let own = std::fs::read(std::env::current_exe().expect("own path")).expect("own file");
         assert!(Elf::parse(&own).is_err());
     }
 }

@@ -41,7 +41,7 @@ pub enum StartError {
     #[error(transparent)]
     Elf(#[from] ElfError),
     /// A segment of the image lies outside flash.
-    #[error("{len} bytes at {address:#010x} lie outside of flash")]
+    #[error("{len} bytes at {address:#010x} are outside flash")]
     Outside {
         /// First address of the segment.
         address: u32,
@@ -368,7 +368,7 @@ impl Machine {
                 0xe000_0000.. => core.nvic.write(address, value, Width::Word, now).is_ok(),
                 _ => core.chip.write(address, value, Width::Word, now).is_ok(),
             };
-            assert!(written, "the ROM knows its registers: {address:#010x}");
+            assert!(written, "the ROM wrote a register that is not modelled: {address:#010x}");
         }
         if left.is_masked() {
             self.cpu.set(RegisterARM::PRIMASK, 1)?;

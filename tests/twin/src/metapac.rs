@@ -34,7 +34,7 @@ pub fn registers() -> BTreeMap<u32, Register> {
 /// Address of a peripheral's register, and the bits of one of its fields; for an array of fields, those of the first.
 pub fn field(of: &str, register: &str, name: &str) -> (u32, u32) {
     let peripheral = peripheral(of);
-    let registers = peripheral.registers.as_ref().expect("described");
+    let registers = peripheral.registers.as_ref().expect("metapac describes its registers");
     let (item, fieldset) =
         item(registers.ir, registers.block, register).unwrap_or_else(|| panic!("metapac has no {of}.{register}"));
     let field = all_fields(registers.ir, fieldset).into_iter().find(|field| is_named(field.name, name));
@@ -60,7 +60,7 @@ pub fn is_named(one: &str, other: &str) -> bool {
 }
 
 fn block(ir: &IR, name: &str) -> &'static Block {
-    ir.blocks.iter().find(|one| is_named(one.name, name)).expect("metapac knows its blocks")
+    ir.blocks.iter().find(|one| is_named(one.name, name)).expect("metapac describes its blocks")
 }
 
 /// A register of a block, or of a block nested in it.
@@ -89,7 +89,7 @@ fn offsets(array: &Option<Array>) -> Vec<u32> {
 }
 
 fn field_mask(at: &BitOffset, size: u32) -> u32 {
-    let ones = |first: u32, len: u32| u32::try_from(((1u64 << len) - 1) << first).expect("in a word");
+    let ones = |first: u32, len: u32| u32::try_from(((1u64 << len) - 1) << first).expect("the field fits in 32 bits");
     match at {
         BitOffset::Regular(at) => ones(at.offset, size),
         BitOffset::Cursed(at) => {

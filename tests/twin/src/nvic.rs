@@ -83,7 +83,9 @@ impl Region {
         }
         let size = attributes >> 1 & 0x1f;
         if !(9..31).contains(&size) || attributes & 0xff00 != 0 {
-            return Err(Unknown { what: "regions of less than 1 KB, of 4 GB and with parts left out have no model" });
+            return Err(Unknown {
+                what: "MPU regions below 1 KB, of 4 GB or with disabled subregions are not modelled",
+            });
         }
         let len = 2 << size;
         let (read, write) = match attributes >> 24 & 7 {
@@ -521,7 +523,7 @@ impl Nvic {
                 self.set_cycle_count(count, now);
                 // All other bits are for profiling.
                 if value & !1 & 0x0fff_ffff != 0 {
-                    return Err(Unknown { what: "of the watchpoint unit only the cycle counter is modelled" });
+                    return Err(Unknown { what: "DWT: only CYCCNT is modelled" });
                 }
                 Ok(())
             }
@@ -606,7 +608,7 @@ impl Nvic {
             0xd08 => self.vector_table = value & !0x7f,
             0xd0c => {
                 if value >> 16 != VECTKEY {
-                    return Err(Unknown { what: "AIRCR is written without its key" });
+                    return Err(Unknown { what: "AIRCR written without VECTKEY" });
                 }
                 self.group = value >> 8 & 7;
                 self.reset |= value & SYSRESETREQ != 0;
@@ -624,7 +626,7 @@ impl Nvic {
             // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
             MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
-                return Err(Unknown { what: "the protection unit without the usual map has no model" });
+                return Err(Unknown { what: "MPU without PRIVDEFENA is not modelled" });
             }
             MPU_RBAR..MPU_END => self.write_region(register, value)?,
             _ => self.storage.write(register, value, width)?,
@@ -640,19 +642,19 @@ mod tests {
     const OPEN: Masks = Masks { primask: false, faultmask: false, basepri: 0 };
 
     fn write(nvic: &mut Nvic, register: u32, value: u32) {
-        nvic.write(0xe000_e000 + register, value, Width::Word, 0).expect("known");
+        nvic.write(0xe000_e000 + register, value, Width::Word, 0).expect("modelled access");
     }
 
     fn read(nvic: &mut Nvic, register: u32, now: Cycles) -> u32 {
-        nvic.read(0xe000_e000 + register, Width::Word, now).expect("known")
+        nvic.read(0xe000_e000 + register, Width::Word, now).expect("modelled access")
     }
 
     /// Interrupts 5 (priority 0x60) and 6 (priority 0x20), both enabled.
     fn two() -> Nvic {
         let mut nvic = Nvic::default();
         write(&mut nvic, 0x100, 3 << 5);
-        nvic.write(0xe000_e405, 0x6f, Width::Byte, 0).expect("known");
-        nvic.write(0xe000_e406, 0x20, Width::Byte, 0).expect("known");
+        nvic.write(0xe000_e405, 0x6f, Width::Byte, 0).expect("modelled access");
+        nvic.write(0xe000_e406, 0x20, Width::Byte, 0).expect("modelled access");
         nvic
     }
 
@@ -689,7 +691,7 @@ mod tests {
         let mut nvic = two();
         // PRIGROUP leaves two bits for the group: 0x60 and 0x40 are in the same group.
         write(&mut nvic, 0xd0c, VECTKEY << 16 | 5 << 8);
-        nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("known");
+        nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("modelled access");
         write(&mut nvic, 0x200, 3 << 5);
         assert_eq!(nvic.takeable(OPEN), Some(22));
         write(&mut nvic, 0x280, 2 << 5);
@@ -773,7 +775,7 @@ mod tests {
         assert_eq!(at(0, 1, 1000), Ok(()));
         assert_eq!(at(4, 0, 2000), Ok(()));
         assert_eq!(nvic.read(0xe000_1004, Width::Word, 2345), Ok(345));
-        nvic.write(0xe000_1000, 0, Width::Word, 2400).expect("known");
+        nvic.write(0xe000_1000, 0, Width::Word, 2400).expect("modelled access");
         assert_eq!(nvic.read(0xe000_1004, Width::Word, 9999), Ok(400));
     }
 

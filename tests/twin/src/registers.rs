@@ -66,7 +66,7 @@ impl Unknown {
     /// There is no register at this offset.
     pub const REGISTER: Self = Self { what: "no such register in the model" };
     /// The register does not allow byte or half-word access.
-    pub const WIDTH: Self = Self { what: "the register takes whole words only" };
+    pub const WIDTH: Self = Self { what: "the register accepts only word accesses" };
 }
 
 /// The registers of a peripheral.
@@ -213,8 +213,8 @@ mod tests {
     fn storage_keeps_what_is_writable_and_lists_what_was_read_before() {
         let mut storage = Storage::new(&[(0x00, 0x10, 0xff), (0x04, 0, u32::MAX)]);
         assert_eq!(storage.read(0x00, Width::Word), Ok(0x10));
-        storage.write(0x00, 0xabcd, Width::Word).expect("known");
-        storage.write(0x05, 0x12, Width::Byte).expect("known");
+        storage.write(0x00, 0xabcd, Width::Word).expect("modelled access");
+        storage.write(0x05, 0x12, Width::Byte).expect("modelled access");
         assert_eq!((storage.get(0x00), storage.get(0x04)), (0xcd, 0x1200));
         assert_eq!(storage.read(0x04, Width::Half), Ok(0x1200));
         assert_eq!(storage.read(0x08, Width::Word), Err(Unknown::REGISTER));

@@ -103,7 +103,7 @@ mod tests {
         let mut frame = [0; MAX_FRAME];
         for (sequence, id) in [(0, second), (2, 77), (3, first)] {
             let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
-            let length = encode_record(&reply, sequence, &mut frame).expect("fits");
+            let length = encode_record(&reply, sequence, &mut frame).expect("the record fits in a frame");
             talk.take(&frame[..length]);
         }
         assert_eq!(talk.reply(first), Some(Reply { id: first, result: Ok(Done::Plain) }));

@@ -63,13 +63,13 @@ pub enum UsbError {
     #[error("the device refused the request (STALL)")]
     Stalled,
     /// No response to three packets.
-    #[error("the device does not answer")]
+    #[error("the device does not respond")]
     Silent,
     /// More data than requested.
-    #[error("the device sent more than was asked for")]
+    #[error("the device sent more data than requested")]
     TooMuch,
     /// Timeout.
-    #[error("not done within the time")]
+    #[error("timed out")]
     Late,
     /// No device is connected.
     #[error("no device is attached")]

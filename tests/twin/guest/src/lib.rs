@@ -53,10 +53,10 @@ impl Guest {
                 }
                 Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
                 Err(_) if !alive() => {
-                    return Err(io::Error::new(io::ErrorKind::BrokenPipe, "the guest ended before it called"));
+                    return Err(io::Error::new(io::ErrorKind::BrokenPipe, "the guest exited before it connected"));
                 }
                 Err(_) if start.elapsed() > within => {
-                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the guest did not call"));
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the guest did not connect in time"));
                 }
                 Err(_) => std::thread::sleep(LOOK),
             }
@@ -122,7 +122,7 @@ fn read_number(stream: &mut impl Read) -> io::Result<u32> {
 fn read_bytes(stream: &mut impl Read) -> io::Result<Vec<u8>> {
     let length = read_number(stream)?;
     if length > MOST_BYTES {
-        return Err(io::Error::new(io::ErrorKind::InvalidData, "more bytes than can be"));
+        return Err(io::Error::new(io::ErrorKind::InvalidData, "more bytes than allowed"));
     }
     let mut bytes = vec![0; length as usize];
     stream.read_exact(&mut bytes)?;
@@ -192,7 +192,7 @@ mod tests {
     #[test]
     fn a_guest_that_ends_before_it_calls_is_not_waited_for() {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let error = Guest::accept(&listener, Duration::from_secs(60), || false).err().expect("nobody calls");
+        let error = Guest::accept(&listener, Duration::from_secs(60), || false).err().expect("no guest connects");
         assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
     }
 
@@ -207,9 +207,9 @@ mod tests {
             stream.write_all(b"\x01\x11\0\x03\0\0\0\x02")?;
             Ok(question)
         });
-        let error = usbip::import(address).expect_err("busy");
+        let error = usbip::import(address).expect_err("the server is busy");
         assert_eq!(error.kind(), io::ErrorKind::ResourceBusy);
-        let question = server.join().expect("no panic").expect("a question");
+        let question = server.join().expect("no panic").expect("a request");
         assert_eq!(question[..12], *b"\x01\x11\x80\x03\0\0\0\x001-1\0");
     }
 }

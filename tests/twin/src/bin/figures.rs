@@ -82,10 +82,10 @@ fn measure() -> Result<String, Box<dyn Error>> {
         ));
         let estimates = link.records().iter().filter(|record| matches!(record, Record::Estimate(_))).count();
         if estimates == 0 {
-            return Err("no estimate came: nothing was measured".into());
+            return Err("no estimate received: nothing was measured".into());
         }
     }
-    let stack = link.socket.stack_high_water().ok_or("the image paints no stack")?;
+    let stack = link.socket.stack_high_water().ok_or("the image does not paint its stack")?;
     Ok(format!(r#"{{"stack_bytes":{},"loads":[{}]}}"#, stack.used, loads.join(",")))
 }
 

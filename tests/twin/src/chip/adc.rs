@@ -463,10 +463,10 @@ impl Converter {
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Result<(), Unknown> {
         let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
-        no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: a mode without a model")?;
-        no_model(self.storage.get(offset::CFGR2), "ADC_CFGR2: oversampling has no model")?;
+        no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: mode is not modelled")?;
+        no_model(self.storage.get(offset::CFGR2), "ADC_CFGR2: oversampling is not modelled")?;
         for ofr in (offset::OFR1..=offset::OFR4).step_by(4) {
-            no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets have no model")?;
+            no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets are not modelled")?;
         }
         let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(offset::SQR1 + 4 * n as u32));
         self.length = (sqr[0] & 0xF) as usize + 1;
@@ -476,7 +476,7 @@ impl Converter {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
             let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
-            no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels have no model")?;
+            no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels are not modelled")?;
             let (register, within) = if channel < 10 { (0, channel) } else { (1, channel - 10) };
             let number = (smpr[register] >> (3 * within) & 7) as usize;
             *slot = Rank { channel, sampling_clocks: SAMPLING_CLOCKS[number] };
@@ -571,7 +571,7 @@ impl Adcs {
             0 if kernel_hz > 0.0 => {
                 Timing { cycles: self.hclk_hz / kernel_hz * prescaler, latency: None, divided: prescaler > 1.0 }
             }
-            0 => return Err(Unknown { what: "the ADC has no clock: ADCxSEL in RCC_CCIPR, or CKMODE" }),
+            0 => return Err(Unknown { what: "the ADC has no clock: set ADCxSEL in RCC_CCIPR, or CKMODE" }),
             1 => Timing { cycles: 1.0, latency: Some(2.0), divided: false },
             2 => Timing { cycles: 2.0, latency: Some(2.25), divided: true },
             _ => Timing { cycles: 4.0, latency: Some(2.125), divided: true },
@@ -670,12 +670,12 @@ impl Adcs {
     /// The input of `unit`'s conversion in progress, and its aperture.
     pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
         let it = self.unit(unit);
-        let conversion = it.conversion.ok_or(Unknown { what: "no conversion is under way" })?;
+        let conversion = it.conversion.ok_or(Unknown { what: "no conversion is in progress" })?;
         let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
-        let signal = unit.signal(channel).ok_or(Unknown { what: "an ADC channel to which nothing is connected" })?;
+        let signal = unit.signal(channel).ok_or(Unknown { what: "ADC channel not connected" })?;
         let switch = signal.switch();
         if self.common[unit.common()] & switch != switch {
-            return Err(Unknown { what: "an internal ADC channel that ADC_CCR does not connect" });
+            return Err(Unknown { what: "internal ADC channel not enabled in ADC_CCR" });
         }
         Ok((signal, conversion.aperture))
     }
@@ -759,7 +759,7 @@ impl Adcs {
         // Bits that software sets and hardware clears: `rising` are those newly set.
         let rising = value & !it.cr & !plain;
         if rising & (cr::JADSTART | cr::JADSTP) != 0 {
-            return refuse("ADC_CR: injected conversions have no model");
+            return refuse("ADC_CR: injected conversions are not modelled");
         }
         let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
         let settles = enforced && now < it.regulator_settled;
@@ -800,7 +800,7 @@ impl Adcs {
         let it = self.unit_mut(unit);
         if rising & cr::ADDIS != 0 && it.cr & cr::ADEN != 0 {
             if it.is_started() {
-                return refuse("ADC_CR: ADDIS while a conversion is started");
+                return refuse("ADC_CR: ADDIS while ADSTART is set");
             }
             it.stopped = false;
             it.cr &= !cr::ADEN;
@@ -834,7 +834,7 @@ impl Adcs {
             offset::CR => return self.write_control(unit, value, now),
             offset::CFGR => {
                 if it.is_started() && it.cfgr != value {
-                    return Err(Unknown { what: "ADC_CFGR changed while conversions are started" });
+                    return Err(Unknown { what: "ADC_CFGR changed while ADSTART is set" });
                 }
                 if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
                     it.dma_ended = false;
@@ -854,7 +854,7 @@ impl Adcs {
                 };
                 it.storage.write(offset, value, width)?;
                 if fixed && it.storage.get(storage) != before {
-                    return Err(Unknown { what: "an ADC register changed while the converter is in use" });
+                    return Err(Unknown { what: "ADC register changed while the ADC is in use" });
                 }
             }
         }
@@ -911,15 +911,15 @@ impl Adcs {
             return Err(Unknown::REGISTER);
         }
         if value & ccr::DUAL != 0 {
-            return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode has a model" });
+            return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode is modelled" });
         }
         let changed = self.common[common] ^ value;
         let switches = ccr::VREFEN | ccr::VSENSESEL | ccr::VBATSEL;
         if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & cr::ADEN != 0) {
-            return Err(Unknown { what: "ADC_CCR changed while an ADC of the block is enabled" });
+            return Err(Unknown { what: "ADC_CCR changed while one of its ADCs is enabled" });
         }
         if changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()) {
-            return Err(Unknown { what: "ADC_CCR changed while conversions are started" });
+            return Err(Unknown { what: "ADC_CCR changed while ADSTART is set in one of its ADCs" });
         }
         self.common[common] = value;
         Ok(())

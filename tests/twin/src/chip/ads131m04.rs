@@ -246,10 +246,10 @@ impl Ads131m04 {
     /// Exchanges a byte over SPI; `mode` is (CPOL, CPHA).
     pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
         if self.selected && mode != (false, true) {
-            return Err(Unknown { what: "the ADS131M04 takes SPI mode 1 (CPOL 0, CPHA 1)" });
+            return Err(Unknown { what: "the ADS131M04 requires SPI mode 1 (CPOL 0, CPHA 1)" });
         }
         if self.selected && rate_hz > GREATEST_RATE_HZ {
-            return Err(Unknown { what: "the ADS131M04's bus is clocked faster than 25 MHz" });
+            return Err(Unknown { what: "SCLK of the ADS131M04 is above 25 MHz" });
         }
         Ok(self.chip.shift(byte))
     }

@@ -77,10 +77,10 @@ mod tests {
         let mut crs = Crs::default();
         crs.synchronise();
         assert_eq!(crs.read(ISR, Width::Word, 0), Ok(0));
-        crs.write(CR, 0x4000 | CEN | 1, Width::Word, 0).expect("known");
+        crs.write(CR, 0x4000 | CEN | 1, Width::Word, 0).expect("modelled access");
         crs.synchronise();
         assert!(crs.irq());
-        crs.write(ICR, SYNCOK | ESYNC, Width::Word, 0).expect("known");
+        crs.write(ICR, SYNCOK | ESYNC, Width::Word, 0).expect("modelled access");
         assert!(!crs.irq());
     }
 

@@ -158,11 +158,13 @@ impl Registers for Dac {
         }
         match offset {
             0x00 if value & !cr::KNOWN != 0 => {
-                return Err(Unknown { what: "DAC_CR: one channel, without waves and calibration, is modelled" });
+                return Err(Unknown {
+                    what: "DAC_CR: only channel 1 without wave generation and calibration is modelled",
+                });
             }
             0x00 => {
                 if value & cr::EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14 {
-                    return Err(Unknown { what: "DAC_MCR.HFSEL: the bus clock is over 160 MHz" });
+                    return Err(Unknown { what: "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz" });
                 }
                 let starts = value & !self.cr & cr::EN != 0;
                 self.cr = value;
@@ -182,7 +184,7 @@ impl Registers for Dac {
             }
             0x34 => self.underrun &= value & sr::DMAUDR == 0,
             0x3C if value & !HFSEL != 0 => {
-                return Err(Unknown { what: "DAC_MCR: the normal mode with the buffer is modelled" });
+                return Err(Unknown { what: "DAC_MCR: only normal mode with the buffer is modelled" });
             }
             0x3C => self.mcr = value,
             _ => return Err(Unknown::REGISTER),
@@ -206,7 +208,7 @@ mod tests {
     const HCLK_HZ: f64 = 168e6;
 
     fn write(dac: &mut Dac, offset: u32, value: u32, now: Cycles) {
-        dac.write(offset, value, Width::Word, now).expect("known");
+        dac.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     fn dac(control: u32) -> Dac {
@@ -225,7 +227,7 @@ mod tests {
         assert_eq!(dac.volts(168_000), Some(1.65));
         write(&mut dac, 0x08, 1024, 168_000);
         // After one time constant.
-        let after = dac.volts(168_000 + 168).expect("on");
+        let after = dac.volts(168_000 + 168).expect("the DAC is on");
         assert!((after - (0.825 + 0.825 * (-1f64).exp())).abs() < 1e-12, "{after}");
         assert_eq!(dac.volts(167_000), Some(1.65), "looking back");
         assert_eq!(dac.read(0x2C, Width::Word, 168_200), Ok(1024));
@@ -238,7 +240,7 @@ mod tests {
         let mut dac = dac(cr::EN);
         for (code, volts) in [(0, 0.2), (4095, 3.1)] {
             write(&mut dac, 0x08, code, 168_000);
-            assert!((dac.volts(1_000_000).expect("on") - volts).abs() < 1e-9);
+            assert!((dac.volts(1_000_000).expect("the DAC is on") - volts).abs() < 1e-9);
         }
     }
 

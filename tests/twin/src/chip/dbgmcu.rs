@@ -46,7 +46,7 @@ mod tests {
     #[test]
     fn identity_cannot_be_changed() {
         let mut dbgmcu = Dbgmcu::default();
-        dbgmcu.write(0, 0, Width::Word, 0).expect("known");
+        dbgmcu.write(0, 0, Width::Word, 0).expect("modelled access");
         assert_eq!(dbgmcu.read(0, Width::Word, 0), Ok(IDCODE));
     }
 }

@@ -157,7 +157,7 @@ impl Dma {
             return Ok(None);
         }
         if it.ccr & ccr::MEM2MEM != 0 {
-            return Err(Unknown { what: "DMA_CCR.MEM2MEM: memory to memory is not modelled" });
+            return Err(Unknown { what: "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled" });
         }
         let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
         let place = |base: u32, moves: u32, width: Width| {
@@ -265,7 +265,9 @@ impl Registers for Dma {
             for (n, it) in (0..).zip(&mut self.channels) {
                 let clear = value >> (4 * n) & 0xF;
                 if self.errata.dma_global_clear && clear & flag::GLOBAL != 0 && it.is_enabled() {
-                    return Err(Unknown { what: "DMA_IFCR.CGIF: an enabled channel may miss an error by it" });
+                    return Err(Unknown {
+                        what: "DMA_IFCR: CGIF written for an enabled channel may lose an error flag",
+                    });
                 }
                 it.flags &= !if clear & flag::GLOBAL != 0 { flag::ALL } else { clear };
             }
@@ -280,7 +282,7 @@ impl Registers for Dma {
                 return Err(Unknown { what: "DMA_CCR: changed while the channel is enabled" });
             }
             if value & ccr::EN != 0 && it.flags & flag::ERROR != 0 {
-                return Err(Unknown { what: "DMA_CCR.EN: it cannot be set before the channel's error is cleared" });
+                return Err(Unknown { what: "DMA_CCR.EN: set before the channel's error flag is cleared" });
             }
             it.ccr = value;
             return Ok(());

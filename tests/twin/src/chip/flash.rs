@@ -508,7 +508,7 @@ impl Flash {
     fn check_cache(&self) -> Result<(), Unknown> {
         if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
             return Err(Unknown {
-                what: "flash is written while the data cache is on, which may corrupt it (ES0430 2.2.2)",
+                what: "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
             });
         }
         Ok(())
@@ -607,7 +607,7 @@ impl Flash {
     pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let at = address.wrapping_sub(START) as usize;
         if at < BANK {
-            return Err(Unknown { what: "bank 1, from which the code runs, is written" });
+            return Err(Unknown { what: "write to bank 1, from which the code runs" });
         }
         if at >= LEN {
             return Err(Unknown { what: "past the end of flash" });
@@ -641,7 +641,7 @@ impl Flash {
     fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
         if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
             self.shut = true;
-            return Err(Unknown { what: "a wrong flash key: a bus fault, and closed until the next reset" });
+            return Err(Unknown { what: "wrong FLASH_KEYR key: bus fault, locked until reset" });
         }
         self.keys = (self.keys + 1) % 2;
         if self.keys == 0 {
@@ -652,7 +652,7 @@ impl Flash {
 
     fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
         if self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys] {
-            return Err(Unknown { what: "a wrong option key, or flash is locked" });
+            return Err(Unknown { what: "wrong FLASH_OPTKEYR key, or FLASH_CR is locked" });
         }
         self.option_keys = (self.option_keys + 1) % 2;
         if self.option_keys == 0 {
@@ -668,7 +668,7 @@ impl Flash {
             return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
         }
         if word & CR_UNKNOWN != 0 {
-            return Err(Unknown { what: "mass erasure, fast programming and secured areas are not modelled" });
+            return Err(Unknown { what: "mass erase, fast programming and securable areas are not modelled" });
         }
         self.control = word & CR_KEPT | self.control & OPTLOCK;
         if word & PG == 0 {
@@ -685,7 +685,7 @@ impl Flash {
             if word & (PG | PER) != PER || self.status & ERRORS != 0 {
                 self.fail(PGSERR);
             } else if word & BKER == 0 {
-                return Err(Unknown { what: "bank 1, from which the code runs, is erased" });
+                return Err(Unknown { what: "erase of bank 1, from which the code runs" });
             } else {
                 let page = (BANK / PAGE) + (word >> 3 & 0x7f) as usize;
                 self.check_cache()?;
@@ -751,7 +751,7 @@ impl Registers for Flash {
                 if after & DCRST != 0 {
                     match (before & after & DCEN != 0, self.rules) {
                         (true, Rules::Enforced) => {
-                            return Err(Unknown { what: "the data cache is reset while it is on" });
+                            return Err(Unknown { what: "data cache reset (DCRST) while the cache is on" });
                         }
                         // No effect, as the cache is on.
                         (true, Rules::AsOnTheChip) => {}
@@ -830,11 +830,11 @@ mod tests {
     const SETTINGS: u32 = 0x0807_c000;
 
     fn write(flash: &mut Flash, offset: u32, value: u32, now: Cycles) {
-        flash.write(offset, value, Width::Word, now).expect("known");
+        flash.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     fn read(flash: &mut Flash, offset: u32, now: Cycles) -> u32 {
-        flash.read(offset, Width::Word, now).expect("known")
+        flash.read(offset, Width::Word, now).expect("modelled access")
     }
 
     fn unlocked() -> Flash {
@@ -848,12 +848,12 @@ mod tests {
 
     fn program(flash: &mut Flash, address: u32, data: [u32; 2], now: Cycles) {
         write(flash, CR, PG | EOPIE | ERRIE, now);
-        flash.write_memory(address, data[0], Width::Word, now).expect("known");
-        flash.write_memory(address + 4, data[1], Width::Word, now).expect("known");
+        flash.write_memory(address, data[0], Width::Word, now).expect("modelled access");
+        flash.write_memory(address + 4, data[1], Width::Word, now).expect("modelled access");
     }
 
     fn word(flash: &mut Flash, address: u32, now: Cycles) -> u32 {
-        flash.read_memory(address, Width::Word, now).expect("known")
+        flash.read_memory(address, Width::Word, now).expect("modelled access")
     }
 
     /// 85 us and 22 ms at 16 MHz.
@@ -882,14 +882,14 @@ mod tests {
     #[test]
     fn wrong_order_and_wrong_size() {
         let mut flash = unlocked();
-        flash.write_memory(SETTINGS, 0, Width::Word, 0).expect("known");
+        flash.write_memory(SETTINGS, 0, Width::Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGSERR, "PG is not set");
         write(&mut flash, SR, PGSERR, 0);
         write(&mut flash, CR, PG, 0);
-        flash.write_memory(SETTINGS + 4, 0, Width::Word, 0).expect("known");
+        flash.write_memory(SETTINGS + 4, 0, Width::Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGAERR);
         write(&mut flash, SR, PGAERR, 0);
-        flash.write_memory(SETTINGS, 0, Width::Half, 0).expect("known");
+        flash.write_memory(SETTINGS, 0, Width::Half, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), SIZERR);
         assert!(flash.write_memory(START, 0, Width::Word, 0).is_err(), "bank 1");
     }
@@ -900,7 +900,7 @@ mod tests {
         assert!(flash.write(CR, PG, Width::Word, 0).is_err());
         write(&mut flash, KEYR, KEYS[0], 0);
         assert!(flash.write(KEYR, KEYS[0], Width::Word, 0).is_err());
-        assert!(flash.write(KEYR, KEYS[1], Width::Word, 0).is_err(), "closed until the next reset");
+        assert!(flash.write(KEYR, KEYS[1], Width::Word, 0).is_err(), "locked until the next reset");
         flash.reset(0);
         for key in KEYS {
             write(&mut flash, KEYR, key, 0);

@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     fn write(gpio: &mut Gpio, offset: u32, value: u32) {
-        gpio.write(offset, value, Width::Word, 0).expect("known");
+        gpio.write(offset, value, Width::Word, 0).expect("modelled access");
     }
 
     #[test]

@@ -131,7 +131,7 @@ impl Registers for Iwdg {
                     _ => {}
                 }
             }
-            PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the key that opens it" }),
+            PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the access key 0x5555" }),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
             // A write to WINR includes a refresh (RM0440 42.3.4).
@@ -199,7 +199,7 @@ mod tests {
     use super::*;
 
     fn write(iwdg: &mut Iwdg, offset: u32, value: u32, now: Cycles) {
-        iwdg.write(offset, value, Width::Word, now).expect("known");
+        iwdg.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     /// One second: prescaler 16, 2000 counts. An LSI period is 500 cycles.

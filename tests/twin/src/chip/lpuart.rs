@@ -259,10 +259,12 @@ impl Registers for Lpuart {
                     self.transmit.clear();
                 }
                 if word & !(3 << 3) != 0 {
-                    return Err(Unknown { what: "of the requests only flushing is modelled" });
+                    return Err(Unknown { what: "RQR: only the flush requests are modelled" });
                 }
             }
-            CR1 if word & CR1_UNKNOWN != 0 => return Err(Unknown { what: "other frames than 8N1 are not modelled" }),
+            CR1 if word & CR1_UNKNOWN != 0 => {
+                return Err(Unknown { what: "frame formats other than 8N1 are not modelled" });
+            }
             CR3 if word & !CR3_KNOWN != 0 => {
                 return Err(Unknown { what: "flow control and half-duplex are not modelled" });
             }
@@ -336,11 +338,11 @@ mod tests {
     use super::*;
 
     fn write(uart: &mut Lpuart, offset: u32, value: u32, now: Cycles) {
-        uart.write(offset, value, Width::Word, now).expect("known");
+        uart.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     fn read(uart: &mut Lpuart, offset: u32, now: Cycles) -> u32 {
-        uart.read(offset, Width::Word, now).expect("known")
+        uart.read(offset, Width::Word, now).expect("modelled access")
     }
 
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.

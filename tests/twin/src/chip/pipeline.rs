@@ -190,7 +190,7 @@ impl Chip {
         // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
         // ones.
         if self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION) {
-            return Err(Unknown { what: "SPI2 is in use and its pins PB13, PB14, PB15 are not its own" });
+            return Err(Unknown { what: "SPI2 is in use, but PB13, PB14, PB15 are not assigned to it" });
         }
         let Some(ads) = &mut self.ads131m04 else { return Ok(u16::MAX) };
         let mut byte = |byte: u8| ads.exchange(byte, mode, rate_hz).map(u16::from);
@@ -198,7 +198,7 @@ impl Chip {
         match frame.bits {
             8 => byte(low),
             16 => Ok(byte(high)? << 8 | byte(low)?),
-            _ => Err(Unknown { what: "the ADS131M04 is given frames that are not whole bytes" }),
+            _ => Err(Unknown { what: "frame size for the ADS131M04 is not a multiple of 8 bits" }),
         }
     }
 
@@ -247,7 +247,7 @@ impl Chip {
             Signal::Pin(pin) => pin,
         };
         if self.pin_mode(pin) != Mode::Analog {
-            Err(Unknown { what: "a conversion of a pin that is not in analogue mode" })
+            Err(Unknown { what: "conversion of a pin that is not in analogue mode" })
         } else {
             self.input_volts(pin, at, time_s)
         }
@@ -261,7 +261,7 @@ impl Chip {
             (Some(jumpers), _, true) => Ok(self.wire_volts(jumpers.terminal, at)),
             (None, true, _) => Ok(self.world.force_volts(time_s)),
             (None, _, true) => Ok(self.world.terminal_volts(time_s)),
-            _ => Err(Unknown { what: "a conversion of a pin to which nothing is connected" }),
+            _ => Err(Unknown { what: "conversion of a pin that is not connected" }),
         }
     }
 

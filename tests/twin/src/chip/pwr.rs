@@ -50,7 +50,7 @@ impl Registers for Pwr {
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
         if offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1 {
-            return Err(Unknown { what: "of the supply ranges only range 1 is modelled" });
+            return Err(Unknown { what: "PWR_CR1.VOS: only range 1 is modelled" });
         }
         self.0.write(offset, value, width)
     }
@@ -68,8 +68,8 @@ mod tests {
     fn boost_and_backup() {
         let mut pwr = Pwr::default();
         assert!(!pwr.boost() && !pwr.backup_is_open());
-        pwr.write(CR5, 0, Width::Word, 0).expect("known");
-        pwr.write(CR1, 0x300, Width::Word, 0).expect("known");
+        pwr.write(CR5, 0, Width::Word, 0).expect("modelled access");
+        pwr.write(CR1, 0x300, Width::Word, 0).expect("modelled access");
         assert!(pwr.boost() && pwr.backup_is_open());
         assert_eq!(pwr.read(CR1, Width::Word, 0), Ok(0x300));
         assert!(pwr.write(CR1, 0x400, Width::Word, 0).is_err(), "range 2");

@@ -21,8 +21,8 @@ impl Ram {
     /// # Panics
     /// If `len` is zero or too large for an allocation. Running out of memory aborts.
     pub fn new(len: usize, value: u8) -> Self {
-        assert!(len > 0, "memory without bytes");
-        let layout = alloc::Layout::from_size_align(len, PAGE).expect("a size that exists");
+        assert!(len > 0, "memory of length 0");
+        let layout = alloc::Layout::from_size_align(len, PAGE).expect("valid allocation size");
         // SAFETY: the layout's size is not zero.
         let bytes = unsafe { alloc::alloc_zeroed(layout) };
         let Some(bytes) = NonNull::new(bytes) else { alloc::handle_alloc_error(layout) };

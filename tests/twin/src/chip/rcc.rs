@@ -383,27 +383,27 @@ impl Rcc {
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
             if !(2.66e6..=16e6).contains(&input) {
-                return fault("the input of the PLL must lie between 2.66 and 16 MHz");
+                return fault("the PLL input must be between 2.66 and 16 MHz");
             }
             if !(96e6..=344e6).contains(&vco) {
-                return fault("the oscillator of the PLL must lie between 96 and 344 MHz");
+                return fault("the VCO of the PLL must be between 96 and 344 MHz");
             }
             if outputs.iter().any(|&hz| hz > 170e6) {
-                return fault("an output of the PLL lies over 170 MHz");
+                return fault("a PLL output is above 170 MHz");
             }
         }
         let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
         let source = self.in_use();
         let ready = is_ready(self.ready(source)) && (source != 3 || self.pll().2[2] > 0.0);
         if !ready {
-            return fault("the core is left without a clock");
+            return fault("the selected system clock is off or not ready");
         }
         let (limit_hz, step_hz) = if boost { (170e6, 34e6) } else { (150e6, 30e6) };
         if clocks.hclk_hz > limit_hz {
-            return fault("the core is faster than its supply range allows");
+            return fault("the core clock is too fast for the voltage range");
         }
         if clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0) {
-            return fault("flash has too few wait states for this clock");
+            return fault("too few flash wait states for the core clock");
         }
         Ok(())
     }
@@ -461,14 +461,14 @@ impl Registers for Rcc {
                 && self.storage.get(PLLCFGR) & 3 == 3
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
-                return Err(Unknown { what: "the PLL is switched on before its source is ready" });
+                return Err(Unknown { what: "PLL enabled before its source is ready" });
             }
             BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
-                return Err(Unknown { what: "the LSI is unstable when it clocks the RTC (ES0430)" });
+                return Err(Unknown { what: "LSI is unstable when it clocks the RTC (ES0430)" });
             }
-            BDCR if word & 1 != 0 => return Err(Unknown { what: "the slow crystal is not modelled" }),
+            BDCR if word & 1 != 0 => return Err(Unknown { what: "LSE is not modelled" }),
             PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
-                return Err(Unknown { what: "the PLL is changed while it runs" });
+                return Err(Unknown { what: "RCC_PLLCFGR changed while the PLL is enabled" });
             }
             _ => {}
         }
@@ -483,7 +483,7 @@ impl Registers for Rcc {
                 self.stepped = now;
             }
             if word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)) {
-                return Err(Unknown { what: "over 80 MHz without 1 us of AHB / 2 on the way" });
+                return Err(Unknown { what: "system clock raised above 80 MHz without 1 us at AHB / 2" });
             }
         }
         match register {
@@ -531,11 +531,11 @@ mod tests {
     use super::*;
 
     fn write(rcc: &mut Rcc, offset: u32, value: u32, now: Cycles) {
-        rcc.write(offset, value, Width::Word, now).expect("known");
+        rcc.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     fn read(rcc: &mut Rcc, offset: u32, now: Cycles) -> u32 {
-        rcc.read(offset, Width::Word, now).expect("known")
+        rcc.read(offset, Width::Word, now).expect("modelled access")
     }
 
     /// HSE 24 MHz / 2 * 28 / 2; PLL selected at cycle 40000.
@@ -582,7 +582,7 @@ mod tests {
         assert!(rcc.check(&clocks, true, 3).is_err(), "wait states");
         assert!(
             rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
-            "changed while it runs"
+            "changed while enabled"
         );
         // The same multiplication with another board's crystal.
         let mut other = Rcc::new(8e6);

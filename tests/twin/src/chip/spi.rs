@@ -236,10 +236,10 @@ impl Spi {
                 return Err(Unknown { what: "SPI_CR1 changed while the SPI is enabled" });
             }
             if value & cr1::MSTR == 0 || value & cr1::NOT_MODELLED != 0 || self.cr2 & cr2::FRF != 0 {
-                return Err(Unknown { what: "SPI_CR1: only a full-duplex master without CRC has a model" });
+                return Err(Unknown { what: "SPI_CR1: only a full-duplex master without CRC is modelled" });
             }
             if value & (cr1::SSM | cr1::SSI) != cr1::SSM | cr1::SSI {
-                return Err(Unknown { what: "SPI_CR1: only the software's select (SSM, SSI) has a model" });
+                return Err(Unknown { what: "SPI_CR1: only software NSS (SSM, SSI) is modelled" });
             }
         }
         let was_sending = self.is_enabled() && (self.frame.is_some() || !self.transmit.is_empty());
@@ -253,14 +253,14 @@ impl Spi {
         // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
-                return Err(Unknown { what: "SPI_DR: a byte written in frames of more than 8 bits" });
+                return Err(Unknown { what: "SPI_DR: byte write with a frame size above 8 bits" });
             }
             Width::Byte => 1,
             Width::Half => 2,
             Width::Word => return Err(Unknown::WIDTH),
         };
         if self.transmit.len() + bytes > DEPTH {
-            return Err(Unknown { what: "SPI_DR: written without room in the transmit FIFO" });
+            return Err(Unknown { what: "SPI_DR write does not fit in the transmit FIFO" });
         }
         self.transmit.extend(value.to_le_bytes().into_iter().take(bytes));
         self.start(now);
@@ -312,7 +312,7 @@ impl Registers for Spi {
             // Error flags that this model does not raise.
             0x08 => Ok(()),
             0x0C if offset & 3 == 0 => self.write_data(value, width, now),
-            0x1C if value & 1 << 11 != 0 => Err(Unknown { what: "SPI_I2SCFGR.I2SMOD: I2S has no model" }),
+            0x1C if value & 1 << 11 != 0 => Err(Unknown { what: "SPI_I2SCFGR.I2SMOD: I2S is not modelled" }),
             _ => self.storage.write(offset, value, width),
         }
     }

@@ -77,7 +77,7 @@ impl Registers for Syscfg {
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
         // The ROM's boot loader must be at address 0; other memories cannot be mapped there in the twin.
         if offset & !3 == MEMRMP && value & 7 > 1 {
-            return Err(Unknown { what: "at address 0 there is flash or the ROM" });
+            return Err(Unknown { what: "MEM_MODE: only flash and system memory are modelled at address 0" });
         }
         self.0.write(offset, value, width)
     }
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn lines_choose_their_port() {
         let mut syscfg = Syscfg::default();
-        syscfg.write(0x10, 1 << 8, Width::Word, 0).expect("known");
+        syscfg.write(0x10, 1 << 8, Width::Word, 0).expect("modelled access");
         assert_eq!((syscfg.exti_port(10), syscfg.exti_port(9)), (1, 0));
         assert!(syscfg.write(MEMRMP, 3, Width::Word, 0).is_err(), "RAM at address 0");
     }

@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn outlives_a_reset_only() {
         let mut tamp = Tamp::default();
-        tamp.write(0x104, 7, Width::Word, 0).expect("known");
+        tamp.write(0x104, 7, Width::Word, 0).expect("modelled access");
         tamp.reset(0);
         assert_eq!(tamp.read(0x104, Width::Word, 0), Ok(7));
         tamp.lose_power();

@@ -410,7 +410,7 @@ impl Registers for Tim {
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
                 if value & !1 != 0 {
-                    return Err(Unknown { what: "of the events by software only the update is modelled" });
+                    return Err(Unknown { what: "EGR: only UG is modelled" });
                 }
                 if value & 1 != 0 && self.storage.get(CR1) & UDIS == 0 {
                     self.update();
@@ -428,13 +428,13 @@ impl Registers for Tim {
                 }
                 self.storage.write(offset, value, width)?;
                 if value & DIR != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "counting down is not modelled" });
+                    return Err(Unknown { what: "down-counting is not modelled" });
                 }
             }
             SMCR => {
                 self.storage.write(offset, value, width)?;
                 if self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "of the slave modes only the encoder's are modelled" });
+                    return Err(Unknown { what: "SMS: only encoder modes are modelled" });
                 }
             }
             DIER => {
@@ -444,7 +444,7 @@ impl Registers for Tim {
                 self.storage.write(offset, value, width)?;
             }
             TISEL if value != 0 && (!self.takes_lsi || value != LSI) => {
-                return Err(Unknown { what: "of the other inputs only TIM5's 32 kHz oscillator is modelled" });
+                return Err(Unknown { what: "TISEL: only LSI on TIM5 is modelled" });
             }
             register => {
                 self.storage.write(offset, value, width)?;
@@ -506,11 +506,11 @@ mod tests {
     use super::*;
 
     fn write(tim: &mut Tim, offset: u32, value: u32, now: Cycles) {
-        tim.write(offset, value, Width::Word, now).expect("known");
+        tim.write(offset, value, Width::Word, now).expect("modelled access");
     }
 
     fn read(tim: &mut Tim, offset: u32, now: Cycles) -> u32 {
-        tim.read(offset, Width::Word, now).expect("known")
+        tim.read(offset, Width::Word, now).expect("modelled access")
     }
 
     /// Prescaler 16, enabled at cycle 100.

@@ -158,7 +158,7 @@ impl Tim6 {
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
         if value & (cr1::OPM | cr1::DITHEN) != 0 {
-            return Err(Unknown { what: "TIM6_CR1: one-pulse mode and dithering have no model" });
+            return Err(Unknown { what: "TIM6_CR1: one-pulse mode and dithering are not modelled" });
         }
         let counter = self.counter(now);
         self.cr1 = value & cr1::ALL;
@@ -186,7 +186,7 @@ impl Registers for Tim6 {
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "TIM6 takes words and aligned half-words only" });
+            return Err(Unknown { what: "TIM6 accepts only word and aligned half-word accesses" });
         }
         match offset {
             0x00 => self.write_control(value, now)?,

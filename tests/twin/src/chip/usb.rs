@@ -528,13 +528,15 @@ impl Usb {
             0x50 => self.table = value & 0xFFF8,
             // Only the enable and acknowledge bits are writable (RM0440 45.6.1, USB_LPMCSR).
             0x54 => self.link_power = value & 3,
-            0x58 if value & CHARGER != 0 => return Err(Unknown { what: "USB_BCDR: charger detection" }),
+            0x58 if value & CHARGER != 0 => {
+                return Err(Unknown { what: "USB_BCDR: charger detection is not modelled" });
+            }
             0x58 => {
                 let low = self.lines_low();
                 self.charger = value & PULL_UP;
                 self.watch_lines(low);
             }
-            0x48 => return Err(Unknown { what: "USB_FNR is read only" }),
+            0x48 => return Err(Unknown { what: "USB_FNR is read-only" }),
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
@@ -543,10 +545,10 @@ impl Usb {
     fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
         let of_type = value & endpoint::TYPE;
         if of_type == endpoint::TYPE_ISOCHRONOUS {
-            return Err(Unknown { what: "USB_EPnR: isochronous endpoint" });
+            return Err(Unknown { what: "USB_EPnR: isochronous endpoints are not modelled" });
         }
         if of_type == endpoint::TYPE_BULK && value & endpoint::KIND != 0 {
-            return Err(Unknown { what: "USB_EPnR: double-buffered endpoint" });
+            return Err(Unknown { what: "USB_EPnR: double-buffered endpoints are not modelled" });
         }
         let register = &mut self.endpoints[index];
         *register = (*register ^ value) & endpoint::FLIPPED
@@ -558,7 +560,7 @@ impl Usb {
 
     fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
         if value & (control::RESUME | control::L1_RESUME) != 0 {
-            return Err(Unknown { what: "USB_CNTR: remote wake-up" });
+            return Err(Unknown { what: "USB_CNTR: remote wake-up is not modelled" });
         }
         let low = self.lines_low();
         let woken = self.sleeps() && value & control::FORCE_SUSPEND == 0;
@@ -593,8 +595,8 @@ impl Registers for Usb {
             return match (width, self.memory.get(place..)) {
                 (Width::Byte, Some([byte, ..])) => Ok(u32::from(*byte)),
                 (Width::Half, Some([low, high, ..])) => Ok(u32::from(u16::from_le_bytes([*low, *high]))),
-                (Width::Word, _) => Err(Unknown { what: "USB packet memory: read of a word" }),
-                _ => Err(Unknown { what: "USB packet memory: outside" }),
+                (Width::Word, _) => Err(Unknown { what: "USB packet memory: word read" }),
+                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
             };
         }
         self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
@@ -611,12 +613,12 @@ impl Registers for Usb {
                 }
                 // Half-words only: the memory is 16 bits wide, and chips of this family have been observed to write a
                 // byte twice.
-                (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: write of a byte or word" }),
-                _ => Err(Unknown { what: "USB packet memory: outside" }),
+                (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: byte or word write" }),
+                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
             };
         }
         if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "USB: registers are written by halves or words" });
+            return Err(Unknown { what: "USB registers accept only aligned half-word or word writes" });
         }
         self.write_register(offset, value as u16)
     }
@@ -669,17 +671,17 @@ mod tests {
 
     fn read(usb: &mut Usb, offset: u32) -> u16 {
         let now = usb.now;
-        usb.read(offset, Width::Word, now).expect("a register that exists") as u16
+        usb.read(offset, Width::Word, now).expect("existing register") as u16
     }
 
     fn write(usb: &mut Usb, offset: u32, value: u16) {
         let now = usb.now;
-        usb.write(offset, value.into(), Width::Word, now).expect("a register that exists");
+        usb.write(offset, value.into(), Width::Word, now).expect("existing register");
     }
 
     fn put(usb: &mut Usb, offset: usize, value: u16) {
         let now = usb.now;
-        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("packet memory");
+        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("address in packet memory");
     }
 
     /// Endpoint 0 is a control endpoint and endpoint 1 a bulk endpoint, both ready to receive 64 bytes, at address 5.

@@ -22,8 +22,8 @@ fn core(program: &str, handlers: &[(usize, &str)]) -> Cpu {
         code.extend(assemble(handler));
     }
     assert!(chip.flash.load(flash::START, &vectors) && chip.flash.load(CODE, &code));
-    let mut cpu = Cpu::new(chip).expect("a core");
-    cpu.reset().expect("starts");
+    let mut cpu = Cpu::new(chip).expect("the core is created");
+    cpu.reset().expect("the core starts");
     cpu
 }
 
@@ -35,13 +35,13 @@ fn assemble(listing: &str) -> Vec<u8> {
 }
 
 fn word(cpu: &Cpu, address: u32) -> u32 {
-    let bytes = cpu.core().chip.bytes(address, 4).expect("RAM");
+    let bytes = cpu.core().chip.bytes(address, 4).expect("address in RAM");
     u32::from_le_bytes(bytes.try_into().expect("four bytes"))
 }
 
 fn put(cpu: &mut Cpu, address: u32, words: &[u32]) {
     let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-    cpu.core_mut().chip.ram_mut(address, bytes.len()).expect("RAM").copy_from_slice(&bytes);
+    cpu.core_mut().chip.ram_mut(address, bytes.len()).expect("address in RAM").copy_from_slice(&bytes);
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn the_first_write_to_a_part_of_memory_is_lost_by_an_erratum_only() {
     for (errata, first) in [(Errata { first_write_lost: true, ..Errata::NONE }, 0), (Errata::NONE, 0x55)] {
         let mut cpu = core(STORE_TWICE, &[]);
         cpu.core_mut().chip.set_errata(errata);
-        cpu.reset().expect("starts");
+        cpu.reset().expect("the core starts");
         assert_eq!(cpu.run(1_000), Ok(None));
         assert_eq!([word(&cpu, 0x2000_8100), word(&cpu, 0x2000_8104)], [first, 0x55]);
         let lost: &[u32] = if first == 0 { &[0x2000_8100] } else { &[] };
@@ -68,7 +68,7 @@ fn the_first_write_to_a_part_of_memory_is_lost_by_an_erratum_only() {
 #[test]
 fn cycles_are_counted_beside_the_clock_while_awake() {
     let mut cpu = core(COUNT, &[]);
-    cpu.count_cycles().expect("hooks");
+    cpu.count_cycles().expect("the hooks are installed");
     assert_eq!(cpu.run(100_000), Ok(None));
     let core = cpu.core();
     assert_eq!((core.instructions, core.slept), (202, 100_000 - 202), "time is as ever");
@@ -80,9 +80,9 @@ fn cycles_are_counted_beside_the_clock_while_awake() {
 fn what_is_done_on_the_bus_is_in_the_count() {
     let counted = |program: &str| {
         let mut cpu = core(program, &[]);
-        cpu.count_cycles().expect("hooks");
+        cpu.count_cycles().expect("the hooks are installed");
         assert_eq!(cpu.run(1000), Ok(None));
-        cpu.core().cycles().expect("asked for")
+        cpu.core().cycles().expect("cycles are counted")
     };
     let nothing = counted(NO_ACCESS);
     let more = |program: &str| {
@@ -229,7 +229,7 @@ fn a_reset_by_software_keeps_ram() {
     put(&mut cpu, NOTES, &[0]);
     for _ in 0..2 {
         assert_eq!(cpu.run(1000), Ok(Some(Reset::Software)));
-        cpu.reset().expect("starts");
+        cpu.reset().expect("the core starts");
     }
     assert!(cpu.now() < 50, "at once");
     assert_eq!(cpu.run(1000), Ok(None));

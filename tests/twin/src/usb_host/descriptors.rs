@@ -6,19 +6,19 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DescriptorError {
     /// A descriptor is truncated, or its length is impossible.
-    #[error("a descriptor is shorter than it says")]
+    #[error("descriptor is truncated")]
     Short,
     /// Not the requested descriptor type.
-    #[error("a descriptor of another kind than the one asked for")]
+    #[error("unexpected descriptor type")]
     Kind,
     /// A string descriptor is not UTF-16.
-    #[error("a string descriptor is not UTF-16")]
+    #[error("string descriptor is not valid UTF-16")]
     Text,
     /// The number of interfaces differs from bNumInterfaces.
-    #[error("the configuration does not hold the interfaces that it counts")]
+    #[error("number of interfaces differs from bNumInterfaces")]
     Interfaces,
     /// A packet size that is not allowed at full speed.
-    #[error("an endpoint has a packet size that full speed does not allow")]
+    #[error("endpoint packet size is not allowed at full speed")]
     PacketSize,
     /// There is no CDC data interface with a pair of bulk endpoints.
     #[error("not a serial port: no pair of bulk endpoints in a CDC data interface")]
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_device_is_described_by_its_descriptors() {
-        let description = Description::parse(&DEVICE, &configuration()).expect("sound descriptors");
+        let description = Description::parse(&DEVICE, &configuration()).expect("valid descriptors");
         assert_eq!((description.vendor, description.product_number, description.current_ma), (0x1209, 1, 100));
         assert_eq!(description.serial_endpoints(), Ok((2, 1)));
         assert_eq!(description.interfaces, [[0, 10, 0, 0]]);

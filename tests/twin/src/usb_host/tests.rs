@@ -83,19 +83,19 @@ impl Puppet {
     }
 
     fn get(&mut self, offset: u32) -> u16 {
-        self.usb.read(offset, Width::Word, self.now).expect("a register") as u16
+        self.usb.read(offset, Width::Word, self.now).expect("existing register") as u16
     }
 
     fn set(&mut self, offset: u32, value: u16) {
-        self.usb.write(offset, value.into(), Width::Word, self.now).expect("a register");
+        self.usb.write(offset, value.into(), Width::Word, self.now).expect("existing register");
     }
 
     fn put(&mut self, at: u32, word: u16) {
-        self.usb.write(MEMORY_OFFSET + at, word.into(), Width::Half, self.now).expect("packet memory");
+        self.usb.write(MEMORY_OFFSET + at, word.into(), Width::Half, self.now).expect("address in packet memory");
     }
 
     fn peek(&mut self, at: u32) -> u16 {
-        self.usb.read(MEMORY_OFFSET + at, Width::Half, self.now).expect("packet memory") as u16
+        self.usb.read(MEMORY_OFFSET + at, Width::Half, self.now).expect("address in packet memory") as u16
     }
 
     fn packet(&mut self, endpoint: u32) -> Vec<u8> {
@@ -247,7 +247,7 @@ impl Socket for Puppet {
 
 fn connected() -> (UsbHost, Puppet) {
     let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
-    host.connect(&mut puppet).expect("enumeration");
+    host.connect(&mut puppet).expect("the device enumerates");
     // Between connection and bus reset there is no traffic, so the device suspends, as a real one does.
     assert_eq!(std::mem::take(&mut puppet.naps), (1, 1));
     (host, puppet)
@@ -256,7 +256,7 @@ fn connected() -> (UsbHost, Puppet) {
 #[test]
 fn a_device_is_enumerated() {
     let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
-    let description = host.connect(&mut puppet).expect("enumeration");
+    let description = host.connect(&mut puppet).expect("the device enumerates");
     assert_eq!((description.vendor, description.product.text.as_str()), (0x1209, "hi"));
     assert!(puppet.supply);
     assert_eq!(puppet.resets, 2, "one at the plug, one after the first descriptor");
@@ -266,9 +266,9 @@ fn a_device_is_enumerated() {
 #[test]
 fn control_requests_go_both_ways_and_are_refused() {
     let (mut host, mut puppet) = connected();
-    set_line_coding(&mut host, &mut puppet, 921_600).expect("taken");
+    set_line_coding(&mut host, &mut puppet, 921_600).expect("the device accepts it");
     assert_eq!(line_coding(&mut host, &mut puppet), Ok(vec![0, 0x10, 0x0E, 0, 0, 0, 8]));
-    set_control_lines(&mut host, &mut puppet, true, false).expect("taken");
+    set_control_lines(&mut host, &mut puppet, true, false).expect("the device accepts it");
     assert_eq!(puppet.lines, 1);
     let unknown = Setup { kind: 0xC0, request: 0x33, value: 0, index: 0, length: 4 };
     assert_eq!(host.control(&mut puppet, unknown, &[]), Err(UsbError::Stalled));
@@ -280,13 +280,13 @@ fn control_requests_go_both_ways_and_are_refused() {
 #[test]
 fn bytes_go_through_and_back() {
     let (mut host, mut puppet) = connected();
-    let mut port = SerialPort::open(&mut host, &mut puppet).expect("opens");
+    let mut port = SerialPort::open(&mut host, &mut puppet).expect("the port opens");
     for length in [1, 63, 64, 65, 127, 128, 1000] {
         let bytes: Vec<u8> = (0..length).map(|at| at as u8).collect();
         assert_eq!(port.send(&mut host, &mut puppet, &bytes, 1.0), (length, Ok(())));
         assert_eq!(port.receive(&mut host, &mut puppet, 0.02), Ok(bytes));
     }
-    port.close(&mut host, &mut puppet).expect("closes");
+    port.close(&mut host, &mut puppet).expect("the port closes");
     assert_eq!(puppet.lines, 0);
     assert!(host.is_idle());
 }
@@ -295,21 +295,21 @@ fn bytes_go_through_and_back() {
 fn a_full_packet_without_an_empty_one_stays_in_the_hosts_hands() {
     let (mut host, mut puppet) = connected();
     puppet.closes = false;
-    let mut port = SerialPort::open(&mut host, &mut puppet).expect("opens");
-    port.send(&mut host, &mut puppet, &[1; 64], 1.0).1.expect("taken");
+    let mut port = SerialPort::open(&mut host, &mut puppet).expect("the port opens");
+    port.send(&mut host, &mut puppet, &[1; 64], 1.0).1.expect("the device accepts it");
     assert_eq!(port.receive(&mut host, &mut puppet, 0.5), Ok(vec![]));
-    port.send(&mut host, &mut puppet, &[2], 1.0).1.expect("taken");
+    port.send(&mut host, &mut puppet, &[2], 1.0).1.expect("the device accepts it");
     assert_eq!(port.receive(&mut host, &mut puppet, 0.5).map(|bytes| bytes.len()), Ok(65));
 }
 
 #[test]
 fn what_was_not_read_waits_for_the_next_opening() {
     let (mut host, mut puppet) = connected();
-    let port = SerialPort::open(&mut host, &mut puppet).expect("opens");
-    port.close(&mut host, &mut puppet).expect("closes");
+    let port = SerialPort::open(&mut host, &mut puppet).expect("the port opens");
+    port.close(&mut host, &mut puppet).expect("the port closes");
     assert_eq!(host.write(&mut puppet, 1, b"stale", 1.0), (5, Ok(())));
     host.read(&mut puppet, 2, 64, 0.1).expect_err("nobody reads the endpoint");
-    let mut port = SerialPort::open(&mut host, &mut puppet).expect("opens");
+    let mut port = SerialPort::open(&mut host, &mut puppet).expect("the port opens");
     assert_eq!(port.receive(&mut host, &mut puppet, 0.01), Ok(b"stale".to_vec()));
 }
 
@@ -333,26 +333,26 @@ fn a_device_that_hangs_is_given_up() {
 fn an_unplugged_device_ends_what_was_under_way_and_comes_back() {
     let (mut host, mut puppet) = connected();
     let number = host.submit(Transfer::In(1, 64));
-    host.service(&mut puppet).expect("runs");
+    host.service(&mut puppet).expect("the device runs");
     host.unplug(&mut puppet);
-    let done = host.take_done(number).expect("over");
+    let done = host.take_done(number).expect("the transfer has ended");
     assert_eq!(done.result, Err(UsbError::Detached));
     assert!(!puppet.supply);
-    puppet.run_for(0.1).expect("runs");
+    puppet.run_for(0.1).expect("the device runs");
     assert_eq!(puppet.naps.0, 1, "without traffic the device takes it for a suspend");
     assert_eq!(host.reset(&mut puppet), Err(UsbError::Detached));
-    host.connect(&mut puppet).expect("enumerates again");
+    host.connect(&mut puppet).expect("the device enumerates again");
     assert_eq!(puppet.naps.1, 1);
 }
 
 #[test]
 fn a_suspended_device_wakes_and_goes_on() {
     let (mut host, mut puppet) = connected();
-    host.write(&mut puppet, 1, b"before", 1.0).1.expect("taken");
-    host.suspend(&mut puppet).expect("runs");
+    host.write(&mut puppet, 1, b"before", 1.0).1.expect("the device accepts it");
+    host.suspend(&mut puppet).expect("the device runs");
     assert_eq!(puppet.naps, (1, 0));
     assert_eq!(host.read(&mut puppet, 1, 64, 0.1), Err(UsbError::Late), "nothing moves meanwhile");
-    host.resume(&mut puppet).expect("wakes");
+    host.resume(&mut puppet).expect("the device wakes");
     assert_eq!(puppet.naps, (1, 1));
     assert_eq!(host.read(&mut puppet, 1, 64, 0.1), Ok(b"before".to_vec()));
 }
@@ -362,7 +362,7 @@ fn a_full_speed_wire_carries_a_little_over_a_megabyte_a_second() {
     // USB 2.0's table allows 19 packets of 64 bytes per frame; this host and driver come close to it.
     let (mut host, mut puppet) = connected();
     let before = puppet.time_s();
-    host.write(&mut puppet, 1, &[0; 10_000], 1.0).1.expect("taken");
+    host.write(&mut puppet, 1, &[0; 10_000], 1.0).1.expect("the device accepts it");
     let rate = 10_000.0 / (puppet.time_s() - before);
     assert!((400e3..1216e3).contains(&rate), "{rate} bytes a second");
 }

@@ -88,7 +88,7 @@ fn word(bytes: &[u8], at: usize) -> Option<u32> {
 pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
     let Some(head) = word(bytes, 0).filter(|_| bytes.len() >= 8) else { return Ok(None) };
     if (head >> 16) as u16 != VERSION {
-        return Err(Foreign("another version"));
+        return Err(Foreign("wrong version"));
     }
     match head as u16 {
         0x8005 => {
@@ -100,7 +100,7 @@ pub fn take_question(bytes: &mut Vec<u8>) -> Result<Option<Question>, Foreign> {
             let name: Vec<u8> = bytes.drain(..8 + BUS_ID).skip(8).take_while(|byte| *byte != 0).collect();
             Ok(Some(Question::Import(String::from_utf8_lossy(&name).into_owned())))
         }
-        _ => Err(Foreign("an unknown question")),
+        _ => Err(Foreign("unknown request")),
     }
 }
 
@@ -112,8 +112,8 @@ pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
     };
     let (sequence, to_host, endpoint, flags, length) = (words[1], words[3] != 0, words[4], words[5], words[6]);
     match words[0] {
-        1 if endpoint > 15 => Err(Foreign("an endpoint that cannot be")),
-        1 if length > MOST_BYTES => Err(Foreign("too many bytes at once")),
+        1 if endpoint > 15 => Err(Foreign("endpoint number above 15")),
+        1 if length > MOST_BYTES => Err(Foreign("transfer is too long")),
         1 => {
             let length = length as usize;
             let behind = if to_host { 0 } else { length };
@@ -129,7 +129,7 @@ pub fn take_command(bytes: &mut Vec<u8>) -> Result<Option<Command>, Foreign> {
             bytes.drain(..HEADER);
             Ok(Some(Command::Unlink { sequence, other: flags }))
         }
-        _ => Err(Foreign("an unknown command")),
+        _ => Err(Foreign("unknown command")),
     }
 }
 
@@ -230,7 +230,7 @@ mod tests {
             let Ok(Some(Command::Submit { sequence: 7, endpoint: 2, to_host: false, close: true, data, .. })) =
                 take_command(&mut bytes)
             else {
-                panic!("a submit")
+                panic!("expected a submit command")
             };
             assert_eq!((data.as_slice(), bytes.len()), (b"abc".as_slice(), left));
         }

@@ -12,15 +12,15 @@ struct Peer {
 
 impl Peer {
     fn connect(server: &Server<Puppet>) -> Self {
-        let stream = TcpStream::connect(server.address().expect("bound")).expect("loopback");
-        stream.set_nonblocking(true).expect("a socket");
+        let stream = TcpStream::connect(server.address().expect("the server is bound")).expect("loopback connection");
+        stream.set_nonblocking(true).expect("non-blocking socket");
         Self { stream, bytes: Vec::new() }
     }
 
     fn send(&mut self, words: &[u32], more: &[u8]) {
         let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
         bytes.extend_from_slice(more);
-        self.stream.write_all(&bytes).expect("a few bytes");
+        self.stream.write_all(&bytes).expect("the bytes are sent");
     }
 
     fn import(&mut self, name: &str) {
@@ -46,9 +46,9 @@ impl Peer {
             if self.bytes.len() >= count {
                 return self.bytes.drain(..count).collect();
             }
-            server.turn().expect("the device goes on");
+            server.turn().expect("the device runs");
         }
-        panic!("only {} of {count} bytes came", self.bytes.len());
+        panic!("received only {} of {count} bytes", self.bytes.len());
     }
 
     /// A reply: command, sequence number, status, number of bytes transferred, and its data.
@@ -134,7 +134,7 @@ fn a_client_that_goes_away_pulls_the_cable_out() {
     let (mut server, peer) = imported();
     assert!(server.socket.supplied());
     drop(peer);
-    server.turn().expect("the device goes on");
+    server.turn().expect("the device runs");
     assert!(!server.socket.supplied());
     assert!(!server.is_imported());
     let mut next = Peer::connect(&server);
@@ -146,7 +146,7 @@ fn a_client_that_goes_away_pulls_the_cable_out() {
 fn an_unplugged_device_ends_the_connection() {
     let (mut server, mut peer) = imported();
     peer.submit(2, true, 1, 128, [0; 8], &[]);
-    server.turn().expect("the device goes on");
+    server.turn().expect("the device runs");
     server.unplug();
     assert_eq!(peer.take(&mut server, 1), []);
 }
@@ -155,7 +155,7 @@ fn an_unplugged_device_ends_the_connection() {
 fn a_stranger_is_sent_away() {
     let mut server = Server::new(Puppet::new()).expect("a free port");
     let mut peer = Peer::connect(&server);
-    peer.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").expect("a few bytes");
+    peer.stream.write_all(b"GET / HTTP/1.1\r\n\r\n").expect("the bytes are sent");
     assert_eq!(peer.take(&mut server, 1), []);
     assert_eq!(server.counts.foreign, 1);
 }
