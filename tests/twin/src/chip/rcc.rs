@@ -283,11 +283,6 @@ impl Rcc {
         self.storage.get(CCIPR)
     }
 
-    /// Whether LSI is on (RCC_CSR.LSION).
-    pub fn lsi_is_on(&self) -> bool {
-        self.storage.get(CSR) & 1 != 0
-    }
-
     /// Adds the flags of a reset cause; a power-on reset clears earlier flags.
     pub fn set_cause(&mut self, cause: Reset) {
         self.causes = if cause == Reset::Power { 0 } else { self.causes } | cause.flags();

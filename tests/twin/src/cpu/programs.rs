@@ -352,7 +352,7 @@ pub const CLOCKED: &str = "
     e7fb      | b 1
 ";
 /// Reads the first word of the settings.
-pub const STORE_BANK_2: &str = "
+pub const READ_BANK_2: &str = "
     f24c 0000 | movw r0, #0xc000
     f6c0 0007 | movt r0, #0x0807
     6801      | ldr r1, [r0]

@@ -215,7 +215,7 @@ fn a_fault_can_be_taken_and_one_inside_its_handler_locks_the_core_up() {
 
 #[test]
 fn an_error_in_flash_raises_the_interrupt_that_nothing_masks() {
-    let mut cpu = core(STORE_BANK_2, &[(2, WAIT_FOREVER)]);
+    let mut cpu = core(READ_BANK_2, &[(2, WAIT_FOREVER)]);
     // A torn double word, as after a power failure.
     let flash = &mut cpu.core_mut().chip.flash;
     flash.tear_for_test(0x0807_c000);
