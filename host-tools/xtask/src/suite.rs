@@ -183,8 +183,11 @@ const STEPS: &[Step] = &[
         "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         test_probe,
     )
-    .within(600)
+    .within(540)
     .when(When::Full),
+    Step::here("tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long)
+        .within(180)
+        .when(When::Full),
     Step::here(
         "properties, other cases",
         "PROPTEST_RNG_SEED=N cargo test-lean --lib --test app --test closed_loop --test robust --test wire",
@@ -193,7 +196,7 @@ const STEPS: &[Step] = &[
     .within(120)
     .when(When::Full),
     Step::here("lints, each feature", "cargo clippy -p inerter --no-default-features --features FEATURE", lint_each)
-        .within(300)
+        .within(240)
         .when(When::Full),
     Step::here("Python package, release", "cargo xtask wheel", || wheel::run(&wheel::Options { debug: false }))
         .within(480)
@@ -201,7 +204,7 @@ const STEPS: &[Step] = &[
     Step::beside("whole table of accuracy", "cargo xtask accuracy").when(When::Full),
     Step::beside("whole table of changes", "cargo xtask changes").when(When::Full),
     Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).within(600).when(When::Full),
-    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(900).when(When::Full),
+    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(840).when(When::Full),
     Step::here("soak", "cargo xtask soak", || soak::run(&soak::Options::USUAL)).within(300).when(When::Full),
 ];
 
@@ -430,12 +433,7 @@ fn document() -> Result<()> {
 /// Most of the twin's tests wait for wall-clock time, so they run in parallel with all others.
 fn test() -> Result<()> {
     let (images, list) = (firmware::build_all()?, skipped_list()?);
-    let tests = |part: Part| {
-        let mut command = part.all("test");
-        command.envs(images.iter().map(|(variable, path)| (variable, path)));
-        command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, &list);
-        command
-    };
+    let tests = |part: Part| tests(part, &images, &list);
     let said = list.with_file_name("twin-tests.txt");
     println!("the twin's tests run beside these; their output comes at the end, until then in {}", said.display());
     thread::scope(|scope| {
@@ -449,6 +447,18 @@ fn test() -> Result<()> {
             (others, twin) => others.and(twin),
         }
     })
+}
+
+/// Those tests of the twin that repeat a shorter one with another rate, motion or fault.
+fn test_twin_long() -> Result<()> {
+    process::run(tests(Part::Twin, &firmware::build_all()?, &skipped_list()?).args(["--", "--ignored"]))
+}
+
+fn tests(part: Part, images: &[(&str, PathBuf)], list: &Path) -> Command {
+    let mut command = part.all("test");
+    command.envs(images.iter().map(|(variable, path)| (variable, path)));
+    command.arg("--no-fail-fast").env(inerter_needs::REQUIRED, "1").env(inerter_needs::LIST, list);
+    command
 }
 
 /// Deletes what an earlier run skipped.

@@ -240,6 +240,7 @@ fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn slow() -> Outcome {
     accurate("slow", 1000.0, 80.0)
 }
@@ -250,6 +251,7 @@ fn mid() -> Outcome {
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn fast() -> Outcome {
     accurate("fast", 1000.0, 20.0)
 }
@@ -260,6 +262,7 @@ fn random() -> Outcome {
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn random_at_2_khz() -> Outcome {
     accurate("random", 2000.0, 20.0)
 }
@@ -665,6 +668,7 @@ fn the_digital_front_end_at_4_khz() -> Outcome {
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn the_digital_front_end_at_2_khz() -> Outcome {
     digital("random", Osr::X2048, 20.0)
 }

@@ -477,6 +477,7 @@ fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) ->
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn encoder_wires_that_are_swapped_are_named() {
     let Jumpers { a, b, .. } = Jumpers::RIGHT;
     let jumpers = Jumpers { a: b, b: a, ..Jumpers::RIGHT };
@@ -490,6 +491,7 @@ fn a_wire_that_is_missing_is_named() {
 }
 
 #[test]
+#[ignore = "long: cargo xtask test --full"]
 fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
     // How late to 0.1 us tells the library's test, in which nobody has to hurry.
