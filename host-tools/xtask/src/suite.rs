@@ -195,9 +195,13 @@ const STEPS: &[Step] = &[
     )
     .within(120)
     .when(When::Full),
-    Step::here("lints, each feature", "cargo clippy -p inerter --no-default-features --features FEATURE", lint_each)
-        .within(240)
-        .when(When::Full),
+    Step::here(
+        "lints, other features",
+        "cargo clippy -p inerter --no-default-features --features FEATURE",
+        lint_other_features,
+    )
+    .within(240)
+    .when(When::Full),
     Step::here("Python package, release", "cargo xtask wheel", || wheel::run(&wheel::Options { debug: false }))
         .within(480)
         .when(When::Full),
@@ -335,35 +339,31 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
     lines.join("\n")
 }
 
-/// Everything with default features, the program with none, and the program alone with none, as a user may install it.
-/// The second pass keeps the library for probes, so that nothing else is compiled again; the third has the dependencies'
-/// features as the program alone enables them.
+/// Everything with default features, and the program alone with none, as a user may install it.
 fn lint_host() -> Result<()> {
-    let lint = |command: &mut Command| process::run(command.args(["--all-targets", "--", "--deny", "warnings"]));
-    Part::each(|part| lint(&mut part.whole("clippy")))?;
-    let smaller = ["--no-default-features", "--features", "inerter-device/probe,inerter-stm32g474/board-nucleo"];
-    lint(Part::Main.whole("clippy").args(smaller))?;
-    process::run(
-        process::cargo()
-            .args(["clippy", "--locked", "--package", "inerter", "--no-default-features"])
-            .args(["--", "--deny", "warnings"]),
-    )?;
-    // As others use them: core with its features, the data library without.
-    for alone in [&["inerter-core", "--features", "defmt,serde"][..], &["inerter-data"]] {
-        let mut command = process::cargo();
-        command.args(["clippy", "--locked", "--package"]).args(alone);
-        process::run(command.args(["--", "--deny", "warnings"]))?;
-    }
-    Ok(())
+    Part::each(|part| lint_all(&mut part.whole("clippy")))?;
+    lint_one("inerter", &["--no-default-features"])
 }
 
-/// The program with each of its features alone.
-fn lint_each() -> Result<()> {
-    ["probe", "bridges", "reports", "screen", "tables", "s3"].iter().try_for_each(|feature| {
-        let mut command = process::cargo();
-        command.args(["clippy", "--locked", "--package", "inerter", "--no-default-features", "--features", feature]);
-        process::run(command.args(["--", "--deny", "warnings"]))
-    })
+/// With other features: everything with none, the program with each alone, and two libraries as others use them.
+fn lint_other_features() -> Result<()> {
+    let none = ["--no-default-features", "--features", "inerter-device/probe,inerter-stm32g474/board-nucleo"];
+    lint_all(Part::Main.whole("clippy").args(none))?;
+    for feature in ["probe", "bridges", "reports", "screen", "tables", "s3"] {
+        lint_one("inerter", &["--no-default-features", "--features", feature])?;
+    }
+    lint_one("inerter-core", &["--features", "defmt,serde"])?;
+    lint_one("inerter-data", &[])
+}
+
+fn lint_all(command: &mut Command) -> Result<()> {
+    process::run(command.args(["--all-targets", "--", "--deny", "warnings"]))
+}
+
+fn lint_one(package: &str, features: &[&str]) -> Result<()> {
+    let mut command = process::cargo();
+    command.args(["clippy", "--locked", "--package", package]).args(features);
+    process::run(command.args(["--", "--deny", "warnings"]))
 }
 
 fn lint_firmware() -> Result<()> {

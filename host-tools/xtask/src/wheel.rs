@@ -18,6 +18,9 @@ const REQUIREMENTS: &str = "host-tools/python/tests/requirements.txt";
 const IMPORTS: &str =
     "boto3, distributed, duckdb, ipykernel, maturin, moto, mypy, nbclient, numpy, pandas, polars, pyarrow, pytest";
 
+/// What takes a fifth of the time of all its tests, and runs with the package as released.
+const LONG: &str = "tests/test_notebooks.py::test_a_notebook_prints_what_stands_in_it[thousand_runs]";
+
 /// Names the real cargo if maturin was given this program as cargo.
 pub const CARGO: &str = "INERTER_CARGO";
 
@@ -48,6 +51,9 @@ pub fn run(options: &Options) -> Result<()> {
     // The stubs must match the module.
     process::run(&mut module("mypy.stubtest", &["inerter"])).context("stubs of the package")?;
     let mut tests = module("pytest", &["-q", "-p", "no:cacheprovider", "tests"]);
+    if options.debug {
+        tests.args(["--deselect", LONG]);
+    }
     tests.env("INERTER", workspace::tested(Part::Main, "inerter")?).env("INERTER_CONFIG", "");
     match data::folder() {
         Some(folder) => drop(tests.env("RECORDINGS", folder)),
