@@ -130,7 +130,7 @@ impl Linux {
         let port = listener.local_addr().expect("bound").port();
         let mut command = Command::new(QEMU);
         command
-            .args(["-M", "pc", "-accel", "tcg", "-cpu", "qemu64", "-m", "192", "-nodefaults", "-display", "none"])
+            .args(["-M", "pc", "-accel", "tcg", "-cpu", "qemu64", "-m", "256", "-nodefaults", "-display", "none"])
             .args(["-no-reboot", "-netdev", "user,id=net", "-device", "virtio-net-pci,netdev=net,romfile="])
             .arg("-kernel")
             .arg(image.join("vmlinux"))
