@@ -5,8 +5,8 @@
 //! counts and codes ([`Simulation`]). Nothing here depends on the firmware: both share only the physics.
 //!
 //! Glossary:
-//! - `x1` prescribed terminal displacement \[m\]; `x2` screw displacement referred to the terminal \[m\]; `d = x1 -
-//!   x2`.
+//! - `x1` prescribed terminal displacement \[m\]; `x2` screw displacement referred to the terminal \[m\];
+//!   `d = x1 - x2`.
 //! - *contact*: `abs(d) > backlash / 2`, the flanks touch; *flight*: they do not, and the force is zero.
 //! - *stuck*: the screw is at rest and friction balances any force up to the Coulomb force; *slip*: it rotates.
 //! - *segment*: an interval without a change of mode, on which the solution is one polynomial.

@@ -50,7 +50,7 @@ fn runs() -> Vec<(&'static str, Inerter, Excitation, f64)> {
 /// Over thousands of time constants without contact the friction falls to 1e-92 N, far below the rounding of any force.
 #[test]
 fn friction_below_rounding_cannot_hold_time() {
-    // To the digit: other values round to other sides.
+    // Exact values: the failure depends on how they round.
     let device = Inerter {
         inertance_kg: 0.06785016451803676,
         viscous_n_s_per_m: 3531.1202965432867,

@@ -1,4 +1,4 @@
-//! What measures the tables of docs/tables, and tests that take too long for a test: `cargo xtask NAME`.
+//! Measures the tables of docs/tables, and runs the tests that are too long for the suite: `cargo xtask NAME`.
 
 use inerter_tests::grid::Error;
 use std::process::ExitCode;
@@ -51,7 +51,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Takes the measurement named by the first argument; it is given the others.
+/// Runs the measurement that the first argument names, with the other arguments.
 fn measured() -> Result<bool, Error> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();

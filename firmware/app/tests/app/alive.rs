@@ -1,16 +1,11 @@
 //! Signs of life, as a watchdog asks for them.
 
-use crate::rig::{Options, TestDevice, shaken};
-use inerter_app::Pace;
+use crate::rig::{TestDevice, live, shaken};
 use inerter_core::RawSample;
 use inerter_wire::{Command, Samples, Streams};
 
 /// How often the watchdog asks, in milliseconds.
 const ASKED_EVERY: u64 = 500;
-
-fn live() -> Options {
-    Options { pace: Pace::Live, autostart: true, ..Options::default() }
-}
 
 #[test]
 fn a_device_without_anything_to_do_is_alive() {

@@ -1,32 +1,16 @@
 //! The whole instrument on mock parts, as a host sees it over the link.
 
 use crate::rig::{
-    IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, raw_samples, shaken,
+    IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, live, number, raw_samples, shaken,
+    write,
 };
-use inerter_app::{Pace, Restart, SourceError, Start, StoreError, wear::SAVES};
+use inerter_app::{Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_needs::Random;
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Quantity, Record,
     Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
 };
-
-fn write(pairs: &[(&str, f64)]) -> Command {
-    let mut values = SettingsValues::default();
-    for &(name, value) in pairs {
-        let number = Settings::find(name).unwrap() as u8;
-        values.0.push(SettingValue { number, value }).unwrap();
-    }
-    Command::WriteSettings(values)
-}
-
-fn number(name: &str) -> u8 {
-    Settings::find(name).unwrap() as u8
-}
-
-fn live() -> Options {
-    Options { pace: Pace::Live, autostart: true, ..Options::default() }
-}
 
 #[test]
 fn the_stream_begins_with_the_start_and_who_it_is() {

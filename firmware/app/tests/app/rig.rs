@@ -9,7 +9,8 @@ use inerter_app::{
 use inerter_core::{Estimate, FrontEnd, RawSample, Settings, SettingsError, State};
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Measure,
-    Measured, Quantity, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode_request,
+    Measured, Quantity, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingValue, SettingsValues,
+    encode_request,
 };
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -340,6 +341,25 @@ impl Default for Options {
             two_links: false,
         }
     }
+}
+
+/// A device whose samples do not wait, and which measures from the start.
+pub fn live() -> Options {
+    Options { pace: Pace::Live, autostart: true, ..Options::default() }
+}
+
+/// Number of the setting of this name.
+pub fn number(name: &str) -> u8 {
+    Settings::find(name).unwrap() as u8
+}
+
+/// The command that writes these settings, by name.
+pub fn write(pairs: &[(&str, f64)]) -> Command {
+    let mut values = SettingsValues::default();
+    for &(name, value) in pairs {
+        values.0.push(SettingValue { number: number(name), value }).unwrap();
+    }
+    Command::WriteSettings(values)
 }
 
 /// The device and the host's end of its link.

@@ -1,23 +1,9 @@
 //! The board's source of samples: settings it takes over, halts, and what it loses.
 
-use crate::rig::{Asked, Options, TestDevice, by_core, estimates, events, raw_samples, shaken};
+use crate::rig::{Asked, Options, TestDevice, by_core, estimates, events, live, raw_samples, shaken, write};
 use inerter_app::{Pace, SourceError};
 use inerter_core::{FrontEnd, RawSample, Settings};
-use inerter_wire::{
-    Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingValue, SettingsValues, Source, Streams,
-};
-
-fn live() -> Options {
-    Options { pace: Pace::Live, autostart: true, ..Options::default() }
-}
-
-fn write(pairs: &[(&str, f64)]) -> Command {
-    let mut values = SettingsValues::default();
-    for &(name, value) in pairs {
-        values.0.push(SettingValue { number: Settings::find(name).unwrap() as u8, value }).unwrap();
-    }
-    Command::WriteSettings(values)
-}
+use inerter_wire::{Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingsValues, Source, Streams};
 
 /// Motion of the given rate from `index` on.
 fn at_rate(rate_hz: f64, index: u32, count: u32) -> Vec<RawSample> {
