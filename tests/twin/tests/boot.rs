@@ -1,4 +1,4 @@
-//! The board starts, and lets itself be updated, whatever option bytes its chip came with.
+//! The board starts, and can be updated, with every factory setting of the option bytes.
 
 use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
@@ -9,13 +9,13 @@ use inerter_twin::serial_link::SerialLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Capabilities, Command, Hello, Record};
 
-/// Places of the option bytes in FLASH_OPTR (RM0440 3.7.8).
+/// Bit positions of the option bytes in FLASH_OPTR (RM0440 3.7.8).
 const BFB2: u32 = 1 << 20;
 const DBANK: u32 = 1 << 22;
 const NBOOT1: u32 = 1 << 23;
 const NSWBOOT0: u32 = 1 << 26;
 const NBOOT0: u32 = 1 << 27;
-/// From power-on, or from the ROM's jump, until the firmware listens.
+/// From power-on, or from the ROM's jump, until the firmware answers.
 const START_S: f64 = 0.2;
 
 fn run(machine: &mut Machine, length_s: f64) {
@@ -33,25 +33,25 @@ fn hello(link: &mut SerialLink) -> Hello {
     hello.expect("a Hello")
 }
 
-/// The machine goes to the boot loader.
+/// The machine ends up in the boot loader.
 fn enters_update_mode(machine: &mut Machine) {
     let ended = machine.run_for(1.0).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
 }
 
-/// One of the values: from a new chip to an update, by each of the ways into update mode.
+/// One value of the option bytes: from a new chip to an update, through each way into update mode.
 fn a_life_with(image: &[u8], options: u32) {
     let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
     machine.chip_mut().flash.set_options(options);
     let started = machine.power_cut();
     match machine.chip().flash.boots(false) {
         Boot::Flash | Boot::EitherBank => started.expect("starts"),
-        // An update leads out of it.
+        // An update leads out of the ROM.
         Boot::Rom => {
             enters_update_mode(&mut machine);
             machine.leave_rom(Left::Unlocked).expect("jumps");
         }
-        // Only a probe does.
+        // Only a debug probe leads out of RAM.
         Boot::Ram => {
             assert!(matches!(started, Err(StartError::Cpu(Stop::Ram))));
             return;
@@ -66,13 +66,13 @@ fn a_life_with(image: &[u8], options: u32) {
     let kept = link.machine.chip().flash.options();
     assert_eq!(kept & (NBOOT0 | NBOOT1 | BFB2), NBOOT0 | NBOOT1, "from flash, and the pin leads into the ROM");
     assert_eq!((kept ^ options) & (DBANK | NSWBOOT0), 0, "not the firmware's to change");
-    // By command, and back by the ROM's jump.
+    // Into update mode by command, and back by the ROM's jump.
     link.order(Command::EnterDfu, 0.5).unwrap_or_else(|error| panic!("{error}"));
     enters_update_mode(&mut link.machine);
     link.machine.leave_rom(Left::Running).expect("jumps");
     run(&mut link.machine, START_S);
     hello(&mut link);
-    // By the button, and back by it.
+    // Into update mode by the button, and back by the button.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.1);
     link.machine.reset().expect("starts");
@@ -80,7 +80,7 @@ fn a_life_with(image: &[u8], options: u32) {
     link.machine.reset().expect("starts");
     run(&mut link.machine, 1.0);
     hello(&mut link);
-    // By the pin, where that counts.
+    // Into update mode by the BOOT0 pin, where the option bytes let it count.
     link.machine.set_boot0(true);
     link.machine.reset().expect("starts");
     if options & NSWBOOT0 != 0 {
@@ -89,12 +89,12 @@ fn a_life_with(image: &[u8], options: u32) {
         run(&mut link.machine, 1.0);
         hello(&mut link);
     }
-    // The option bytes were set once.
+    // The firmware set the option bytes exactly once.
     let of_options = link.machine.resets().iter().filter(|reset| reset.1 == Reset::OptionBytes);
     assert_eq!(of_options.count(), 1, "{resets} resets until the first Hello");
 }
 
-/// The values that can be chosen.
+/// All values of the bits that select where the chip boots.
 fn all_options() -> impl Iterator<Item = u32> {
     let bits = [BFB2, DBANK, NBOOT1, NSWBOOT0, NBOOT0];
     (0..1 << bits.len()).map(move |number| {
@@ -118,11 +118,12 @@ fn the_roms_jump_starts_a_board_whose_every_reset_leads_into_the_rom() {
     let into_rom = |options: u32| options & (NSWBOOT0 | NBOOT0) == 0 && options & (NBOOT1 | DBANK) == NBOOT1 | DBANK;
     for options in all_options().filter(|options| into_rom(*options)) {
         for left in Left::ALL {
-            // The last two say that options were tried, or may be why: they are left alone until the next start.
+            // After the last two causes the firmware leaves the option bytes alone until the next start: it may just
+            // have set them, or setting them may be what went wrong.
             for cause in [Reset::Power, Reset::Pin, Reset::Software, Reset::OptionBytes, Reset::Watchdog] {
                 eprintln!("option bytes {options:#010x}, {left:?}, {cause:?}");
                 let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
-                // The flags of power-on have been read.
+                // Let the firmware read the flags of power-on first.
                 run(&mut machine, START_S);
                 machine.chip_mut().flash.set_options(options);
                 machine.reset_by(cause).expect("starts");

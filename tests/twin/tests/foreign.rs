@@ -1,6 +1,6 @@
-//! Programs that none of us wrote, or that stand on drivers none of us wrote: examples of published crates as they were
-//! published, and `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards; here they must do
-//! what they do there, or one of the two is wrong.
+//! Programs that we did not write, or that use drivers we did not write: examples of published crates, unchanged, and
+//! programs on `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards. If one behaves
+//! differently here, the twin or the program is wrong.
 
 use crate::common::{chip_with, image_of_others};
 use inerter_twin::World;
@@ -11,7 +11,7 @@ use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_twin::{Registers, Width};
 
-/// A program of the folder `foreign`; nothing where it is not built, after saying so.
+/// A chip running a program of the folder `foreign`. `None` if it is not built, after reporting the skip.
 fn foreign(name: &str, world: impl World + 'static) -> Option<Machine> {
     Some(chip_with(&image_of_others(name)?, world))
 }
@@ -20,7 +20,7 @@ fn run(machine: &mut Machine, time_s: f64) {
     machine.run_for(time_s).unwrap_or_else(|ended| panic!("{ended}"));
 }
 
-/// What the converters look at.
+/// Constant inputs of the converters, and a constant speed of the encoder.
 #[derive(Clone, Copy)]
 struct Steady {
     force_v: f64,
@@ -64,7 +64,7 @@ fn stm32g4xx_hal_usb_serial_gives_back_in_capitals() {
 fn stm32g4xx_hal_adc_dma_fills_its_ring() {
     let Some(mut machine) = foreign("adc-dma", STEADY) else { return };
     run(&mut machine, 0.2);
-    // Where channel 1 of DMA1 writes: PA0, temperature and reference, five times.
+    // DMA1 channel 1 writes here: PA0, temperature and reference, five times.
     let now = machine.now();
     let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
     let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
@@ -87,8 +87,8 @@ fn stm32g4xx_hal_pwm_is_100_hz() {
     assert!((pwm.frequency_hz - 100.0).abs() < 0.01 && (pwm.duty - 0.5).abs() < 1e-3, "{pwm:?}");
 }
 
-/// It opens SYSCFG's gate by the address of a variable on its stack and asserts that this is a peripheral's; pull request 221
-/// of its repository shows the same assertion on a board.
+/// It opens SYSCFG's clock gate at the address of a variable on its stack, and asserts that this is a peripheral's
+/// address. Pull request 221 of its repository shows the same assertion failing on a board.
 #[test]
 fn stm32g4xx_hal_button_panics_as_on_a_board() {
     let Some(mut machine) = foreign("button", Still) else { return };
@@ -109,7 +109,7 @@ fn stm32g4xx_hal_watchdog_bites_after_its_32_seconds() {
     assert!((32.7..32.8).contains(&at_s), "{at_s} s");
 }
 
-/// What the program answers to a letter.
+/// The program's answer to a one-letter command.
 fn ask(machine: &mut Machine, letter: u8) -> String {
     machine.serial_send(&[letter]);
     run(machine, 0.1);
@@ -137,7 +137,7 @@ fn stm32_hal2_measures_counts_and_keeps() {
     assert_eq!(&contents.bytes()[page..page + 17], b"written by others");
 }
 
-/// The driver's `erase_page` leaves the bank's choice out ("PAC error" in its source): it would erase its own program's.
+/// The driver's `erase_page` omits the bank selection ("PAC error" in its source), so it would erase its own program.
 #[test]
 fn stm32_hal2_erases_the_first_bank_where_it_is_asked_for_the_second() {
     let Some(mut machine) = foreign("hal2", STEADY) else { return };
@@ -160,18 +160,18 @@ fn stm32_hal2_usb_gives_back_one_higher() {
     assert!(link.socket.clock_hz() == 170e6);
 }
 
-/// Its README's figures, of an STM32WL, whose flash has the same caches, at the same wait states.
+/// The README gives these figures for an STM32WL, whose flash has the same caches at the same wait states.
 #[test]
 fn p256_cm4_takes_as_many_cycles_as_published() {
     let Some(mut image) = image_of_others("p256") else { return };
-    // `ldm r4, {r6}`: GNU as, which the authors used, makes `ldr r6, [r4]` of it. LLVM's load of one register of many is not
-    // predictable by the manual (DDI 0403, A7.7.41) and none to the emulator.
+    // `ldm r4, {r6}`: GNU as, which the authors used, encodes it as `ldr r6, [r4]`. LLVM encodes a load-multiple of one
+    // register, which is UNPREDICTABLE by the manual (DDI 0403, A7.7.41) and undefined in the emulator.
     let (many, one) = ([0x94, 0xe8, 0x40, 0x00], [0xd4, 0xf8, 0x00, 0x60]);
     let places: Vec<usize> = (0..image.len() - 3).filter(|&at| image[at..at + 4] == many).collect();
     assert_eq!(places.len(), 1, "in `mul288x288`");
     image[places[0]..places[0] + 4].copy_from_slice(&one);
     let mut machine = chip_with(&image, Still);
-    // Ticks are half a second apart, and the core sleeps when it has done what one asked for.
+    // Ticks are half a second apart. After each one the core does its work and sleeps.
     run(&mut machine, 0.25);
     machine.cpu_mut().count_cycles().expect("hooks");
     for (name, published) in [("sign", 442_754), ("verify", 1_225_746)] {

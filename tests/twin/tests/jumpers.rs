@@ -1,4 +1,4 @@
-//! The self-test with jumpers, against the shipping image: it passes where all is well, and names each planted fault.
+//! The self-test with jumpers, against the shipping image: it passes on a sound board and names each planted fault.
 
 use inerter_jumpers::{Board as Keeper, JumperError, Report, run, run_with, truth};
 use inerter_plant::Inerter;
@@ -15,19 +15,19 @@ use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Command, Done, Knot, Play, Record, Refusal, SettingsValues};
 
-/// The firmware has started by then \[s\].
+/// The firmware has started by this time \[s\].
 const STARTED_S: f64 = 0.3;
-/// Time for a reply \[s\].
+/// Time limit for a reply \[s\].
 const REPLY_S: f64 = 1.0;
 
-/// A board with jumpers, at a host that keeps the time of each record.
+/// A board with jumpers, and a host that stores each record with its time.
 struct Lab {
     link: UsbLink<Machine>,
     records: Vec<(f64, Record)>,
 }
 
 impl Lab {
-    /// The settings in use, as far as they were sent.
+    /// The settings in use, as last reported by the device.
     fn settings(&mut self) -> Option<SettingsValues> {
         self.request(Command::ReadSettings).expect("a reply");
         self.listen(0.05).expect("listens");
@@ -35,7 +35,7 @@ impl Lab {
         last.filter_map(|(_, record)| if let Record::Settings(values) = record { Some(values) } else { None }).next()
     }
 
-    /// The whole test; then nothing is as it was not before.
+    /// Runs the whole test, then checks that it restored the settings and released the pins.
     fn run(&mut self) -> Result<Report, JumperError> {
         let before = self.settings();
         assert!(before.is_some());
@@ -74,10 +74,10 @@ impl Keeper for Lab {
     }
 }
 
-/// Converters that do not start together disturb each other, which would hide that one is late.
+/// Converters that do not start together disturb each other. That would hide a late converter.
 const UNDISTURBED: Errata = Errata { adc_concurrent: false, ..Errata::ALL };
 
-/// A board with jumpers and what is wrong with it; nothing where there is no image, after saying so.
+/// A board with jumpers and a planted fault. `None` if there is no image, after reporting the skip.
 fn lab(options: Options, prepare: impl FnOnce(&mut Machine)) -> Option<Lab> {
     let mut machine = Machine::with(&shipping_image()?, options, Box::new(Still)).expect("the image");
     machine.chip_mut().jumpers = Some(Jumpers::RIGHT);
@@ -109,7 +109,7 @@ fn a_sound_board_passes() {
     assert!(judged.ends_with(&by_motion), "{judged:?}");
 }
 
-/// The estimates of the firmware are compared with what the test is about, and not with what is played.
+/// The test compares the firmware's estimates with the expected device, not with the motion that it plays.
 #[test]
 fn another_device_than_the_expected_one_fails() {
     let Some(mut lab) = lab(Options::default(), |_| {}) else { return };
@@ -127,7 +127,7 @@ fn another_device_than_the_expected_one_fails() {
     assert_eq!(report.measured, None);
 }
 
-/// What is planted, and words of the cause that must be named.
+/// A planted fault, the check that must fail, and words that the reported cause must contain.
 struct Case {
     name: &'static str,
     board: Board,
@@ -146,7 +146,7 @@ fn wires(machine: &mut Machine, change: impl FnOnce(&mut Jumpers)) {
     machine.chip_mut().jumpers = Some(jumpers);
 }
 
-/// A microsecond and half a period of the sampling clock \[cycles\].
+/// One microsecond, and half a period of the sampling clock \[cycles\].
 const US: u64 = 168;
 const HALF: u64 = 2625 / 2;
 
@@ -176,7 +176,7 @@ const CASES: &[Case] = &[
         machine.chip_mut().planted = Planted { half_counts: true, ..Planted::default() };
     }),
     Case {
-        // A crystal 2 % below that of the firmware's board.
+        // A crystal 2 % slower than the firmware expects.
         board: Board { hse_hz: 0.98 * Board::NUCLEO.hse_hz, ..Board::NUCLEO },
         ..case("wrong clock", "clock", "2.0 % too slow", |_| {})
     },
@@ -209,7 +209,7 @@ const CASES: &[Case] = &[
     }),
 ];
 
-/// The first check that fails is the fault's own, and it names the cause.
+/// The first check that fails is the one for this fault, and it names the cause.
 #[test]
 fn each_planted_fault_is_named() {
     let mut wrong = Vec::new();
@@ -236,7 +236,7 @@ fn each_planted_fault_is_named() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// What is not possible is refused, and a host that falls silent leaves no pin driven.
+/// The device refuses impossible requests. If the host falls silent, the device stops driving its pins.
 #[test]
 fn the_outputs_are_let_go_and_nonsense_is_refused() {
     let Some(mut lab) = lab(Options::default(), |_| {}) else { return };
@@ -268,7 +268,7 @@ fn the_outputs_are_let_go_and_nonsense_is_refused() {
     assert!(matches!(refused, Err(JumperError::Refused { why: Refusal::NoSamples, .. })), "{refused:?}");
 }
 
-/// Whichever of the outputs' transfers fails, all of them are let go, and the board says why.
+/// Whichever output's DMA transfer fails, the device releases all outputs and reports why.
 #[test]
 fn outputs_whose_transfers_fail_are_let_go() {
     for channel in 0..3 {

@@ -1,12 +1,14 @@
-//! A real kernel and the real program: Debian's Linux in QEMU attaches to the shipping binary over USB/IP.
+//! A real kernel and the shipping host program: Debian's Linux in QEMU attaches to the shipping binary over USB/IP.
 //!
-//! The twin lives in a thread of its own, in step with the clock on the wall, and serves USB/IP on a port of the loopback. QEMU (TCG,
-//! never KVM) starts the kernel and the programs that `cargo xtask guest` put together; the guest's network ends in this
-//! process, so that nothing else is reached. Its first program calls back and runs what the test sends.
+//! The twin runs in its own thread, in step with wall-clock time, and serves USB/IP on a loopback port. QEMU (TCG,
+//! never KVM) boots the kernel and the programs that `cargo xtask guest` collected. The guest's network ends in this
+//! process, so the guest reaches nothing else. The guest's init program connects back and runs the commands that the
+//! test sends.
 //!
-//! At the end another firmware comes over the same cable, once by `inerter update` and once by Debian's dfu-util.
+//! At the end, another firmware is installed over the same cable, once by `inerter update` and once by Debian's
+//! dfu-util.
 //!
-//! Slow, about a minute. Skipped where image or QEMU are missing.
+//! Slow: several minutes. Skipped if the image or QEMU is missing.
 
 use crate::common::{chip_with, image_of_others};
 use inerter_guest::{Ended, Guest};
@@ -31,22 +33,22 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 const QEMU: &str = "qemu-system-x86_64";
-/// From QEMU's start to the first program's call; on a machine with much else to do.
+/// From QEMU's start until the guest's init program connects, on a busy machine.
 const BOOT: Duration = Duration::from_secs(60);
-/// A command that takes no time of its own.
+/// Time limit for a command that does not wait for anything.
 const SOON: Duration = Duration::from_secs(20);
-/// How often something is looked at that comes by itself, in the guest's shell.
+/// Polling interval in the guest's shell.
 const LOOK: &str = "usleep 20000";
 
 type Order = Box<dyn FnOnce(&mut Server<Machine>) -> Next + Send>;
 
-/// Whether the twin's thread goes on.
+/// Whether the twin's thread continues.
 enum Next {
     Serve,
     End,
 }
 
-/// The twin in its thread.
+/// The twin and its thread.
 struct Twin {
     address: std::net::SocketAddr,
     orders: mpsc::Sender<Order>,
@@ -54,7 +56,7 @@ struct Twin {
 }
 
 impl Twin {
-    /// A board that was set up for its rig, which moves.
+    /// A configured board on a moving rig.
     fn start(firmware: Vec<u8>) -> Self {
         Self::serve(move || {
             let rig = rig();
@@ -81,11 +83,11 @@ impl Twin {
         Self { address, orders, thread: Some(thread) }
     }
 
-    /// Does something in the twin's thread, and waits for it.
+    /// Runs a closure in the twin's thread and waits for its result.
     fn order<T: Send + 'static>(&self, what: impl FnOnce(&mut Server<Machine>) -> T + Send + 'static) -> T {
         let (tell, told) = mpsc::channel();
         let order: Order = Box::new(move |server| {
-            // The test waits below.
+            // The test waits for the reply below.
             let _ = tell.send(what(server));
             Next::Serve
         });
@@ -106,18 +108,18 @@ fn rig() -> Rig {
     Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5)
 }
 
-/// The emulator, ended with the test whatever happens.
+/// The QEMU process, killed when the test ends, whatever the outcome.
 struct Qemu(Child);
 
 impl Drop for Qemu {
     fn drop(&mut self) {
-        // Both fail only when it has ended by itself.
+        // Both fail only if QEMU has already exited.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// Linux with the twin's network.
+/// Linux, and the address of the twin it attaches to.
 struct Linux {
     guest: Guest,
     _qemu: Qemu,
@@ -154,21 +156,21 @@ impl Linux {
         self.guest.run(command, within).unwrap_or_else(|error| panic!("{command}: {error}"))
     }
 
-    /// Runs what must succeed; gives its output.
+    /// Runs a command that must succeed, and returns its output.
     fn run(&mut self, command: &str) -> String {
         let ended = self.run_within(command, SOON);
         assert_eq!(ended.code, 0, "{command}: {}{}", ended.text(), ended.errors);
         ended.text()
     }
 
-    /// Runs what must succeed and prints a JSON object a line.
+    /// Runs a command that must succeed and that prints one JSON object per line.
     fn json(&mut self, command: &str, within: Duration) -> Vec<Value> {
         let ended = self.run_within(command, within);
         assert_eq!(ended.code, 0, "{command}: {}{}", ended.text(), ended.errors);
         objects(&ended.text())
     }
 
-    /// Waits until a condition of the shell's holds.
+    /// Waits until a shell condition holds.
     fn until(&mut self, condition: &str) {
         let ended = self.run_within(
             &format!("for n in $(seq 500); do if {condition}; then exit 0; fi; {LOOK}; done; exit 1"),
@@ -177,7 +179,7 @@ impl Linux {
         assert_eq!(ended.code, 0, "never: {condition}\n{}", self.run("dmesg | tail -20"));
     }
 
-    /// Plugs the device in and waits for its port.
+    /// Attaches the device and waits for its port.
     fn attach(&mut self, port: &str) {
         self.attach_another(self.twin, port);
     }
@@ -196,7 +198,7 @@ fn of_kind<'a>(objects: &'a [Value], kind: &str) -> Vec<&'a Value> {
     objects.iter().filter(|object| object["kind"] == kind).collect()
 }
 
-/// Says how long each part took.
+/// Prints how long each part took.
 struct Watch {
     start: Instant,
     last: Instant,
@@ -213,13 +215,13 @@ impl Watch {
     }
 }
 
-/// Where `cargo xtask guest` leaves all of it.
+/// Where `cargo xtask guest` puts the image and the programs.
 fn folder() -> PathBuf {
     let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
     target.unwrap_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target")).join("guest")
 }
 
-/// Image and QEMU, or why the test cannot run.
+/// The folder with the image if QEMU is installed too, else the reason why the test cannot run.
 fn image() -> Result<PathBuf, String> {
     let image = folder();
     for file in ["vmlinux", "initramfs"] {
@@ -270,7 +272,7 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("dfu-util that is cut");
     a_really_different_build_goes_there_and_back(&mut linux, &firmware);
     watch.lap("another build, and back");
-    // Somebody may still be plugging it in.
+    // A background attach of the last stage may still be running. End the twin first.
     twin.end();
     a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(&mut linux, &firmware);
     watch.lap("small chips");
@@ -291,13 +293,13 @@ fn the_kernel_sees_the_device(linux: &mut Linux) {
     assert!(linux.run("dmesg").contains("cdc_acm 1-1:1.0: ttyACM0: USB ACM device"));
 }
 
-/// The number that the boot loader in ROM makes of the chip's identity.
+/// The serial number that the ROM boot loader derives from the chip's unique ID.
 fn serial() -> String {
     format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16)
 }
 
-/// The kernel sends back what the device says, until a program sets the terminal to raw. Worse than life: the device is made to
-/// talk while it does.
+/// The kernel echoes what the device sends until a program sets the terminal to raw mode. This test is harsher than
+/// reality: it makes the device send while the echo is on.
 fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux) {
     assert!(linux.run("stty -F /dev/ttyACM0 -a").contains(" echo "), "a fresh terminal echoes");
     let mut talk = vec![0];
@@ -328,10 +330,11 @@ fn the_device_is_for_one(linux: &mut Linux) {
     assert!(ended.errors.contains("another client has the device"), "{}", ended.errors);
 }
 
-/// Intervals that a value may lie from the truth: one in twenty lies outside of its own, and each run here takes its own time.
+/// Allowed distance from the true value, in 95 % intervals. One value in twenty lies outside its own interval, and the
+/// timing differs in every run.
 const INTERVALS: f64 = 2.0;
 
-/// The last estimate is right by its own interval.
+/// The last estimate agrees with the true values within its own intervals.
 fn is_right(estimate: &Value) {
     let rig = rig();
     let truth = [
@@ -356,7 +359,7 @@ fn the_monitor_shows_the_estimates(linux: &mut Linux) {
     let device = of_kind(&said, "device");
     assert_eq!((&device[0]["serial"], &device[0]["port"]), (&serial().into(), &"/dev/ttyACM0".into()));
     let estimates = of_kind(&said, "estimate");
-    // Ten of them, where the twin keeps up with the clock on the wall.
+    // Ten of them if the twin keeps up with wall-clock time.
     assert!(estimates.len() >= 4, "{} estimates in five seconds", estimates.len());
     is_right(estimates[estimates.len() - 1]);
     let health = of_kind(&said, "health");
@@ -384,19 +387,19 @@ fn a_recording_comes_home(linux: &mut Linux, folder: &Path) {
         (&"closed".into(), &0.into(), &0.into())
     );
     assert_eq!(info["device"]["serial"], serial());
-    // 8000 of them, where the twin keeps up with the clock on the wall.
+    // 8000 of them if the twin keeps up with wall-clock time.
     assert!(info["samples"].as_u64() >= Some(4000), "{info}");
     let replayed = inerter("replay");
     let replayed = &replayed[replayed.len() - 1];
     is_right(replayed);
-    // The device has seen more of the motion than the recording holds.
+    // The device has seen more of the motion than the recording contains.
     let inertance =
         |estimate: &Value, part: &str| estimate["whole_run"]["inertance_kg"][part].as_f64().expect("a number");
     let difference = inertance(replayed, "value") - inertance(&info["estimate"], "value");
     assert!(difference.abs() <= INTERVALS * inertance(replayed, "u95"), "{difference} kg between device and replay");
 }
 
-/// The program as it is in the guest, which was packed with this machine's libraries.
+/// The same program as in the guest, which was packed with this machine's libraries.
 fn program() -> PathBuf {
     folder().join("inerter")
 }
@@ -411,7 +414,7 @@ fn the_port_opens_and_closes_twenty_times(linux: &mut Linux) {
 }
 
 fn a_device_plugged_in_again_is_found_again(linux: &mut Linux, twin: &Twin) {
-    // One program keeps the old port open, another one measures.
+    // One process keeps the old port open while another measures.
     linux.run("sleep 60 3<>/dev/ttyACM0 >/dev/null 2>&1 & echo $! >/tmp/holder");
     linux.run("inerter monitor --json --duration 15 >/tmp/said 2>/tmp/noted & echo $! >/tmp/monitor");
     linux.until("grep -q '\"estimate\"' /tmp/said");
@@ -443,17 +446,17 @@ fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
     assert!(noted.contains("went away") && noted.contains("plug it in again"), "{noted}");
     let info = linux.json("inerter info --json /tmp/cut.mcap", SOON).remove(0);
     assert_eq!(info["ending"], "closed", "{info}");
-    // A guest that lags behind the wall clock loses samples, which has nothing to do with the power cut.
+    // A guest that lags behind wall-clock time loses samples. This has nothing to do with the power cut.
     assert!(info["discontinuities"] == 0 || info["lost_samples"].as_u64() > Some(0), "{info}");
-    // Power and plug come back, and the settings were kept.
+    // Power and cable return. The device must publish estimates again.
     linux.until("! [ -d /sys/bus/usb/devices/1-1 ]");
     linux.attach("/dev/ttyACM0");
     let said = linux.json("inerter monitor --json --duration 3", Duration::from_secs(60));
     assert!(!of_kind(&said, "estimate").is_empty(), "{said:?}");
 }
 
-/// By command, and by two presses of the button, which the program asks for at a terminal: here the guest's console. Of
-/// the other checks, some need a guest that keeps pace with the wall's clock.
+/// Once by command, and once by two presses of the button, which the program asks for on a terminal: here the guest's
+/// console. Only the checks below are required: some of the others need a guest that keeps pace with wall-clock time.
 fn the_self_test_goes_into_update_mode_and_back(linux: &mut Linux, twin: &Twin) {
     stay_plugged_in(linux);
     linux.run(
@@ -474,7 +477,7 @@ fn the_self_test_goes_into_update_mode_and_back(linux: &mut Linux, twin: &Twin) 
     unplug_no_more(linux);
 }
 
-/// The same program under another name: as a later version it says `digit` wherever it says 0.
+/// The same program under another version: `digit` replaces the 0 of every `inerter 0.`.
 fn another(image: &[u8], digit: u8) -> Vec<u8> {
     const NAME: &[u8] = b"inerter 0.";
     let mut image = image.to_vec();
@@ -486,7 +489,7 @@ fn another(image: &[u8], digit: u8) -> Vec<u8> {
     image
 }
 
-/// Puts a file into the guest.
+/// Copies a file into the guest.
 fn give(linux: &mut Linux, bytes: Vec<u8>, path: &str) {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
     let port = listener.local_addr().expect("bound").port();
@@ -500,7 +503,7 @@ fn give(linux: &mut Linux, bytes: Vec<u8>, path: &str) {
     assert_eq!(linux.run(&format!("stat -c %s {path}")).trim(), length.to_string());
 }
 
-/// Plugs in whatever is there, again and again, as a socket does in which the device stays.
+/// Attaches again and again in the background, like a USB port in which the device stays plugged.
 fn stay_plugged_in(linux: &mut Linux) {
     let address = linux.twin.port();
     linux.run(&format!(
@@ -512,7 +515,7 @@ fn unplug_no_more(linux: &mut Linux) {
     linux.run("kill $(cat /tmp/plug)");
 }
 
-/// What runs measures, with the settings that were kept.
+/// The running firmware measures correctly with the settings saved before.
 fn measures_as(linux: &mut Linux, firmware: &str) {
     linux.until("ls /dev/ttyACM*");
     let said = linux.json("inerter monitor --json --duration 5", Duration::from_secs(60));
@@ -531,10 +534,10 @@ fn the_program_brings_another_firmware(linux: &mut Linux, firmware: &[u8]) {
     unplug_no_more(linux);
 }
 
-/// As docs/HARDWARE.md has it.
+/// The command given in docs/HARDWARE.md.
 const DFU_UTIL: &str = "dfu-util -d 0483:df11 -a 0 -s 0x08000000:leave -D /tmp/new.bin";
 
-/// The plain bytes of an image, as they lie in flash.
+/// An image as a flat binary, as it lies in flash.
 fn plain(image: &[u8]) -> Vec<u8> {
     let elf = Elf::parse(image).expect("an ELF");
     let mut bytes = Vec::new();
@@ -546,27 +549,27 @@ fn plain(image: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The button, twice.
+/// Two presses of the button.
 fn press(twin: &Twin) {
     twin.order(|server| {
         for pause_s in [0.1, 0.1] {
             server.socket.reset().expect("starts");
             server.socket.run_for(pause_s).expect("runs");
         }
-        // The hub has seen it go.
+        // The hub sees the device disconnect.
         server.unplug();
     });
 }
 
-/// The button, twice: the device is in update mode.
+/// Two presses of the button: the device enters update mode.
 fn press_twice(linux: &mut Linux, twin: &Twin) {
     press(twin);
     stay_plugged_in(linux);
     linux.until("dfu-util -l | grep -q 'Internal Flash'");
 }
 
-/// dfu-util erases all pages and then writes in the order of the addresses: what it leaves behind has vectors, and half of
-/// another program behind them.
+/// dfu-util erases all pages and then writes in address order. If it is interrupted, it leaves the new vectors in front
+/// of an incomplete image.
 fn a_dfu_util_that_is_cut_has_written_the_vectors_first(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
     let new = another(firmware, b'6');
     let last = *pages(&new).last().expect("a page");
@@ -613,8 +616,8 @@ fn dfu_util_brings_another_firmware(linux: &mut Linux, twin: &Twin, firmware: &[
     unplug_no_more(linux);
 }
 
-/// Power fails when the page of the vectors is erased and no other, in the middle, and when all pages are erased and all but the
-/// vectors written.
+/// Power fails at three stages: after only the page of the vectors is erased, in the middle, and after all pages are
+/// erased and all but the vectors written.
 fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
     let mut stages = Vec::new();
     for (part, digit) in [(0.0, b'6'), (0.5, b'7'), (1.0, b'8')] {
@@ -635,11 +638,11 @@ fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin
                 let is_erased =
                     |page: usize| flash.bytes()[page * flash::PAGE..][..flash::PAGE].iter().all(|byte| *byte == 0xFF);
                 let done = flash.erased - before;
-                // At the last stage the last page is written, and the vectors are not.
+                // At the last stage, the last page is written and the vectors are not.
                 let is_now =
                     server.socket.is_in_rom() && done >= wanted && is_erased(0) && (part < 1.0 || !is_erased(last));
                 if is_now {
-                    // There are no vectors to start from: the boot pin leads back.
+                    // Without vectors the chip cannot start from flash. The BOOT0 pin brings it back into the ROM.
                     server.socket.set_boot0(true);
                     server.socket.power_cut().expect("starts again");
                     server.socket.set_boot0(false);
@@ -662,12 +665,13 @@ fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin
         unplug_no_more(linux);
     }
     println!("         cut when so many pages were erased of all: {stages:?}");
-    // Three stages, and not the same one three times: the twin looks often enough for a few pages' tolerance.
+    // The three cuts happened at three different stages: the twin polls often enough to stop within a fifth of the
+    // pages.
     let near = |(done, wanted, all): &(u64, u64, u64)| done - wanted <= all / 5;
     assert!(stages.iter().all(near), "{stages:?}");
 }
 
-/// Pages of flash that the image lies in, in their order.
+/// The flash pages that the image occupies, in ascending order.
 fn pages(image: &[u8]) -> Vec<usize> {
     let elf = Elf::parse(image).expect("an ELF");
     let page = |address: usize| (address - flash::START as usize) / flash::PAGE;
@@ -675,7 +679,7 @@ fn pages(image: &[u8]) -> Vec<usize> {
     elf.segments().iter().flat_map(of).collect::<BTreeSet<usize>>().into_iter().collect()
 }
 
-/// The image whose task hangs after five seconds: other code at other places, under the same name.
+/// The image whose task hangs after five seconds: different code under the same name.
 fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u8]) {
     let Some(other) = image_of("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
     let differing = pages(firmware).len().abs_diff(pages(&other).len());
@@ -684,7 +688,7 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u
         give(linux, build.to_vec(), "/tmp/new.elf");
         stay_plugged_in(linux);
         linux.until("ls /dev/ttyACM*");
-        // The other build is restarted by its watchdog each ten seconds.
+        // The watchdog restarts the other build every ten seconds.
         let ended = linux.run_within(
             "for n in 1 2 3 4 5; do inerter update /tmp/new.elf && exit 0; sleep 1; done; exit 1",
             Duration::from_secs(240),
@@ -697,13 +701,13 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u
     unplug_no_more(linux);
 }
 
-/// All of an image's bytes, one segment behind the other.
+/// All bytes of an image, segment after segment.
 fn code(image: &[u8]) -> Vec<u8> {
     let elf = Elf::parse(image).expect("an ELF");
     elf.segments().iter().flat_map(|(_, bytes)| bytes.clone()).collect()
 }
 
-/// The ROM tells the layout of the die, which has 512 KB in two banks; what the chip says of itself counts.
+/// The ROM describes the layout of the die, with 512 KB in two banks. The host must go by what the chip itself reports.
 fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Linux, firmware: &[u8]) {
     const DBANK: u32 = 1 << 22;
     give(linux, firmware.to_vec(), "/tmp/new.elf");
@@ -733,7 +737,8 @@ fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Li
     }
 }
 
-/// Echoes whose drivers are not ours, one in capitals and one a letter higher, at a host that is not ours either.
+/// Echo programs on third-party drivers, on a host that we did not write either. One answers in capitals, one with each
+/// letter raised by one.
 fn programs_of_others_are_served(linux: &mut Linux) {
     linux.until("! ls /dev/ttyACM*");
     for (name, maker, answer) in [("usb-serial", "Fake company", "TWIN"), ("hal2-usb", "Others", "uxjo")] {

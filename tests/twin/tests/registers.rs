@@ -1,7 +1,7 @@
-//! The twin's registers against two descriptions that are none of ours: `stm32-metapac` (stm32-data: addresses, fields,
-//! clock gates, interrupts, DMA requests, pins) and `stm32g4` (ST's SVD as stm32-rs mends it: addresses, reset values).
+//! The twin's registers against two independent descriptions: `stm32-metapac` (stm32-data: addresses, fields, clock
+//! gates, interrupts, DMA requests, pins) and `stm32g4` (ST's SVD as corrected by stm32-rs: addresses, reset values).
 //!
-//! What differs stands below, a line each with the reason. A line whose difference is gone fails as well.
+//! The tables below list every difference with its reason. A test also fails if a listed difference no longer exists.
 
 #[path = "../src/metapac.rs"]
 mod metapac;
@@ -13,13 +13,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use stm32_metapac::metadata::METADATA;
 use stm32g4::{Reg, RegisterSpec, Resettable};
 
-/// Where registers can be: APB1 to AHB1, the ports, the converters, debug support.
+/// Address ranges with registers: APB1 to AHB1, the GPIO ports, the converters, debug support.
 const BUSES: [std::ops::Range<u32>; 4] =
     [0x4000_0000..0x4003_0000, 0x4800_0000..0x4800_2000, 0x5000_0000..0x5000_1000, 0xe004_2000..0xe004_2400];
-/// The packet memory of USB holds no registers.
+/// The USB packet memory contains no registers.
 const PACKET_MEMORY: std::ops::Range<u32> = 0x4000_6000..0x4000_6400;
 
-/// Registers that the twin has and metapac has not.
+/// Registers that the twin has and metapac lacks.
 const NOT_IN_METAPAC: &[(&str, &str)] = &[
     ("0x48000028", BRR),
     ("0x48000428", BRR),
@@ -31,10 +31,10 @@ const NOT_IN_METAPAC: &[(&str, &str)] = &[
 ];
 const BRR: &str = "metapac leaves GPIO_BRR out, ST's header and stm32g4 have it";
 
-/// Registers that the twin has and stm32g4 has not.
+/// Registers that the twin has and stm32g4 lacks.
 const NOT_IN_STM32G4: &[(&str, &str)] = &[("0x40005c54", "stm32g4 leaves USB_LPMCSR out, metapac has it")];
 
-/// Values after reset that differ from those of stm32g4.
+/// Reset values that differ from those of stm32g4.
 const OTHER_RESET_VALUES: &[(&str, &str)] = &[
     ("DBGMCU.idcode: 0x20036469, not 0x00000000", "the device and its revision, which an SVD does not know"),
     ("EXTI.imr1: 0x1f840000, not 0xff820000", "direct lines are open, and stm32g4 has those of the L4"),
@@ -56,7 +56,7 @@ const OTHER_RESET_VALUES: &[(&str, &str)] = &[
 ];
 const BREAK: &str = "the break input at the pin is open after reset (RM0440 28.6, BKINE), which stm32g4 leaves out";
 
-/// Bits that the twin keeps where metapac has no field.
+/// Bits that the twin stores where metapac has no field.
 const OTHER_FIELDS: &[(&str, &str)] = &[
     ("ADC1.difsel: 0x00040000", DIFSEL),
     ("ADC2.difsel: 0x00040000", DIFSEL),
@@ -71,7 +71,8 @@ const OTHER_FIELDS: &[(&str, &str)] = &[
 ];
 const DIFSEL: &str = "19 channels; metapac has 18";
 
-/// Fields of metapac that a write does not change, by what is alike (see [`alike`]). Writes that end the run are no such thing.
+/// Fields of metapac that a write does not change, grouped by identical registers (see [`alike`]). Writes that end the
+/// run do not count.
 const DROPPED: &[(&str, &str)] = &[
     ("ADCx.cr: 0x00000012", ONCE),
     ("ADCx.difsel: 0x00000001", "channel 0 is single-ended (RM0440 21.7.24)"),
@@ -177,7 +178,7 @@ const DITHER: &str = "dithering has no model";
 const SIGNALS: &str = "signals of encoder, break and commutation have no model, so none comes";
 const REPETITION: &str = "the repetition counter has no model";
 
-/// Registers of stm32g4 that the twin has not, or cannot read: touching one ends the run.
+/// Registers of stm32g4 that the twin lacks or cannot read: an access ends the run.
 const NOT_MODELLED: &[(&str, &str)] = &[
     ("ADC12_COMMON: cdr", UNUSED),
     ("ADC345_COMMON: cdr", UNUSED),
@@ -228,9 +229,9 @@ struct Described {
     reset: u32,
 }
 
-/// A block of registers in memory of its own, for the places of its registers.
+/// A zeroed block of registers in its own memory, used to compute the offsets of its registers.
 fn block<B>(_: *const B) -> Box<B> {
-    // SAFETY: blocks are integers in cells, and room between them.
+    // SAFETY: register blocks consist of integers in cells and of padding. All zeros is a valid value.
     unsafe { Box::new(std::mem::MaybeUninit::<B>::zeroed().assume_init()) }
 }
 
@@ -331,7 +332,7 @@ fn chip() -> Chip {
     Chip::new(Board::NUCLEO, Box::new(Still))
 }
 
-/// Every gate open.
+/// A chip with every clock gate open.
 fn awake() -> Chip {
     let mut chip = chip();
     for (register, gate) in [
@@ -348,7 +349,7 @@ fn awake() -> Chip {
     chip
 }
 
-/// What the twin says to a read; nothing where it has no such register.
+/// The twin's answer to a read. `None` if it has no such register.
 fn read(chip: &mut Chip, address: u32) -> Option<Result<u32, &'static str>> {
     let known = |what| what != Unknown::REGISTER.what && what != NOTHING.what;
     match chip.read(address, Width::Word, 0) {
@@ -357,14 +358,14 @@ fn read(chip: &mut Chip, address: u32) -> Option<Result<u32, &'static str>> {
     }
 }
 
-/// Addresses of all registers that the twin has.
+/// Addresses of all registers that the twin models.
 fn modelled() -> BTreeSet<u32> {
     let mut chip = awake();
     let addresses = BUSES.into_iter().flatten().step_by(4).filter(|address| !PACKET_MEMORY.contains(address));
     addresses.filter(|&address| read(&mut chip, address).is_some()).collect()
 }
 
-/// Every gate and every lock open.
+/// A chip with every clock gate and every lock open.
 fn unlocked() -> Chip {
     let mut chip = awake();
     let base = |name: &str| peripheral(name).address as u32;
@@ -384,14 +385,14 @@ fn unlocked() -> Chip {
     chip
 }
 
-/// What becomes of a bit that is written.
+/// What happens to a bit that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fate {
-    /// It reads as written: one in the place of zero, or zero in the place of one.
+    /// It reads as written, whether the write sets or clears it.
     Kept,
-    /// The run ends, as the model does not know what would follow.
+    /// The run ends, because the model does not know what would follow.
     Refused,
-    /// It is taken, and reads as before.
+    /// The write is accepted, and the bit reads as before.
     Dropped,
 }
 
@@ -405,7 +406,7 @@ fn fate(address: u32, bit: u32) -> Fate {
     }
 }
 
-/// One name for registers of which there are several alike.
+/// One name for all registers of the same kind.
 fn alike(name: &str) -> String {
     let (peripheral, register) = name.split_once('.').expect("a register's name");
     let peripheral = match peripheral {
@@ -431,7 +432,7 @@ fn alike(name: &str) -> String {
     format!("{peripheral}.{register}")
 }
 
-/// Compares what differs with what is known to.
+/// Compares the differences found with the known ones.
 fn compare(found: BTreeSet<String>, known: &[(&str, &str)]) {
     let known: BTreeSet<String> = known.iter().map(|(difference, _)| (*difference).to_owned()).collect();
     let new: Vec<_> = found.difference(&known).collect();
@@ -491,7 +492,7 @@ fn every_register_starts_as_stm32g4_has_it() {
     let mut differences = BTreeSet::new();
     let mut missing: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for Described { name, address, reset } in svd() {
-        // Opening gates and the backup domain changes registers itself.
+        // Read the chip asleep first: opening the gates and the backup domain changes some registers.
         let asleep = read(&mut chip(), address);
         match if asleep == Some(Err(CLOCK_OFF.what)) { read(&mut awake(), address) } else { asleep } {
             None => {
@@ -535,7 +536,7 @@ fn a_peripheral_answers_while_metapacs_bit_opens_its_gate() {
         };
         let name = peripheral.name;
         assert!(set(bit).is_some_and(|answer| answer != Err(CLOCK_OFF.what)), "{name} with {}", enable.field);
-        // What shares its gate and addresses with SYSCFG is not modelled.
+        // These share SYSCFG's gate and addresses, and are not modelled.
         if name.starts_with("COMP") || name.starts_with("OPAMP") || name == "VREFBUF" {
             continue;
         }

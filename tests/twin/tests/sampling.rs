@@ -1,8 +1,8 @@
-//! The shipping image measures a simulated inerter, and says so when something is wrong.
+//! The shipping image measures a simulated inerter, and reports when something is wrong.
 //!
-//! Every run goes through the whole of it: sampling clock, converters, DMA, sums, estimator, telemetry, USB. The
-//! estimates must be those that core gives on this computer for the samples that were streamed, to the bit, and as
-//! near to the truth as `docs/tables/accuracy.md` says core alone comes.
+//! Every run exercises the whole chain: sampling clock, converters, DMA, sums, estimator, telemetry, USB. The estimates
+//! must equal, bit for bit, those that core computes on this computer from the streamed samples. They must also be as
+//! close to the true values as `docs/tables/accuracy.md` states for core alone.
 
 use std::error::Error;
 
@@ -23,32 +23,32 @@ use inerter_wire::{
 
 type Outcome = Result<(), Box<dyn Error>>;
 
-/// The firmware has started by then \[s\].
+/// The firmware has started by this time \[s\].
 const BOOTED_S: f64 = 0.2;
-/// When the plant begins to move: after the port was opened and the settings were written \[s\].
+/// The plant starts to move at this time, after the port is opened and the settings are written \[s\].
 const MOTION_S: f64 = 1.5;
-/// Time for a reply \[s\].
+/// Time limit for a reply \[s\].
 const REPLY_S: f64 = 0.5;
 
-/// A board that has been given settings, with its sampler stopped.
+/// A configured board with its sampler stopped.
 struct Lab {
     link: UsbLink<Machine>,
     settings: Settings,
 }
 
-/// What came of a run.
+/// The outcome of a run.
 struct Run {
     settings: Settings,
     samples: Vec<RawSample>,
     estimates: Vec<Estimate>,
     events: Vec<EventKind>,
     health: Vec<Health>,
-    /// Frames that the device could not get rid of.
+    /// Frames that the device dropped.
     lost: u64,
 }
 
 impl Lab {
-    /// Boots the image at this rig, plugs in and writes the settings.
+    /// Boots the image on this rig, plugs it in and writes the settings.
     fn new(
         image: &[u8],
         rig: Rig,
@@ -72,7 +72,7 @@ impl Lab {
         self.link.request(command, REPLY_S)?.result.map(|_| ()).map_err(LinkError::Refused)
     }
 
-    /// Samples from now on until this time, in which `disturb` may do what it likes each 10 ms.
+    /// Samples from now until `end_s`. `disturb` may act on the machine every 10 ms.
     fn run(&mut self, end_s: f64, mut disturb: impl FnMut(&mut Machine)) -> Result<Run, Box<dyn Error>> {
         self.order(Command::Start)?;
         while self.link.socket.time_s() < end_s {
@@ -80,21 +80,21 @@ impl Lab {
             self.link.listen(0.01)?;
         }
         self.order(Command::Stop)?;
-        // Everything that is still on its way.
+        // Receive what is still in transit.
         self.link.listen(0.2)?;
         let lost = self.link.talk.lost();
         Run::of(self.settings, self.link.records(), lost)
     }
 }
 
-/// What a board is told before a run: its sampler rests until the run begins.
+/// The commands sent to a board before a run. The sampler stays stopped until the run begins.
 fn set_up(settings: &Settings) -> [Command; 5] {
     let streams = Streams { sums: false, ..Streams::ALL };
     let values = SettingsValues::from(settings);
     [Command::Hello, Command::Stop, Command::WriteSettings(values), Command::ResetEstimator, Command::Streams(streams)]
 }
 
-/// Every bit of it, those of a zero's sign too.
+/// The exact encoding of an estimate, including the sign of a zero.
 fn bytes(estimate: &Estimate) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let length = encode_record(&Record::Estimate(*estimate), 0, &mut out).expect("fits");
@@ -102,7 +102,7 @@ fn bytes(estimate: &Estimate) -> Vec<u8> {
 }
 
 impl Run {
-    /// From what was heard since the set-up.
+    /// Sorts the records received since the set-up.
     fn of(settings: Settings, records: Vec<Record>, lost: u64) -> Result<Self, Box<dyn Error>> {
         let mut run =
             Run { settings, samples: Vec::new(), estimates: Vec::new(), events: Vec::new(), health: Vec::new(), lost };
@@ -122,7 +122,7 @@ impl Run {
         Ok(run)
     }
 
-    /// Core's own estimates for the samples, which the board's must be to the bit.
+    /// Core's own estimates for the streamed samples. The board's must equal them bit for bit.
     #[track_caller]
     fn agrees_with_core(&self) -> Replay {
         assert_eq!(self.lost, 0, "frames lost on the link");
@@ -131,7 +131,7 @@ impl Run {
         for (there, here) in self.estimates.iter().zip(&here.published) {
             assert_eq!(bytes(there), bytes(here), "{there:?} on the board, {here:?} here");
         }
-        // Teeth: one count of the encoder in one sample that is not gated, and it is no longer the same.
+        // Sensitivity check: changing one ungated sample by one encoder count must change the estimates.
         let changed = |place: usize| {
             let mut other = self.samples.clone();
             other[place].position_count ^= 64;
@@ -142,8 +142,8 @@ impl Run {
         here
     }
 
-    /// Sample for sample it is where the undisturbed run was, to a period by which the instants may have moved: 0.084 m/s are
-    /// 34 counts a millisecond.
+    /// Each sample's position equals that of the undisturbed run, to within one sampling period by which the sampling
+    /// instants may have shifted: 0.084 m/s is 34 counts per millisecond.
     #[track_caller]
     fn is_where(&self, plain: &Self) {
         let first = plain.samples.first().expect("samples").index;
@@ -156,7 +156,7 @@ impl Run {
         assert!(apart < 36 * 64, "{apart} 64ths of a count apart");
     }
 
-    /// The source is told to be unreadable, without a restart.
+    /// The device reported the source as unreadable, without restarting.
     #[track_caller]
     fn is_given_up(&self, channel: usize) {
         assert!(self.events.contains(&EventKind::Fault(Broken::SourceUnreadable)), "{channel}: {:?}", self.events);
@@ -174,10 +174,10 @@ fn three(estimate: &Estimate) -> [Parameter; 3] {
     [all.inertance_kg, all.viscous_n_s_per_m, all.coulomb_n]
 }
 
-/// Parameters as the table calls them.
+/// Parameter names as written in the table.
 const NAMES: [&str; 3] = ["mt kg", "cf N s/m", "fc N"];
 
-/// Bias goal and sigma of each parameter, by the table of core alone.
+/// Bias goal and sigma of each parameter, from the table of core alone.
 fn table(rate_hz: f64, motion: &str) -> [[f64; 2]; 3] {
     let table = include_str!("../../../docs/tables/accuracy.md");
     let heading = if rate_hz > 3000.0 { "4 kHz, 1 N" } else { "1 kHz, 1 N" };
@@ -191,11 +191,12 @@ fn table(rate_hz: f64, motion: &str) -> [[f64; 2]; 3] {
     })
 }
 
-/// An interval holds what may hide in the noise, so it scatters itself: the greatest of 16 runs without a chip by up to 1.81 over
-/// the least (friction of `slow`, seeds 100 to 115; `mid` 1.21, `random` 1.23). The tests' seed is another.
+/// Allowed ratio of two intervals. An interval covers errors hidden in the noise, so it scatters too: over 16 runs
+/// without a chip, the largest was up to 1.81 times the smallest (friction of `slow`, seeds 100 to 115; `mid` 1.21,
+/// `random` 1.23). The tests use another seed.
 const SCATTER: std::ops::Range<f32> = 0.55..1.81;
 
-/// One run of a preset motion, held against the table and against core.
+/// One run of a preset motion, compared with the table and with core.
 #[track_caller]
 fn accurate(motion: &str, rate_hz: f64, duration_s: f64) -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
@@ -294,13 +295,13 @@ fn the_count_may_wrap_and_so_may_the_sum() -> Outcome {
     };
     let plain = moved_by(0)?;
     plain.agrees_with_core();
-    // 4.16 mm are 1704 counts: the motion passes the end of the counter, or of 64 times the counter, at every stroke.
+    // 4.16 mm is 1704 counts, so every stroke crosses the wrap of the counter, or of 64 times the counter.
     for counts in [u32::MAX - 500, (1 << 26) - 500, (1 << 31) - 500, (1 << 25) + 500] {
         let run = moved_by(counts)?;
         let sign = |sample: &RawSample| sample.position_count.signum();
         assert!(run.samples.iter().any(|sample| sign(sample) > 0) && run.samples.iter().any(|sample| sign(sample) < 0));
-        // Sample for sample the same but for the offset, and so are the estimates, to the bit. A run may end a half of the rings earlier, as
-        // numbers of other sizes take other times to send.
+        // The samples equal those of the plain run except for the offset, and the estimates are equal bit for bit. A
+        // run may end half a ring earlier, because numbers of other sizes take a different time to send.
         let mut back = run.samples.clone();
         back.iter_mut().for_each(|sample| {
             sample.position_count = sample.position_count.wrapping_sub(counts.wrapping_mul(64) as i32)
@@ -322,7 +323,7 @@ fn an_encoder_that_counts_the_other_way() -> Outcome {
     let mass = run.agrees_with_core().last.whole_run.inertance_kg;
     assert_eq!(mass.status(), Status::Ok);
     assert!((f64::from(mass.fitted().value) - rig.device.inertance_kg).abs() < 0.1, "{mass:?}");
-    // Told the wrong direction, it does not find an inertia that pushes back.
+    // With the direction set wrong, the estimator must not report a positive inertance as ok.
     let settings = Settings { metres_per_count: -rig.metres_per_count, ..run.settings };
     let wrong = replay(&settings, &run.samples)?.last.whole_run.inertance_kg;
     assert!(wrong.status() != Status::Ok || wrong.fitted().value < 0.0, "{wrong:?}");
@@ -332,14 +333,14 @@ fn an_encoder_that_counts_the_other_way() -> Outcome {
 #[test]
 fn a_force_beyond_the_range_is_flagged_and_left_out() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
-    // An amplitude of 545 N in a range of 480.
+    // An amplitude of 545 N on a range of 480 N.
     let rig = Rig { newtons_per_volt: 960.0 / 3.3, ..mid_rig() };
     let run = short(&image, rig.clone(), 8.0, |_| {})?;
     let here = run.agrees_with_core();
     let at_rail = |code: f64| run.samples.iter().filter(|sample| f64::from(sample.force_code) == code).count();
     let rails = [at_rail(run.settings.force_min_code), at_rail(run.settings.force_max_code)];
     assert!(rails.iter().all(|samples| *samples > 300), "{rails:?}");
-    // A window that touches a rail is at the rail: none lies just inside.
+    // A window that touches a rail is reported at the rail: no code lies just inside it.
     let near = |sample: &&RawSample| {
         (1..64).contains(&sample.force_code) || (262_080 - 63..262_080).contains(&sample.force_code)
     };
@@ -355,13 +356,13 @@ fn a_force_beyond_the_range_is_flagged_and_left_out() -> Outcome {
 fn a_cable_that_comes_off_is_no_measurement() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let off = |sensor| Fault::Unplugged { sensor, from_s: MOTION_S + 3.0, until_s: MOTION_S + 6.0 };
-    // Without the force's cable the pin falls to the rail: nothing is learnt, nothing is lost.
+    // Without the force cable the pin falls to the rail. The estimator learns nothing and loses nothing.
     let run = short(&image, Rig { faults: vec![off(Sensor::Force)], ..mid_rig() }, 8.0, |_| {})?;
     let here = run.agrees_with_core();
     assert!((2950..3100).contains(&here.counters.saturated), "{:?}", here.counters);
     let mass = here.last.whole_run.inertance_kg;
     assert!((f64::from(mass.fitted().value) - 299.4906).abs() < 0.1, "{mass:?}");
-    // An encoder that stands still looks like rest: the values are held.
+    // A stationary encoder looks like rest, so no estimate may claim motion.
     let run = short(&image, Rig { faults: vec![off(Sensor::Encoder)], ..mid_rig() }, 8.0, |_| {})?;
     run.agrees_with_core();
     let during = run.estimates.iter().filter(|estimate| (4500..6700).contains(&estimate.elapsed_samples));
@@ -369,11 +370,11 @@ fn a_cable_that_comes_off_is_no_measurement() -> Outcome {
     Ok(())
 }
 
-/// What is done to a channel at a moment.
+/// A disturbance of a DMA channel at one moment.
 type Disturb = fn(&mut Dma, usize, u64);
 
-/// Disturbs a channel of DMA1 once the machine has run to this time. Half a second later the three rings must be in step
-/// again.
+/// Disturbs a channel of DMA1 once the machine has reached this time. Within half a second the three rings must be in
+/// step again.
 fn disturbed(channel: usize, at_s: f64, disturb: Disturb) -> impl FnMut(&mut Machine) {
     let mut done = false;
     move |machine: &mut Machine| {
@@ -386,7 +387,7 @@ fn disturbed(channel: usize, at_s: f64, disturb: Disturb) -> impl FnMut(&mut Mac
             done = true;
             disturb(dma, channel, now);
         }
-        // The count of an event is fetched before its codes.
+        // For each event the count is fetched before the codes.
         let in_step = (0..3).all(|n| (lefts[n] + 512 - lefts[0]) % 512 <= 1);
         assert!(in_step || (-0.5..0.0).contains(&in_s), "{lefts:?} left {in_s} s before the stall");
     }
@@ -397,11 +398,11 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
     let Some(image) = shipping_image() else { return Ok(()) };
     let at_s = MOTION_S + 3.0;
     let plain = short(&image, mid_rig(), 6.0, |_| {})?;
-    // Kept off the bus for five events.
+    // The channel gets no bus access for five events.
     let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 5 * 2625);
     let fail: Disturb = |dma, channel, _| dma.fail(channel);
-    // Positions lost; a force conversion not fetched; a terminal conversion, without whose ring no interrupt comes. A transfer
-    // that fails ends its ring at once.
+    // Channel 0 loses positions; channel 1 misses a force conversion; channel 2 misses a terminal conversion, and
+    // without its ring no interrupt comes. A failed transfer stops its ring at once.
     for (channel, disturb, fault) in [
         (0, stall, Broken::SamplerMisaligned),
         (1, stall, Broken::SamplerOverrun),
@@ -413,7 +414,7 @@ fn rings_that_part_become_a_discontinuity_and_the_counter_stays_right() -> Outco
         let run = short(&image, mid_rig(), 6.0, disturbed(channel, at_s, disturb))?;
         let here = run.agrees_with_core();
         assert_eq!((run.discontinuities(), here.counters.discontinuities), (1, 1), "channel {channel}");
-        // A ring without interrupts is missed after 20 ms.
+        // The device notices missing ring interrupts after 20 ms.
         assert!((2..40).contains(&here.counters.lost_samples), "channel {channel}: {:?}", here.counters);
         let named = run.events.iter().any(|event| matches!(event, EventKind::Fault(it) if *it == fault));
         assert!(named, "channel {channel}: {:?}", run.events);
@@ -456,7 +457,8 @@ fn a_transfer_may_fail_at_any_moment() -> Outcome {
     Ok(())
 }
 
-/// CCR of the channel whose interrupts tell that a half is full, and its half and complete interrupt enables.
+/// CCR of the channel whose interrupts report a full half of the ring, and its half-transfer and transfer-complete
+/// interrupt enables.
 const CCR3: u32 = 0x08 + 2 * 0x14;
 const HALVES: u32 = 1 << 2 | 1 << 1;
 
@@ -464,8 +466,8 @@ const HALVES: u32 = 1 << 2 | 1 << 1;
 fn a_reader_that_comes_late_loses_whole_halves_and_knows_how_many() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let plain = short(&image, mid_rig(), 6.0, |_| {})?;
-    // Interrupts held back for 20 ms, longer than the 8 ms of a ring. 10 ms are lost or not, by their phase: the reader also looks
-    // when the samples before have been taken.
+    // Interrupts are held back for 20 ms, longer than the 8 ms of a ring. A delay of 10 ms may or may not lose samples,
+    // depending on its phase: the reader also looks after it has taken the previous samples.
     let held_s = MOTION_S + 3.0..MOTION_S + 3.02 - 1e-6;
     let mut held = false;
     let run = short(&image, mid_rig(), 6.0, |machine| {
@@ -483,19 +485,19 @@ fn a_reader_that_comes_late_loses_whole_halves_and_knows_how_many() -> Outcome {
     let (discontinuities, lost) = (here.counters.discontinuities, here.counters.lost_samples);
     assert!(discontinuities == 1 && (4..=28).contains(&lost), "{:?}", here.counters);
     assert!(run.events.contains(&EventKind::Fault(Broken::SamplerOverrun)), "{:?}", run.events);
-    // The rings went on: what was read afterwards is what the undisturbed run has at the same numbers.
+    // The rings kept running: samples read afterwards equal those of the undisturbed run at the same index.
     let first = plain.samples.first().expect("samples").index;
     let same = |sample: &&RawSample| plain.samples.get(sample.index.wrapping_sub(first) as usize) == Some(sample);
     assert_eq!(run.samples.iter().filter(same).count(), run.samples.len());
     Ok(())
 }
 
-/// The digital front end on one motion at one of its rates.
+/// The digital front end with one motion at one of its rates.
 fn digital(motion: &str, osr: Osr, duration_s: f64) -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let rig = Rig::new(Excitation::parse(motion, 11)?, MOTION_S);
     let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.digital_settings(osr, Gain::X64) };
-    // 0.4 uV at the bridge are 0.8 N.
+    // 0.4 uV at the bridge is 0.8 N.
     let noise_v = [0.4e-6, 3e-6, 3e-6, 0.0];
     let mut lab = Lab::new(&image, rig.clone(), settings, |machine| {
         machine.chip_mut().ads131m04 = Some(Ads131m04::new(noise_v, 3));
@@ -514,7 +516,7 @@ fn digital(motion: &str, osr: Osr, duration_s: f64) -> Outcome {
     Ok(())
 }
 
-/// A short run of the digital front end at 976.5625 Hz, which is there and in order until `disturb`.
+/// A short run of the digital front end at 976.5625 Hz, connected and working until `disturb` acts.
 fn short_digital(image: &[u8], rig: Rig, disturb: impl FnMut(&mut Machine)) -> Result<Run, Box<dyn Error>> {
     let settings = Settings { memory_s: 100.0, publish_rate_hz: 10.0, ..rig.digital_settings(Osr::X4096, Gain::X64) };
     let fit = |machine: &mut Machine| machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.0; 4], 3));
@@ -556,9 +558,9 @@ fn a_converter_that_forgets_is_set_up_again() -> Outcome {
 #[test]
 fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
-    // Longer than the watchdog waits.
+    // Longer than the watchdog timeout.
     let stall: Disturb = |dma, channel, now| dma.stall(channel, now + 168_000_000 * 60);
-    // Channels of DMA1 that send to the converter and receive from it.
+    // Channels of DMA1 that transmit to the converter and receive from it.
     for (channel, disturb) in [(3, stall), (4, stall), (3, BROKEN), (4, BROKEN)] {
         let run = short_digital(&image, mid_rig(), once(channel, disturb))?;
         run.is_given_up(channel);
@@ -566,10 +568,10 @@ fn a_bus_whose_transfers_do_not_end_is_told() -> Outcome {
     Ok(())
 }
 
-/// All that follows fails.
+/// All later transfers of the channel fail.
 const BROKEN: Disturb = |dma, channel, _| dma.break_off(channel);
 
-/// Disturbs a channel of DMA1 for good, a second after the motion has begun.
+/// Disturbs a channel of DMA1 once, a second after the motion begins.
 fn once(channel: usize, disturb: Disturb) -> impl FnMut(&mut Machine) {
     let mut done = false;
     move |machine| {
@@ -587,7 +589,7 @@ fn rings_whose_transfers_fail_again_and_again_are_given_up_and_it_is_told() -> O
     for channel in 0..3 {
         let run = short(&image, mid_rig(), 4.0, once(channel, BROKEN))?;
         run.is_given_up(channel);
-        // Nothing comes after: the last estimate is of the last sample.
+        // Nothing follows: the last estimate covers the last sample.
         assert!(run.events.ends_with(&[EventKind::SourceEnded]), "channel {channel}: {:?}", run.events);
         let last = run.estimates.last().map(|estimate| estimate.elapsed_samples as usize);
         assert_eq!(last, Some(run.samples.len()), "channel {channel}");
@@ -607,7 +609,7 @@ fn a_transfer_that_is_cut_off_ends_before_the_bus_is_switched_off() -> Outcome {
     lab.link.listen(0.1)?;
     for sent in [1, 3, 6] {
         let machine = &mut lab.link.socket;
-        // In the middle of a frame, with more in the bus's buffer.
+        // In the middle of a frame, with more bytes in the SPI's buffer.
         let limit_s = machine.time_s() + 0.1;
         let left = |machine: &mut Machine| {
             let now = machine.now();
@@ -617,7 +619,7 @@ fn a_transfer_that_is_cut_off_ends_before_the_bus_is_switched_off() -> Outcome {
             assert!(machine.time_s() < limit_s, "no transfer");
             machine.run_for(0.2e-6)?;
         }
-        // Receiving has failed: the bus is left at once.
+        // After the receive channel fails, the firmware must stop the SPI at once.
         machine.chip_mut().dma1.fail(4);
         machine.run_for(1e-3)?;
         assert!(!machine.chip().spi2.busy_stays(), "{sent} bytes received");
@@ -652,7 +654,7 @@ fn a_front_end_that_is_not_there_is_refused_and_the_other_goes_on() -> Outcome {
     let mut lab = Lab::new(&image, rig, analogue, |_| {})?;
     let refused = lab.order(Command::WriteSettings(SettingsValues::from(&digital)));
     assert!(matches!(refused, Err(LinkError::Refused(Refusal::Source))), "{refused:?}");
-    // A rate that the front end does not have is refused by name.
+    // The device refuses a rate that the front end does not support, and names the setting.
     let values = SettingsValues::from(&Settings { sample_rate_hz: 1500.0, ..analogue });
     let refused = lab.order(Command::WriteSettings(values));
     assert!(matches!(refused, Err(LinkError::Refused(Refusal::BadSetting { number: 0, .. }))), "{refused:?}");
@@ -682,7 +684,7 @@ fn the_digital_front_end_at_1_khz() -> Outcome {
 fn no_sample_after_a_start_holds_anything_else() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let rig = mid_rig();
-    // All at rest, and 16 conversions in a sample.
+    // Everything at rest, with 16 conversions per sample.
     let settings = rig.settings(4000.0);
     let mut lab = Lab::new(&image, rig, settings, |_| {})?;
     for end_s in [0.8, 1.1, 1.4] {
@@ -715,11 +717,12 @@ fn the_two_converters_do_not_disturb_each_other() -> Outcome {
 #[test]
 fn converting_the_temperature_disturbs_no_sample() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
-    // At rest; the temperature is converted once a second.
+    // At rest. The chip converts the temperature once a second.
     let rig = Rig::new(Excitation::preset("mid", 0).expect("a preset"), 100.0);
     let settings = rig.settings(4000.0);
     let mut lab = Lab::new(&image, rig, settings, |machine| machine.chip_mut().adc.set_quality(Quality::IDEAL))?;
-    // Clock and report have the same crystal, so each start has a phase of its own.
+    // The sampling clock and the health report share a crystal, so their phase stays constant within a run. Each start
+    // gives another phase.
     for second in 1..=25 {
         let run = lab.run(1.02 * f64::from(second), |_| {})?;
         assert!(run.health.iter().all(|health| health.temperature_c.is_some_and(|told| (told - 25.0).abs() < 5.0)));

@@ -1,11 +1,12 @@
-//! `inerter selftest`, the program itself, on a board of the twin: it passes on a sound one, and names the cause on others.
+//! The program `inerter selftest` on a board of the twin: it passes on a sound board and names the cause on others.
 //!
-//! The board hangs on a USB cable; what goes over its serial port goes over TCP to the program. While that is connected the
-//! board's time passes as the wall's, or slower where the computer is slow, but never faster: the program would have less time
-//! than a board leaves it. A restart ends the connection, as it takes a port away. The program has a terminal, and somebody
-//! before it. Whatever the outcome, the board itself then says that its settings are those of before.
+//! The board is connected by USB, and its serial port is forwarded to the program over TCP. While the program is
+//! connected, the board's time runs at wall-clock speed, or slower on a slow computer, but never faster: the program
+//! would have less time than with a real board. A restart closes the connection, as it would remove a port. The program
+//! has a terminal with a simulated person. Whatever the outcome, the board's own report must show the settings from
+//! before the test.
 //!
-//! Slow, about a minute each. Skipped where image or program are missing.
+//! Slow: about a minute each. Skipped if the image or the program is missing.
 
 use inerter_core::Settings;
 use inerter_twin::Board;
@@ -30,14 +31,14 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What the device's time advances at once \[s\].
+/// Step of the device's time \[s\].
 const STEP_S: f64 = 1e-3;
 /// From power-on until the firmware runs \[s\].
 const START_S: f64 = 0.5;
-/// Time for a reply; a save may have to erase a page \[s\].
+/// Time limit for a reply; a save may have to erase a page \[s\].
 const REPLY_S: f64 = 2.0;
 
-/// The program; nothing where it is not built, after saying so.
+/// Path of the program. `None` if it is not built, after reporting the skip.
 fn program() -> Option<PathBuf> {
     let path = std::env::var_os("INERTER_PROGRAM")
         .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/debug/inerter"), PathBuf::from);
@@ -45,16 +46,16 @@ fn program() -> Option<PathBuf> {
     inerter_needs::or_skip(found.ok_or_else(|| format!("{}: `cargo build-lean -p inerter` makes it", path.display())))
 }
 
-/// Settings that a board has.
+/// The settings of a board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kept {
     in_use: Settings,
-    /// Nothing where none were ever saved.
+    /// `None` if none were ever saved.
     saved: Option<Settings>,
 }
 
 impl Kept {
-    /// As the board says.
+    /// As reported by the board.
     fn of(link: &mut UsbLink<Machine>) -> Self {
         let records = ask(link, [Request::Hello, Request::ReadSettings, Request::ReadSaved]);
         let read = |values: &SettingsValues| values.read(&Settings::default()).settings;
@@ -69,7 +70,7 @@ impl Kept {
         Self { in_use: in_use.next_back().expect("settings"), saved: saved.next_back() }
     }
 
-    /// The same with another skew.
+    /// The same settings with the skew of `other`.
     fn with_skew_of(self, other: &Self) -> Self {
         let with = |settings: Settings, other: Settings| Settings {
             skew_s: other.skew_s,
@@ -81,7 +82,7 @@ impl Kept {
     }
 }
 
-/// Plugs the board in, sends it these, and gives what it said.
+/// Plugs the board in, sends it these requests, and returns the records it sends.
 fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>) -> Vec<Record> {
     link.connect().expect("enumerates");
     link.open().expect("opens");
@@ -94,7 +95,7 @@ fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>)
     records
 }
 
-/// Somebody has used the board: what is in use was not saved.
+/// Makes the board look used: the settings in use differ from the saved ones.
 fn use_it(link: &mut UsbLink<Machine>) {
     let saved = Settings { newtons_per_code: 0.01, skew_s: 5e-5, skew_u95_s: 5e-6, ..Settings::default() };
     let in_use = Settings { newtons_per_code: 0.02, ..saved };
@@ -106,7 +107,7 @@ fn use_it(link: &mut UsbLink<Machine>) {
 struct Served {
     address: SocketAddr,
     over: Arc<AtomicBool>,
-    /// Gives its settings before and after.
+    /// Returns the board's settings before and after.
     thread: Option<JoinHandle<[Kept; 2]>>,
 }
 
@@ -163,7 +164,7 @@ fn serve(link: &mut UsbLink<Machine>, listener: &TcpListener, over: &AtomicBool)
     link.unplug();
 }
 
-/// A client gets the board once that has a port.
+/// Connects the board's port for a new client.
 fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStream> {
     let (stream, _) = listener.accept().ok()?;
     stream.set_nonblocking(true).expect("can be");
@@ -172,7 +173,7 @@ fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStre
     Some(stream)
 }
 
-/// Both directions for a moment; nothing where either end has gone.
+/// Forwards both directions for a moment. `None` if either end has gone.
 fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream> {
     let mut portion = [0; 4096];
     match stream.read(&mut portion) {
@@ -195,7 +196,7 @@ fn turn(link: &mut UsbLink<Machine>, mut stream: TcpStream) -> Option<TcpStream>
     Some(stream)
 }
 
-/// A terminal, and somebody before it who acts once when he reads this; in the end, what he saw.
+/// A terminal with a person who acts once on reading `prompt`. The thread returns everything shown.
 fn terminal(prompt: &'static str, act: impl FnOnce(&mut File) + Send + 'static) -> (OwnedFd, JoinHandle<String>) {
     let person = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).expect("a terminal");
     rustix::io::fcntl_setfd(&person, rustix::io::FdFlags::CLOEXEC).expect("can be");
@@ -206,7 +207,7 @@ fn terminal(prompt: &'static str, act: impl FnOnce(&mut File) + Send + 'static) 
     let seen = std::thread::spawn(move || {
         let (mut person, mut seen, mut some) = (File::from(person), Vec::new(), [0; 4096]);
         let mut act = Some(act);
-        // It fails once no program has the terminal any longer.
+        // The read fails once no program holds the terminal.
         while let Ok(count) = person.read(&mut some) {
             seen.extend_from_slice(&some[..count]);
             if String::from_utf8_lossy(&seen).contains(prompt)
@@ -220,18 +221,18 @@ fn terminal(prompt: &'static str, act: impl FnOnce(&mut File) + Send + 'static) 
     (terminal, seen)
 }
 
-/// What the program asks before it drives the outputs.
+/// The question that the program asks before it drives the outputs.
 const QUESTION: &str = "Drive the board's outputs?";
 
-/// What the program made of a board.
+/// The program's verdict on a board.
 struct Outcome {
     code: Option<i32>,
-    /// The JSON file.
+    /// Contents of the JSON file.
     json: Value,
     page: String,
-    /// What stood on the terminal.
+    /// Everything shown on the terminal.
     errors: String,
-    /// The board's settings in the end, where they are not those of before.
+    /// The board's final settings, if they differ from those before.
     changed: Option<Kept>,
 }
 
@@ -255,13 +256,13 @@ impl Outcome {
     }
 }
 
-/// One board at a time: the program waits by the clock on the wall.
+/// One board at a time: the program's timeouts use wall-clock time.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// The program at this board, in a folder of its own.
+/// The program for this board, in its own folder.
 fn command(program: PathBuf, name: &str, board: SocketAddr, terminal: OwnedFd) -> (Command, PathBuf) {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-    // Of an earlier run.
+    // Left over from an earlier run.
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).expect("a folder");
     let page = folder.join("page.html");
@@ -275,8 +276,8 @@ fn command(program: PathBuf, name: &str, board: SocketAddr, terminal: OwnedFd) -
     (command, page)
 }
 
-/// Runs it with this said of the jumpers: in the command, and by somebody where he is asked. Only `--write` may change a
-/// setting.
+/// Runs the self-test with these arguments about the jumpers, and this answer if the person is asked. Only `--write`
+/// may change a setting, and only the skew.
 fn selftest(
     name: &str,
     (jumpers, answer): (&[&str], &'static str),
@@ -317,7 +318,7 @@ fn a_sound_board_passes() {
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
-    // The table of what the twin takes is what it takes.
+    // The twin's values in the table of expected work agree with what the twin measures.
     let number = |text: &Value, before: &str| {
         let (number, _) = text.as_str()?.strip_prefix(before)?.split_once(':').unwrap_or((text.as_str()?, ""));
         number.parse::<f64>().ok()
@@ -363,8 +364,8 @@ fn noise_that_is_too_high_is_named() {
     assert_eq!(outcome.code, Some(10));
 }
 
-/// Ctrl-C some time after the program has said this; then the board has its settings again. A new board keeps none
-/// before, and those that were in use afterwards.
+/// Sends Ctrl-C some time after the program prints `prompt`. Afterwards the board must have its settings again. A new
+/// board has no saved settings before; afterwards those that were in use are saved.
 fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) {
     let (Some(image), Some(program)) = (shipping_image(), program()) else { return };
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -389,22 +390,22 @@ fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) 
     assert_eq!(after, restored, "{errors}");
 }
 
-/// Others are saved by then, and in use.
+/// By then other settings are saved and in use.
 #[test]
 fn ctrl_c_after_the_save_leaves_the_settings_as_they_were() {
     interrupted("ctrl-c-saved", "restarting the board", Duration::ZERO, true);
 }
 
-/// It hangs, and others are saved.
+/// By then the board hangs, and other settings are saved.
 #[test]
 fn ctrl_c_while_the_board_is_gone_leaves_the_settings_as_they_were() {
     interrupted("ctrl-c-gone", "hanging the board", Duration::from_secs(3), false);
 }
 
-/// A board with these wires, and this planted.
+/// A board with these jumpers and this planted fault.
 fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + Send {
     move |image| {
-        // Converters that do not start together disturb each other, which would hide that one is late.
+        // Converters that do not start together disturb each other. That would hide a late converter.
         let errata = Errata { adc_concurrent: planted.late == [0; 2], ..Errata::ALL };
         let options = Options { errata, ..Options::default() };
         let mut machine = Machine::with(image, options, Box::new(Still)).expect("the image");
@@ -425,14 +426,14 @@ fn nothing_is_played_where_a_rig_may_be_connected() {
     is_not_written(&outcome);
 }
 
-/// Where the skew is not measured, `--write` says that it has nothing to write.
+/// If the skew is not measured, `--write` reports that it has nothing to save.
 fn is_not_written(outcome: &Outcome) {
     assert_eq!(outcome.json["skew"], Value::Null);
     assert_eq!(outcome.changed, None);
     assert!(outcome.errors.contains("--write saves nothing"), "{}", outcome.errors);
 }
 
-/// The outputs are driven as somebody says yes. The skew that is measured is in the page, and on the board afterwards.
+/// The person agrees to drive the outputs. The measured skew appears in the page and is on the board afterwards.
 #[test]
 fn a_sound_board_passes_through_jumpers() {
     let Some(outcome) = selftest("jumpers", (&["--write"], "yes"), wired(Jumpers::RIGHT, Planted::default())) else {
@@ -453,7 +454,7 @@ fn a_sound_board_passes_through_jumpers() {
     assert_eq!(passed.last(), Some(&"restored"));
     let of = |name: &str| outcome.json["skew"][name].as_f64().expect("a number");
     let (skew_s, skew_u95_s) = (of("skew_s"), of("skew_u95_s"));
-    // docs/HARDWARE.md: the sum of what is known of the board.
+    // docs/HARDWARE.md: the sum of the board's known delays.
     assert!((skew_s + 0.63e-6).abs() < skew_u95_s && (0.05e-6..0.3e-6).contains(&skew_u95_s), "{skew_s} {skew_u95_s}");
     let Kept { in_use, saved } = outcome.changed.expect("other settings");
     for settings in [in_use, saved.expect("saved settings")] {
@@ -464,7 +465,8 @@ fn a_sound_board_passes_through_jumpers() {
     assert!(!outcome.errors.contains("--write saves nothing"), "{}", outcome.errors);
 }
 
-/// Nobody is asked where the flag says it. The check that fails is the fault's own, and nothing is played after it.
+/// With the flag, the program asks no question. Only the check for this fault fails, and the program plays nothing
+/// after it.
 fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) {
     let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
     assert!(!outcome.errors.contains(QUESTION));
@@ -494,6 +496,6 @@ fn a_wire_that_is_missing_is_named() {
 #[ignore = "long: cargo xtask test --full"]
 fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
-    // How late to 0.1 us tells the library's test, in which nobody has to hurry.
+    // The test of the library checks the delay to 0.1 us, without time pressure.
     is_named("late", "timing", "us too late: force and position are not simultaneous", wired(Jumpers::RIGHT, planted));
 }

@@ -1,7 +1,8 @@
-//! The shipping binary on its board, apart from USB: start, restart, power, flash, watchdog, processor.
+//! The shipping binary on its board, without USB: start, restart, power, flash, watchdog, processor.
 //!
-//! The host speaks over the serial link. Images come from `cargo xtask build-firmware`, or from the environment:
-//! `INERTER_STM32_ELF`, `INERTER_STM32_HANG_ELF` for the one whose task hangs, `INERTER_STM32_WEACT_ELF` for the other board's.
+//! The host uses the serial link. Images come from `cargo xtask build-firmware` or from the environment:
+//! `INERTER_STM32_ELF`, `INERTER_STM32_HANG_ELF` for the image whose task hangs, `INERTER_STM32_WEACT_ELF` for the
+//! image of the other board.
 
 use inerter_core::{Settings, Status};
 use inerter_plant::Excitation;
@@ -23,18 +24,18 @@ use inerter_wire::{ClockSource, Command, Event, EventKind, Fault, Hello, Record,
 use std::collections::BTreeSet;
 use unicorn_engine::RegisterARM;
 
-/// From power-on until the firmware listens.
+/// From power-on until the firmware answers.
 const START_S: f64 = 0.1;
-/// Time for a reply.
+/// Time limit for a reply.
 const REPLY_S: f64 = 0.5;
-/// Time for a reply after pages were erased.
+/// Time limit for a reply after erasing pages.
 const SAVE_S: f64 = 2.0;
 
 fn machine(options: Options, world: impl World + 'static) -> Option<Machine> {
     Some(Machine::with(&shipping_image()?, options, Box::new(world)).expect("the image"))
 }
 
-/// The board after its first start, which sets the brown-out level and restarts.
+/// The board after its first start, in which it sets the brown-out level and restarts.
 fn board(world: impl World + 'static) -> Option<SerialLink> {
     let mut machine = machine(Options::default(), world)?;
     run(&mut machine, START_S);
@@ -53,7 +54,7 @@ fn listen(link: &mut SerialLink, length_s: f64) {
     link.listen_until(link.machine.time_s() + length_s).unwrap_or_else(|ended| panic!("{ended}"));
 }
 
-/// Listens until a record is what is looked for; those before it are gone then.
+/// Listens until a record matches, and drops the records before it.
 fn wait_for<T>(link: &mut SerialLink, limit_s: f64, mut wanted: impl FnMut(&Record) -> Option<T>) -> T {
     let end_s = link.machine.time_s() + limit_s;
     loop {
@@ -65,7 +66,7 @@ fn wait_for<T>(link: &mut SerialLink, limit_s: f64, mut wanted: impl FnMut(&Reco
     }
 }
 
-/// Says Hello; gives what the device says of itself and the events of its start.
+/// Sends Hello, and returns the device's description and the events of its start.
 fn greet(link: &mut SerialLink) -> (Hello, Vec<EventKind>) {
     done(link, Command::Hello, REPLY_S);
     listen(link, 0.05);
@@ -79,7 +80,7 @@ fn greet(link: &mut SerialLink) -> (Hello, Vec<EventKind>) {
     (hello, events.collect())
 }
 
-/// The panic that is told of.
+/// The message of the reported panic.
 fn panicked(events: &[EventKind]) -> &str {
     let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
     text.expect("the message")
@@ -106,7 +107,7 @@ fn settings(link: &mut SerialLink) -> Settings {
     reading.settings
 }
 
-/// What is kept, which need not be in use.
+/// The saved settings, which may differ from those in use.
 fn saved(link: &mut SerialLink) -> Settings {
     done(link, Command::ReadSaved, REPLY_S);
     let records = link.records();
@@ -119,7 +120,7 @@ fn health(link: &mut SerialLink) -> inerter_wire::Health {
     wait_for(link, 3.0, |record| if let Record::Health(health) = record { Some(*health) } else { None })
 }
 
-/// A rig in motion that excites everything.
+/// A rig whose motion excites all parameters.
 fn moving() -> Rig {
     Rig::new(Excitation::random(0.5, 15.0, 0.02, 3), 0.0)
 }
@@ -149,7 +150,7 @@ fn from_power_to_the_first_estimate() {
     assert!((inertance_kg / 299.4906 - 1.0).abs() < 0.02, "{inertance_kg} kg");
     assert_eq!(link.talk.lost(), 0);
     assert_eq!(link.machine.unwritten_reads(), Vec::<String>::new());
-    // Once set, the option bytes are left alone.
+    // Once set, the option bytes are not written again.
     link.machine.power_cut().expect("starts");
     run(&mut link.machine, 0.2);
     let causes: Vec<Reset> = link.machine.resets().iter().map(|&(_, cause)| cause).collect();
@@ -166,7 +167,8 @@ fn the_first_write_to_each_memory_may_be_lost() {
     run(&mut link.machine, 0.3);
     assert_eq!(link.machine.resets().len(), 3);
     let core = link.machine.cpu().core();
-    // Each lost write is one that nobody needs: the first place is filled later, the others were written what they held.
+    // No lost write matters: the first location is written again later, and the other writes repeat what the memory
+    // already contains.
     assert_eq!(core.first_writes, SRAM_CUTS.repeat(3));
     assert!(core.lost_writes.iter().all(|place| *place == SRAM_CUTS[0]), "{:x?}", core.lost_writes);
 }
@@ -175,7 +177,8 @@ fn the_first_write_to_each_memory_may_be_lost() {
 fn the_default_skew_is_what_the_board_takes() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
-    // The encoder's filter: 6 samples of 84 MHz, 5 clocks of 168 MHz, less 8 until the fetch (firmware/stm32g474/src/defaults.rs).
+    // The encoder's filter: 6 samples at 84 MHz, 5 clocks of 168 MHz, less 8 until the fetch
+    // (firmware/stm32g474/src/defaults.rs).
     let filter_s = 6.0 / 84e6 + (5.0 - 8.0) / 168e6;
     let off_s = settings(&mut link).skew_s + APERTURE_S + filter_s;
     assert!(off_s.abs() < 1e-9, "{off_s} s");
@@ -225,7 +228,7 @@ fn a_crystal_that_breaks_is_a_restart_without_it() {
 #[test]
 fn the_crystal_may_break_at_any_moment_of_the_start() {
     let mut restarts = BTreeSet::new();
-    // Memory is set up in the first milliseconds, and the crystal needs two.
+    // The firmware sets up memory in the first milliseconds, and the crystal needs two more.
     for moment_us in (4_000..14_000).step_by(200) {
         let Some(mut link) = board(Still) else { return };
         link.machine.reset().expect("starts");
@@ -238,7 +241,8 @@ fn the_crystal_may_break_at_any_moment_of_the_start() {
         restarts.insert(link.machine.resets().len() - 3);
     }
     assert_eq!(restarts, BTreeSet::from([0, 1]), "before it was ready, and after");
-    // Seen ready, and gone before it is watched: then it is waited for, until the watchdog bites.
+    // The crystal fails after it was seen ready and before it is monitored. The firmware then waits for it until the
+    // watchdog resets the chip.
     let Some(mut link) = board(Still) else { return };
     link.machine.reset().expect("starts");
     const READY: u32 = 1 << 17;
@@ -294,7 +298,7 @@ fn a_converter_that_does_not_start_is_told() {
 fn the_image_of_one_board_is_stopped_on_the_other() {
     let Some(mut machine) = machine(Options { board: Board::WEACT, ..Options::default() }, Still) else { return };
     match machine.run_for(0.2) {
-        // The other crystal gives another clock: at least what is sent cannot be understood.
+        // The other crystal gives another clock, so the host cannot decode what the board sends.
         Ok(()) => assert_ne!(machine.clock_hz(), 168e6),
         Err(ended) => assert!(matches!(ended.stop, Stop::Bus(_)), "{ended}"),
     }
@@ -327,10 +331,10 @@ fn a_command_leads_into_the_roms_update_mode() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
     done(&mut link, Command::EnterDfu, REPLY_S);
-    // It may have got there in the same millisecond.
+    // It may get there within the same millisecond.
     let ended = link.machine.run_for(1.0).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
-    // Somebody presses the button.
+    // Press the button.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.2);
     greet(&mut link);
@@ -381,7 +385,7 @@ fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
     run(&mut machine, START_S);
     let mut link = SerialLink::new(machine);
     greet(&mut link);
-    // push {r0}, again and again.
+    // push {r0} in an endless loop.
     const PUSH: u32 = 0x0803_f000;
     let code: Vec<u8> = [0xb401, 0xe7fd].into_iter().flat_map(u16::to_le_bytes).collect();
     assert!(link.machine.chip_mut().flash.load(PUSH, &code));
@@ -406,7 +410,7 @@ fn two_presses_of_the_button_lead_into_update_mode_and_slow_ones_do_not() {
     link.machine.reset().expect("starts");
     let ended = link.machine.run_for(1.0).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
-    // A third press leads back.
+    // A third press leads back to the firmware.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.3);
     greet(&mut link);
@@ -422,7 +426,7 @@ fn power_that_comes_back_at_once_is_no_press_of_the_button() {
     greet(&mut link);
 }
 
-/// An interrupt that nobody expects: number 0, enabled and pending as by a flipped bit.
+/// Raises an interrupt without a handler: number 0, enabled and pending as if a bit had flipped.
 fn disturb(machine: &mut Machine) {
     let nvic = &mut machine.cpu_mut().core_mut().nvic;
     for register in [0xe000_e100, 0xe000_e200] {
@@ -438,7 +442,7 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
     write(&mut link, &numbered(1));
     save(&mut link).expect("saved");
     let kept = link.machine.flash();
-    // A run of ten seconds between the second and the third forgets the two.
+    // After each two failures, a run of more than ten seconds clears the count.
     for failures in [2, 2, 3] {
         for _ in 0..failures {
             disturb(&mut link.machine);
@@ -462,7 +466,7 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
     disturb(&mut link.machine);
     let ended = link.machine.run_for(0.2).expect_err("the boot loader");
     assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
-    // The button leads back, to the settings too.
+    // The button leads back to the firmware, which uses the settings again.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 0.3);
     link.talk = Default::default();
@@ -558,7 +562,7 @@ fn a_panic_restarts_and_the_next_host_reads_it() {
     assert_eq!(cause(&events), ResetCause::Panic);
     let text = panicked(&events);
     assert!(text.contains("panic.rs") && text.ends_with("interrupt 0 has no handler"), "{text}");
-    // It is told once.
+    // The panic is reported once.
     link.machine.reset().expect("starts");
     run(&mut link.machine, 1.0);
     let (_, events) = greet(&mut link);
@@ -572,7 +576,7 @@ fn a_fault_restarts_and_the_next_host_reads_where_it_was() {
     run(&mut machine, START_S);
     let mut link = SerialLink::new(machine);
     greet(&mut link);
-    // The program goes astray, into an address without memory.
+    // The program counter jumps to an address without memory.
     link.machine.cpu_mut().set(RegisterARM::PC, 0x0900_0001).expect("a register");
     run(&mut link.machine, 0.3);
     let (_, events) = greet(&mut link);
@@ -595,9 +599,9 @@ fn the_watchdog_is_fed_while_all_goes_well() {
 fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
-    // Once it was fed, as before that the limit is not yet in use.
+    // Let the firmware feed the watchdog once: the timeout is not in effect before that.
     run(&mut link.machine, 1.0);
-    // Where flash is empty: 254 times nothing, and back. Interrupts are masked, as the core slept.
+    // In empty flash: 254 NOPs and a branch back. Interrupts are masked, as the core was asleep.
     const CIRCLE: u32 = 0x0803_f000;
     let code: Vec<u8> = [0xbf00u16; 254].into_iter().chain([0xe700]).flat_map(u16::to_le_bytes).collect();
     assert!(link.machine.chip_mut().flash.load(CIRCLE, &code));
@@ -615,7 +619,7 @@ fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
 fn the_watchdog_restarts_a_device_whose_task_hangs() {
     let Some(image) = image("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
     let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
-    // It hangs five seconds after its start, and the limit is four.
+    // It hangs five seconds after its start, and the watchdog timeout is four seconds.
     run(&mut machine, 12.0);
     let &(time_s, reset) = machine.resets().last().expect("power-on");
     assert_eq!(reset, Reset::Watchdog, "{:?}", machine.resets());
@@ -624,7 +628,7 @@ fn the_watchdog_restarts_a_device_whose_task_hangs() {
     assert_eq!(cause(&events), ResetCause::Watchdog);
 }
 
-/// Settings that differ in every field from others with another number.
+/// Settings that differ for every number in several fields.
 fn numbered(number: u32) -> Settings {
     let number = f64::from(number);
     Settings {
@@ -644,7 +648,7 @@ fn save(link: &mut SerialLink) -> Result<(), SerialError> {
     link.order(Command::SaveSettings, SAVE_S)
 }
 
-/// Starts from these contents of flash.
+/// Starts with this content of the flash.
 fn start_from(link: &mut SerialLink, contents: &Contents) {
     link.machine.set_flash(contents);
     link.machine.power_cut().expect("starts");
@@ -672,7 +676,7 @@ fn settings_are_kept_without_power_and_forgotten_when_asked() {
     assert_eq!(settings(&mut link), defaults);
 }
 
-/// A save is cut at each of its flash operations, and at each of the three ways to leave one behind.
+/// Cuts the power at each flash operation of a save, in each of the three ways to leave an operation unfinished.
 fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new: &Settings) -> (u32, u32) {
     let (mut cuts, mut kept_old) = (0, 0);
     for operation in 0.. {
@@ -701,7 +705,7 @@ fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new:
             assert!(found == *old || found == *new, "{what}: {found:?}");
             assert!(!events.iter().any(|event| matches!(event, EventKind::Fault(_))), "{what}: {events:?}");
             kept_old += u32::from(found == *old);
-            // What is left behind does not stand in the way of the next save.
+            // The remains do not prevent the next save.
             let next = numbered(77);
             write(link, &next);
             save(link).unwrap_or_else(|error| panic!("{what}, then saved again: {error}"));
@@ -752,7 +756,7 @@ fn damage_whose_interrupt_is_late_is_still_the_settings() {
 fn power_that_fails_while_pages_are_erased_keeps_the_old_or_the_new_settings() {
     let Some(mut link) = board(Still) else { return };
     greet(&mut link);
-    // Until a save has to erase a page.
+    // Save until a save has to erase a page.
     let (mut number, mut before) = (0, link.machine.flash());
     let erased = link.machine.chip().flash.erased;
     while link.machine.chip().flash.erased == erased {
@@ -787,7 +791,7 @@ fn flash_that_holds_anything_else_gives_defaults_and_says_so() {
     let defaults = settings(&mut link);
     write(&mut link, &numbered(1));
     save(&mut link).expect("saved");
-    // All pages in the middle of being programmed with something else.
+    // All pages of settings contain something else, as if they were being programmed with it.
     let flash = &mut link.machine.chip_mut().flash;
     assert!(flash.load(0x0807_c000, &[0x5a; 16 << 10]));
     link.machine.power_cut().expect("starts");
@@ -819,7 +823,7 @@ fn sampling_goes_on_while_the_settings_are_saved() {
     assert_eq!((flash.stalls, flash.stalled), (0, 0));
 }
 
-/// What the core did in five seconds of this, after a second to settle.
+/// The core's usage in five seconds at this rate and motion, after one second to settle.
 fn usage(rate_hz: f64, motion: Excitation) -> Option<(Usage, SerialLink)> {
     let rig = Rig::new(motion, 0.0);
     let wanted = rig.settings(rate_hz);
@@ -835,7 +839,7 @@ fn usage(rate_hz: f64, motion: Excitation) -> Option<(Usage, SerialLink)> {
 
 #[test]
 fn the_processor_has_time_left() {
-    // Both banks in motion: fast and slow.
+    // A motion with fast and slow parts, so that both banks have work.
     let motion = Excitation::random(0.5, 15.0, 0.02, 3);
     let mut loads = Vec::new();
     for rate_hz in [1000.0, 4000.0] {
@@ -846,7 +850,7 @@ fn the_processor_has_time_left() {
             per_s / 1e6,
             100.0 * usage.load()
         );
-        // A quarter of 168 MHz is the goal; an instruction takes a cycle here, on the chip some take more.
+        // The goal is a quarter of 168 MHz. Here an instruction takes one cycle; on the chip some take more.
         assert!((1e6..30e6).contains(&per_s), "{rate_hz} Hz: {per_s} instructions per second");
         let health = health(&mut link);
         let told = f64::from(health.cpu_load_permille.expect("known")) / 1000.0;
@@ -869,7 +873,7 @@ fn the_stack_keeps_its_bound() {
     let stack = link.machine.stack_high_water().expect("painted");
     eprintln!("stack: {} of {} bytes", stack.used, stack.available);
     assert!((2_000..24_000).contains(&stack.used), "{stack:?}");
-    // The device does not count what lies in its guard and below.
+    // The device does not count the stack's guard as free.
     let told = health.stack_free_bytes.expect("known") as usize;
     let free = stack.available - stack.used;
     assert!((free.saturating_sub(2048)..=free).contains(&told), "it says {told} bytes are free, {free} are");
@@ -891,19 +895,19 @@ fn every_handler_ends_with_a_barrier() {
     for place in (EXCEPTIONS..EXCEPTIONS + 102).filter(|place| vector(*place) | 1 != unused) {
         let Some(code) = elf.function(vector(place)) else { continue };
         handlers += 1;
-        // More than two instructions before the return, or a division may be lost (erratum 776924).
+        // At least three instructions before the return, or a division may be lost (erratum 776924).
         assert!(code.len() > 2 * 4 + 2, "{:?}", elf.function_at(vector(place)));
-        // It may be followed by the registers' return and constants.
+        // The barrier may be followed by the return and by constants.
         if !code.windows(4).any(|bytes| bytes == BARRIER) {
             without.extend(elf.function_at(vector(place)));
         }
     }
     assert!(handlers >= 8, "{handlers} handlers");
-    // That of embassy-time, which nobody else can bind.
+    // The handler of embassy-time, which only that crate can bind.
     assert_eq!(without, ["TIM1_BRK_TIM15"]);
 }
 
-/// A load to it that is interrupted may come out wrong (erratum 752770).
+/// An interrupted load to SP may give a wrong value (erratum 752770).
 #[test]
 fn nothing_loads_the_stack_pointer_from_memory() {
     let Some(image) = shipping_image() else { return };
@@ -915,16 +919,16 @@ fn nothing_loads_the_stack_pointer_from_memory() {
         assert!(!loads_the_stack_pointer(&halves), "{name}");
     }
     assert!(functions > 300, "{functions}");
-    // LDR SP, [R0]; NOP, LDR SP, [R0], #4. Not LDR R12, [R0] and STR SP, [R0].
+    // LDR SP, [R0]; NOP, LDR SP, [R0], #4. Not LDR R12, [R0] or STR SP, [R0].
     assert!(loads_the_stack_pointer(&[0xf8d0, 0xd000]) && loads_the_stack_pointer(&[0xbf00, 0xf850, 0xdb04]));
     assert!(!loads_the_stack_pointer(&[0xf8d0, 0xc000]) && !loads_the_stack_pointer(&[0xf8c0, 0xd000]));
 }
 
-/// LDR.W to R13, in any form; other loads cannot reach it.
+/// LDR.W to R13, in any form. Other loads cannot target it.
 fn loads_the_stack_pointer(halves: &[u16]) -> bool {
     let mut at = 0;
     while let Some(&first) = halves.get(at) {
-        // Wide where it begins with 0b11101, 0b11110 or 0b11111.
+        // A 32-bit instruction starts with 0b11101, 0b11110 or 0b11111.
         let wide = first >> 11 > 0b11100;
         if wide && first & 0xff70 == 0xf850 && halves.get(at + 1).is_some_and(|second| second >> 12 == 13) {
             return true;
@@ -934,7 +938,7 @@ fn loads_the_stack_pointer(halves: &[u16]) -> bool {
     false
 }
 
-/// What the core does that vectors to the wrong interrupt: the handler of another one is run.
+/// Simulates a core that vectors to the wrong interrupt and runs another handler.
 #[test]
 fn a_handler_that_is_run_for_nothing_does_no_harm() {
     const ISPR: u32 = 0xe000_e200;

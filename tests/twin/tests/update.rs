@@ -1,7 +1,7 @@
-//! The boot loader in ROM takes another firmware over USB, and starts it.
+//! The ROM boot loader installs another firmware over USB and starts it.
 //!
-//! The host here sends what `inerter update` sends: the page of the vectors is erased first and written last, the vectors
-//! by themselves behind the rest of it.
+//! The host here sends what `inerter update` sends: it erases the page of the vectors first and writes it last, with
+//! the vectors themselves after the rest of that page.
 
 use inerter_app::wear::SAVES;
 use inerter_plant::Excitation;
@@ -26,11 +26,11 @@ const GETSTATUS: u8 = 3;
 const ABORT: u8 = 6;
 const DOWNLOAD_IDLE: u8 = 5;
 
-/// The same program under another name: as a later version it says 9 wherever it says 0.
+/// The same program under another version: 9 replaces the 0 of every `inerter 0.`.
 fn another(image: &[u8]) -> Vec<u8> {
     let mut image = image.to_vec();
     let places = (0..image.len() - NAME.len()).filter(|at| image[*at..].starts_with(NAME)).collect::<Vec<_>>();
-    // What Hello says, and what the program finds that updates it.
+    // One in the reply to Hello, one for the program that reads the version from the image.
     assert!(places.len() >= 2, "{places:?}");
     for at in places {
         image[at + NAME.len() - 2] = b'9';
@@ -38,7 +38,7 @@ fn another(image: &[u8]) -> Vec<u8> {
     image
 }
 
-/// What lies in flash, page by page.
+/// Content of the flash, page by page.
 fn pages(image: &[u8]) -> BTreeMap<u32, Vec<u8>> {
     let elf = Elf::parse(image).expect("an ELF");
     let mut pages = BTreeMap::new();
@@ -51,7 +51,7 @@ fn pages(image: &[u8]) -> BTreeMap<u32, Vec<u8>> {
     pages
 }
 
-/// The host's half of DfuSe.
+/// The host side of DfuSe.
 struct Loader<'a> {
     host: UsbHost,
     machine: &'a mut Machine,
@@ -103,11 +103,11 @@ impl<'a> Loader<'a> {
         self.out(ABORT, 0, &[])
     }
 
-    /// Starts what is in flash, without writing anything.
+    /// Starts the firmware in flash without writing anything.
     fn leave(&mut self) -> Result<(), UsbError> {
         self.command(0x21, START)?;
         self.out(DNLOAD, 0, &[])?;
-        // It may be gone before it can answer.
+        // The device may disconnect before it answers.
         let _ = self.back(GETSTATUS, 0, 6);
         self.host.unplug(self.machine);
         Ok(())
@@ -127,7 +127,7 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// What the device says it runs.
+/// The firmware version that the device reports.
 fn firmware(link: &mut UsbLink<Machine>) -> String {
     link.connect().expect("a device");
     link.open().expect("a port");
@@ -140,7 +140,7 @@ fn firmware(link: &mut UsbLink<Machine>) -> String {
     found.expect("a Hello")
 }
 
-/// A board on its rig that was set up, in update mode by command.
+/// A configured board on its rig, in update mode by command.
 fn in_update_mode(image: &[u8], left: Left) -> Machine {
     let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5);
     let settings = rig.settings(1000.0);
@@ -150,7 +150,7 @@ fn in_update_mode(image: &[u8], left: Left) -> Machine {
     let mut link = UsbLink::new(machine);
     link.set_up(&settings).expect("takes its settings");
     assert!(firmware(&mut link).starts_with("inerter 0."));
-    // It may be gone before its reply is out.
+    // The device may disconnect before it replies.
     let _ = link.request(Command::EnterDfu, 0.2);
     link.unplug();
     link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
@@ -158,7 +158,7 @@ fn in_update_mode(image: &[u8], left: Left) -> Machine {
     link.socket
 }
 
-/// The other firmware runs, and with the settings that were kept.
+/// The other firmware runs, with the saved settings.
 fn measures(machine: Machine, what: &str) {
     let mut link = UsbLink::new(machine);
     assert!(firmware(&mut link).starts_with("inerter 9."), "{what}");
@@ -185,7 +185,7 @@ fn another_firmware_measures_after_its_update_with_the_settings_kept() {
     }
 }
 
-/// Not the same bytes under another name, but another program: that whose task hangs five seconds after its start.
+/// Not the same bytes under another name, but another program: the image whose task hangs five seconds after its start.
 #[test]
 fn a_really_different_build_goes_there_and_back() {
     let (Some(ours), Some(other)) =
@@ -215,7 +215,7 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
     let Some(image) = shipping_image() else { return };
     let new = another(&image);
     let operations = pages(&image).len() as u32 * (1 + PAGE as u32 / 8);
-    // The first erase, among the pages, the last words.
+    // The first erase, among the pages, and the last words.
     for (number, cut) in
         [0, 1, 2, operations / 3, operations / 2, operations - 200, operations - 1].into_iter().enumerate()
     {
@@ -228,7 +228,7 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
             let vectors = machine.chip_mut().flash.rom_read(START, 8);
             assert_eq!(vectors, Some(vec![0xff; 8]), "cut after {cut} half an image would run");
         }
-        // There are no vectors to start from: the boot pin leads back.
+        // Without vectors the chip cannot start from flash. The BOOT0 pin brings it back into the ROM.
         machine.set_boot0(true);
         machine.power_cut().expect("starts");
         machine.run_for(0.01).unwrap_or_else(|ended| panic!("{ended}"));
@@ -240,7 +240,7 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
     }
 }
 
-/// What the settings in use are, and how many saves the flash may still take.
+/// The settings in use, and the number of saves that the flash may still take.
 fn settings_and_saves(link: &mut UsbLink<Machine>) -> (SettingsValues, u32) {
     for command in [Command::ReadSettings, Command::Measure(Measure::Chip)] {
         link.request(command, 1.0).expect("a reply").result.expect("done");
@@ -264,11 +264,11 @@ enum Way {
     TwoPresses,
 }
 
-/// Goes there; the cable is out afterwards.
+/// Enters update mode; the cable is unplugged afterwards.
 fn go(link: &mut UsbLink<Machine>, way: Way) {
     match way {
         Way::Command => {
-            // It may be gone before its reply is out.
+            // The device may disconnect before it replies.
             let _ = link.request(Command::EnterDfu, 0.2);
             link.unplug();
         }
@@ -284,7 +284,7 @@ fn go(link: &mut UsbLink<Machine>, way: Way) {
     assert!(link.socket.is_in_rom(), "{way:?}");
 }
 
-/// As `inerter selftest` visits it: by the command or by hand, and back without anything written.
+/// A visit as in `inerter selftest`: by command or by the button, and back without writing anything.
 #[test]
 fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
     let Some(image) = shipping_image() else { return };
@@ -306,19 +306,19 @@ fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
         assert_eq!(firmware(&mut link), running, "{left:?}, {way:?}");
         let (after, saves) = settings_and_saves(&mut link);
         assert_eq!(after, before, "{left:?}, {way:?}");
-        // By the command a host could do so again and again.
+        // A host could repeat the command at will, so it must not renew the saves.
         let expected = if way == Way::Command { saves_before } else { SAVES.into() };
         assert_eq!(saves, expected, "{left:?}, {way:?}");
         assert!(link.socket.flash() == flash, "{left:?}, {way:?}: flash was written");
     }
 }
 
-/// RCC: clocks of APB2. SYSCFG: what is at address 0.
+/// RCC: clocks of APB2. SYSCFG: memory mapped at address 0.
 const APB2ENR: u32 = 0x4002_1060;
 const MEMRMP: u32 = 0x4001_0000;
 
-/// Registers whose value the ROM may rely on: clocks, what is fed with them, the core's interrupts, the protection unit,
-/// the vectors and the flash interface.
+/// Registers that the ROM may expect at their reset values: clocks and what they feed, the core's interrupts, the
+/// memory protection unit, the vectors and the flash interface.
 const FOUND_BY_ROM: &[u32] = &[
     // RCC: CR, CFGR, PLLCFGR, CIER, AHB1 to APB2 enable, CCIPR, CRRCR, CCIPR2.
     0x4002_1000,
@@ -353,7 +353,7 @@ const FOUND_BY_ROM: &[u32] = &[
     0xe000_ed94,
 ];
 
-/// What the ROM finds: those registers, and those of the core.
+/// The state that the ROM finds: these registers and those of the core.
 fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
     let now = machine.now();
     let mut found: Vec<(String, u32)> = FOUND_BY_ROM
@@ -380,7 +380,7 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
     found
 }
 
-/// Started by the program, the ROM finds what it finds when the boot pin starts it.
+/// When the program starts the ROM, the ROM finds the same state as when the BOOT0 pin starts it.
 #[test]
 fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
     let Some(image) = shipping_image() else { return };
@@ -420,7 +420,7 @@ fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
         found_by_rom(&mut machine)
     };
     let mut expected = in_rom(None);
-    // But for the clock of SYSCFG, by which the program has put the ROM at address 0.
+    // Except for the clock of SYSCFG, which the program used to map the ROM at address 0.
     for (_, value) in expected.iter_mut().filter(|(name, _)| *name == format!("{APB2ENR:#010x}")) {
         *value |= 1;
     }

@@ -1,6 +1,7 @@
-//! The shipping binary at the USB cable: what a host, a bad host and no host do to it.
+//! The shipping binary on the USB cable, with a normal host, a bad host and no host.
 //!
-//! The host is [`UsbHost`](inerter_twin::usb_host::UsbHost), in the device's time; a real kernel meets the device in `linux.rs`.
+//! The host is [`UsbHost`](inerter_twin::usb_host::UsbHost), in the device's time. In `linux.rs` a real kernel is the
+//! host.
 
 #[path = "../../src/fuzz/outcome.rs"]
 mod outcome;
@@ -22,20 +23,20 @@ use inerter_twin::world::Still;
 use inerter_wire::{Command, Done, Event, EventKind, Hello, Measure, Record, Refusal, Reply, SettingsValues, Streams};
 use outcome::outcome;
 
-/// Time for a reply.
+/// Time limit for a reply.
 const REPLY_S: f64 = 0.5;
 
-/// The number that the boot loader in ROM makes of the chip's identity.
+/// The serial number that the ROM boot loader derives from the chip's unique ID.
 fn serial() -> String {
     format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16)
 }
 
-/// A rig whose samples take fewer and more bytes.
+/// A moving rig, so that the encoded samples vary in length.
 fn moving(seed: u64) -> Bench {
     Bench::new(Rig::new(Excitation::random(0.5, 15.0, 0.02, seed), 0.0)).expect("a rig that can be")
 }
 
-/// Asks for Hello and gives it.
+/// Sends Hello and returns the reply's record.
 fn hello(link: &mut UsbLink<Machine>) -> Hello {
     let reply = link.request(Command::Hello, REPLY_S).expect("a reply to Hello");
     assert_eq!(reply.result, Ok(Done::Plain));
@@ -73,7 +74,7 @@ fn health(link: &mut UsbLink<Machine>) -> inerter_wire::Health {
     panic!("no Health within three seconds");
 }
 
-/// That the device has not started anew since power-on: its clock says so.
+/// The device has not restarted since power-on, by its own uptime.
 fn has_run_through(link: &mut UsbLink<Machine>) {
     let time_s = link.socket.time_s();
     let uptime_s = f64::from(health(link).uptime_s);
@@ -170,7 +171,7 @@ fn endpoints_that_do_not_exist_are_refused() {
     let UsbLink { socket, host, .. } = &mut link;
     for endpoint in [0x07u8, 0x08, 0x0F, 0x87, 0x88, 0x8F, 0xFF] {
         let status = Setup { kind: 0x82, request: 0, value: 0, index: endpoint.into(), length: 2 };
-        // Refused or answered with anything: but the device goes on.
+        // The device may refuse or answer with anything, but it must keep working.
         let _ = host.control(socket, status, &[]);
         for request in [1, 3] {
             let halt = Setup { kind: 2, request, value: 0, index: endpoint.into(), length: 0 };
@@ -189,7 +190,7 @@ fn random_requests_do_not_stop_the_device() {
     let mut random = Random(7);
     for _ in 0..1500 {
         let mut bytes = std::array::from_fn(|_| random.draw() as u8);
-        // Lengths that a control transfer of the host's can have, and not the request that changes the address.
+        // Only lengths that the host's control transfer can have, and no SET_ADDRESS.
         bytes[7] = 0;
         bytes[0] &= 0xE3;
         if bytes[0] & 0x60 == 0 && bytes[1] == 5 {
@@ -217,7 +218,7 @@ fn a_configuration_set_again_and_halts_cleared_lose_nothing() {
     let description = link.connect().expect("enumeration");
     let (to_device, to_host) = description.serial_endpoints().expect("a serial port");
     link.open().expect("opens");
-    // An odd and an even number of packets have gone either way.
+    // With an odd and with an even number of packets in each direction.
     for _ in 0..2 {
         hello(&mut link);
         link.close().expect("closes");
@@ -252,17 +253,17 @@ fn nothing_comes_before_the_host_has_spoken() {
 #[test]
 fn a_full_packet_is_followed_by_another() {
     let (mut full, mut closed) = (0, 0);
-    // The motions come back to their beginning, and in each no more than a few batches end with a full packet.
+    // The motions repeat, and each gives only a few batches that end with a full packet.
     for seed in 3..7 {
         let Some((full_here, closed_here)) = full_packets(seed) else { return };
         full += full_here;
         closed += closed_here;
     }
-    // Else the test shows nothing: some batches must end with a full packet.
+    // Otherwise the test shows nothing: some batches must end with a full packet.
     assert!(full > 100 && closed > 0, "{full} full packets, {closed} of them closed by an empty one");
 }
 
-/// Full packets within 20 s of this motion, and those of them that were followed by an empty one.
+/// Number of full packets within 20 s of this motion, and how many of them were followed by an empty one.
 fn full_packets(seed: u64) -> Option<(usize, usize)> {
     let mut link = board(moving(seed))?;
     link.connect().expect("enumeration");
@@ -274,7 +275,7 @@ fn full_packets(seed: u64) -> Option<(usize, usize)> {
         let (_, bytes) = talk.request(command);
         host.write(socket, to_device, &bytes, 1.0).1.expect("taken");
     }
-    // One packet a transfer, and when it came.
+    // One packet per transfer, with its time of arrival.
     let (mut packets, end_s) = (Vec::new(), socket.time_s() + 20.0);
     while socket.time_s() < end_s {
         match host.read(socket, to_host, 64, 0.1) {
@@ -336,7 +337,7 @@ fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
         hello(&mut link);
         done(&mut link, Command::Streams(Streams::ALL));
     }
-    // A sleeping one too.
+    // A suspended device too.
     link.host.suspend(&mut link.socket).expect("runs");
     link.host.reset(&mut link.socket).expect("attached");
     link.host.enumerate(&mut link.socket).expect("enumeration");
@@ -353,7 +354,7 @@ fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
         link.open().expect("opens");
         hello(&mut link);
         done(&mut link, Command::Streams(Streams::ALL));
-        // A request under way, the stream under way, and the moment anywhere between two packets.
+        // With a request and the stream in progress, at any moment between two packets.
         let (_, bytes) = link.talk.request(Command::ReadSettings);
         let to_device = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port").0;
         link.host.submit(Transfer::Out(to_device, bytes, false));
@@ -402,7 +403,7 @@ fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
     let before = health(&mut link).dropped_frames;
     done(&mut link, Command::Streams(Streams::ALL));
     link.listen(0.5).expect("the port is open");
-    // The host's program hangs: its driver's buffers fill, then the endpoint.
+    // The host's program hangs: its driver's buffers fill up, then the endpoint.
     link.socket.run_for(6.0).expect("runs");
     link.listen(0.5).expect("the port is open");
     let lost = link.talk.lost();
@@ -414,7 +415,7 @@ fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
     has_run_through(&mut link);
 }
 
-/// Samples left out between those received.
+/// Samples missing between those received.
 fn samples_missing(records: &[Record]) -> u32 {
     let mut last = None;
     let mut missing = 0;
@@ -449,7 +450,7 @@ fn noise_is_counted_and_obeyed_by_nobody() {
 
 #[test]
 fn the_corpus_leads_to_the_same_replies_as_on_the_host() {
-    // Before there are threads, which do not have the test's name.
+    // Check before starting the threads: they do not have the test's name, which the skip message needs.
     if shipping_image().is_none() {
         return;
     }
@@ -462,7 +463,7 @@ fn the_corpus_leads_to_the_same_replies_as_on_the_host() {
     });
 }
 
-/// A new device takes the stream as its due, with bad frames and replies as in the corpus.
+/// A new device receives the stream and must give the bad frames and replies listed in the corpus.
 fn leads_to_its_replies(item: &Item) {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
@@ -479,7 +480,7 @@ fn leads_to_its_replies(item: &Item) {
         heard && replies.len() > before
     };
     for portion in item.portions(64) {
-        // A device that restarts is not there any more.
+        // A device that restarts disconnects.
         if link.send(portion, 5.0).is_err() {
             break;
         }
@@ -529,7 +530,7 @@ fn a_terminal_that_echoes_changes_nothing() {
 fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
-    // With a packet on its way, and with one that a full terminal did not fetch any more.
+    // With a packet in transit, and with one that a full terminal did not fetch.
     for (closed_s, full) in [(0.0, false), (0.0, true), (0.001, false), (0.001, true), (0.05, true), (2.0, true)] {
         link.open().expect("opens");
         hello(&mut link);
@@ -543,7 +544,7 @@ fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
         link.socket.run_for(closed_s).expect("runs");
         link.open().expect("opens");
         assert_eq!(link.receive(0.3).expect("the port is open"), [0_u8; 0], "closed for {closed_s} s");
-        // The first thing that is heard is the answer.
+        // The first data received is the answer.
         let (id, bytes) = link.talk.request(Command::Hello);
         link.send(&bytes, 1.0).expect("taken");
         link.listen(0.1).expect("the port is open");
@@ -589,10 +590,11 @@ fn settings_written_over_usb_hold() {
     assert_eq!(link.request(Command::Hello, 0.0), Err(LinkError::NoReply(0.0)), "no reply takes no time");
 }
 
-/// From a reset until the firmware has a port again, also after the watchdog's four seconds.
+/// From a reset until the firmware has a port again, also after the watchdog's four seconds \[s\].
 const BACK_S: f64 = 6.0;
 
-/// Saves settings that differ each time, until the device refuses; gives how many it took and the time to wait \[s\].
+/// Saves alternating settings until the device refuses. Returns the number of saves accepted and the time to wait
+/// \[s\].
 fn flood(link: &mut UsbLink<Machine>) -> (u32, u16) {
     let before = settings(link);
     for taken in 0..=2 * u32::from(SAVES) {
@@ -607,7 +609,7 @@ fn flood(link: &mut UsbLink<Machine>) -> (u32, u16) {
     panic!("a flood is not refused");
 }
 
-/// The host finds the device again after it went by `go`.
+/// Runs `go`, which restarts or disconnects the device, and connects to it again.
 fn after(link: &mut UsbLink<Machine>, go: impl FnOnce(&mut UsbLink<Machine>)) {
     go(link);
     link.unplug();
@@ -620,7 +622,7 @@ fn last_reset(link: &UsbLink<Machine>) -> Reset {
     link.socket.resets().last().expect("power-on").1
 }
 
-/// By the device's own commands a host can restart it as often as it likes.
+/// A host can restart the device by command as often as it likes, so a restart must not renew the saves.
 #[test]
 fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
     let all = u32::from(SAVES);
@@ -636,7 +638,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
         (Command::Measure(Measure::Hang), Reset::Watchdog),
     ] {
         after(&mut link, |link| {
-            // It may be gone before its reply is out.
+            // The device may disconnect before it replies.
             let _ = link.request(command.clone(), 0.2);
         });
         assert_eq!(last_reset(&link), cause, "{command:?}");
@@ -644,7 +646,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
         assert!(taken == 0 && (100..=120).contains(&wait_s), "{command:?}: {taken} saves, {wait_s} s to wait");
     }
     assert!(link.socket.flash() == kept, "nothing was written meanwhile");
-    // One more each two minutes, also of a run that began with none.
+    // One more save every two minutes, also in a run that began with none.
     done(&mut link, Command::Stop);
     let (_, wait_s) = flood(&mut link);
     link.listen(f64::from(wait_s)).expect("the port is open");
@@ -652,7 +654,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
     assert!(taken == 1 && wait_s > 100, "{taken} saves, {wait_s} s to wait");
 }
 
-/// Power, the button and a probe's reset begin with all saves: nobody does those by the hundred.
+/// Power-on, the button and a probe's reset renew all saves: nobody does those by the hundred.
 #[test]
 fn other_starts_begin_with_all_saves() {
     let Some(mut link) = board(Still) else { return };

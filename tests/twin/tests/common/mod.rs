@@ -1,4 +1,4 @@
-//! What the tests of the twin share: the board on the bench and its links.
+//! Shared by the tests of the twin: the board on the bench and its links.
 
 use inerter_twin::World;
 use inerter_twin::chip::{errata::Errata, rules::Rules};
@@ -11,33 +11,33 @@ use std::path::Path;
 /// From power-on until the firmware runs.
 const START_S: f64 = 0.3;
 
-/// The board, powered and started, with nothing plugged in; nothing where there is no image, after saying so.
+/// The board, powered and started, with nothing plugged in. `None` if there is no image, after reporting the skip.
 pub fn board(world: impl World + 'static) -> Option<UsbLink<Machine>> {
     let mut machine = Machine::new(&shipping_image()?, Box::new(world)).expect("the image");
     machine.run_for(START_S).unwrap_or_else(|ended| panic!("{ended}"));
     Some(UsbLink::new(machine))
 }
 
-/// A program of the folder `foreign`; nothing where it is not built, after saying so.
+/// A program of the folder `foreign`. `None` if it is not built, after reporting the skip.
 pub fn image_of_others(name: &str) -> Option<Vec<u8>> {
     image_in("INERTER_FOREIGN", &format!("release/foreign-{name}"))
 }
 
-/// The chip with such a program.
+/// The chip running such a program.
 pub fn chip_with(image: &[u8], world: impl World + 'static) -> Machine {
-    // Errata are at their worst here, which no real chip is.
+    // No errata: the twin models each one at its worst, and no real chip is that bad.
     let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
     Machine::with(image, options, Box::new(world)).expect("the image")
 }
 
-/// A host's program at the other end of the serial link.
+/// The host program at the other end of the serial link.
 #[derive(Default)]
 pub struct SerialLink {
     talk: Talk,
 }
 
 impl SerialLink {
-    /// Whether the device answers to Hello within a tenth of a second.
+    /// Whether the device answers Hello within 0.1 s.
     pub fn hello(&mut self, machine: &mut Machine) -> bool {
         let (id, bytes) = self.talk.request(Command::Hello);
         machine.serial_take();
@@ -48,18 +48,18 @@ impl SerialLink {
     }
 }
 
-/// A stream of bytes for a device, and what must come of it.
+/// A byte stream sent to a device, and its expected outcome.
 pub struct Item {
-    /// What it is.
+    /// Name of the stream.
     pub name: String,
     /// The bytes.
     pub bytes: Vec<u8>,
-    /// What must come of it, as it is written in the corpus: bad frames, then id and outcome of each reply.
+    /// Expected outcome, as written in the corpus: the number of bad frames, then the ID and outcome of each reply.
     pub expected: String,
 }
 
 impl Item {
-    /// Whether it holds a request to restart.
+    /// Whether it contains a request to restart.
     pub fn restarts(&self) -> bool {
         let (mut reader, mut rest) = (FrameReader::<Request>::new(), self.bytes.as_slice());
         std::iter::from_fn(|| reader.read(&mut rest)).any(|frame| {
@@ -68,13 +68,13 @@ impl Item {
         })
     }
 
-    /// The bytes in portions, with the delimiter that ends the last frame.
+    /// The bytes in portions, followed by the delimiter that ends the last frame.
     pub fn portions(&self, size: usize) -> impl Iterator<Item = &[u8]> {
         self.bytes.chunks(size).chain([[DELIMITER].as_slice()])
     }
 }
 
-/// The corpus of streams that were made to break the device; its form is told in `tests/src/fuzz/corpus.rs`.
+/// The corpus of streams made to break the device. `tests/src/fuzz/corpus.rs` describes its format.
 pub fn corpus() -> Vec<Item> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus");
     let mut items = Vec::new();
