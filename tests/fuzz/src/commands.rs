@@ -1,9 +1,9 @@
-//! What a host sends to a device, by [`inerter_tests::fuzz`].
+//! Streams that a host sends to a device, by [`inerter_tests::fuzz`].
 //!
-//! Input: two bytes (the conditions, and in the first one's bit 7 whether payloads follow instead of a stream), then the
-//! stream, or payloads as in [`wire`].
+//! Input: two bytes (the conditions; bit 7 of the first one selects payloads instead of a stream), then the stream, or
+//! payloads as in [`wire`].
 //!
-//! Holds: everything that [`inerter_tests::fuzz::judge`] asks for.
+//! Property: [`inerter_tests::fuzz::judge`] finds nothing wrong.
 
 use inerter_tests::fuzz::{Conditions, Link, corpus, findings, stream};
 use inerter_wire::Request;
@@ -27,7 +27,7 @@ pub fn check(input: &[u8]) {
     assert!(findings.is_empty(), "{conditions:?}: {findings:#?}");
 }
 
-/// The corpus of the tests, and streams of fixed seeds.
+/// The corpus of the tests, and streams from fixed seeds.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     let streams = corpus().expect("tests/corpus").into_iter().map(|item| item.bytes);

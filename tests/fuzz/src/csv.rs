@@ -1,9 +1,10 @@
-//! CSV files: samples and motions.
+//! CSV files with samples or motions.
 //!
-//! Input: a byte (bit 0: a motion instead of samples; the rest: which settings are given), then the file.
+//! Input: a byte (bit 0: a motion instead of samples; the other bits: which settings are given), then the file.
 //!
-//! Holds: a table has whole columns of finite numbers and times that grow; written down again it reads back as the same;
-//! a run made of it has valid settings and at least two samples, and can be replayed; an error can be shown.
+//! Properties: a table has complete columns of finite numbers, and its times increase. A table that is written out
+//! reads back unchanged. A run made from it has valid settings and at least two samples, and can be replayed. Every
+//! error can be displayed.
 
 use std::fmt::Write;
 
@@ -20,7 +21,7 @@ use miette::Diagnostic;
 
 use crate::input::Input;
 
-/// Given or not, by the bits of the first byte from bit 1.
+/// Settings given or not, by the bits of the first byte from bit 1 on.
 const GIVEN: [(&str, f64); 7] = [
     ("metres_per_count", 2.44e-6),
     ("newtons_per_code", 0.002),
@@ -31,7 +32,7 @@ const GIVEN: [(&str, f64); 7] = [
     ("force_zero_code", -1_000.0),
 ];
 
-/// Samples that are replayed at most.
+/// Maximum number of samples to replay.
 const REPLAYED: usize = 1_000;
 
 /// Checks an input.
@@ -41,7 +42,7 @@ pub fn check(input: &[u8]) {
     if kind & 1 == 1 { check_motion(input.rest()) } else { check_samples(kind >> 1, input.rest()) }
 }
 
-/// An error is shown with its help and the place in the file.
+/// Displays an error with its help and its place in the file.
 pub fn show(error: &dyn Diagnostic) {
     let help = error.help().map(|help| help.to_string());
     assert!(!error.to_string().is_empty() && help.is_none_or(|help| !help.is_empty()));
@@ -102,7 +103,7 @@ fn check_run(run: &Run) {
     }
 }
 
-/// A table as a file.
+/// A table as a CSV file.
 fn text(table: &Table) -> String {
     let (force, terminal) = column_names(table.machine);
     let has_terminal = !table.terminal_m.is_empty();
@@ -142,7 +143,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         table.terminal_m = table.t_s.iter().map(|t_s| t_s.sin()).collect();
         seeds.push([&[kind | 0b100000], text(&table).as_bytes()].concat());
         seeds.push([&[kind], text(&table).replace(',', "\t").replace("force", "\"force\"").as_bytes()].concat());
-        // With a sample missing, and cut off.
+        // With a missing sample, and truncated.
         table.t_s.drain(5..6);
         table.machine = Machine::Linear;
         let cut = text(&table);

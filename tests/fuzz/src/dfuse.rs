@@ -1,10 +1,12 @@
-//! The chip's ROM in update mode, as the host meets it.
+//! The chip's ROM in update mode, as seen by the host.
 //!
-//! Input: a byte (bit 0: the ROM's answers are the input instead of a chip's; the rest: what the chip has), then what the
-//! ROM says of itself, then the answers, or faults: after how many transfers (u8) and what goes wrong (u8).
+//! Input: a byte (bit 0: the ROM's answers come from the input instead of a chip; the other bits: properties of the
+//! chip), then the ROM's description of itself, then the answers, or faults: the number of transfers before it (u8) and
+//! its kind (u8).
 //!
-//! Holds, whatever the ROM says: the update ends; only pages of the image are erased and written, the vectors erased
-//! first and written last; where a chip without faults took it, the image is in flash, and nothing else has changed.
+//! Properties, whatever the ROM answers: the update ends. It erases and writes only pages of the image, and erases the
+//! vectors first. An update of a chip without faults that succeeds leaves the image in flash, and nothing else has
+//! changed. An interrupted update leaves no vectors in front of an incomplete image.
 
 use std::{
     cell::{Cell, RefCell},
@@ -28,15 +30,15 @@ mod mock;
 
 use mock::{Chip, LAYOUT, MockError, MockIo};
 
-/// Transfers after which an update of so few pages must have ended: each command may wait for 5 s in steps of 1 ms.
+/// An update of so few pages must end within this number of transfers: each command may wait for 5 s in steps of 1 ms.
 const MOST_TRANSFERS: u32 = 200_000;
 
-/// A connection on which something may go wrong, and what was asked for on it.
+/// A connection with injected faults, and a log of the requests on it.
 struct Line<'a> {
     chip: MockIo,
     protocol: DfuProtocol<Vec<u32>>,
     descriptor: FunctionalDescriptor,
-    /// Answers instead of the chip's.
+    /// The input provides the answers instead of the chip.
     scripted: bool,
     script: RefCell<Input<'a>>,
     /// Transfers until the next fault.
@@ -87,7 +89,7 @@ impl DfuIo for Line<'_> {
                 return Err(self.gone());
             }
             let count = usize::from(script.byte()).min(into.len());
-            // A whole answer is the likelier one.
+            // Make a complete answer more likely.
             let count = if count > 8 { into.len() } else { count };
             let bytes = script.take(count);
             into[..bytes.len()].copy_from_slice(bytes);
@@ -147,7 +149,7 @@ fn layout(input: &mut Input) -> Vec<u32> {
     }
 }
 
-/// An image of so many bytes; to read it takes longer than all the rest, and is another target's matter.
+/// An image of this many bytes, cached: parsing takes longer than everything else, and another target covers it.
 fn image_of(length: usize) -> Rc<Image> {
     thread_local! {
         static READ: RefCell<HashMap<usize, Rc<Image>>> = RefCell::default();
@@ -220,7 +222,7 @@ pub fn check(input: &[u8]) {
     let (erased, written) = (line.erased.into_inner(), line.written.into_inner());
     assert!(erased.iter().all(|page| pages.contains(page)), "{erased:08X?}");
     assert!(erased.first().is_none_or(|first| *first == CODE.start), "the vectors go first");
-    // The page of the vectors is written from behind them first.
+    // The page of the vectors is first written from behind the vectors.
     let is_place = |address: &u32| pages.contains(address) || *address == CODE.start + 8;
     let mut in_code = written.iter().filter(|address| CODE.contains(address));
     assert!(in_code.all(is_place), "{written:08X?}");
@@ -245,7 +247,7 @@ pub fn check(input: &[u8]) {
     }
 }
 
-/// Updates that go well, chips of all kinds, and answers of a ROM.
+/// Successful updates, chips of all kinds, and scripted answers.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     // Kind, length, time of the interruption, transfer size, fault of the chip, layout, address.
@@ -266,7 +268,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     for faults in [[5, 0, 9, 0], [20, 40, 3, 200], [60, 17, 60, 130], [200, 90, 1, 1]] {
         seeds.push([&head(0, 0, 0, [7, 0])[..], &faults].concat());
     }
-    // Whole answers: status, 3 bytes of time, state, a text.
+    // Complete answers: status, 3 bytes of time, state, string index.
     for states in [&[2u8, 2, 2, 2, 2, 5, 5, 5, 2][..], &[10, 2, 3, 4, 5, 9, 2], &[6, 7, 8, 2, 4, 5], &[0, 1, 11, 2]] {
         let answers: Vec<u8> = states.iter().flat_map(|&state| [255, 0, 1, 0, 0, state, 0]).collect();
         seeds.push([&head(1, 0, 0, [7, 0])[..], &answers.repeat(4)].concat());

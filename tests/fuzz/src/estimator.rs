@@ -1,12 +1,12 @@
 //! The estimator.
 //!
-//! Input: a byte (the property), a byte (the base of the settings), a number of settings (u8) and for each its number
-//! and how far through its range it goes, then what the samples do, each step an operation (u8) with its arguments.
+//! Input: a byte (the property), a byte (the base settings), a number of changed settings (u8), and for each its number
+//! and its place within its range. Then the samples: a series of operations (u8), each with its arguments.
 //!
-//! Holds, whatever the samples and the valid settings: nothing panics; every value that is given is finite and its
-//! interval is not negative; the sums are those of a Gram matrix; a state that was reset is as good as a new one; wiring
-//! that is turned and said to be turned, and counters that begin elsewhere, change not a bit; and the mirrored motion
-//! gives the mirrored device, within the intervals.
+//! Properties, for any samples and any valid settings: nothing panics. Every published value is finite and its interval
+//! is not negative. The sums form a Gram matrix. A reset state behaves like a new one. Inverted wiring with settings
+//! that say so, and counters with another origin, change no bit. The mirrored motion gives the mirrored device, within
+//! the intervals.
 
 use std::sync::{
     OnceLock,
@@ -22,16 +22,16 @@ use inerter_wire::{Health, Record, Samples};
 
 use crate::input::Input;
 
-/// Samples of an input at most.
+/// Maximum number of samples per input.
 const MOST: usize = 6_000;
-/// Samples of a motion of the plant.
+/// Number of samples of each plant motion.
 const MOTION: usize = 4_096;
-/// Settings that differ from the base at most.
+/// Maximum number of settings that differ from the base.
 const MOST_SETTINGS: u8 = 12;
-/// Samples after which their number is told.
+/// Interval at which the number of samples is printed.
 const TELL: u64 = 1 << 20;
 
-/// Motions of the plant at 1 kHz; the last are of a device with backlash and a sensor at the terminal.
+/// Motions of the plant at 1 kHz: name, start [s] and backlash [m]. The last two have backlash and a terminal sensor.
 const MOTIONS: [(&str, f64, f64); 8] = [
     ("slow", 1.0, 0.0),
     ("mid", 1.0, 0.0),
@@ -59,7 +59,7 @@ pub fn check(input: &[u8]) {
     }
 }
 
-/// What came of samples.
+/// The results of a run.
 struct Run {
     outputs: Vec<Output>,
     last: Published,
@@ -80,7 +80,7 @@ fn run(settings: &Settings, samples: &[RawSample]) -> Run {
     Run { outputs, last, state, active }
 }
 
-/// The outputs that say something.
+/// Runs the samples; returns the outputs that contain something.
 fn steps(active: &Active, state: &mut State, samples: &[RawSample]) -> Vec<Output> {
     let mut outputs = Vec::new();
     for sample in samples {
@@ -94,7 +94,7 @@ fn steps(active: &Active, state: &mut State, samples: &[RawSample]) -> Vec<Outpu
     outputs
 }
 
-/// Says now and then how many samples have been taken.
+/// Prints the number of samples processed so far, now and then.
 fn tell(samples: u64) {
     static TAKEN: AtomicU64 = AtomicU64::new(0);
     let before = TAKEN.fetch_add(samples, Ordering::Relaxed);
@@ -158,7 +158,7 @@ fn check_sums(active: &Active, state: &State, bank: Bank) {
     assert!((ones - f64::from(sums.updates)).abs() <= 1e-9 * ones, "{ones} of {}", sums.updates);
 }
 
-/// A state that is used again is as good as a new one.
+/// A reset state must behave like a new one.
 fn check_again(settings: &Settings, samples: &[RawSample], all: &Run) {
     let mut state = all.state.clone();
     state.reset(&all.active);
@@ -166,7 +166,7 @@ fn check_again(settings: &Settings, samples: &[RawSample], all: &Run) {
     assert_eq!(all.active.publish(&state), all.last);
 }
 
-/// The estimates are the same to the bit, wherever they stand.
+/// The estimates must be equal bit for bit, whatever their index.
 fn compare(one: &Run, other: &Run, settings: &Settings) {
     let estimates = |run: &Run| -> Vec<Estimate> {
         run.outputs.iter().filter_map(Output::estimate).map(|estimate| Estimate { index: 0, ..estimate }).collect()
@@ -178,7 +178,7 @@ fn compare(one: &Run, other: &Run, settings: &Settings) {
     }
 }
 
-/// Counters that begin elsewhere change nothing but the index.
+/// Counters with another origin must change nothing but the index.
 fn check_elsewhere(settings: &Settings, samples: &[RawSample], all: &Run, seed: u32) {
     let (index, position) = (seed.wrapping_mul(0x9E37_79B9), seed.wrapping_mul(0x85EB_CA6B) as i32);
     let moved: Vec<RawSample> = samples
@@ -194,7 +194,7 @@ fn check_elsewhere(settings: &Settings, samples: &[RawSample], all: &Run, seed: 
     assert_eq!(moved.state.counters(), all.state.counters());
 }
 
-/// The force code on the other side of zero, and the settings that go with it; none where there is no such code.
+/// Mirrors the force code about zero, with matching settings. `None` if the mirrored limits are not valid.
 fn turned_force(settings: &Settings) -> Option<(Settings, impl Fn(i32) -> i32)> {
     let zero = settings.force_zero_code as i64;
     let turned = |code: f64| 2.0 * settings.force_zero_code - code;
@@ -204,12 +204,12 @@ fn turned_force(settings: &Settings) -> Option<(Settings, impl Fn(i32) -> i32)> 
         ..*settings
     };
     turned_settings.validate().ok()?;
-    // Beyond 32 bits it is saturated on both sides.
+    // A code beyond 32 bits saturates on both sides.
     let turn = move |code: i32| (2 * zero - i64::from(code)).clamp(i32::MIN.into(), i32::MAX.into()) as i32;
     Some((turned_settings, turn))
 }
 
-/// Wiring that is turned, and settings that say so.
+/// Inverted wiring, with settings that say so.
 fn check_turned(settings: &Settings, samples: &[RawSample], all: &Run, position: bool, force: bool) {
     let Some((turned, code)) = turned_force(settings) else { return };
     let mut other = if force { turned } else { *settings };
@@ -228,7 +228,7 @@ fn check_turned(settings: &Settings, samples: &[RawSample], all: &Run, position:
     compare(&turned, all, settings);
 }
 
-/// The same device moved the other way.
+/// The same device, moved in the opposite direction.
 fn check_mirrored(settings: &Settings, samples: &[RawSample], all: &Run) {
     let Some((settings, code)) = turned_force(settings) else { return };
     let turn = |sample: &RawSample| RawSample {
@@ -262,13 +262,13 @@ fn settings(input: &mut Input) -> Settings {
             1 => info.min,
             2 => info.max,
             3 => info.min + share * (info.max - info.min),
-            // Over decades.
+            // Logarithmically, over twelve decades.
             4 => info.max * 10_f64.powf(-12.0 * share),
             _ => info.min * 10_f64.powf(-12.0 * share),
         };
         let value = if info.kind == Kind::Whole { value.round() } else { value };
         let before = settings;
-        // What contradicts the others stays as it was.
+        // Undo a change that contradicts the other settings.
         if settings.set(number, value).and_then(|()| settings.validate()).is_err() {
             settings = before;
         }
@@ -304,7 +304,7 @@ fn motions() -> &'static [Vec<RawSample>] {
     })
 }
 
-/// The samples of an input.
+/// The samples that an input describes.
 fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
     let mut samples: Vec<RawSample> = Vec::new();
     let mut last = RawSample::default();
@@ -312,7 +312,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
         let operation = input.byte();
         let from = samples.len();
         match operation & 7 {
-            // The plant: which motion, from where, how long, how often; changes go on from the sample before.
+            // The plant: which motion, from where and for how long. Positions continue from the previous sample.
             0 | 1 => {
                 let motion = &motions()[usize::from(operation >> 3) % MOTIONS.len()];
                 let (start, length) = (usize::from(input.byte()) * 16, 64 + usize::from(input.byte()) * 16);
@@ -329,7 +329,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
                     samples.push(last);
                 }
             }
-            // Even steps.
+            // Constant steps.
             2 => {
                 let [position, force, terminal] = [0; 3].map(|_| i32::from(input.half() as i16));
                 for _ in 0..=input.byte() {
@@ -340,7 +340,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
                     samples.push(last);
                 }
             }
-            // Anything, once.
+            // One arbitrary sample.
             3 => {
                 last.index = last.index.wrapping_add(input.word());
                 last.position_count = input.word() as i32;
@@ -348,7 +348,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
                 last.terminal_code = input.word() as i32;
                 samples.push(last);
             }
-            // A tone with a force that goes with its acceleration, velocity and sign.
+            // A tone, with a force that follows its acceleration, velocity and sign.
             4 | 5 => {
                 let (amplitude, period) = (f64::from(input.half()), 4.0 + f64::from(input.byte()) * 4.0);
                 let [inertia, viscous, coulomb] = [0; 3].map(|_| f64::from(input.half() as i16));
@@ -362,7 +362,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
                     samples.push(last);
                 }
             }
-            // The last samples again, scaled, or with their index as it was.
+            // Repeats the last samples, scaled, or with their original index.
             6 => {
                 let (count, scale) = (4 * (1 + usize::from(input.byte())), i32::from(input.byte() as i8));
                 let again: Vec<RawSample> = samples[samples.len().saturating_sub(count)..].to_vec();
@@ -379,7 +379,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
                     samples.push(last);
                 }
             }
-            // A force at its limits, a code that stands, or lost samples.
+            // A force at its limit or at zero, a constant code, then lost samples.
             _ => {
                 let (count, lost) = (1 + u32::from(input.byte()), u32::from(input.byte()));
                 for _ in 0..count {
@@ -401,7 +401,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
     samples
 }
 
-/// What a device of the plant says.
+/// The records that a simulated device sends.
 pub fn records() -> Vec<Record> {
     let settings = calibrated();
     let samples = &motions()[4];
@@ -421,17 +421,17 @@ pub fn records() -> Vec<Record> {
     records
 }
 
-/// Motions of the plant, each with each property, and what rigs do to them.
+/// Motions of the plant, each with each property, and typical faults of a rig.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     for motion in 0..MOTIONS.len() as u8 {
         for property in [0, 1, 2, 3, 5, 7] {
             seeds.push(vec![property, 0, 0, motion << 3, 20, 100]);
         }
-        // A sensor at the terminal, a fast publication, a short memory.
+        // A terminal sensor, a high publication rate, a short memory.
         let sensor = [24, 2, 0, 0, 19, 2, 0, 0, 17, 1, 0, 0];
         seeds.push([&[motion, 0, 3][..], &sensor, &[motion << 3, 0, 200]].concat());
-        // Lost samples, saturation, a jump, the same again.
+        // Lost samples, saturation, a jump, and a repetition.
         let rig = [motion << 3, 0, 100, 7, 3, 9, motion << 3, 20, 60, 15, 2, 0, 6, 100, 8, 0, 9, 100];
         seeds.push([&[motion, 0, 0][..], &rig].concat());
     }

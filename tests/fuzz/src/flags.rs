@@ -1,9 +1,11 @@
-//! Flags from a TOML file, which may lie in any folder: `inerter.toml`.
+//! Flags from a TOML file `inerter.toml`, which may be in any folder.
 //!
-//! Input: a byte (whether the file was named, and how many words are typed), the words, each of one byte of a list, then the text.
+//! Input: a byte (whether the file was named on the command line, and how many words were typed), the words (a byte
+//! each, an index into a list), then the text.
 //!
-//! Holds: what is typed stays, in its order; a file that was only found sets no flag that is kept from it and no address of another
-//! machine; the line can be read or refused in words; an error can be shown.
+//! Properties: the typed words stay in their order. A file that was found automatically sets none of the flags that it
+//! must not set, and no address of another machine. The resulting line is parsed or refused with a message. Every error
+//! can be displayed.
 
 use std::ffi::OsString;
 
@@ -13,9 +15,9 @@ use inerter_serve::loopback;
 
 use crate::{csv::show, input::Input, scratch::Scratch};
 
-/// What a file that was only found may not set here.
+/// Flags that an automatically found file must not set.
 const GRAVE: [&str; 2] = ["force", "output"];
-/// What may be typed.
+/// Words that may be typed.
 const WORDS: [&str; 12] = [
     "record",
     "calibrate",
@@ -79,7 +81,7 @@ pub fn check(input: &[u8]) {
     }
 }
 
-/// Files that people write, rightly and wrongly.
+/// Files as people write them, correct and incorrect.
 pub fn seeds() -> Vec<Vec<u8>> {
     let texts = [
         "port = \"COM5\"\n[record]\nduration = 60\nforce = true\noutput = \"run.mcap\"\nset = [\"a=1\", \"b=2\"]\n",

@@ -1,10 +1,11 @@
 //! Firmware images.
 //!
-//! Input: a byte (0: the file as it is; 1: the code of an image; 2: segments, each with its address (u32) and a counted
-//! content, of an ELF), then the file.
+//! Input: a byte (0: the file itself; 1: the code of an image; 2: the segments of an ELF, each an address (u32) and a
+//! counted content), then the data.
 //!
-//! Holds: the pages of an image that is taken lie in bank 1 in order, each once; vectors and identity are what the chip
-//! and a Hello can have; the image's flash as plain bytes is the same image; an error can be shown.
+//! Properties: the pages of an accepted image lie in bank 1, in order and without repetition. Vectors and identity are
+//! valid for the chip and for a Hello. The image's flash as a flat binary parses to the same image. Every error can be
+//! displayed.
 
 use inerter_device::{
     board::{CODE, PAGE, STACK},
@@ -65,7 +66,7 @@ fn check_file(bytes: &[u8]) {
     assert!(others.all(|(_, content)| content.iter().all(|&byte| byte == 0xFF)), "a page out of nothing");
 }
 
-/// Images as small as they can be, whole, in parts and damaged.
+/// Minimal images: whole, in parts and damaged.
 pub fn seeds() -> Vec<Vec<u8>> {
     let plain = code(300, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re");
     let whole = image(300, "inerter 0.1.0", "c8a2d5a");

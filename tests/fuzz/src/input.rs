@@ -1,23 +1,23 @@
-//! An input, taken from its front.
+//! An input, consumed from its front.
 
-/// The bytes that are left. What is beyond the end is zero.
+/// The remaining bytes. Reads beyond the end give zero.
 #[derive(Clone, Copy, Debug)]
 pub struct Input<'a>(pub &'a [u8]);
 
 impl<'a> Input<'a> {
-    /// Whether nothing is left.
+    /// Whether no bytes remain.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Up to so many bytes.
+    /// Up to this many bytes.
     pub fn take(&mut self, count: usize) -> &'a [u8] {
         let (taken, rest) = self.0.split_at(count.min(self.0.len()));
         self.0 = rest;
         taken
     }
 
-    /// All that is left.
+    /// All remaining bytes.
     pub fn rest(&mut self) -> &'a [u8] {
         self.take(usize::MAX)
     }
@@ -29,7 +29,7 @@ impl<'a> Input<'a> {
         bytes
     }
 
-    /// A byte.
+    /// One byte.
     pub fn byte(&mut self) -> u8 {
         u8::from_le_bytes(self.array())
     }
@@ -44,14 +44,14 @@ impl<'a> Input<'a> {
         u32::from_le_bytes(self.array())
     }
 
-    /// A length (u16) and so many bytes, fewer at the end.
+    /// A length (u16) and that many bytes, or fewer at the end.
     pub fn counted(&mut self) -> &'a [u8] {
         let count = self.half();
         self.take(count.into())
     }
 }
 
-/// What [`Input::counted`] takes.
+/// Encodes bytes for [`Input::counted`].
 pub fn counted(bytes: &[u8]) -> Vec<u8> {
     let length = u16::try_from(bytes.len()).unwrap_or(u16::MAX);
     [&length.to_le_bytes()[..], bytes].concat()

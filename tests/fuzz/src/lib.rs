@@ -1,8 +1,8 @@
-//! What must hold for any bytes from outside, in a form that libFuzzer can search.
+//! Properties that must hold for any external input, in a form that libFuzzer can search.
 //!
-//! Each module is a target: `check` takes an input and panics where something does not hold, `seeds` gives inputs made of
-//! real things to begin with. `cargo xtask fuzz` compiles the programs in `src/bin` with counters of coverage and runs
-//! them; `cargo test` checks the seeds and the committed corpora.
+//! Each module is a target: `check` takes an input and panics if a property fails, and `seeds` returns realistic inputs
+//! to start from. `cargo xtask fuzz` compiles the programs in `src/bin` with coverage counters and runs them. `cargo
+//! test` checks the seeds and the committed corpora.
 //!
 //! ```text
 //! seeds -> corpus/TARGET (packed, committed) -> libFuzzer -> inputs of new coverage -> corpus (`--keep`)
@@ -22,15 +22,15 @@ mod scratch;
 pub mod settings;
 pub mod wire;
 
-// What the parts of inerter-device's tests that are shared here name.
+// The shared test files of inerter-device expect this name.
 use inerter_device::board;
 
 use std::{env, fs, path::PathBuf, process::exit};
 
-/// Where this names a folder, a target writes its seeds there and ends.
+/// If this names a folder, a target writes its seeds there and exits.
 pub const SEEDS: &str = "INERTER_FUZZ_SEEDS";
 
-/// Makes a program of libFuzzer from the module of this name.
+/// Makes a libFuzzer program from the module of this name.
 #[macro_export]
 macro_rules! target {
     ($name:ident) => {
@@ -40,7 +40,7 @@ macro_rules! target {
     };
 }
 
-/// Writes the seeds and ends the program, where that is asked for.
+/// Writes the seeds and exits, if [`SEEDS`] is set.
 pub fn write_seeds(seeds: fn() -> Vec<Vec<u8>>) {
     let Some(folder) = env::var_os(SEEDS).map(PathBuf::from) else { return };
     for (number, seed) in seeds().iter().enumerate() {
@@ -54,7 +54,7 @@ pub fn write_seeds(seeds: fn() -> Vec<Vec<u8>>) {
 
 #[cfg(test)]
 mod tests {
-    /// Inputs of a packed corpus: each has its length (u32, little-endian) before it.
+    /// Inputs of a packed corpus: each is preceded by its length (u32, little-endian).
     fn unpacked(mut packed: &[u8]) -> Vec<&[u8]> {
         let mut inputs = Vec::new();
         while let Some((length, rest)) = packed.split_first_chunk() {

@@ -1,11 +1,10 @@
 //! Recordings.
 //!
-//! Input: a byte (bit 0: messages to be recorded instead of a file; bit 1: parts are cut out and put together again),
-//! then the file, or messages: a kind (u8), a step in time (u8), a counted content (the payload of a record, raw bytes
-//! or a remark).
+//! Input: a byte (bit 0: messages to record instead of a file; bit 1: also cut and merge), then the file, or messages:
+//! a kind (u8), a time step (u8), and a counted content (the payload of a record, raw bytes or a marker).
 //!
-//! Holds: all readers agree on what a file holds; a part that is everything holds the same samples; what the recorder
-//! writes is read back to the frame; an error can be shown.
+//! Properties: all readers agree on the contents of a file. A cut over the whole time contains the same samples. The
+//! recorder's output reads back frame by frame. Every error can be displayed.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +28,7 @@ use crate::{
 
 const MESSAGES: u8 = 1;
 const EDIT: u8 = 2;
-/// Samples that are replayed at most.
+/// Maximum number of samples to replay.
 const REPLAYED: usize = 500;
 
 /// Checks an input.
@@ -159,7 +158,7 @@ fn record(input: &mut Input, path: &Path) -> Result<Written, Error> {
                 remarks.push(text);
             }
             1 => {
-                // A frame as received holds no delimiter.
+                // A received frame contains no delimiter.
                 let raw: Vec<u8> = content.iter().copied().filter(|byte| *byte != DELIMITER).collect();
                 recorder.frame(time_ns, &raw)?;
                 frames.push(raw);
@@ -180,13 +179,13 @@ fn record(input: &mut Input, path: &Path) -> Result<Written, Error> {
     Ok((frames, remarks))
 }
 
-/// Recordings of a device of the plant, whole, cut off and damaged.
+/// Recordings of a simulated device: complete, truncated and damaged.
 pub fn seeds() -> Vec<Vec<u8>> {
     let frames = wire::frames();
     let mut messages = vec![MESSAGES | EDIT, 0];
     let mut alone = Vec::new();
     for (place, frame) in (0u8..).zip(&frames) {
-        // Kind and payload: without the step and the length that `payloads` puts in front.
+        // Kind and payload, without the step and the length that `payloads` prepends.
         let payload = wire::payloads(frame).split_off(3);
         let message = [&[4 + place % 4, 60][..], &counted(&payload)].concat();
         messages.extend(&message);

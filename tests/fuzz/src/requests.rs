@@ -1,9 +1,10 @@
-//! HTTP and WebSocket requests, as the page and the bridge to Foxglove take them from whoever connects.
+//! HTTP and WebSocket requests from arbitrary clients, as received by the page and by the bridge to Foxglove.
 //!
-//! Input: what comes by one connection, in pieces: a length (u16) and so many bytes, again and again.
+//! Input: the bytes of one connection in pieces: a length (u16) and that many bytes, repeatedly.
 //!
-//! Holds: the connection ends as soon as its other end is closed, with no answer or an answer in HTTP; no request is let through that
-//! names another machine or comes from a page of elsewhere; a name that is let through is of letters that may stand in a header.
+//! Properties: the connection ends as soon as the client closes it, with no answer or with an HTTP answer. The guard
+//! admits no request that names another machine or comes from a foreign page. An admitted host name contains only
+//! characters that are allowed in a header.
 
 use std::{
     sync::{
@@ -29,9 +30,10 @@ use tokio::{
 
 use crate::input::{Input, counted};
 
-/// Bytes of the longest message of a WebSocket.
+/// Maximum length of a WebSocket message \[bytes\].
 const MOST: usize = 64;
-/// Time after which a connection whose other end is closed hangs: less than the server allows any.
+/// A connection that stays open for this long after the client closed it hangs. Shorter than any of the server's own
+/// timeouts.
 const HANGS: Duration = Duration::from_secs(2);
 
 /// Checks an input.
@@ -46,7 +48,7 @@ pub fn check(input: &[u8]) {
         let ask = async {
             let mut input = Input(input);
             while !input.is_empty() {
-                // Fails once the server has had enough.
+                // Fails once the server has closed the connection.
                 if writer.write_all(input.counted()).await.is_err() {
                     break;
                 }
@@ -79,7 +81,7 @@ async fn live(State(flag): State<Arc<AtomicBool>>, headers: HeaderMap, upgrade: 
     limited(upgrade, MOST).on_upgrade(|socket| talk(socket, flag))
 }
 
-/// Sends back what comes; sets the flag where that is too much, as nobody hears a task's panic.
+/// Echoes messages. Sets the flag if one is too long, because a panic in this task would go unnoticed.
 async fn talk(mut socket: WebSocket, has_kept_much: Arc<AtomicBool>) {
     while let Some(Ok(message)) = socket.recv().await {
         let length = match &message {
@@ -106,7 +108,7 @@ fn assert_is_of_here(headers: &HeaderMap) {
     }
 }
 
-/// Requests of browsers and programs, and of others.
+/// Requests of browsers and programs, valid and malicious.
 pub fn seeds() -> Vec<Vec<u8>> {
     let upgrade = "GET /live HTTP/1.1\r\nHost: localhost:9\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
                    Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
@@ -124,7 +126,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         format!("{upgrade}Origin: http://localhost:9\r\n\r\n"),
         format!("{upgrade}Origin: http://evil.example\r\n\r\n"),
     ];
-    // A text, a ping, a fragment without its end, a frame that is too long, a close; masked with zeros.
+    // A text, a ping, a fragment without an end, a frame that is too long, a close; masked with zeros.
     let frames: [&[u8]; 5] = [
         b"\x81\x82\0\0\0\0hi",
         b"\x89\x80\0\0\0\0",

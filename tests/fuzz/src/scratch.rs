@@ -1,4 +1,4 @@
-//! Files for readers that want a path.
+//! Temporary files for readers that need a path.
 
 use std::{
     env, fs,
@@ -7,11 +7,11 @@ use std::{
     sync::atomic::{AtomicU32, Ordering},
 };
 
-/// A name for a file that is gone afterwards, in memory where the system has a place for that.
+/// A path to a temporary file, in memory if the system has a place for that. Dropping it removes the file.
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// A name that nobody else has.
+    /// A unique path.
     pub fn new() -> Self {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let memory = Path::new("/dev/shm");
@@ -20,14 +20,14 @@ impl Scratch {
         Self(folder.join(format!("inerter-fuzz-{}-{number}", process::id())))
     }
 
-    /// A file with this content.
+    /// A file with these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         let scratch = Self::new();
         fs::write(&scratch.0, bytes).expect("a place for files");
         scratch
     }
 
-    /// The name.
+    /// The path.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -35,7 +35,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // It may never have been written.
+        // The file may never have been written.
         let _ = fs::remove_file(&self.0);
     }
 }

@@ -1,9 +1,9 @@
-//! Settings as people write them: TOML files, assignments, backups, and what is wanted of a motion.
+//! Settings as people write them: TOML files, assignments, backups, and accuracy requirements for a motion.
 //!
-//! Input: a byte (what it is), then the text.
+//! Input: a byte (the kind of text), then the text.
 //!
-//! Holds: what is understood is valid setting by setting, and is written down again as the same values; the owner of a
-//! backup is read back, whatever a device calls itself; an error can be shown.
+//! Properties: every accepted setting is valid, and writing it out gives the same value. The owner of a backup reads
+//! back, whatever the device's name is. Every error can be displayed.
 
 use inerter_core::{Machine, Settings};
 use inerter_data::{
@@ -89,7 +89,7 @@ fn check_backup(input: &mut Input) {
     assert_eq!(read_back(&text), settings);
 }
 
-/// Files that the program writes, and what people get wrong.
+/// Files that the program writes, and common mistakes.
 pub fn seeds() -> Vec<Vec<u8>> {
     let whole = to_toml(&Settings { stiffness_n_per_m: 2.1e6, ..Settings::default() });
     let short: String = whole.lines().filter(|line| !line.starts_with('#')).map(|line| format!("{line}\n")).collect();

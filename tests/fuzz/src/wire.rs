@@ -1,10 +1,11 @@
 //! Frames of records and requests.
 //!
-//! Input: a byte (bit 0: requests instead of records; bit 1: payloads to be framed instead of a stream; the rest: how the
-//! stream is cut), then the stream, or payloads: a step of the sequence number (i8), a length (u16), the payload.
+//! Input: a byte (bit 0: requests instead of records; bit 1: payloads to be framed instead of a stream; the other bits:
+//! where the stream is split), then the stream, or payloads: a step of the sequence number (i8), a length (u16) and the
+//! payload.
 //!
-//! Holds: the portions in which a stream arrives do not matter; what is decoded is encoded and decoded again to the same
-//! bytes; samples and settings of a record survive being taken apart and put together.
+//! Properties: the way a stream is split does not matter. A decoded message encodes to bytes that decode and encode to
+//! the same bytes. Samples and settings of a record survive decoding and encoding.
 
 use std::fmt::Debug;
 
@@ -36,7 +37,7 @@ pub fn check(input: &[u8]) {
     }
 }
 
-/// Intact frames of the payloads in an input.
+/// Intact frames with the payloads of an input.
 pub fn framed<T: Message>(mut input: Input) -> Vec<u8> {
     let (mut stream, mut sequence) = (Vec::new(), 0u16);
     while !input.is_empty() {
@@ -47,9 +48,9 @@ pub fn framed<T: Message>(mut input: Input) -> Vec<u8> {
     stream
 }
 
-/// An intact frame of any payload.
+/// An intact frame with any payload.
 pub fn frame<T: Message>(payload: &[u8], sequence: u16) -> Vec<u8> {
-    // Number and CRC are made by `renumber`.
+    // `renumber` fills in the sequence number and the CRC.
     let body = [payload, &[0; 6]].concat();
     let mut stuffed = vec![0; cobs::max_encoding_length(body.len())];
     let length = cobs::encode(&body, &mut stuffed);
@@ -58,7 +59,7 @@ pub fn frame<T: Message>(payload: &[u8], sequence: u16) -> Vec<u8> {
     out[..length].to_vec()
 }
 
-/// A finding in a form that NaN does not keep from being compared.
+/// A decoded frame in comparable form, also if the message contains NaN.
 #[derive(Debug, PartialEq)]
 struct Found {
     what: Frame<()>,
@@ -162,7 +163,7 @@ fn check_settings(values: &SettingsValues) {
     }
 }
 
-/// Records of all kinds that a device of the plant sends.
+/// Records of all kinds that a simulated device sends.
 pub fn records() -> Vec<Record> {
     let mut records = estimator::records();
     records.push(Record::Settings(SettingsValues::from(&Settings::default())));
@@ -194,7 +195,7 @@ pub fn frames() -> Vec<Vec<u8>> {
     records().iter().map(frame).collect()
 }
 
-/// The payloads in a stream, each with its length and a step of one.
+/// The payloads in a stream, each preceded by a step of one and its length.
 pub fn payloads(stream: &[u8]) -> Vec<u8> {
     let mut input = Vec::new();
     for frame in stream.split(|&byte| byte == DELIMITER) {
@@ -208,7 +209,7 @@ pub fn payloads(stream: &[u8]) -> Vec<u8> {
     input
 }
 
-/// Frames of a device of the plant, and what others have sent to one.
+/// Frames of a simulated device, and requests that hosts have sent to one.
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     let mut add = |requests: u8, stream: &[u8]| {
