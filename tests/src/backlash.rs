@@ -1,4 +1,4 @@
-//! Backlash on the accuracy grid: every width, by the force alone and with the terminal's own sensor.
+//! Backlash on the accuracy grid: every width, from the force alone and with the terminal sensor.
 
 use crate::coverage::stated_true;
 use crate::grid::{self, Error, Instruments, calibrated, raw};
@@ -8,8 +8,8 @@ use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 /// Backlash of the grid \[m\].
 pub const BACKLASHES_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
 
-/// Goals for bias and sigma of the backlash by the force alone at 1 kHz and 1 N \[m\], and up to which backlash they
-/// apply.
+/// Goals for bias and sigma of the backlash from the force alone at 1 kHz and 1 N \[m\], and the greatest backlash to
+/// which they apply \[m\].
 pub fn goal(motion: &str) -> (f64, f64, f64) {
     match motion {
         "slow" => (1e-6, 1e-6, 200e-6),
@@ -21,21 +21,21 @@ pub fn goal(motion: &str) -> (f64, f64, f64) {
     }
 }
 
-/// The same with the sensor; one goal for bias and sigma.
+/// Goal with the terminal sensor, for both bias and sigma \[m\].
 pub fn sensed_goal(motion: &str) -> f64 {
     if motion == "slow" { 2e-6 } else { 0.9e-6 }
 }
 
-/// Results of one run by either route.
+/// Results of one run by both methods.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// By the force alone.
+    /// From the force alone.
     pub force: Detail,
-    /// With the sensor.
+    /// With the terminal sensor.
     pub sensed: Detail,
-    /// Reversals by the force, in order.
+    /// Reversals found from the force, in order.
     pub reversals: Vec<Reversal>,
-    /// The same with the sensor.
+    /// Reversals found with the sensor.
     pub sensed_reversals: Vec<Reversal>,
 }
 
@@ -49,7 +49,7 @@ pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings { stiffness_u95_n_per_m: 1e-3 * device.stiffness_n_per_m, ..stated_true(calibrated(device, sensors)) }
 }
 
-/// Shakes a device with and without its sensor.
+/// Simulates a device, and estimates with and without its sensor.
 pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
@@ -75,22 +75,22 @@ pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, s
 /// One column of a cell.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Column {
-    /// Mean error, relative for a stiffness; not a number when fewer than two runs gave a value.
+    /// Mean error, relative for stiffness and damping; NaN if fewer than two runs gave a value.
     pub bias: f64,
-    /// Standard deviation of the error; likewise.
+    /// Standard deviation of the error, with the same conventions.
     pub sigma: f64,
     /// Mean half width of the interval.
     pub u95: f64,
-    /// Runs that gave a value, and those of them whose interval misses the truth.
+    /// Runs that gave a value.
     pub given: usize,
-    /// See `given`.
+    /// Runs that gave a value whose interval does not contain the true value.
     pub wrong: usize,
 }
 
 /// One backlash in one motion on one rig.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
-    /// Backlash by the force alone \[m\].
+    /// Backlash from the force alone \[m\].
     pub force: Column,
     /// Backlash with the sensor \[m\].
     pub sensed: Column,

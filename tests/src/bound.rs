@@ -1,24 +1,25 @@
-//! The least scatter that a record allows, given the noise of both its channels.
+//! The smallest scatter that a record allows, given the noise of both channels.
 //!
-//! The force's noise is white. So is the encoder's in position, uniform over one count, and it enters the law twice
-//! differenced and multiplied by `mt`. A record of a force and a coarse encoder therefore holds less information than
-//! the force's noise alone suggests, increasingly so at higher frequencies: at 2.44 um, 1 kHz and 300 kg both are equal
-//! at 11 Hz. The bound is that of weighted least squares with the true regressors, weighted by the inverse of the sum
-//! of both spectra. A periodic motion repeats the encoder's error with it, so that the error is not white but in the
-//! lines of the motion. It does not average out, and the scatter may lie above the bound by up to the square root of
-//! the number of periods (tests `steps`; [`TWO_CLOCKS`](grid::TWO_CLOCKS) is the rig on which nothing repeats).
+//! The force noise is white. The encoder's position error is white too, uniform over one count, and it enters the law
+//! differentiated twice and multiplied by `mt`. A record of a force and a coarse encoder therefore contains less
+//! information than the force noise alone suggests, and increasingly so at higher frequencies: at 2.44 um, 1 kHz and
+//! 300 kg both contributions are equal at 11 Hz. The bound is that of weighted least squares with the true regressors,
+//! weighted by the inverse of the sum of both spectra. In a periodic motion the encoder's error repeats, so its
+//! spectrum is not white but concentrated in the lines of the motion. It does not average out, and the scatter may
+//! exceed the bound by up to the square root of the number of periods (tests `steps`; [`TWO_CLOCKS`](grid::TWO_CLOCKS)
+//! is the rig on which nothing repeats).
 
 use crate::grid::{self, Error, Instruments, Motion};
 use crate::linear::Cholesky;
 use inerter_plant::{Inerter, Motion as Screw};
 use std::f64::consts::PI;
 
-/// Taps of the weighting filter on either side \[s\].
+/// Half length of the whitening filter \[s\].
 const HALF_LENGTH_S: f64 = 0.128;
-/// Frequencies from 0 to half the sample rate for which the filter is designed.
+/// Number of frequencies from 0 to half the sample rate at which the filter is designed.
 const FREQUENCIES: u32 = 2048;
 
-/// The filter that makes the sum of both noises white, with unit variance; symmetric, from its middle on.
+/// The filter that whitens the sum of both noises to unit variance; symmetric, from its centre tap on.
 fn whitening(device: &Inerter, rig: &Instruments, count_m: f64) -> Vec<f64> {
     let count_n = device.inertance_kg * count_m / 12_f64.sqrt() * rig.sample_rate_hz.powi(2);
     let gain = |w: f64| (rig.force_noise_n.powi(2) + (count_n * (2.0 - 2.0 * w.cos())).powi(2)).sqrt().recip();
@@ -32,11 +33,11 @@ fn whitening(device: &Inerter, rig: &Instruments, count_m: f64) -> Vec<f64> {
     (0..=half).map(tap).collect()
 }
 
-/// The least sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw slips
-/// for the filter's length. None if those show nothing.
+/// The smallest sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw
+/// slips for the length of core's kernel. `None` if these samples do not determine the parameters.
 pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>, Error> {
     if motion.is_slow() {
-        // Below 1 Hz the encoder's part is under a hundredth of the force's.
+        // Below 1 Hz the encoder contributes less than a hundredth of the force noise.
         return grid::least_sigma(device, motion, rig, seed, 0.0);
     }
     let simulation = grid::simulation(device, motion, rig, seed)?;
@@ -44,7 +45,7 @@ pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u
     let truths: Vec<_> = simulation.lasting(motion.duration_s).map(|sample| sample.truth).collect();
     let regressors: Vec<[f64; 4]> =
         truths.iter().map(|t| [t.a2_m_per_s2, t.v2_m_per_s, t.v2_m_per_s.signum(), 1.0]).collect();
-    // The core's kernels, which are shorter, determine how far from a sticking a sample must lie.
+    // Core's kernels, which are shorter, determine how far a sample must be from a stuck one.
     let clearance = (motion.kernel_s() / 2.0 * rig.sample_rate_hz) as usize;
     let mut slipping = 0;
     let since: Vec<usize> = truths
@@ -89,7 +90,7 @@ mod tests {
         assert!(filter.iter().skip(1).all(|tap| tap.abs() < 1e-6));
     }
 
-    /// The encoder degrades most what the highest frequencies show: friction at 15.9 Hz.
+    /// The encoder degrades most what depends on the highest frequencies: friction at 15.9 Hz.
     #[test]
     fn a_coarse_encoder_takes_its_part() {
         let (device, rig) = (Inerter::paper(), &RIGS[0]);

@@ -1,4 +1,4 @@
-//! Width and coverage of the intervals where everything that is stated is true.
+//! Width and coverage of the intervals if every stated value is true.
 
 use crate::grid::{Error, Motion, calibrated, each_seed, raw, three, truth};
 use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source, State};
@@ -8,11 +8,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 /// Fraction of the runs that a 95 % interval should cover.
 const COVERED: f64 = 0.95;
-/// Chance below which a cell is called wrong, here or in another table: of hundreds none should be.
+/// Probability below which a cell counts as wrong, here or in another table: among hundreds of cells none should.
 const CHANCE: f64 = 1e-4;
-/// Independent values in a run of 20 s: it holds so many memories of 5 s.
+/// Independent values in a run of 20 s, which spans four memories of 5 s.
 const VALUES_OF_A_RUN: f64 = 4.0;
-/// Root mean square of error over interval that is neither too sharp nor blunt; 0.51 is exact.
+/// Accepted rms of error over half width; 0.51 is exact for a 95 % interval.
 pub const RIGHT: std::ops::RangeInclusive<f64> = 0.25..=0.6;
 
 /// A device on a rig whose settings are exact, and stated to be.
@@ -24,7 +24,8 @@ pub struct Bench {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// What the settings state with an uncertainty, and are wrong by in each run; the rest is exact.
+    /// The quantities whose settings have a stated uncertainty and a random error of that size in each run; the others
+    /// are exact.
     pub wrong: &'static [Source],
 }
 
@@ -32,12 +33,12 @@ pub struct Bench {
 pub const STATED: [Source; 6] =
     [Source::Gain, Source::Lead, Source::Timebase, Source::Skew, Source::Structure, Source::Stiffness];
 
-/// One parameter in the runs of one motion.
+/// One parameter over the runs of one motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cell {
-    /// Runs with a value whose law was not called broken.
+    /// Runs that gave a value and whose law was not reported as broken.
     pub given: u64,
-    /// Those whose interval contains the truth.
+    /// Runs among these whose interval contains the true value.
     pub covered: u64,
     /// Root mean square of the error over the half width of the interval.
     pub rms: f64,
@@ -57,18 +58,18 @@ impl Cell {
         }
     }
 
-    /// Whether more than 95 % are covered, beyond chance.
+    /// Whether significantly more than 95 % of the intervals cover the true value.
     pub fn is_blunt(&self) -> bool {
-        // At least so many are covered if at most so few are not.
+        // P(at least n covered) = 1 - P(at most n - 1 covered).
         self.given > 0 && 1.0 - at_most(self.covered.saturating_sub(1), self.given) < CHANCE
     }
 
-    /// Whether less than 95 % are covered, beyond chance.
+    /// Whether significantly less than 95 % of the intervals cover the true value.
     pub fn is_low(&self) -> bool {
         at_most(self.covered, self.given) < CHANCE
     }
 
-    /// Whether the coverage is less than 95 %, or the rms not within [`RIGHT`], beyond chance.
+    /// Whether the coverage is below 95 % or the rms outside [`RIGHT`], beyond chance.
     pub fn is_wrong(&self) -> bool {
         // Four standard deviations of the scatter of a squared normal error.
         let scatter = 1.0 + 4.0 / (2.0 * self.given as f64).sqrt();
@@ -76,16 +77,16 @@ impl Cell {
     }
 }
 
-/// Whether this coverage in so many runs is less than 95 %, beyond chance.
+/// Whether this fraction covered in so many runs is significantly less than 95 %.
 pub fn is_low(part: f64, runs: u64) -> bool {
     let all = VALUES_OF_A_RUN * runs as f64;
     at_most((part * all).round() as u64, all as u64) < CHANCE
 }
 
-/// Probability that at most `covered` of `all` runs are covered if each is with 95 %.
+/// Probability that at most `covered` of `all` intervals cover, if each does so with 95 % probability.
 fn at_most(covered: u64, all: u64) -> f64 {
     let odds: f64 = COVERED / (1.0 - COVERED);
-    // From zero on: the terms of the binomial, in logarithms.
+    // Sums the binomial terms from zero on, in logarithms.
     let mut logarithm = all as f64 * (1.0 - COVERED).ln();
     let mut sum = logarithm.exp();
     for k in 1..=covered.min(all) {
@@ -95,7 +96,7 @@ fn at_most(covered: u64, all: u64) -> f64 {
     sum.min(1.0)
 }
 
-/// Errors and half widths of the three parameters in one run, if given, and whether the law is called broken.
+/// Errors and half widths of the three parameters in one run, if given, and whether the law is reported as broken.
 pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
 /// Errors of the parameters of a whole run, with their half widths.
@@ -108,12 +109,12 @@ pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>;
 }
 
 impl Bench {
-    /// All runs of a motion, with the seeds from `first` on.
+    /// All runs of a motion, with seeds from `first` on.
     pub fn runs(&self, motion: &Motion, first: u64, seeds: u64) -> Result<Vec<Outcome>, Error> {
         each_seed(seeds, |seed| self.run(motion.name, motion.duration_s, first + seed - 1))
     }
 
-    /// One run of a motion, as the plant writes it \[s\].
+    /// One run of `duration_s` seconds with a motion in the plant's notation.
     pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome, Error> {
         let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
         let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
@@ -129,7 +130,7 @@ impl Bench {
     }
 }
 
-/// The same settings, known without error.
+/// The same settings, stated as exact.
 pub fn stated_true(settings: Settings) -> Settings {
     Settings {
         force_gain_u95: 0.0,
@@ -137,16 +138,17 @@ pub fn stated_true(settings: Settings) -> Settings {
         timebase_u95: 0.0,
         skew_u95_s: 0.0,
         structure_mass_u95_kg: 0.0,
-        // 0 would be taken for 1 %.
+        // A value of 0 would mean 1 %.
         stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
         ..settings
     }
 }
 
-/// The same, except for these sources: stated with an uncertainty, and wrong by a normal error of that size (JCGM 101).
+/// The same settings, except for these sources: each is stated with an uncertainty and has a normal error of that size
+/// (JCGM 101).
 fn stated(settings: Settings, wrong: &[Source], seed: u64) -> Settings {
     let mut random = ChaCha8Rng::seed_from_u64(0x0101_0000 + seed);
-    // Each source has its own errors, whichever others there are.
+    // Each source's error is independent of which other sources are selected.
     let errors: [f64; STATED.len()] = std::array::from_fn(|_| StandardNormal.sample(&mut random));
     let mut settings = stated_true(settings);
     for (source, error) in STATED.into_iter().zip(errors).filter(|(source, _)| wrong.contains(source)) {
@@ -183,7 +185,7 @@ fn stated(settings: Settings, wrong: &[Source], seed: u64) -> Settings {
     settings
 }
 
-/// The cells of the three parameters.
+/// The cells of the three parameters, from all runs.
 pub fn cells(runs: &[Outcome]) -> [Cell; 3] {
     std::array::from_fn(|i| {
         let given = runs.iter().filter(|(_, broken)| !broken);

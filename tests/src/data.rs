@@ -1,4 +1,4 @@
-//! The recordings of real machines, which are kept beside the project, not in it.
+//! Recordings of real machines, which are stored outside the project.
 
 use std::path::PathBuf;
 
@@ -18,14 +18,14 @@ pub enum Recording {
     Emps,
     /// A rack-and-pinion inerter, ratio r0.
     LodzSymmetric,
-    /// The same at ratio r16.
+    /// The same machine at ratio r16.
     LodzAsymmetric,
     /// A friction damper with no mass behind its backlash, in a load frame.
     Arts,
 }
 
 impl Recording {
-    /// Place within the folder of recordings, and metres per encoder count.
+    /// Path within the folder of recordings, and metres per encoder count.
     fn parts(self) -> (&'static str, f64) {
         match self {
             Self::Emps => ("emps/emps.csv", 50e-9),
@@ -35,10 +35,10 @@ impl Recording {
         }
     }
 
-    /// The file; if there is no folder of recordings, the test is skipped.
+    /// The path of the file. If there is no folder of recordings, the test is skipped.
     ///
     /// # Panics
-    /// If the folder exists and the file does not.
+    /// If `INERTER_DATA` is set or the default folder exists, and the file is missing.
     pub fn path(self) -> Option<PathBuf> {
         let path = folder()?.join(self.parts().0);
         assert!(
@@ -49,7 +49,7 @@ impl Recording {
         Some(path)
     }
 
-    /// The run with its encoder made `coarser` times as coarse.
+    /// The run, with the encoder's resolution reduced by this factor.
     pub fn run(self, coarser: i64) -> Option<Result<Run, Error>> {
         let path = self.path()?;
         let load = || -> Result<Run, Error> {
@@ -79,7 +79,7 @@ fn folder() -> Option<PathBuf> {
     None
 }
 
-/// The result of the run by the library's replay.
+/// The result of replaying the run with the library.
 pub fn replayed(run: &Run) -> Result<Outcome, Error> {
     replay::replay(run, |_, _| Ok(()))
 }

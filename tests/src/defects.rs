@@ -1,8 +1,9 @@
-//! Realistic defects of device, rig and sampling, each over several motions and seeds: what is silently wrong.
+//! Realistic defects of device, rig and sampling, each over several motions and seeds, to find values that are silently
+//! wrong.
 //!
-//! Devices, motions, rigs and sizes are drawn; half of the runs come from a second plant. No constant of the estimator
-//! was set on them. Seeds up to [`DEVELOPMENT`] were looked at while defects and judge were written; only those beyond
-//! count.
+//! Devices, motions, rigs and sizes are random; half of the runs come from a second plant. No constant of the estimator
+//! was tuned on them. Seeds up to [`DEVELOPMENT`] were inspected while the defects and the judge were written; only
+//! later seeds count.
 
 pub mod draw;
 pub mod instruments;
@@ -13,5 +14,5 @@ pub mod plant;
 pub mod scene;
 pub mod tally;
 
-/// The last seed that was looked at during development.
+/// The last seed inspected during development.
 pub const DEVELOPMENT: u64 = 100;

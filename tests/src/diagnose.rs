@@ -16,8 +16,8 @@ use inerter_data::{
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Plant, Sensors, Simulation, Truth};
 use std::f64::consts::TAU;
 
-/// Moments in a sample over which the force is averaged, symmetric about its middle: no load cell follows a jump at
-/// once.
+/// Number of instants within a sample over which the force is averaged, symmetric about its middle: no load cell
+/// follows a step at once.
 pub const WITHIN: usize = 15;
 
 /// Mean of some values.
@@ -26,18 +26,18 @@ pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
-/// What is added to the measured force, and acts on a terminal that is moved from outside, besides the law.
+/// Forces besides the law. The terminal's motion is imposed, so they simply add to the measured force.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Added {
-    /// Friction per force.
+    /// Friction as a fraction of the force.
     pub load: f64,
-    /// Amplitude once per turn \[N\].
+    /// Amplitude of a force that varies once per turn \[N\].
     pub ripple_n: f64,
     /// Change of Coulomb friction over the run \[N\].
     pub warming_n: f64,
     /// Change of the offset over the run \[N\].
     pub drift_n: f64,
-    /// A spring beside the screw \[N/m\].
+    /// A spring in parallel with the screw \[N/m\].
     pub spring_n_per_m: f64,
     /// Friction proportional to the square of the velocity \[N s2/m2\].
     pub quadratic: f64,
@@ -46,7 +46,7 @@ pub struct Added {
 }
 
 impl Added {
-    /// What is added to a force of the law, except for the offset's drift \[N\]; `time` is that of the run, -0.5 to
+    /// The force besides the law, except for the drift of the offset \[N\]. `time` is relative to the run, from -0.5 to
     /// 0.5.
     pub fn at_n(&self, force_n: f64, truth: &Truth, time: f64, lead_m: f64) -> f64 {
         let Self { load, ripple_n, warming_n, spring_n_per_m, quadratic, cube, .. } = *self;
@@ -63,9 +63,9 @@ impl Added {
 /// One way to break the law.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// What is wrong.
+    /// Name of the fault.
     pub name: &'static str,
-    /// The cause to be named; none in a run without a fault.
+    /// The cause that must be named; `None` in a run without a fault.
     pub kind: Option<Kind>,
     /// Its size in the cause's unit.
     pub size: f64,
@@ -73,13 +73,13 @@ pub struct Case {
     pub device: Inerter,
     /// The instruments.
     pub sensors: Sensors,
-    /// What is added to the force.
+    /// Forces besides the law.
     pub added: Added,
     /// The settings describe a rotary machine of 2e-4 kg m^2, which gives the same samples.
     pub is_rotary: bool,
 }
 
-/// The rig of the grid: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+/// The grid's rig: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
 fn clean(name: &'static str) -> Case {
     let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
     Case { name, kind: None, size: 0.0, device: Inerter::paper(), sensors, added: Added::default(), is_rotary: false }
@@ -88,7 +88,7 @@ fn clean(name: &'static str) -> Case {
 /// Cases with one fault each.
 pub fn cases() -> Vec<Case> {
     let paper = Inerter::paper();
-    // What is added to the measured force does not deflect the contact; without a structure mass it need not.
+    // The added force does not deflect the contact. Without a structure mass it need not.
     let rigid = Inerter { structure_mass_kg: 0.0, ..paper };
     let added = |name, kind, size, added| Case { kind: Some(kind), size, added, device: rigid, ..clean(name) };
     let device = |name, kind, size, device| Case { kind: Some(kind), size, device, ..clean(name) };
@@ -145,7 +145,7 @@ pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
     Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..case.sensors }, ..case }
 }
 
-/// Noises \[N\] and rates \[Hz\] of runs without a fault, and counts \[m\].
+/// Noises \[N\] and sample rates \[Hz\] of runs without a fault, and lengths of a count \[m\].
 const NOISES_AND_RATES: [(f64, f64); 6] =
     [(0.2, 1000.0), (1.0, 1000.0), (5.0, 1000.0), (20.0, 1000.0), (1.0, 2000.0), (1.0, 4000.0)];
 const COUNTS_M: [f64; 4] = [0.5e-6, 5e-6, 10e-6, 20e-6];
@@ -162,7 +162,7 @@ pub fn clean_cases() -> Vec<Case> {
     noises.into_iter().chain(counts).chain(devices).chain([rotary]).collect()
 }
 
-/// The clean case with this backlash \[m\], whose flanks separate.
+/// The clean case with this backlash \[m\]: its flanks separate.
 pub fn parting(backlash_m: f64) -> Case {
     Case { device: Inerter { backlash_m, ..Inerter::paper() }, ..clean("flanks that part") }
 }
@@ -186,18 +186,18 @@ fn rotary(linear: Settings, inertance_kg: f64) -> Settings {
     }
 }
 
-/// What `inerter replay` reports of a run.
+/// The output of `inerter replay` for a run.
 pub struct Replayed {
     /// The estimator's result.
     pub outcome: Outcome,
-    /// Causes named unasked.
+    /// Causes named without being asked for.
     pub causes: Vec<Cause>,
-    /// The parameters as judged by the samples.
+    /// The parameters with the intervals derived from the samples.
     pub judged: [Judged; 4],
 }
 
 impl Replayed {
-    /// The same for any run.
+    /// Replays any run.
     pub fn of(run: &Run) -> Result<Self, Error> {
         let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?;
         let gated = Gated::of(run, &[]);
@@ -214,7 +214,7 @@ impl Case {
         Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default(), &|| {})?)
     }
 
-    /// Causes named unasked in one run, with the contact's stiffness stated or not.
+    /// Causes named without being asked for in one run, with the contact's stiffness stated or not.
     pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
         let (run, outcome) = self.run(motion, seed, with_stiffness)?;
         Ok(suspected(&Gated::of(&run, &[]), &run.settings, &outcome.published()))
@@ -225,7 +225,7 @@ impl Case {
         Ok(self.run(motion, seed, true)?.1)
     }
 
-    /// One run, the causes named in it unasked, and its parameters as judged by the samples.
+    /// One run, with the causes named without being asked for and the parameters judged by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         Replayed::of(&self.recorded(motion, seed, true)?)
     }

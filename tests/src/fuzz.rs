@@ -1,19 +1,19 @@
-//! Whatever a host may send: streams of bytes made to break the device, and how it must respond.
+//! Streams of bytes made to break the device, and the required response.
 //!
 //! Terms:
 //! - *stream*: the bytes that a device receives on its link after a start.
 //! - *intact request*: a frame in the stream with a valid CRC that holds a request, known to the device or not.
-//! - *probe*: a delimiter and three harmless requests that end every stream.
+//! - *probe*: a delimiter and three harmless requests that follow every stream.
 //!
 //! ```text
 //! make -> stream -> device (the whole inerter-app on mock parts) -> Played -> judge -> findings -> shrink
 //!   '--> corpus: small streams, each with the outcome that host and twin must share
 //! ```
 //!
-//! What must hold for any stream: the device neither panics nor hangs; each intact request gets one reply with its id,
-//! in order; a refused one changes nothing; the settings are those of the requests that were carried out, and flash
-//! keeps those of the last save; each damaged frame is counted; every frame that comes out can be decoded; the probe is
-//! answered. What arrives on a link that is not in use has no effect.
+//! Requirements for any stream: the device neither panics nor hangs. Each intact request gets one reply with its ID, in
+//! order. A refused request changes nothing. The settings are those of the accepted requests, and flash contains those
+//! of the last save. The device counts each damaged frame. Every frame that it sends can be decoded. It answers the
+//! probe. Bytes on a link that is not in use have no effect.
 
 mod corpus;
 mod device;

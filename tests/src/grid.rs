@@ -1,4 +1,4 @@
-//! The accuracy grid: six motions, several seeds, three rigs; estimates against the truth.
+//! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
 use crate::linear::Cholesky;
 use inerter_core::{Estimate, Interval, Parameter, Parameters, Settings, State};
@@ -12,29 +12,29 @@ pub type Error = Box<dyn std::error::Error + Send + Sync>;
 /// One motion of the grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    /// Preset of the plant.
+    /// Name of the plant's preset.
     pub name: &'static str,
     /// Length of a run \[s\].
     pub duration_s: f64,
     /// Goals for bias and sigma at 1 kHz and 1 N, in the order of [`NAMES`].
     pub goals: [(f64, f64); 3],
-    /// Goals for the time after the start of motion until mt stays within 0.1 %, cf within 5 N s/m, fc within 1 N;
-    /// none: never.
+    /// Goals for the time from the start of motion until mt stays within 0.1 %, cf within 5 N s/m and fc within 1 N;
+    /// `None` means never.
     pub settling_goals_s: [Option<f64>; 3],
 }
 
-/// Time in which the shaker brings a motion up from rest \[s\], with room for the ringing that this starts.
+/// Time in which the shaker starts a motion from rest \[s\], including the transient that this excites.
 const LEAD_IN_S: f64 = 1.0;
-/// Memory of the second estimator of a run \[s\], short enough to forget.
+/// Memory of the second estimator of a run \[s\], short enough that it forgets within the run.
 const SHORT_MEMORY_S: f64 = 4.0;
 
 impl Motion {
-    /// Whether it is for the slow bank, whose band ends below the device's resonance.
+    /// Whether the motion is for the slow bank, whose band ends below the device's resonance.
     pub fn is_slow(&self) -> bool {
         self.name == "slow"
     }
 
-    /// Length of the kernels of its bank \[s\]: four boxes.
+    /// Length of the kernels of the motion's bank \[s\]: four boxes.
     pub fn kernel_s(&self) -> f64 {
         if self.is_slow() { 0.256 } else { 0.064 }
     }
@@ -43,7 +43,7 @@ impl Motion {
 /// The parameters of the grid.
 pub const NAMES: [&str; 3] = ["mt kg", "cf N s/m", "fc N"];
 
-/// The motions with the goals of the design.
+/// The motions, with their goals from the design.
 pub const MOTIONS: [Motion; 6] = [
     Motion {
         name: "slow",
@@ -101,8 +101,8 @@ pub const RIGS: [Instruments; 3] = [
     Instruments { name: "4 kHz, 1 N", sample_rate_hz: 4000.0, force_noise_n: 1.0 },
 ];
 
-/// The first rig with a clock that is 10 ppm faster than the shaker's, and known to be: no motion repeats sample by
-/// sample, nor does the encoder's error with it.
+/// The first rig with a sampling clock that is 10 ppm faster than the shaker's; the settings state this rate. No motion
+/// repeats sample by sample, and the encoder's error does not repeat either.
 pub const TWO_CLOCKS: Instruments =
     Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
 
@@ -119,18 +119,18 @@ pub fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
     inerter_simulate::calibrated(device, sensors).expect("instruments within the settings' ranges")
 }
 
-/// One run's published estimates and the last one.
+/// The published estimates of one run, and the last one.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// Time of each \[s\] and the estimate.
+    /// Times \[s\] and estimates.
     pub published: Vec<(f64, Estimate)>,
-    /// The same with a short memory.
+    /// Times and estimates with a short memory.
     pub forgetful: Vec<(f64, Estimate)>,
-    /// At the end.
+    /// The estimate at the end.
     pub last: Estimate,
 }
 
-/// This rig's instruments; each seed has its own noise and its own phase within an encoder count.
+/// Instruments of this rig. Each seed has its own noise and its own phase within an encoder count.
 pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
     Sensors {
         sample_rate_hz: rig.sample_rate_hz,
@@ -142,12 +142,12 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
     }
 }
 
-/// The motion as this rig's instruments see it.
+/// The motion as measured by this rig's instruments.
 pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
     Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
 }
 
-/// One run for each seed from 1 on, on two threads: the odd ones, then the even ones.
+/// One run for each seed from 1 on, in two threads: first the odd seeds, then the even ones.
 pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
     let part = |from: u64| (from..=seeds).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
     thread::scope(|scope| {
@@ -158,8 +158,8 @@ pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sy
     })
 }
 
-/// Shakes a device and records its estimates. The intervals include no calibration error, as the simulated rig has
-/// none.
+/// Simulates a device and records its estimates. The intervals include no calibration error, because the simulated rig
+/// has none.
 pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
@@ -183,10 +183,11 @@ pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> R
     Ok(Run { published, forgetful, last: active.publish(&state).estimate })
 }
 
-/// The least sigma of any unbiased estimator with this rig's force noise that knows the motion exactly (Cramer and
+/// The smallest sigma of any unbiased estimator that knows the motion exactly, with this rig's force noise (Cramer and
 /// Rao): over all samples in which the screw truly slips, with no sticking within `clearance_s` before or after.
 ///
-/// None if such samples show nothing. A motion for the slow bank is taken without the ringing of its breakaways.
+/// `None` if these samples do not determine the parameters. For the slow bank, the motion is taken without the
+/// transients of its breakaways.
 pub fn least_sigma(
     device: &Inerter,
     motion: &Motion,
@@ -233,20 +234,20 @@ pub fn three(parameters: &Parameters) -> [Parameter; 3] {
 /// Statistics of one cell: one motion on one rig over all seeds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
-    /// Mean error at the end; not a number when fewer than two runs ended with a value.
+    /// Mean error at the end; NaN if fewer than two runs ended with a value.
     pub bias: [f64; 3],
-    /// Standard deviation of the error at the end; likewise.
+    /// Standard deviation of the error at the end, with the same conventions.
     pub sigma: [f64; 3],
-    /// Mean half width of the interval at the end, of those that were given.
+    /// Mean half width of the intervals given at the end.
     pub u95: [f64; 3],
     /// Runs that ended with a value.
     pub given: [usize; 3],
-    /// Fraction of all published live values with a short memory whose interval covered the truth; none if none was
+    /// Fraction of all live values with a short memory whose interval covers the true value; `None` if none was
     /// published.
     pub coverage: [Option<f64>; 3],
-    /// The same for the values over the whole run.
+    /// The same fraction for the whole-run values.
     pub whole_run_coverage: [Option<f64>; 3],
-    /// Median time from which the live value stays within the limit \[s\]; none if never.
+    /// Median time from which the live value stays within the limit \[s\]; `None` if it never does.
     pub settling_s: [Option<f64>; 3],
 }
 
@@ -274,7 +275,7 @@ pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     cell
 }
 
-/// Fraction of the published values that are within their interval of the truth.
+/// Fraction of the published values whose interval covers the true value.
 fn coverage<'a>(
     published: impl Iterator<Item = &'a (f64, Estimate)>,
     truth: f64,
@@ -288,7 +289,7 @@ fn coverage<'a>(
     (all > 0).then(|| f64::from(covered) / f64::from(all))
 }
 
-/// Time from which every published value is given and within the limit.
+/// Time from which every published value is given and within the limit; infinite if there is none.
 fn settling(run: &Run, i: usize, truth: f64, limit: f64) -> f64 {
     let bad = |e: &Estimate| three(&e.recent)[i].value().is_none_or(|value| (f64::from(value) - truth).abs() > limit);
     match run.published.iter().rposition(|(_, e)| bad(e)) {

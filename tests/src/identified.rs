@@ -1,8 +1,8 @@
-//! Whether a motion shows a fault at all, by the plant's truth, independent of any search for causes.
+//! Whether a motion reveals a fault at all, from the plant's true values and independent of any search for causes.
 //!
-//! What a fault adds to the force is known, and so are the regressors of the law. Least squares give the fraction of
-//! its square that the law leaves over, where the screw moves. Behind a filter that makes the force's noise and the
-//! encoder's steps white together, the same gives how many standard deviations the fault's size is above zero for an
+//! The force that a fault adds is known, and so are the regressors of the law. A least-squares fit gives the fraction
+//! of its square that the law cannot explain while the screw moves. The columns then pass a filter that whitens force
+//! noise and encoder steps together. The same fit then gives the size of the fault in standard deviations, for an
 //! estimator that knows everything except that size.
 
 use inerter_analysis::diagnose::Kind;
@@ -16,17 +16,17 @@ use crate::{
     linear::Cholesky,
 };
 
-/// Time after rest for which the filter still remembers it \[s\].
+/// Time after rest during which the filter still remembers it \[s\].
 const MEMORY_S: f64 = 0.1;
-/// Fraction of what a fault adds that the law must leave over.
+/// Minimum fraction of the added force that the law must leave unexplained.
 const LEAST_LEFT: f64 = 0.005;
-/// Standard deviations of a size that can be estimated to 10 % in 95 % of the runs.
+/// Size in standard deviations that can be estimated to 10 % in 95 % of the runs.
 const LEAST_SIGMAS: f64 = 19.6;
 
-/// What a motion shows of a fault.
+/// How well a motion reveals a fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Told {
-    /// Fraction of its square that the law leaves over.
+    /// Fraction of the square of the added force that the law leaves unexplained.
     pub left: f64,
     /// Its size in standard deviations of the best estimate.
     pub sigmas: f64,
@@ -40,7 +40,7 @@ impl Told {
 }
 
 impl Case {
-    /// What a motion shows of this fault if the encoder's steps repeat this often.
+    /// How well a motion reveals this fault, if the encoder's steps repeat this often.
     pub fn told_by(&self, motion: &Motion, seed: u64, repeats: f64) -> Result<Told, Error> {
         let rate_hz = self.sensors.sample_rate_hz;
         let truths = self.truths(motion, seed)?;
@@ -64,7 +64,7 @@ impl Case {
         Ok(Told { left: left / all, sigmas: told.sqrt() / self.sensors.force_noise_n })
     }
 
-    /// What the fault adds to the force of the law \[N\].
+    /// The force that the fault adds to the law \[N\].
     fn adds(&self, truths: &[Truth], rate_hz: f64, duration_s: f64) -> Vec<f64> {
         let device = &self.device;
         let cell_n = |truth: &Truth| truth.force_n + device.structure_mass_kg * truth.a1_m_per_s2;
@@ -110,19 +110,19 @@ impl Case {
     }
 }
 
-/// Samples farther from rest than this \[samples\].
+/// Samples whose distance from rest exceeds this \[samples\].
 fn moving(stands: &[f64], clearance: f64) -> Vec<bool> {
     let clearance = clearance.ceil() as usize;
     let mut moving = vec![true; stands.len()];
     for (at, _) in stands.iter().enumerate().filter(|(_, stands)| **stands > 0.0) {
         moving.iter_mut().skip(at.saturating_sub(clearance)).take(2 * clearance + 1).for_each(|moves| *moves = false);
     }
-    // A filter starts without history.
+    // The filter starts without history.
     moving.iter_mut().take(clearance).for_each(|moves| *moves = false);
     moving
 }
 
-/// Sum of the squares of what the first four columns leave of the fifth, and of the fifth itself.
+/// Sum of squares of the fifth column after a fit of the first four, and of the fifth column itself.
 fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
     let rows = || (0..counts.len()).filter(|row| counts[*row]).map(|row| columns.each_ref().map(|column| column[row]));
     let mut gram = [[0.0; 4]; 4];
@@ -145,7 +145,7 @@ fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
     (left.sum(), all)
 }
 
-/// Second-order Butterworth low-pass with the gain `1 / sqrt(1 + (f / f0)^4)`: its phase is the same for all columns.
+/// Second-order Butterworth low-pass with the gain `1 / sqrt(1 + (f / f0)^4)`. It has the same phase for all columns.
 fn whiten(column: &mut [f64], alike: f64) {
     let w = (std::f64::consts::PI * alike).tan();
     let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * w + w * w);
@@ -162,8 +162,8 @@ fn whiten(column: &mut [f64], alike: f64) {
 mod tests {
     use crate::{diagnose::cases, grid::MOTIONS};
 
-    /// By hand: in a tone of which the law takes everything but the harmonics, a force once per turn of twice the
-    /// stroke, a late force, and a load that is only friction.
+    /// Cases with a known answer: load-dependent friction in a slow tone, which is only friction; a late force in a
+    /// fast tone, of which the law explains all but the harmonics; a drift of the offset; a force once per turn.
     #[test]
     fn a_motion_tells_what_it_tells() {
         let told = |fault: &str, motion: &str| {
@@ -174,11 +174,11 @@ mod tests {
         assert!(told("friction of 4 % of the load", "slow").left < 1e-4);
         assert!(told("force 3 ms late", "fast").left < 1e-3);
         let drift = told("offset drifts by 5 N", "random");
-        // A slope of 5 N over 20 s in noise of 1 N at 1 kHz.
+        // A slope of 5 N over 20 s, in noise of 1 N at 1 kHz.
         let exact = 5.0 * (20_000.0_f64 / 12.0).sqrt();
         assert!(drift.left > 0.99 && (drift.sigmas / exact - 1.0).abs() < 0.05, "{drift:?} {exact}");
         assert!(told("ripple of 10 N", "two").is_enough() && !told("cf uneven by 40 %", "slow").is_enough());
-        // Repeated steps do not average out.
+        // Repeated encoder steps do not average out.
         let once = told("cf uneven by 40 %", "mid").sigmas;
         let case = cases().into_iter().find(|case| case.name == "cf uneven by 40 %").unwrap();
         assert!(case.told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);

@@ -1,4 +1,4 @@
-//! Hidden devices for `inerter identify`: drawn by a seed, shaken by the grid's motions, with a terminal sensor.
+//! Hidden devices for `inerter identify`: drawn from a seed, moved by the grid's motions, with a terminal sensor.
 
 use inerter_analysis::identify::{FoundStatus, Identified, IdentifyError, Options, identify};
 use inerter_core::Settings;
@@ -12,12 +12,12 @@ use rand_chacha::{
 
 use crate::grid::Error;
 
-/// Motions that show all parameters.
+/// Motions that excite all parameters.
 pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
 /// Length of a run \[s\].
 pub const DURATION_S: f64 = 20.0;
 
-/// What is identified, and the goal for its error, as a fraction of the value where marked.
+/// The identified parameters and the goals for their errors; `true` marks a goal relative to the value.
 pub const GOALS: [(&str, f64, bool); 6] = [
     ("mt %", 1e-3, true),
     ("fc N", 0.5, false),
@@ -56,8 +56,8 @@ pub fn instruments(seed: u64) -> Sensors {
     }
 }
 
-/// The run that the instruments record, calibrated without error, with stiffness and damping unknown. Their seed is the
-/// motion's too.
+/// The run that the instruments record: calibrated without error, with stiffness and damping unknown. The sensors' seed
+/// is also the seed of the motion.
 pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
     let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
     let settings = Settings {
@@ -74,12 +74,12 @@ pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f
     Ok(Run { name: format!("{motion} {}", sensors.seed), settings, samples, ..Run::default() })
 }
 
-/// Identified blindly.
+/// Identifies a run without prior knowledge.
 pub fn identified(run: Run) -> Result<Identified, IdentifyError> {
     identify(&[run], &Options { no_profiles: true, ..Options::default() }, &mut |_| ())
 }
 
-/// Error and interval of each of [`GOALS`], in the goal's unit; none if nothing was found.
+/// Error and interval of each of [`GOALS`], in the unit of the goal; `None` if no value was found.
 pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
     let p = &found.parameters;
     let all = [

@@ -1,4 +1,4 @@
-//! Closed loop, replay of real data, QEMU, command line: shared code of the system's tests.
+//! Shared code of the system tests: closed loop, replay of real data, QEMU, command line.
 
 pub mod backlash;
 pub mod bound;

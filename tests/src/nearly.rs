@@ -1,5 +1,4 @@
-//! A law that is nearly true: violations of the law, sized by their effect on the parameters, and the coverage of
-//! intervals then.
+//! Small violations of the law, scaled by their effect on the parameters, and the resulting coverage of the intervals.
 
 use crate::{
     coverage::{Outcome, cells, errors},
@@ -12,20 +11,21 @@ use inerter_core::{LawStatus, Parameters, Regime};
 use inerter_plant::Inerter;
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
 
-/// Shift of the parameter that a violation moves most, in half widths of that parameter's interval without it.
+/// Shift of the most affected parameter, in half widths of that parameter's interval without the violation.
 pub const SIZES: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
-/// Pairs of runs that determine a size, with the same noise with and without the violation.
+/// Pairs of runs that determine a size: the same noise with and without the violation.
 const PAIRS: u64 = 2;
-/// Most iterations for a size, and how near is near enough.
+/// Maximum number of iterations for a size, and the relative tolerance.
 const ROUNDS: usize = 4;
 const NEAR: f64 = 0.1;
-/// How near it must be for the table: a motion may jump over a size, or no size may do so much.
+/// Tolerance for inclusion in the table: in some motions the shift jumps over a size, or no violation causes such a
+/// shift.
 const REACHED: f64 = 0.35;
 /// Goal for the coverage \[%\].
 pub const WANTED: f64 = 90.0;
-/// Part of a violation's regressor that the law must leave over for that goal to apply \[%\].
+/// Minimum part of the violation's regressor that the law must leave unexplained for that goal to apply \[%\].
 const LEAST_LEFT: f64 = 5.0;
-/// One for each motion.
+/// One colour per motion.
 const COLOURS: [Colour; 6] =
     [Colour::Ink, Colour::Blue, Colour::Vermilion, Colour::Green, Colour::Purple, Colour::Orange];
 
@@ -33,7 +33,7 @@ const COLOURS: [Colour; 6] =
 struct Violation {
     name: &'static str,
     unit: &'static str,
-    /// Range in which sizes are sought.
+    /// Range of the sizes to search.
     range: [f64; 2],
     kind: Kind,
     case: fn(Case, f64) -> Case,
@@ -73,24 +73,24 @@ const VIOLATIONS: [Violation; 4] = [
     },
 ];
 
-/// Results of a run: by the device's intervals, and by those of the samples.
+/// Results of a run: with the device's intervals, and with those from the samples.
 struct Told {
     device: Outcome,
     samples: Outcome,
-    /// Which of the three are said to rest on the absence of the violation.
+    /// Which of the three parameters are reported to assume the absence of the violation.
     assumed: [bool; 3],
 }
 
-/// A cell with silent runs.
+/// A cell in which some runs report nothing.
 struct Silent {
     violation: &'static str,
     motion: &'static str,
     parameter: &'static str,
     /// Coverage of the samples' intervals \[%\].
     held: f64,
-    /// The parameter is said to rest on the absence of the violation.
+    /// The parameter is reported to assume the absence of the violation.
     rests: bool,
-    /// Part of the violation's regressor that the law leaves over \[%\].
+    /// Part of the violation's regressor that the law leaves unexplained \[%\].
     left: f64,
 }
 
@@ -104,7 +104,7 @@ impl Silent {
     }
 }
 
-/// The sections of the table, and the same as a figure.
+/// The sections of the table, and the corresponding figure.
 pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     let mut text = String::new();
     let mut silent = Vec::new();
@@ -147,7 +147,7 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
     Ok((text, figure))
 }
 
-/// Summary of all cells with silent runs, in words.
+/// Summary in words of all cells in which some runs report nothing.
 fn summary(cells: &[Silent]) -> String {
     let count = |which: &dyn Fn(&Silent) -> bool| cells.iter().filter(|cell| which(cell)).count();
     let all = cells.len();
@@ -155,7 +155,7 @@ fn summary(cells: &[Silent]) -> String {
     let least = cells.iter().map(|cell| cell.held).fold(f64::INFINITY, f64::min);
     let worst = count(&|cell| cell.held <= least);
     let mut places: Vec<&Silent> = cells.iter().filter(|cell| cell.held <= least).collect();
-    // Only one of several sizes.
+    // List a place once, not once per size.
     places.sort_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
     places.dedup_by_key(|cell| (cell.violation, cell.motion, cell.parameter));
     let places: Vec<String> = places.iter().map(|cell| cell.place()).collect();
@@ -181,12 +181,12 @@ The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what
 }
 
 impl Violation {
-    /// Fraction of the square of what the violation adds to the force that the law leaves over, by the plant's truth.
+    /// Fraction of the square of the violation's force that the law leaves unexplained, from the plant's true values.
     fn left(&self, case: &Case, motion: &Motion, seed: u64) -> Result<f64, Error> {
         Ok(Case { kind: Some(self.kind), ..*case }.told_by(motion, seed, 1.0)?.left)
     }
 
-    /// [`SIZES`], the shift reached for each, and the size that causes it, as far as there are such sizes.
+    /// For each of [`SIZES`] that can be reached: the wanted shift, the shift reached, and the size of the violation.
     fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
         let clean = clean_case(1.0, 1000.0);
         let without = each_seed(PAIRS, |seed| Ok(clean.estimated(motion, first + seed - 1)?.estimate.whole_run))?;
@@ -219,7 +219,7 @@ impl Violation {
     }
 }
 
-/// Greatest shift of the three, in half widths of its interval without the violation.
+/// Largest shift of the three parameters, in half widths of the interval without the violation.
 fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
     let pairs = three(with).into_iter().zip(three(without));
     let told = pairs.filter(|(with, without)| with.u95().is_finite() && without.u95().is_finite());
@@ -227,7 +227,7 @@ fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
     f64::from(moved.fold(0.0, f32::max))
 }
 
-/// The parameters of a run, and whether the user is warned that something is wrong.
+/// The parameters of a run, and whether the report warns the user.
 fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Error> {
     let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
     let told = !causes.is_empty()
@@ -246,8 +246,8 @@ fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Err
 struct Row {
     told_percent: f64,
     left_percent: f64,
-    /// For the three parameters, if any run is silent: coverage by the device and by the samples \[%\], and whether it
-    /// rests on the absence of the violation.
+    /// For each parameter, if any run reports nothing: coverage by the device's and by the samples' intervals \[%\],
+    /// and whether most of these runs report it as an assumption.
     parts: [Option<([f64; 2], bool)>; 3],
     ratios: String,
 }
@@ -268,12 +268,12 @@ impl Row {
         Self { told_percent, left_percent, parts, ratios: ratios.join(", ") }
     }
 
-    /// Least coverage of the samples' intervals among the three \[%\].
+    /// Lowest coverage of the samples' intervals among the three parameters \[%\].
     fn least_held(&self) -> Option<f64> {
         self.parts.iter().flatten().map(|([_, held], _)| *held).reduce(f64::min)
     }
 
-    /// Its cells with silent runs.
+    /// The cells of this row in which some runs report nothing.
     fn silent(&self, violation: &'static str, motion: &'static str) -> impl Iterator<Item = Silent> {
         let Self { left_percent: left, parts, .. } = *self;
         let named = ["mt", "cf", "fc"].into_iter().zip(parts);

@@ -1,4 +1,4 @@
-//! Predictions for motions, and the results of runs of them.
+//! Predictions for motions, and the results of simulated runs.
 
 use crate::{
     coverage::stated_true,
@@ -9,12 +9,12 @@ use inerter_core::{Interval, Machine, Settings};
 use inerter_data::{csv::motion, replay::Replay};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
-/// Fraction by which a result may differ from its prediction.
+/// Maximum relative difference between a result and its prediction.
 pub const WITHIN: f64 = 0.3;
-/// Halvings of the size of a motion that is scaled to the limits.
+/// Number of bisections when a motion is scaled to the limits.
 const HALVINGS: u32 = 12;
 
-/// A device on a rig that is perfect except for noise and encoder steps, and stated to be.
+/// A device on a rig that is perfect except for noise and encoder steps, with settings that state this.
 #[derive(Clone, Copy, Debug)]
 pub struct Bench {
     /// Name in the table.
@@ -40,12 +40,12 @@ pub struct Reached {
     pub scatter: f64,
     /// Runs with a value.
     pub given: usize,
-    /// Those whose interval contains the truth.
+    /// Runs among these whose interval contains the true value.
     pub covered: usize,
 }
 
 impl Bench {
-    /// What is known of it beforehand: the truth.
+    /// The input of the plan: the true values.
     pub fn expected(&self) -> Expected {
         let settings = stated_true(calibrated(&self.device, &self.sensors));
         let settings = Settings {
@@ -57,7 +57,7 @@ impl Bench {
         Expected { device: self.device, settings, force_noise_n: self.sensors.force_noise_n }
     }
 
-    /// Results for inertance, viscous and Coulomb friction of the runs with the seeds from `first` on.
+    /// Results for inertance, viscous and Coulomb friction over runs with seeds from `first` on.
     pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3], Error> {
         let settings = self.expected().settings;
         let runs = each_seed(seeds, |number| {
@@ -110,7 +110,7 @@ impl Bench {
         Ok(motion.clone().scaled(low))
     }
 
-    /// What a motion demands of the rig.
+    /// The motion's demands on the rig.
     pub fn peaks(&self, motion: &Excitation, duration_s: f64) -> Result<Peaks, Error> {
         let mut peaks = Peaks::default();
         for sample in Simulation::new(self.device, motion.clone(), self.sensors)?.lasting(duration_s) {
@@ -125,7 +125,7 @@ impl Bench {
     }
 }
 
-/// A motion as a shaker receives it: written as a CSV at this rate, and read again.
+/// A motion as a shaker receives it: written to a CSV at this rate and read again.
 pub fn as_written(planned: &Excitation, rate_hz: f64) -> Result<Excitation, Error> {
     let count = (planned.duration_s() * rate_hz).ceil() as u64;
     let points = (0..=count).map(|k| {

@@ -1,4 +1,4 @@
-//! The firmware image in QEMU, given all of its samples at once.
+//! The firmware image in QEMU, which receives all of its samples at once.
 
 use std::{
     fs,
@@ -17,12 +17,12 @@ use inerter_wire::{EventKind, Frame, Record, Streams};
 use crate::grid::Error;
 
 const QEMU: &str = "qemu-system-arm";
-/// Time within which the image must answer after its start.
+/// Time limit for the first answer after the start.
 const START_TIME: Duration = Duration::from_secs(20);
-/// Time without any record after which a run has failed.
+/// A run has failed after this time without a record.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// The image that `cargo xtask build-firmware` makes, if it can be run; otherwise the test is skipped
+/// The image made by `cargo xtask build-firmware`, if it can run; otherwise the test is skipped
 /// ([`inerter_needs::or_skip`]).
 pub fn image() -> Option<PathBuf> {
     inerter_needs::or_skip(find_image())
@@ -42,10 +42,10 @@ fn find_image() -> Result<PathBuf, String> {
     }
 }
 
-/// One machine at a time: the time limits assume a processor of its own.
+/// One machine at a time: the time limits assume that it has a processor of its own.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// A machine with its file of samples, ended when dropped.
+/// A running QEMU with its file of samples; dropping it ends QEMU.
 pub struct Machine {
     child: Child,
     address: String,
@@ -75,7 +75,7 @@ impl Machine {
         Ok(Self { child, address, samples: file, _turn: turn })
     }
 
-    /// Connects to it.
+    /// Connects to the image.
     pub fn connect(&mut self) -> Result<Device, Error> {
         let started = Instant::now();
         loop {
@@ -95,7 +95,7 @@ impl Machine {
         }
     }
 
-    /// The exit status, once it has ended on its own.
+    /// The exit status, once QEMU has ended by itself.
     pub fn wait(&mut self) -> Result<i32, Error> {
         let started = Instant::now();
         loop {
@@ -116,7 +116,7 @@ impl Drop for Machine {
     }
 }
 
-/// Everything that the device sends from now on up to the end of its samples.
+/// All records that the device sends until its samples end.
 pub fn until_the_end(device: &mut Device) -> Result<Vec<Record>, Error> {
     let mut records = Vec::new();
     let mut heard = Instant::now();
@@ -138,9 +138,9 @@ pub fn until_the_end(device: &mut Device) -> Result<Vec<Record>, Error> {
     }
 }
 
-/// How the error of a frame that did not arrive whole begins.
+/// Start of the error message for a frame that arrived damaged.
 const BAD_FRAME: &str = "a bad frame";
-/// Damaged runs in a row that count as a fault.
+/// A fault is reported after this many damaged runs in a row.
 const RUNS: usize = 3;
 
 /// A run in which every frame arrived whole. A few runs in a hundred have a damaged frame; the cause is unknown, but
@@ -155,7 +155,7 @@ pub fn undisturbed<T>(mut run: impl FnMut() -> Result<T, Error>) -> Result<T, Er
     run()
 }
 
-/// The estimates of a whole run from the file, the final one last.
+/// All estimates of a run over the samples in the file; the last one is the final estimate.
 pub fn measure(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
     undisturbed(|| measured(image, settings, samples))
 }

@@ -1,4 +1,5 @@
-//! The robustness sheet: one imperfection of rig or device at a time; the estimates, and what the device notices.
+//! The robustness sheet: one imperfection of rig or device at a time, the estimates, and the faults that the device
+//! reports.
 
 use crate::grid::{Error, calibrated, raw, three, truth};
 use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
@@ -6,17 +7,17 @@ use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
-/// Fraction of the force's peak at which the converter saturates.
+/// Fraction of the peak force at which the converter saturates.
 const CLIPPED: f64 = 0.8;
-/// Residual, relative to the undisturbed row's, from which a person would look twice.
+/// Ratio of the residual to that of the undisturbed row from which a person would take a closer look.
 pub const LOUD: f64 = 2.0;
 
 /// One imperfection.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// What is wrong.
+    /// Name of the imperfection.
     pub name: &'static str,
-    /// Motions that it is shown with.
+    /// Motions to run it with.
     pub motions: &'static [&'static str],
     /// The device.
     pub device: Inerter,
@@ -32,7 +33,7 @@ const FASTER: &[&str] = &["random", "mid"];
 const WITH_SLOW: &[&str] = &["random", "mid", "slow"];
 const WITH_FAST: &[&str] = &["random", "mid", "slow", "fast"];
 
-/// The rig of the grid: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+/// The grid's rig: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
 fn rig() -> Sensors {
     Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
 }
@@ -41,7 +42,7 @@ fn case(name: &'static str, motions: &'static [&'static str]) -> Case {
     Case { name, motions, device: Inerter::paper(), sensors: rig(), clipped: false, force_gain_u95: 0.0 }
 }
 
-/// The sheet. The first row is the undisturbed one.
+/// The rows of the sheet. The first one is undisturbed.
 pub fn cases() -> Vec<Case> {
     let sensors = |name, motions, sensors| Case { sensors, ..case(name, motions) };
     let device = |name, motions, device| Case { device, ..case(name, motions) };
@@ -89,11 +90,11 @@ pub fn duration_s(motion: &str) -> f64 {
 pub struct Run {
     /// Error of inertance, viscous and Coulomb friction at the end, with the parameter.
     pub last: [(f64, Parameter); 3],
-    /// Published values that were given, and those of them whose interval covered the truth.
+    /// Number of published values with status ok, and how many of their intervals cover the true value.
     pub covered: [(u32, u32); 3],
-    /// At the end.
+    /// Counters at the end.
     pub counters: Counters,
-    /// At the end.
+    /// Friction regime at the end.
     pub regime: Regime,
     /// Residual at the end \[N\].
     pub residual_n: f64,
@@ -112,7 +113,7 @@ impl Case {
         Ok(Sensors { force_min_code: -limit, force_max_code: limit, ..sensors })
     }
 
-    /// Shakes the device and records its estimates, with settings that ignore the fault.
+    /// Simulates the device and records its estimates, with settings that ignore the imperfection.
     pub fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
         let sensors = self.sensors(motion, seed)?;
         let settings = Settings {
@@ -158,19 +159,19 @@ impl Case {
 /// Statistics of one case with one motion over its seeds.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Mean error at the end of the values given; not a number if fewer than two were.
+    /// Mean error of the final values; NaN if fewer than two runs gave one.
     pub bias: [f64; 3],
-    /// Standard deviation; likewise.
+    /// Standard deviation of the error, with the same convention.
     pub sigma: [f64; 3],
     /// Mean half width of the interval.
     pub u95: [f64; 3],
     /// Runs that ended with a value.
     pub given: [usize; 3],
-    /// Fraction of all published values whose interval covered the truth; none if none was published.
+    /// Fraction of all published values whose interval covers the true value; `None` if none was published.
     pub coverage: [Option<f64>; 3],
     /// Mean residual \[N\].
     pub residual_n: f64,
-    /// What the device itself reports as wrong in at least half of the runs.
+    /// Faults that the device itself reports in at least half of the runs.
     pub flags: Vec<&'static str>,
 }
 

@@ -1,7 +1,7 @@
 //! A receiver operating characteristic: the fraction of faults that a threshold finds, against the fraction of clean
 //! runs that it calls faulty.
 
-/// One curve: its name and its points from the strictest threshold on, each the fraction of false and of true alarms.
+/// One curve: its name and its points from the strictest threshold on, each the rates of false and of true alarms.
 pub struct Curve {
     /// Name in the legend.
     pub name: String,
@@ -29,10 +29,10 @@ impl Curve {
 
 /// Left, top, width and height of the plane \[px\].
 const PLANE: [f64; 4] = [64.0, 16.0, 420.0, 300.0];
-/// The least fraction of false alarms that is drawn.
+/// The smallest rate of false alarms that is drawn.
 const LEAST: f64 = 1e-3;
 
-/// The curves as an SVG, with the fraction of false alarms on a logarithmic axis.
+/// The curves as an SVG, with the rate of false alarms on a logarithmic axis.
 pub fn svg(curves: &[Curve]) -> String {
     let [left, top, width, height] = PLANE;
     let x = |part: f64| left + width * (part.max(LEAST) / LEAST).log10() / -LEAST.log10();
@@ -71,7 +71,7 @@ pub fn svg(curves: &[Curve]) -> String {
         let mut points = format!("{:.1},{:.1}", x(0.0), y(0.0));
         let mut last = 0.0;
         for (false_part, true_part) in &curve.points {
-            // A step: between two thresholds nothing is found.
+            // Draw a staircase: the rate is constant between two thresholds.
             points += &format!(" {:.1},{:.1} {:.1},{:.1}", x(*false_part), y(last), x(*false_part), y(*true_part));
             last = *true_part;
         }

@@ -3,8 +3,8 @@
 use crate::grid::Error;
 use std::path::PathBuf;
 
-/// Fraction by which a figure may differ from the committed one: mathematical libraries differ in the last digits of a
-/// sine, which moves a few counts of a run.
+/// Maximum relative difference from the committed figure. Mathematical libraries differ in the last digits of a sine,
+/// which moves a few counts of a run.
 pub const TOLERANCE: f64 = 0.02;
 
 /// What to do with a table.
@@ -12,14 +12,14 @@ pub const TOLERANCE: f64 = 0.02;
 pub enum Asked {
     /// Measure all of it, and compare with the committed table.
     Compare,
-    /// Measure only the first of its rigs, because all take too long; compare its sections.
+    /// Measure only the first of its rigs, because all would take too long; compare the sections measured.
     CompareShort,
-    /// Measure all of it and write it.
+    /// Measure all of it and write the table.
     Update,
 }
 
-/// Writes `text` as `docs/tables/NAME.md`, or compares with it and reports differences. True if everything that was
-/// measured is as committed. `keys` is the number of columns that name a row.
+/// Writes `text` as `docs/tables/NAME.md`, or compares it with that file and reports differences. Returns true if
+/// everything measured agrees with the committed table. `keys` is the number of columns that identify a row.
 pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/tables/{name}.md"));
     if asked == Asked::Update {
@@ -51,8 +51,8 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
     Ok(differences.is_empty())
 }
 
-/// Of errors with their half widths: how many there are, how many are covered, the root mean square of error over half
-/// width, and the median half width.
+/// From errors with their half widths: how many there are, how many are covered, the root mean square of error over
+/// half width, and the median half width.
 pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f64) {
     let mut found: Vec<_> = found.collect();
     found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
@@ -61,12 +61,12 @@ pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f
     (found.len(), held, square.sqrt(), found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95))
 }
 
-/// `--update`, or nothing.
+/// Accepts `--update`, or nothing.
 pub fn asked(name: &str, words: &[&str]) -> Result<Asked, Error> {
     given(name, words, false)
 }
 
-/// `--update`, `--short`, or nothing.
+/// Accepts `--update`, `--short`, or nothing.
 pub fn asked_or_short(name: &str, words: &[&str]) -> Result<Asked, Error> {
     given(name, words, true)
 }
@@ -87,7 +87,7 @@ pub fn significant(value: f64) -> String {
     if value.is_finite() { format!("{value:.*}", decimals(value)) } else { "-".into() }
 }
 
-/// A mean with as many digits as its scatter allows.
+/// A mean with three digits of its scatter.
 pub fn mean(bias: f64, sigma: f64) -> String {
     if bias.is_finite() { format!("{bias:.*}", decimals(sigma)) } else { "-".into() }
 }
@@ -110,19 +110,19 @@ struct Row {
     section: String,
     /// Section and leading cells.
     name: String,
-    /// Its number among the rows of this name.
+    /// Its number among the rows with this name.
     place: usize,
-    /// The other cells with the heads of their columns, which may also be alike.
+    /// The other cells with their column headings; several columns may have the same heading.
     cells: Vec<(String, String)>,
 }
 
-/// Cells of the second document that differ from the first's beyond the tolerance, and rows that are in only one of
-/// them.
+/// Cells of the new document that differ from the committed ones by more than the tolerance, and rows that exist in
+/// only one of the two.
 pub fn differences(committed: &str, now: &str, keys: usize) -> Vec<String> {
     between(&rows(committed, keys), &rows(now, keys))
 }
 
-/// The same for those sections of the first document that the second has; it must have one.
+/// The differences in those sections of the committed document that the new one has; it must have at least one.
 fn differences_in_part(committed: &str, now: &str, keys: usize) -> Vec<String> {
     let now = rows(now, keys);
     if now.is_empty() {
@@ -193,8 +193,8 @@ fn rows(markdown: &str, keys: usize) -> Vec<Row> {
     rows
 }
 
-/// Numbers agree within the tolerance, relative to `beside` if that is greater, and one unit of their last digit, as
-/// either may have been rounded the other way; words must be identical.
+/// Numbers agree within the tolerance, relative to `beside` if that is greater, plus one unit of the last digit,
+/// because both are rounded. Words must be identical.
 fn same(before: &str, now: &str, beside: f64) -> bool {
     let number = |cell: &str| {
         let cell = cell.trim_matches('*');

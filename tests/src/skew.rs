@@ -1,4 +1,4 @@
-//! Machines of any size with a delayed force, and the delay found.
+//! Machines of any size with a delayed force, and the measured delay.
 
 use crate::grid::{Error, raw};
 use inerter_analysis::skew::{Skew, SkewError, skew};
@@ -17,15 +17,15 @@ use std::f64::consts::TAU;
 
 /// Length of a run \[s\].
 const DURATION_S: f64 = 20.0;
-/// Velocity and acceleration of the motions relative to their rms, with room.
+/// Ratio of the peaks of velocity and acceleration to their rms, with margin.
 const PEAKS: f64 = 12.0;
 
-/// Kinds of friction and contact; a kind is drawn as often as it is listed.
+/// Kinds of friction and contact. A kind listed twice is drawn twice as often.
 const DEVICES: [&str; 7] = ["Coulomb", "Coulomb", "presliding", "Stribeck", "uneven", "servo", "backlash"];
 /// Kinds of motion.
 const MOTIONS: [&str; 5] = ["random", "multi", "two", "moves", "chirp"];
 
-/// One machine in one motion, its settings without the delay.
+/// One machine with one motion; its settings do not state the delay.
 pub struct Case {
     /// Kind of friction or contact.
     pub device: &'static str,
@@ -37,11 +37,11 @@ pub struct Case {
 
 /// Result for one case.
 pub struct Found {
-    /// Estimator's result without the skew.
+    /// The estimator's result without the skew.
     pub before: Outcome,
     /// The skew.
     pub skew: Result<Skew, SkewError>,
-    /// Estimator's result with the found skew and its interval applied.
+    /// The estimator's result with the measured skew and its interval applied.
     pub after: Option<Outcome>,
 }
 
@@ -51,7 +51,7 @@ impl Case {
         self.setup.sensors.delay_s
     }
 
-    /// Moves the machine, and determines the skew.
+    /// Simulates the machine and determines the skew.
     pub fn found(&self) -> Result<Found, Error> {
         let samples = self.setup.samples()?.map(|sample| raw(&sample)).collect();
         let mut run = Run { settings: self.setup.settings, samples, ..Run::default() };
@@ -72,7 +72,7 @@ fn outcome(run: &Run) -> Result<Outcome, Error> {
     Ok(replay(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
-/// A device and its instruments in a motion, with settings that are true except for the skew.
+/// A device and its instruments with a motion. The settings are true except for the skew.
 pub fn case(
     (device, parameters): (&'static str, Inerter),
     sensors: Sensors,
@@ -119,7 +119,7 @@ pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case, Error> {
     case(("servo", parameters), sensors, ("moves", text), &overrides)
 }
 
-/// Draws numbers.
+/// A source of random numbers.
 struct Draw(ChaCha8Rng);
 
 impl Draw {
@@ -141,7 +141,7 @@ impl Draw {
     }
 }
 
-/// A motion with the scale of its stroke \[m\], velocity \[m/s\] and acceleration \[m/s^2\].
+/// A motion with typical values of its stroke \[m\], velocity \[m/s\] and acceleration \[m/s^2\].
 struct Shaken {
     kind: &'static str,
     text: String,
@@ -180,8 +180,8 @@ fn motion(draw: &mut Draw) -> Shaken {
     Shaken { kind, text, stroke_m, velocity, acceleration, highest_hz }
 }
 
-/// A machine of 3 mg m^2 to 500 kg in its own motion, with noise of 0.02 to 5 % of its force and 300 to 300 000 counts
-/// in its stroke, at 500 Hz to 4 kHz, the force up to 5 ms late or early.
+/// A machine of 3 mg m^2 to 500 kg with a motion of its own, noise of 0.02 to 5 % of its force, and 300 to 300 000
+/// counts per stroke, at 500 Hz to 4 kHz, with the force up to 5 ms late or early.
 pub fn drawn(seed: u64) -> Result<Case, Error> {
     let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed));
     let shaken = motion(&mut draw);
@@ -209,7 +209,7 @@ pub fn drawn(seed: u64) -> Result<Case, Error> {
     };
     let sample_rate_hz: f64 = draw.of(&[500.0, 1000.0, 1000.0, 2000.0, 4000.0]);
     let noise_n = inertial_n.hypot(coulomb_n) * draw.magnitude(2e-4, 0.05) * (sample_rate_hz / 1000.0).sqrt();
-    // The plant's own limits.
+    // The plant's own limit.
     let noise_n = noise_n.min(1e4);
     let sensors = Sensors {
         sample_rate_hz,

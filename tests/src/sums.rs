@@ -1,4 +1,4 @@
-//! Fits in f64 to the exact sums that core publishes, as a host makes them.
+//! Fits in f64 to the exact sums that core publishes, as a host computes them.
 
 use crate::linear::Cholesky;
 use inerter_core::{MoreSums, Sums};
@@ -9,7 +9,7 @@ pub const REGRESSORS: usize = 7;
 /// Index of the force.
 const FORCE: usize = 4;
 
-/// Sums of products in SI.
+/// Sums of products in SI units.
 pub fn matrix(sums: &Sums, more: &MoreSums) -> [[f64; REGRESSORS]; REGRESSORS] {
     assert_eq!((sums.index, sums.bank, sums.updates), (more.index, more.bank, more.updates), "of one moment");
     let units: Vec<f64> = sums.units.into_iter().chain(more.units).collect();
@@ -22,20 +22,20 @@ pub fn matrix(sums: &Sums, more: &MoreSums) -> [[f64; REGRESSORS]; REGRESSORS] {
     })
 }
 
-/// Fraction of the filtered force, its offset included, that the law leaves over: rms over rms.
+/// Ratio of the residual's rms to the rms of the filtered force, including its offset.
 pub fn part_left(outcome: &Outcome) -> f64 {
     let (sums, more) = outcome.sums();
     let mean_square = matrix(sums, more)[FORCE][FORCE] / f64::from(sums.updates);
     f64::from(outcome.estimate.residual_rms_n) / mean_square.sqrt()
 }
 
-/// Coefficients of these regressors in the force; none if the motion cannot tell them apart.
+/// Coefficients of these regressors in the force; `None` if the motion cannot separate them.
 pub fn fit<const N: usize>(matrix: &[[f64; REGRESSORS]; REGRESSORS], regressors: [usize; N]) -> Option<[f64; N]> {
     let inner = regressors.map(|row| regressors.map(|column| matrix[row][column]));
     Some(Cholesky::of(&inner, 1e-13)?.solve(&regressors.map(|row| matrix[row][FORCE])))
 }
 
-/// Friction by direction, with a force offset of 0: `fc+ - fc-` and twice the offset cannot be told apart.
+/// Friction by direction, assuming a force offset of 0: `fc+ - fc-` and twice the offset cannot be separated.
 #[derive(Clone, Copy, Debug)]
 pub struct Directions {
     /// Inertance with the structure mass \[kg\].
@@ -52,7 +52,7 @@ pub fn directions(sums: &Sums, more: &MoreSums) -> Option<Directions> {
     Some(Directions { inertance_kg, viscous_n_s_per_m: [v + speed, v - speed], coulomb_n: [s + one, s - one] })
 }
 
-/// The remaining delay of the force behind the position \[s\].
+/// The remaining delay of the force relative to the position \[s\].
 pub fn skew_s(sums: &Sums, more: &MoreSums) -> Option<f64> {
     // F(t) = law(t - tau) = law(t) - tau dF/dt.
     fit(&matrix(sums, more), [0, 1, 2, 3, 6]).map(|[.., rate]| -rate)

@@ -1,4 +1,4 @@
-//! The updates that the estimator has taken, read back one by one from the exact sums that core publishes.
+//! The updates of the estimator, reconstructed one by one from the exact sums that core publishes.
 
 use crate::{grid::Error, linear::Cholesky};
 use inerter_core::{Bank, RawSample, Settings, State};
@@ -6,7 +6,7 @@ use inerter_core::{Bank, RawSample, Settings, State};
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
 pub type Row = [f64; 5];
 
-/// The rows of all updates of one bank since its memory was last reset.
+/// One row for each update of a bank since its memory was last reset.
 pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
     let active = settings.validate()?;
     let mut state = Box::new(State::new(&active));
@@ -18,7 +18,7 @@ pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Ve
             (rows, column) = (Vec::new(), [0; 5]);
         }
         if sums.updates as usize > rows.len() {
-            // Increments of the products with the constant.
+            // Differences of the products with the constant regressor.
             let now = [6, 7, 8, 9, 13].map(|place: usize| sums.sums[place]);
             let constant = 2_f64.powi(30);
             rows.push(std::array::from_fn(|i| (now[i] - column[i]) as f64 / constant * sums.units[i]));
@@ -59,7 +59,7 @@ mod tests {
     use crate::grid::{MOTIONS, RIGS, calibrated, raw, simulation};
     use inerter_plant::Inerter;
 
-    /// The fit to the rows is core's fit, except for core's correction for the encoder's steps.
+    /// The fit to the rows equals core's fit, except for core's correction for the encoder's steps.
     #[test]
     fn the_rows_are_those_of_the_estimate() {
         let (device, motion) = (Inerter::paper(), &MOTIONS[4]);

@@ -1,27 +1,27 @@
-//! Results of the estimator that this program was built with on a set of runs, for `cargo xtask ablation`.
+//! Runs this build of the estimator on a set of cases and prints the results, for `cargo xtask ablation`.
 //!
-//! It uses only core and plant, so it builds quickly with a core of which one part was taken out. One line per cell and
-//! parameter: group, cell, parameter, rms of the error, mean half width, runs with a value, runs whose value is
-//! silently off by more than twice its interval, runs whose interval does not contain the truth, runs whose law is
-//! called broken, runs in which the fault is named, runs.
+//! It uses only core and plant, so it builds quickly with a core from which one part was removed. It prints one line
+//! per cell and parameter: group, cell, parameter, rms error, mean half width, runs with a value, runs whose value is
+//! silently off by more than twice its interval, runs whose interval does not contain the true value, runs whose law is
+//! reported as broken, runs in which the fault is named, runs.
 
 use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, PlantError, Sensors, Simulation};
 use std::process::ExitCode;
 
-/// First seed: no table has these.
+/// First seed. No table uses these seeds.
 const FIRST: u64 = 9001;
 const SEEDS: u64 = 3;
 
-/// What is done to the samples after the converter.
+/// How the samples are changed after the converter.
 #[derive(Clone, Copy)]
 enum Done {
     Nothing,
-    /// Counts jump by a hundred every 3.1 s.
+    /// The count jumps by a hundred every 3.1 s.
     Slips,
-    /// From half of the run on the force does not change.
+    /// The force is constant in the second half of the run.
     Dead,
-    /// The force is clipped at this part of its peak after the first 2 s.
+    /// The force is clipped at this fraction of its peak after the first 2 s.
     Clipped(f64),
     Inverted,
     /// This much is lost every 2.3 s \[s\].
@@ -40,11 +40,11 @@ struct Case {
     device: Inerter,
     sensors: Sensors,
     done: Done,
-    /// The device from half of the run on.
+    /// The device in the second half of the run, if it changes.
     later: Option<Inerter>,
 }
 
-/// The rig of the grid.
+/// The grid's rig.
 fn rig() -> Sensors {
     Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
 }
@@ -53,7 +53,7 @@ fn cases() -> Vec<Case> {
     const ALL: &[&str] = &["slow", "mid", "fast", "multi", "random", "two"];
     const TWO: &[&str] = &["mid", "random"];
     const MORE: &[&str] = &["mid", "fast", "multi", "random"];
-    // Friction holds all of it or nearly all.
+    // Friction holds the screw for all or nearly all of the motion.
     const CREEPS: &[&str] = &["sine:2Hz:0.05mm", "sine:4Hz:0.05mm", "sine:2Hz:0.2mm"];
     let paper = Inerter::paper();
     let case = |group, name, motions| Case {
@@ -131,8 +131,8 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// One parameter at the end of a run: error, half width, whether it is given, whether it is wrong, and whether
-/// silently.
+/// One parameter at the end of a run: error, half width, whether a value is given, whether its interval misses the true
+/// value, and whether it is silently wrong.
 #[derive(Clone, Copy, Default)]
 struct Found {
     error: f64,
@@ -146,7 +146,7 @@ struct Found {
 struct Said {
     found: [Found; 4],
     broken: bool,
-    /// A warning names the fault of the samples, or the friction is called something else than the law's.
+    /// A warning names a fault of the samples, or the friction is reported as another regime than Coulomb.
     named: bool,
 }
 
@@ -185,7 +185,7 @@ fn show(case: &Case) -> Result<(), PlantError> {
     Ok(())
 }
 
-/// Settings that state this device and rig without any uncertainty.
+/// Settings that state this device and rig exactly, without uncertainty.
 fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings {
         sample_rate_hz: sensors.sample_rate_hz,
@@ -233,7 +233,7 @@ fn samples(case: &Case, motion: &str, seed: u64) -> Result<Vec<RawSample>, Plant
         }));
     }
     let rate = sensors.sample_rate_hz;
-    // The start from rest rings.
+    // Skip the transient after the start from rest.
     let steady = samples.iter().skip((2.0 * rate) as usize);
     let greatest = steady.map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
     match case.done {

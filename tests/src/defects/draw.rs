@@ -5,7 +5,7 @@ use rand_chacha::{
     rand_core::{RngCore, SeedableRng},
 };
 
-/// Seeds of the defects begin here; those of all other tests are far below.
+/// First seed of the defects. All other tests use much smaller seeds.
 const FIRST: u64 = 0x00de_fec7_0000_0000;
 
 /// Random numbers of one run.
@@ -13,14 +13,14 @@ const FIRST: u64 = 0x00de_fec7_0000_0000;
 pub struct Draw(ChaCha8Rng);
 
 impl Draw {
-    /// Those of a run, by its seed and the number of its kind and motion.
+    /// The numbers of a run, from its seed and the number of its kind and motion.
     pub fn new(seed: u64, stream: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(FIRST + seed);
         random.set_stream(stream);
         Self(random)
     }
 
-    /// Uniform over 0 to 1, both excluded.
+    /// Uniform between 0 and 1, both excluded.
     pub fn unit(&mut self) -> f64 {
         ((self.0.next_u64() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
     }
@@ -30,7 +30,7 @@ impl Draw {
         low + (high - low) * self.unit()
     }
 
-    /// Between two positive numbers, log-uniform.
+    /// Log-uniform between two positive numbers.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
@@ -45,13 +45,13 @@ impl Draw {
         self.unit() < probability
     }
 
-    /// One of these.
+    /// A random element.
     pub fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
         all[((self.unit() * all.len() as f64) as usize).min(all.len() - 1)]
     }
 
-    /// Noise of unit variance: the sum of two uniform numbers, so that its tails end at 2.4 standard deviations, unlike
-    /// those of the simulator's.
+    /// Noise of unit variance: the sum of two uniform numbers. Its tails end at 2.4 standard deviations, unlike those
+    /// of the simulator's noise.
     pub fn noise(&mut self) -> f64 {
         (self.unit() + self.unit() - 1.0) * 6_f64.sqrt()
     }

@@ -1,8 +1,7 @@
-//! The instruments of the defects: what load cell, encoder and sampler make of a trace, written independently of the
-//! simulator.
+//! The instruments of the defects: load cell, encoder and sampler, written independently of the simulator.
 //!
-//! A defect acts at one of four places: on the force at the cell, on the position at the encoder, on the time at which
-//! a sample is taken, or on the samples as sent.
+//! A defect acts at one of four places: on the force at the load cell, on the position at the encoder, on the time at
+//! which a sample is taken, or on the samples as sent.
 
 use super::{draw::Draw, plant::Trace};
 use inerter_core::RawSample;
@@ -12,9 +11,9 @@ use inerter_plant::Sensors;
 pub type OnTrace = Box<dyn Fn(&mut Trace)>;
 /// Acts on the samples as sent.
 pub type OnSamples = Box<dyn Fn(&mut Vec<RawSample>, &mut Draw)>;
-/// The true time to the time by the sampler's clock \[s\].
+/// Maps the nominal time of a sample to the time at which it is truly taken \[s\].
 pub type Clock = Box<dyn Fn(f64, &mut Draw) -> f64>;
-/// The converted force: from the force and the time \[s\], before the converter's noise.
+/// Maps the force and the time \[s\] to the converted force, before the converter's noise.
 pub type OnForce = Box<dyn Fn(f64, f64, &mut Draw) -> f64>;
 
 /// Instruments, with their defects.
@@ -26,16 +25,16 @@ pub struct Instruments {
     pub on_trace: Vec<OnTrace>,
     /// When a sample is truly taken.
     pub clock: Option<Clock>,
-    /// Defects of the force's electronics.
+    /// Defects of the force channel's electronics.
     pub on_force: Vec<OnForce>,
-    /// Noise that the converter adds after those \[N\].
+    /// Noise that the converter adds after these defects \[N\].
     pub late_noise_n: f64,
-    /// Defects of the samples sent.
+    /// Defects of the samples as sent.
     pub on_samples: Vec<OnSamples>,
 }
 
 impl Instruments {
-    /// Samples of a trace.
+    /// The samples of a trace.
     pub fn samples(&self, mut trace: Trace, duration_s: f64, draw: &mut Draw) -> Vec<RawSample> {
         self.on_trace.iter().for_each(|defect| defect(&mut trace));
         let sensors = &self.sensors;
@@ -62,7 +61,7 @@ impl Instruments {
     }
 }
 
-/// A first-order filter on a signal \[s\].
+/// A first-order low-pass on a signal, with its time constant \[s\].
 pub fn lag(signal: &mut [f64], step_s: f64, time_s: f64) {
     let part = 1.0 - (-step_s / time_s).exp();
     let mut state = signal.first().copied().unwrap_or(0.0);
@@ -72,18 +71,18 @@ pub fn lag(signal: &mut [f64], step_s: f64, time_s: f64) {
     });
 }
 
-/// A second-order resonance that follows the signal: its natural frequency \[rad/s\] and damping.
+/// A second-order resonance driven by the signal, with natural frequency \[rad/s\] and damping ratio.
 pub fn resonance(signal: &mut [f64], step_s: f64, rate: f64, damping: f64) {
     let (mut x, mut v) = (signal.first().copied().unwrap_or(0.0), 0.0);
     for value in signal {
-        // Half a step of each in turn: stable up to a natural frequency of 2 per step.
+        // Semi-implicit Euler: with low damping, stable up to a natural frequency of about 2 rad per step.
         v += step_s * (rate * rate * (*value - x) - 2.0 * damping * rate * v);
         x += step_s * v;
         *value = x;
     }
 }
 
-/// The play through which a signal passes: what follows stays behind by half of it.
+/// Play of this width: the output trails the signal by half of it.
 pub fn play(signal: &mut [f64], width: f64) {
     let mut at = signal.first().copied().unwrap_or(0.0);
     signal.iter_mut().for_each(|value| {
@@ -92,7 +91,7 @@ pub fn play(signal: &mut [f64], width: f64) {
     });
 }
 
-/// The fraction of a signal that comes late: creep with one time constant \[s\].
+/// Creep with one time constant \[s\]: a fraction of the signal arrives late.
 pub fn creep(signal: &mut [f64], step_s: f64, part: f64, time_s: f64) {
     let mut slow = signal.to_vec();
     lag(&mut slow, step_s, time_s);

@@ -1,23 +1,23 @@
-//! What a run reports, and whether a wrong value is said to be doubtful.
+//! The reports of a run, and whether a wrong value is reported as doubtful.
 //!
-//! *Wrong*: a parameter of the whole run that is given (`ok`, `below_u95` or `held`) and whose interval does not
-//! contain the truth.
+//! *Wrong*: a whole-run parameter that is given (`ok`, `below_u95` or `held`) and whose interval does not contain the
+//! true value.
 //!
-//! *A word* about it: a statement that concerns this parameter. Of what `inerter replay` prints at the end, these
+//! *A word* about it: a statement that concerns this parameter. Of the output of `inerter replay`, these statements
 //! concern a parameter:
-//! - `law: broken`: all four, as this widens or withholds each of them;
+//! - `law: broken`: all four, because it widens or withholds each of them;
 //! - a warning about the samples (`wrong_sign`, `clipped_force`, `count_slip`, `dead_force`): all four, if the defect
 //!   is of the kind that the warning names; another warning does not count;
-//! - a cause that is named unasked: the parameters that it moves (`reaches`), whatever the defect, as a reader then
-//!   doubts these;
-//! - friction called `presliding` or `stribeck`: those that this moves;
-//! - `moved_by`: if its interval by the samples contains the truth, the value is right in `replay`; if not, the word
-//!   counts if it names the defect;
-//! - `assumes`: if it names the defect ([`Word::Assumed`], counted separately, as it is said of every run of such a
-//!   motion).
+//! - a cause reported without being asked for: the parameters that it moves (`reaches`), whatever the defect, because a
+//! reader then doubts these;
+//! - friction reported as `presliding` or `stribeck`: the parameters that this regime moves;
+//! - `moved_by`: if the interval with its share contains the true value, the value is right in `replay`; otherwise the
+//! word counts if it names the defect;
+//! - `assumes`: if it names the defect ([`Word::Assumed`], counted separately, because every run of such a motion
+//! reports it).
 //!
-//! Of clean values, too, 5 % are expected to lie outside their interval. So clean runs are judged in the same way, and
-//! beside the interval also twice the interval, which chance does not reach.
+//! Even in clean runs, 5 % of the values are expected to lie outside their interval. Clean runs are therefore judged in
+//! the same way, and both are also judged at twice the interval, which chance does not reach.
 
 use super::{
     kinds::Kind,
@@ -34,27 +34,27 @@ use inerter_data::{
 };
 use inerter_wire::EstimatorEvent;
 
-/// What is said of a wrong parameter, from nothing to most.
+/// What the report says about a wrong parameter, in increasing order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Word {
     /// Nothing that concerns it.
     Silent,
-    /// It rests on the absence of the fault, as in every run of this motion.
+    /// The report lists it as an assumption, as for every run of this motion.
     Assumed,
-    /// It is said to be doubtful.
+    /// The report calls it doubtful.
     Told,
 }
 
 /// One parameter at the end of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Value {
-    /// Distance of the value from the truth, relative to the interval; none if no value is given.
+    /// Distance of the value from the true value, relative to the interval; `None` if no value is given.
     pub off: Option<f64>,
-    /// What is said of it, if it were wrong.
+    /// What the report says about it, in case it is wrong.
     pub word: Word,
 }
 
-/// The same as fitted, whether given or not.
+/// The fitted value of a parameter, whether given or not.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitted {
     /// Distance from the truth, in the parameter's unit.
@@ -66,38 +66,38 @@ pub struct Fitted {
 /// Results of one run.
 #[derive(Clone, Debug)]
 pub struct Said {
-    /// By the device: its own intervals, law, warnings and friction.
+    /// From the device: its intervals, law and friction, and the warnings.
     pub device: [Value; 3],
-    /// By `inerter replay`, which has the samples as well.
+    /// From `inerter replay`, which also has the samples.
     pub replay: [Value; 3],
-    /// As they are fitted.
+    /// The fitted values.
     pub fitted: [Fitted; 3],
-    /// The law is called broken.
+    /// Whether the law is reported as broken.
     pub broken: bool,
-    /// All other words: warnings, causes, friction that is not Coulomb's.
+    /// All other words: warnings, causes, and a friction regime other than Coulomb.
     pub words: Vec<&'static str>,
     /// The plant that made it.
     pub from: From,
-    /// Residual over what noise and steps explain, relative to its limit; 0 if it is not known.
+    /// Residual over what noise and steps explain, relative to its limit; 0 if unknown.
     pub misfit: f64,
-    /// The flanks are known to be closed, so a misfit breaks the law.
+    /// The flanks are known to stay closed, so a misfit breaks the law.
     pub closed: bool,
 }
 
 /// A run is right, or wrong with or without a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// No value is outside its interval.
+    /// No value lies outside its interval.
     Right,
-    /// Some are, and there is a word about each.
+    /// Some values do, and the report mentions each of them.
     Told,
-    /// Some are only said to rest on the absence of the fault.
+    /// At least one is mentioned only as an assumption.
     Assumed,
-    /// Nothing is said of at least one.
+    /// The report says nothing about at least one.
     Silent,
 }
 
-/// The verdict on three values; one that is off by more than so many intervals is wrong.
+/// The verdict on three values. A value is wrong if it is off by more than `intervals` intervals.
 pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
     let wrong = values.iter().filter(|value| value.off.is_some_and(|off| off > intervals));
     match wrong.map(|value| value.word).min() {
@@ -108,20 +108,20 @@ pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
     }
 }
 
-/// Whether a cause moves mt, cf and fc: from the theory's list (14), by the regressor that it resembles.
+/// Which of mt, cf and fc a cause moves: from the list in the theory (14), by the regressor that it resembles.
 fn reaches(cause: &str) -> [bool; 3] {
     match cause {
-        // Friction in the end, and because of its size a part of every force.
+        // These act like friction.
         "load_dependent" | "stribeck" => [false, true, true],
         "direction" | "drift" => [false, true, true],
-        // A creeping screw is a spring, and so looks like inertance.
+        // A creeping screw is a spring, which resembles inertance.
         "presliding" => [true; 3],
         "skew" | "encoder_error" => [true, true, true],
         _ => [true; 3],
     }
 }
 
-/// Distance of a value from the truth; NaN is infinitely wrong.
+/// Distance of a value from the true range; infinite for NaN.
 fn distance(parameter: &Parameter, (low, high): Range) -> f64 {
     let value = f64::from(parameter.fitted().value);
     if value.is_nan() { f64::INFINITY } else { (low - value).max(value - high).max(0.0) }
@@ -135,12 +135,13 @@ fn off(parameter: &Parameter, u95: f64, truth: Range) -> Option<f64> {
     Some(if distance == 0.0 { 0.0 } else { distance / u95 })
 }
 
-/// Whether a defect does harm: it moves a parameter by more than twice the interval of the same run without it.
+/// Whether a defect does harm: with it, a fitted value is off the true value by more than twice the interval of the
+/// clean run.
 pub fn is_harmful(said: &Said, clean: &Said) -> bool {
     said.fitted.iter().zip(&clean.fitted).any(|(said, clean)| said.error > 2.0 * clean.u95)
 }
 
-/// Runs a kind's defect, or none, through what `inerter replay` does.
+/// Runs a kind of defect, or a clean run, through the steps of `inerter replay`.
 pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error> {
     let Made { run, truth, from } = make(kind, motion, seed)?;
     let mut latest = Latest::new(&run.settings);

@@ -1,4 +1,4 @@
-//! The kinds of defects, by where they are: in the device, the force's channel, the encoder's, the sampling, the settings.
+//! The kinds of defects, by place: device, force channel, encoder, sampling, settings.
 
 mod device;
 mod encoder;

@@ -1,4 +1,4 @@
-//! A run of the defects: a device, a motion and a rig, all drawn, and a defect of one of them.
+//! A run with a defect: device, motion, rig and defect are all random.
 
 use super::{
     draw::Draw,
@@ -16,15 +16,15 @@ use inerter_data::run::Run;
 use inerter_plant::{Excitation, Inerter, Sensors};
 use std::f64::consts::TAU;
 
-/// Motions, by what they are drawn from.
+/// Motions, by the kind of excitation.
 pub const MOTIONS: [&str; 6] = ["slow tone", "tone", "fast tone", "multisine", "random", "two tones"];
 
 /// Which plant makes the runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum From {
-    /// The simulator's (`inerter-plant`).
+    /// The simulator's plant (`inerter-plant`).
     First,
-    /// That of the defects.
+    /// The defects' own plant.
     Second,
 }
 
@@ -38,7 +38,7 @@ pub struct Made {
     pub from: From,
 }
 
-/// A device of a size that is built: its natural frequency is above the motions' in most cases.
+/// A device of realistic size. In most cases its natural frequency is above the frequencies of the motions.
 fn device(draw: &mut Draw) -> Inerter {
     let inertance_kg = draw.between(40.0, 600.0);
     let own = TAU * draw.between(12.0, 50.0);
@@ -54,7 +54,7 @@ fn device(draw: &mut Draw) -> Inerter {
     }
 }
 
-/// A rig for this device.
+/// A random rig for this device.
 fn sensors(device: &Inerter, draw: &mut Draw) -> Sensors {
     let scale = device.inertance_kg / 300.0;
     Sensors {
@@ -68,7 +68,7 @@ fn sensors(device: &Inerter, draw: &mut Draw) -> Sensors {
     }
 }
 
-/// A motion like those of the grid, and its length \[s\].
+/// A random motion like those of the grid, and its length \[s\].
 fn excitation(motion: &str, seed: u64, draw: &mut Draw) -> Result<(Excitation, f64), Error> {
     let tone = |draw: &mut Draw, low, high, slow: f64, quick: f64| {
         let frequency: f64 = draw.between(low, high);
@@ -88,9 +88,9 @@ fn excitation(motion: &str, seed: u64, draw: &mut Draw) -> Result<(Excitation, f
     Ok((Excitation::parse(&text, seed)?, duration_s))
 }
 
-/// Makes the run of a kind, a motion and a seed; clean if there is no kind.
+/// Makes the run of a kind, a motion and a seed; a clean run if there is no kind.
 pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error> {
-    // Device, rig and motion are those of the seed, whatever the defect.
+    // Device, rig and motion depend only on the seed, not on the defect.
     let mut draw = Draw::new(seed, motion as u64);
     let name = MOTIONS.get(motion).copied().unwrap_or_default();
     let device = device(&mut draw);
@@ -110,7 +110,7 @@ pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error
     let instruments = Instruments { sensors, ..Instruments::default() };
     let seen = Seen::of(&seen_trace, duration_s);
     let mut scene = Scene { device, body: Body::default(), instruments, settings, truth, seen, needs_second: false };
-    // The defect has its own random numbers, by its name.
+    // The defect's random numbers depend on its name.
     let stream =
         kind.map_or(0, |kind| kind.name.bytes().fold(7, |sum: u64, byte| sum.wrapping_mul(31) + u64::from(byte)));
     let mut own = Draw::new(seed, 1000 + 8 * (stream & 0xffff_ffff) + motion as u64);

@@ -1,30 +1,29 @@
-//! A second plant, which shares only the law with the first: no constant of the estimator was set on it.
+//! A second plant, which shares only the law with the first. No constant of the estimator was tuned on it.
 //!
-//! Fourth-order Runge-Kutta in steps of 1/16 ms. Coulomb friction changes its sign where the velocity does, located
-//! within the step; presliding friction is that of Iwan and Masing (four elastoplastic elements in parallel, which slip
-//! one after the other). The flanks meet softly (their damping grows over the first micrometre) and never pull where
-//! there is backlash. What breaks the law acts on the screw itself ([`Body`]).
+//! Fourth-order Runge-Kutta in steps of 1/16 ms. Coulomb friction changes its sign with the velocity, at a moment
+//! located within the step. Presliding friction follows Iwan and Masing: four elastoplastic elements in parallel, which
+//! slip one after the other. The flanks meet softly (their damping increases over the first micrometre), and never pull
+//! if there is backlash. Everything that breaks the law acts on the screw itself ([`Body`]).
 //! Source: Iwan, "A distributed-element model for hysteresis", J. Appl. Mech. 33 (1966); Al-Bender, Lampaert and
-//! Swevers,
-//! "The generalized Maxwell-slip model", IEEE Trans. Automatic Control 50 (2005).
+//! Swevers, "The generalized Maxwell-slip model", IEEE Trans. Automatic Control 50 (2005).
 
 use inerter_plant::{Excitation, Inerter, Point};
 use std::f64::consts::TAU;
 
 /// Step \[s\].
 const STEP_S: f64 = 1.0 / 16_000.0;
-/// Steps between two kept values.
+/// Steps between two stored values.
 const KEPT: usize = 2;
-/// Steps between the times at which the terminal's motion is computed; a quintic lies between.
+/// Steps between the times at which the terminal's motion is computed; a quintic interpolates between them.
 const NODE_STEPS: usize = 8;
-/// Distances over which the elements of dry friction give way, relative to the total, and their shares.
+/// Distances at which the elements of dry friction slip, relative to the total, and their shares of the force.
 const ELEMENTS: [(f64, f64); 4] = [(0.25, 0.4), (0.5, 0.3), (0.75, 0.2), (1.0, 0.1)];
-/// Iterations for the moment of zero velocity: each gains a digit or two.
+/// Iterations for the moment of zero velocity: each gains one or two digits.
 const TRIES: u32 = 6;
-/// Depth over which the damping of meeting flanks sets in \[m\].
+/// Depth over which the damping of the flanks sets in \[m\].
 const SOFT_M: f64 = 1e-6;
 
-/// Position and force at even times, for the instruments.
+/// Position and force at equal time steps, as input of the instruments.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     /// Time between two values \[s\].
@@ -36,12 +35,12 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Greatest force either way, after the first second \[N\].
+    /// Greatest absolute force after the first second \[N\].
     pub fn peak_n(&self) -> f64 {
         self.force_n.iter().skip((1.0 / self.step_s) as usize).fold(0.0, |peak, force| f64::max(peak, force.abs()))
     }
 
-    /// A signal at any time, by the cubic through four neighbours; constant beyond the ends.
+    /// A signal at any time, by cubic interpolation through four neighbours; constant beyond the ends.
     pub fn at(&self, signal: &[f64], t_s: f64) -> f64 {
         let place = (t_s / self.step_s).max(0.0);
         let (whole, part) = (place.floor() as usize, place.fract());
@@ -54,39 +53,38 @@ impl Trace {
     }
 }
 
-/// What acts on the screw besides the law; nothing by default.
+/// Forces on the screw besides the law; none by default.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Friction per force.
     pub load: f64,
-    /// Travel per turn \[m\], and amplitudes of the once-per-turn components: of a force \[N\], and of friction as a
-    /// fraction of it.
+    /// Travel per turn \[m\]. The two ripples vary once per turn.
     pub turn_m: f64,
-    /// See `turn_m`.
+    /// Amplitude of the force once per turn \[N\].
     pub ripple_n: f64,
-    /// See `turn_m`.
+    /// Amplitude of the variation of friction once per turn, as a fraction of the friction.
     pub ripple_friction: f64,
-    /// Surplus of friction at rest as a fraction of it, the velocity over which it decays \[m/s\], and the exponent of
-    /// the decay.
+    /// Stribeck friction: excess at rest as a fraction of the Coulomb friction, the velocity over which it decays
+    /// \[m/s\], and the exponent of the decay.
     pub stribeck: (f64, f64, f64),
     /// Presliding distance \[m\]; 0 for Coulomb friction.
     pub presliding_m: f64,
-    /// Fraction by which dry and viscous friction change over the run, and the part of the run in which most of it
-    /// happens.
+    /// Fractions by which dry and viscous friction change over the run, and the time constant of the change as a
+    /// fraction of the run.
     pub warming: (f64, f64, f64),
     /// Friction proportional to the square of the velocity \[N s^2/m^2\].
     pub quadratic: f64,
-    /// Fraction by which the inertance grows per metre, and per square of the velocity \[s^2/m^2\].
+    /// Fraction by which the inertance grows per metre.
     pub inertance_by_place: f64,
-    /// See `inertance_by_place`.
+    /// Fraction by which the inertance grows per square of the velocity \[s^2/m^2\].
     pub inertance_by_speed: f64,
     /// Spring in parallel \[N/m\].
     pub spring_n_per_m: f64,
-    /// A force that changes its sign with the position \[N\], and the distance over which it does \[m\].
+    /// A force that changes its sign with the position \[N\], and the distance over which it does so \[m\].
     pub hose: (f64, f64),
-    /// Positions of two bumpers \[m\], and their stiffness \[N/m\].
+    /// Distance of two bumpers from the centre \[m\], and their stiffness \[N/m\].
     pub stop: (f64, f64),
-    /// Force at which the flywheel slips on its shaft, as felt at the terminal \[N\]; infinite if it never does.
+    /// Force at which the flywheel slips on its shaft, as felt at the terminal \[N\]; infinite if it never slips.
     pub slip_n: f64,
     /// Stiffness of the shaft to the flywheel, as felt at the terminal \[N/m\]; infinite if it is rigid.
     pub shaft_n_per_m: f64,
@@ -117,10 +115,10 @@ impl Default for Body {
     }
 }
 
-/// Fraction of the inertance that turns with the screw if the flywheel is not rigidly on it.
+/// Fraction of the inertance that turns with the screw if the flywheel is not rigidly attached.
 const SCREW_PART: f64 = 0.05;
 
-/// What moves: screw, flywheel, and the spring of the relaxing damper.
+/// The moving parts: screw, flywheel, and the spring of the relaxing damper.
 #[derive(Clone, Copy, Debug, Default)]
 struct State {
     x: f64,
@@ -147,7 +145,7 @@ struct Plant {
     device: Inerter,
     body: Body,
     duration_s: f64,
-    /// Deflection of each element of dry friction \[m\], and the screw's position at that moment \[m\].
+    /// Deflection of each element of dry friction \[m\], and the position of the screw at that deflection \[m\].
     elements: [f64; 4],
     since_m: f64,
     /// Direction in which Coulomb friction acts: 1 against forward motion, 0 if the screw is stuck.
@@ -166,8 +164,8 @@ impl Plant {
         self.body.presliding_m == 0.0
     }
 
-    /// Dry friction relative to its level, -1 to 1: by the direction of motion, or by how far its elements have given
-    /// way.
+    /// Dry friction relative to its level, from -1 to 1: by the direction of motion, or by the deflection of its
+    /// elements.
     fn turned(&self, x: f64) -> f64 {
         if self.is_coulomb() {
             return self.way;
@@ -211,7 +209,7 @@ impl Plant {
         (level, viscous)
     }
 
-    /// Everything that acts on the screw except dry friction, and the level of that \[N\].
+    /// Sum of all forces on the screw except dry friction \[N\], and the level of dry friction \[N\].
     fn acting(&self, state: &State, t_s: f64, terminal: &Point) -> (f64, f64) {
         let (device, body) = (&self.device, &self.body);
         let contact_n = self.contact_n(state, terminal);
@@ -228,14 +226,14 @@ impl Plant {
         (contact_n + device.constant_force_n - moving - beside - self.wheel_n(state), level)
     }
 
-    /// What the shaft passes on to a flywheel that is not rigidly on it \[N\].
+    /// Force that the shaft transmits to a flywheel that is not rigidly attached \[N\].
     fn wheel_n(&self, state: &State) -> f64 {
         let (body, screw) = (&self.body, SCREW_PART * self.device.inertance_kg);
         if body.shaft_n_per_m.is_finite() {
             let damping = 0.02 * (body.shaft_n_per_m * screw).sqrt();
             body.shaft_n_per_m * (state.x - state.wheel_x) + damping * (state.v - state.wheel_v)
         } else if body.slip_n.is_finite() {
-            // Held by friction: stiff in the velocity, up to the limit.
+            // Held by friction: a steep damper up to the slip limit.
             (screw * 4000.0 * (state.v - state.wheel_v)).clamp(-body.slip_n, body.slip_n)
         } else {
             0.0
@@ -255,7 +253,7 @@ impl Plant {
         };
         let is_rigid = body.slip_n.is_infinite() && body.shaft_n_per_m.is_infinite();
         if is_rigid {
-            // Energy m(x) v^2 / 2, and the momentum's dependence on speed.
+            // From the energy m(x) v^2 / 2, and from a momentum that depends on the speed.
             let by_speed = body.inertance_by_speed * state.v * state.v;
             let mass = whole * (1.0 + body.inertance_by_place * state.x + 3.0 * by_speed);
             rate.v = (force - 0.5 * whole * body.inertance_by_place * state.v * state.v) / mass;
@@ -267,7 +265,7 @@ impl Plant {
         rate
     }
 
-    /// Advances from the fraction `from` of a step to the fraction `to`, by the terminal's motion within it.
+    /// Advances from the fraction `from` of a step to the fraction `to`, with the terminal's motion within the step.
     fn advanced(&self, state: State, t_s: f64, [from, to]: [f64; 2], terminal: &impl Fn(f64) -> Point) -> State {
         let (h, middle) = ((to - from) * STEP_S, 0.5 * (from + to));
         let at = |state: State, part: f64| self.rate(&state, t_s + part * STEP_S, &terminal(part));
@@ -278,7 +276,7 @@ impl Plant {
         state.plus(a, h / 6.0).plus(b, h / 3.0).plus(c, h / 3.0).plus(d, h / 6.0)
     }
 
-    /// Whether the acting force sets a stuck screw free, and in which direction.
+    /// Direction in which the acting force sets a stuck screw in motion; 0 if it stays stuck.
     fn freed(&self, state: &State, t_s: f64, terminal: &Point) -> f64 {
         let (acting, level) = self.acting(state, t_s, terminal);
         if acting.abs() > level { acting.signum() } else { 0.0 }
@@ -301,7 +299,8 @@ impl Plant {
         if next.v * self.way >= 0.0 {
             return next;
         }
-        // The velocity is zero somewhere in the step: regula falsi, with the weight of the older end reduced.
+        // The velocity crosses zero within the step: regula falsi, with the weight of the retained end halved (Illinois
+        // method).
         let (mut low, mut high) = ((0.0, state.v), (1.0, next.v));
         let (mut part, mut at) = (0.0, state);
         for _ in 0..TRIES {
@@ -336,7 +335,7 @@ fn between(a: &Point, b: &Point, length_s: f64, part: f64) -> Point {
     }
 }
 
-/// What the instruments could see of this device in this motion.
+/// Position and force of this device in this motion, before the instruments.
 pub fn trace(device: &Inerter, body: &Body, excitation: &Excitation, duration_s: f64) -> Trace {
     let mut plant = Plant { device: *device, body: *body, duration_s, elements: [0.0; 4], since_m: 0.0, way: 0.0 };
     let node_s = STEP_S * NODE_STEPS as f64;
@@ -360,7 +359,7 @@ pub fn trace(device: &Inerter, body: &Body, excitation: &Excitation, duration_s:
     trace
 }
 
-/// The same for the first plant, which breaks the law in its own ways.
+/// The same trace from the first plant, which has its own ways to break the law.
 pub fn first_trace(
     device: &Inerter,
     excitation: &Excitation,
@@ -381,7 +380,7 @@ mod tests {
     use super::*;
     use crate::updates::rms;
 
-    /// Both plants, written independently, agree if the device is the same.
+    /// Both plants, written independently, agree on the same device.
     #[test]
     fn both_plants_move_alike() {
         for (name, device, limit) in [
@@ -399,7 +398,7 @@ mod tests {
         }
     }
 
-    /// Each way to break the law changes the force; otherwise it would not break it.
+    /// Each way to break the law changes the force noticeably.
     #[test]
     fn every_part_of_the_body_is_felt() {
         let whole = Body::default();

@@ -1,4 +1,4 @@
-//! A run of the defects before it is made: a device and a rig, into which a defect can be put.
+//! The ingredients of a run: a device and a rig, into which a defect can be put.
 
 use super::{
     instruments::Instruments,
@@ -7,21 +7,21 @@ use super::{
 use inerter_core::Settings;
 use inerter_plant::Inerter;
 
-/// True values of one parameter: a single one, or all that the device has in the run.
+/// Range of the true values of one parameter in the run; both ends are equal if it is constant.
 pub type Range = (f64, f64);
 
-/// What a clean run of the same device shows; sizes of defects are relative to it.
+/// Extremes of a clean run of the same device after its first second. Sizes of defects are relative to them.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
-    /// Greatest displacement either way \[m\].
+    /// Greatest absolute displacement \[m\].
     pub stroke_m: f64,
-    /// Greatest velocity \[m/s\], and its root mean square.
+    /// Greatest absolute velocity \[m/s\].
     pub speed_m_per_s: f64,
-    /// See `speed_m_per_s`.
+    /// Root mean square of the velocity \[m/s\].
     pub speed_rms_m_per_s: f64,
-    /// Greatest force \[N\], and its root mean square.
+    /// Greatest absolute force \[N\].
     pub peak_n: f64,
-    /// See `peak_n`.
+    /// Root mean square of the force \[N\].
     pub force_rms_n: f64,
     /// Length of the run \[s\].
     pub duration_s: f64,
@@ -46,20 +46,20 @@ impl Seen {
     }
 }
 
-/// One run before it is made.
+/// The ingredients of one run.
 pub struct Scene {
     /// The device.
     pub device: Inerter,
-    /// What acts on its screw besides the law.
+    /// Forces on its screw besides the law.
     pub body: Body,
     /// The rig.
     pub instruments: Instruments,
-    /// What the settings state of it: exact, without the defect.
+    /// The settings: exact for the rig without the defect.
     pub settings: Settings,
     /// True values of mt, cf and fc.
     pub truth: [Range; 3],
-    /// What a clean run of it shows.
+    /// Extremes of a clean run.
     pub seen: Seen,
-    /// Whether only the second plant can do this.
+    /// Whether only the second plant can simulate the defect.
     pub needs_second: bool,
 }

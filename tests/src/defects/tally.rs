@@ -5,26 +5,27 @@ use super::judge::{Said, Verdict, is_harmful, verdict};
 /// Counts of runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// All of them.
+    /// All runs.
     pub runs: u32,
-    /// Those whose defect moves a parameter by more than twice the interval of the same run without it.
+    /// Runs in which the defect moves a fitted value off the true value by more than twice the interval of the clean
+    /// run.
     pub harmful: u32,
-    /// Silently wrong, by the device alone.
+    /// Silently wrong, judged by the device alone.
     pub device: u32,
-    /// Wrong, and `replay` says so.
+    /// Wrong, and `replay` reports it.
     pub told: u32,
-    /// Wrong, and said to rest on the absence of the fault.
+    /// Wrong, and `replay` lists it only as an assumption.
     pub assumed: u32,
-    /// Silently wrong.
+    /// Silently wrong in `replay`.
     pub silent: u32,
-    /// The same, off by more than twice the interval, by the device alone.
+    /// Silently wrong by more than twice the interval, judged by the device alone.
     pub device_twice: u32,
-    /// The same, by `replay`.
+    /// Silently wrong by more than twice the interval in `replay`.
     pub silent_twice: u32,
 }
 
 impl Tally {
-    /// From one run, and the same run without a defect.
+    /// The tally of one run, given the same run without a defect.
     pub fn of(said: &Said, clean: &Said) -> Self {
         let [device, replay] = [&said.device, &said.replay];
         let is = |values, intervals, wanted| u32::from(verdict(values, intervals) == wanted);

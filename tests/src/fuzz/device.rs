@@ -1,4 +1,4 @@
-//! The whole instrument on mock parts, its clock moved by hand.
+//! The whole instrument on mock parts, with a mock clock.
 
 use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorType, Read, Write};
@@ -33,27 +33,28 @@ use std::{
 
 use super::{make::request, requests::Requests};
 
-/// The mock clock is shared by the whole process.
+/// The whole process shares one mock clock.
 static CLOCK: Mutex<()> = Mutex::new(());
 
-/// The probe.
+/// The requests of the probe.
 pub(super) const PROBE: [(u16, Command); 3] = [
     (0xFFFD, Command::Streams(Streams { health: true, ..Streams::NONE })),
     (0xFFFE, Command::Hello),
     (0xFFFF, Command::ReadSettings),
 ];
 
-/// Time after which a reply counts as missing: longer than any wait in the device, for each request that may wait.
+/// Time after which a reply counts as missing: longer than any wait in the device. It applies once per request that may
+/// wait.
 const LIMIT_MS: u64 = 3_000;
-/// Longer than the time between two health records.
+/// Longer than the interval between two health records.
 const HEALTH_MS: u64 = 1_100;
-/// Turns within which a device must reach a wait.
+/// Maximum number of polls until a device waits.
 const TURNS: u32 = 100_000;
 
 /// How a stream reaches the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Conditions {
-    /// Bytes that arrive together, at least 1; a portion comes every millisecond.
+    /// Number of bytes that arrive together, at least 1; a portion arrives every millisecond.
     pub portion: usize,
     /// The sampler runs from the start.
     pub sampling: bool,
@@ -63,20 +64,20 @@ pub struct Conditions {
     pub deaf: bool,
 }
 
-/// Where a stream arrives. Meanwhile, requests for a factory reset keep arriving on a device's other link, and must not
-/// matter.
+/// The link on which a stream arrives. Meanwhile, requests for a factory reset keep arriving on the device's other
+/// link, and must have no effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Link {
     /// The only link.
     Single,
     /// The link with the open port.
     First,
-    /// The other one, while that port is closed.
+    /// The other link, while that port is closed.
     Second,
 }
 
 impl Conditions {
-    /// Packets of full-speed USB into a device that measures: the conditions of the corpus.
+    /// Packets of full-speed USB to a device that is measuring: the conditions of the corpus.
     pub const PLAIN: Self = Self { portion: 64, sampling: true, link: Link::First, deaf: false };
 
     /// The conditions for the stream of a seed.
@@ -100,28 +101,28 @@ pub enum End {
     Restarted(Restart),
     /// It panicked with this message.
     Panicked(String),
-    /// It never reached a wait.
+    /// It never waited.
     Hung,
     /// Its default settings were refused.
     Refused(SettingsError),
 }
 
-/// What a device did.
+/// The device's behaviour in a run.
 #[derive(Clone, Debug)]
 pub struct Played {
     /// What it sent, in order.
     pub records: Vec<Record>,
-    /// What it sent that is not a record.
+    /// Frames from the device that are not records.
     pub faults: Vec<String>,
-    /// Counts of a host's reader.
+    /// The reader's counts on the host.
     pub counts: Counts,
     /// How it ended.
     pub end: End,
-    /// What the next start finds in flash.
+    /// Settings in flash that the next start would load.
     pub kept: Result<Option<SettingsValues>, StoreError>,
 }
 
-/// The settings of the board that was never set up: the analogue front end of the STM32G474's boards.
+/// The settings of a board without saved settings: the analogue front end of the STM32G474 boards.
 pub(super) fn defaults() -> Settings {
     Settings {
         sample_rate_hz: 1_000.0,
@@ -135,7 +136,7 @@ pub(super) fn defaults() -> Settings {
     }
 }
 
-/// What the board can do beyond [`Settings::validate`].
+/// The board's own limits beyond [`Settings::validate`].
 pub(super) fn accepts(settings: &Settings) -> Result<(), SettingsError> {
     let offered: &[f64] = match settings.front_end {
         FrontEnd::Analogue => &[1_000.0, 2_000.0, 4_000.0],
@@ -181,7 +182,7 @@ pub fn with_probe(stream: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Starts a device with blank flash, gives it `stream` and the probe, and waits for what is due.
+/// Starts a device with blank flash, sends it `stream` and the probe, and waits for all replies.
 pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
     let _clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
     let mut bench = FuzzedDevice::new(conditions);
@@ -213,7 +214,7 @@ struct FuzzedDevice {
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
     to_device: Rc<RefCell<VecDeque<u8>>>,
-    /// Into the unused link.
+    /// To the unused link.
     to_idle: Rc<RefCell<VecDeque<u8>>>,
     from_device: Rc<Line>,
     source: Script,
@@ -221,7 +222,7 @@ struct FuzzedDevice {
     reader: FrameReader<Record>,
     records: Vec<Record>,
     faults: Vec<String>,
-    /// Ids of the replies.
+    /// IDs of the replies.
     replies: Vec<u16>,
 }
 
@@ -250,7 +251,7 @@ impl FuzzedDevice {
 
     /// Lets the device run until it waits, and reads its output.
     fn settle(&mut self) -> Option<End> {
-        // Polling once more finds what has arrived on the link, whose waker is not kept.
+        // Poll at least once: the link keeps no waker for bytes that have arrived.
         self.woken.0.store(true, Ordering::SeqCst);
         let waker = Waker::from(Arc::clone(&self.woken));
         for _ in 0..TURNS {
@@ -271,7 +272,7 @@ impl FuzzedDevice {
         Some(End::Hung)
     }
 
-    /// Lets time pass, with samples.
+    /// Advances time, with samples.
     fn pass(&mut self, milliseconds: u64) -> Option<End> {
         for _ in 0..milliseconds {
             MockDriver::get().advance(Duration::from_millis(1));
@@ -294,19 +295,19 @@ impl FuzzedDevice {
                     }
                     self.records.push(message);
                 }
-                // The device's own count is checked against the reader's.
+                // The judge compares the device's own count of dropped frames with the reader's.
                 Frame::Lost { .. } => {}
                 other => self.faults.push(format!("{other:?}")),
             }
         }
     }
 
-    /// Whether all replies are there, or those to the probe.
+    /// Whether all replies have arrived, or at least those to the probe.
     fn has_replied(&self, requests: &Requests) -> bool {
         self.replies.len() >= requests.replies() || self.replies.ends_with(&PROBE.map(|(id, _)| id))
     }
 
-    /// What a device that starts now finds in flash.
+    /// The settings that a device would load from flash now.
     fn kept(&self) -> Result<Option<SettingsValues>, StoreError> {
         embassy_futures::block_on(FlashStore::new(self.flash.clone(), FLASH).load())
     }
@@ -389,11 +390,11 @@ impl Read for Receiver {
 
 struct Transmitter(Rc<Line>);
 
-/// What the device sends.
+/// The device's output.
 #[derive(Default)]
 struct Line {
     bytes: RefCell<Vec<u8>>,
-    /// A host reads.
+    /// Whether the host reads.
     taken: Cell<bool>,
 }
 
@@ -413,7 +414,7 @@ impl Write for Transmitter {
     }
 }
 
-/// A sampler driven by the clock: a shaken terminal, its force, now and then a saturated code.
+/// A sampler driven by the mock clock: a moving terminal, its force, and now and then a saturated code.
 #[derive(Clone, Default)]
 struct Script(Rc<RefCell<Sampler>>);
 
@@ -430,7 +431,7 @@ struct Sampler {
 }
 
 impl Script {
-    /// Lets a millisecond pass.
+    /// Advances by one millisecond.
     fn tick(&self) {
         let mut sampler = self.0.borrow_mut();
         sampler.due += sampler.rate_hz / 1_000.0;
@@ -502,7 +503,7 @@ const PAGE: usize = 2_048;
 const WORD: usize = 8;
 const FLASH: Range<u32> = 0..8 * PAGE as u32;
 
-/// Flash that works, and in which no word is written twice between two erases.
+/// Working flash. It refuses to write a word twice between two erases.
 #[derive(Clone)]
 struct Flash(Rc<[Cell<Option<[u8; WORD]>>]>);
 

@@ -1,4 +1,4 @@
-//! What a device must have done.
+//! Compares a device's behaviour with the required one.
 
 use inerter_app::wear::{FACTORY_RESET, SAVES};
 use inerter_core::Settings;
@@ -9,18 +9,18 @@ use super::{
     requests::{Requests, restarts},
 };
 
-/// What the device should be, after the requests that were carried out.
+/// The expected state of the device after the accepted requests.
 struct Model {
     settings: Settings,
     saved: Option<SettingsValues>,
     source: Source,
-    /// How much of the allowance for immediate saves is used.
+    /// The used part of the allowance for immediate saves.
     saves: u32,
 }
 
 impl Model {
-    /// Whether `result` is a valid reply to `command`; then applies what that changes. `told` are the settings sent
-    /// since the previous reply.
+    /// Whether `result` is a valid reply to `command`. Applies the changes that the command makes. `told` are the
+    /// settings sent since the previous reply.
     fn takes(
         &mut self,
         command: Option<&Command>,
@@ -29,7 +29,7 @@ impl Model {
     ) -> bool {
         let Some(command) = command else { return *result == Err(Refusal::Unsupported) };
         if let (Err(Refusal::Worn { .. }), Command::SaveSettings | Command::FactoryReset) = (result, command) {
-            // The allowance recovers with time, which is not known here.
+            // The allowance recovers with time, which the model does not track.
             return self.saves + saves_of(command) > u32::from(SAVES);
         }
         let plain = *result == Ok(Done::Plain);
@@ -54,7 +54,7 @@ impl Model {
             }
             Command::ReadSaved if self.saved.is_none() => *result == Err(Refusal::NothingSaved),
             Command::ReadSaved => plain,
-            // Neither device can measure.
+            // The virtual device cannot measure itself.
             Command::Measure(_) => *result == Err(Refusal::Unsupported),
             Command::FactoryReset => {
                 (self.settings, self.saved) = (defaults(), None);
@@ -95,7 +95,7 @@ impl Model {
         checked.map(|()| settings).map_err(|error| Refusal::of_setting(&error, u8::MAX))
     }
 
-    /// A tare may choose the zero, and nothing else.
+    /// A tare may change the zero of the force, and nothing else.
     fn tare(&mut self, told: Option<&SettingsValues>) -> bool {
         let read = told.map(|told| told.read(&defaults())).filter(|reading| reading.impossible == 0);
         let Some(zero) = read.map(|reading| reading.settings.force_zero_code) else { return false };
@@ -104,7 +104,7 @@ impl Model {
     }
 }
 
-/// What a command costs of the allowance for immediate saves.
+/// Share of the allowance for immediate saves that a command uses.
 fn saves_of(command: &Command) -> u32 {
     match command {
         Command::SaveSettings => 1,
@@ -113,12 +113,12 @@ fn saves_of(command: &Command) -> u32 {
     }
 }
 
-/// Whether a command that was carried out reports the settings.
+/// Whether a successful command reports the settings.
 fn tells(command: &Command) -> bool {
     matches!(command, Command::ReadSettings | Command::WriteSettings(_) | Command::Tare | Command::FactoryReset)
 }
 
-/// What is wrong with the device's response.
+/// Everything wrong with the device's response.
 pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<String> {
     let mut findings: Vec<String> =
         played.faults.iter().map(|fault| format!("sent what is no record: {fault}")).collect();
@@ -189,7 +189,7 @@ pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<Str
     findings
 }
 
-/// A host that does not read misses replies without knowing which; the device must respond again when the host reads.
+/// A host that does not read misses replies without knowing which. The device must respond again once the host reads.
 fn judge_deaf(played: &Played, requests: &Requests) -> Option<String> {
     let replies = played.records.iter().filter_map(|record| match record {
         Record::Reply(reply) => Some(reply.id),
@@ -208,14 +208,14 @@ fn judge_deaf(played: &Played, requests: &Requests) -> Option<String> {
     }
 }
 
-/// The last health record, which the probe asked for, against the reader's counts.
+/// Compares the last health record, which the probe requested, with the reader's counts.
 fn judge_health(played: &Played, bad_frames: u32, deaf: bool) -> Option<String> {
     let health = played.records.iter().rev().find_map(|record| match record {
         Record::Health(health) => Some(health),
         _ => None,
     });
     let Some(health) = health else { return Some("no health record".into()) };
-    // A host cannot miss what was dropped before the first frame that it reads.
+    // A host cannot notice frames dropped before the first frame that it reads.
     let unseen = if deaf { health.dropped_frames.saturating_sub(played.counts.lost) } else { 0 };
     if health.dropped_frames != played.counts.lost + unseen {
         return Some(format!("{} frames dropped, {} missing", health.dropped_frames, played.counts.lost));

@@ -1,4 +1,4 @@
-//! Streams that a device should never meet.
+//! Streams that no sane host sends.
 
 use inerter_core::{Detail, Estimate, Kind, RawSample, Reversal, Settings};
 use inerter_needs::Random;
@@ -12,7 +12,7 @@ use inerter_wire::{
 pub struct Stream {
     /// Bytes sent to the device.
     pub bytes: Vec<u8>,
-    /// Ids of the requests that are whole and alone in their frame, whatever surrounds them.
+    /// IDs of the requests that are complete and alone in their frame, whatever surrounds them.
     pub whole: Vec<u16>,
     sequence: u16,
 }
@@ -28,13 +28,13 @@ impl Stream {
         self.raw(&frame)
     }
 
-    /// Bytes, unchanged.
+    /// Appends bytes unchanged.
     pub fn raw(&mut self, bytes: &[u8]) -> &mut Self {
         self.bytes.extend(bytes);
         self
     }
 
-    /// Anything as a payload, in an intact frame.
+    /// Appends any payload in an intact frame.
     pub fn payload(&mut self, payload: &[u8]) -> &mut Self {
         let sequence = self.sequence;
         self.sequence = sequence.wrapping_add(1);
@@ -65,7 +65,7 @@ pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
     stuffed(&body)
 }
 
-/// COBS and the delimiter.
+/// COBS encoding with the delimiter.
 pub fn stuffed(body: &[u8]) -> Vec<u8> {
     let mut frame = vec![0; cobs::max_encoding_length(body.len())];
     let length = cobs::encode(body, &mut frame);
@@ -85,13 +85,13 @@ pub fn varint(number: u32) -> Vec<u8> {
     postcard::to_slice(&number, &mut [0; 5]).map(|bytes| bytes.to_vec()).unwrap_or_default()
 }
 
-/// A batch whose count and bytes need not agree.
+/// A batch whose count need not agree with its bytes.
 pub fn samples(count: u8, data: &[u8]) -> Samples {
     let bytes = [&[count][..], &varint(data.len() as u32), data].concat();
     postcard::from_bytes(&bytes).unwrap_or_default()
 }
 
-/// What a device might send, for a link that echoes.
+/// Records as a device might send them, for a link that echoes.
 pub fn records() -> Vec<Vec<u8>> {
     let hello = Hello {
         wire_version: 7,
@@ -172,7 +172,7 @@ fn settings(noise: &mut Random) -> SettingsValues {
         } else {
             noise.below(Settings::COUNT) as u8
         };
-        // There is room for this many.
+        // The vector has room for this many.
         let _ = values.0.push(SettingValue { number, value: value(noise, number) });
     }
     values

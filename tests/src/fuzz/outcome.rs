@@ -1,8 +1,8 @@
-//! A reply in the words of the corpus; the twin includes this file, as it may not use this crate.
+//! A reply in the words of the corpus. The twin includes this file, because it must not depend on this crate.
 
 use inerter_wire::{Done, Refusal};
 
-/// A reply in words that do not depend on time.
+/// A reply in words that do not depend on timing.
 pub fn outcome(result: &Result<Done, Refusal>) -> String {
     match result {
         Ok(Done::Plain) => "done".into(),

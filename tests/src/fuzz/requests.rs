@@ -1,13 +1,13 @@
-//! What a stream requests of a device.
+//! The requests in a stream.
 
 use inerter_wire::{Command, Frame, FrameReader, Request};
 
 /// The contents of a stream, by an independent reader.
 #[derive(Clone, Debug, Default)]
 pub struct Requests {
-    /// Intact requests in order: id, and the command where it is known.
+    /// Intact requests in order: ID, and the command if it is known.
     pub intact: Vec<(u16, Option<Command>)>,
-    /// Frames that are damaged or hold nothing that can be answered.
+    /// Frames that are damaged or contain nothing that can be answered.
     pub bad_frames: u32,
 }
 
@@ -28,13 +28,13 @@ impl Requests {
         requests
     }
 
-    /// Replies that are due: none after a restart.
+    /// Number of replies due: none after a restart.
     pub(super) fn replies(&self) -> usize {
         let restart = self.intact.iter().position(|(_, command)| command.as_ref().is_some_and(restarts));
         restart.map_or(self.intact.len(), |place| place + 1)
     }
 
-    /// Requests that the device may take time for.
+    /// Number of requests that the device may need time for.
     pub(super) fn that_wait(&self) -> usize {
         let waits = |command: &Command| matches!(command, Command::Tare | Command::Inject(_) | Command::InjectEnd);
         self.intact.iter().filter(|(_, command)| command.as_ref().is_some_and(waits)).count()

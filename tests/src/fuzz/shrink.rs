@@ -1,11 +1,11 @@
-//! Shrinks a stream while it still shows the fault.
+//! Shrinks a stream while it still shows the failure.
 
 use inerter_wire::DELIMITER;
 
-/// Most trials.
+/// Maximum number of trials.
 const TRIALS: u32 = 2_000;
 
-/// Leaves out frames, then bytes, as long as the rest is still `wrong`.
+/// Removes frames, then bytes, as long as the rest is still `wrong`.
 pub fn shrink(stream: &[u8], mut wrong: impl FnMut(&[u8]) -> bool) -> Vec<u8> {
     let mut trials = 0;
     let mut wrong = |bytes: &[u8]| {
@@ -17,7 +17,7 @@ pub fn shrink(stream: &[u8], mut wrong: impl FnMut(&[u8]) -> bool) -> Vec<u8> {
     without(frames.concat(), &mut wrong)
 }
 
-/// Leaves out ever shorter parts of a list while the rest is still `wrong`.
+/// Removes ever shorter parts of a list while the rest is still `wrong`.
 fn without<T: Clone>(mut list: Vec<T>, wrong: &mut impl FnMut(&[T]) -> bool) -> Vec<T> {
     let mut part = list.len().div_ceil(2).max(1);
     loop {

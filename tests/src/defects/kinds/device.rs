@@ -1,4 +1,4 @@
-//! Defects of the device: friction, inertance and what else acts on the screw.
+//! Defects of the device: friction, inertance and other forces on the screw.
 
 use super::kind::{Group, Kind, Place};
 use crate::defects::plant::Body;
@@ -10,7 +10,7 @@ const fn kind(name: &'static str, names: &'static [&'static str], make: fn(&mut 
     Kind { name, place: Place::Device, group: Group::Defect, names, make }
 }
 
-/// A lead: from the usual counts per turn, or another if none of these fits.
+/// A lead that matches a common number of counts per turn, or 10 mm if none matches.
 fn turn_m(scene: &Scene, draw: &mut Draw) -> f64 {
     let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
     let count_m = scene.instruments.sensors.metres_per_count;
@@ -56,7 +56,7 @@ pub const KINDS: [Kind; 22] = [
     kind("friction that turns over a distance (presliding)", &["presliding"], |scene, draw| {
         let presliding_m = draw.between(5e-6, 200e-6);
         scene.device.presliding_m = presliding_m;
-        // The elements give way one after the other: at the same distance most of them have.
+        // The elements slip one after the other, so most of the friction is already reached at `presliding_m`.
         scene.body.presliding_m = 3.0 * presliding_m;
     }),
     kind("dry friction that falls as it warms", &["drift"], |scene, draw| {
@@ -77,7 +77,7 @@ pub const KINDS: [Kind; 22] = [
     }),
     kind("friction by the square of the velocity", &["quadratic_friction"], |scene, draw| {
         let quadratic = draw.between(0.2, 2.0) * scene.device.viscous_n_s_per_m / scene.seen.speed_rms_m_per_s;
-        // The true value is any slope that the friction has.
+        // Any slope of the friction that occurs in the run counts as true.
         scene.truth[1].1 += 2.0 * quadratic * scene.seen.speed_m_per_s;
         by_second(scene, |body| body.quadratic = quadratic);
     }),
@@ -116,7 +116,7 @@ pub const KINDS: [Kind; 22] = [
     kind("a shaft that bends", &["compliance"], |scene, draw| {
         let own = TAU * draw.between(40.0, 150.0);
         let shaft = scene.device.inertance_kg * own * own;
-        // The inertance felt grows with the frequency, by the full amount at the highest of the motions.
+        // The apparent inertance grows with the frequency; the range covers the highest frequency of the motions.
         scene.truth[0].1 /= 1.0 - (TAU * 17.0 / own).powi(2);
         by_second(scene, |body| body.shaft_n_per_m = shaft);
     }),

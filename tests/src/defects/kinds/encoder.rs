@@ -6,19 +6,19 @@ use crate::defects::{instruments::play, plant::Trace};
 use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
-/// Changes the position that the encoder feels, given the count's length \[m\].
+/// Changes the position at the encoder, given the length of a count \[m\].
 fn on_shaft(scene: &mut Scene, change: impl Fn(&mut Trace, f64) + 'static) {
     let count_m = scene.instruments.sensors.metres_per_count;
     scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(trace, count_m)));
 }
 
-/// From each sample on, adds to the count what the function returns there.
+/// Adds the function's return value to the count of this sample and all later ones.
 fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Draw) -> i32 + 'static) {
     scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
         let mut lost = 0_i32;
         for n in 1..samples.len() {
             let (before, here) = (samples[n - 1], samples[n]);
-            // The true counts of both, without what was lost before.
+            // The true counts of both samples, without the earlier slips.
             let before = RawSample { position_count: before.position_count - lost, ..before };
             lost += change(&before, &here, draw);
             samples[n].position_count += lost;
@@ -26,7 +26,7 @@ fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Dra
     }));
 }
 
-/// Counts per turn.
+/// A common number of counts per turn.
 fn turn_counts(scene: &Scene, draw: &mut Draw) -> f64 {
     let count_m = scene.instruments.sensors.metres_per_count;
     let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
@@ -56,7 +56,7 @@ pub const KINDS: [Kind; 12] = [
     kind("a line that is missing", &["encoder_error", "count_slip"], |scene, draw| {
         let (counts, place) = (turn_counts(scene, draw), draw.unit());
         on_shaft(scene, move |trace, count_m| {
-            // One line is four counts, which are missing each time that it passes, in either direction.
+            // One line is four counts, which are missing each time it passes, in either direction.
             trace.position_m.iter_mut().for_each(|x| *x -= 4.0 * count_m * (*x / (counts * count_m) + place).floor());
         });
     }),

@@ -1,4 +1,4 @@
-//! Defects of the force's channel: load cell, mount, amplifier and converter.
+//! Defects of the force channel: load cell, mount, amplifier and converter.
 
 use super::kind::{Kind, kind};
 use crate::defects::{draw::Draw, scene::Scene};
@@ -9,24 +9,24 @@ use crate::defects::{
 use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
-/// Changes the force as the load cell feels it.
+/// Changes the force at the load cell.
 fn on_cell(scene: &mut Scene, change: impl Fn(&mut [f64], f64) + 'static) {
     scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(&mut trace.force_n, trace.step_s)));
 }
 
-/// Changes the force as it is converted, given the time \[s\].
+/// Changes the force at the converter, given the time \[s\].
 fn on_force(scene: &mut Scene, change: impl Fn(f64, f64, &mut Draw) -> f64 + 'static) {
     scene.instruments.on_force.push(Box::new(change));
 }
 
-/// Changes the codes as sent.
+/// Changes the force codes as sent.
 fn on_codes(scene: &mut Scene, change: impl Fn(&mut RawSample, usize, &mut Draw) + 'static) {
     scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
         samples.iter_mut().enumerate().for_each(|(n, sample)| change(sample, n, draw));
     }));
 }
 
-/// Number of codes of a force.
+/// Converts a force to a number of codes.
 fn code(scene: &Scene, force_n: f64) -> i32 {
     (force_n / scene.instruments.sensors.newtons_per_code) as i32
 }
@@ -103,7 +103,8 @@ pub const KINDS: [Kind; 25] = [
     kind("a contact that fails for moments", &["dead_force"], |scene, draw| {
         let (length_s, every_s) = (draw.between(5e-3, 50e-3), draw.between(0.5, 5.0));
         let offset_s = draw.within(0.0, every_s);
-        // The golden ratio places each failure within its period, so that failures do not follow the motion.
+        // The golden ratio places each failure at another phase of its period, so that failures do not follow the
+        // motion.
         on_force(scene, move |force, t_s, _| {
             let turns = (t_s + offset_s) / every_s;
             let place = (turns.floor() * 0.618).fract() * 0.8;

@@ -1,22 +1,22 @@
-//! What a kind of defect is.
+//! The description of a kind of defect.
 
 use crate::defects::{draw::Draw, scene::Scene};
 
-/// Where a defect is, as far as it matters for making the run.
+/// The place of a defect, as far as it matters for making the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// The plant makes it.
+    /// In the plant.
     Device,
-    /// The instruments, the sampling or the settings make it.
+    /// In the instruments, the sampling or the settings.
     Rig,
 }
 
-/// What can be expected of the instrument.
+/// Whether the instrument can be expected to detect it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
-    /// Something that samples can show.
+    /// A defect that the samples can show.
     Defect,
-    /// A wrong scale: every sample is as another device would give it, so nothing in the samples can show it.
+    /// A wrong scale: another device would give exactly the same samples, so no analysis of them can show it.
     Scale,
 }
 
@@ -24,17 +24,17 @@ pub enum Group {
 pub struct Kind {
     /// Name in the table.
     pub name: &'static str,
-    /// Where it is.
+    /// The place of the defect.
     pub place: Place,
-    /// What can be expected.
+    /// Whether it can be detected.
     pub group: Group,
-    /// Causes and warnings that name it correctly, by their codes (docs/CLI.md).
+    /// Codes of the causes and warnings that name it correctly (docs/CLI.md).
     pub names: &'static [&'static str],
-    /// Puts it into a scene; its size is drawn.
+    /// Puts the defect into a scene, with a random size.
     pub make: fn(&mut Scene, &mut Draw),
 }
 
-/// A defect of the rig that samples can show.
+/// A defect of the rig that the samples can show.
 pub const fn kind(name: &'static str, names: &'static [&'static str], make: fn(&mut Scene, &mut Draw)) -> Kind {
     Kind { name, place: Place::Rig, group: Group::Defect, names, make }
 }

@@ -1,4 +1,4 @@
-//! Defects of the sampling: samples that are lost, doubled or swapped, and bad clocks.
+//! Defects of the sampling: lost, repeated or swapped samples, and bad clocks.
 
 use super::kind::{Kind, kind};
 use crate::defects::{draw::Draw, scene::Scene};
@@ -52,7 +52,7 @@ pub const KINDS: [Kind; 8] = [
     }),
     kind("a clock that drifts", &["drift"], |scene, draw| {
         let (part, duration_s) = (draw.sign() * draw.between(0.005, 0.05), scene.seen.duration_s);
-        // Right on average, so that the mean is not a wrong scale.
+        // The clock is right on average, so that this is not a wrong scale.
         scene.instruments.clock = Some(Box::new(move |t_s, _| t_s + part * t_s * (t_s / duration_s - 1.0)));
     }),
     kind("a clock that trembles", &[], |scene, draw| {

@@ -1,4 +1,4 @@
-//! Wrong scales: a group of their own, as every sample is what another device would give.
+//! Wrong scales. They form a group of their own, because another device would give exactly the same samples.
 
 use super::kind::{Group, Kind, Place};
 use crate::defects::{draw::Draw, scene::Scene};
@@ -24,7 +24,8 @@ pub const KINDS: [Kind; 7] = [
     kind("structure mass wrong", |scene, draw| {
         scene.settings.structure_mass_kg += draw.between(0.005, 0.03) * scene.device.inertance_kg;
     }),
-    // Over times longer than its time constant, creep is a gain: the scale for a weight is not the scale for a motion.
+    // Over times longer than its time constant, creep acts as a gain: the scale calibrated with a weight is not the
+    // scale of a motion.
     kind("creep of the load cell", |scene, draw| {
         let (part, time_s) = (draw.between(0.005, 0.05), draw.between(0.5, 10.0));
         scene
