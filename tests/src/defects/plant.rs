@@ -319,7 +319,8 @@ impl Plant {
     }
 }
 
-/// The terminal's motion between two nodes, `length_s` apart: the quintic through displacement, velocity and acceleration.
+/// The terminal's motion between two nodes, `length_s` apart: the quintic through displacement, velocity and
+/// acceleration.
 fn between(a: &Point, b: &Point, length_s: f64, part: f64) -> Point {
     let (z, l) = (part, length_s);
     let (p0, v0, a0) = (a.x_m, a.v_m_per_s * l, a.a_m_per_s2 * l * l);

@@ -1,4 +1,4 @@
-//! Results of the host that this program was built with on a set of runs, for `cargo xtask ablation --host`.
+//! Runs this build of the host's analysis on a set of runs and prints the results, for `cargo xtask ablation --host`.
 //!
 //! One line per count: its name, a tab, and the count.
 
@@ -11,28 +11,28 @@ use inerter_tests::{
 
 /// No table has this seed.
 const SEED: u64 = 9101;
-/// Motions that show different things: a slow and a fast tone, many tones, and noise.
+/// Motions with different information: a slow and a fast tone, many tones, and noise.
 const NAMES: [&str; 4] = ["mid", "fast", "multi", "random"];
-/// Fastest rate \[Hz\]: faster sampling shows nothing more here.
+/// Fastest rate used \[Hz\]: here, faster sampling adds no information.
 const FASTEST_HZ: f64 = 1000.0;
-/// Fraction by which a size may be wrong.
+/// Maximum relative error of a size.
 const RIGHT: f64 = 0.1;
 /// Backlash whose impacts may look like a cause \[m\].
 const BACKLASHES_M: [f64; 2] = [50e-6, 300e-6];
-/// Friction per force, and force once per turn \[N\], too small to break the law.
+/// Friction as a fraction of the force, and amplitudes of a force once per turn \[N\], too small to break the law.
 const LOADS: [f64; 2] = [0.0006, 0.0025];
 const RIPPLES_N: [f64; 2] = [0.2, 0.7];
 
 /// Totals over the runs.
 #[derive(Clone, Copy, Default)]
 struct Counts {
-    /// Faults that are named first, and those with the right size too.
+    /// Runs whose fault is named first, and those among them with the right size.
     first: u32,
     sized: u32,
-    /// Parameters of those runs that are given with the causes included, and those within their intervals.
+    /// Parameters of these runs that are given with the causes included, and those among them within their intervals.
     corrected: u32,
     right: u32,
-    /// Runs whose first cause is a false one.
+    /// Runs whose first cause is wrong.
     wrong: u32,
     /// Parameters given in runs without a warning, of a law that is true or nearly so; those outside the interval of
     /// the samples; those of them that are not said to rest on the fault either; and those that rest on anything.
@@ -40,7 +40,7 @@ struct Counts {
     outside: u32,
     unsaid: u32,
     assumed: u32,
-    /// Sum of the logarithms of these intervals relative to the device's.
+    /// Sum of the logarithms of the ratios of these intervals to the device's.
     widths: f64,
 }
 
@@ -61,7 +61,7 @@ impl Counts {
     }
 
     fn of_fault(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
-        // Without a part of it a search may end in rows that it cannot fit: then nothing is named.
+        // With one part of the analysis removed, the search may end in rows that it cannot fit. Then nothing is named.
         let found = case.diagnosed(motion, seed).ok();
         let Some((first, corrected)) = found.and_then(|found| Some((*found.causes.first()?, found.corrected))) else {
             return Ok(Self::default());
@@ -78,7 +78,7 @@ impl Counts {
         Ok(counts)
     }
 
-    /// A run in which nothing should be named, with the samples' judgement of its parameters.
+    /// A run in which nothing must be named, with the parameters judged by the samples.
     fn of_law(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
         let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
         let is_wrong = causes.first().is_some_and(|cause| Some(cause.kind) != case.kind);
@@ -99,8 +99,8 @@ impl Counts {
         Ok(counts)
     }
 
-    /// A run in which flanks separate, with the contact's stiffness stated or not; unstated, the device has a mass on
-    /// the terminal.
+    /// A run in which flanks separate, with the contact's stiffness stated or not. If it is not stated, a structure
+    /// mass may be named, because the device has one.
     fn of_flanks(backlash_m: f64, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Self, Error> {
         let causes = parting(backlash_m).told(motion, seed, with_stiffness)?;
         let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
@@ -124,7 +124,7 @@ impl Counts {
     }
 }
 
-/// Distance from the truth and half width of inertance, viscous and Coulomb friction, where given.
+/// Error and half width of inertance, viscous and Coulomb friction, if given.
 fn given(case: &Case, parameters: &Parameters) -> [Option<(f64, f64)>; 3] {
     let device = &case.device;
     let mut truths = [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n].into_iter();
@@ -146,7 +146,7 @@ fn nearly() -> Vec<Case> {
 pub fn run(_: &[&str]) -> Result<bool, Error> {
     let motions: Vec<&Motion> = MOTIONS.iter().filter(|motion| NAMES.contains(&motion.name)).collect();
     let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
-    // A rotary machine is the same in other units.
+    // A rotary machine gives the same results in other units.
     let clean = clean_cases().into_iter().filter(|case| case.sensors.sample_rate_hz <= FASTEST_HZ && !case.is_rotary);
     let laws: Vec<Case> = clean.chain(nearly()).collect();
     let of_motion = |place: u64| -> Result<Counts, Error> {

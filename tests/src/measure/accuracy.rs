@@ -1,7 +1,7 @@
 //! `cargo xtask accuracy`: the grid as a committed table.
 //!
-//! Without arguments the table is compared with `docs/tables/accuracy.md`; differences are listed and the program
-//! fails. `--short` measures and compares the first rig, `--update` writes the table.
+//! Without arguments it compares the measured table with `docs/tables/accuracy.md`, lists the differences and fails if
+//! there are any. `--short` measures and compares only the first rig; `--update` writes the table.
 
 mod backlash;
 mod table;
@@ -14,16 +14,16 @@ use inerter_tests::{
 };
 use table::{Row, Section};
 
-/// Runs of each cell.
+/// Runs per cell.
 const SEEDS: u64 = 32;
-/// For the rig with a clock of its own.
+/// Note for the rig with its own clock.
 const CLOCKS: &str = "\
 No goals. In the tables above the shaker runs on the instrument's clock: `mid`, `multi` and `two` repeat themselves sample
 by sample, 32, 10 and 16 times in a run at 1 kHz, and the encoder's error repeats with them, which no average removes. Here
 the instrument's clock is 10 ppm faster, and known to be.
 
 ";
-/// For the worn device.
+/// Note for the worn device.
 const WORN: &str = "\
 No goals. The structure mass is taken out by `a1 = a2 + F''/ks`, which does not hold while the flanks do not touch: that is
 the bias of mt, about 4 % of the structure mass of 1.5 kg, which the interval holds by the gap and the motion. At 1 kHz the
@@ -59,7 +59,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
 }
 
 fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
-    // What is not fully understood has no goals.
+    // Sections with a note have no goals: their behaviour is not fully understood.
     let with_goals = note.is_empty();
     let mut rows = Vec::new();
     for motion in &MOTIONS {

@@ -8,12 +8,12 @@ use inerter_tests::{
 };
 use std::thread;
 
-/// Steady motion in which nothing may be found \[s\].
+/// Duration of steady motion in which no change may be reported \[s\].
 const STEADY_S: f64 = 3600.0;
-/// Runs of each step.
+/// Runs per step.
 const SEEDS: u64 = 4;
 
-/// A step of the device.
+/// A step change of the device.
 struct Step {
     name: &'static str,
     parameter: Changed,
@@ -147,7 +147,7 @@ fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<Row, Erro
     Ok(Row { cells, good })
 }
 
-/// The changes found, each with its time \[s\].
+/// The reported changes, each with its time \[s\].
 fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
     let sensors = grid::instruments(rig, seed);
     let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.device(), &sensors) };

@@ -1,5 +1,4 @@
-//! `cargo xtask coverage`: width and coverage of the intervals where the law is true, and coverage where it is nearly
-//! true.
+//! `cargo xtask coverage`: width and coverage of the intervals if the law is true, and coverage if it is nearly true.
 
 use inerter_analysis::diagnose::{TOLD, reach};
 use inerter_core::{Detail, Interval, NORMAL_COVERAGE, Parameter};
@@ -17,20 +16,20 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use std::{ops::RangeInclusive, path::PathBuf};
 
-/// First seed and number of the runs that judge; runs 1 to 100 on the first bench have set the share of the encoder's
+/// First seed and number of the runs that count. Runs 1 to 100 on the first bench determined the share of the encoder's
 /// steps.
 const SEEDS: (u64, u64) = (1001, 400);
-/// The same for a law that is nearly true.
+/// First seed and number of runs for a law that is nearly true.
 const NEARLY: (u64, u64) = (2001, 40);
-/// The same for tones of a whole number of samples.
+/// First seed and number of runs for tones with a whole number of samples per period.
 const TONES: (u64, u64) = (4001, 200);
-/// The same for the contact.
+/// First seed and number of runs for the contact.
 const CONTACT: (u64, u64) = (3001, 60);
-/// Coverage that must remain if settings are wrong by what they state \[%\].
+/// Required coverage if settings are wrong by their stated uncertainty \[%\].
 const HELD: RangeInclusive<f64> = 93.0..=97.0;
-/// Draws for the frontier.
+/// Number of random draws for the frontier.
 const DRAWN: usize = 20_000;
-/// Standard errors in the half width of a normal interval.
+/// Half width of a normal 95 % interval in standard errors.
 const K: f64 = NORMAL_COVERAGE as f64;
 
 /// The benches: the grid's, and others.
@@ -138,7 +137,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
     Ok(text)
 }
 
-/// Backlash, stiffness and damping of the contact, on a rig whose settings are true.
+/// Backlash, stiffness and damping of the contact, on a rig with true settings.
 fn contacts() -> Result<String, Error> {
     let (first, seeds) = CONTACT;
     let mut text = format!(
@@ -273,8 +272,7 @@ fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
     ])
 }
 
-/// Normal errors of two kinds, with standard deviation 1: the law's own, and that of a cause's size as the run shows
-/// it.
+/// Two independent standard normal errors: the error of the law's own estimate, and that of the size of a cause.
 struct Draws(Vec<[f64; 2]>);
 
 impl Draws {
@@ -283,8 +281,8 @@ impl Draws {
         Self((0..DRAWN).map(|_| [(); 2].map(|()| StandardNormal.sample(&mut random))).collect())
     }
 
-    /// Least coverage of an interval over all sizes of a cause whose size scatters by `chance` \[%\]; `by` gives
-    /// deviation and half width of the interval from the errors and a size.
+    /// Lowest coverage of an interval over all sizes of a cause, if the estimate of its size scatters by `chance`
+    /// \[%\]. `by` maps the errors and a size to deviation and half width of the interval.
     fn least_held(&self, chance: f64, by: &dyn Fn([f64; 2], f64) -> (f64, f64)) -> f64 {
         let held = |size: f64| {
             let within = self.0.iter().filter(|draw| {
@@ -296,8 +294,8 @@ impl Draws {
         (0..=60).map(|step| held(f64::from(step) * chance.max(1.0) * 0.25)).fold(100.0, f64::min)
     }
 
-    /// Coverage of `replay`, and the mean width of its interval relative to the law's own, with its part for a cause
-    /// multiplied by `times`.
+    /// Coverage of `replay`'s interval, and its mean width relative to the law's own interval, with the share for a
+    /// cause multiplied by `times`.
     fn replay(&self, chance: f64, times: f64) -> (f64, f64) {
         let half_width = |other: f64, size: f64| K.hypot(times * reach(size + chance * other, chance));
         let held = self.least_held(chance, &|[own, other], size| (own + size, half_width(other, size)));
@@ -306,13 +304,14 @@ impl Draws {
     }
 }
 
-/// Scatter of a cause fitted beside a law whose standard error grows by this factor with it.
+/// Scatter of the size of a cause that is fitted together with the law, if this increases the law's standard error by
+/// the factor `grows`.
 fn chance(grows: f64) -> f64 {
     (grows * grows - 1.0).sqrt()
 }
 
-/// What it costs to cover a left-out cause of any size, by how much the standard error grows with the cause beside the
-/// law. A standard error is 1, and so is the unit of the sizes.
+/// The cost of covering an omitted cause of any size, as a function of the increase in standard error when the cause is
+/// fitted too. In units of the law's standard error.
 fn frontier(update: bool) -> Result<String, Error> {
     let draws = Draws::new();
     let mut text = format!(
@@ -346,8 +345,8 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
     Ok(text)
 }
 
-/// Safety over sharpness: coverage of `replay` at the worst size over the width of its interval, as its part for a
-/// cause grows.
+/// Safety against sharpness: coverage of `replay` at the worst size over the width of its interval, as the share for a
+/// cause increases.
 fn frontier_figure(draws: &Draws) -> Figure {
     let at = |grows: f64, times: f64| {
         let (held, width) = draws.replay(chance(grows), times);
@@ -378,13 +377,13 @@ fn frontier_figure(draws: &Draws) -> Figure {
     }
 }
 
-/// Writes a figure below `docs`.
+/// Writes a figure to a path below `docs`.
 fn draw(path: &str, figure: &Figure) -> Result<(), Error> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs").join(path);
     std::fs::write(&path, svg(figure)).map_err(|error| format!("cannot write {}: {error}", path.display()).into())
 }
 
-/// Table and figure of a law that is nearly true.
+/// Table and figure for a law that is nearly true.
 fn nearly(update: bool) -> Result<String, Error> {
     let (first, seeds) = NEARLY;
     let (sections, figure) = sections(first, seeds)?;
@@ -409,14 +408,14 @@ called presliding or Stribeck's. The others are silent. Of these, each cell give
 mod tests {
     use super::*;
 
-    /// The factors are the least with which 90 % are covered at any size, and the growth is the greatest at which they
-    /// are.
+    /// The factors are the smallest ones with which 90 % are covered at any size, and the limit of the growth is the
+    /// largest one at which they are.
     #[test]
     fn the_point_on_the_frontier_is_where_90_percent_are_held() {
         let draws = Draws::new();
         let (held, width) = draws.replay(chance(TOLD), 1.0);
         assert!((WANTED - 0.5..WANTED + 1.0).contains(&held) && width < TOLD, "{held} {width}");
-        // Less of either is not safe, and covering a cause always costs width.
+        // A smaller share is not safe, and covering a cause always costs width.
         let (held, _) = draws.replay(chance(TOLD), 0.8);
         assert!(held < WANTED - 3.0, "{held}");
         let (held, width) = draws.replay(chance(4.0), 1.0);

@@ -1,5 +1,5 @@
-//! `cargo xtask defects`: how often a realistic defect makes a value wrong silently, and how often a clean run is
-//! called broken.
+//! `cargo xtask defects`: how often a realistic defect makes a value silently wrong, and how often a clean run is
+//! reported as broken.
 
 use inerter_tests::{
     defects::{
@@ -15,12 +15,12 @@ use inerter_tests::{
 };
 use std::path::PathBuf;
 
-/// Runs of each kind and motion.
+/// Runs per kind and motion.
 const SEEDS: u64 = 2;
-/// Clean runs of each motion: those of the first seeds are the defects' runs without the defect.
+/// Clean runs per motion. Those with the first seeds are the defects' runs without the defect.
 const CLEAN: u64 = 200;
 
-/// Results in order of their number, whatever thread they come from.
+/// Results in the order of their numbers, whatever thread computed them.
 fn each<R: Send>(count: usize, one: impl Fn(usize) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
     let mut all = each_seed(count as u64, |number| {
         let place = number as usize - 1;
@@ -131,7 +131,7 @@ The settings state no uncertainty of the rig and do not mention the defect.
     )
 }
 
-/// How clean runs are judged.
+/// Verdicts on the clean runs.
 fn clean_figures(clean: &[Seen]) -> String {
     let count = |is: &dyn Fn(&Said) -> bool| clean.iter().filter(|seen| is(&seen.said)).count();
     let broken = count(&|said| said.broken);
@@ -159,10 +159,10 @@ Called broken, by motion: {}.
     )
 }
 
-/// The characteristic of the law's test, and of all warnings together.
+/// The receiver operating characteristic of the law's test, and of all warnings together.
 fn characteristic(clean: &[&Said], harmful: &[&Said]) -> String {
     let scores = |all: &[&Said], score: &dyn Fn(&Said) -> f64| all.iter().map(|said| score(said)).collect::<Vec<_>>();
-    // A wrong sign breaks the law, whatever the residual.
+    // A wrong sign breaks the law regardless of the residual.
     let law = |said: &Said| match (said.broken && said.misfit <= 1.0, said.closed) {
         (true, _) => f64::INFINITY,
         (false, true) => said.misfit,

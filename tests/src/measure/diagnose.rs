@@ -1,5 +1,5 @@
-//! `cargo xtask diagnose`: how often the cause that breaks the law is named first and sized right, and how often a
-//! false one is.
+//! `cargo xtask diagnose`: how often the cause that breaks the law is named first with the right size, and how often a
+//! wrong cause is named.
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
 use inerter_core::{Interval, Parameters};
@@ -13,11 +13,11 @@ use inerter_tests::{
 };
 use std::ops::RangeInclusive;
 
-/// Runs that set the thresholds: no others were looked at before that.
+/// Runs that determined the thresholds; no other runs were inspected before that.
 const SETTING: RangeInclusive<u64> = 1..=4;
-/// Runs of each fault and motion that judge.
+/// Runs per fault and motion that count.
 const SEEDS: RangeInclusive<u64> = 61..=64;
-/// Fraction by which a size may be wrong.
+/// Maximum relative error of a size.
 const RIGHT: f64 = 0.1;
 /// Backlash whose impacts may look like a cause \[m\].
 const BACKLASHES_M: [f64; 4] = [50e-6, 100e-6, 300e-6, 1e-3];
@@ -29,11 +29,12 @@ struct Tally {
     first: u32,
     sized: u32,
     within: u32,
-    /// Inertance, viscous and Coulomb friction, with the causes included, within their intervals.
+    /// Number of runs in which inertance, viscous and Coulomb friction lie within their intervals, with the causes
+    /// included.
     corrected: [u32; 3],
     other: u32,
     nothing: u32,
-    /// Greatest F statistic, relative to its threshold.
+    /// Largest F statistic, relative to its threshold.
     strongest: f64,
 }
 
@@ -68,13 +69,13 @@ impl Tally {
         }
     }
 
-    /// Percentages of its runs: named first, sized too, another first.
+    /// Percentages of the runs: named first, named first with the right size, another cause first.
     fn percent(&self) -> [f64; 3] {
         [self.first, self.sized, self.other].map(|part| percent(part, self.runs))
     }
 }
 
-/// Which of inertance, viscous and Coulomb friction lie within their intervals with the causes included.
+/// Which of inertance, viscous and Coulomb friction lie within their intervals, with the causes included.
 fn within_intervals(case: &Case, found: &Diagnosis) -> [bool; 3] {
     let Some(Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. }) = found.corrected else {
         return [false; 3];
@@ -104,7 +105,7 @@ fn tally(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Ta
     Ok(runs.into_iter().fold(Tally::default(), Tally::add))
 }
 
-/// What the motion shows of a fault, averaged over the seeds.
+/// How well the motion reveals a fault, averaged over the seeds.
 fn told(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Told, Error> {
     let all = each_of(seeds, |seed| {
         let run = case.recorded(motion, seed, true)?;
@@ -115,7 +116,7 @@ fn told(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Tol
     Ok(Told { left: mean(|told| told.left), sigmas: mean(|told| told.sigmas) })
 }
 
-/// Runs of all faults, and of those that the motion shows well enough; writes a row for each fault and motion.
+/// Tallies of all faults, and of those that the motion reveals well enough. Writes a row for each fault and motion.
 fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
     let (mut all, mut told_enough) = (Tally::default(), Tally::default());
     for case in cases() {
@@ -152,7 +153,7 @@ fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
     Ok(clean)
 }
 
-/// Runs whose flanks separate, and those of them for which a cause is named unasked.
+/// Number of runs whose flanks separate, and of those in which a wrong cause is named without being asked for.
 fn with_flanks_that_part() -> Result<[usize; 2], Error> {
     let [mut runs, mut told] = [0; 2];
     for backlash_m in BACKLASHES_M {
@@ -160,7 +161,7 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
             for with_stiffness in [true, false] {
                 let causes = each_of(&SEEDS, |seed| parting(backlash_m).told(motion, seed, with_stiffness))?;
                 runs += causes.len();
-                // The device has a mass on the terminal.
+                // The device has a structure mass, so naming that is not wrong.
                 let is_wrong = |causes: &&Vec<Cause>| causes.iter().any(|cause| cause.kind != Kind::Structure);
                 told += causes.iter().filter(is_wrong).count();
             }

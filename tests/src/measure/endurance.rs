@@ -1,31 +1,31 @@
-//! `cargo xtask endurance [SAMPLES]`: a thousand million samples through the estimator, the same two minutes over and
-//! over.
+//! `cargo xtask endurance [SAMPLES]`: feeds a thousand million samples through the estimator, repeating the same two
+//! minutes.
 //!
-//! The sample counter, the encoder and every running sum wrap on the way. The sums of the whole run must grow by
-//! exactly the same amount with each repetition, and what is published at its end must not change.
+//! The sample counter, the encoder and every running sum wrap on the way. Each repetition must add exactly the same
+//! amount to the sums of the whole run, and the values published at its end must not change.
 
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::grid::{self, Error};
 
-/// Samples by default.
+/// Default number of samples.
 const SAMPLES: u64 = 1_000_000_000;
-/// The repeated motion: it begins and ends at rest.
+/// The repeated motion. It begins and ends at rest.
 const MOTION: &str = "random@40s;hold@3s;mid@20s;hold@2s;fast@10s;two@20s;multi@20s;hold@5s";
 const DURATION_S: f64 = 120.0;
 /// Repetitions until the memory has forgotten the start.
 const SETTLING: u64 = 8;
-/// Greatest difference of the backlash, which is an average over the whole run \[m\].
+/// Maximum difference of the backlash, which is an average over the whole run \[m\].
 const GREATEST_BACKLASH_M: f64 = 0.1e-6;
-/// Fraction by which a published value may differ from that after the first repetitions: the last bits of an `f32`; and
-/// the same for its interval, which counts how many strokes were repeated in all, and settles with that, as one over
-/// the repetitions.
+/// Maximum relative difference of a published value from the one after the first repetitions (the last bits of an
+/// `f32`), and of its interval. The interval counts how many strokes were repeated in all, so it settles with one over
+/// the number of repetitions.
 const GREATEST_DIFFERENCE: [f64; 2] = [1e-6, 1e-3];
 
-/// What one repetition adds to the sums of both banks.
+/// The amounts that one repetition adds to the sums of both banks.
 type Growth = [Vec<i128>; 2];
 
-/// What is compared after each repetition.
+/// The values compared after each repetition.
 struct Look {
     estimate: Estimate,
     sums: [inerter_core::Sums; 2],
@@ -66,7 +66,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
         .map(|sample| grid::raw(&sample))
         .collect();
     let length = segment.len() as u32;
-    // Further with each repetition, so that the encoder wraps many times.
+    // Each repetition starts at a different position, so that the encoder wraps many times.
     let [first, .., last] = segment.as_slice() else { return Err("no samples".into()) };
     let advance = last.position_count.wrapping_sub(first.position_count);
     let active = settings.validate()?;
@@ -131,7 +131,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
         last.backlash_m * 1e6,
         last.reversals
     );
-    // An average over more of the same may settle, but not drift.
+    // An average over more repetitions of the same may settle, but must not drift.
     let counted = u64::from(last.reversals) * (SETTLING + 1) >= u64::from(look.reversals) * (repetitions - SETTLING);
     let settled = greatest.iter().zip(GREATEST_DIFFERENCE).all(|(found, most)| *found <= most);
     Ok(settled && changes == 0 && moved_m <= GREATEST_BACKLASH_M && counted)

@@ -1,8 +1,8 @@
-//! Random streams into the whole device, for as long as wanted.
+//! Sends random streams to the whole device, for as long as requested.
 //!
-//! `fuzz [--minutes N] [--seed S]` tries streams from seed S on (default 0) for N minutes (default 1). A stream with a
-//! finding is shrunk and written to `target/fuzz/SEED.bin`; the finding is printed, and the program fails at the end.
-//! `fuzz --play FILE...` tries files. `fuzz --write-corpus` makes `tests/corpus` anew.
+//! `fuzz [--minutes N] [--seed S]` tries streams from seed S on (default 0) for N minutes (default 1). It shrinks a
+//! stream with a finding, writes it to `target/fuzz/SEED.bin`, prints the finding, and fails at the end. `fuzz --play
+//! FILE...` tries files. `fuzz --write-corpus` rewrites `tests/corpus`.
 
 use inerter_tests::{
     fuzz::{Conditions, findings, shrink, stream, write_corpus},
@@ -15,7 +15,7 @@ use std::{
 };
 
 const USAGE: &str = "usage: fuzz [--minutes N] [--seed S] | fuzz --play FILE... | fuzz --write-corpus";
-/// Time between two progress lines.
+/// Interval between two progress lines.
 const PROGRESS: Duration = Duration::from_secs(10);
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
@@ -51,7 +51,7 @@ fn play(files: &[&str]) -> Result<bool, Error> {
 }
 
 fn search(time: Duration, first: u64) -> Result<bool, Error> {
-    // A panic of the device is a finding; one line of it is enough.
+    // A panic of the device is a finding, and its one line is enough.
     std::panic::set_hook(Box::new(|_| {}));
     let (start, mut told) = (Instant::now(), Instant::now());
     let (mut bytes, mut failures, mut seed) = (0, 0, first);

@@ -1,4 +1,5 @@
-//! `cargo xtask identify`: the complete model of hidden devices; `cargo xtask bench-identify`: the time that it takes.
+//! `cargo xtask identify`: the complete model of hidden devices; `cargo xtask bench-identify`: the time that this
+//! takes.
 
 use std::{fmt::Write, path::Path, time::Instant};
 
@@ -13,7 +14,7 @@ use serde_json::{Value, json};
 
 /// Devices per motion.
 const DEVICES: u64 = 8;
-/// The first of them were looked at while the intervals' factors were set.
+/// The first of them were inspected while the interval factors were tuned.
 const TUNED: u64 = 3;
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
@@ -91,7 +92,7 @@ fn unit(name: &str) -> f64 {
     }
 }
 
-/// Writes the problem for scipy and solves it: the same samples, parameters, start and prior knowledge.
+/// Writes the problem for scipy and solves it, with the same samples, parameters, start values and prior knowledge.
 fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
     let device = hidden(3);
     let rig = instruments(3);
@@ -123,7 +124,7 @@ fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
     Ok(true)
 }
 
-/// Whether scipy took this many times longer.
+/// Whether scipy takes at least this many times longer.
 fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
     let read = |path: &Path| -> Result<Value, Error> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
     let (problem, scipy) = (read(path)?, read(&path.with_extension("scipy.json"))?);

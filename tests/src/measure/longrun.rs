@@ -1,8 +1,8 @@
 //! `cargo xtask longrun [UPDATES]`: the fixed-point estimator against the same algorithm in f64, over ten million
 //! updates.
 //!
-//! Two runs: all motions and rest in turn, and the slow motion alone, whose inertance is the hardest to keep. Prints
-//! the greatest differences, and fails if one exceeds its bound.
+//! Two runs: one alternates all motions and rest, the other is the slow motion alone, whose inertance is the hardest to
+//! maintain. Prints the largest differences, and fails if one exceeds its bound.
 
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -14,7 +14,7 @@ use std::thread;
 
 /// Updates of the fast bank.
 const UPDATES: u32 = 10_000_000;
-/// One stretch of each run.
+/// One segment of each run, which is repeated.
 const RUNS: [(&str, &str); 2] = [
     ("all motions", "mid@20s;hold@5s;slow@60s;random@20s;hold@2s;fast@20s;two@20s;multi@20s;chirp:0.2-20Hz:15mm/s:30s"),
     ("slow alone", "slow@600s"),
@@ -60,7 +60,7 @@ fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
                 return Ok(pair);
             }
         }
-        // The next stretch starts elsewhere: a sample is missing.
+        // The next segment starts at another position, so a sample must be missing here.
         index = index.wrapping_add(1);
     }
     Err("the seeds ran out".into())

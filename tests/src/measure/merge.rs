@@ -1,4 +1,5 @@
-//! `cargo xtask merge`: how often the interval of merged runs contains the device's value, and what more runs gain.
+//! `cargo xtask merge`: how often the interval of merged runs contains the device's value, and how much more runs
+//! improve it.
 
 use inerter_analysis::merge::Runs;
 use inerter_core::NORMAL_COVERAGE;
@@ -13,17 +14,17 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use std::array;
 
-/// Groups of runs, each of one device.
+/// Number of groups of runs, each of one device.
 const GROUPS: u64 = 60;
-/// First seed of the runs; no constant was set on them.
+/// First seed of the runs. No constant was tuned on them.
 const FIRST_SEED: u64 = 0x5EED_0000;
-/// How many runs of a group are merged.
+/// Number of runs of a group that are merged.
 const SIZES: [usize; 4] = [1, 2, 4, 16];
 /// Length of a run \[s\].
 const DURATION_S: f64 = 10.0;
-/// Least coverage over all cases and sizes, for each parameter.
+/// Minimum coverage over all cases and sizes, for each parameter.
 const LEAST_HELD: f64 = 0.93;
-/// Uncertainties of the rig that are stated as zero, and are.
+/// Uncertainties of the rig that are truly zero, and stated so.
 const PERFECT: [&str; 4] = ["force_gain_u95", "lead_u95", "timebase_u95", "structure_mass_u95_kg"];
 
 /// The runs of a group.
@@ -31,15 +32,15 @@ struct Case {
     name: &'static str,
     motions: &'static [&'static str],
     metres_per_count: f64,
-    /// Standard deviations of inertance and Coulomb friction from run to run, as fractions of themselves.
+    /// Relative standard deviations of inertance and Coulomb friction from run to run.
     varies: [f64; 2],
-    /// Stated uncertainty of the skew, by which each rig is wrong \[s\].
+    /// Stated uncertainty of the skew; each rig has an error of this size \[s\].
     skew_u95_s: f64,
 }
 
 const FINE: f64 = 2.441_406_25e-6;
 
-/// A device that stays the same, on a perfect rig.
+/// A device that does not change, on a perfect rig.
 const SAME: Case = Case { name: "", motions: &[], metres_per_count: FINE, varies: [0.0; 2], skew_u95_s: 0.0 };
 const SEVERAL: &[&str] = &["random", "mid", "two", "multi"];
 
@@ -58,13 +59,13 @@ const CASES: [Case; 12] = [
     Case { name: "several, mt varies by 0.1 %", motions: SEVERAL, varies: [0.001, 0.0], ..SAME },
 ];
 
-/// Error and half width of each parameter, where given; and whether the runs are said to differ in any.
+/// Error and half width of each parameter, if given, and whether the runs are reported to differ in any parameter.
 struct Told {
     found: [Option<(f64, f64)>; 3],
     differ: bool,
 }
 
-/// Results of one group for each number of merged runs.
+/// Results of one group, for each number of merged runs.
 fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
     let seed = FIRST_SEED + 1000 * seed;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -111,7 +112,7 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
     told.try_into().map_err(|_| "a size is left out".into())
 }
 
-/// Cells of one parameter in groups of one size, and how many of how many are covered.
+/// Cells of one parameter in groups of one size, with the numbers of intervals covered and given.
 fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
     let (told, held, rms, u95) = sheet::counted(groups.iter().filter_map(|told| told.found[parameter]));
     if told == 0 {
@@ -145,7 +146,7 @@ interval is that of the device during that run, so rows of one run are not count
             for parameter in 0..NAMES.len() {
                 let (cell, now_held, now_told) = counted(&those, parameter);
                 row += &format!(" {cell}");
-                // One run cannot show what differs from run to run.
+                // A single run cannot show the variation from run to run.
                 if size > 1 || case.varies == [0.0; 2] {
                     held[parameter] += now_held;
                     told[parameter] += now_told;

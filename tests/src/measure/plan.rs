@@ -1,4 +1,5 @@
-//! `cargo xtask plan`: whether motions reach the intervals predicted for them, and whether designing them is worth it.
+//! `cargo xtask plan`: whether motions reach the intervals predicted for them, and whether designing them is
+//! worthwhile.
 
 use inerter_analysis::plan::{Limits, Part, Plan, Prediction, design, part_text, predict};
 use inerter_core::Machine;
@@ -10,14 +11,14 @@ use inerter_tests::{
     sheet::{self, significant},
 };
 
-/// First seed and number of the runs that judge: no rehearsal uses them.
+/// First seed and number of the runs that count. No rehearsal uses these seeds.
 const SEEDS: (u64, u64) = (1001, 200);
-/// The same for fixed motions compared with a design.
+/// First seed and number of runs for fixed motions compared with a design.
 const BESIDE: (u64, u64) = (3001, 40);
-/// Points per second in a designed motion's file \[Hz\].
+/// Sample rate of a designed motion's file \[Hz\].
 const FILE_HZ: f64 = 1000.0;
 
-/// The benches; the last two were not looked at while the method was developed.
+/// The benches. The last two were not used during development.
 fn benches() -> Vec<Bench> {
     let sensors = Sensors { force_noise_n: 1.0, ..Sensors::default() };
     let paper = Inerter::paper();
@@ -77,7 +78,7 @@ fn benches() -> Vec<Bench> {
     ]
 }
 
-/// A rotary axis with a shaft's inertia, in kg m2, N m and rad.
+/// A rotary axis with the inertia of a shaft, in kg m2, N m and rad.
 fn axis() -> Bench {
     let device = Inerter {
         inertance_kg: 2e-4,
@@ -143,14 +144,14 @@ fn cases() -> Vec<Case> {
 struct Tally {
     within: u32,
     all: u32,
-    /// Farthest ratio of result to prediction.
+    /// Ratio of result to prediction that is farthest from 1.
     farthest: f64,
 }
 
 impl Tally {
     const NONE: Self = Self { within: 0, all: 0, farthest: 1.0 };
 
-    /// Adds one more pair; returns the ratio, bold if it is beyond the limit.
+    /// Adds one pair. Returns the ratio, in bold if it is beyond the limit.
     fn add(&mut self, predicted: f64, reached: f64) -> String {
         let ratio = reached / predicted;
         let is_within = (ratio - 1.0).abs() <= WITHIN;
@@ -167,15 +168,15 @@ impl Tally {
     }
 }
 
-/// For `u_a` by the theory alone and with the rehearsed residual, for the scatter, and for `U95`.
+/// For `u_a` from theory alone, for `u_a` with the rehearsed residual, for the scatter, and for `U95`.
 type Tallies = [Tally; 4];
 
-/// A figure of any size.
+/// A number of any magnitude.
 fn figure(value: f64) -> String {
     if value.is_finite() && value < 1e-4 { format!("{value:.2e}") } else { significant(value) }
 }
 
-/// Rows of one motion.
+/// Table rows of one motion.
 fn rows(name: &str, prediction: &Prediction, reached: &[Reached; 3], tallies: &mut Tallies) -> String {
     let mut text = String::new();
     let (_, seeds) = SEEDS;
@@ -300,7 +301,7 @@ fn description(plan: &Plan, machine: Machine) -> String {
     parts.join(", ") + &reached.collect::<String>()
 }
 
-/// The design against the fixed motions under the same limits.
+/// Compares the design with the fixed motions under the same limits.
 fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, Error> {
     let (first, seeds) = BESIDE;
     let limits = Limits { duration_s: plan.duration_s(), ..case.limits };

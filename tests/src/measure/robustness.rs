@@ -1,7 +1,7 @@
 //! `cargo xtask robustness`: one imperfection of rig or device at a time, as a committed table.
 //!
-//! Without arguments the table is compared with `docs/tables/robustness.md`; differences are listed and the program
-//! fails. `--update` writes the table instead.
+//! Without arguments it compares the measured table with `docs/tables/robustness.md`, lists the differences and fails
+//! if there are any. `--update` writes the table instead.
 
 mod table;
 
@@ -10,7 +10,7 @@ use inerter_tests::robustness::{cases, cell};
 use inerter_tests::sheet;
 use table::Row;
 
-/// Runs of each row.
+/// Runs per row.
 const SEEDS: u64 = 8;
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {

@@ -1,4 +1,4 @@
-//! `cargo xtask skew`: how often the interval of a skew contains it, for machines of any size.
+//! `cargo xtask skew`: how often the interval of a measured skew contains the true one, for machines of any size.
 
 use inerter_analysis::skew::{Skew, SkewError};
 use inerter_tests::{
@@ -8,18 +8,18 @@ use inerter_tests::{
 };
 use std::ops::RangeInclusive;
 
-/// Machines that set the thresholds.
+/// Seeds of the machines that determined the thresholds.
 const SETTING: RangeInclusive<u64> = 1..=300;
-/// Machines that judge.
+/// Seeds of the machines that count.
 const JUDGING: RangeInclusive<u64> = 20_001..=20_400;
-/// Fraction of the reported skews whose interval must contain the truth.
+/// Minimum fraction of the reported skews whose interval contains the true value.
 const LEAST_HELD: f64 = 0.9;
 
 /// Result for one machine.
 struct Told {
     device: &'static str,
     motion: &'static str,
-    /// Error and half width \[s\], or why there is none.
+    /// Error and half width \[s\], or the reason why there is no skew.
     skew: Result<(f64, f64), &'static str>,
     /// Residual before and after, relative to the force.
     residual: Option<[f64; 2]>,
@@ -43,7 +43,7 @@ fn told(seed: u64) -> Result<Told, Error> {
     Ok(Told { device, motion, skew, residual })
 }
 
-/// Number reported, number covered, root mean square of error over half width, and median half width \[s\].
+/// Number of skews reported, number covered, root mean square of error over half width, and median half width \[s\].
 fn counted(all: &[&Told]) -> (usize, usize, f64, f64) {
     sheet::counted(all.iter().filter_map(|one| one.skew.ok()))
 }

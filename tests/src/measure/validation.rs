@@ -1,7 +1,7 @@
-//! `cargo xtask validation`: evidence for the intervals, on recordings of real machines and against other methods.
+//! `cargo xtask validation`: evidence for the intervals, from recordings of real machines and from other methods.
 //!
 //! Usage: validation --data FOLDER | validation --rivals FOLDER [--update]
-//! The first writes the data of the comparison, the second the table.
+//! The first form writes the data for the comparison, the second the table.
 
 use inerter_core::{Bank, Parameter, Settings, Source};
 use inerter_data::{
@@ -21,15 +21,15 @@ use inerter_tests::{
 use serde_json::{Value, json};
 use std::{fs, path::Path};
 
-/// Seed of the simulated data: no other test has it.
+/// Seed of the simulated data. No other test uses it.
 const SEED: u64 = 5001;
-/// Resamplings of the bootstrap.
+/// Number of bootstrap resamplings.
 const RESAMPLED: usize = 2000;
-/// Lengths of its blocks \[s\].
+/// Lengths of the bootstrap blocks \[s\].
 const BLOCKS_S: [f64; 3] = [0.5, 1.0, 2.0];
-/// Parts of a recording of the Lodz inerters.
+/// Number of parts into which a recording of the Lodz inerters is divided.
 const PARTS: usize = 3;
-/// Published values for the EMPS record by its own authors' zero-phase least squares: mt, cf, fc.
+/// The authors' own results for the EMPS record, by zero-phase least squares: mt, cf, fc.
 const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
@@ -51,7 +51,7 @@ struct Data {
 
 /// The simulated runs, and the EMPS record if it is available.
 fn data() -> Result<Vec<Data>, Error> {
-    // A structure is not part of the other methods.
+    // The other methods have no structure mass.
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
     let mut all = Vec::new();
     for name in ["mid", "random", "two"] {
@@ -69,7 +69,7 @@ fn data() -> Result<Vec<Data>, Error> {
         all.push(Data { name, run, truth: truth(&device), noise_n: sensors.force_noise_n });
     }
     if let Some(run) = Recording::Emps.run(1) {
-        // Its force's noise, estimated from fourth differences.
+        // The noise of its force, estimated from fourth differences.
         all.push(Data { name: "EMPS", run: run?, truth: EMPS, noise_n: 1.0 });
     }
     Ok(all)
@@ -97,7 +97,7 @@ fn replayed(run: &Run) -> Result<Outcome, Error> {
     Ok(replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
-/// A part of a run, by its samples.
+/// Part of a run, by sample numbers.
 fn part(run: &Run, from: usize, to: usize) -> Run {
     Run { samples: run.samples.get(from..to).unwrap_or_default().to_vec(), ..run.clone() }
 }
@@ -138,7 +138,7 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     sheet::conclude("validation", &text, 2, asked)
 }
 
-/// The same data through other methods.
+/// The same data analysed with other methods.
 fn methods(folder: &Path) -> Result<String, Error> {
     let path = folder.join("rivals.json");
     let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
@@ -180,7 +180,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
     Ok(text)
 }
 
-/// Judgement of the runs of the plant that is written in Python.
+/// Verdict on the runs of the plant written in Python.
 fn another_plant(folder: &Path) -> Result<String, Error> {
     let path = folder.join("plant.json");
     let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
@@ -208,7 +208,7 @@ word that names the defect, with `assumes` alone, or with none; *device*: silent
     Ok(text)
 }
 
-/// The force of one half of the EMPS record, predicted from the other half.
+/// The force of each half of the EMPS record, predicted from the other half.
 fn prediction(run: &Run) -> Result<String, Error> {
     let mut text = String::from(
         "
@@ -242,7 +242,7 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
     Ok(text)
 }
 
-/// The scatter of the EMPS parameters by resampled residuals.
+/// The scatter of the EMPS parameters over resampled residuals.
 fn bootstrap(run: &Run) -> Result<String, Error> {
     let outcome = replayed(run)?;
     let rows = rows(&run.settings, &run.samples, Bank::Fast)?;
@@ -301,7 +301,7 @@ of its budget), and with the law's misfit, and altogether.
     Ok(text)
 }
 
-/// Parts of the Lodz recordings against their intervals.
+/// Parts of the Lodz recordings compared with their intervals.
 fn scatter() -> Result<String, Error> {
     let mut text = format!(
         "

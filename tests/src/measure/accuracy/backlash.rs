@@ -1,4 +1,4 @@
-//! The columns of the backlash: every width in every motion, by the force alone and with the terminal's sensor.
+//! The columns of the backlash: every width in every motion, from the force alone and with the terminal sensor.
 
 use inerter_plant::Inerter;
 use inerter_tests::{
@@ -8,13 +8,13 @@ use inerter_tests::{
     sheet::{line, mean, significant},
 };
 
-/// Fraction of all values of a rig whose interval may miss the truth; in a single cell chance may make it more.
+/// Maximum fraction of all values of a rig whose interval misses the true value. A single cell may exceed it by chance.
 const MOST_WRONG: f64 = 0.05;
-/// Greatest error of the stiffness above 0.5 Hz, relative.
+/// Maximum relative error of the stiffness above 0.5 Hz.
 const STIFFNESS_GOAL: f64 = 3e-3;
 const MICRO: f64 = 1e6;
 
-/// One rig: its tables, what is missed, and whether the intervals hold.
+/// One rig: its tables, the missed goals, and whether the intervals are valid.
 pub struct Section {
     pub text: String,
     pub misses: Vec<String>,
@@ -106,7 +106,7 @@ const FORCE_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached
 const SENSED_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
 
 impl Row {
-    /// Goals for bias and sigma of the backlash by the force alone.
+    /// Goals for bias and sigma of the backlash from the force alone.
     fn goal(&self) -> Option<(f64, f64)> {
         let (bias, sigma, up_to_m) = goal(self.motion.name);
         // Widths are round numbers of micrometres.
@@ -138,7 +138,7 @@ impl Row {
     }
 }
 
-/// By how much a goal is missed.
+/// Describes by how much a goal is missed.
 fn missed(column: &Column, goal: Option<(f64, f64)>) -> Option<String> {
     let (bias, sigma) = goal?;
     let figures = format!("{} um, {} um", significant(column.bias * MICRO), significant(column.sigma * MICRO));

@@ -1,4 +1,4 @@
-//! The table as Markdown, and the differences between two of them.
+//! The accuracy table as Markdown, and its missed goals.
 
 use super::backlash;
 use inerter_tests::coverage;
@@ -18,11 +18,11 @@ pub struct Row {
     pub goal: Option<(f64, f64)>,
     /// Cramer-Rao bound.
     pub least_sigma: f64,
-    /// The same with the encoder's steps as noise besides the force's.
+    /// The Cramer-Rao bound with the encoder's steps as additional noise.
     pub least_with_steps: f64,
     /// Goal for sigma as a multiple of the Cramer-Rao bound.
     pub ratio_goal: Option<f64>,
-    /// Cramer-Rao bound with a kernel's length left out around each sticking.
+    /// Cramer-Rao bound without the samples within a kernel's length of a sticking.
     pub kept_sigma: f64,
     pub u95: f64,
     pub coverage: Option<f64>,
@@ -30,14 +30,14 @@ pub struct Row {
     /// Runs that ended with a value.
     pub given: usize,
     pub settling_s: Option<f64>,
-    /// The inner one is none if the value is not expected to settle.
+    /// The inner value is `None` if the parameter is not expected to settle.
     pub settling_goal_s: Option<Option<f64>>,
 }
 
 /// One rig.
 pub struct Section {
     pub name: String,
-    /// What the reader must know.
+    /// Note for the reader.
     pub note: &'static str,
     pub rows: Vec<Row>,
 }
@@ -48,7 +48,7 @@ impl Section {
         self.rows.iter().any(|row| row.goal.is_some())
     }
 
-    /// Cells whose intervals cover the truth less often than 95 %, beyond the chance of so many runs.
+    /// Cells whose intervals cover the true value in significantly less than 95 % of that many runs.
     pub fn under(&self, seeds: u64) -> Vec<String> {
         let short = |part: Option<f64>| part.is_some_and(|part| coverage::is_low(part, seeds));
         self.rows
@@ -76,7 +76,7 @@ impl Row {
 
     fn settling_missed(&self) -> bool {
         match (self.settling_goal_s.flatten(), self.settling_s) {
-            // Values are published ten times a second.
+            // Allow for the publication interval of 0.1 s.
             (Some(goal), Some(time)) => time > goal + 0.1,
             (Some(_), None) => true,
             (None, _) => false,
@@ -117,7 +117,7 @@ impl Row {
         ]
     }
 
-    /// By how much the goals are missed, and what the figures show of the reason.
+    /// Describes by how much the goals are missed, and what the figures show about the reason.
     fn misses(&self, seeds: u64) -> Vec<String> {
         let mut lines = Vec::new();
         let Some((bias_goal, sigma_goal)) = self.goal else { return lines };
@@ -167,7 +167,7 @@ impl Row {
     }
 }
 
-/// What the reader of the backlash tables must know.
+/// Introduction to the backlash tables.
 const BACKLASH: &str = "
 ## Backlash
 
@@ -282,7 +282,7 @@ mod tests {
         let mut low = section(0.0, 1.0);
         low.rows[0].coverage = Some(0.85);
         assert_eq!(low.under(32).len(), 1);
-        // In one run it may be chance.
+        // With a single run it may be chance.
         assert!(low.under(1).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! The sheet as Markdown, and the differences between two of them.
+//! The robustness sheet as Markdown.
 
 use inerter_tests::coverage;
 use inerter_tests::grid::NAMES;
