@@ -1,4 +1,4 @@
-//! Backlash by either route: right where it is given, and refused with the right reason where it cannot be.
+//! Backlash with both methods: a reported value is right, and an undetermined one is withheld with the right reason.
 
 use inerter_core::{Contact, Interval, RawSample, Reversal, Route, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -30,7 +30,7 @@ fn backlash_of_all_widths_is_found_in_all_motions() {
             let (bias, sigma, up_to) = goal(motion.name);
             let place = format!("{} {:.0} um: {found:?}", motion.name, backlash_m * 1e6);
             if backlash_m <= up_to {
-                // Four runs say that much of a mean and of a deviation.
+                // Four runs determine a mean and a deviation only to this accuracy.
                 assert!(found.force.bias.abs() < bias + sigma, "{place}");
                 assert!(found.force.sigma < 2.0 * sigma, "{place}");
             }
@@ -67,7 +67,8 @@ fn each_reversal_tells_its_own_backlash_and_error() {
     assert!(rising.abs_diff(reversals.len() / 2) < reversals.len() / 10, "{rising} of {}", reversals.len());
 }
 
-/// With the sensor, the records scatter by the error that they state, and their mean is what all blocks say together.
+/// With the sensor, the records scatter by their stated error, and their mean agrees with the pooled value of all
+/// blocks.
 #[test]
 fn each_reversal_tells_its_own_backlash_with_the_sensor() {
     for (motion, at_least) in [("mid", 120), ("fast", 600), ("random", 400)] {
@@ -91,7 +92,8 @@ fn each_reversal_tells_its_own_backlash_with_the_sensor() {
     }
 }
 
-/// Across a gap the structure is half of it ahead of the screw and then half of it behind: up to 0.24 kg at 0.3 mm.
+/// While the screw crosses a gap, the structure is half the gap ahead of it and then half the gap behind: up to 0.24 kg
+/// at 0.3 mm.
 #[test]
 fn a_wide_gap_is_in_the_interval_of_the_inertance() {
     let (mut squares, mut all) = (0.0, 0.0);
@@ -113,11 +115,11 @@ fn a_wide_gap_is_in_the_interval_of_the_inertance() {
     assert!((0.25..0.7).contains(&rms), "rms {rms}");
 }
 
-/// A gap that nothing tells of, as the stiffness is not known, moves a parameter beyond its interval no more often than chance: in at most 3 of 20
-/// runs of a motion.
+/// With an unknown stiffness nothing reveals this gap. It moves a parameter out of its interval no more often than
+/// chance does: in at most 3 of 20 runs of a motion.
 #[test]
 fn a_gap_that_is_not_seen_is_within_the_intervals() {
-    // A load cell that bears no structure: without a stiffness the structure has an interval of its own.
+    // No structure mass on the load cell: without a stiffness, the structure would have an interval of its own.
     let device = Inerter { structure_mass_kg: 0.0, ..worn(10e-6) };
     for motion in MOTIONS.iter().filter(|motion| motion.name != "slow") {
         let mut beyond = [0; 3];

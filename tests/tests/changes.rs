@@ -1,9 +1,9 @@
-//! Real machines: one that becomes another while it moves, and one that stays what it is.
+//! Real machines: one that changes during the run, and one that does not.
 
 use inerter_core::{Changed, RawSample, Settings, State};
 use inerter_tests::data::Recording;
 
-/// Changes in these samples, each with its time \[s\].
+/// The changes reported for these samples, each with its time \[s\].
 fn changes(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Vec<(f64, inerter_core::Change)> {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
@@ -15,7 +15,7 @@ fn changes(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) ->
     found
 }
 
-/// The second run behind the first, as one recording with samples missing where the rig was stopped.
+/// Appends the second run to the first as one recording, with missing samples where the rig was stopped.
 fn spliced(first: &[RawSample], second: &[RawSample]) -> Vec<RawSample> {
     let last = *first.last().unwrap();
     let start = second[0];

@@ -1,4 +1,5 @@
-//! Realistic defects: most are right or told, and the loud ones are always; `cargo xtask defects` counts over many more runs.
+//! Realistic defects: most leave the values right or are reported, and obvious ones always are. `cargo xtask defects`
+//! runs many more.
 
 use inerter_tests::defects::{
     judge::{Said, Verdict, is_harmful, run, verdict},
@@ -7,7 +8,7 @@ use inerter_tests::defects::{
 };
 use std::collections::HashMap;
 
-/// Seeds of these tests: no table has them.
+/// First seed of these tests. No table uses these seeds.
 const SEED: u64 = 7001;
 
 fn kind(name: &str) -> &'static Kind {
@@ -44,9 +45,10 @@ fn loud_defects_are_told() {
     }
 }
 
-/// Motions that graze rest without turning stick there for moments, which fine counts show as motion, and what was placed before friction
-/// was known stays in the memory of a steady tone, and in any where it is known late whether flanks part. A reversal that sticks, and the
-/// noise of a force that takes the kink away, do not speak against Coulomb's friction either. None of it breaks the law.
+/// Reasons for false alarms, none of which breaks the law. Motions that touch zero velocity without reversing make the
+/// screw stick for moments, which fine counts show as motion. Reversals placed before friction is known remain in the
+/// memory of a steady tone, and of any motion in which it becomes known late whether the flanks separate. A reversal
+/// that sticks, and force noise that hides the step, are no evidence against Coulomb friction either.
 #[test]
 fn a_clean_run_is_not_called_broken() {
     let two_tones: &[u64] = &[27, 30, 36, 556, 566];
@@ -59,14 +61,15 @@ fn a_clean_run_is_not_called_broken() {
     }
 }
 
-/// One run of every third kind, each in another motion: limits from either side, as what is not made harms nothing.
+/// One run of every third kind, each with another motion. The number of harmful defects is limited from below, because
+/// a defect that is not simulated does no harm.
 #[test]
 fn most_defects_are_right_or_told() {
     let mut clean: HashMap<usize, Said> = HashMap::new();
     let (mut all, mut harmful, mut silent, mut by_device) = (0, 0, Vec::new(), 0);
     let defects = kinds::all().into_iter().filter(|kind| kind.group == Group::Defect);
     for (place, kind) in defects.step_by(3).enumerate() {
-        // The slow tone is the longest of them by far.
+        // Skip the slow tone, which is by far the longest.
         let motion = 1 + place % (MOTIONS.len() - 1);
         let twin = clean.entry(motion).or_insert_with(|| run(None, motion, SEED).unwrap());
         let said = run(Some(kind), motion, SEED).unwrap();

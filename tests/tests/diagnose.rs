@@ -1,4 +1,5 @@
-//! Causes that break the law are named and sized, and none where there is none; `cargo xtask diagnose` counts over many more runs.
+//! Causes that break the law are named and sized, and none is named without a fault. `cargo xtask diagnose` runs many
+//! more.
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Encoder, Kind, assumptions, diagnose, widened};
 use inerter_core::Machine;
@@ -15,7 +16,7 @@ use std::f64::consts::PI;
 #[test]
 fn the_cause_is_named_first_and_its_size_is_right() {
     let motions: Vec<_> = MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)).collect();
-    // Of the rest there is a part of the runs that tell it (docs/tables/diagnose.md).
+    // Stribeck friction is named only in part of the runs that reveal it (docs/tables/diagnose.md).
     for case in cases().iter().filter(|case| case.kind != Some(Kind::Stribeck)) {
         for motion in &motions {
             let found = case.diagnosed(motion, 31).unwrap();
@@ -40,7 +41,8 @@ fn parameters_are_right_again_with_the_cause_included() {
     }
 }
 
-/// Encoders of 2000 and 2048 counts make turns that 20 s of this tone tell apart as little as those of 8000 and 8192.
+/// Encoders of 2000 and 2048 counts imply turns that 20 s of this tone cannot separate, nor can it separate those of
+/// 8000 and 8192.
 #[test]
 fn a_turn_that_nobody_gave_widens_what_rests_on_it() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
@@ -71,8 +73,8 @@ fn runs_without_a_fault_have_no_cause() {
     }
 }
 
-/// Something knocks against the rig where the force is greatest, once: no cause is named for it, though one that acts there only would
-/// explain it.
+/// A single knock against the rig at the greatest force: no cause is named for it, although a cause that acts only
+/// there would explain it.
 #[test]
 fn what_happened_once_is_no_cause() {
     for name in ["mid", "multi", "random"] {
@@ -91,7 +93,8 @@ fn what_happened_once_is_no_cause() {
     }
 }
 
-/// The force wanders by 3 N within a third of a second, as by a draught on the cell: no cause is named for that either.
+/// The force wanders by 3 N with a time constant of 0.3 s, as if air currents acted on the load cell: no cause is named
+/// for that either.
 #[test]
 fn what_wanders_is_no_cause() {
     const RMS_N: f64 = 3.0;
@@ -112,13 +115,14 @@ fn what_wanders_is_no_cause() {
     }
 }
 
-/// What `diagnose` finds in a run without being told anything.
+/// The result of `diagnose` for a run, without further information.
 fn diagnosed(run: &Run) -> Diagnosis {
     let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
     diagnose(&Series::of(run), &run.settings, &outcome.published(), Encoder::default(), &|| {}).unwrap()
 }
 
-/// A force of 0.3 N once a turn is too small to be named and moves the inertance by more than the device can know of.
+/// A force of 0.3 N once per turn is too small to be named, and shifts the inertance by more than the device's interval
+/// covers.
 #[test]
 fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
@@ -138,7 +142,7 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
         let u95 = f64::from(judged[0].budget.u95());
         let inertance = format!(" Effective inertance: {} kg", rounded_text(u95, u95));
         assert!(words.contains(&inertance) && words.contains("moved most by what looks like"), "{words}");
-        // Where nothing is wrong the intervals grow as far as the run cannot tell that nothing is.
+        // Without a fault, the intervals grow only as far as the run cannot exclude one.
         let Replayed { outcome, judged, .. } = clean.replayed(motion, seed).unwrap();
         for ((budget, judged), wider) in outcome.budgets.whole_run.iter().zip(&judged).zip(&mut wider) {
             *wider += judged.budget.u95() / budget.u95() / 6.0;
@@ -148,7 +152,8 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
     assert!(by_samples >= 5 && by_device <= 3, "{by_device} of 6 by the device, {by_samples} by the samples");
 }
 
-/// Friction of 0.25 % of the load moves viscous friction by 40 N s/m, and the law leaves too little of it to be broken.
+/// Friction of 0.25 % of the load shifts viscous friction by 40 N s/m, and the law leaves too little of it unexplained
+/// to be broken.
 #[test]
 fn what_is_far_beyond_chance_widens_the_interval_also_where_the_law_leaves_little_of_it() {
     for name in ["random", "multi"] {
@@ -171,7 +176,7 @@ fn what_is_far_beyond_chance_widens_the_interval_also_where_the_law_leaves_littl
     }
 }
 
-/// Where noise and counts are finest, what the law leaves out of the plant comes closest to being far beyond chance.
+/// With the finest noise and counts, the part of the plant that the law omits comes closest to being far beyond chance.
 #[test]
 fn runs_without_a_fault_are_not_far_beyond_chance() {
     let fine = clean_cases().into_iter().filter(|case| {
@@ -181,14 +186,15 @@ fn runs_without_a_fault_are_not_far_beyond_chance() {
         for motion in MOTIONS.iter().filter(|motion| !motion.is_slow()) {
             let Replayed { outcome, judged, .. } = case.replayed(motion, 54).unwrap();
             for (budget, judged) in outcome.budgets.whole_run.iter().zip(&judged) {
-                // What is far beyond chance moves a parameter by twenty intervals and more where the law leaves so little of it.
+                // A cause far beyond chance shifts a parameter by twenty intervals and more if the law leaves so little
+                // of it.
                 assert!(judged.budget.u95() < 12.0 * budget.u95(), "{}: {budget:?}, {judged:?}", motion.name);
             }
         }
     }
 }
 
-/// Friction that turns over 0.03 um moves the inertance by more than the device knows of, and shows nowhere.
+/// Presliding over 0.03 um shifts the inertance by more than the device's interval covers, and is not visible anywhere.
 #[test]
 fn friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on() {
     for name in ["fast", "random", "multi"] {
@@ -221,7 +227,7 @@ fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
     );
 }
 
-/// Beside a cause that is named, it is said which parameter the motion does not tell from it.
+/// Next to a named cause, the report says which parameter the motion cannot separate from it.
 #[test]
 fn a_cause_that_was_found_is_no_mere_assumption() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
@@ -255,7 +261,7 @@ fn what_is_beside_the_screw_or_in_the_cell_is_named() {
     }
 }
 
-/// In a tone a force that goes with the position is inertance, to the last digit.
+/// In a tone, a force proportional to the position is indistinguishable from inertance.
 #[test]
 fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
@@ -267,7 +273,7 @@ fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
     assert!(inertance.assumes.contains(&Kind::Spring), "{inertance:?}");
 }
 
-/// An encoder's mount that gives way by 4 um under 1 kN looks like inertance, and in a tone like nothing else.
+/// An encoder mount that deflects by 4 um under 1 kN looks like inertance, and in a tone it looks like nothing else.
 #[test]
 fn in_a_tone_inertance_rests_on_a_position_that_does_not_give_way() {
     const COMPLIANCE_M_PER_N: f64 = 4e-9;
@@ -286,7 +292,7 @@ fn in_a_tone_inertance_rests_on_a_position_that_does_not_give_way() {
     assert!(inertance.assumes.contains(&Kind::Compliance), "{inertance:?}");
 }
 
-/// What was found is weighed again, beside all that came after it and against all that could stand in its place.
+/// Each cause found is tested again, together with all later ones and against every alternative.
 #[test]
 fn nothing_is_named_beside_the_only_cause() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "two").unwrap();
@@ -297,7 +303,7 @@ fn nothing_is_named_beside_the_only_cause() {
     }
 }
 
-/// A skew is undone before anything else is sought, as nothing else shows clearly beside it.
+/// A skew is removed before the search for other causes, because they do not show clearly next to it.
 #[test]
 fn what_is_beside_a_skew_is_named_too() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
@@ -311,7 +317,8 @@ fn what_is_beside_a_skew_is_named_too() {
     }
 }
 
-/// In slow motion the encoder's steps are much of the acceleration, and would take from it what is known to a half only.
+/// In slow motion the encoder's steps are a large part of the acceleration, and their correction is known only to a
+/// half.
 #[test]
 fn a_distance_is_right_in_slow_motion() {
     let case = cases().into_iter().find(|case| case.name == "presliding 50 um").unwrap();
@@ -322,7 +329,7 @@ fn a_distance_is_right_in_slow_motion() {
     }
 }
 
-/// What is made of the measured force has its noise, which goes along with the force.
+/// Regressors made from the measured force contain its noise, which is correlated with the force.
 #[test]
 fn noise_of_a_slow_motion_is_no_cause() {
     for seed in [61, 63] {
@@ -331,7 +338,8 @@ fn noise_of_a_slow_motion_is_no_cause() {
     }
 }
 
-/// With a size for the part of friction that turns, which is all of it here, the distance would be half as much again.
+/// Here all of the friction turns over the distance. With a separate parameter for the part that turns, the distance
+/// would be half as large again.
 #[test]
 fn the_distance_is_right_where_all_of_friction_turns() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
@@ -343,18 +351,19 @@ fn the_distance_is_right_where_all_of_friction_turns() {
     }
 }
 
-/// What has more sizes leaves less over by chance alone; chosen for that, it would lead this search astray.
+/// A cause with more parameters leaves a smaller residual by chance alone. If that decided, this search would go
+/// astray.
 #[test]
 fn of_causes_that_explain_alike_the_simplest_is_named() {
     let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
     let [_, square, _] = others();
     let found = square.diagnosed(motion, 9302).unwrap().causes;
     let told: Vec<_> = found.iter().map(|cause| (cause.kind, cause.rival)).collect();
-    // Friction that falls with the speed explains as much, and is named as its rival.
+    // Friction that decreases with speed explains the residual equally well, and is named as the rival.
     assert_eq!(told, [(Kind::QuadraticFriction, Some(Kind::Stribeck))], "{found:?}");
 }
 
-/// Moves with rests between them leave few places that long kernels fit into.
+/// Moves with rests between them leave few places for long kernels.
 #[test]
 fn a_cause_is_named_in_stop_and_go() {
     let motion = Motion { name: "moves:50mm:0.3m/s:4m/s2:0.1s", ..MOTIONS[1] };

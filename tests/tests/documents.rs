@@ -1,8 +1,8 @@
-//! Figures that a document quotes are those of the table that it quotes.
+//! Figures quoted in a document equal those of the quoted table.
 
 use std::{fs, path::Path};
 
-/// A document, what stands in a table with its figures named, and what the document makes of them.
+/// A document, a template of the table's text with named figures, and a template of the document's sentence.
 struct Quote {
     document: &'static str,
     table: &'static str,
@@ -108,14 +108,14 @@ const QUOTES: [Quote; 22] = [
     ),
 ];
 
-/// A document below `docs`, its white space made alike.
+/// A document below `docs`, with its white space normalised.
 fn document(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs").join(name).with_extension("md");
     let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// The names in a template and the figures that stand there in a text.
+/// The names in a template and the figures at their places in a text.
 fn figures<'a>(text: &str, template: &'a str) -> Option<Vec<(&'a str, String)>> {
     let (begin, names) = template.split_once('{')?;
     text.match_indices(begin).find_map(|(at, _)| {
@@ -124,7 +124,7 @@ fn figures<'a>(text: &str, template: &'a str) -> Option<Vec<(&'a str, String)>> 
         for part in names.split('{') {
             let (name, then) = part.split_once('}')?;
             let end = rest.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len());
-            // A full stop belongs to the sentence.
+            // A full stop at the end belongs to the sentence.
             let figure = rest.get(..end)?.trim_end_matches('.');
             rest = rest.get(figure.len()..)?.strip_prefix(then)?;
             found.push((name, figure.to_string()));

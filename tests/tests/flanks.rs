@@ -1,4 +1,5 @@
-//! What open flanks do to inertance and friction, on devices that set nothing: another mass, stiffness and gap than the reference device's.
+//! The effect of open flanks on inertance and friction, on devices that determined no constant: with other mass,
+//! stiffness and gap than the reference device.
 
 use inerter_core::{LawStatus, Source};
 use inerter_data::{
@@ -12,7 +13,7 @@ use std::f64::consts::{FRAC_2_PI, TAU};
 const SEEDS: u64 = 12;
 const DURATION_S: f64 = 20.0;
 
-/// A device of which only the flanks' and the structure's part differ, with a stiffness that lets it move as the terminal does.
+/// A device in which only the flanks and the structure vary. Its stiffness lets it follow the terminal.
 fn device(inertance_kg: f64, backlash_m: f64, structure_mass_kg: f64) -> Inerter {
     Inerter {
         inertance_kg,
@@ -26,7 +27,7 @@ fn device(inertance_kg: f64, backlash_m: f64, structure_mass_kg: f64) -> Inerter
     }
 }
 
-/// Runs on a rig whose settings are true.
+/// Runs on a rig with true settings.
 fn runs(device: Inerter, sample_rate_hz: f64, motion: &str) -> Vec<Outcome> {
     let run = |seed| {
         let sensors = Sensors {
@@ -45,7 +46,7 @@ fn runs(device: Inerter, sample_rate_hz: f64, motion: &str) -> Vec<Outcome> {
     grid::each_seed(SEEDS, run).unwrap()
 }
 
-/// Errors of the three parameters over the whole run, their intervals, and what these would be without a source.
+/// Absolute errors of the three whole-run parameters, their intervals, and these intervals without one source.
 fn judged(outcome: &Outcome, device: &Inerter, without: Source) -> [(f64, f64, f64); 3] {
     let mut found = grid::three(&outcome.estimate.whole_run).into_iter().zip(grid::truth(device));
     let mut budgets = outcome.budgets.whole_run.iter();
@@ -57,7 +58,7 @@ fn judged(outcome: &Outcome, device: &Inerter, without: Source) -> [(f64, f64, f
     })
 }
 
-/// Heavier and lighter devices, from a fiftieth of the stroke to a fifth: held, and mostly not without the structure's part.
+/// Heavier and lighter devices. The interval covers every error, and mostly does not without the structure's share.
 #[test]
 fn a_structure_where_flanks_part_is_held_and_not_without_its_part() {
     let (mut needed, mut all_values) = (0, 0);
@@ -74,7 +75,7 @@ fn a_structure_where_flanks_part_is_held_and_not_without_its_part() {
     assert!(2 * needed > all_values, "{needed} of {all_values}");
 }
 
-/// Viscous and Coulomb friction by the impacts, of which the grid's `worn` in `multi` set the part.
+/// Viscous and Coulomb friction with impacts. The model's share was determined on the grid's `worn` device in `multi`.
 #[test]
 fn friction_beside_impacts_is_held_by_what_the_residual_shows() {
     let (mut beyond_rest, mut all_values) = (0, 0);
@@ -90,12 +91,13 @@ fn friction_beside_impacts_is_held_by_what_the_residual_shows() {
             }
         }
     }
-    // Without it far less than 95 % would be held.
+    // Without the model's share, far fewer than 95 % of the errors would be covered.
     assert!(10 * beyond_rest > all_values, "{beyond_rest} of {all_values}");
 }
 
-/// The terminal moves on while the screw flies: a step of the gap in phase with the acceleration, whose first harmonic is 2/pi of it.
-/// So the structure is taken for less of its mass, by that over the screw's amplitude, whatever the interval makes of it.
+/// While the screw flies, the terminal moves on: a step of the size of the gap, in phase with the acceleration, whose
+/// first harmonic is 2/pi of it. The apparent structure mass is therefore smaller, by that amount relative to the
+/// screw's amplitude, whatever the interval is.
 #[test]
 fn flight_takes_of_a_structure_what_the_gap_is_of_the_stroke() {
     const AMPLITUDE_M: f64 = 1.1e-3;
@@ -116,7 +118,8 @@ fn flight_takes_of_a_structure_what_the_gap_is_of_the_stroke() {
     }
 }
 
-/// Impacts act on the screw as on the load cell. So wide a gap, with so heavy a structure, is no device that anyone would measure.
+/// Impacts act on the screw as well as on the load cell. Nobody would measure a device with so wide a gap and so heavy
+/// a structure.
 #[test]
 fn impacts_leave_a_part_of_the_force_that_a_broken_law_exceeds() {
     let mut most: f64 = 0.0;

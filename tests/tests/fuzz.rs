@@ -1,4 +1,4 @@
-//! Whatever a host sends, the device answers what it must and goes on; and the judge of that can be dissatisfied.
+//! For any stream the device answers as required and keeps running, and the judge detects violations.
 
 use inerter_core::Settings;
 use inerter_tests::fuzz::{
@@ -11,7 +11,7 @@ use inerter_wire::{
 };
 use std::collections::BTreeSet;
 
-/// Streams of the test; a longer search is `cargo run -p inerter-tests --bin measure -- fuzz`.
+/// Number of streams. For a longer search, run `cargo run -p inerter-tests --bin measure -- fuzz`.
 const STREAMS: u64 = 1_500;
 
 #[test]
@@ -72,7 +72,7 @@ fn the_streams_go_everywhere() {
             }
         }
     }
-    // Only a board can measure itself, and play: the twin's tests ask for that.
+    // Only a board can measure itself and play. The twin's tests cover these commands.
     for command in Command::TABLE.iter().filter(|command| !["Measure", "Play"].contains(&command.name)) {
         assert!(done.contains(command.name), "{} is not among {done:?}", command.name);
     }
@@ -96,7 +96,7 @@ fn the_streams_go_everywhere() {
     assert!(bad > 1_000 && restarts > 5, "{bad} bad frames, {restarts} restarts");
 }
 
-/// The name of a variant without its content.
+/// The name of a variant without its contents.
 fn short(of: &impl std::fmt::Debug) -> String {
     format!("{of:?}").chars().take_while(|letter| letter.is_alphanumeric()).collect()
 }
@@ -120,7 +120,7 @@ fn replies(played: &Played) -> impl Iterator<Item = &Reply> {
     played.records.iter().filter_map(|record| if let Record::Reply(reply) = record { Some(reply) } else { None })
 }
 
-/// A stream with something to get wrong: one change, one refusal, one save, one damaged frame.
+/// A stream in which something can go wrong: one change, one refusal, one save, one damaged frame.
 fn sample() -> Vec<u8> {
     let write = |value: f64| {
         let number = Settings::find("memory_s").unwrap() as u8;

@@ -1,4 +1,4 @@
-//! Motions without a fault are left alone by what looks for samples that no device can cause, and for stops.
+//! The gates for impossible samples and for stops leave motions without a fault alone.
 
 use inerter_core::State;
 use inerter_data::settings::Overrides;
@@ -24,12 +24,12 @@ fn motions_without_a_fault_are_left_alone() {
     }
 }
 
-/// A stop is judged by counts, however many of them a sample sums.
+/// A stop is judged in counts, regardless of how many of them a sample sums.
 #[test]
 fn as_many_samples_are_left_out_whatever_the_oversampling() {
     let updates = [1.0, 16.0, 64.0].map(|oversampling| {
         let bench = bench_sensors();
-        // So that the sum's codes have the same scale, and fit.
+        // Keeps the scale of the summed codes, so that they fit.
         let newtons_per_code = bench.newtons_per_code * oversampling;
         let sensors = Sensors { oversampling, newtons_per_code, seed: 3, ..bench };
         let setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();

@@ -1,4 +1,4 @@
-//! Two runs of each motion, against the committed table of accuracy: no worse than it says, and no better.
+//! Two runs of each motion compared with the committed table of accuracy: neither worse nor better than it says.
 
 use inerter_core::Status;
 use inerter_plant::Inerter;
@@ -6,7 +6,7 @@ use inerter_tests::grid::{self, MOTIONS, NAMES, RIGS};
 
 const TABLE: &str = include_str!("../../docs/tables/accuracy.md");
 
-/// Sigma and mean half width of the interval by the table.
+/// Sigma and mean half width of the interval from the table.
 fn expected(rig: &str, motion: &str, parameter: &str) -> (f64, f64) {
     let section = TABLE.split("\n## ").find(|section| section.lines().next() == Some(rig)).expect("a section");
     let mut rows = section.lines().map(|line| line.split('|').map(str::trim).collect::<Vec<_>>());
@@ -34,7 +34,7 @@ fn errors_and_intervals_are_those_of_the_table() {
             assert!((errors[0] - errors[1]).abs() > 1e-3 * sigma, "two seeds, one result: {cell}");
             for end in ends {
                 let ratio = f64::from(end.u95()) / u95;
-                // The model's part is by what near rest and away happen to differ by.
+                // The model's share depends on the random difference between samples near rest and away from it.
                 assert!((0.4..2.5).contains(&ratio), "an interval {ratio} times that of the table: {cell}");
             }
             squares.extend(errors.map(|error| (error / sigma).powi(2)));
@@ -44,8 +44,8 @@ fn errors_and_intervals_are_those_of_the_table() {
     assert!((0.5..1.6).contains(&rms), "errors {rms} times those of the table");
 }
 
-/// At 1 kHz the impacts of worn flanks are not resolved, and a periodic motion repeats their error: seed 103 has viscous
-/// friction 20 N s/m off. What is published is covered as often as 95 % intervals are.
+/// At 1 kHz the impacts of worn flanks are not resolved, and a periodic motion repeats their error: with seed 103,
+/// viscous friction is off by 20 N s/m. Values reported as ok must still be covered in 95 % of the cases.
 #[test]
 fn repeated_impacts_leave_no_wrong_friction() {
     let device = Inerter::worn();
@@ -62,7 +62,7 @@ fn repeated_impacts_leave_no_wrong_friction() {
                 *wrong += i32::from(found.status() == Status::Ok && off > f64::from(found.u95()));
             }
         }
-        // The inertance is as good as ever.
+        // The inertance is as accurate as ever.
         let inertance = run.last.whole_run.inertance_kg;
         assert!(inertance.status() == Status::Ok && inertance.u95() < 0.3, "{seed}: {inertance:?}");
     }
@@ -71,7 +71,7 @@ fn repeated_impacts_leave_no_wrong_friction() {
 
 #[test]
 fn a_motion_that_cannot_show_a_parameter_says_so() {
-    // At rest, nothing; for a moment at 0.053 Hz, no inertance.
+    // A motion at rest determines nothing; a short one at 0.053 Hz does not determine the inertance.
     let device = Inerter::paper();
     let slow = grid::Motion { duration_s: 10.0, ..MOTIONS[0] };
     let run = grid::run(&device, &slow, &RIGS[0], 5).unwrap();

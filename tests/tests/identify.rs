@@ -1,5 +1,5 @@
-//! `inerter identify` on simulated devices: hidden ones within goals and intervals (all of them: `cargo xtask identify`),
-//! what is left to the data, several files, a stated motion, and what is refused.
+//! `inerter identify` on simulated devices: hidden ones within goals and intervals (all of them: `cargo xtask
+//! identify`), parameters left free, several files, a stated motion, and refusals.
 
 use inerter_analysis::identify::{
     FoundStatus, Identified, IdentifyError, Model, Options, Parameters, identify, predicted,
@@ -21,7 +21,7 @@ fn quick() -> Options {
     Options { no_profiles: true, ..Options::default() }
 }
 
-/// Name, truth, and the greatest error allowed.
+/// For each parameter: name, true value, and maximum error.
 fn assert_found(found: &Identified, expected: &[(&str, f64, f64)]) {
     for (name, truth, limit) in expected {
         let (_, parameter) = found.parameters.named().into_iter().find(|(other, _)| other == name).unwrap();
@@ -44,7 +44,7 @@ fn hidden_devices_are_found_within_the_goals_and_the_intervals() {
     }
 }
 
-/// A device that parts its flanks.
+/// A device whose flanks separate.
 fn loose() -> Inerter {
     Inerter { backlash_m: 4e-5, coulomb_n: 38.0, inertance_kg: 240.0, ..Inerter::paper() }
 }
@@ -68,7 +68,7 @@ fn a_stated_motion_stands_in_for_the_terminal_sensor_and_a_wrong_one_is_told() {
     );
     assert!((0.8..1.1).contains(&found.residual_over_noise.unwrap()), "{found:?}");
     assert!(found.notes.is_empty(), "{:?}", found.notes);
-    // Another motion than the one that was: no fit at all, or one that owns to it.
+    // With a wrong motion there is no fit, or one that reports its misfit.
     match identify(&[run], &stated(5), &mut |_| ()) {
         Err(error) => assert!(matches!(error, IdentifyError::Diverged), "{error}"),
         Ok(found) => {
@@ -160,7 +160,7 @@ fn without_backlash_the_residual_is_white() {
 #[test]
 fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
     let mut run = shaken(&Inerter::paper(), "random", 2, 12.0);
-    // Calibrated as well as people do: the law leaves out the contact's stretch.
+    // With realistic calibration uncertainties: the law neglects the contact's deflection.
     let usual = Settings::default();
     run.settings = Settings {
         terminal_sensor: false,
@@ -178,7 +178,7 @@ fn without_the_terminal_the_law_is_fitted_and_the_rest_said_to_be_unknown() {
     assert_eq!(found.segments.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3]);
     let staged = Options { staged: true, ..Options::default() };
     assert!(matches!(identify(&[run.clone()], &staged, &mut |_| ()), Err(IdentifyError::Terminal)));
-    // The law predicts as well, from the encoder alone.
+    // The law also predicts the force, from the encoder alone.
     let series = Series::of(&run);
     let force = predicted(&found.model(), &series);
     let left: f64 = series.stretches[0].force_n.iter().zip(&force).map(|(a, b)| (a - b).powi(2)).sum();

@@ -1,4 +1,4 @@
-//! The estimator and the analysis, against a plant, real machines, references and the image in QEMU.
+//! The estimator and the analysis, compared with a plant, real machines, references and the image in QEMU.
 
 mod backlash;
 mod changes;

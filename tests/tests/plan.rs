@@ -1,4 +1,4 @@
-//! Motions tell what was predicted of them, fixed ones and designed ones; `cargo xtask plan` counts over many more.
+//! Fixed and designed motions reach the predicted intervals; `cargo xtask plan` runs many more.
 
 use inerter_analysis::plan::{Limits, design, predict};
 use inerter_core::Machine;
@@ -6,7 +6,7 @@ use inerter_data::wants;
 use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_tests::plan::{Bench, Reached, WITHIN, as_written};
 
-/// The rig of the grid at 1 kHz.
+/// The grid's rig at 1 kHz.
 fn bench(force_noise_n: f64, metres_per_count: f64) -> Bench {
     let sensors = Sensors { force_noise_n, metres_per_count, ..Sensors::default() };
     Bench { name: "", device: Inerter::paper(), sensors, full_scale: 1.0, machine: Machine::Linear }
@@ -29,7 +29,7 @@ fn fixed_motions_tell_what_was_predicted() {
                 assert!(near(predicted.u_a(), u_a, WITHIN), "{name}: {predicted:?} {u_a}");
                 assert!(near(predicted.theory_u_a, u_a, WITHIN), "{name}, theory: {predicted:?} {u_a}");
                 assert!(near(predicted.u95(), u95, WITHIN), "{name}: {predicted:?} {u95}");
-                // So few runs and rehearsals know the scatter to 15 %, so three times that.
+                // With so few runs and rehearsals the scatter is known to 15 %; allow three times that.
                 assert!(near(predicted.scatter, scatter, 0.45), "{name}: {predicted:?} {scatter}");
             }
         }

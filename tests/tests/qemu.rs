@@ -1,4 +1,4 @@
-//! The firmware image on a Cortex-M4F in QEMU: it says what core says here, to the bit.
+//! The firmware image on a Cortex-M4F in QEMU gives the same results as core on this computer, bit for bit.
 
 use inerter_core::{Estimate, RawSample, Settings, State};
 use inerter_data::{replay::replay, run::Run};
@@ -14,7 +14,7 @@ use inerter_tests::{
 };
 use inerter_wire::{Capabilities, Command, MAX_FRAME, Record, SettingValue, SettingsValues, Streams, encode_record};
 
-/// What core publishes on this machine, and its last word.
+/// The estimates that core publishes on this computer, with the final one last.
 fn here(settings: &Settings, samples: &[RawSample]) -> Vec<Estimate> {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
@@ -24,7 +24,7 @@ fn here(settings: &Settings, samples: &[RawSample]) -> Vec<Estimate> {
     published
 }
 
-/// Every bit of it, those of a zero's sign too.
+/// The exact encoding of an estimate, including the sign of a zero.
 fn bytes(estimate: &Estimate) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
     let length = encode_record(&Record::Estimate(*estimate), 0, &mut out).unwrap();
@@ -65,7 +65,7 @@ fn a_simulated_run_to_the_bit() {
     let last = there.last().unwrap();
     assert!(there.len() > 300 && (last.whole_run.inertance_kg.fitted().value - 299.49).abs() < 0.1, "{last:?}");
     assert!(there.iter().any(|estimate| !estimate.moving) && there.iter().any(|estimate| estimate.moving));
-    // One count of the encoder in one of 65 000 samples, and it is no longer the same.
+    // Sensitivity check: one encoder count in one of 65 000 samples must change the estimates.
     samples[10_000].position_count += 1;
     let other = here(&settings, &samples);
     assert_eq!(there.len(), other.len());
@@ -73,7 +73,7 @@ fn a_simulated_run_to_the_bit() {
     assert!(equal(0..49) && !equal(0..52));
 }
 
-/// What `inerter replay` says.
+/// The estimates of `inerter replay`.
 fn replayed(run: &Run) -> Vec<Estimate> {
     let mut published = Vec::new();
     let outcome = replay(run, |_, estimate| {
@@ -96,7 +96,7 @@ fn recordings_of_real_machines_to_the_bit() {
     }
 }
 
-/// Through the link instead of the file, as `inerter send` does it.
+/// Samples sent over the link instead of from the file, as `inerter send` does.
 #[track_caller]
 fn injected(run: &Run) {
     let Some(image) = image() else { return };
@@ -126,7 +126,7 @@ fn a_recording_over_the_link_to_the_bit() {
     injected(&run.unwrap());
 }
 
-/// Values as they are, which no host of ours would send.
+/// Raw values, including ones that our host programs would not send.
 fn values_of(values: &[(&str, f64)]) -> SettingsValues {
     let number = |name| u8::try_from(Settings::find(name).unwrap()).unwrap();
     SettingsValues(values.iter().map(|&(name, value)| SettingValue { number: number(name), value }).collect())
@@ -148,7 +148,7 @@ fn it_says_who_it_is_and_refuses_settings_by_name() {
         assert!(refusal.to_string().contains(name), "{refusal}");
         assert!(error.to_string().contains(name), "{error}");
     }
-    // One bad value among good ones: none is taken.
+    // If one of several values is invalid, none is accepted.
     let values = values_of(&[("memory_s", 12.0), ("publish_rate_hz", 1000.0)]);
     device.request("the settings", Command::WriteSettings(values)).unwrap_err();
     device.request("to read its settings", Command::ReadSettings).unwrap();
@@ -186,7 +186,7 @@ fn every_stream_carries_what_it_should() {
     assert_eq!(back, samples);
     same(&estimates(&records), &here(&settings, &samples));
     let discontinuities = samples.windows(2).filter(|pair| pair[1].index != pair[0].index + 1).count() as u32;
-    // Health comes once a second of the machine's time, which the samples do not take.
+    // The device sends health once per second of the machine's time, and the samples take no machine time.
     let health = std::iter::from_fn(|| device.receive().ok().map(|received| received.map(|received| received.frame)))
         .take(500)
         .flatten()
@@ -196,7 +196,7 @@ fn every_stream_carries_what_it_should() {
         })
         .expect("a health record");
     assert_eq!((health.discontinuities, health.dropped_frames, health.overruns), (discontinuities, 0, 0));
-    // The first request may reach the machine while its USART is being switched on.
+    // The first request may arrive while the machine enables its USART.
     assert!(health.bad_frames <= 1, "{health:?}");
     assert!(discontinuities > 0 && health.stack_free_bytes.is_some_and(|free| free > 1000), "{health:?}");
     assert_eq!((device.counts().lost, device.counts().corrupt()), (0, 0));

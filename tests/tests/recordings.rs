@@ -1,6 +1,6 @@
-//! Recordings of real machines through the firmware's own pipeline, against what is published about them.
+//! Recordings of real machines through the firmware's own pipeline, compared with published results.
 //!
-//! Limits are two-sided where a figure could come out right by having stopped being measured.
+//! Limits are two-sided if a figure could pass because it is no longer measured.
 
 use inerter_analysis::{
     diagnose::{Encoder, Kind, diagnose},
@@ -46,7 +46,7 @@ fn emps_as_recorded() {
     is_emps(&last.whole_run, 0.005, 0.015);
     assert_eq!((counters.discontinuities, counters.saturated), (0, 0));
     assert!(last.updates > 2500, "{} updates in 24.8 s", last.updates);
-    // The current is no load cell: what the law leaves open is newtons, neither nothing nor tens.
+    // The motor current is no load cell: the residual is a few newtons, neither zero nor tens.
     assert!((0.5..10.0).contains(&last.residual_rms_n), "{} N", last.residual_rms_n);
 }
 
@@ -62,8 +62,8 @@ fn emps_with_an_encoder_100_times_as_coarse() {
     is_emps(&replayed(&run.unwrap()).unwrap().estimate.whole_run, 0.005, 0.015);
 }
 
-/// Its ramps are shorter than the slow bank's kernel. Near the reversals counts of 20 um are too few to place the sign by, which
-/// takes 5 % of the friction from one part to the other, within its interval.
+/// Its ramps are shorter than the slow bank's kernel. Near the reversals, counts of 20 um are too coarse to locate the
+/// sign. This moves 5 % of the friction from one part to the other, within its interval.
 #[test]
 fn emps_with_an_encoder_400_times_as_coarse() {
     let Some(run) = Recording::Emps.run(400) else { return };
@@ -77,12 +77,13 @@ fn lodz_inerters() {
         let last = replayed(&run.unwrap()).unwrap().estimate;
         let found = &last.whole_run.inertance_kg;
         assert!(off(found, inertance) < 0.015, "{} kg against {inertance}", found.fitted().value);
-        // 2 s of a rig with unsynchronised clocks and friction that creeps: percents, not parts of a thousand.
+        // 2 s from a rig with unsynchronised clocks and presliding friction: the interval is a few percent, not a few
+        // parts per thousand.
         assert!((0.002..0.15).contains(&(f64::from(found.u95()) / inertance)), "{} kg", found.u95());
     }
 }
 
-/// Motor current and motion of EMPS are of one clock; those of Lodz were aligned by hand.
+/// In the EMPS record, motor current and motion share a clock; the Lodz records were aligned by hand.
 #[test]
 fn skews() {
     let of = |recording: Recording| {
@@ -95,7 +96,7 @@ fn skews() {
     };
     let Some((emps, is_better, _)) = of(Recording::Emps) else { return };
     assert!(emps.skew_s.abs() < emps.u95_s && (5e-5..4e-4).contains(&emps.u95_s) && !is_better, "{emps:?}");
-    // 2 s with two beats of it, and friction that turns over millimetres.
+    // 2 s with two beats, and friction that turns over millimetres.
     let Some((symmetric, is_better, _)) = of(Recording::LodzSymmetric) else { return };
     assert!(symmetric.skew_s.abs() < symmetric.u95_s && symmetric.u95_s < 4e-3 && !is_better, "{symmetric:?}");
     let Some((late, is_better, after)) = of(Recording::LodzAsymmetric) else { return };
@@ -105,8 +106,8 @@ fn skews() {
     assert!(off(&after.whole_run.inertance_kg, 32.7) < 0.01, "{:?}", after.whole_run.inertance_kg);
 }
 
-/// The published fit of EMPS by direction has 166.7 N s/m forward and 240.4 backward, and 95.154 kg; in the Lodz inerter friction turns
-/// over millimetres, and at the other ratio nothing is told by 1.7 s.
+/// The published fit of EMPS by direction has 166.7 N s/m forward, 240.4 N s/m backward and 95.154 kg. In the Lodz
+/// inerter, friction turns over millimetres; at the other ratio, 1.7 s reveal nothing.
 #[test]
 fn what_breaks_the_law() {
     let of = |recording: Recording| {
@@ -126,7 +127,7 @@ fn what_breaks_the_law() {
     assert_eq!(asymmetric.causes, []);
 }
 
-/// Part of the force that the law leaves over, and the residual over what noise and steps explain.
+/// Fraction of the force that the law leaves unexplained, and the residual relative to noise and steps.
 #[test]
 fn what_real_machines_leave_of_their_force() {
     for (recording, part, ratio) in [
@@ -143,8 +144,8 @@ fn what_real_machines_leave_of_their_force() {
     }
 }
 
-/// The negative control: `m a + c v + fc sgn v + F0` leaves a third of its force and more, and there is no mass. As recorded, and with the force
-/// turned.
+/// The negative control: `m a + c v + fc sgn v + F0` leaves a third of its force or more unexplained, and there is no
+/// mass. With the force as recorded and inverted.
 #[test]
 fn a_friction_damper_has_no_inertance_whatever_its_sign() {
     let Some(run) = Recording::Arts.run(1) else { return };
@@ -171,7 +172,8 @@ fn a_friction_damper_has_no_inertance_whatever_its_sign() {
     }
 }
 
-/// 10 minutes of standstill after a run: the encoder flickers by a count, the force rests on `force_code` with noise.
+/// 10 minutes of standstill after a run: the encoder toggles by one count, and the force stays at `force_code` with
+/// noise.
 fn rest(after: &RawSample, samples: u32, force_code: i32, noise_code: i32) -> impl Iterator<Item = RawSample> + use<> {
     let (start, position) = (after.index, after.position_count);
     let mut seed = 0x9e37_79b9_u32;
@@ -186,7 +188,7 @@ fn rest(after: &RawSample, samples: u32, force_code: i32, noise_code: i32) -> im
     })
 }
 
-/// The same run again, going on where `before` stood.
+/// The same run again, continuing from where `before` ended.
 fn again<'a>(run: &'a [RawSample], before: &RawSample) -> impl Iterator<Item = RawSample> + use<'a> {
     let first = run[0];
     let (index, position) = (before.index.wrapping_add(1), before.position_count);
@@ -201,7 +203,7 @@ fn again<'a>(run: &'a [RawSample], before: &RawSample) -> impl Iterator<Item = R
 fn ten_minutes_of_rest_between_two_runs_change_nothing() {
     let Some(run) = Recording::Emps.run(1) else { return };
     let run = run.unwrap();
-    // Noise of 2 N, once about nothing and once about a force that friction holds.
+    // Noise of 2 N, once around zero and once around a force that friction holds.
     for held_n in [0.0, 10.0] {
         let settings = Settings { memory_s: 10.0, ..run.settings };
         let codes = |newtons: f64| (newtons / settings.newtons_per_code) as i32;

@@ -1,4 +1,5 @@
-//! Whether the estimator can tell Coulomb friction, which turns at once, from friction that takes its time.
+//! Whether the estimator can distinguish Coulomb friction, which reverses at once, from friction that reverses over a
+//! distance.
 
 use inerter_core::{State, Status};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -18,7 +19,7 @@ fn a_real_ball_screw_takes_its_time() {
     assert!((0.15..0.35).contains(&ratio), "{ratio}");
 }
 
-/// At 4 kHz some runs begin so: with the seeds of the grid in 4 of 192.
+/// At 4 kHz some runs start with such a reversal: 4 of 192 with the seeds of the grid.
 #[test]
 fn a_reversal_placed_too_early_does_not_break_the_law() {
     let device = Inerter::paper();
@@ -37,7 +38,7 @@ fn a_reversal_placed_too_early_does_not_break_the_law() {
     }
 }
 
-/// Reversals around lost samples were once compared across them, which made their ratio anything from 0.13 to -43.
+/// The estimator used to compare reversals across lost samples, which gave ratios from -43 to 0.13.
 #[test]
 fn samples_lost_anywhere_move_neither_the_reversal_ratio_nor_the_inertance() {
     let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };

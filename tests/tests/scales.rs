@@ -1,11 +1,12 @@
-//! Machines of any size are measured alike: the same counts and codes under other units give the same values in those units.
+//! Machines of any size are measured in the same way: the same counts and codes in other units give the same values in
+//! those units.
 
 use inerter_core::{BacklashSize, Interval, Parameter, Published, RawSample, Settings, State};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 
-/// What comes of the samples under settings in which a metre is `metre` and a newton `newton`.
+/// The published values if one metre is `metre` units of length and one newton is `newton` units of force.
 fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64) -> Published {
     let mass = newton / metre;
     let settings = Settings {
@@ -29,10 +30,10 @@ fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64
     active.publish(&state)
 }
 
-/// Part of its interval by which a value may differ: scales are rounded to powers of two.
+/// Maximum difference of a value as a fraction of its interval: scales are rounded to powers of two.
 const APART: f64 = 0.02;
-/// The same of a backlash of which up to one reversal in a hundred more counts in one unit than in another: one that is
-/// a standard deviation off moves a mean of n by 0.5 / sqrt(n) of its interval, 0.03 where n = 288.
+/// The same for a backlash with up to one reversal in a hundred more in one unit than in the other. A reversal that is
+/// off by one standard deviation moves a mean of n by 0.5 / sqrt(n) of its interval, which is 0.03 for n = 288.
 const REVERSALS_APART: f64 = 0.1;
 
 #[track_caller]
@@ -60,7 +61,7 @@ fn the_same_counts_and_codes_mean_the_same_whatever_their_units() {
                 ..setup.settings
             };
             let here = published(&samples, &settings, 1.0, 1.0);
-            // kg m^2 of a servo and of a watch, and tonnes.
+            // The inertia of a servo and of a watch in kg m^2, and tonnes.
             for (metre, newton) in [(30.0, 2e-5), (300.0, 3e-7), (7e-3, 3.0)] {
                 let there = published(&samples, &settings, metre, newton);
                 let what = format!("{motion}, a metre being {metre}, a newton {newton}");

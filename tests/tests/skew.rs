@@ -1,4 +1,4 @@
-//! A force that is late is found, undone, and told where the motion cannot show it.
+//! The skew of a late force is found and corrected, or refused with a reason if the motion cannot show it.
 
 use inerter_analysis::skew::SkewError;
 use inerter_core::{Parameter, Parameters};
@@ -7,7 +7,7 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
 use inerter_tests::skew::{Case, Found, case, drawn, servo_axis};
 
-/// The reference device, its force so late \[s\].
+/// The reference device with these instruments, including the delay of the force.
 fn late(motion: &'static str, sensors: Sensors) -> Case {
     case(("Coulomb", Inerter::paper()), sensors, (motion, motion), &Overrides::default()).unwrap()
 }
@@ -19,7 +19,7 @@ fn refusal(case: &Case) -> SkewError {
     }
 }
 
-/// Error of a parameter over its interval, which must not be wider than this.
+/// Absolute error of a parameter divided by its interval, which must be narrower than `widest`.
 #[track_caller]
 fn part(parameter: &Parameter, truth: f64, widest: f64, what: &str) -> f64 {
     let found = parameter.known().unwrap_or_else(|| panic!("{what}: {parameter:?}"));
@@ -27,7 +27,7 @@ fn part(parameter: &Parameter, truth: f64, widest: f64, what: &str) -> f64 {
     (f64::from(found.value) - truth).abs() / f64::from(found.u95)
 }
 
-/// The same of the reference device in the whole run.
+/// The same for all parameters of the reference device.
 #[track_caller]
 fn parts(found: &Parameters, what: &str) -> [f64; 3] {
     let paper = Inerter::paper();
@@ -61,7 +61,7 @@ fn a_skew_of_up_to_5_ms_is_found_and_undone() {
             if delay_ms.abs() > 0.4 {
                 let [was, is] = skew.residual_rms_n;
                 assert!(is < 0.2 * was && (0.1..0.8).contains(&is), "{what}: {was} N to {is} N");
-                // A delay of 0.5 ms is a false damper that nobody could take for friction.
+                // A delay of 0.5 ms acts like a damper that is far too large for friction.
                 let viscous = before.estimate.whole_run.viscous_n_s_per_m;
                 assert!(viscous.known().is_none_or(|found| (found.value - 31.4).abs() > 30.0), "{what}: {viscous:?}");
             }
@@ -85,7 +85,7 @@ fn a_skew_that_is_in_use_is_counted() {
     assert!(again.left_s.abs() < 0.05 * found.u95_s && !again.is_better_than(&case.setup.settings), "{again:?}");
 }
 
-/// Neither kernels, signs nor structure make a skew of their own.
+/// Kernels, signs and structure introduce no skew of their own.
 #[test]
 fn nothing_is_found_where_nothing_is() {
     for motion in ["random", "multi", "two"] {
@@ -100,7 +100,7 @@ fn nothing_is_found_where_nothing_is() {
     }
 }
 
-/// 2e-4 kg m^2 and torques below 0.1 N m: what `calibrate skew` used to refuse as friction's.
+/// 2e-4 kg m^2 and torques below 0.1 N m: `calibrate skew` used to refuse such axes because of their friction.
 #[test]
 fn the_torque_of_a_servo_axis_1_75_ms_late_is_found_and_its_inertia_is_right() {
     for (text, seed) in [
@@ -153,7 +153,7 @@ fn a_refusal_speaks_of_a_rotary_machine_in_its_words_and_units() {
     assert!(noisy.contains("N m rms") && noisy.contains("torque") && !noisy.contains("force"), "{noisy}");
 }
 
-/// Machines that set nothing: `cargo xtask skew` counts over many more.
+/// Machines that determined no constant; `cargo xtask skew` runs many more.
 #[test]
 fn skews_of_machines_of_any_size_are_covered() {
     let (mut given, mut held) = (0, 0);

@@ -1,4 +1,4 @@
-//! What the encoder's steps do to a motion that repeats itself sample by sample, and what they do where it does not.
+//! The effect of the encoder's steps on motions that repeat sample by sample, and on motions that do not.
 
 use inerter_core::{Parameter, Settings, State};
 use inerter_data::{run::Run, settings::Overrides};
@@ -10,16 +10,16 @@ use inerter_tests::data::replayed;
 use inerter_tests::grid::{self, Instruments, MOTIONS, Motion, RIGS, TWO_CLOCKS, calibrated, instruments, raw};
 use inerter_tests::updates::rms;
 
-/// Runs, as in the table: a standard deviation is known to 13 %.
+/// Number of runs, as in the table: a standard deviation is known to 13 %.
 const SEEDS: u64 = 32;
-/// Sums of counts and codes in one sample of the board at 1 kHz.
+/// Readings summed in one sample of the board at 1 kHz.
 const BOARD_OVERSAMPLING: f64 = 64.0;
 
 fn motion(name: &str) -> &'static Motion {
     MOTIONS.iter().find(|motion| motion.name == name).unwrap()
 }
 
-/// Standard deviations of the viscous and the Coulomb friction found.
+/// Standard deviations of the estimated viscous and Coulomb friction.
 fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     let device = Inerter::paper();
     let runs = grid::each_seed(SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
@@ -27,14 +27,14 @@ fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     [viscous, coulomb]
 }
 
-/// The same where each sample is a sum of instants, as on the board.
+/// The same if each sample is a sum of readings, as on the board.
 fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     let device = Inerter::paper();
     let found = grid::each_seed(SEEDS, |seed| {
         let plain = instruments(rig, seed);
         let sensors = Sensors {
             oversampling: BOARD_OVERSAMPLING,
-            // So much coarser that the sum's scale stays.
+            // Coarser by this factor, so that the sum keeps its scale.
             newtons_per_code: plain.newtons_per_code * BOARD_OVERSAMPLING,
             ..plain
         };
@@ -56,7 +56,7 @@ fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     })
 }
 
-/// Part of the samples of the run's second half that read the same count as `period` samples before.
+/// Fraction of the samples in the second half of the run that have the same count as `period` samples before.
 fn repeated(motion: &Motion, rig: &Instruments, period: usize) -> f64 {
     let simulation = Simulation::new(Inerter::paper(), Excitation::parse(motion.name, 1).unwrap(), instruments(rig, 1));
     let counts: Vec<i32> =
@@ -77,7 +77,8 @@ fn on_one_clock_a_periodic_motion_reads_the_same_counts_again() {
     }
 }
 
-/// Nearly all that lies between the scatter of `two` and its bound is the steps' error, 16 times the same.
+/// The error of the steps, repeated 16 times, accounts for nearly all of the difference between the scatter of `two`
+/// and its bound.
 #[test]
 fn the_steps_average_out_where_nothing_repeats() {
     let (two, rig) = (motion("two"), &RIGS[0]);
@@ -95,8 +96,8 @@ fn the_steps_average_out_where_nothing_repeats() {
     }
 }
 
-/// Errors of inertance, viscous and Coulomb friction over their intervals, in tones of the instrument's own clock on a rig that is
-/// stated to be perfect. No two of the runs have the same amplitude and place within a count.
+/// Errors of inertance, viscous and Coulomb friction relative to their intervals, in tones on the instrument's own
+/// clock, with a rig stated as perfect. Every run has another amplitude and another phase within a count.
 fn tones([hz, mm]: [f64; 2], backlash_m: f64, rig: Sensors) -> Vec<[f64; 3]> {
     grid::each_seed(24, |seed| {
         let spread = |step: f64| (seed as f64 * step) % 1.0;
@@ -120,8 +121,8 @@ fn tones([hz, mm]: [f64; 2], backlash_m: f64, rig: Sensors) -> Vec<[f64; 3]> {
     .unwrap()
 }
 
-/// With what was known of repeating steps before, at 2, 4, 5, 6 and 8 Hz half of the intervals did not hold the friction; with a gap
-/// of 10 um, too.
+/// Before repeating steps were modelled, half of the intervals did not cover the friction at 2, 4, 5, 6 and 8 Hz, with
+/// and without a gap of 10 um.
 #[test]
 fn a_tone_of_the_same_clock_has_friction_within_its_intervals() {
     let (mut all, mut within, mut squares) = (0.0, 0.0, 0.0);
@@ -142,7 +143,7 @@ fn a_tone_of_the_same_clock_has_friction_within_its_intervals() {
     assert!(part > 0.92 && (0.25..0.6).contains(&rms), "{part} within, rms {rms}");
 }
 
-/// The same counts place its reversals, too, and its residual scatters by one pattern.
+/// The repeating counts also determine where the reversals are placed, and the residual follows one pattern.
 #[test]
 fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
     for metres_per_count in [2.44e-6, 20e-6] {
@@ -166,7 +167,7 @@ fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
     }
 }
 
-/// A tone in coarse counts is read too large or too small by its place among them, whatever the rate.
+/// With coarse counts, the measured amplitude of a tone depends on its phase within a count, at any sample rate.
 #[test]
 fn a_tone_in_coarse_counts_has_its_inertance_within_its_interval() {
     for sample_rate_hz in [1000.0, 4000.0] {
@@ -185,7 +186,8 @@ fn a_tone_in_coarse_counts_has_its_inertance_within_its_interval() {
     }
 }
 
-/// Of 20 um in slow motion steps are not as white as noise: a quarter too much is given back, which the interval knows.
+/// In slow motion, steps of 20 um are not as white as noise: the correction is a quarter too large, which the interval
+/// includes.
 #[test]
 fn what_slow_steps_take_is_known_to_a_half() {
     let device = Inerter::paper();

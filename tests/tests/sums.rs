@@ -1,4 +1,4 @@
-//! What is read from the sums beside the four parameters: friction by direction and skew.
+//! Quantities computed from the sums besides the four parameters: friction by direction and skew.
 
 use inerter_core::{Active, Bank, MoreSums, RawSample, Settings, State, Sums};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
@@ -46,7 +46,7 @@ fn emps_by_direction() {
     is_near(&directions(&sums, &more).unwrap(), &published, [0.005, 0.01, 0.01]);
 }
 
-/// A screw that turns harder one way, shaken in two tones: force and position by formula.
+/// A screw with more friction in one direction, moved in two tones. Force and position are computed analytically.
 #[test]
 fn a_screw_that_turns_harder_one_way() {
     let truth = Directions { inertance_kg: 300.0, viscous_n_s_per_m: [30.0, 80.0], coulomb_n: [40.0, 60.0] };
@@ -71,8 +71,8 @@ fn a_screw_that_turns_harder_one_way() {
     is_near(&directions(&sums, &more).unwrap(), &truth, [0.001, 0.02, 0.01]);
 }
 
-/// The rows of `MoreSums` are those of the same kernel: the rate's product with the constant is what the force has
-/// grown by, and the speed's square is the velocity's but for the kernels that hold a reversal.
+/// The rows of `MoreSums` come from the same kernel. The product of the force's rate with the constant is the growth of
+/// the force. The square of the speed equals that of the velocity, except for kernels that contain a reversal.
 #[test]
 fn rows_belong_to_the_same_regressors() {
     let (device, sensors) = (Inerter::paper(), Sensors { force_offset_n: 3.0, ..Sensors::default() });
@@ -83,7 +83,7 @@ fn rows_belong_to_the_same_regressors() {
         let products = matrix(&sums, &more);
         let (velocity, speed) = (products[1][1], products[5][5]);
         assert!(speed > velocity && speed < 1.5 * velocity, "{bank:?}: {velocity} {speed}");
-        // v and |v| are as unlike as a sine and its magnitude; F' leads F by a quarter.
+        // v and |v| are uncorrelated, like a sine and its magnitude; F' leads F by a quarter period.
         assert!(products[5][1].abs() < 0.01 * velocity, "{bank:?}");
         let (force, rate) = (products[4][4], products[6][6]);
         assert!(products[6][4].abs() < 0.01 * (force * rate).sqrt(), "{bank:?}");
@@ -93,8 +93,8 @@ fn rows_belong_to_the_same_regressors() {
     }
 }
 
-/// What the sums say of the skew of a load cell that is late by `delay_s`, under settings that do not know of it, less
-/// that delay \[us\].
+/// The error of the skew computed from the sums \[us\], for a load cell that is late by `delay_s` under settings that
+/// do not state this.
 fn skew_error_us(device: &Inerter, motion: &str, rate_hz: f64, noisy: bool, delay_s: f64) -> f64 {
     let (force_noise_n, metres_per_count) = if noisy { (1.0, 2.44140625e-6) } else { (0.0, 1e-8) };
     let seed = 4;
@@ -117,12 +117,12 @@ fn a_skew_is_seen_within_the_interval_of_the_setting() {
     }
 }
 
-/// An offset of microseconds comes from dry friction alone: a sign that is placed by a kernel which smooths friction's
-/// kink away is late by 3 to 6 us of skew. With the kink taken out less than 1 us of it is left, and no kernel, no
-/// correction of the structure and no rounding of the encoder has a part in it.
+/// A bias of the skew comes from dry friction alone: a kernel that smooths the step of the friction places the sign 3
+/// to 6 us late. With the step removed, less than 1 us of this remains. Kernels, the correction for the structure and
+/// the encoder's rounding contribute nothing.
 #[test]
 fn the_skew_has_no_offset_of_its_own() {
-    // Nearly none: without any there is no sign to fit.
+    // Nearly no friction. Without any there would be no sign to fit.
     let slippery = Inerter { coulomb_n: 0.5, ..Inerter::paper() };
     for motion in ["multi", "random", "two"] {
         for rate_hz in [1000.0, 4000.0] {
