@@ -1,10 +1,10 @@
-//! Signs of life, as a watchdog asks for them.
+//! Signs of life, as a watchdog requests them.
 
 use crate::rig::{TestDevice, live, shaken};
 use inerter_core::RawSample;
 use inerter_wire::{Command, Samples, Streams};
 
-/// How often the watchdog asks, in milliseconds.
+/// Interval between the watchdog's requests \[ms\].
 const ASKED_EVERY: u64 = 500;
 
 #[test]

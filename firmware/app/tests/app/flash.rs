@@ -1,8 +1,8 @@
-//! Flash that loses its power in the middle of things.
+//! Flash whose power fails in the middle of an operation.
 //!
-//! 8 pages of 2 KB in double words of 8 bytes, like the last ones of an STM32G474: each double word can be written once
-//! after its page was erased (RM0440, programming sequence), and one that power failure left half done may read as
-//! anything, give an error (`ECCD`), or look blank and yet refuse to be written.
+//! 8 pages of 2 KB in double words of 8 bytes, like the last ones of an STM32G474. Each double word can be written once
+//! after its page was erased (RM0440, programming sequence). After a power failure, a partly written one may read as
+//! anything, give an error (`ECCD`), or look blank and still refuse to be written.
 
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use inerter_needs::Random;
@@ -14,7 +14,7 @@ pub const PAGES: usize = 8;
 pub const PAGE: usize = 2048;
 pub const WORD: usize = 8;
 pub const WORDS: usize = PAGES * PAGE / WORD;
-/// Addresses begin somewhere, as the chip's do.
+/// A range that does not start at zero, as on the chip.
 pub const RANGE: Range<u32> = 0x7_C000..0x8_0000;
 
 /// A double word.
@@ -22,9 +22,9 @@ pub const RANGE: Range<u32> = 0x7_C000..0x8_0000;
 pub enum Word {
     Blank,
     Written([u8; WORD]),
-    /// Reads as this; cannot be written.
+    /// Reads as these bytes; cannot be written.
     Worn([u8; WORD]),
-    /// Gives an error.
+    /// Reading gives an error.
     Unreadable,
 }
 
@@ -38,21 +38,21 @@ impl Word {
     }
 }
 
-/// How an operation is left when the power fails.
+/// State in which a power failure leaves an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Left {
-    /// Not begun.
+    /// Not started.
     Undone,
-    /// All ones, and cannot be written.
+    /// Reads as all ones, and cannot be written.
     Ones,
-    /// Some of the bits have changed.
+    /// Some of the bits that had to change have changed.
     Partly,
     /// Other bits have changed too.
     Garbage,
     Unreadable,
-    /// Each double word of a page in another way.
+    /// Each double word of a page in a different state.
     Mixed,
-    /// Done, but nobody was told.
+    /// Complete, but the caller did not get the result.
     Done,
 }
 
@@ -67,15 +67,15 @@ pub struct Inner {
     pub erases: [u32; PAGES],
     pub writes: u32,
     pub reads: u32,
-    /// Writes to words that were not blank, though nothing had failed.
+    /// Writes to words that were not blank, although no operation had failed.
     pub overwrites: u32,
-    /// Words written and pages erased until the power fails, and how that one is left.
+    /// Number of words written and pages erased until the power fails, and the state of the interrupted operation.
     cut: Option<(u32, Left)>,
     powered: bool,
     noise: Random,
 }
 
-/// The flash; clones are the same one.
+/// The flash. Clones share its content.
 #[derive(Clone, Debug)]
 pub struct Flash(Rc<RefCell<Inner>>);
 
@@ -107,14 +107,14 @@ impl Flash {
         Self::with(self.inner().words.clone())
     }
 
-    /// Lets the power fail at the operation after so many.
+    /// Makes the power fail after this many operations.
     pub fn cut_after(&self, operations: u32, left: Left, seed: u64) {
         let mut inner = self.inner();
         inner.cut = Some((operations, left));
         inner.noise = Random(seed);
     }
 
-    /// Power comes back; whether it had failed.
+    /// Restores the power. Returns whether it had failed.
     pub fn power_up(&self) -> bool {
         let mut inner = self.inner();
         inner.cut = None;
@@ -129,7 +129,7 @@ impl Flash {
 }
 
 impl Inner {
-    /// How the next operation goes: `None` when the power is off, else whether it fails now.
+    /// The fate of the next operation: `None` if the power is off, otherwise whether and how it is interrupted.
     fn power(&mut self) -> Option<Option<Left>> {
         if !self.powered {
             return None;
@@ -147,7 +147,7 @@ impl Inner {
         }
     }
 
-    /// A word on its way from `old` to `new`.
+    /// The state of a word that is interrupted on its way from `old` to `new`.
     fn left(&mut self, left: Left, old: Word, new: Word) -> Word {
         let Some(bytes) = old.bytes() else { return if left == Left::Done { new } else { old } };
         let target = new.bytes().unwrap_or([0; WORD]);

@@ -1,4 +1,4 @@
-//! The whole instrument on mock parts, as a host sees it over the link.
+//! The whole instrument on mock parts, as seen by a host over the link.
 
 use crate::rig::{
     IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, live, number, raw_samples, shaken,
@@ -67,7 +67,7 @@ fn refused_settings_name_the_setting_and_change_nothing() {
     let unknown = SettingsValues(heapless::Vec::from_slice(&[beyond]).unwrap());
     let result = rig.result(Command::WriteSettings(unknown));
     assert_eq!(result, Err(Refusal::BadSetting { number: 200, fault: SettingFault::Unknown }));
-    // Each is good by itself, together they are not.
+    // Each value is valid by itself, but the combination is not.
     let result = rig.result(write(&[("force_min_code", 100.0), ("force_max_code", -100.0)]));
     assert!(matches!(result, Err(Refusal::BadSetting { fault: SettingFault::Conflict(_), .. })), "{result:?}");
     assert_eq!(rig.settings(), Settings::default());
@@ -94,7 +94,7 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
     let samples = shaken(20_000);
     rig.script.push(samples.iter().copied().map(Ok));
     rig.script.push([Err(SourceError::Ended)]);
-    // Less than an estimate fits the link at once, and the host takes its time.
+    // The link has room for less than one estimate, and the host reads slowly.
     rig.set_room(100);
     let start = rig.send(Command::Start);
     let mut records = Vec::new();
@@ -136,7 +136,7 @@ fn raw_samples_are_streamed_when_asked_for() {
     assert_eq!(streamed, samples[110..]);
 }
 
-/// Every record up to the end of the source, read a few bytes at a time.
+/// Every record until the source ends, read a few bytes at a time.
 fn up_to_the_end(rig: &mut TestDevice) -> Vec<Record> {
     let mut records = Vec::new();
     while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
@@ -159,7 +159,7 @@ fn a_source_that_waits_streams_every_sample() {
     rig.set_room(50);
     rig.send(Command::Start);
     let records = up_to_the_end(&mut rig);
-    // The end of the source is said after its last sample.
+    // The device reports the end of the source after its last sample.
     assert_eq!(raw_samples(&records), samples);
 }
 
@@ -187,14 +187,14 @@ fn sums_come_once_a_second_and_at_the_end() {
 
     rig.script.push(samples.iter().copied().map(Ok));
     rig.script.push([Err(SourceError::Ended)]);
-    // Less than the sums of one bank fits the link at once: the source waits, and none is lost.
+    // The link has room for less than the sums of one bank: the source waits, and no sum is lost.
     rig.set_room(100);
     rig.send(Command::Start);
     let mut records = up_to_the_end(&mut rig);
     records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_) | Record::MoreSums(_)));
     assert_eq!(records, expected);
 
-    // With the estimator, the sums and their second begin anew; without the stream there are none.
+    // With the estimator, the sums and their interval of one second restart. Without the stream there are no sums.
     rig.set_room(usize::MAX);
     let is_sums = |record: &&Record| matches!(record, Record::Sums(_) | Record::MoreSums(_));
     let again = rig.inject(&samples[..1_000]);
@@ -208,7 +208,7 @@ fn sums_come_once_a_second_and_at_the_end() {
 #[test]
 fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_they_happen() {
     let mut rig = TestDevice::new();
-    // A flywheel is swapped half-way: half the inertance.
+    // The flywheel is replaced half-way, which halves the inertance.
     let mut samples = shaken(24_000);
     for (after, lighter) in samples[12_000..].iter_mut().zip(&lighter(24_000)[12_000..]) {
         after.force_code = lighter.force_code;
@@ -229,7 +229,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
         assert_eq!(output.warning, None);
         if let Some(change) = output.change {
             changes += 1;
-            // The last sums of the device before.
+            // The last sums of the old device.
             for bank in [Bank::Fast, Bank::Slow] {
                 expected.push(Record::Sums(active.sums(&state, bank)));
             }
@@ -243,7 +243,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     let is_ours = |record: &Record| match record {
         Record::Estimate(_) | Record::Law(_) | Record::Detail(_) | Record::Reversal(_) => true,
         Record::Event(event) => matches!(event.kind, EventKind::Changed(_) | EventKind::Warned(_)),
-        // Those that come every second have their own test.
+        // The sums sent every second have their own test.
         Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
         _ => false,
     };
@@ -262,7 +262,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     assert_eq!(published.clone().count(), 121);
     assert!({ published }.all(|[estimate, law, detail]| estimate == law && law == detail));
 
-    // Without the stream nothing of it is sent, and nothing is kept for later.
+    // Without the stream, none of this is sent or kept for later.
     rig.tell(Command::Streams(Streams::NONE));
     let without = rig.inject(&samples[..5_000]);
     assert!(!without.iter().any(|record| matches!(
@@ -312,7 +312,7 @@ fn estimates_go_before_raw_samples() {
     let mut rig = TestDevice::with(live());
     rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
     rig.set_room(100);
-    // 1 kHz of raw samples are 6 KB/s; the host reads 3 KB/s.
+    // 1 kHz of raw samples is 6 KB/s; the host reads 3 KB/s.
     let samples = shaken(20_000);
     let (mut seen, mut streamed) = (Vec::new(), 0);
     for part in samples.chunks(10) {
@@ -346,7 +346,7 @@ fn injected_samples_give_cores_estimates() {
     expected.push(end);
     assert_eq!(estimates(&records), expected);
     assert_eq!(rig.result(Command::InjectEnd), Err(Refusal::NotInjecting));
-    // The next injection begins anew.
+    // The next injection starts afresh.
     let mut records = rig.inject(&samples[..5_000]);
     records.extend(rig.tell(Command::InjectEnd));
     let (mut expected, end) = by_core(&Settings::default(), &samples[..5_000]);
@@ -400,7 +400,7 @@ fn credit_holds_when_the_host_sends_ahead() {
 fn a_batch_beyond_the_credit_waits_for_room() {
     let mut rig = TestDevice::new();
     rig.inject(&shaken(32));
-    // The host does not read: the estimator waits with its next estimate, and the queue fills.
+    // The host does not read: the estimator waits with its next estimate, and the queue fills up.
     rig.set_room(0);
     let samples = shaken(2_000);
     for batch in samples[32..].chunks(32) {
@@ -418,7 +418,7 @@ fn a_batch_beyond_the_credit_waits_for_room() {
 #[test]
 fn injected_nonsense_is_refused_whole() {
     let mut rig = TestDevice::new();
-    // A batch that claims 33 samples; two samples with one sample's bytes; bytes left over.
+    // A batch that claims 33 samples; two samples with the bytes of one; extra bytes.
     for bytes in [&[33, 1, 0][..], &[2, 4, 0, 0, 0, 0], &[0, 1, 0]] {
         let samples: Samples = postcard::from_bytes(bytes).unwrap();
         assert_eq!(rig.result(Command::Inject(samples)), Err(Refusal::BadSamples), "{bytes:?}");
@@ -440,7 +440,7 @@ fn injection_takes_the_samplers_place_until_the_next_start() {
     let (mut expected, end) = by_core(&Settings::default(), &samples[..2_000]);
     expected.push(end);
     assert_eq!(estimates(&records), expected, "not one of the sampler's samples among them");
-    // What the sampler has meanwhile is its own business; here it waited.
+    // The sampler's samples in the meantime are not defined here; in this test it waited.
     let (records, _, _) = rig.ask(Command::Start);
     assert_eq!(events(&records), [EventKind::SourceChanged(Source::Sampler), EventKind::EstimatorReset]);
     rig.records();
@@ -551,7 +551,7 @@ fn tare_without_samples_is_refused() {
     rig.pass(2_000);
     let records = rig.records();
     assert!(records.contains(&Record::Reply(Reply { id, result: Err(Refusal::NoSamples) })), "{records:?}");
-    // The tare that was given up disturbs nothing.
+    // The abandoned tare has no later effect.
     rig.script.push(shaken(2_000).into_iter().map(Ok));
     rig.records();
     assert_eq!(rig.settings(), Settings::default());
@@ -649,7 +649,7 @@ fn nothing_behind_a_restart_is_obeyed() {
     assert_eq!(*rig.store.saved.borrow(), None);
 }
 
-/// Frame of a request that this version does not know.
+/// The frame of a request that this version does not know.
 fn unknown_request(id: u8, command: u8) -> Vec<u8> {
     let mut body = vec![id, command, 0, 0];
     body.extend(crc::Crc::<u32>::new(&crc::CRC_32_JAMCRC).checksum(&body).to_le_bytes());
@@ -672,7 +672,7 @@ fn garbage_on_the_link_does_nothing_but_count() {
         let length = 1 + seed as usize * 7 % 1_500;
         rig.send_bytes(&Random(seed).bytes(length));
         assert_eq!(rig.records(), [], "seed {seed}");
-        // A host ends what another one left unfinished.
+        // A host terminates the frame that another one left unfinished.
         rig.send_bytes(&[0]);
         assert!(matches!(rig.tell(Command::Hello).as_slice(), [Record::Hello(_)]), "seed {seed}");
     }

@@ -1,4 +1,4 @@
-//! The app on mock parts: as a host sees it over the link, and its store on flash that fails.
+//! The app on mock parts: as seen by a host over the link, and its store on failing flash.
 
 mod alive;
 mod flash;

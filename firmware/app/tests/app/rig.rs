@@ -1,4 +1,4 @@
-//! A device on a bench: the app on mock parts, a clock moved by hand, and a host's view of the link.
+//! A device on the bench: the app on mock parts, a mock clock, and the host's end of the link.
 
 use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorKind, ErrorType, Read, Write};
@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::task::{Context, Poll, Wake, Waker};
 
-/// The mock clock is one for the whole process.
+/// The whole process shares one mock clock.
 static CLOCK: Mutex<()> = Mutex::new(());
 
 /// One direction of the link.
@@ -64,22 +64,22 @@ impl WireEnd {
         self.change(|wire| wire.bytes.extend(bytes));
     }
 
-    /// Takes all bytes out at the other.
+    /// Takes all bytes out at the other end.
     pub fn take(&self) -> Vec<u8> {
         self.change(|wire| wire.bytes.drain(..).collect())
     }
 
-    /// Bytes that have not been taken.
+    /// Number of bytes not yet taken.
     pub fn waiting(&self) -> usize {
         self.0.borrow().bytes.len()
     }
 
-    /// Room for bytes that have not been taken, from now on.
+    /// Sets the room for bytes not yet taken.
     pub fn set_room(&self, bytes: usize) {
         self.change(|wire| wire.capacity = bytes);
     }
 
-    /// Breaks or mends it.
+    /// Breaks or repairs the wire.
     pub fn set_broken(&self, broken: bool) {
         self.change(|wire| wire.broken = broken);
     }
@@ -142,7 +142,7 @@ impl Write for WireEnd {
     }
 }
 
-/// What the sampler will find, in order.
+/// The sampler's results, in order.
 #[derive(Clone)]
 pub struct Script {
     pace: Pace,
@@ -153,16 +153,16 @@ pub struct Script {
 struct Parts {
     waiting: VecDeque<Result<RawSample, SourceError>>,
     waker: Option<Waker>,
-    /// What the next calls of `configure` will say; after these, that all is well.
+    /// The results of the next calls of `configure`; later calls succeed.
     answers: VecDeque<Result<(), SourceError>>,
     asked: Vec<Asked>,
     with_next_settings: Option<VecDeque<Result<RawSample, SourceError>>>,
 }
 
-/// What the source was asked to do beside reading.
+/// Requests to the source besides reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Asked {
-    /// To take over settings; rate and front end of them.
+    /// To apply settings, with their rate and front end.
     Configure(f64, FrontEnd),
     Halt,
 }
@@ -176,22 +176,22 @@ impl Script {
         }
     }
 
-    /// Puts these answers in the mouth of `configure`.
+    /// Sets the results of the next calls of `configure`.
     pub fn answer(&self, answers: impl IntoIterator<Item = Result<(), SourceError>>) {
         self.parts.borrow_mut().answers.extend(answers);
     }
 
-    /// What was asked since the last call.
+    /// Requests since the last call.
     pub fn asked(&self) -> Vec<Asked> {
         std::mem::take(&mut self.parts.borrow_mut().asked)
     }
 
-    /// Lets the sampler find these, and nothing else, from the next settings on that it takes over.
+    /// From the next settings that the sampler applies, it finds these parts and nothing else.
     pub fn push_with_next_settings(&self, parts: impl IntoIterator<Item = Result<RawSample, SourceError>>) {
         self.parts.borrow_mut().with_next_settings = Some(parts.into_iter().collect());
     }
 
-    /// Parts that the sampler has not taken.
+    /// Number of parts that the sampler has not taken.
     pub fn left(&self) -> usize {
         self.parts.borrow().waiting.len()
     }
@@ -247,12 +247,12 @@ impl SampleSource for Script {
 #[derive(Clone, Default)]
 pub struct MemoryStore {
     pub saved: Rc<RefCell<Option<SettingsValues>>>,
-    /// What is wrong with it.
+    /// The error that the store returns.
     pub error: Rc<RefCell<Option<StoreError>>>,
 }
 
 impl MemoryStore {
-    /// Puts something else in place of whatever is there.
+    /// Replaces the stored settings.
     fn replace(&self, saved: Option<SettingsValues>) -> Result<(), StoreError> {
         if *self.error.borrow() == Some(StoreError::Unreadable) {
             return Err(StoreError::Unreadable);
@@ -315,7 +315,7 @@ pub const IDENTITY: Identity<'static> = Identity {
     start: Start::POWER_ON,
 };
 
-/// How a rig is built.
+/// Options for building a rig.
 #[derive(Clone)]
 pub struct Options {
     pub pace: Pace,
@@ -323,9 +323,9 @@ pub struct Options {
     pub identity: Identity<'static>,
     pub store: MemoryStore,
     pub defaults: Settings,
-    /// What the source answers to its first settings.
+    /// The source's result for its first settings.
     pub configured: Result<(), SourceError>,
-    /// With a UART beside, and a port that is not open yet.
+    /// With a UART as the second link, and a port that is not yet open.
     pub two_links: bool,
 }
 
@@ -362,7 +362,7 @@ pub fn write(pairs: &[(&str, f64)]) -> Command {
     Command::WriteSettings(values)
 }
 
-/// The device and the host's end of its link.
+/// The device, and the host's end of its link.
 pub struct TestDevice {
     pub app: &'static App,
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
@@ -372,7 +372,7 @@ pub struct TestDevice {
     pub store: MemoryStore,
     pub to_device: WireEnd,
     pub from_device: WireEnd,
-    /// The second link's directions.
+    /// Both directions of the second link.
     pub uart: (WireEnd, WireEnd),
     frames: FrameReader<Record>,
     sequence: SequenceCounter,
@@ -381,19 +381,19 @@ pub struct TestDevice {
 }
 
 impl TestDevice {
-    /// A stopped device whose source can wait, past its first frames.
+    /// A stopped device with a source that can wait, after its first frames.
     pub fn new() -> Self {
         Self::with(Options::default())
     }
 
-    /// A device past its first frames.
+    /// A device after its first frames.
     pub fn with(options: Options) -> Self {
         let mut rig = Self::cold(options);
         rig.frames();
         rig
     }
 
-    /// A device that has not sent anything.
+    /// A device that has not yet sent anything.
     pub fn cold(options: Options) -> Self {
         let clock = CLOCK.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         MockDriver::get().reset();
@@ -436,7 +436,7 @@ impl TestDevice {
         }
     }
 
-    /// Lets the device run until it waits for something.
+    /// Runs the device until it waits.
     pub fn settle(&mut self) {
         let waker = Waker::from(self.woken.clone());
         for _ in 0..1_000_000 {
@@ -450,7 +450,7 @@ impl TestDevice {
         panic!("the device never waits");
     }
 
-    /// Lets time pass, a millisecond at a time.
+    /// Advances time in steps of a millisecond.
     pub fn pass(&mut self, milliseconds: u64) {
         self.settle();
         for _ in 0..milliseconds {
@@ -459,23 +459,23 @@ impl TestDevice {
         }
     }
 
-    /// Room in the link for what the device sends, from now on.
+    /// Sets the room in the link for what the device sends.
     pub fn set_room(&mut self, bytes: usize) {
         self.from_device.set_room(bytes);
     }
 
-    /// Breaks or mends both directions of the link.
+    /// Breaks or repairs both directions of the link.
     pub fn unplug(&mut self, unplugged: bool) {
         self.from_device.set_broken(unplugged);
         self.to_device.set_broken(unplugged);
     }
 
-    /// Raw bytes to the device.
+    /// Sends raw bytes to the device.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.to_device.put(bytes);
     }
 
-    /// Reads at most `count` bytes of what the device has sent, without letting it go on.
+    /// Reads at most `count` bytes of the device's output, without running the device.
     pub fn read_bytes(&mut self, count: usize) -> Vec<Frame<Record>> {
         let bytes: Vec<u8> = self.from_device.change(|wire| {
             let count = count.min(wire.bytes.len());
@@ -485,7 +485,7 @@ impl TestDevice {
         std::iter::from_fn(|| self.frames.read(&mut input)).collect()
     }
 
-    /// Everything that the device has to say now.
+    /// All frames that the device sends now.
     pub fn frames(&mut self) -> Vec<Frame<Record>> {
         let mut all = Vec::new();
         loop {
@@ -498,7 +498,7 @@ impl TestDevice {
         }
     }
 
-    /// [`frames`](Self::frames) where nothing may be lost or damaged.
+    /// [`frames`](Self::frames), none of which may be lost or damaged.
     pub fn records(&mut self) -> Vec<Record> {
         self.frames()
             .into_iter()
@@ -509,7 +509,7 @@ impl TestDevice {
             .collect()
     }
 
-    /// The frame of a request, and its id.
+    /// The frame of a request, and its ID.
     pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
         self.id += 1;
         let mut frame = [0; MAX_FRAME];
@@ -524,7 +524,7 @@ impl TestDevice {
         id
     }
 
-    /// Sends a command; its result, and the records before and after its reply.
+    /// Sends a command. Returns its result, and the records before and after its reply.
     pub fn ask(&mut self, command: Command) -> (Vec<Record>, Result<Done, Refusal>, Vec<Record>) {
         let id = self.send(command);
         let mut records = self.records();
@@ -542,7 +542,7 @@ impl TestDevice {
         self.ask(command).1
     }
 
-    /// Sends a command that must succeed; the records before its reply, and none may come after it.
+    /// Sends a command that must succeed. Returns the records before its reply; none may follow it.
     pub fn tell(&mut self, command: Command) -> Vec<Record> {
         let (before, result, after) = self.ask(command);
         result.unwrap();
@@ -550,7 +550,7 @@ impl TestDevice {
         before
     }
 
-    /// Lets the sampler find samples, no more at once than a live source would have.
+    /// Feeds samples to the sampler, no more at once than a live source would deliver.
     pub fn feed<'a>(&mut self, samples: impl IntoIterator<Item = &'a RawSample>) {
         for sample in samples {
             self.script.push([Ok(*sample)]);
@@ -558,7 +558,7 @@ impl TestDevice {
         }
     }
 
-    /// Injects samples within the credit that the device gives; the records before the last reply.
+    /// Injects samples within the credit that the device grants. Returns the records before the last reply.
     pub fn inject(&mut self, samples: &[RawSample]) -> Vec<Record> {
         let (mut records, mut left) = (Vec::new(), samples);
         while !left.is_empty() {
@@ -583,7 +583,7 @@ impl TestDevice {
         }
     }
 
-    /// [`tell`](Self::tell) while frames may be missing.
+    /// [`tell`](Self::tell) if frames may be missing.
     pub fn tell_through_loss(&mut self, command: Command) {
         let id = self.send(command);
         let done = Record::Reply(Reply { id, result: Ok(Done::Plain) });
@@ -591,17 +591,17 @@ impl TestDevice {
         assert!(frames.iter().any(|frame| matches!(frame, Frame::Message { message, .. } if *message == done)));
     }
 
-    /// Frames missing so far, by their sequence.
+    /// Number of frames missing so far, from their sequence numbers.
     pub fn lost(&self) -> u32 {
         self.frames.counts().lost
     }
 
-    /// Frames that arrived damaged so far.
+    /// Number of frames that arrived damaged so far.
     pub fn corrupt(&self) -> u32 {
         self.frames.counts().corrupt()
     }
 
-    /// The next health report.
+    /// The next health record.
     pub fn health(&mut self) -> Health {
         self.pass(1_000);
         let health = self.frames().into_iter().rev().find_map(|frame| match frame {
@@ -637,12 +637,12 @@ pub fn raw_samples(records: &[Record]) -> Vec<RawSample> {
         .collect()
 }
 
-/// A shaken inerter of 100 kg with 20 N of friction, 3 Hz, 4 mm, at the default settings.
+/// A moving inerter of 100 kg with 20 N of friction: 3 Hz, 4 mm, at the default settings.
 pub fn shaken(count: u32) -> Vec<RawSample> {
     shaken_mass(count, 100.0)
 }
 
-/// The same motion of half the inertance.
+/// The same motion with half the inertance.
 pub fn lighter(count: u32) -> Vec<RawSample> {
     shaken_mass(count, 50.0)
 }
@@ -665,7 +665,7 @@ fn shaken_mass(count: u32, inertance_kg: f64) -> Vec<RawSample> {
         .collect()
 }
 
-/// What core says to these samples by itself: estimates at the publish rate, and the final one.
+/// Core's own results for these samples: estimates at the publish rate, and the final one.
 pub fn by_core(settings: &Settings, samples: &[RawSample]) -> (Vec<Estimate>, Estimate) {
     let active = settings.validate().unwrap();
     let mut state = State::new(&active);

@@ -1,11 +1,11 @@
-//! The board's source of samples: settings it takes over, halts, and what it loses.
+//! The board's source of samples: applying settings, halting, and losses.
 
 use crate::rig::{Asked, Options, TestDevice, by_core, estimates, events, live, raw_samples, shaken, write};
 use inerter_app::{Pace, SourceError};
 use inerter_core::{FrontEnd, RawSample, Settings};
 use inerter_wire::{Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingsValues, Source, Streams};
 
-/// Motion of the given rate from `index` on.
+/// Motion at the given rate, from `index` on.
 fn at_rate(rate_hz: f64, index: u32, count: u32) -> Vec<RawSample> {
     let step = (rate_hz / 1000.0) as u32;
     let slow = shaken(count / step + 2);
@@ -36,7 +36,7 @@ fn the_source_takes_over_settings_before_its_first_sample_and_whenever_they_conc
     assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, FrontEnd::Ads131m04)]);
     rig.tell(write(&[("oversampling", 64.0), ("metres_per_count", 1e-5)]));
     assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(2000.0, FrontEnd::Ads131m04)]);
-    // Halted, it is not started by that.
+    // A halted source is not started by new settings.
     rig.tell(Command::Stop);
     rig.tell(write(&[("sample_rate_hz", 1000.0)]));
     assert_eq!(rig.script.asked(), [Asked::Halt, Asked::Configure(1000.0, FrontEnd::Ads131m04)]);
@@ -50,7 +50,7 @@ fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
     let mut rig = TestDevice::with(Options { pace: Pace::OnDemand, ..live() });
     rig.tell(Command::Streams(Streams { estimates: true, samples: true, ..Streams::NONE }));
     let (old, new) = (at_rate(1000.0, 0, 4_000), at_rate(4000.0, 5_000, 12_000));
-    // The host reads slowly: the estimator waits, the queue is full, and a batch is on its way into it.
+    // The host reads slowly: the estimator waits, the queue is full, and a batch is about to enter it.
     rig.set_room(60);
     rig.script.push(old.iter().copied().map(Ok));
     rig.pass(10);
@@ -132,7 +132,7 @@ fn a_source_that_is_lost_for_good_is_said_and_comes_back_with_start() {
     assert!(result.is_ok());
     assert_eq!(events(&records), [EventKind::SourceChanged(Source::Sampler)]);
     assert_eq!(rig.script.asked(), [Asked::Configure(1000.0, FrontEnd::Analogue); 2]);
-    // Lost while it runs: it is set up anew as well.
+    // A source that fails while running is also set up again.
     rig.script.push([Err(SourceError::Unreadable)]);
     rig.records();
     assert_eq!(rig.script.asked(), [Asked::Halt]);

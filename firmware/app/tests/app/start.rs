@@ -1,4 +1,4 @@
-//! How a run begins: saved settings, what ended the run before, and who is told of it.
+//! The start of a run: saved settings, the end of the previous run, and which host is told about it.
 
 use crate::flash::{Flash, RANGE};
 use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, events, shaken};
@@ -14,7 +14,7 @@ fn with_store(store: &MemoryStore) -> Options {
     Options { store: store.clone(), ..Options::default() }
 }
 
-/// What a device with this store says first.
+/// The first events of a device with this store.
 fn first_events(store: &MemoryStore) -> Vec<EventKind> {
     events(&TestDevice::cold(with_store(store)).records())
 }
@@ -61,7 +61,7 @@ fn what_the_store_cannot_give_is_said_and_kept_until_the_user_saves() {
     }
 }
 
-/// What the flash gives back of what was saved in it.
+/// The settings that the flash returns after saving these.
 fn kept(flash: &Flash, settings: &SettingsValues) -> SettingsValues {
     block_on(FlashStore::new(flash.clone(), RANGE).save(settings)).unwrap();
     block_on(FlashStore::new(flash.clone(), RANGE).load()).unwrap().unwrap()
@@ -74,7 +74,7 @@ fn saved_settings_outlive_an_update_a_downgrade_and_an_update_again() {
     let first = SettingsValues(SettingsValues::from(&used).0.into_iter().take(20).collect());
     let later = SettingValue { number: 47, value: 1.0 };
 
-    // The first firmware knew 20 settings; this one takes the others from its defaults, and saves them all.
+    // The first firmware knew 20 settings. This one takes the others from its defaults, and saves all of them.
     *store.saved.borrow_mut() = Some(kept(&flash, &first));
     let mut updated = TestDevice::cold(with_store(&store));
     assert_eq!(events(&updated.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
@@ -84,7 +84,7 @@ fn saved_settings_outlive_an_update_a_downgrade_and_an_update_again() {
     updated.tell(Command::SaveSettings);
     drop(updated);
 
-    // A later one knew one more; after the downgrade it is left out, and stays saved.
+    // A later firmware knew one more. After the downgrade it is ignored, but stays saved.
     let mut saved = kept(&flash, store.saved.borrow().as_ref().unwrap());
     saved.0.push(later).unwrap();
     *store.saved.borrow_mut() = Some(kept(&flash, &saved));
@@ -93,18 +93,18 @@ fn saved_settings_outlive_an_update_a_downgrade_and_an_update_again() {
     assert_eq!(downgraded.settings(), changed);
     assert_eq!(*store.saved.borrow(), Some(saved.clone()), "the later firmware finds its own when it comes back");
 
-    // What this one saves is all that is left of them.
+    // After this firmware saves, only its own settings remain.
     downgraded.tell(Command::WriteSettings(SettingsValues::difference(&used, &changed)));
     downgraded.tell(Command::SaveSettings);
     assert_eq!(*store.saved.borrow(), Some(SettingsValues::from(&used)));
     drop(downgraded);
 
-    // The first firmware reads it as far as it knows it: by number, at the beginning of the list.
+    // The first firmware reads the settings that it knows: by number, from the beginning of the list.
     let left = kept(&flash, store.saved.borrow().as_ref().unwrap());
     assert_eq!(left.0.get(..20), first.0.get(..));
 }
 
-/// A board of three rates.
+/// A board that supports three rates.
 fn three_rates(settings: &Settings) -> Result<(), SettingsError> {
     let (value, offered) = (settings.sample_rate_hz, &[1000.0, 2000.0, 4000.0]);
     if offered.contains(&value) {
@@ -180,11 +180,11 @@ fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
     assert_eq!(records.last(), Some(&Record::Settings(SettingsValues::from(&defaults))));
     assert_eq!(*store.saved.borrow(), None);
     assert_eq!(rig.settings(), defaults);
-    // Also where the store holds something that nobody can read.
+    // Also if the store contains foreign data.
     *store.error.borrow_mut() = Some(StoreError::Foreign);
     assert_eq!(events(&rig.tell(Command::FactoryReset)), [EventKind::SettingsChanged]);
     assert_eq!(*store.error.borrow(), None);
-    // A store that cannot be erased: nothing has changed. Meanwhile the flash may be written again.
+    // If the store cannot be erased, nothing changes. The pause restores the allowance for flash writes.
     rig.pass(600_000);
     rig.tell(Command::WriteSettings(SettingsValues::from(&Settings { skew_s: 2e-5, ..defaults })));
     *store.error.borrow_mut() = Some(StoreError::Unreadable);
@@ -217,7 +217,7 @@ fn what_ended_the_run_before_is_told() {
     assert_eq!(text.as_str(), &long[..96]);
 }
 
-/// A device that has crashed, with USB and a UART.
+/// A device after a panic, with USB and a UART.
 fn crashed() -> Options {
     let start = Start { cause: ResetCause::Panic, panic: Some("at src/main.rs:1"), ..Start::POWER_ON };
     let identity = Identity { start, ..IDENTITY };
@@ -226,7 +226,7 @@ fn crashed() -> Options {
     Options { identity, two_links: true, autostart: true, pace: Pace::Live, ..with_store(&store) }
 }
 
-/// What it has to tell.
+/// The events that it must report.
 fn events_of_a_panic() -> Vec<EventKind> {
     vec![
         EventKind::Started,
@@ -236,7 +236,7 @@ fn events_of_a_panic() -> Vec<EventKind> {
     ]
 }
 
-/// The messages that are intact.
+/// The intact messages.
 fn messages(frames: impl IntoIterator<Item = Frame<Record>>) -> Vec<Record> {
     let message = |frame| if let Frame::Message { message, .. } = frame { Some(message) } else { None };
     frames.into_iter().filter_map(message).collect()
@@ -257,7 +257,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
     pass(&mut rig);
     assert!(rig.app.link_state().is_mute());
     assert_eq!((rig.from_device.waiting(), rig.uart.1.waiting()), (0, 0));
-    // What a terminal or ModemManager may send, and the device's own words come back.
+    // Bytes that a terminal or ModemManager may send, and an echo of the device's own output.
     rig.send_bytes(b"AT+GCAP\r\0ATI\r\n\0");
     let mut echo = [0; MAX_FRAME];
     let started = Record::Event(Event { index: 0, kind: EventKind::Started });
@@ -304,7 +304,7 @@ fn the_next_host_is_told_nothing_old() {
 fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
     let mut rig = TestDevice::cold(crashed());
     rig.app.link_state().set_open(true);
-    // A few bytes of them fit, then the host is gone.
+    // A few of the bytes fit, then the host disappears.
     rig.set_room(20);
     rig.send(Command::Hello);
     rig.pass(10);
@@ -330,7 +330,7 @@ fn a_host_after_one_that_did_not_read_has_its_time() {
     rig.app.link_state().set_open(true);
     rig.send_bytes(&[0]);
     let id = rig.send(Command::Hello);
-    // Longer than a frame may take on a link that is known not to be read.
+    // Longer than the time limit for a frame on a link that is known not to be read.
     rig.pass(500);
     rig.set_room(usize::MAX);
     let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
@@ -354,7 +354,7 @@ fn a_request_on_the_uart_is_obeyed_while_usb_is_away_and_only_then() {
     assert_eq!((rig.uart.0.waiting(), rig.uart.1.waiting()), (0, 0), "taken and dropped");
     rig.app.link_state().set_open(false);
     rig.pass(2_000);
-    // Spoken to before, it goes on there; and nothing has stopped.
+    // The host spoke to the UART before, so output continues there, and nothing has stopped.
     let bytes = rig.uart.1.take();
     let mut reader = FrameReader::<Record>::new();
     let mut input = bytes.as_slice();
@@ -373,7 +373,7 @@ fn a_source_that_does_not_come_up_is_told_with_the_start() {
     expected.push(EventKind::Fault(Fault::SourceUnreadable));
     assert_eq!(events(&rig.tell(Command::Hello)), expected);
     drop(rig);
-    // A board without a sampler has nothing to miss.
+    // A board without a sampler has no source that could fail.
     let identity = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
     let configured = Err(SourceError::Unreadable);
     let mut rig = TestDevice::cold(Options { identity, configured, ..Options::default() });

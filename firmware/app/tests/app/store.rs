@@ -1,4 +1,4 @@
-//! The settings store on flash that loses its power, wears, or holds anything at all.
+//! The settings store on flash that loses its power, wears out, or has arbitrary content.
 
 use crate::flash::{Flash, Left, PAGE, PAGES, RANGE, WORD, WORDS, Word};
 use embassy_futures::block_on;
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use sequential_storage::cache::Cache;
 use sequential_storage::map::{MapConfig, MapStorage};
 
-/// Settings that differ from any other number's; as many as a store can meet.
+/// Settings that differ for every number; as many as the store can hold.
 fn settings(number: u32) -> SettingsValues {
     sized(number, MAX_SETTINGS)
 }
@@ -23,7 +23,7 @@ fn sized(number: u32, count: usize) -> SettingsValues {
     )
 }
 
-/// A device that starts on this flash.
+/// The store of a device that starts with this flash.
 fn store(flash: &Flash) -> FlashStore<Flash> {
     FlashStore::new(flash.clone(), RANGE)
 }
@@ -36,18 +36,18 @@ fn erase(flash: &Flash) -> Result<(), StoreError> {
     block_on(store(flash).erase())
 }
 
-/// What a start finds, which must not write.
+/// The settings found at a start, which must not write.
 fn load(flash: &Flash) -> Result<Option<SettingsValues>, StoreError> {
     let (before, reads) = (flash.operations(), flash.inner().reads);
     let loaded = block_on(store(flash).load());
     assert_eq!(flash.operations(), before, "loading wrote");
-    // One per word; per entry a head and the entry; the newest once more.
+    // One read per word; a header and the entry per entry; the newest entry once more.
     let reads = flash.inner().reads - reads;
     assert!((reads as usize) <= 2 * WORDS, "{reads} reads");
     loaded
 }
 
-/// A flash after so many saves.
+/// A flash after this many saves.
 fn used(saves: u32) -> Flash {
     let flash = Flash::blank();
     for number in 1..=saves {
@@ -56,10 +56,11 @@ fn used(saves: u32) -> Flash {
     flash
 }
 
-/// Saves until every page of the ring was erased: 4 entries of 48 settings in a page, 4 pages, one kept blank.
+/// Number of saves until every page of the ring has been erased: 4 entries of 48 settings per page, 4 pages, one of
+/// them kept blank.
 const ROUNDS: u32 = 6 * 4 + 3;
 
-/// Puts bytes into flash beside the store, as another program would.
+/// Writes bytes to the flash without the store, as another program would.
 fn plant(flash: &Flash, word: usize, bytes: &[u8]) {
     for (word, bytes) in (word..).zip(bytes.chunks(WORD)) {
         let mut padded = [0; WORD];
@@ -68,7 +69,7 @@ fn plant(flash: &Flash, word: usize, bytes: &[u8]) {
     }
 }
 
-/// The entry of another version.
+/// An entry of another version.
 fn entry(version: u8, generation: u32, content: &[u8]) -> Vec<u8> {
     let mut entry = b"inrt".to_vec();
     entry.push(version);
@@ -91,7 +92,7 @@ fn what_was_saved_is_loaded() {
     assert_eq!(flash.inner().overwrites, 0);
 }
 
-/// As a task that borrows its store uses it.
+/// Used like a task that borrows its store.
 #[test]
 fn a_borrowed_store_does_what_its_own_does() {
     async fn all(mut store: impl Store) -> [Option<SettingsValues>; 2] {
@@ -119,7 +120,7 @@ fn one_store_saves_again_and_again() {
 fn saving_the_same_again_writes_nothing() {
     let flash = used(3);
     let mut store = store(&flash);
-    // The first time since the start it is written: the entry there may just have survived a power failure.
+    // The first save after a start always writes: the entry in flash may just have survived a power failure.
     let before = flash.operations();
     block_on(store.save(&settings(3))).unwrap();
     let operations = flash.operations();
@@ -132,7 +133,8 @@ fn saving_the_same_again_writes_nothing() {
     assert!(flash.operations() > operations);
 }
 
-/// Every operation of `act` on a copy of `before`, cut in every way: `check` gets the flash with the power back.
+/// Interrupts every operation of `act` on a copy of `before` in every way. `check` gets the flash with the power
+/// restored.
 fn cut_everywhere(
     before: &Flash,
     act: impl Fn(&Flash) -> Result<(), StoreError>,
@@ -154,7 +156,7 @@ fn cut_everywhere(
     operations
 }
 
-/// The store takes further sets and loads each.
+/// The store accepts further sets and loads each of them.
 fn assert_usable(flash: &Flash, cut: &str) {
     for number in 1_000..1_002 {
         assert_eq!(save(flash, &settings(number)), Ok(()), "{cut}");
@@ -173,7 +175,7 @@ fn power_failure_anywhere_leaves_the_old_set_or_the_new_one() {
             |flash| save(flash, &settings(number + 1)),
             |flash, cut| {
                 let loaded = load(flash);
-                // Nothing is older than the first: a part of it is bytes that mean nothing.
+                // Before the first set there is nothing older, and a part of it is foreign data.
                 let lost = number == 0 && loaded == Err(StoreError::Foreign);
                 assert!(loaded == old || loaded == new || lost, "save {number}: {cut}: {loaded:?}");
                 assert_usable(flash, cut);
@@ -182,7 +184,8 @@ fn power_failure_anywhere_leaves_the_old_set_or_the_new_one() {
         greatest = greatest.max(operations);
         save(&flash, &settings(number + 1)).unwrap();
     }
-    // A page's end, a page's beginning, an erase, 1 + 56 words: the page change is among what was cut.
+    // The end of a page, the start of a page, an erase, 1 + 56 words: the interrupted operations include the page
+    // change.
     assert_eq!(greatest, 60);
     let erases = flash.inner().erases;
     assert!(erases[..4].iter().all(|&erases| erases >= 1), "{erases:?}");
@@ -190,7 +193,7 @@ fn power_failure_anywhere_leaves_the_old_set_or_the_new_one() {
 
 #[test]
 fn power_may_fail_again_while_the_store_recovers() {
-    // In the middle of a page; at a page's end with blank pages ahead; at one with a page to erase.
+    // In the middle of a page; at the end of a page with blank pages ahead; at the end of a page with a page to erase.
     for saves in [2, 4, 12, 16, 28] {
         let flash = used(saves);
         let (old, new, next) = (settings(saves), settings(saves + 1), settings(saves + 2));
@@ -249,7 +252,7 @@ fn a_factory_reset_forgets() {
         let operations = flash.operations();
         erase(&flash).unwrap();
         assert_eq!(flash.operations(), operations, "once is enough");
-        // Nothing of the settings is left.
+        // No settings are left.
         let written = flash.inner().words.iter().filter(|&&word| word != Word::Blank).count();
         assert!(written <= 4, "{written} words");
         assert_usable(&flash, "");
@@ -314,7 +317,7 @@ fn a_damaged_set_gives_way_to_the_one_before() {
             let flash = flash.copy();
             flash.inner().words[word] = damage;
             let loaded = load(&flash);
-            // Its head for sequential-storage is nothing to the reader.
+            // The reader ignores the entry's header, which only sequential-storage uses.
             let expected = if word == last - 56 { settings(3) } else { settings(2) };
             assert_eq!(loaded, Ok(Some(expected)), "word {word} as {damage:?}");
             assert_usable(&flash, "");
@@ -344,7 +347,7 @@ fn what_is_not_ours_is_foreign_and_kept_until_the_user_saves() {
         assert_eq!(load(&other), Ok(None), "image {number}");
         assert_usable(&other, "");
     }
-    // Entries that are ours by their checksum only.
+    // Entries that are ours by the checksum alone.
     for foreign in [entry(0, 1, &[0]), entry(1, 1, &[1]), entry(1, 1, &[1, 0, 0]), entry(1, 1, &[49; 500])] {
         let flash = Flash::blank();
         plant(&flash, 2, &foreign);
@@ -405,7 +408,7 @@ fn memory_is_as_small_as_it_should_be() {
     assert!(load.max(save).max(erase) <= 3_000, "futures of {load}, {save} and {erase} bytes");
 }
 
-/// Maps of other programs by the same crate, among them one whose items do not fit our buffer.
+/// Maps that other programs wrote with the same crate, including one whose items do not fit our buffer.
 fn foreign_map(kind: u8, flash: &Flash) {
     let mut buffer = [0; 2_048];
     let range = if kind & 1 == 0 { RANGE } else { RANGE.start..RANGE.start + (PAGE * PAGES / 2) as u32 };
@@ -426,10 +429,10 @@ fn foreign_map(kind: u8, flash: &Flash) {
     });
 }
 
-/// Something done to an image.
+/// A modification of an image.
 #[derive(Clone, Debug)]
 enum Change {
-    /// A bit from 1 to 0 or back.
+    /// Flips a bit.
     Flip {
         word: usize,
         bit: usize,
@@ -448,7 +451,7 @@ enum Change {
     Erased {
         page: usize,
     },
-    /// A page over another one.
+    /// Copies a page over another one.
     Copied {
         from: usize,
         to: usize,
@@ -509,7 +512,7 @@ impl Change {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2_000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever the flash holds: loading neither panics nor writes nor takes for ever, saving makes it good again.
+    /// For any content of the flash: loading does not panic, write or run forever, and saving repairs the store.
     #[test]
     fn any_content_is_survived(
         saves in 0..40u32,

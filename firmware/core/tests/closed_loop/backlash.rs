@@ -1,4 +1,4 @@
-//! Backlash by either route: correct where there is a value, and withheld for the right reason where there is none.
+//! Backlash with both methods: correct if there is a value, and withheld for the right reason if there is none.
 
 use crate::rig::{self, exact, instruments, raw};
 use inerter_core::{BacklashSize, Contact, Detail, Interval, RawSample, Reason, Reversal, Route, Settings, State};
@@ -46,7 +46,8 @@ fn reason(detail: &Detail) -> Option<Reason> {
     }
 }
 
-/// The reported middle of each flight lies in the flight: by the force, and with the sensor to within half a block.
+/// The reported middle of each flight lies within the flight: from the force, and with the sensor to within half a
+/// block.
 #[test]
 fn reversals_are_where_the_flanks_part() {
     let device = worn(200e-6);
@@ -74,7 +75,7 @@ fn standstill_changes_nothing() {
     let (before, _) = listen(&settings, samples.iter().copied().take(11_000));
     let (after, _) = listen(&settings, samples);
     assert!(covers(&before, 50e-6), "{before:?}");
-    // The blocks of the terminal's route continue: a contact at rest is still a contact.
+    // The terminal method continues to form blocks: a contact at rest is still a contact.
     assert!(covers(&after, 50e-6), "{after:?}");
     let without = Settings { terminal_sensor: false, ..settings };
     let samples = shaken(&device, "random@10s;hold@60s", 70.0, &sensors);
@@ -83,7 +84,7 @@ fn standstill_changes_nothing() {
     assert_eq!((before.backlash, before.contact, reversals_before), (after.backlash, after.contact, reversals_after));
 }
 
-/// Neither the encoder's zero nor the signs of the scales change a bit.
+/// Neither the encoder's origin nor the signs of the scales change a single bit.
 #[test]
 fn wrapping_and_direction_change_nothing() {
     let device = worn(20e-6);
@@ -91,7 +92,7 @@ fn wrapping_and_direction_change_nothing() {
     let plain = sensing(&settings(&device, &sensors));
     let samples = shaken(&device, "mid", 8.0, &sensors);
     let expected = listen(&plain, samples.iter().copied());
-    // One run of twenty lies outside its interval.
+    // One run in twenty lies outside its interval.
     let known = expected.0.backlash.known().unwrap();
     assert!((f64::from(known.value) - 20e-6).abs() < 2.0 * f64::from(known.u95), "{expected:?}");
     let moved = samples.iter().map(|sample| RawSample {
@@ -129,7 +130,7 @@ fn lost_and_saturated_samples_cost_reversals_and_not_the_truth() {
         let samples = shaken(&device, motion, 20.0, &plain);
         let (whole, _) = listen(&settings(&device, &plain), samples.iter().copied());
         let (lost, _) = listen(&settings(&device, &plain), shaken(&device, motion, 20.0, &lossy));
-        // A third of the greatest force is beyond the converter.
+        // A third of the greatest force exceeds the converter's range.
         let greatest = samples.iter().map(|sample| sample.force_code).max().unwrap();
         let clipped =
             samples.iter().map(|sample| RawSample { force_code: sample.force_code.min(greatest * 2 / 3), ..*sample });
@@ -169,14 +170,14 @@ fn what_is_missing_is_named() {
     assert_eq!((reason(&detail), reversals.len()), (Some(Reason::StiffnessUnknown), 0));
     let (detail, _) = listen(&plain, samples.iter().copied().take(700));
     assert_eq!(reason(&detail), Some(Reason::TooFewReversals));
-    // A light and stiff screw rings so fast that no flank lasts.
+    // A light and stiff screw rings so fast that no flank lasts long enough.
     let stiff = Inerter { stiffness_n_per_m: 2e7, contact_damping_n_s_per_m: 5000.0, ..device };
     let (detail, _) = listen(&settings(&stiff, &sensors), shaken(&stiff, "mid", 20.0, &sensors));
     assert_eq!(reason(&detail), Some(Reason::FlankTooShort), "{detail:?}");
 }
 
-/// Flanks that meet again and again are reported exactly where they do so in the plant, and hardly any reversal is
-/// accepted there. A landing that rings and holds is no bounce.
+/// Flanks are reported as bouncing exactly if they bounce in the plant, and then hardly any reversal is accepted. A
+/// landing that rings and stays in contact is no bounce.
 #[test]
 fn bounces_are_those_of_the_plant() {
     // At each turn of the shaker one landing is a reversal, more are bounces.
@@ -210,7 +211,7 @@ fn bounces_are_those_of_the_plant() {
             assert!(reason(&detail).is_none_or(|reason| reason == Reason::Scattered), "{place}");
             assert!(reversals.len() < TURNS / 10, "{place}");
         } else if inertance_kg >= 100.0 {
-            // Lighter ones ring until their flanks are too short.
+            // Lighter devices ring until their flanks are too short.
             assert!(reversals.len() > TURNS * 9 / 10, "{place}");
         }
         assert!(reason(&detail).is_some() || covers(&detail, device.backlash_m), "{place}");
@@ -244,7 +245,7 @@ fn a_heavy_structure_is_no_flank() {
             assert!(error < most, "{part} {motion}: {sensed:?}");
             let stiffness = f64::from(sensed.stiffness_n_per_m.fitted().value) / device.stiffness_n_per_m;
             assert!((stiffness - 1.0).abs() < 5e-3, "{part} {motion}: {stiffness}");
-            // By the force alone, the value is right or there is none.
+            // From the force alone, the value is right or there is none.
             let (by_force, _) = listen(&plain, samples);
             let holds = |known: Interval| (f64::from(known.value) - 200e-6).abs() < f64::from(known.u95);
             assert!(by_force.backlash.known().is_none_or(holds), "{part} {motion}: {by_force:?}");
@@ -273,7 +274,7 @@ fn a_wrong_damping_moves_little() {
     }
 }
 
-/// A stiffness that is wrong by its uncertainty moves the backlash by no more than its interval.
+/// A stiffness with an error of its uncertainty moves the backlash by no more than its interval.
 #[test]
 fn the_stiffness_is_in_the_interval() {
     let device = worn(200e-6);
@@ -313,7 +314,7 @@ fn a_backlash_that_grows_on_the_way_grows_in_the_records() {
     assert!((grown - 10e-6).abs() < 0.5e-6, "{grown}");
 }
 
-/// Where flanks bounce from the start, there are too few reversals for a value, and this is the reason given.
+/// If flanks bounce from the start, there are too few reversals for a value, and this is the reported reason.
 #[test]
 fn flanks_that_bounce_leave_scattered_reversals() {
     let sensors = instruments(1);

@@ -1,4 +1,4 @@
-//! The parts of an interval, against the same in f64 (`textbook`), against the plant, and against runs in which a cause
+//! The parts of an interval, compared with the same in f64 (`textbook`), with the plant, and with runs in which a cause
 //! is present.
 
 use crate::rig::{self, calibrated, four, instruments, is_near, listen, off, shaken, three, truth};
@@ -51,7 +51,7 @@ const SOURCES: [Source; 8] = [
     Source::Stiffness,
 ];
 
-/// One run, and the bank that is published.
+/// One run, and the bank whose result is published.
 struct Rig {
     motion: &'static str,
     device: Inerter,
@@ -125,7 +125,7 @@ fn every_part_of_every_interval_is_that_of_the_theory() {
             let squares: f32 = found[i].parts().iter().map(|(_, part)| part * part).sum();
             is_near(f64::from(squares.sqrt()), f64::from(u95), 1e-5, &what);
         }
-        // What is known of the motion.
+        // The motion's properties that enter the budget.
         is_near(f64::from(motion_of.acceleration_squared), known.acceleration_squared, 1e-3, motion);
         is_near(f64::from(motion_of.low_squared), known.acceleration_squared / known.velocity_squared, 1e-3, motion);
         let readings = rows.len() as f64 * kernel.spacing * settings.oversampling;
@@ -135,7 +135,7 @@ fn every_part_of_every_interval_is_that_of_the_theory() {
     }
 }
 
-/// A memory that has not yet forgotten anything knows what the whole run knows.
+/// As long as the memory has forgotten nothing, its result equals that of the whole run.
 #[test]
 fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
     for rig in rigs() {
@@ -156,8 +156,8 @@ fn what_is_recent_is_the_whole_run_until_the_memory_is_full() {
     }
 }
 
-/// What the parameters move by, beyond chance, when the updates near rest are left out. Nothing else contributes to the
-/// model's part here.
+/// The shift of the parameters, beyond chance, when the updates near rest are left out. Nothing else contributes to the
+/// model's share here.
 #[test]
 fn what_moves_without_the_updates_near_rest_is_the_models_part() {
     let mut seen = 0;
@@ -180,7 +180,7 @@ fn what_moves_without_the_updates_near_rest_is_the_models_part() {
                 let found = f64::from(budget.given_u95(Source::Model));
                 let error = f64::from(budget.standard_error());
                 seen += u32::from(wanted > 0.1 * error);
-                // A difference of nearly equal values is known to a fraction of its standard error.
+                // The difference of nearly equal values is known to a fraction of its standard error.
                 let near = (found - wanted).abs() <= 0.02 * wanted + 0.05 * error;
                 assert!(near, "{motion} {seed}: {found} for {wanted}");
             }
@@ -211,8 +211,8 @@ fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
         let misfit = heard.last.law.misfit.unwrap();
         assert_eq!(heard.last.law.status, LawStatus::Holds, "{what}");
         is_near(f64::from(misfit.ratio), 1.0, 0.12, &what);
-        // Chance variation over n observations, and over the force's differences, one per update, as far as they are
-        // remembered.
+        // Chance variation over n observations, and over the force's differences: one per update, as far as the memory
+        // reaches.
         let updates = f64::from(heard.last.estimate.updates);
         let observations = updates / (2.0 * 2.09);
         let differences = 2048.0 * (1.0 - (1.0 - 1.0 / 2048.0_f64).powf(updates));
@@ -223,7 +223,7 @@ fn the_residual_is_the_forces_noise_and_the_encoders_steps() {
     }
 }
 
-/// Values scatter by as much as their stated scatter: not less, and not much more.
+/// Values scatter by their stated scatter: not less, and not much more.
 #[test]
 fn values_scatter_by_their_budget() {
     for (motion, count_m) in [("random", 2.44e-6), ("random", 20e-6), ("mid", 2.44e-6)] {
@@ -254,15 +254,15 @@ fn values(settings: &Settings, samples: &[RawSample]) -> [f64; 3] {
     three(&listen(settings, samples).last.estimate.whole_run).map(|found| f64::from(found.fitted().value))
 }
 
-/// Makes a setting wrong by its half width, one way or the other.
+/// Gives a setting an error of its half width, in either direction.
 type Wrong = fn(&mut Settings, f64);
 
-/// A setting that is wrong by its half width moves each parameter by its part of the budget, for all sources that the
+/// A setting with an error of its half width moves each parameter by its share of the budget, for all sources that the
 /// settings state.
 #[test]
 fn what_a_wrong_setting_does_is_its_part_of_the_budget() {
     let device = Inerter::paper();
-    // Fine counts: signs do not move.
+    // With fine counts, the signs do not move.
     let sensors = Sensors { metres_per_count: 1e-7, force_noise_n: 0.2, ..instruments(2) };
     let samples = shaken(&device, "random", 20.0, &sensors);
     let right = stated(&device, &sensors);

@@ -4,7 +4,7 @@ use crate::rig;
 use inerter_core::{Changed, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
-/// Changes in these samples, each with its time \[s\].
+/// The changes reported for these samples, each with its time \[s\].
 fn changes(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Vec<(f64, inerter_core::Change)> {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
@@ -47,7 +47,7 @@ fn a_step_at_3_hz_is_found_within_two_seconds_and_the_memory_begins_anew() {
         assert!((8.0..10.0).contains(t_s), "{parameter:?} at {t_s} s");
         assert!((f64::from(change.after) / value - 1.0).abs() < 0.1, "{change:?} for {value}");
         assert_eq!(change.index, (t_s * 1000.0) as u32);
-        // Neither memory holds anything of the device before.
+        // Neither memory contains anything of the old device.
         let active = settings().validate().unwrap();
         let mut state = Box::new(State::new(&active));
         for sample in &samples {
@@ -62,7 +62,7 @@ fn a_step_at_3_hz_is_found_within_two_seconds_and_the_memory_begins_anew() {
     }
 }
 
-/// What becomes of a sample, by its number; `None` drops it.
+/// Modifies a sample, given its number; `None` drops it.
 type Alteration<'a> = dyn Fn(usize, RawSample) -> Option<RawSample> + 'a;
 
 #[test]
@@ -70,7 +70,7 @@ fn what_is_no_change_is_none() {
     let samples = shaken("mid", 8.0, Inerter::paper(), SENSORS(), 20.0);
     let newton = |force_n: f64| (force_n / SENSORS().newtons_per_code) as i32;
     let within = |n: usize, from_s: f64, to_s: f64| (from_s..to_s).contains(&(n as f64 / 1000.0));
-    // A blow of 500 N for 5 ms, a second in which the load cell is saturated, a second of pickup, a lost second.
+    // A blow of 500 N for 5 ms, a second with a saturated load cell, a second of pickup, a second of lost samples.
     let altered: [(&str, &Alteration); 5] = [
         ("nothing", &|_, sample| Some(sample)),
         ("a blow", &|n, sample| {

@@ -1,5 +1,5 @@
-//! The intervals of both routes to the backlash: what each part stands for, and how far single reversals and whole runs
-//! scatter.
+//! The intervals of both methods for the backlash: what each part represents, and how far single reversals and whole
+//! runs scatter.
 
 use crate::rig::{calibrated, exact, instruments, is_near, listen, shaken};
 use inerter_core::{Budget, Contact, Detail, Interval, NORMAL_COVERAGE, RawSample, Reversal, Route, Settings, Source};
@@ -9,12 +9,12 @@ fn worn(backlash_m: f64) -> Inerter {
     Inerter { backlash_m, ..Inerter::paper() }
 }
 
-/// Two clocks, so that nothing repeats itself.
+/// Two clocks, so that nothing repeats.
 fn apart(seed: u64) -> Sensors {
     Sensors { sample_rate_hz: 1000.123, ..instruments(seed) }
 }
 
-/// By the force alone, or by the sensor alone, because no stiffness is set.
+/// From the force alone, or from the sensor alone because no stiffness is set.
 fn by(route: Route, settings: &Settings) -> Settings {
     match route {
         Route::Force => Settings { terminal_sensor: false, ..*settings },
@@ -42,7 +42,7 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
         value(detail.contact_damping_n_s_per_m.known()),
     ];
     let budgets = [contact.backlash_m, contact.stiffness_n_per_m, contact.damping_n_s_per_m];
-    // Where there is a value there is a budget, and the two agree.
+    // Every value has a budget, and the two agree.
     let u95s = [detail.backlash.known().map(|known| known.u95)].into_iter().chain(
         [detail.stiffness_n_per_m, detail.contact_damping_n_s_per_m].map(|all| all.known().map(|known| known.u95)),
     );
@@ -52,10 +52,10 @@ fn told(settings: &Settings, samples: &[RawSample]) -> Told {
     Told { detail, budgets, values, reversals: heard.reversals, repeats: f64::from(heard.state.repeats()) }
 }
 
-/// Makes a setting wrong by its half width, one way or the other.
+/// Gives a setting an error of its half width, in either direction.
 type Wrong = fn(&mut Settings, f64);
 
-/// A stiffness, a force or a count that is wrong by its stated uncertainty moves the backlash by its part.
+/// A stiffness, a force or a count with an error of its stated uncertainty moves the backlash by its share.
 #[test]
 fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
     for (motion, backlash_m) in [("random", 100e-6), ("mid", 200e-6), ("slow", 50e-6)] {
@@ -78,7 +78,7 @@ fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
         for (source, change) in wrong {
             let [more, less] = [1.0, -1.0].map(|sign| {
                 let mut settings = right;
-                // The lag of the contact stays.
+                // The lag of the contact stays the same.
                 let lag = settings.contact_damping_n_s_per_m / settings.stiffness_n_per_m;
                 change(&mut settings, sign);
                 settings.contact_damping_n_s_per_m = lag * settings.stiffness_n_per_m;
@@ -91,8 +91,7 @@ fn what_a_wrong_setting_does_to_a_backlash_is_its_part() {
     }
 }
 
-/// The encoder keeps a part of two fifths of a count and, where strokes recur, the reversals' own noise as far as it
-/// repeats.
+/// The encoder's share is two fifths of a count, plus the reversals' own noise as far as recurring strokes repeat it.
 #[test]
 fn the_encoders_part_of_a_backlash_is_of_its_count() {
     for count_m in [1e-6, 4e-6, 10e-6] {
@@ -118,8 +117,8 @@ fn the_encoders_part_of_a_backlash_is_of_its_count() {
     is_near(f64::from(found.budgets[0].unwrap().given_u95(Source::Encoder)), wanted, 0.12, "one clock");
 }
 
-/// The stated scatter is that of the reversals, each by its own error, over their number; each belongs to its own
-/// flight.
+/// The stated scatter follows from the errors of the single reversals and their number. Each reversal belongs to its
+/// own flight.
 #[test]
 fn reversals_scatter_by_their_own_error() {
     for (motion, backlash_m, least) in
@@ -190,7 +189,7 @@ fn runs_scatter_within_their_intervals() {
     }
 }
 
-/// A displacement or force that is wrong by its stated uncertainty moves the sensor's results by its part.
+/// A displacement or force with an error of its stated uncertainty moves the sensor's results by its share.
 #[test]
 fn what_a_wrong_setting_does_to_stiffness_and_damping_is_its_part() {
     for motion in ["random", "mid"] {
@@ -218,7 +217,7 @@ fn what_a_wrong_setting_does_to_stiffness_and_damping_is_its_part() {
         let moved = |[more, less]: [[f64; 3]; 2], i: usize| 0.5 * (more[i] - less[i]).abs();
         for i in 1..3 {
             is_near(moved(gain, i), given(i, Source::Gain), 0.05, &format!("{motion}: gain {i}"));
-            // The budget has the false stretch but not its rate: most of the damping's shift, not all of it.
+            // The budget includes the false deflection but not its rate: most of the damping's shift, not all of it.
             let part = if i == 1 { 0.1 } else { 0.6 };
             is_near(moved(lead, i), given(i, Source::Lead), part, &format!("{motion}: lead {i}"));
         }
@@ -250,14 +249,14 @@ fn a_noisy_terminal_keeps_its_stiffness_and_loses_its_damping() {
         }
     }
     assert!(widths[0] < widths[1] && 2.0 * widths[1] < widths[2] && widths[2] < 0.5, "{widths:?}");
-    // Where the noise dominates, there is no value.
+    // If the noise dominates, there is no value.
     let sensors = Sensors { terminal_noise_m: 1e-3, ..apart(5) };
     let settings = by(Route::Terminal, &exact(calibrated(&device, &sensors)));
     let found = told(&settings, &shaken(&device, "random", 10.0, &sensors));
     assert!(found.values.iter().all(|value| value.is_nan()), "{:?}", found.values);
 }
 
-/// Of both routes, the one with the narrower interval is published.
+/// The method with the narrower interval is published.
 #[test]
 fn the_better_route_is_told() {
     let device = worn(100e-6);
@@ -273,13 +272,13 @@ fn the_better_route_is_told() {
     }
 }
 
-/// A mirrored device has the same contact, interval by interval.
+/// The mirrored device has the same contact, interval by interval.
 #[test]
 fn the_contact_in_the_mirror_is_the_same() {
     let device = worn(100e-6);
     let sensors = apart(6);
     let settings = Settings { terminal_sensor: true, lead_u95: 0.001, ..calibrated(&device, &sensors) };
-    // From somewhere within the gap, pressed on one flank first.
+    // From a position within the gap, pressed against one flank first.
     let samples = shaken(&device, "hold@1s;mid@12s", 60.0, &sensors);
     let turned: Vec<RawSample> = samples
         .iter()
@@ -308,8 +307,8 @@ fn the_contact_in_the_mirror_is_the_same() {
     }
 }
 
-/// With the sensor, a pattern of the encoder's steps counts as often as strokes recur; the flanks are assumed to have
-/// eight patterns at most.
+/// With the sensor, a pattern of the encoder's steps counts as often as strokes recur. The flanks are assumed to have
+/// at most eight patterns.
 #[test]
 fn patterns_of_steps_are_in_what_the_sensor_tells() {
     let device = worn(100e-6);
@@ -353,8 +352,8 @@ fn a_lost_sample_costs_few_reversals() {
     }
 }
 
-/// With the sensor the backlash is the side's coefficient over the stiffness. A wrong travel changes both; their shifts
-/// of the backlash add with their signs, and the interval's part is the sum.
+/// With the sensor, the backlash is the side's coefficient divided by the stiffness. A wrong travel changes both, and
+/// their shifts of the backlash add with their signs. The interval's share is this sum.
 #[test]
 fn what_a_wrong_travel_does_to_a_backlash_with_the_sensor_is_its_part() {
     for (motion, backlash_m) in

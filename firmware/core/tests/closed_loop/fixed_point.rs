@@ -64,7 +64,8 @@ fn full_scales_far_from_what_comes() {
     agrees(&pair("random@60s;mid@60s", 1000.0, far), 10_000);
 }
 
-/// For the case where the fast bank is among the encoder's steps, and the slow bank's kernel is longer than the moves.
+/// Covers the case in which the fast bank is dominated by the encoder's steps and the slow bank's kernel is longer than
+/// the moves.
 #[test]
 fn short_moves_in_coarse_counts() {
     let coarse = |settings: &mut Settings| settings.memory_s = 6.0;
@@ -79,7 +80,7 @@ fn short_moves_in_coarse_counts() {
     }
 }
 
-/// The solver of the reference.
+/// A matrix for the solver of the reference.
 const MATRIX: [[f64; 3]; 3] = [[4.0, 2.0, 1e-3], [2.0, 3.0, 0.0], [1e-3, 0.0, 1e-6]];
 
 #[test]

@@ -1,4 +1,4 @@
-//! Samples that no device can cause: each kind is reported with its time, and nothing that they caused is published.
+//! Samples that no device can cause: each kind is reported with its time, and nothing derived from them is published.
 
 use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{Estimate, LawStatus, RawSample, Settings, State, Status, Warning, WarningKind};
@@ -32,7 +32,7 @@ fn kinds(said: &Said) -> Vec<WarningKind> {
     said.warnings.iter().map(|warning| warning.kind).collect()
 }
 
-/// Of recent memory and whole run, the parameters that have a value and are wrong by more than their interval.
+/// Number of parameters of recent memory and whole run that have a value and are wrong by more than their interval.
 fn wrong(device: &Inerter, said: &Said) -> usize {
     let of = |parameters| {
         let found = three(parameters).into_iter().zip(truth(device));
@@ -64,7 +64,7 @@ fn a_force_of_the_wrong_sign_is_no_inertance() {
 
 #[test]
 fn a_force_that_is_clipped_below_its_rails_is_left_out() {
-    // By part of the samples that are clipped on a side.
+    // By the fraction of samples clipped on a side.
     for (motion, part) in [("mid", 0.1), ("mid", 0.3), ("random", 0.05), ("two", 0.1), ("slow", 0.1), ("fast", 0.2)] {
         for sides in [[true, true], [true, false], [false, true]] {
             let (settings, mut samples) = samples(Inerter::paper(), motion, 33, 1.0);
@@ -125,7 +125,7 @@ fn counts_that_slip_are_left_out() {
     }
 }
 
-/// A force within one code has no extreme at which codes could pile up, whichever of them is examined.
+/// A force within one code has no extreme at which codes could accumulate, whichever of them is examined.
 #[test]
 fn a_force_that_hardly_changes_is_not_clipped() {
     let settings = Settings::default();
@@ -133,7 +133,7 @@ fn a_force_that_hardly_changes_is_not_clipped() {
         let samples: Vec<RawSample> = (0..20_000_u32)
             .map(|index| RawSample {
                 index,
-                // One way, faster and slower.
+                // In one direction, faster and slower.
                 position_count: (10.0 * f64::from(index) + 300.0 * (f64::from(index) * 0.013).sin()) as i32,
                 force_code: ((index + phase) % 2) as i32,
                 terminal_code: 0,

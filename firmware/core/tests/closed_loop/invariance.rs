@@ -1,10 +1,10 @@
-//! Results must not depend on units, on what came before a reset, or on how a number is delivered.
+//! Results must not depend on units, on events before a reset, or on how a number is delivered.
 
 use crate::rig::{Heard, calibrated, four, instruments, listen, listen_on, shaken};
 use inerter_core::{Band, Bank, Contact, Interval, Parameter, Parameters, RawSample, Settings, Source, State};
 use inerter_plant::{Inerter, Sensors};
 
-/// All uncertainties stated, with the terminal's sensor.
+/// All uncertainties stated, with the terminal sensor.
 fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     Settings {
         terminal_sensor: true,
@@ -15,7 +15,7 @@ fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
     }
 }
 
-/// The same device where a metre is `length` units and a newton `force` of them.
+/// The same device if one metre is `length` units of length and one newton is `force` units of force.
 fn in_units(settings: &Settings, length: f64, force: f64) -> Settings {
     let mass = force / length;
     Settings {
@@ -34,7 +34,7 @@ fn in_units(settings: &Settings, length: f64, force: f64) -> Settings {
     }
 }
 
-/// All numbers that a run ends with, each with its power of length and force.
+/// All final numbers of a run, each with its powers of length and force.
 fn numbers(heard: &Heard) -> Vec<(String, f64, [i32; 2])> {
     const MASS: [i32; 2] = [-1, 1];
     const FORCE: [i32; 2] = [0, 1];
@@ -105,8 +105,8 @@ fn scales(heard: &Heard, scaled: &Heard, length: f64, force: f64, part: f64) {
     assert_eq!(heard.reversals.len(), scaled.reversals.len());
 }
 
-/// Lengths and forces in other units, up to 16 times or down to a sixteenth, change nothing but the unit; powers of two
-/// do not change a bit.
+/// Other units of length and force, from a sixteenth to 16 times, change only the unit. Powers of two change no bit at
+/// all.
 #[test]
 fn results_are_the_same_in_any_unit() {
     for (device, motion) in [
@@ -138,7 +138,7 @@ fn results_are_the_same_in_any_unit() {
     }
 }
 
-/// A sum of several readings of one count is that count.
+/// The sum of several readings of one count gives the same result as that count.
 #[test]
 fn readings_that_agree_are_one() {
     let device = Inerter::paper();
@@ -149,7 +149,7 @@ fn readings_that_agree_are_one() {
     let many = samples.iter().map(|sample| RawSample { position_count: 4 * sample.position_count, ..*sample });
     let many: Vec<RawSample> = many.collect();
     let four_times = listen(&Settings { oversampling: 4.0, ..plain }, &many);
-    // The part attributed to the steps differs, and the value by half of it.
+    // The share attributed to the steps differs, and the value by half of it.
     for (one, many) in four(&one.last.estimate.whole_run).into_iter().zip(four(&four_times.last.estimate.whole_run)) {
         let (one, many) = (one.fitted(), many.fitted());
         assert!((one.value - many.value).abs() < 0.2 * one.u95, "{one:?} {many:?}");
@@ -164,13 +164,13 @@ fn readings_that_agree_are_one() {
     }
 }
 
-/// After a reset, everything is the same to the bit as with a state that has seen nothing, whatever came before.
+/// After a reset, everything equals a new state bit for bit, whatever came before.
 #[test]
 fn a_state_that_was_reset_is_a_fresh_one() {
     let device = Inerter { backlash_m: 50e-6, ..Inerter::paper() };
     let sensors = instruments(5);
     let samples = shaken(&device, "random@6s;hold@1s;mid@3s;slow@20s", 60.0, &sensors);
-    // Before: everything that leaves a trace, including a change and a warning; its length selects where it ends.
+    // First everything that leaves a trace, including a change and a warning; its length selects where it ends.
     let heavier = Inerter { inertance_kg: 400.0, backlash_m: 0.0, ..device };
     let mut before = shaken(&device, "random", 8.5, &sensors);
     before.extend(
@@ -207,14 +207,14 @@ fn a_state_that_was_reset_is_a_fresh_one() {
             }
         }
     }
-    // An empty state is ready after a reset.
+    // An empty state can be used after a reset.
     let active = plain.validate().unwrap();
     let mut empty = Box::new(State::empty());
     empty.reset(&active);
     assert_eq!(listen_on(active, empty, &samples).published, listen(&plain, &samples).published);
 }
 
-/// A state that is reset before its first sample knows nothing.
+/// A state that is reset before its first sample has no result.
 #[test]
 fn a_fresh_state_says_nothing() {
     let active = Settings::default().validate().unwrap();

@@ -1,5 +1,4 @@
-//! Where there is no value, and when values begin; what is reported of friction and of the law when they are
-//! disturbed.
+//! When there is no value, when values begin, and what is reported about friction and the law under disturbances.
 
 use crate::rig::{calibrated, changing, exact, four, instruments, listen, off, shaken, statuses, three, truth};
 use inerter_core::{Changed, LawStatus, RawSample, Regime, Settings, State, Status};
@@ -7,11 +6,11 @@ use inerter_plant::{Inerter, Sensors};
 
 use Status::{NotIdentifiable, Ok as Known};
 
-/// Positions \[m\] and forces \[N\] by the time \[s\].
+/// Samples from positions \[m\] and forces \[N\] as functions of the time \[s\].
 fn by(settings: &Settings, duration_s: f64, at: impl Fn(f64) -> (f64, f64)) -> Vec<RawSample> {
     let samples = (0..(duration_s * settings.sample_rate_hz) as u32).map(|index| {
         let (position_m, force_n) = at(f64::from(index) / settings.sample_rate_hz);
-        // Noise, so that nothing is exact: the fraction of a multiple of the golden ratio suffices.
+        // Add noise so that nothing is exact. Fractions of multiples of two irrational numbers suffice.
         let noise = (f64::from(index) * 0.618_033_988_7).fract() + (f64::from(index) * 0.414_213_562).fract() - 1.0;
         RawSample {
             index,
@@ -33,11 +32,12 @@ fn what_a_motion_leaves_open_has_no_value() {
         assert!(heard.last.estimate.updates > 500, "{}", heard.last.estimate.updates);
         (statuses(&heard.last.estimate.whole_run), heard.last)
     };
-    // Steadily one way: the force is friction and offset together.
+    // Constant speed in one direction: the force is the sum of friction and offset.
     let (steady, last) = of(&|t| (0.02 * t, 60.0));
     assert_eq!(steady, [NotIdentifiable; 4]);
     assert!(last.estimate.moving);
-    // One way, faster and slower: inertance and viscous friction are known, and of the rest only the sum.
+    // In one direction, faster and slower: inertance and viscous friction are determined, and of the others only the
+    // sum.
     let sine = |hz: f64, t: f64| (std::f64::consts::TAU * hz * t).sin_cos();
     let (one_way, last) = of(&|t| {
         let ((sin, cos), (slow, less)) = (sine(2.0, t), sine(0.31, t));
@@ -51,7 +51,7 @@ fn what_a_motion_leaves_open_has_no_value() {
     for (parameter, truth) in four(&last.estimate.whole_run).into_iter().zip([200.0, 90.0]) {
         assert!(off(parameter, truth).abs() < 1.0, "{parameter:?} for {truth}");
     }
-    // The same to and fro identifies everything.
+    // The same motion back and forth determines everything.
     let (both, last) = of(&|t| {
         let ((sin, cos), (slow, less)) = (sine(2.0, t), sine(0.31, t));
         let (w, u) = (std::f64::consts::TAU * 2.0, std::f64::consts::TAU * 0.31);
@@ -70,8 +70,8 @@ fn what_a_motion_leaves_open_has_no_value() {
     assert_eq!(statuses(&heard.last.estimate.whole_run), [NotIdentifiable; 4]);
 }
 
-/// Fewer than eight observations give no result, and a value given before friction is judged is known to half of
-/// itself.
+/// Fewer than eight observations give no result. A value given before friction is judged has an interval of half its
+/// size.
 #[test]
 fn values_begin_with_the_eighth_observation() {
     let device = Inerter::paper();
@@ -102,7 +102,7 @@ fn values_begin_with_the_eighth_observation() {
     }
 }
 
-/// The recent memory forgets a device as fast as it is set to; the whole run never does.
+/// The recent memory forgets a device at the rate that is set; the whole run never forgets.
 #[test]
 fn the_recent_memory_is_as_long_as_it_is_set() {
     let device = Inerter::paper();
@@ -130,8 +130,8 @@ fn the_recent_memory_is_as_long_as_it_is_set() {
     }
 }
 
-/// Changes that matter are found, with the parameter that changed. Less than 2 % of inertance or a tenth of dry
-/// friction is drift.
+/// Relevant changes are found, with the parameter that changed. Less than 2 % of inertance or a tenth of dry friction
+/// is drift.
 #[test]
 fn a_change_that_matters_is_found_and_drift_is_not() {
     let paper = Inerter::paper();
@@ -166,7 +166,7 @@ fn a_change_that_matters_is_found_and_drift_is_not() {
                     Changed::Viscous => device.viscous_n_s_per_m,
                     _ => device.coulomb_n,
                 });
-                // Two blocks in a row, of half a second or more.
+                // Two consecutive blocks of half a second or more.
                 assert!((12_500..14_600).contains(&change.index), "{motion}: {change:?}");
                 assert!((f64::from(change.before) / before - 1.0).abs() < 0.2, "{motion}: {change:?} from {before}");
                 assert!((f64::from(change.after) / now - 1.0).abs() < 0.2, "{motion}: {change:?} to {now}");
@@ -177,7 +177,7 @@ fn a_change_that_matters_is_found_and_drift_is_not() {
             }
         }
     }
-    // An offset, as a load on the cell.
+    // A change of the offset, like a load on the cell.
     let sensors = instruments(6);
     let mut samples = shaken(&paper, "random", 22.0, &sensors);
     samples.iter_mut().skip(12_000).for_each(|sample| sample.force_code += (15.0 / sensors.newtons_per_code) as i32);
@@ -187,7 +187,7 @@ fn a_change_that_matters_is_found_and_drift_is_not() {
     assert!((change.after - change.before - 15.0).abs() < 1.0, "{change:?}");
 }
 
-/// Until six blocks have shown how blocks scatter, only three times what matters is a change.
+/// Until six blocks have shown how much blocks scatter, only three times the relevant change is reported.
 #[test]
 fn a_small_change_waits_until_it_is_known_how_blocks_scatter() {
     let paper = Inerter::paper();
@@ -198,13 +198,13 @@ fn a_small_change_waits_until_it_is_known_how_blocks_scatter() {
         let heard = listen(&settings, &changing(&paper, vec![(2.6, after)], "random", 8.0, &sensors));
         heard.changes.iter().map(|change| (change.parameter, change.index)).collect::<Vec<_>>()
     };
-    // The memory follows what cannot yet be distinguished from scatter; later, as much is a change.
+    // The memory follows a shift that cannot yet be distinguished from scatter. Later, the same shift is a change.
     assert_eq!(found(0.045), []);
     let [(Changed::Inertance, at)] = found(0.12)[..] else { panic!("{:?}", found(0.12)) };
     assert!((2600..4400).contains(&at), "{at}");
 }
 
-/// Where friction is viscous throughout, a change of three tenths of it matters.
+/// If friction is mainly viscous, a change of three tenths of it is relevant.
 #[test]
 fn a_small_change_of_great_viscous_friction_is_drift() {
     let paper = Inerter { viscous_n_s_per_m: 4000.0, coulomb_n: 20.0, ..Inerter::paper() };
@@ -218,8 +218,8 @@ fn a_small_change_of_great_viscous_friction_is_drift() {
     }
 }
 
-/// A machine whose offset goes to and fro scatters that way, and does not change. One that was steady and then does the
-/// same has changed.
+/// If the offset of a machine swings from the start, that is its scatter and no change. A machine that was steady
+/// before has changed.
 #[test]
 fn what_a_machine_always_does_is_no_change() {
     let device = Inerter::paper();
@@ -229,7 +229,7 @@ fn what_a_machine_always_does_is_no_change() {
         let mut samples = shaken(&device, "random", 40.0, &sensors);
         for sample in &mut samples {
             let t_s = f64::from(sample.index) * 1e-3;
-            // Three seconds each way.
+            // Three seconds in each direction.
             let swing = if t_s < from_s { 0.0 } else { 17.0 * (std::f64::consts::TAU * (t_s - from_s) / 6.0).sin() };
             sample.force_code += (swing / sensors.newtons_per_code) as i32;
         }
@@ -239,7 +239,7 @@ fn what_a_machine_always_does_is_no_change() {
     assert!(changes(20.0) > 0);
 }
 
-/// In slow motion changes of friction are found.
+/// Changes of friction are also found in slow motion.
 #[test]
 fn a_change_of_friction_is_found_in_slow_motion() {
     let paper = Inerter::paper();
@@ -255,8 +255,8 @@ fn a_change_of_friction_is_found_in_slow_motion() {
     assert!((60_000..76_000).contains(&change.index), "{change:?}");
 }
 
-/// A blow before friction is known is forgotten once the law is judged; a later one stays, and that it breaks the law
-/// is reported.
+/// A blow before friction is known is forgotten once the law is judged. A later one stays, and the device reports that
+/// it breaks the law.
 #[test]
 fn a_blow_at_the_beginning_is_forgotten_once() {
     let device = Inerter::paper();
@@ -274,7 +274,7 @@ fn a_blow_at_the_beginning_is_forgotten_once() {
     let (anew, clean) = struck(usize::MAX - 30);
     assert_eq!(anew, []);
     assert_eq!(clean.last.law.status, LawStatus::Holds);
-    // Judged with the 200th update, which comes before the ninth or tenth estimate.
+    // The law is judged at the 200th update, before the ninth or tenth estimate.
     let (anew, heard) = struck(900);
     assert_eq!(anew.len(), 1, "{anew:?}");
     assert!((8..12).contains(&anew[0]), "{anew:?}");
@@ -287,13 +287,13 @@ fn a_blow_at_the_beginning_is_forgotten_once() {
     let ends: Vec<LawStatus> = heard.published.iter().skip(32).map(|published| published.law.status).collect();
     assert!(ends.contains(&LawStatus::Broken), "{ends:?}");
     assert!(clean.published.iter().skip(15).all(|published| published.law.status == LawStatus::Holds));
-    // What breaks the law widens the intervals.
+    // A broken law widens the intervals.
     let wide = [&heard, &clean].map(|heard| heard.last.estimate.whole_run.inertance_kg.u95());
     assert!(wide[0] > 2.0 * wide[1], "{wide:?}");
 }
 
-/// Pickup that follows no law breaks it, also in a motion that hides friction: not at once, because the beginning may
-/// be the cause.
+/// Pickup that follows no law breaks it, also in a motion that hides friction: not at once, because the beginning of
+/// the run might be the cause.
 #[test]
 fn what_goes_on_breaking_the_law_is_told_in_a_tone_too() {
     let device = Inerter::paper();

@@ -1,7 +1,6 @@
-//! The estimator as a whole, on a simulated inerter whose truth is known: the part of this that
-//! `cargo test -p inerter-core` runs.
+//! The whole estimator on a simulated inerter with known true values: the part that `cargo test -p inerter-core` runs.
 //!
-//! Each test compares with something that core did not compute: the plant's truth, a motion by formula, the same
+//! Each test compares with something that core did not compute: the plant's true values, an analytic motion, the same
 //! computation in f64 (`reference`, `textbook`), or another run that differs in a known way. Nothing is compared with
 //! earlier results of core. Grids of motions, seeds and rigs, and recordings of real machines, are in `tests` (crate
 //! `inerter-tests`).

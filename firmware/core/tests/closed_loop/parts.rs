@@ -1,5 +1,5 @@
-//! The parts from which a host computes an interval by itself, and the accessors of results: public functions, each
-//! against its formula.
+//! The public functions from which a host computes an interval, and the accessors of results, each compared with its
+//! formula.
 
 use crate::rig::{calibrated, instruments, listen, shaken};
 use inerter_core::{
@@ -35,7 +35,7 @@ fn a_parameter_has_a_value_where_its_status_says_so() {
     let nothing = Parameter::default();
     assert_eq!(nothing.fitted(), Interval { value: 0.0, u95: f32::INFINITY });
     assert_eq!((nothing.status(), nothing.value()), (Status::NotIdentifiable, None));
-    // Half of the value.
+    // Half of the value is the limit.
     for (value, u95, usable) in
         [(4.0, 1.9, true), (-4.0, 1.9, true), (4.0, 2.0, false), (-4.0, 2.1, false), (0.0, 0.0, false)]
     {
@@ -67,7 +67,7 @@ fn a_gap_is_at_most_the_backlash_with_its_interval() {
     }
 }
 
-/// 0.45 eps w^2 / a of the structure's mass, 5 % where that is unknown, and all of it at most.
+/// 0.45 eps w^2 / a of the structure's mass, 5 % if that is unknown, and at most all of it.
 #[test]
 fn a_structure_across_a_gap_is_left_out_by_its_part() {
     is_near(apart(1e-4, 400.0, 4.0), 0.45 * 1e-4 * 400.0 / 2.0, "apart");
@@ -94,8 +94,8 @@ fn motion() -> Motion {
     }
 }
 
-/// Steps of one pattern by motion: at most those of a regressor that passes all of them; for friction, those of a
-/// tone's harmonics.
+/// Steps that follow one pattern with the motion: bounded by a regressor that passes all of them; for friction, by
+/// those of a tone's harmonics.
 #[test]
 fn what_a_pattern_does_to_a_difference_is_bounded() {
     for (repeats, further) in [(3.0, 1.0), (MOST_REPEATS, 1.0), (20.0, 19.0 / 7.0)] {
@@ -116,7 +116,7 @@ fn what_a_pattern_does_to_a_difference_is_bounded() {
     is_near(still.pattern_in_differences(0.016)[1], 19.0 / 7.0 / 0.25, "no frequency");
 }
 
-/// Residuals that are assumed white: noise through the kernel, and no part of the steps.
+/// Residuals assumed to be white: noise through the kernel, without the steps.
 #[test]
 fn white_residuals_scatter_by_their_standard_error() {
     let settings = Settings { force_gain_u95: 0.01, lead_u95: 0.002, skew_u95_s: 1e-5, ..Settings::default() };
@@ -139,14 +139,15 @@ fn white_residuals_scatter_by_their_standard_error() {
         if i > 0 {
             is_near(budget.given_u95(Source::Encoder), 0.1, "encoder");
         }
-        // The sum of the squares of both is what differs from sample to sample.
+        // The sum of both squares is the part that differs from sample to sample.
         let (noise, encoder) =
             (f64::from(budget.standard_error()), f64::from(budget.given_u95(Source::Encoder)) / 1.959_964);
         is_near(budget.fit_square(), noise * noise + encoder * encoder, "fit");
     }
 }
 
-/// By hand: `4 fc^2 <v^2>` over the places, `mt`'s own error squared over variance and correlation, per squared box.
+/// From the formula: `4 fc^2 <v^2>` over the places, `mt`'s own squared error over variance and correlation, per
+/// squared box.
 #[test]
 fn the_places_of_reversals_cost_what_their_counts_leave_open() {
     let settings = Settings { metres_per_count: 4e-6, sample_rate_hz: 2000.0, ..Settings::default() };
@@ -159,18 +160,18 @@ fn the_places_of_reversals_cost_what_their_counts_leave_open() {
         4.0 * velocity_square(half_s) * (0.05 * coulomb / (0.2 * 2.09)).powi(2) / 0.016_f64.powi(2)
     };
     is_near(of(50.0, 2.0), wanted(50.0, 0.015), "moved by the long kernel");
-    // So slow that the short kernel's place is beyond reach: 2 a^2 (2 ms)^2 under four times its square.
+    // So slow that the short kernel's place is out of reach: 2 a^2 (2 ms)^2 under four times its square.
     let slowest = 4.0 * velocity_square(0.005) / 0.002_f64.powi(2) / 2.0;
     is_near(of(5.0, 1.02 * slowest as f32), wanted(5.0, 0.015), "just moved");
     is_near(of(5.0, 0.98 * slowest as f32), wanted(5.0, 0.005), "left where the short kernel puts it");
-    // Friction may hold the screw at 1.5 times itself and less.
+    // Friction may hold the screw at 1.5 times its level and less.
     let holds = (1.5 * 50.0 / 300.0_f64).powi(2) / 2.0;
     assert_eq!(of(50.0, 0.98 * holds as f32), 0.0);
     is_near(of(50.0, 1.02 * holds as f32), wanted(50.0, 0.015), "turns freely");
     assert_eq!(systematic.places([300.0, 50.0], 0.05, 0.0, 2.56e-4, 2.0), 0.0);
 }
 
-/// What a host knows of the motion from a record is what the estimator knows, except for counts.
+/// A host derives the same properties of the motion from a record as the estimator, except for the counts.
 #[test]
 fn a_motion_by_the_detail_is_that_of_the_estimator() {
     for backlash_m in [0.0, 100e-6] {

@@ -1,16 +1,16 @@
-//! The estimator from the regressors on, in f64, as in a textbook.
+//! The estimator in f64, from the regressors on, as in a textbook.
 //!
-//! The regressors themselves are integers; core's tests compare them with the direct convolution bit by bit. Here they
-//! are read back from the exact sums that core publishes: the growth of a sum in one update is a product of two
-//! regressors, and one of the regressors is the constant. Averages, sums, solution and choice of bank are computed
-//! independently, in SI, using only the settings from core.
+//! The regressors themselves are integers; core's own tests compare them with the direct convolution bit by bit. Here
+//! they are reconstructed from the exact sums that core publishes: one update adds the product of two regressors to a
+//! sum, and one of the regressors is the constant. Averages, sums, solution and choice of bank are computed
+//! independently, in SI units, with only the settings from core.
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Estimate, Parameters, RawSample, Settings, State, Status};
 
 /// Regressors `[a, v, s, 1, F]`.
 const REGRESSORS: usize = 5;
-/// Greatest differences that are allowed: mt \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\].
+/// Maximum differences: mt \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\].
 pub const BOUNDS: [f64; 4] = [1e-3, 1e-2, 2e-3, 2e-3];
 
 type Matrix = [[f64; REGRESSORS]; REGRESSORS];
@@ -19,12 +19,12 @@ type Matrix = [[f64; REGRESSORS]; REGRESSORS];
 #[derive(Clone, Debug)]
 struct Memory {
     bank: Bank,
-    /// Updates in the memory.
+    /// Length of the memory in updates.
     horizon: f64,
     /// Mean square of the encoder's steps in the acceleration.
     steps: f64,
     updates: u32,
-    /// Column of the constant in core's sums, as last read.
+    /// Column of the constant in core's sums, as read last.
     column: [i128; REGRESSORS],
     average: Matrix,
     sum: Matrix,
@@ -37,17 +37,18 @@ impl Memory {
             Bank::Slow => 0.064,
         };
         let (rate, step) = (settings.sample_rate_hz, settings.metres_per_count);
-        // Two updates in the length of a box.
+        // Two updates per box.
         let spacing = (rate * box_s / 2.0).round().max(1.0);
         let length = 2.0 * spacing;
-        // A count's error is evenly spread; a box of M differenced twice and summed twice has a gain of 8/3 M^3.
+        // A count's error is uniformly distributed. A box of M samples, differenced twice and summed twice, has a gain
+        // of 8/3 M^3.
         let steps = step * step / 12.0 * 8.0 / 3.0 * length.powi(3) * (rate * rate / length.powi(4)).powi(2);
         let horizon = (settings.memory_s * rate / spacing).round();
         let zero = [[0.0; REGRESSORS]; REGRESSORS];
         Self { bank, horizon, steps, updates: 0, column: [0; REGRESSORS], average: zero, sum: zero }
     }
 
-    /// Takes what core has taken since the last call: at most one update.
+    /// Takes over core's update since the last call: at most one.
     fn follow(&mut self, active: &Active, state: &State) {
         let sums = active.sums(state, self.bank);
         if sums.updates == self.updates {
@@ -55,7 +56,8 @@ impl Memory {
         }
         assert_eq!(sums.updates, self.updates + 1, "one update at a time");
         self.updates = sums.updates;
-        // Products of the fourth regressor, the constant, with each: row 3 up to the diagonal, then row 4.
+        // Products of the constant, which is the fourth regressor, with each regressor: row 3 up to the diagonal, then
+        // row 4.
         let column = [6, 7, 8, 9, 13].map(|place: usize| sums.sums[place]);
         let constant = 2_f64.powi(30);
         let regressors: [f64; REGRESSORS] =
@@ -70,8 +72,8 @@ impl Memory {
         }
     }
 
-    /// `[mt with the structure, cf, fc, F0]`.
-    /// With this much of the acceleration's square attributed to the encoder's steps.
+    /// `[mt with the structure, cf, fc, F0]`, with `steps` of the acceleration's mean square attributed to the
+    /// encoder's steps.
     fn solve(matrix: &Matrix, steps: f64) -> Option<[f64; 4]> {
         let mut inner: [[f64; 4]; 4] = std::array::from_fn(|row| std::array::from_fn(|column| matrix[row][column]));
         inner[0][0] -= steps;
@@ -80,20 +82,20 @@ impl Memory {
     }
 }
 
-/// Core's estimator with the textbook beside it.
+/// Core's estimator and the textbook, side by side.
 pub struct Pair {
     active: Active,
     state: Box<State>,
     fast: Memory,
     slow: Memory,
-    /// Greatest difference of each parameter so far, and the estimates that were compared.
+    /// Largest difference of each parameter so far.
     pub greatest: [f64; 4],
-    /// Values that were compared.
+    /// Number of values compared.
     pub compared: u64,
 }
 
 impl Pair {
-    /// Both, having seen nothing.
+    /// Both in their initial state.
     pub fn new(settings: &Settings) -> Result<Self, inerter_core::SettingsError> {
         let active = settings.validate()?;
         let state = Box::new(State::new(&active));
@@ -101,7 +103,7 @@ impl Pair {
         Ok(Self { active, state, fast, slow, greatest: [0.0; 4], compared: 0 })
     }
 
-    /// Takes a sample; compares when core publishes.
+    /// Processes a sample, and compares whenever core publishes.
     pub fn step(&mut self, sample: &RawSample) -> Option<Estimate> {
         let published = self.active.step(&mut self.state, sample).estimate();
         self.fast.follow(&self.active, &self.state);
@@ -112,7 +114,7 @@ impl Pair {
         published
     }
 
-    /// Updates of the fast bank.
+    /// Number of updates of the fast bank.
     pub fn updates(&self) -> u32 {
         self.fast.updates
     }
@@ -129,8 +131,9 @@ impl Pair {
         self.note(&estimate.whole_run, whole);
     }
 
-    /// The solution of the bank that the acceleration's mean square selects: that in the fast bank where it is clear of
-    /// the steps, or among them; that in both banks in between. There is nothing in between if `among` is 2000.
+    /// The solution of the selected bank. The fast bank is selected if the acceleration's mean square exceeds 2000
+    /// times its steps, or `among` times while the slow bank passes less than a tenth of it, or if the slow bank has no
+    /// update. With `among` = 2000 the second condition adds nothing.
     fn chosen(&self, matrix: impl Fn(&Memory) -> (Matrix, f64), among: f64) -> Option<[f64; 4]> {
         let [fast, slow] = [&self.fast, &self.slow].map(|memory| {
             let (matrix, count) = matrix(memory);
@@ -141,7 +144,7 @@ impl Pair {
         let memory = if is_fast { &self.fast } else { &self.slow };
         let (matrix, count) = matrix(memory);
         let [none, all] = [0.0, memory.steps * count].map(|steps| Memory::solve(&matrix, steps));
-        // Sums of readings share between none and all of the steps' error.
+        // For sums of readings, a fraction of the steps' error applies.
         let part = 0.5 * (1.0 + 1.0 / self.active.settings().oversampling);
         none.zip(all).map(|(none, all)| std::array::from_fn(|i| none[i] + part * (all[i] - none[i])))
     }
@@ -149,7 +152,7 @@ impl Pair {
     fn note(&mut self, found: &Parameters, reference: Option<[f64; 4]>) {
         let structure = self.active.settings().structure_mass_kg;
         let found = [&found.inertance_kg, &found.viscous_n_s_per_m, &found.coulomb_n, &found.offset_n];
-        // Core leaves out what it cannot distinguish; the textbook has no answer then.
+        // Core omits what it cannot distinguish. The textbook has no answer then.
         if found.iter().any(|parameter| parameter.u95().is_infinite()) {
             return;
         }
@@ -160,7 +163,7 @@ impl Pair {
             let reference = reference.map_or(f64::NAN, |values| values[i] - if i == 0 { structure } else { 0.0 });
             let difference = (f64::from(parameter.fitted().value) - reference).abs();
             self.compared += 1;
-            // NaN counts as a difference, too.
+            // NaN also counts as a difference.
             if difference.is_nan() || difference > self.greatest[i] {
                 self.greatest[i] = if difference.is_nan() { f64::INFINITY } else { difference };
             }

@@ -1,17 +1,17 @@
-//! Whether friction that is not Coulomb friction is identified, and its intervals cover; and whether Coulomb friction
-//! is left alone.
+//! Whether friction other than Coulomb friction is identified and covered by the intervals, and whether Coulomb
+//! friction is left alone.
 
 use crate::rig::{MOTIONS, calibrated, raw, three, truth};
 use inerter_core::{LawStatus, Published, Regime, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
-/// What is published, with what is reported of friction.
+/// The published results, with the friction regimes and law statuses reported on the way.
 struct Said {
     regimes: Vec<Regime>,
     laws: Vec<LawStatus>,
     last: inerter_core::Estimate,
     regime: Regime,
-    /// Residual over the part of it that noise and steps explain.
+    /// Ratio of the residual to the part that noise and steps explain.
     unexplained: f32,
     law: LawStatus,
 }
@@ -20,7 +20,7 @@ fn run(device: Inerter, motion: &str, seed: u64, memory_s: f64, noise_n: f64) ->
     run_with(device, motion, seed, noise_n, |settings| Settings { memory_s, ..settings })
 }
 
-/// The same with settings that state something else.
+/// The same with modified settings.
 fn run_with(device: Inerter, motion: &str, seed: u64, noise_n: f64, stated: impl Fn(Settings) -> Settings) -> Said {
     let encoder_phase_count = (seed as f64 * 0.618) % 1.0;
     let sensors =
@@ -73,7 +73,7 @@ fn coulomb_friction_is_left_alone() {
     assert!(all > 10_000 && false_alarms < all / 200, "{false_alarms} of {all}");
 }
 
-/// Where the law holds, force noise and encoder steps explain the residual, with the noise that the estimator found.
+/// If the law holds, force noise and encoder steps explain the residual, with the noise that the estimator found.
 #[test]
 fn noise_and_steps_explain_the_residual() {
     for noise_n in [0.2, 1.0, 5.0, 20.0] {
@@ -89,11 +89,11 @@ fn noise_and_steps_explain_the_residual() {
     let creeping = Inerter { presliding_m: 50e-6, ..Inerter::paper() };
     let creeping = run(creeping, "fast", 7, 100.0, 1.0);
     assert!((1.7..2.5).contains(&creeping.unexplained), "{}", creeping.unexplained);
-    // Only its beginning shows it; reversals that were placed before friction was known lie there, too.
+    // Only the beginning shows it, which also contains the reversals placed before friction was known.
     assert_eq!(creeping.law, LawStatus::Unknown);
 }
 
-/// A skew leaves a residual, which does not break the law as long as it is no greater than the settings state.
+/// A skew leaves a residual. It does not break the law as long as the skew is no larger than the settings state.
 #[test]
 fn a_skew_that_is_stated_breaks_no_law() {
     let said = |skew_u95_s: f64, off_s: f64| {
@@ -136,11 +136,11 @@ fn presliding_is_called_so_and_covered() {
             assert_eq!(said.regime, Regime::Presliding, "{um} um, {motion}");
             assert!(wrong(&device, &said).is_empty(), "{um} um, {motion}: {:?}", said.last.whole_run);
         }
-        // Either detected at once or harmless: slow motion shows each reversal in full.
+        // Either detected at once or harmless: slow motion resolves each reversal completely.
         let said = run(device, "slow", 5, 30.0, 1.0);
         assert!(wrong(&device, &said).is_empty(), "{um} um, slow: {:?}", said.last.whole_run);
         assert_eq!(said.regime, if um < 30.0 { Regime::Coulomb } else { Regime::Presliding });
-        // A steady tone of 15.9 Hz hides the cause, and only the residual over the noise shows that there is one.
+        // A steady tone of 15.9 Hz hides the cause. Only the residual relative to the noise shows that there is one.
         let said = run(device, "fast", 5, 30.0, 1.0);
         assert_eq!(said.regime, Regime::Unknown);
         assert!(wrong(&device, &said).is_empty(), "{um} um, fast: {:?}", said.last.whole_run);
@@ -181,8 +181,8 @@ fn simulated_coulomb_friction_turns_at_once() {
     }
 }
 
-/// Run 30 of the grid begins with 5 ms of creeping: with 50 N of friction and its sign unknown, that one reversal
-/// moved cf by 1.5 N s/m over 20 s, five times the scatter of the others.
+/// Run 30 of the grid begins with 5 ms of creep. With 50 N of friction and an unknown sign, this one reversal used to
+/// move cf by 1.5 N s/m over 20 s, five times the scatter of the other runs.
 #[test]
 fn a_screw_that_creeps_before_friction_is_known_teaches_nothing() {
     let device = Inerter::paper();

@@ -1,4 +1,4 @@
-//! What the kernels do to a motion given by a formula: each regressor of either bank in SI, its band, and the gate.
+//! The kernels' effect on an analytic motion: each regressor of either bank in SI units, its band, and the gate.
 
 use crate::rig::is_near;
 use crate::textbook::{Kernel, Rows};
@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// Amplitudes \[m\] and frequencies \[Hz\].
 type Tones<'a> = &'a [(f64, f64)];
 
-/// Displacement and its first derivatives.
+/// Displacement and its first three derivatives.
 fn at(tones: Tones, t_s: f64) -> [f64; 4] {
     tones.iter().fold([0.0; 4], |sum, &(size, hz)| {
         let w = TAU * hz;
@@ -18,13 +18,13 @@ fn at(tones: Tones, t_s: f64) -> [f64; 4] {
     })
 }
 
-/// What four boxes of samples leave of a tone, with the second difference to which all others are matched.
+/// Gain of four boxes of samples for a tone, with the second difference to which all other regressors are matched.
 fn gain(kernel: &Kernel, hz: f64, rate_hz: f64) -> f64 {
     let (half, samples) = (TAU * hz / 2.0 / rate_hz, kernel.box_s * rate_hz);
     ((samples * half).sin() / samples / half.sin()).powi(4) * (half.sin() / half).powi(2)
 }
 
-/// The fewest updates that fill whole periods.
+/// The smallest number of updates that spans whole periods.
 fn updates_in_whole_periods(kernel: &Kernel, hz: f64, rate_hz: f64) -> usize {
     let is_whole = |n: &usize| {
         let turns = *n as f64 * kernel.spacing / rate_hz * hz;
@@ -67,7 +67,7 @@ fn fine() -> Settings {
     Settings { metres_per_count: 1e-9, newtons_per_code: 1e-4, full_scale_velocity_m_per_s: 0.5, ..Settings::default() }
 }
 
-/// Means over whole periods of a tone, each known by formula.
+/// Means over whole periods of a tone, each with a known formula.
 #[test]
 fn regressors_of_a_tone_are_those_of_the_formula() {
     for (sample_rate_hz, oversampling) in [(1000.0, 1.0), (4000.0, 16.0), (500.0, 3.0), (100.0, 1.0)] {
@@ -90,7 +90,7 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 assert!(seen.rows.len() as f64 > 0.4 * duration_s / every, "{what}: {}", seen.rows.len());
                 let velocity = size * w * passed;
                 let reactance = spring - mass * w * w;
-                // Corrections leave (w T)^4 / 50 of the gain.
+                // The corrections leave (w T)^4 / 50 of the gain.
                 let part = 3e-4 + (w / sample_rate_hz).powi(4) / 20.0;
                 is_near(mean(rows, 0, 0), (velocity * w).powi(2) / 2.0, part, &format!("{what}: a a"));
                 is_near(mean(rows, 1, 1), velocity.powi(2) / 2.0, part, &format!("{what}: v v"));
@@ -102,7 +102,7 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
                 is_near(mean(rows, 5, 0), damper * (velocity * w).powi(2) / 2.0, 0.01 + part, &format!("{what}: F' a"));
                 is_near(mean(rows, 4, 3), offset, 1e-3, &format!("{what}: F"));
                 assert!(rows.iter().all(|row| row[3] == 1.0), "{what}");
-                // The sign of a sine is 4 / pi of it, and its harmonics are smoothed away.
+                // The fundamental of a sine's sign is 4 / pi of the sine, and the kernel removes the harmonics.
                 is_near(
                     mean(rows, 2, 1),
                     4.0 / std::f64::consts::PI * velocity * passed / 2.0,
@@ -116,7 +116,7 @@ fn regressors_of_a_tone_are_those_of_the_formula() {
     }
 }
 
-/// A number with a real and an imaginary part.
+/// A complex number.
 type Phasor = [f64; 2];
 
 fn times([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
@@ -127,12 +127,12 @@ fn plus([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
     [a + c, b + d]
 }
 
-/// A load cell that bears a structure across a soft contact and is late: after correction, the force is the screw's,
-/// with the structure as if it moved with the screw.
+/// A load cell that carries a structure on a soft contact and is late. After correction, the force is that on the
+/// screw, with the structure as if it moved with the screw.
 #[test]
 fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
-    // Mass of the structure, its natural frequency on the contact, lag of the contact, skew; at 0 Hz the contact is
-    // unknown.
+    // Mass of the structure, its natural frequency on the contact, lag of the contact, skew. 0 Hz means that the
+    // contact is unknown.
     for (structure_mass_kg, own_hz, lag_s, skew_s) in [
         (0.0, 0.0, 0.0, 0.0047),
         (0.0, 0.0, 0.0, -0.0012),
@@ -178,11 +178,11 @@ fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
             let what = format!(
                 "{structure_mass_kg} kg, {own_hz} Hz, {lag_s} s, late by {skew_s} s, {hz} at {sample_rate_hz} Hz"
             );
-            // The real part goes with the acceleration, the imaginary one with the velocity; for the force's rate it is
-            // the other way round.
+            // The real part corresponds to the acceleration, the imaginary part to the velocity; for the rate of the
+            // force it is the other way round.
             let product = |i: usize, k: usize, power: i32| 2.0 * mean(rows, i, k) / (passed * passed * w.powi(power));
             let found = [-product(4, 0, 2), product(4, 1, 1), product(5, 1, 2), product(5, 0, 3)];
-            // The series of the force ends with the fourth derivative, that of its rate with the second.
+            // The series of the force ends with the fourth derivative, the series of its rate with the second.
             let (rest, size) = (w * settings.skew_parts().1.abs(), wanted.hypot(against));
             let own = (hz / own_hz.max(60.0)).powi(2);
             let part = 2e-4 + (w / sample_rate_hz).powi(4) / 45.0;
@@ -198,7 +198,7 @@ fn a_late_force_across_a_soft_contact_is_that_of_the_screw() {
     }
 }
 
-/// Harmonic and quadratic mean frequency of two tones, as the kernel passes them.
+/// Harmonic and quadratic mean frequency of two tones after the kernel.
 #[test]
 fn the_band_is_that_of_the_tones() {
     for sample_rate_hz in [1000.0, 4000.0] {
@@ -223,7 +223,7 @@ fn the_band_is_that_of_the_tones() {
     }
 }
 
-/// Strokes of a tone of the same clock recur, and are reported as such.
+/// Strokes of a tone on the same clock recur, and the estimator reports this.
 #[test]
 fn strokes_that_come_again_are_counted() {
     let settings = Settings { metres_per_count: 1e-6, memory_s: 100.0, ..fine() };
@@ -243,7 +243,7 @@ fn strokes_that_come_again_are_counted() {
     is_near(f64::from(same.readings), 20_000.0, 0.02, "readings");
 }
 
-/// Nothing is learnt at rest: after it the sums are unchanged, and the last value is held.
+/// Rest adds no information: the sums stay unchanged, and the last value is held.
 #[test]
 fn rest_teaches_nothing() {
     for bank in [Bank::Fast, Bank::Slow] {
@@ -255,7 +255,7 @@ fn rest_teaches_nothing() {
         for index in 0..14_000_u32 {
             let t_s = f64::from(index.min(8000)) * 1e-3;
             let [x, v, a, _] = at(&[(3e-3, 2.3), (1e-3, 5.1)], t_s);
-            // From then on, a brake holds it.
+            // From then on a brake holds the screw.
             let force = if index < 8000 { 80.0 * a + 300.0 * v + 15.0 * v.signum() } else { 5.0 };
             let position_count = (x / 1e-6).round() as i32 + (index / 7 % 2) as i32;
             let force_code = (force / 1e-4).round() as i32;
@@ -263,7 +263,7 @@ fn rest_teaches_nothing() {
             updates.push(active.sums(&state, bank).updates);
             held.extend(output.estimate().map(|estimate| (index, estimate)));
         }
-        // Time for what has been seen to leave the kernel and the delay of the gate.
+        // Allow for the kernel's length and the gate's delay.
         let settled = if bank == Bank::Fast { 8050 } else { 8100 };
         assert_eq!(updates[settled], updates[13_999], "{bank:?}");
         assert!(updates[7990] > 0 && updates[settled] - updates[7999] < 10);
@@ -283,7 +283,7 @@ fn rest_teaches_nothing() {
     }
 }
 
-/// Every product in the sums is that of two regressors, all through one kernel.
+/// Every product in the sums is that of two regressors filtered by the same kernel.
 #[test]
 fn sums_are_the_products_of_the_regressors() {
     for bank in [Bank::Fast, Bank::Slow] {
@@ -292,7 +292,7 @@ fn sums_are_the_products_of_the_regressors() {
         let (sums, more) = (seen.active.sums(&seen.state, bank), seen.active.more_sums(&seen.state, bank));
         assert_eq!((sums.index, sums.updates), (more.index, more.updates));
         assert_eq!((sums.updates as usize, more.bank), (seen.rows.len(), bank));
-        // As the sums have them: speed before the force's rate.
+        // The sums contain the speed before the rate of the force.
         let order = [0, 1, 2, 3, 4, 6, 5];
         let units: Vec<f64> = sums.units.into_iter().chain(more.units).collect();
         let products: Vec<i128> = sums.sums.into_iter().chain(more.sums).collect();
@@ -306,7 +306,7 @@ fn sums_are_the_products_of_the_regressors() {
                 place += 1;
             }
         }
-        // |v| is the velocity without its sign, except for the updates across a reversal.
+        // |v| is the velocity without its sign, except for updates across a reversal.
         let differ = seen.rows.iter().filter(|row| (row[6] - row[1].abs()).abs() > 0.02 * row[1].abs()).count();
         assert!(seen.rows.iter().all(|row| row[6] > -1e-6) && 3 * differ < 2 * seen.rows.len(), "{bank:?}: {differ}");
         let (speed, velocity) = (mean(&seen.rows, 6, 6), mean(&seen.rows, 1, 1));
@@ -314,8 +314,9 @@ fn sums_are_the_products_of_the_regressors() {
     }
 }
 
-/// Among the encoder's steps the whole run is told by the fast bank where the slow bank's kernel leaves less than a tenth
-/// of its acceleration. At 190 Hz their regressors have different units, as one box is three times the other.
+/// If the encoder's steps dominate, the fast bank still determines the whole run where the slow bank's kernel leaves
+/// less than a tenth of its acceleration. At 190 Hz their regressors have different units, because one box is three
+/// times the other.
 #[test]
 fn the_whole_run_is_told_by_the_bank_that_sees_the_motion() {
     let sample_rate_hz = 190.0;
@@ -327,7 +328,7 @@ fn the_whole_run_is_told_by_the_bank_that_sees_the_motion() {
                 let fast = Kernel::of(&settings, Bank::Fast);
                 let size = 1e-3;
                 let square = (size * (TAU * hz).powi(2) * gain(&fast, hz, sample_rate_hz)).powi(2) / 2.0;
-                // So many times the mean square of the steps.
+                // This ratio to the mean square of the steps.
                 let per_square_count = fast.steps / settings.metres_per_count.powi(2);
                 let metres_per_count = (square / clear / per_square_count).sqrt();
                 let settings = Settings { metres_per_count, ..settings };
@@ -338,7 +339,7 @@ fn the_whole_run_is_told_by_the_bank_that_sees_the_motion() {
                     (sums.sums[0] as f64 * sums.units[0].powi(2) / f64::from(sums.updates), steps)
                 });
                 let (seen_clear, smoothed) = (fast.0 / fast.1, slow.0 / fast.0);
-                // At so few counts all of it may creep, and teach nothing.
+                // With so few counts all of the motion may count as creep and add no information.
                 let ratios = [seen_clear / 500.0, seen_clear / 2000.0, smoothed / 0.1];
                 if !smoothed.is_finite() || ratios.iter().any(|ratio| (ratio - 1.0).abs() < 0.03) {
                     continue;
@@ -348,7 +349,7 @@ fn the_whole_run_is_told_by_the_bank_that_sees_the_motion() {
                 let found = f64::from(seen.active.motion(&seen.state).acceleration_squared);
                 let what = format!("{hz} Hz, {seen_clear} times, {smoothed} of {full_scale_acceleration_m_per_s2}");
                 is_near(found, square - steps, 1e-3, &what);
-                // Near enough that a mean square in other units would tell otherwise.
+                // Close enough that a mean square in other units would give another choice.
                 let near = if is_fast { 0.08..0.1 } else { 0.1..0.15 };
                 told[usize::from(is_fast)] +=
                     u32::from((500.0..2000.0).contains(&seen_clear) && near.contains(&smoothed));

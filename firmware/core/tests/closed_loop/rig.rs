@@ -6,11 +6,11 @@ use inerter_core::{
 };
 use inerter_plant::{Excitation, Inerter, Plant, Sample, Sensors, Simulation};
 
-/// Motions of the grid, and the time that each needs \[s\].
+/// Motions of the grid, with the length of a run \[s\].
 pub const MOTIONS: [(&str, f64); 6] =
     [("slow", 80.0), ("mid", 20.0), ("fast", 20.0), ("multi", 20.0), ("random", 20.0), ("two", 20.0)];
 
-/// Instruments of the usual rig: 1 kHz, 1 N of noise.
+/// The usual instruments: 1 kHz, 1 N of noise.
 pub fn instruments(seed: u64) -> Sensors {
     Sensors {
         force_noise_n: 1.0,
@@ -51,7 +51,7 @@ pub fn exact(settings: Settings) -> Settings {
         timebase_u95: 0.0,
         skew_u95_s: 0.0,
         structure_mass_u95_kg: 0.0,
-        // 0 would mean 1 %.
+        // A value of 0 would mean 1 %.
         stiffness_u95_n_per_m: 1e-6 * settings.stiffness_n_per_m,
         ..settings
     }
@@ -67,12 +67,12 @@ pub fn raw(sample: &Sample) -> RawSample {
     }
 }
 
-/// A device shaken for this long.
+/// Samples of a device that moves for this long.
 pub fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
     changing(device, Vec::new(), motion, duration_s, sensors)
 }
 
-/// The same, but it changes into others at these times \[s\].
+/// The same, with a device that changes into others at these times \[s\].
 pub fn changing(
     device: &Inerter,
     later: Vec<(f64, Inerter)>,
@@ -93,7 +93,7 @@ pub struct Heard {
     pub reversals: Vec<Reversal>,
     pub warnings: Vec<Warning>,
     pub changes: Vec<Change>,
-    /// As published at the end.
+    /// Published at the end.
     pub last: Published,
 }
 
@@ -110,7 +110,7 @@ pub fn listen<'a>(settings: &Settings, samples: impl IntoIterator<Item = &'a Raw
     listen_on(active, state, samples)
 }
 
-/// The same with a state that may have seen samples before.
+/// The same with a state that may have processed samples before.
 pub fn listen_on<'a>(active: Active, mut state: Box<State>, samples: impl IntoIterator<Item = &'a RawSample>) -> Heard {
     let (mut published, mut reversals, mut warnings, mut changes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for sample in samples {
@@ -125,7 +125,7 @@ pub fn listen_on<'a>(active: Active, mut state: Box<State>, samples: impl IntoIt
     Heard { active, state, published, reversals, warnings, changes, last }
 }
 
-/// A value is finite, and so is its interval.
+/// Neither values nor intervals are NaN.
 pub fn is_sane(estimate: &Estimate) {
     for parameter in four(&estimate.recent).into_iter().chain(four(&estimate.whole_run)) {
         assert!(!parameter.fitted().value.is_nan() && !parameter.u95().is_nan(), "{parameter:?}");
@@ -136,13 +136,13 @@ pub fn is_sane(estimate: &Estimate) {
     assert!(!estimate.residual_rms_n.is_nan());
 }
 
-/// In the order of the law.
+/// The parameters in the order of the law.
 pub fn four(parameters: &Parameters) -> [Parameter; 4] {
     let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
     [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
 }
 
-/// Statuses in the same order.
+/// Their statuses in the same order.
 pub fn statuses(parameters: &Parameters) -> [Status; 4] {
     four(parameters).map(|parameter| parameter.status())
 }
@@ -158,13 +158,13 @@ pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]
 }
 
-/// Error of a parameter that has a value, over the half width of its interval.
+/// Error of a parameter that has a value, relative to the half width of its interval.
 pub fn off(parameter: Parameter, truth: f64) -> f64 {
     let Interval { value, u95 } = parameter.known().unwrap_or_else(|| panic!("{truth} is not identified"));
     (f64::from(value) - truth) / f64::from(u95)
 }
 
-/// Asserts that a number is as wanted within this fraction of it.
+/// Asserts that a number agrees with the wanted one to within this fraction of it.
 #[track_caller]
 pub fn is_near(found: f64, wanted: f64, part: f64, what: &str) {
     assert!((found - wanted).abs() <= part * wanted.abs(), "{what}: {found} for {wanted}");

@@ -44,7 +44,7 @@ fn run(settings: &Settings, samples: &[RawSample]) -> Outcome {
     Outcome { published, warnings, last, law, counters: state.counters() }
 }
 
-/// The whole run's inertance has a value, is covered by its interval, and is within `part` of the truth.
+/// The whole run's inertance has a value, and its error is within its interval and within `part` of the true value.
 #[track_caller]
 fn finds_inertance(outcome: &Outcome, part: f64) {
     let found = outcome.last.whole_run.inertance_kg;
@@ -53,7 +53,7 @@ fn finds_inertance(outcome: &Outcome, part: f64) {
     assert_eq!(found.status(), Status::Ok);
     assert!(off <= f64::from(found.u95()), "{} kg, off by {off}, with {found:?}", found.fitted().value);
     assert!(off < part * truth, "off by {off} kg");
-    // Calibration alone is half a percent.
+    // Calibration alone contributes half a percent.
     assert!((0.004..0.1).contains(&(f64::from(found.u95()) / truth)), "{found:?}");
 }
 
@@ -72,7 +72,7 @@ fn one_percent_of_the_samples_lost() {
     assert!((0.2..0.8).contains(&(f64::from(outcome.last.updates) / f64::from(whole.last.updates))));
 }
 
-/// To second order alone, a force that is 5 ms late left an error of 2.3 kg at 15.9 Hz.
+/// With a correction to second order only, a force 5 ms late left an error of 2.3 kg at 15.9 Hz.
 #[test]
 fn a_stated_skew_of_any_size_is_undone() {
     for (sample_rate_hz, motion) in
@@ -99,14 +99,14 @@ fn a_stated_skew_of_any_size_is_undone() {
 fn a_discontinuity_is_counted_and_never_bridged() {
     let mut samples = samples(sensors(), "random@20s");
     samples.drain(7000..7500);
-    // The encoder lost its place in the meantime.
+    // Meanwhile the encoder lost its position.
     for sample in &mut samples[7000..] {
         sample.position_count = sample.position_count.wrapping_add(1_000_000);
     }
     let outcome = run(&settings(&sensors()), &samples);
     finds_inertance(&outcome, 1e-3);
     assert_eq!((outcome.counters.discontinuities, outcome.counters.lost_samples), (1, 500));
-    // The same jump where no sample is missing is a slip: it is reported, and not bridged either.
+    // The same jump without a missing sample is a slip: it is reported, and not bridged either.
     for (n, sample) in samples.iter_mut().enumerate() {
         sample.index = n as u32;
     }
@@ -139,7 +139,7 @@ fn a_sample_twice_is_a_discontinuity_too() {
 
 #[test]
 fn saturated_peaks_are_left_out() {
-    // 400 N each way, where the motions need 600.
+    // 400 N in each direction, where the motions need 600 N.
     let limit = 200_000.0;
     let narrow = Sensors { force_min_code: -limit, force_max_code: limit, ..sensors() };
     let samples = samples(narrow, "mid@20s;random@20s");
@@ -147,7 +147,7 @@ fn saturated_peaks_are_left_out() {
     finds_inertance(&outcome, 2e-3);
     let at_limit = samples.iter().filter(|sample| sample.force_code.abs() >= 200_000).count();
     assert!(at_limit > 2000 && outcome.counters.saturated >= at_limit as u32, "{at_limit} {:?}", outcome.counters);
-    // Where nobody states them, they are found.
+    // If the settings do not state the limits, the estimator finds them.
     let ignorant = run(&settings(&sensors()), &samples);
     finds_inertance(&ignorant, 2e-3);
     assert!(
@@ -172,7 +172,7 @@ fn force_at_its_limits_all_the_time_teaches_nothing() {
     }
 }
 
-/// The estimates, without their position in the stream.
+/// The estimates, without their index.
 fn bits(outcome: &Outcome) -> Vec<Estimate> {
     outcome.published.iter().map(|estimate| Estimate { index: 0, ..*estimate }).collect()
 }
@@ -301,7 +301,7 @@ fn any_setting(number: usize) -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Valid settings; one that contradicts the others returns to its default.
+/// Valid settings; a setting that contradicts the others returns to its default.
 fn any_settings() -> impl Strategy<Value = Settings> {
     (0..Settings::COUNT).map(any_setting).collect::<Vec<_>>().prop_map(|values| {
         let mut settings = Settings::default();
@@ -315,7 +315,7 @@ fn any_settings() -> impl Strategy<Value = Settings> {
     })
 }
 
-/// Sixteen arbitrary bytes, or a step from the sample before.
+/// Sixteen arbitrary bytes, or a step from the previous sample.
 fn any_samples(most: usize) -> impl Strategy<Value = Vec<RawSample>> {
     let step = prop_oneof![
         6 => (Just(1_u32), -40..40_i32, -3000..3000_i32),
@@ -350,7 +350,7 @@ proptest! {
         }
         is_sane(&active.publish(&state).estimate);
         prop_assert_eq!(state.counters().samples, samples.len() as u64);
-        // And the state can be used again.
+        // The state can be used again.
         state.reset(&active);
         let mut fresh = Box::new(State::new(&active));
         for sample in &samples {
@@ -386,7 +386,7 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
         assert!((least_kg..=f64::from(found.u95())).contains(&off), "{motion}: {off} beyond {}", found.u95());
         let known = run(&exact, &samples).last.whole_run.inertance_kg;
         assert!(known.u95() < 0.2 * found.u95(), "{motion}: {known:?}");
-        // Friction takes its part of the structure's motion, and still has a value.
+        // Friction absorbs a share of the structure's motion, and still has a value.
         let Estimate { whole_run, .. } = run(&without, &samples).last;
         let Inerter { viscous_n_s_per_m, coulomb_n, .. } = Inerter::paper();
         for (found, truth) in [(whole_run.viscous_n_s_per_m, viscous_n_s_per_m), (whole_run.coulomb_n, coulomb_n)] {
@@ -397,8 +397,8 @@ fn a_structure_without_a_stiffness_widens_the_interval() {
     }
 }
 
-/// Stated to 20 %: what that leaves in the residual does not break the law, and its effect on friction is in the
-/// interval.
+/// With a stiffness stated to 20 %, its effect on the residual does not break the law, and its effect on friction is
+/// within the interval.
 #[test]
 fn a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction() {
     let sensors = Sensors { force_noise_n: 0.3, metres_per_count: 0.5e-6, ..sensors() };
@@ -437,7 +437,7 @@ fn perfect() -> Settings {
     }
 }
 
-/// Counts and codes that depend on each other exactly, as no instrument's do.
+/// Counts and codes with an exact dependence, unlike those of any instrument.
 fn exact(amplitude: f64, frequency_hz: f64, force: impl Fn(i32, i32, i32) -> i32) -> Vec<RawSample> {
     let position = |n: i32| {
         let t_s = f64::from(n) * 1e-3;
@@ -484,11 +484,11 @@ fn an_exact_fit_has_an_interval_that_holds_the_mirrored_fit() {
                     assert_eq!(here.status(), there.status(), "{what} at {frequency_hz} Hz, {i}");
                     if here.status() == Status::Ok {
                         let difference = (here.fitted().value - sign * there.fitted().value).abs();
-                        // Not NaN either.
+                        // This also excludes NaN.
                         assert!(difference < 1e-3 * here.u95(), "{what} at {frequency_hz} Hz, {i}: {here:?} {there:?}");
                     }
                 }
-                // A force that never changes shows its value to within a code, and nothing of the device.
+                // A constant force determines its own value to within a code, and nothing of the device.
                 if ["nothing", "one code", "a weight"].contains(&what) {
                     let [found @ .., offset] = four(&here);
                     assert!(found.iter().all(|found| found.status() == Status::NotIdentifiable), "{what}: {found:?}");

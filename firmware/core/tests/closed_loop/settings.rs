@@ -1,4 +1,4 @@
-//! Which settings are valid, how they are reported, and what is derived from them.
+//! Valid settings, the way they are reported, and the quantities derived from them.
 
 use inerter_core::{FrontEnd, Kind, Machine, RawSample, SettingInfo, Settings, SettingsError, State};
 
@@ -46,7 +46,7 @@ fn each_setting_is_set_and_read_by_its_name_and_no_other_changes() {
 fn units_stand_at_the_ends_of_names() {
     assert_eq!(Settings::described().count(), Settings::COUNT);
     for (info, text) in Settings::described() {
-        // "N s/m" is written "n_s_per_m", and 2 is a square.
+        // "N s/m" is written "n_s_per_m", and 2 means squared.
         let unit = text.unit.to_lowercase().replace('/', "_per_").replace(' ', "_").replace('^', "");
         let is_scale =
             info.name.contains("_per_count") || info.name.contains("_per_code") || info.name.contains("terminal_code");
@@ -55,7 +55,7 @@ fn units_stand_at_the_ends_of_names() {
     }
 }
 
-/// Refused by itself, and with all others as they are.
+/// The value is refused by itself, and together with all other settings.
 #[track_caller]
 fn refused(name: &'static str, value: f64) -> SettingsError {
     let error = { Settings::default() }.set_by_name(name, value).unwrap_err();
@@ -85,7 +85,7 @@ fn values_out_of_range_are_refused_and_the_ends_are_not() {
             assert_eq!(info.check(value).err().filter(|error| matches!(error, SettingsError::Zero { .. })), wanted);
         }
     }
-    // What is written to a field without its check is refused all the same.
+    // A value written to a field without a check is refused too.
     let settings = Settings { memory_s: f64::NAN, ..Settings::default() };
     assert_eq!(settings.validate().err(), Some(SettingsError::NotFinite { field: "memory_s" }));
     let settings = Settings { oversampling: 1.5, ..Settings::default() };
@@ -130,7 +130,7 @@ fn settings_that_contradict_each_other_are_refused_at_the_limit() {
     for zero in [-2.0, -3.0, 2.0, 3.0] {
         assert_eq!(codes(-2.0, zero, 2.0), Some(("force_zero_code", "force_min_code and force_max_code")), "{zero}");
     }
-    // 64 million counts of all readings together in a sample: at 1 kHz 64e9 a second.
+    // 64 million counts in all readings of a sample together: at 1 kHz, 64e9 per second.
     let travel = |full_scale_velocity_m_per_s, oversampling, metres_per_count: f64| {
         conflict(Settings { full_scale_velocity_m_per_s, oversampling, metres_per_count, ..Settings::default() })
     };
@@ -143,7 +143,7 @@ fn settings_that_contradict_each_other_are_refused_at_the_limit() {
     }
     let faster = Settings { sample_rate_hz: 2000.0, full_scale_velocity_m_per_s: 12.6, ..Settings::default() };
     assert_eq!(conflict(Settings { metres_per_count: 1e-10, ..faster }), None);
-    // A structure whose natural frequency is 62.5 Hz, one over the box of 16 ms.
+    // A structure with a natural frequency of 62.5 Hz, one over the box of 16 ms.
     let structure = |structure_mass_kg, own_hz: f64| {
         let stiffness_n_per_m = structure_mass_kg * (own_hz * std::f64::consts::TAU).powi(2);
         conflict(Settings { structure_mass_kg, stiffness_n_per_m, ..Settings::default() })
@@ -170,7 +170,7 @@ fn a_skew_is_whole_samples_and_less_than_half_of_one() {
     assert_eq!([0.0014, 0.0016, -0.0014, -0.0016, 0.0].map(parts), [1, 2, -1, -2, 0]);
 }
 
-/// Estimates come at their rate, at the sample that is due, with what has been counted.
+/// Estimates appear at the publish rate, at the sample that is due, with the correct counts.
 #[test]
 fn estimates_come_at_their_rate() {
     for (sample_rate_hz, publish_rate_hz, every) in
@@ -181,7 +181,7 @@ fn estimates_come_at_their_rate() {
         assert_eq!(*active.settings(), settings);
         let mut state = Box::new(State::new(&active));
         for n in 1..=2 * every {
-            // Three are missing at the eleventh.
+            // Three samples are missing at the eleventh.
             let index = if n > 10 { n + 3 } else { n };
             let estimate = active.step(&mut state, &RawSample { index, ..RawSample::default() }).estimate();
             assert_eq!(estimate.is_some(), n % every == 0, "{n} of {every}");

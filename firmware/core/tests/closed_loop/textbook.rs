@@ -1,5 +1,6 @@
-//! The report in f64: standard errors, budgets and what breaks the law, by the formulas of docs/THEORY.md, 6. From core
-//! it takes the regressors, read back from the exact sums, the settings, and what it knows of the motion (`Motion`).
+//! The report in f64: standard errors, budgets and law violations, by the formulas of docs/THEORY.md, 6. From core it
+//! takes only the regressors, reconstructed from the exact sums, the settings, and the properties of the motion
+//! (`Motion`).
 
 use crate::linear::Cholesky;
 use inerter_core::{Active, Bank, Motion, Settings, Source, State};
@@ -8,7 +9,7 @@ use inerter_core::{Active, Bank, Motion, Settings, Source, State};
 pub struct Rows {
     bank: Bank,
     updates: u32,
-    /// Sums of their products with the constant, as last read.
+    /// Sums of their products with the constant, as read last.
     column: [i128; 7],
     pub rows: Vec<[f64; 7]>,
 }
@@ -18,7 +19,7 @@ impl Rows {
         Self { bank, updates: 0, column: [0; 7], rows: Vec::new() }
     }
 
-    /// Takes what core has taken since the last call: at most one update.
+    /// Takes over core's update since the last call: at most one.
     pub fn follow(&mut self, active: &Active, state: &State) {
         let sums = active.sums(state, self.bank);
         if sums.updates == self.updates || sums.updates == 0 {
@@ -33,7 +34,7 @@ impl Rows {
         let more = active.more_sums(state, self.bank);
         let [a, v, s, one, force] = sums.units;
         let units = [a, v, s, one, force, more.units[1], more.units[0]];
-        // Row 3 of the triangle up to the diagonal; force, its rate and speed with the constant.
+        // Products with the constant: row 3 of the triangle up to the diagonal, then force, its rate, and speed.
         let column =
             [sums.sums[6], sums.sums[7], sums.sums[8], sums.sums[9], sums.sums[13], more.sums[9], more.sums[3]];
         let grown = |i: usize| (column[i] - self.column[i]) as f64 * one;
@@ -47,7 +48,7 @@ impl Rows {
 pub struct Kernel {
     /// Length of the box \[s\].
     pub box_s: f64,
-    /// Samples from update to update.
+    /// Samples between updates.
     pub spacing: f64,
     /// Mean square of the encoder's steps in the acceleration \[m^2/s^4\].
     pub steps: f64,
@@ -102,7 +103,7 @@ pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 7]>, kernel: &Kernel, ov
     let inverse = factor.inverse_diagonal();
     let errors = inverse.map(|inverse| (variance / observations * inverse).sqrt());
     let per_skew = factor.solve(&column(5));
-    // Noise in the acceleration lowers its coefficient.
+    // Noise in the acceleration reduces its coefficient.
     let taken = factor.solve(&[kernel.steps, 0.0, 0.0, 0.0]);
     let all = taken.map(|by| plain[0] * by / (1.0 - taken[0]));
     let acceleration_squared = matrix[0][0] - kernel.steps;
@@ -120,12 +121,12 @@ pub fn fit<'a>(rows: impl IntoIterator<Item = &'a [f64; 7]>, kernel: &Kernel, ov
     }
 }
 
-/// Variance of a sum whose parts are caused by the same counts.
+/// Variance of a sum whose parts have the same counts as their cause.
 fn together(one: f64, other: f64) -> f64 {
     (one.sqrt() + other.sqrt()).powi(2)
 }
 
-/// Scatter, per standard error.
+/// Scatter per standard error.
 pub struct Scatter {
     pub noise_squared: f64,
     pub pattern: f64,
@@ -149,7 +150,7 @@ impl Scatter {
         let alike = f64::from(motion.low_squared / motion.frequency_squared).powi(4);
         let harmonics = (0.02 + 1.9 * y / (1.0 + 0.5 * y + 2.0 * y.powi(8))) * alike;
         let tone = harmonics * share * (repeats - 1.0);
-        // Recurring reversals are placed by the same counts, within a kernel of 15 or 5 ms on either side.
+        // Recurring reversals are placed from the same counts, within a kernel of 15 or 5 ms on either side.
         let count = settings.metres_per_count;
         let square = |half_s: f64| count * count / (6.0 * half_s.powi(3) * settings.sample_rate_hz);
         let greatest = 2.0 * f64::from(motion.acceleration_squared);
@@ -173,7 +174,7 @@ impl Scatter {
 /// Standard deviations of a normal distribution in a 95 % half width.
 const K: f64 = 1.959_964;
 
-/// Squared standard uncertainties of the four parameters by all sources except the model, in the order of
+/// Squared standard uncertainties of the four parameters from all sources except the model, in the order of
 /// [`Source::ALL`].
 pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motion) -> [[f64; 9]; 4] {
     let stated = |u95: f64| (u95 / K).powi(2);
@@ -218,7 +219,7 @@ pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motio
             let curved = f64::from(motion.friction_in_curvature[i - 1]);
             let lag = settings.contact_damping_n_s_per_m * compliance;
             let per_compliance = mass * (curved + 2.0 * lag * high * fit.per_skew[i]);
-            // A contact of unknown stiffness gives the device a natural frequency of 5 Hz at least.
+            // With a contact of unknown stiffness, the device's natural frequency is at least 5 Hz.
             let loosest = 1.5 / (inertance.abs() * high.max((std::f64::consts::TAU * 5.0).powi(2)));
             and(Source::Stiffness, stated(per_compliance * compliance_u95.min(loosest)));
         }
@@ -226,7 +227,7 @@ pub fn budgets(fit: &Fit, scatter: &Scatter, settings: &Settings, motion: &Motio
     })
 }
 
-/// How far the three parameters move beyond chance when updates near rest are left out, as a half width.
+/// Shift of the three parameters beyond chance when updates near rest are left out, as a half width.
 pub fn moved(
     rows: &[[f64; 7]],
     all: &Fit,

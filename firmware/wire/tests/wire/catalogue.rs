@@ -1,4 +1,4 @@
-//! The catalogue against the types that it describes.
+//! The catalogue compared with the types that it describes.
 
 use crate::specification::fields_of;
 use crate::values::{detail, estimate, health};
@@ -20,7 +20,7 @@ fn covers_the_types() {
     let mut plain = fields_of::<Estimate>("Estimate");
     plain.retain(|name| name != "recent" && name != "whole_run");
     assert_eq!(paths(Group::Estimate), plain);
-    // A field with units of its own inside carries them in views.
+    // In views, a field whose parts have a unit carries it in its name.
     let detail = fields_of::<Detail>("Detail").into_iter().map(|name| match name.as_str() {
         "band" => "band_hz".into(),
         "backlash" => "backlash_m".into(),
@@ -58,7 +58,7 @@ fn words_are_fit_to_show() {
         assert_eq!(find(Machine::Linear, group, path).map(|field| field.label), Some(label));
     }
     assert_eq!(find(Machine::Linear, Group::Sample, "nothing"), None);
-    // A setting and a quantity never share a name, except for what is set where it cannot be measured.
+    // A setting and a quantity share a name only if the quantity can be set when it cannot be measured.
     let shared = FIELDS.iter().filter(|field| Settings::find(field.path).is_some());
     assert_eq!(shared.map(|field| field.path).collect::<Vec<_>>(), ["stiffness_n_per_m", "contact_damping_n_s_per_m"]);
 }
@@ -120,7 +120,7 @@ fn values_stand_beside_their_fields() {
     assert!(catalogue::health(&Health::default()).skip(8).all(|(_, value)| value.is_none()));
 }
 
-/// A rotary machine has the same quantities in the same order, with its own words and units.
+/// A rotary machine has the same quantities in the same order, with its own terms and units.
 #[test]
 fn machines_differ_in_words_and_units_alone() {
     let pairs = |group| fields(Machine::Linear, group).zip(fields(Machine::Rotary, group));
@@ -138,7 +138,7 @@ fn machines_differ_in_words_and_units_alone() {
     assert_eq!(units, ["N m/rad", "N m s"]);
 }
 
-/// Each quantity stands at the place of its number, under its own name.
+/// Each quantity has the index of its number and its own name.
 #[test]
 fn figures_stand_beside_their_fields() {
     let snake = |quantity: Quantity| {

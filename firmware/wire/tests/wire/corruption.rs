@@ -1,8 +1,9 @@
-//! No damage yields a wrong record: single bytes exhaustively, other damage in hundreds of thousands of cases.
+//! No damage yields a wrong record: single bytes are tested exhaustively, other damage in hundreds of thousands of
+//! cases.
 //!
-//! Each case damages a stream of numbered frames whose content is known. Whatever the reader hands out must be the
-//! record that was sent under that number, in order; what the damage did not touch must arrive; and messages and
-//! reported losses together must account for every frame.
+//! Each case damages a stream of numbered frames with known content. Every message that the reader returns must be the
+//! record sent under that number, in order. Undamaged frames must arrive. Messages and reported losses together must
+//! account for every frame.
 
 use crate::reference::line_bytes;
 use crate::values::{records, requests, some_record};
@@ -31,8 +32,8 @@ impl<T: Message + PartialEq + Debug> Stream<T> {
         Self { bytes, frames, first }
     }
 
-    /// Reads `damaged` and checks everything that must hold; `touched` is the part of the original that was changed.
-    /// Returns how many frames were not delivered.
+    /// Reads `damaged` and checks all these properties; `touched` is the changed part of the original. Returns the
+    /// number of frames that were not delivered.
     fn check(&self, damaged: &[u8], touched: Range<usize>) -> usize {
         let mut reader = FrameReader::<T>::new();
         let mut input = damaged;
@@ -73,7 +74,7 @@ fn exhaust<T: Message + PartialEq + Debug + Clone>(messages: &[T]) -> usize {
             for change in 1..=255 {
                 damaged[at] = stream.bytes[at] ^ change;
                 let missing = stream.check(&damaged, at..at + 1);
-                // A changed delimiter joins two frames; any other byte costs its own frame at most.
+                // A changed delimiter joins two frames; any other changed byte costs at most its own frame.
                 let most = if stream.bytes[at] == DELIMITER { 2 } else { 1 };
                 assert!(missing <= most, "{missing} frames lost to byte {at}");
                 cases += 1;
@@ -88,7 +89,7 @@ fn exhaust<T: Message + PartialEq + Debug + Clone>(messages: &[T]) -> usize {
 #[test]
 fn every_single_byte() {
     let mut all: Vec<Record> = records().into_iter().map(|(_, record)| record).collect();
-    // These announce a restart; the frame around them is like any other.
+    // These announce a restart; otherwise their frames are like any other.
     all.retain(|record| !matches!(record, Record::Event(Event { kind: EventKind::Started, .. }) | Record::Hello(_)));
     let cases = exhaust(&all) + exhaust(&requests().into_iter().map(|(_, request)| request).collect::<Vec<_>>());
     assert!(cases >= 200_000, "{cases}");
@@ -117,7 +118,7 @@ fn every_single_byte_of_a_hello() {
     }
 }
 
-/// What is done to a stream.
+/// Kinds of damage to a stream.
 enum Damage {
     Byte,
     Bits,
@@ -128,7 +129,7 @@ enum Damage {
     Twice,
 }
 
-/// Longer frames, with wrapping numbers, and every kind of damage, 140 000 times.
+/// Longer frames, wrapping sequence numbers, and every kind of damage, 140 000 times.
 #[test]
 fn any_damage() {
     let mut numbers = Random(2);
@@ -169,18 +170,19 @@ fn any_damage() {
                     at..length
                 }
                 Damage::Garbage => {
-                    // Between frames, as from a boot loader or an aborted write; sometimes longer than any frame.
+                    // Inserted between frames, as by a boot loader or an aborted write; sometimes longer than any
+                    // frame.
                     let at = stream.frames[numbers.below(5)].1.start;
                     let longest = if numbers.below(4) == 0 { 2 * MAX_FRAME } else { 40 };
                     damaged.splice(at..at, line_bytes(&mut numbers, longest));
                     at..at
                 }
                 Damage::Twice => {
-                    // A stretch sent again in place of what followed, cut anywhere.
+                    // A stretch repeated in place of what followed, at arbitrary cuts.
                     let end = (at + 1 + numbers.below(60)).min(length);
                     let source = numbers.below(length - (end - at) + 1);
                     let again = stream.bytes[source..source + (end - at)].to_vec();
-                    // A whole frame sent again is an intact frame, and a restart.
+                    // A repeated whole frame would be an intact frame, and count as a restart.
                     if !again.contains(&DELIMITER) {
                         damaged.splice(at..end, again);
                     }
@@ -190,11 +192,11 @@ fn any_damage() {
             missing[case % 7] += stream.check(&damaged, touched);
         }
     }
-    // Every kind of damage cost frames, and most frames survived (100 000 were sent under each kind).
+    // Every kind of damage cost frames, and most frames survived (100 000 were sent for each kind).
     assert!(missing.iter().all(|missing| (5_000..90_000).contains(missing)), "{missing:?}");
 }
 
-/// Pure garbage holds no message.
+/// Garbage alone contains no message.
 #[test]
 fn garbage_holds_nothing() {
     let mut numbers = Random(4);

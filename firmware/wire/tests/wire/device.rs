@@ -1,4 +1,4 @@
-//! What a device is, can do and reports about itself.
+//! The device's identity, capabilities and reports.
 
 use inerter_wire::*;
 use std::collections::BTreeSet;
@@ -18,7 +18,7 @@ fn sets_of_capabilities_hold_what_was_put_in_once_or_twice() {
     assert!(!Capabilities::DFU.contains(set));
 }
 
-/// Every cause and fault has a text of its own, and each fault says what to do or what holds meanwhile.
+/// Every cause and fault has its own text, and each fault says what to do or what applies in the meantime.
 #[test]
 fn causes_and_faults_are_told_apart() {
     let causes = [
@@ -51,7 +51,7 @@ fn causes_and_faults_are_told_apart() {
     assert!(faults.iter().all(|text| text.contains([':', ','])), "{faults:?}");
 }
 
-/// The older of the two ends is the one to be updated.
+/// The advice is to update the older of the two ends.
 #[test]
 fn advice_names_the_older_end() {
     let advice = |theirs| VersionAdvice { theirs }.to_string();
@@ -61,7 +61,7 @@ fn advice_names_the_older_end() {
     assert!(older.contains("firmware") && older.contains(&WIRE_VERSION.to_string()), "{older}");
 }
 
-/// One edge per step: 64 counts between knots either way, and not a 256th more.
+/// One edge per step: at most 64 counts between knots in either direction, and not a 256th more.
 #[test]
 fn knots_go_as_far_as_one_edge_a_step_and_no_farther() {
     let by = |advance| Knot { advance, ..Knot::default() }.is_possible();

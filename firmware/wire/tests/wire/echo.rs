@@ -1,7 +1,7 @@
-//! What comes back to its sender is never mistaken for a message of the other end.
+//! A message that returns to its sender is never mistaken for one from the other end.
 //!
-//! A terminal that was just opened echoes, so a device receives its own records, whole or cut anywhere; a loop-back
-//! returns a host's own requests.
+//! A newly opened terminal echoes, so a device receives its own records, complete or truncated. A loop-back returns a
+//! host's own requests.
 
 use crate::reference;
 use crate::values::{records, requests, some_record};
@@ -28,7 +28,7 @@ fn is_refused<T: Message + Debug>(bytes: &[u8]) {
     }
 }
 
-/// Every golden, whole and from every byte on, under numbers with and without zeros in them.
+/// Every golden, whole and from every byte on, with sequence numbers with and without zero bytes.
 #[test]
 fn no_golden_is_taken_for_the_other_direction() {
     for sequence in [0, 1, 0x0100, 0x0102, 0x7FFF, 0x8000, 0xFFFF] {
@@ -64,7 +64,7 @@ fn a_payload_that_is_both_a_record_and_a_request_is_told_apart() {
 }
 
 proptest! {
-    /// Any payload at all, under any number: at most one direction accepts it.
+    /// For any payload and any sequence number, at most one direction accepts it.
     #[test]
     fn no_payload_is_believed_in_both_directions(
         payload in prop::collection::vec(any::<u8>(), 1..MAX_PAYLOAD),
@@ -74,7 +74,7 @@ proptest! {
         is_refused::<Record>(&reference::request_frame(&payload, sequence));
     }
 
-    /// A stream of records echoed in pieces, with what a terminal does to it: bytes left out, changed or put in.
+    /// A stream of records echoed in pieces and modified by a terminal: bytes omitted, changed or inserted.
     #[test]
     fn an_echoed_stream_holds_no_request(seed: u64, cuts in prop::collection::vec((0usize..4000, any::<u8>()), 0..6)) {
         let mut numbers = Random(seed);

@@ -1,7 +1,8 @@
-//! Every record and command as bytes, pinned.
+//! Golden encodings of every record and command.
 //!
-//! The files hold one frame a line, with sequence number 258 (`02 01`). A line never changes once released: what a
-//! device sent in that form must decode for ever. New lines are added; the test prints a missing one in full.
+//! The files contain one frame per line, with sequence number 258 (`02 01`). A released line never changes: later
+//! versions must always decode what a device sent in that form. New lines are appended; the test prints a missing one
+//! in full.
 
 use crate::echo::read_all;
 use crate::reference;
@@ -28,7 +29,7 @@ fn unhex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// Compares both ways; `number` and the table prove that no variant is left out.
+/// Compares both ways. `number` and the table ensure that no variant is missing.
 fn check<T: Message + PartialEq + Debug + Clone>(
     file: &str,
     text: &str,
@@ -91,7 +92,7 @@ fn zeros_before_the_first_fit_are_nothing() {
     assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
 }
 
-/// A value that the motion cannot identify is sent as fitted, and one with zero half width is a value.
+/// A value that the motion cannot identify is sent as fitted; a value with zero half width is a valid value.
 #[test]
 fn parameters_keep_value_and_half_width() {
     let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
@@ -103,7 +104,7 @@ fn parameters_keep_value_and_half_width() {
     }
 }
 
-/// A backlash that is NaN or infinite is none, whatever the status beside it.
+/// A backlash that is NaN or infinite counts as unknown, whatever its status.
 #[test]
 fn a_backlash_without_a_number_is_not_known() {
     for interval in [
@@ -122,7 +123,7 @@ fn a_backlash_without_a_number_is_not_known() {
     }
 }
 
-/// A misfit that is NaN or infinite is none, and nothing is stated about the law.
+/// A misfit that is NaN or infinite counts as unknown, and nothing is stated about the law.
 #[test]
 fn a_misfit_without_a_number_is_not_known() {
     for misfit in [
@@ -155,7 +156,7 @@ fn through_json<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) ->
     serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
 }
 
-/// The numbers as literals, in matches that fail to compile with a new variant.
+/// The numbers as literals, in matches that do not compile if a variant is missing.
 #[test]
 fn numbers_are_pinned() {
     for (_, record) in records() {
@@ -222,7 +223,7 @@ fn numbers_are_pinned() {
     assert_eq!(WIRE_VERSION, 1);
 }
 
-/// The nested enums too have every variant among the goldens.
+/// The goldens also contain every variant of the nested enums.
 #[test]
 fn nested_variants_are_covered() {
     let mut seen = BTreeSet::new();
@@ -366,7 +367,7 @@ fn nested_variants_are_covered() {
     assert_eq!(seen.len(), 4 + 4 + 3 + 9 + 1 + 12 + 4 + 4 + 3 + 9 + 8 + 2 + 2 + 2 + 5 + 4 + 7 + 3 + 5 + 1);
 }
 
-/// A frame taken apart by hand, so that the goldens are not compared only with themselves.
+/// A frame decoded by hand, so that the goldens are not compared only with themselves.
 #[test]
 fn by_hand() {
     let request = Request { id: 513, command: Command::Stop };
@@ -423,7 +424,7 @@ fn frames_agree_with_the_reference() {
     }
 }
 
-/// The longest of everything fits a payload, and a frame of it fits [`MAX_FRAME`].
+/// The longest message of every kind fits a payload, and its frame fits [`MAX_FRAME`].
 #[test]
 fn the_longest_fit() {
     let text = "\u{7f}".repeat(99);
@@ -465,7 +466,7 @@ fn the_longest_fit() {
     assert!(std::mem::size_of::<FrameReader<Record>>() <= 600);
 }
 
-/// A frame that is passed on is the one that its new sender would have made itself.
+/// A forwarded frame equals the frame that its new sender would have made.
 #[test]
 fn frames_take_another_number() {
     fn passes<T: Message>(message: &T) {
@@ -488,7 +489,7 @@ fn frames_take_another_number() {
     }
 }
 
-/// Every buffer that is too small is refused, even if it lacks only the delimiter; none is overrun.
+/// Every buffer that is too small is refused, even if it lacks only the delimiter. No buffer is overrun.
 #[test]
 fn small_buffers_are_refused() {
     for (name, record) in records() {
@@ -508,12 +509,12 @@ fn small_buffers_are_refused() {
     }
 }
 
-/// A message beyond the longest payload is refused, one of exactly that length is not.
+/// A message longer than the longest payload is refused; one of exactly that length is not.
 #[test]
 fn long_messages_are_refused() {
     for fill in [0, 1, 0xFF] {
         let mut out = [0; 2 * MAX_FRAME];
-        // Two bytes of length precede the content.
+        // The content is preceded by two bytes of length.
         let longest = encode(&Raw(vec![fill; MAX_PAYLOAD - 2]), SEQUENCE, &mut out).unwrap();
         assert!(longest <= MAX_FRAME);
         let too_long = Raw(vec![fill; MAX_PAYLOAD - 1]);

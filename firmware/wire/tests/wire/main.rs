@@ -1,4 +1,4 @@
-//! The wire crate as its users see it, on bytes and values alone.
+//! The wire crate as its users see it, tested on bytes and values alone.
 
 mod catalogue;
 mod corruption;

@@ -1,4 +1,4 @@
-//! The reader's findings: losses, restarts, other versions, damage by kind.
+//! The reader's results: losses, restarts, other versions, kinds of damage.
 
 use crate::reference::{self, line_bytes};
 use crate::values::{hello, longest_samples, records, requests, some_record};
@@ -46,7 +46,7 @@ fn delimiters_alone_are_nothing() {
 
 #[test]
 fn jumps_are_losses() {
-    // Joined in the middle: what came before is not lost.
+    // A reader that joins in the middle of a stream does not count earlier frames as lost.
     let (found, counts) = read_all(&[health(40_000), health(40_001)]);
     assert_eq!((found, counts.lost), (vec![healthy(40_000), healthy(40_001)], 0));
 
@@ -54,11 +54,11 @@ fn jumps_are_losses() {
     assert_eq!(found, [healthy(5), healthy(6), Frame::Lost { frames: 3 }, healthy(10)]);
     assert_eq!((counts.lost, counts.messages, counts.corrupt()), (3, 3, 0));
 
-    // Over the wrap, with and without loss.
+    // Across the wrap of the sequence number, with and without loss.
     let (found, _) = read_all(&[health(65_534), health(65_535), health(0), health(2)]);
     assert_eq!(found, [healthy(65_534), healthy(65_535), healthy(0), Frame::Lost { frames: 1 }, healthy(2)]);
 
-    // The greatest loss that is not a restart.
+    // The largest loss that does not count as a restart.
     let (found, counts) = read_all(&[health(0), health(1 + 32_767)]);
     assert_eq!(found, [healthy(0), Frame::Lost { frames: 32_767 }, healthy(32_768)]);
     assert_eq!(counts.lost, 32_767);
@@ -94,7 +94,7 @@ fn a_start_is_no_loss() {
     let (found, _) = read_all(&[health(65_000), sent(&started, 1)]);
     assert_eq!(found, [healthy(65_000), Frame::Restarted, message(started, 1)]);
 
-    // A Hello in the middle of a stream is like any other record, even where the counter wraps.
+    // A Hello in the middle of a stream is like any other record, even at the wrap of the sequence number.
     let (found, counts) = read_all(&[health(9), sent(&greeting, 11), health(12)]);
     assert_eq!(found, [healthy(9), Frame::Lost { frames: 1 }, message(greeting.clone(), 11), healthy(12)]);
     assert_eq!(counts.restarts, 0);
@@ -112,7 +112,7 @@ fn a_start_is_no_loss() {
     let found = read(&mut reader, &bytes);
     assert_eq!(found.len(), 4);
     assert_eq!(found[1], Frame::Restarted);
-    // Another command with number 0, or Hello with another number, is an ordinary frame after a loss.
+    // Another command with number 0, or a Hello with another number, is an ordinary frame after a loss.
     for (sequence, command) in [(0_u16, Command::Tare), (9, Command::Hello)] {
         let mut reader = FrameReader::<Request>::new();
         let before = sequence.wrapping_sub(3);
@@ -159,16 +159,16 @@ fn unknown_variants_are_named_and_left_out() {
     assert_eq!(found, [healthy(0), Frame::Unknown { sequence: 1, number: u32::from(next), request: None }, healthy(2)]);
     assert_eq!((counts.unknown, counts.lost, counts.corrupt()), (1, 0, 0));
 
-    // A kind of event that this version does not know, within a known record.
+    // A known record with a kind of event that this version does not know.
     let (found, _) = read_all(&[reference::frame(&[4, 0, 100], 1)]);
     assert_eq!(found, [Frame::Unknown { sequence: 1, number: 4, request: None }]);
 
-    // A newer host's command can be refused by its id.
+    // A newer host's command can be refused by its ID.
     let mut reader = FrameReader::<Request>::new();
     let found = read(&mut reader, &reference::request_frame(&[0x81, 0x04, 99, 7], 5));
     assert_eq!(found, [Frame::Unknown { sequence: 5, number: 99, request: Some(513) }]);
 
-    // Unknown frames count in the sequence: what is missing beside them is detected.
+    // Unknown frames count in the sequence, so losses next to them are detected.
     let (found, _) = read_all(&[health(0), reference::frame(&[next], 3), health(4)]);
     assert_eq!(found[1], Frame::Lost { frames: 2 });
     assert_eq!(found[3], healthy(4));
@@ -177,22 +177,22 @@ fn unknown_variants_are_named_and_left_out() {
 #[test]
 fn a_foreign_version_is_named_whatever_follows() {
     for rest in [&[][..], &[9; 100], &[0xFF; 300]] {
-        // Record 0, version 300, and content that means nothing to us.
+        // Record 0, version 300, and content that this version cannot interpret.
         let mut payload = vec![0, 0xAC, 0x02];
         payload.extend(rest);
         let foreign = reference::frame(&payload, 0);
         let stranger = |sequence| Frame::ForeignVersion { sequence, wire_version: 300 };
         let (found, counts) = read_all(&[foreign.clone(), health(1), health(3)]);
-        // Its other records may look like ours and mean something else: none is accepted.
+        // Records of that version may look like ours and mean something else: none is accepted.
         assert_eq!(found, [stranger(0), stranger(1), Frame::Lost { frames: 1 }, stranger(3)]);
         assert_eq!((counts.foreign, counts.messages, counts.corrupt()), (3, 0, 0));
 
-        // After an update and a restart, it is understood.
+        // After an update and a restart, the device is understood.
         let greeting = Record::Hello(hello());
         let (found, _) = read_all(&[foreign.clone(), health(1), sent(&greeting, 0), health(1)]);
         assert_eq!(found, [stranger(0), stranger(1), Frame::Restarted, message(greeting, 0), healthy(1)]);
 
-        // The same applies to a link that was opened again.
+        // The same applies to a reopened link.
         let mut reader = FrameReader::<Record>::new();
         read(&mut reader, &foreign);
         reader.reset();
@@ -214,7 +214,7 @@ fn damage_is_counted_by_kind() {
     for (damaged, corruption) in [
         (vec![1, 0], Corruption::TooShort),
         (vec![3, 5, 5, 0], Corruption::TooShort),
-        // Sequence and CRC are right, but there is no payload.
+        // Sequence number and CRC are right, but there is no payload.
         (reference::frame(&[], 1), Corruption::TooShort),
         (cut(&health(1)), Corruption::Stuffing),
         (vec![200, 1, 2, 3, 0], Corruption::Stuffing),
@@ -222,7 +222,7 @@ fn damage_is_counted_by_kind() {
         (b"hello, this is a boot message\0".to_vec(), Corruption::Stuffing),
         ([[1; 600].as_slice(), &[0]].concat(), Corruption::TooLong),
         ([[0xAA; 5000].as_slice(), &[0]].concat(), Corruption::TooLong),
-        // Fits the buffer stuffed, but not unstuffed.
+        // The stuffed frame fits the buffer, the unstuffed one is too long.
         ([[1; MAX_FRAME - 1].as_slice(), &[0]].concat(), Corruption::TooLong),
         (reference::frame(&[0xFF; 6], 1), Corruption::Malformed),
         (reference::frame(&[3, 1, 2], 1), Corruption::Malformed),
@@ -296,11 +296,11 @@ fn one_byte_more_than_the_longest_is_too_long() {
     assert_eq!(longest.len(), MAX_FRAME);
     let (found, _) = read_all(&[longest.clone()]);
     assert_eq!(found, [Frame::Unknown { sequence: 0x0101, number: 99, request: None }]);
-    // Its beginning alone would be intact.
+    // Its beginning alone would be an intact frame.
     longest.insert(MAX_FRAME - 1, 1);
     let (found, _) = read_all(&[longest.clone(), health(1)]);
     assert_eq!(found, [Frame::Corrupt(Corruption::TooLong), healthy(1)]);
-    // Of an overlong frame, a recording keeps as much as the longest frame has before its delimiter.
+    // Of an overlong frame, a recording keeps as many bytes as the longest frame has before its delimiter.
     let mut reader = FrameReader::<Record>::new();
     assert_eq!(reader.read(&mut &longest[..]), Some(Frame::Corrupt(Corruption::TooLong)));
     assert_eq!(reader.frame_bytes(), &longest[..MAX_FRAME - 1]);
@@ -318,7 +318,7 @@ fn postcard_bytes<T: serde::Serialize>(value: &T) -> Vec<u8> {
     postcard::to_slice(value, &mut out).unwrap().to_vec()
 }
 
-/// Intact payloads of any content: never a panic, and never a message from part of a payload.
+/// Intact frames with any payload: never a panic, and never a message from part of a payload.
 #[test]
 fn any_payload_is_survived() {
     let mut numbers = Random(5);
@@ -326,7 +326,7 @@ fn any_payload_is_survived() {
     for case in 0..100_000u32 {
         let mut payload = line_bytes(&mut numbers, 60);
         if case % 2 == 0 {
-            // A known record with one byte changed gets further into the decoder.
+            // A known record with one changed byte gets further into the decoder.
             let all = records();
             payload = postcard_bytes(&all[numbers.below(all.len())].1);
             let place = numbers.below(payload.len());
@@ -366,11 +366,11 @@ fn any_payload_is_survived() {
             }
         }
     }
-    // Every branch was taken often.
+    // Each kind of result occurred often.
     assert!(messages > 10_000 && unknown > 10_000 && malformed > 10_000, "{messages} {unknown} {malformed}");
 }
 
-/// A stream as a bad link delivers it: frames, missing numbers, fragments, garbage.
+/// A stream as received over a bad link: frames, missing numbers, fragments, garbage.
 fn rough_stream(seed: u64) -> Vec<u8> {
     let mut numbers = Random(seed);
     let mut stream = line_bytes(&mut numbers, 5);
@@ -395,10 +395,10 @@ fn rough_stream(seed: u64) -> Vec<u8> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// How the stream is cut into portions makes no difference.
+    /// The way a stream is split into portions makes no difference.
     #[test]
     fn portions_make_no_difference(seed: u64, portions in prop::collection::vec(0usize..70, 1..40)) {
-        // Portions may be empty, but not all of them.
+        // Some portions may be empty, but not all of them.
         let portions = [portions, vec![1]].concat();
         let stream = rough_stream(seed);
         let mut whole = FrameReader::<Record>::new();
@@ -426,7 +426,7 @@ proptest! {
         prop_assert_eq!(reader.unfinished(), whole.unfinished());
     }
 
-    /// Byte by byte, also for requests.
+    /// Byte by byte, and for requests too.
     #[test]
     fn single_bytes_make_no_difference(seed: u64) {
         let stream = rough_stream(seed);

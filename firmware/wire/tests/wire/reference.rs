@@ -1,4 +1,5 @@
-//! Framing written a second time from its description, sharing no code, and random numbers as they occur on a line.
+//! A second implementation of the framing from its description, without shared code, and random data typical of a
+//! serial line.
 
 use inerter_needs::Random;
 
@@ -35,12 +36,12 @@ pub fn stuff(body: &[u8]) -> Vec<u8> {
     out
 }
 
-/// The whole frame of a record's payload.
+/// The complete frame of a record's payload.
 pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
     salted_frame(payload, sequence, 0)
 }
 
-/// The whole frame of a request's payload.
+/// The complete frame of a request's payload.
 pub fn request_frame(payload: &[u8], sequence: u16) -> Vec<u8> {
     salted_frame(payload, sequence, u32::MAX)
 }
@@ -54,13 +55,13 @@ fn salted_frame(payload: &[u8], sequence: u16, salt: u32) -> Vec<u8> {
     out
 }
 
-/// Up to `longest` bytes; about every eighth is zero, as on a bad line.
+/// Up to `longest` bytes. About every eighth is zero, as on a bad line.
 pub fn line_bytes(random: &mut Random, longest: usize) -> Vec<u8> {
     let length = random.below(longest + 1);
     (0..length).map(|_| if random.below(8) == 0 { 0 } else { random.draw() as u8 }).collect()
 }
 
-/// A difference that is small, large or extreme.
+/// A small, large or extreme difference.
 pub fn step(random: &mut Random) -> i32 {
     let bits = random.below(32);
     (random.draw() as i32) >> bits

@@ -1,4 +1,4 @@
-//! Batches: what goes in comes out, and nothing else.
+//! Batches of samples decode to exactly what was encoded.
 
 use crate::reference::step;
 use crate::values::{few_samples, longest_samples};
@@ -15,7 +15,7 @@ fn all(samples: &Samples) -> Vec<Result<RawSample, DecodeError>> {
     samples.iter().collect()
 }
 
-/// Steps of any size, mostly small, with the extremes.
+/// Differences of any size, mostly small, including the extremes.
 fn number() -> impl Strategy<Value = i32> {
     prop_oneof![4 => -100..100i32, 2 => any::<i32>(), 1 => Just(i32::MIN), 1 => Just(i32::MAX)]
 }
@@ -32,7 +32,7 @@ fn sample() -> impl Strategy<Value = RawSample> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 5000, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Any samples come back, over the wire, in as many batches as necessary.
+    /// Any samples survive encoding and decoding, in as many batches as necessary.
     #[test]
     fn any_samples_come_back(samples in prop::collection::vec(sample(), 0..100)) {
         let mut back = Vec::new();
@@ -57,7 +57,7 @@ proptest! {
         prop_assert_eq!(back, samples);
     }
 
-    /// Any content ends, after as many samples as it claims or after one error.
+    /// Decoding any content ends, after as many samples as it claims or after one error.
     #[test]
     fn any_content_ends(count: u8, data in prop::collection::vec(any::<u8>(), 0..=400)) {
         let mut payload = vec![count];
@@ -127,7 +127,7 @@ fn a_full_batch_refuses_and_stays() {
     assert_eq!(longest.check(), Ok(()));
 }
 
-/// A refused sample leaves no trace: one that fits still fits, and all come back.
+/// A refused sample has no effect: one that fits is still accepted, and all decode.
 #[test]
 fn refusals_leave_no_trace() {
     let mut numbers = Random(6);
@@ -172,7 +172,7 @@ fn malformed_content_is_named() {
     assert!(Full.to_string().contains("send"));
 }
 
-/// The space that a real motion takes: the paper's 3.2 Hz test at 1 kHz, 2.44 um a count, 2 mN a code.
+/// The size of a real motion: the paper's 3.2 Hz test at 1 kHz, 2.44 um per count, 2 mN per code.
 #[test]
 fn real_motion_takes_few_bytes() {
     let mut noise = Random(7);

@@ -1,4 +1,4 @@
-//! Settings between ends of different versions.
+//! Settings exchanged between ends of different versions.
 
 use inerter_core::{Settings, SettingsError};
 use inerter_wire::*;
@@ -64,7 +64,7 @@ fn every_setting_has_its_number() {
         sent.push_by_name(info.name, info.default).unwrap();
         assert_eq!(sent.0[..], [SettingValue { number: place as u8, value: info.default }]);
     }
-    // Recordings refer to these numbers for ever. New names go at the end, here as well.
+    // Recordings refer to these numbers forever. Append new names at the end, here too.
     let names: Vec<&str> = Settings::TABLE.iter().map(|info| info.name).collect();
     assert_eq!(names, NAMES);
 }
@@ -127,7 +127,7 @@ fn names_are_checked_before_sending() {
     assert_eq!(sent.push_by_name("structure_mass", 1.0), Err(SettingsError::Unknown));
     assert!(matches!(sent.push_by_name("memory_s", f64::NAN), Err(SettingsError::NotFinite { field: "memory_s" })));
     assert!(sent.0.is_empty());
-    // The later of two wins, so that a request never repeats a setting.
+    // The later of two values wins, so that a request never repeats a setting.
     sent.push_by_name("memory_s", 5.0).unwrap();
     sent.push_by_name("memory_s", 6.0).unwrap();
     assert_eq!(sent, values(&[(number("memory_s"), 6.0)]));

@@ -1,4 +1,4 @@
-//! `docs/PROTOCOL.md` against the code: its tables, layouts and worked example are generated here.
+//! `docs/PROTOCOL.md` compared with the code: this test generates its tables, layouts and worked example.
 
 use crate::reference;
 use crate::values::{detail, estimate, few_samples, law, reversal};
@@ -21,7 +21,7 @@ const END: &str = "<!-- Made from the code up to here. -->";
 fn registry() -> Registry {
     let mut tracer = Tracer::new(TracerConfig::default());
     let traces = Traces::new();
-    // Enums one by one, so that every variant of each is traced.
+    // Trace enums one by one, so that every variant is covered.
     tracer.trace_type::<Status>(&traces).unwrap();
     tracer.trace_type::<Bank>(&traces).unwrap();
     tracer.trace_type::<Reason>(&traces).unwrap();
@@ -49,7 +49,7 @@ fn registry() -> Registry {
     tracer.registry().unwrap()
 }
 
-/// Names of a struct's fields, in their order.
+/// Names of a struct's fields, in order.
 pub fn fields_of<T: DeserializeOwned>(name: &str) -> Vec<String> {
     let mut tracer = Tracer::new(TracerConfig::default());
     tracer.trace_type::<Parameter>(&Traces::new()).unwrap();
@@ -103,7 +103,7 @@ fn variant(format: &VariantFormat) -> String {
     }
 }
 
-/// Types that a form refers to.
+/// Types that a format refers to.
 fn parts(container: &ContainerFormat) -> Vec<String> {
     let mut names = Vec::new();
     let mut note = |format: &Format| {

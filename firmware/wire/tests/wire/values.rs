@@ -1,4 +1,4 @@
-//! One value of everything that is sent: every record, every command, every nested variant.
+//! One value of everything that can be sent: every record, every command, every nested variant.
 
 use crate::reference::step;
 use inerter_core::{
@@ -86,7 +86,7 @@ pub fn health() -> Health {
     }
 }
 
-/// Sums of either sign, some of them beyond 64 bits.
+/// Sums of either sign, some of them wider than 64 bits.
 pub fn sums() -> Sums {
     Sums {
         index: 20_000,
@@ -113,7 +113,7 @@ pub fn sums() -> Sums {
     }
 }
 
-/// Sums of the greatest length.
+/// Sums with the longest encoding.
 pub fn longest_sums() -> Sums {
     Sums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 5], sums: [i128::MIN; 15] }
 }
@@ -137,13 +137,13 @@ fn some_sum(numbers: &mut Random) -> i128 {
     wide >> numbers.below(128)
 }
 
-/// Sums of the other two regressors, beside [`sums`].
+/// Sums of the other two regressors, matching [`sums`].
 pub fn more_sums() -> MoreSums {
     let Sums { index, bank, updates, sums, .. } = sums();
     MoreSums { index, bank, updates, units: [-5e-8, 0.25], sums: core::array::from_fn(|place| sums[place + 2]) }
 }
 
-/// Further sums of the greatest length.
+/// Further sums with the longest encoding.
 pub fn longest_more_sums() -> MoreSums {
     MoreSums { index: u32::MAX, bank: Bank::Slow, updates: u32::MAX, units: [f64::MIN; 2], sums: [i128::MIN; 13] }
 }
@@ -152,7 +152,7 @@ pub fn reversal() -> Reversal {
     Reversal { index: 20_000, value_m: 5.25e-5, error_m: 1.5e-6, route: Route::Force, rising: true }
 }
 
-/// A law that does not hold for [`estimate`].
+/// A law that does not hold, for [`estimate`].
 pub fn law() -> Law {
     Law { index: 20_000, status: LawStatus::Broken, misfit: Some(Misfit { ratio: 5.25, limit: 1.5 }) }
 }
@@ -183,7 +183,7 @@ fn warned(kind: WarningKind) -> Record {
     event(EventKind::Warned(Warning { index: 290, kind }))
 }
 
-/// A detail of the greatest length.
+/// A detail with the longest encoding.
 pub fn longest_detail() -> Detail {
     Detail {
         index: u32::MAX,
@@ -211,7 +211,7 @@ pub fn measured(what: Measure) -> Measured {
     measured
 }
 
-/// Figures of the greatest length.
+/// Measured figures with the longest encoding.
 pub fn longest_measured() -> Measured {
     let figure = Figure { quantity: u8::MAX, value: u32::MAX };
     Measured { what: Measure::Work, figures: std::iter::repeat_n(figure, MAX_FIGURES).collect() }
@@ -343,7 +343,7 @@ pub fn records() -> Vec<(&'static str, Record)> {
     ]
 }
 
-/// As many as one command holds, the longest first.
+/// As many knots as one command can hold, the longest first.
 fn knots() -> heapless::Vec<Knot, { Knot::MAX_KNOTS }> {
     let longest = Knot { force: u16::MAX, terminal: u16::MAX - 1, advance: -Knot::MAX_ADVANCE };
     (0..Knot::MAX_KNOTS).map(|place| Knot { force: longest.force - place as u16, ..longest }).collect()
@@ -388,7 +388,7 @@ pub fn requests() -> Vec<(&'static str, Request)> {
     .collect()
 }
 
-/// A batch of the greatest length.
+/// A batch with the longest encoding.
 pub fn longest_samples() -> Samples {
     let mut builder = Samples::builder();
     let mut numbers = Random(1);
@@ -405,7 +405,7 @@ pub fn longest_samples() -> Samples {
     }
 }
 
-/// The most settings that one message can carry.
+/// As many settings as one message can carry.
 pub fn most_settings() -> SettingsValues {
     SettingsValues((0..MAX_SETTINGS).map(|number| SettingValue { number: number as u8, value: f64::MIN }).collect())
 }
@@ -432,7 +432,7 @@ fn some_settings(numbers: &mut Random) -> SettingsValues {
     )
 }
 
-/// Any record, with its numbers randomised where they matter.
+/// Any record, with random numbers where they matter.
 pub fn some_record(numbers: &mut Random) -> Record {
     match numbers.below(7) {
         0 => Record::Samples(some_samples(numbers)),
@@ -453,7 +453,7 @@ pub fn some_record(numbers: &mut Random) -> Record {
         }),
         _ => {
             let mut all = records();
-            // A restart has its own tests.
+            // Restarts have their own tests.
             all.retain(|(name, _)| *name != "Event.Started" && !name.starts_with("Hello"));
             all.swap_remove(numbers.below(all.len())).1
         }
