@@ -72,7 +72,7 @@ fn all_of(source: &Source, selection: &Selection, folder: &Path) -> Exported {
     export(source, selection, &targets, false, Some(&table), &mut |_| Ok(())).unwrap()
 }
 
-/// What all files must hold.
+/// The expected content of all files.
 fn expected(path: &Path, columns: &[Column], range_s: Range<f64>) -> Vec<Vec<f64>> {
     let run = open(path, &Overrides::default()).unwrap();
     let source = source(path);
@@ -129,7 +129,7 @@ fn every_format_holds_the_same_numbers() {
     for ((time_ns, line), row) in lines.iter().zip(&expected) {
         assert_eq!(*time_ns, source.first_ns + (row[0] * 1e9).round() as u64);
         for (column, value) in columns.iter().zip(row) {
-            // As exact as the JSON reader here is.
+            // Only as exact as this JSON reader.
             let found = line[column.name(Machine::Linear)].as_f64().unwrap();
             assert!((found - value).abs() <= 1e-15 * value.abs(), "{found} {value}");
         }
@@ -183,7 +183,7 @@ fn a_csv_gives_the_estimates_that_its_recording_has() {
     let range_s = 0.0..f64::INFINITY;
     let (mut device, replayed) =
         (EstimateTable::collect(&recording, &range_s).unwrap(), EstimateTable::collect(&again, &range_s).unwrap());
-    // The device's last one came after the motion; a replay gives it when it is asked for its outcome.
+    // The device's last value came after the motion; a replay returns it with its outcome.
     for column in &mut device.columns {
         column.values.pop();
     }

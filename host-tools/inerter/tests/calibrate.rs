@@ -1,4 +1,4 @@
-//! The program's calibration and its backups, with virtual devices at which hands are busy.
+//! The program's calibration and its backups, with virtual devices that a simulated person operates.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -22,7 +22,8 @@ fn setting(folder: &Path, device: &VirtualDevice, name: &str) -> f64 {
     settings.pointer(&format!("/settings/{name}")).and_then(Value::as_f64).unwrap()
 }
 
-/// Runs a command that asks, and answers each question with what `answer` does and an empty line; gives the last line.
+/// Runs a command that asks questions. Answers each one by calling `answer` and sending an empty line. Returns the exit
+/// code, the last line, and standard error.
 fn asked(folder: &Path, arguments: &[&str], mut answer: impl FnMut(&str)) -> (Option<i32>, Value, String) {
     let mut child = inerter(folder, arguments).stdin(Stdio::piped()).spawn().unwrap();
     let mut input = child.stdin.take().unwrap();
@@ -96,7 +97,7 @@ fn a_displacement_gives_the_scale_of_the_position_with_its_sign() {
     ];
     let mut place = 0;
     let (code, found, words) = asked(folder.path(), &arguments, |question| match place {
-        // The gauge points the other way: what it calls negative is forward here.
+        // The gauge is reversed: its negative direction is forward here.
         _ if question.contains("revolutions") => bench.obey("turn -5").unwrap(),
         _ if question.contains("displacement") => {
             let steps = ["move 0", "move 0.04", "move -0.04", "move 0.04"];
@@ -180,7 +181,7 @@ fn recordings_of_loads_and_of_a_motion_need_no_device() {
 #[test]
 fn the_clock_of_a_device_is_compared_and_nothing_better_than_the_hosts_is_claimed() {
     let folder = tempfile::tempdir().unwrap();
-    // Slow by 5 %: that is no crystal.
+    // Slow by 5 %, which no crystal is.
     let (slow, _) = device(bench_sensors(), 0.95);
     let output = run(folder.path(), &["calibrate", "timebase", "--duration", "4", "--json", "--connect", slow.name()]);
     assert_eq!(output.status.code(), Some(9));
@@ -220,7 +221,7 @@ fn settings_are_backed_up_compared_and_restored() {
     assert!(said.contains("memory_s = 30.0   # was 12.0") && said.contains("skew_s = 0.0"), "{said}");
     assert_eq!(go(&["settings", "diff", "device", "a.toml"]), "");
 
-    // What is kept need not be what is in use.
+    // The saved settings need not be those in use.
     go(&["settings", "set", "memory_s=12", "--save"]);
     go(&["settings", "set", "memory_s=14"]);
     let kept = last(&go(&["settings", "backup", "kept.toml", "--saved", "--json"]));
@@ -229,7 +230,7 @@ fn settings_are_backed_up_compared_and_restored() {
     assert_eq!(found["differences"], serde_json::json!({ "memory_s": { "a": 12.0, "b": 14.0 } }));
     assert_eq!(setting(folder.path(), &one, "memory_s"), 14.0, "a look puts nothing in use");
 
-    // Another device, and a file that belongs to nobody.
+    // Another device, and a file without an owner.
     let (other, _) = device(Sensors { seed: 9, ..bench_sensors() }, 10.0);
     let words = fails(folder.path(), &["settings", "backup", "none.toml", "--saved", "--connect", other.name()], 6);
     assert!(words.contains("has saved no settings") && !folder.path().join("none.toml").exists(), "{words}");

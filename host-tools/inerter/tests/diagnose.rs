@@ -1,4 +1,4 @@
-//! What breaks the law, as a person and a program are told it.
+//! Causes that break the law, as reported to people and to programs.
 
 use std::path::Path;
 
@@ -47,13 +47,13 @@ fn where_nothing_is_wrong_nothing_is_named() {
     }
     assert!(done(at, &known).contains("The law holds"));
     assert!(fails(at, &[&known[..], &["--counts-per-turn", "none"]].concat(), 2).contains("number of counts"));
-    // The turns of the screw where no usual encoder has them.
+    // A given number of counts per turn that no usual encoder has.
     let given = last(&done(at, &[&known[..], &["--counts-per-turn", "777.5", "--json"]].concat()));
     assert_eq!(given["causes"], serde_json::json!([]));
 }
 
-/// Friction that falls within 2 mm/s shows within milliseconds of each reversal, where the estimator's longer kernels
-/// see nothing.
+/// Friction that falls over 2 mm/s affects only milliseconds around each reversal, which the estimator's longer kernels
+/// cannot resolve.
 #[test]
 fn samples_show_more_than_the_estimator_sees() {
     let folder = tempfile::tempdir().unwrap();
@@ -117,7 +117,7 @@ fn a_slip_of_the_counts_comes_first() {
     assert!(first["f"].is_null());
 }
 
-/// A clean run of twenty seconds as CSV, its force made anew from time, position [counts] and force.
+/// A clean run of twenty seconds as CSV, with the force recomputed from time, position [counts] and force.
 fn spoiled(at: &Path, motion: &str, force_n: impl Fn(f64, f64) -> f64) {
     done(at, &["simulate", "-o", "clean.csv", "--force", "--excite", &format!("{motion}@20s")]);
     let text = std::fs::read_to_string(at.join("clean.csv")).unwrap();
@@ -130,18 +130,18 @@ fn spoiled(at: &Path, motion: &str, force_n: impl Fn(f64, f64) -> f64) {
     std::fs::write(at.join("run.csv"), lines.collect::<String>()).unwrap();
 }
 
-/// The diagnosis of such a run, in JSON and in words.
+/// The diagnosis of such a run, as JSON and as text.
 fn diagnosed(at: &Path) -> (serde_json::Value, String) {
     let known = ["diagnose", "run.csv", "--settings", "clean.settings.toml"];
     (last(&done(at, &[&known[..], &["--json"]].concat())), done(at, &known))
 }
 
-/// The names of its causes.
+/// The names of the causes.
 fn names(found: &serde_json::Value) -> Vec<&str> {
     found["causes"].as_array().unwrap().iter().map(|cause| cause["name"].as_str().unwrap()).collect()
 }
 
-/// The quantile of the force's magnitude \[N\].
+/// A quantile of the force's magnitude \[N\].
 fn quantile_n(at: &Path, motion: &str, part: f64) -> f64 {
     spoiled(at, motion, |_, force| force);
     let text = std::fs::read_to_string(at.join("run.csv")).unwrap();
@@ -151,7 +151,7 @@ fn quantile_n(at: &Path, motion: &str, part: f64) -> f64 {
     forces[((forces.len() - 1) as f64 * part) as usize]
 }
 
-/// What is told of the inertance holds the truth, or there is nothing told.
+/// The reported interval of the inertance contains the true value, or none is reported.
 fn is_right(found: &serde_json::Value) -> bool {
     let inertance = &found["corrected"]["inertance_kg"];
     let [value, u95] = ["value", "u95"].map(|key| inertance[key].as_f64());
@@ -173,8 +173,8 @@ fn a_force_that_is_turned_round_has_the_wrong_sign_in_any_motion() {
     }
 }
 
-/// Clipped at its 85th percentile, as often as not in `fast`, and at 60 % of its greatest, where the estimator sees too
-/// little of it in `mid`.
+/// Clipped at its 85th percentile, and at 60 % of its maximum, where the estimator sees too little of it in `mid`. In
+/// `fast`, no corrected parameters are given.
 #[test]
 fn a_clipped_force_is_named_first_and_leaves_no_wrong_parameters() {
     let folder = tempfile::tempdir().unwrap();
@@ -208,7 +208,7 @@ fn a_dead_force_leaves_what_was_before_it() {
     }
 }
 
-/// The run with no more known of it than a count, its diagnosis and what a replay warns of.
+/// The run with no settings but the count: its diagnosis, and the warnings of a replay.
 fn unstated(at: &Path) -> (serde_json::Value, Vec<String>) {
     let known = ["run.csv", "--metres-per-count", "2.44140625e-6", "--json"];
     let found = last(&done(at, &[&["diagnose"], &known[..]].concat()));
@@ -250,7 +250,7 @@ fn a_cause_is_told_unasked_where_flanks_may_part() {
     }
 }
 
-/// Of impacts a mass on the terminal is told at most, and there is one.
+/// For impacts, at most a mass on the terminal is reported, and the device has one.
 #[test]
 fn impacts_of_worn_flanks_are_no_cause() {
     let folder = tempfile::tempdir().unwrap();
@@ -291,7 +291,7 @@ fn a_replay_and_a_report_name_it_too() {
     assert!(!std::fs::read_to_string(at.join("clean.html")).unwrap().contains("does not hold"));
 }
 
-/// A device whose force is late by so much, untold, five times as fast as a real one.
+/// A device with a delayed force that the settings do not state, at five times real time.
 fn late(delay_s: f64) -> VirtualDevice {
     let sensors = Sensors { delay_s, ..bench_sensors() };
     let untold = Overrides::from_inputs(None, &["skew_s=0".into()]).unwrap();

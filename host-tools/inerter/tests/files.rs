@@ -1,4 +1,4 @@
-//! Files made out of files: `export`, `cut`, `merge`, and what `info` says of them.
+//! Files made from files: `export`, `cut`, `merge`, and the report of `info` on them.
 
 use std::{fs, path::Path};
 
@@ -74,7 +74,7 @@ fn a_part_replays_as_its_samples_do() {
     }
 }
 
-/// A line with its times counted from `start_s`, and without the sample counter, which a CSV does not have.
+/// A line with times relative to `start_s`, and without the sample counter, which a CSV does not have.
 fn since(mut line: Value, start_s: f64) -> Value {
     if let Some(t_s) = line.get("t_s").and_then(Value::as_f64) {
         line["t_s"] = Value::from(((t_s - start_s) * 1e6).round());
@@ -139,7 +139,7 @@ fn a_recording_that_breaks_off_can_be_cut_and_exported() {
     }
 }
 
-/// Lines that are typed while it is recorded; a terminal of its own takes `setsid`, which Linux systems have.
+/// Lines typed during a recording. A terminal of its own needs `setsid`, which Linux systems have.
 #[cfg(target_os = "linux")]
 #[test]
 fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
@@ -162,7 +162,7 @@ fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
     let mut command = std::process::Command::new("setsid");
     command.args(["--ctty", "--wait"]).arg(plain.get_program()).args(plain.get_args()).current_dir(folder.path());
     let mut child = command.stdin(terminal).stderr(std::process::Stdio::piped()).spawn().unwrap();
-    // Typed ahead or not: the terminal keeps it.
+    // Typing ahead is fine: the terminal keeps the input.
     let mut keyboard = fs::File::from(master);
     keyboard.write_all("shaker on \u{3c9}\n\n".as_bytes()).unwrap();
     assert!(child.wait().unwrap().success());
@@ -174,7 +174,7 @@ fn what_is_typed_while_it_is_recorded_becomes_a_marker() {
     assert!(words.contains(" s  shaker on \u{3c9}\n"), "{words}");
 }
 
-/// What stands in a recording twice, for PlotJuggler and Foxglove, must stay small beside what it is made from.
+/// The second copy of the data in a recording, for PlotJuggler and Foxglove, must stay small compared with the first.
 #[test]
 fn decoded_channels_stay_small() {
     let folder = tempfile::tempdir().unwrap();
@@ -184,7 +184,7 @@ fn decoded_channels_stay_small() {
         let (mut frames, mut decoded) = (0, 0);
         for message in mcap::MessageStream::new(&bytes).unwrap() {
             let message = message.unwrap();
-            // With its header and its place in the index.
+            // Including its header and its index entry.
             let size = message.data.len() + 31 + 16;
             *(if message.channel.message_encoding == "json" { &mut decoded } else { &mut frames }) += size;
         }

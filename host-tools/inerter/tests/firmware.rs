@@ -1,4 +1,4 @@
-//! The program with firmware images, and with the settings that a device keeps.
+//! The program with firmware images, and with the settings saved by a device.
 
 use std::{
     fs,
@@ -11,7 +11,7 @@ use crate::common::{device, done, elf_file, fails, frames, inerter, last, text};
 use inerter_device::{Clock, Device, Target};
 use inerter_wire::Command;
 
-/// A device that nobody has: what is plugged into this machine is never touched.
+/// A serial number that no device has: devices plugged into this machine must not be touched.
 const NOBODY: [&str; 2] = ["--serial", "no such device"];
 
 #[test]
@@ -57,7 +57,7 @@ fn without_a_device_an_update_says_what_to_plug_in() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("i.elf"), elf_file::image(5000, "inerter 0.1.0", "c8a2d5a")).unwrap();
     let words = fails(folder.path(), &["update", "i.elf", NOBODY[0], NOBODY[1]], 5);
-    // A container may have no USB at all.
+    // A container may have no USB.
     let expected = ["no instrumented inerter was found with serial no such device", "cannot be listed"];
     assert!(expected.iter().any(|expected| words.contains(expected)), "{words}");
     assert!(words.contains("help: "), "{words}");
@@ -101,7 +101,7 @@ fn settings_are_shown_changed_saved_and_forgotten() {
     };
     assert_eq!(value("memory_s"), 30.0);
 
-    // What `get` prints, `--settings` takes.
+    // `--settings` accepts the output of `get`.
     fs::write(folder.path().join("all.toml"), output(&["get"]).stdout).unwrap();
     let same = output(&["set", "--settings", "all.toml"]);
     assert_eq!((text(&same.stdout), same.status.code()), (String::new(), Some(0)));
@@ -157,7 +157,7 @@ fn firmware_of_another_wire_version_is_updated_by_hand() {
     let server = thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
         stream.write_all(&[frames::foreign_hello(), vec![0]].concat()).unwrap();
-        // Until the host goes.
+        // Until the host disconnects.
         stream.read_to_end(&mut Vec::new()).ok();
     });
     let words = fails(folder.path(), &["update", "i.elf", "--connect", &address], 6);

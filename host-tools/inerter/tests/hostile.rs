@@ -1,4 +1,4 @@
-//! Text that others wrote, on its way to a terminal: names of devices and files, panics, markers, cells.
+//! Untrusted text on its way to a terminal: names of devices and files, panics, markers, cells.
 
 use std::{fs, path::Path};
 
@@ -11,8 +11,8 @@ use inerter_data::{
 };
 use inerter_wire::{Event, EventKind, Hello, Record};
 
-/// Writes the clipboard, forges a line, turns the writing direction, colours by one character, and hides a name in a
-/// name.
+/// Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides
+/// a name within a name.
 const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
 
 fn hostile(record: &Record) -> Vec<Vec<u8>> {
@@ -28,7 +28,7 @@ fn hostile(record: &Record) -> Vec<Vec<u8>> {
     }
 }
 
-/// What both streams say must be lines of printable text, none of them forged.
+/// Both streams must contain only lines of printable text, none of them forged.
 fn check(folder: &Path, arguments: &[&str]) -> String {
     let output = inerter(folder, arguments).output().unwrap();
     let (out, errors) = (text(&output.stdout), text(&output.stderr));
@@ -44,7 +44,7 @@ fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
     }
 }
 
-/// The same of a command that talks to a person at a terminal, until these words were shown.
+/// The same check for a command that needs a terminal, until it has shown these words.
 #[cfg(unix)]
 fn check_at_terminal(folder: &Path, arguments: &[&str], awaited: &str) -> String {
     let (screen, shown) = common::terminal::patient();
@@ -107,18 +107,18 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
             continue;
         }
         let words = check(folder, &all);
-        // It is spoken to before it is refused.
+        // The device introduces itself before the command is refused.
         assert!(command != ["update", "image.elf"] || words.contains(shown), "{words}");
         said += &words;
     }
-    // It was shown, as what it is.
+    // The text was shown in escaped form.
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e"), "{said}");
-    // In JSON the same escapes mean the text itself.
+    // In JSON the same escapes represent the text itself.
     let info = last(&done(folder, &["info", "run.mcap", "--json"]));
     assert_eq!(info.pointer("/device/board").unwrap(), Hello::text::<24>(WORDS).as_str());
 }
 
-/// A command line that is refused is repeated in the error, and `inerter info *` puts the names of files there.
+/// The error about a bad command line repeats its arguments, and `inerter info *` puts file names there.
 #[test]
 fn no_argument_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
@@ -129,7 +129,7 @@ fn no_argument_writes_to_the_terminal_what_it_likes() {
     }
 }
 
-/// An error repeats what it could not read, and not all of it.
+/// An error repeats the text that it could not parse, but not all of it.
 #[test]
 fn no_file_fills_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
@@ -151,7 +151,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     let name = |ending: &str| format!("{}{ending}", WORDS.replace('/', ""));
     let (recording, csv, toml, kept) = (name(".mcap"), name(".csv"), name(".toml"), name("kept.toml"));
     let device = device(5.0);
-    // A run whose device, panic and marker speak; then files that are wrong in every place where a text is.
+    // A run whose device, panic and marker contain the text; then files with an error in every place that holds text.
     done(folder, &["simulate", "-o", "plain.mcap", "--duration", "3"]);
     let run = inerter_data::open(&folder.join("plain.mcap"), &Overrides::default()).unwrap();
     let mut recorder = Recorder::create(&folder.join(&recording), false).unwrap();
@@ -201,7 +201,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
             &["calibrate", "skew", &csv],
             &["calibrate", "stiffness", &csv],
         ];
-        // Those that read a CSV; `simulate` writes one.
+        // All commands that read a CSV; `simulate` writes one.
         let reads = |help: &str| help.contains("--metres-per-count") && !help.contains("Usage: inerter simulate ");
         all_are_tried(&commands, reads);
         for command in commands {
@@ -266,7 +266,7 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
     assert_eq!(lines[0].pointer("/markers/0/text").unwrap(), WORDS);
 }
 
-/// Names of outputs, addresses and the file of flags, what is typed, and what an image or a recording says of itself.
+/// Names of outputs, addresses and the file of flags, typed input, and descriptions inside an image or a recording.
 #[test]
 fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
     let folder = tempfile::tempdir().unwrap();
@@ -275,7 +275,7 @@ fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
     done(folder, &["simulate", "-o", "run.mcap", "--duration", "5"]);
     fs::write(folder.join("flags.toml"), "[record]\n\"\\u001b[2J\\nforged\" = \"\\u009b31m\"\n").unwrap();
     fs::write(folder.join("image.elf"), elf_file::image(5000, WORDS, WORDS)).unwrap();
-    // Metadata as no recorder of ours writes them.
+    // Metadata that our recorder never writes.
     let run = inerter_data::open(&folder.join("run.mcap"), &Overrides::default()).unwrap();
     let mut recorder = Recorder::create(&folder.join("metadata.mcap"), false).unwrap();
     for metadata in ["inerter.hello", "inerter.settings", "inerter.calibration", "inerter.truth", "inerter.end", WORDS]
@@ -331,7 +331,7 @@ fn nothing_else_from_outside_writes_to_the_terminal_what_it_likes() {
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e"), "{said}");
 }
 
-/// What is typed at the hands' prompt of a simulated device comes back in a note.
+/// A note repeats what is typed at the operator's prompt of a simulated device.
 #[cfg(unix)]
 #[test]
 fn no_hand_writes_to_the_terminal_what_it_likes() {

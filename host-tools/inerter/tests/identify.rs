@@ -1,4 +1,4 @@
-//! `inerter identify` through the program: its JSON, its words, its exit codes.
+//! `inerter identify` through the program: its JSON, its text, its exit codes.
 
 use crate::common::{done, fails, json_lines, last};
 
@@ -49,7 +49,7 @@ fn a_stated_motion_is_taken_from_the_command_line() {
     assert_eq!(found["model"], "complete");
     let inertance = &found["parameters"]["inertance_kg"];
     let (value, u95) = (inertance["value"].as_f64().unwrap(), inertance["u95"].as_f64().unwrap());
-    // The interval is that of the load cell's gain, which the simulated one does not use up.
+    // The interval includes the uncertainty of the load cell's gain; the simulated cell has no such error.
     assert!((value - 299.4906).abs() < 0.3 && u95 < 3.0, "{value} within {u95}");
     let words = fails(at, &["identify", "run.csv", "--settings", "run.settings.toml", "--excite", "sine:fast"], 4);
     assert!(words.contains("sine:fast"), "{words}");

@@ -1,4 +1,4 @@
-//! The program with live devices: virtual ones in this process, and others that misbehave.
+//! The program with live devices: virtual ones in this process, and misbehaving ones.
 
 use std::{
     io::{Read, Write},
@@ -16,10 +16,10 @@ use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 
-/// Bytes that a recording has before its first frame, and some more.
+/// Slightly more bytes than a recording has before its first frame.
 const HEAD: u64 = 14_000;
 
-/// A recording under way that has reached its file.
+/// A running recording that has created its file.
 fn recording(folder: &Path, arguments: &[&str]) -> Child {
     let child = inerter(folder, &[&["record", "-o", "run.mcap"], arguments].concat()).spawn().unwrap();
     let path = folder.join("run.mcap");
@@ -43,7 +43,7 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
     let simulated = last(&done(folder.path(), &["replay", "file.mcap", "--json"]));
     assert_eq!(simulated, replayed);
 
-    // A page says when it was, where a clock was there.
+    // The page states the date of a run if the recording has one.
     for (file, dated) in [("run.mcap", true), ("file.mcap", false)] {
         done(folder.path(), &["report", file, "-o", "page.html", "--force"]);
         let page = std::fs::read_to_string(folder.path().join("page.html")).unwrap();
@@ -51,7 +51,7 @@ fn what_a_live_device_says_a_replay_of_its_recording_says_too() {
     }
 }
 
-/// Which calibration a recording rests on is known wherever it goes, and when it is out of date.
+/// A recording keeps its calibration in all later files, and an outdated calibration is reported.
 #[test]
 fn a_recording_carries_the_calibration_of_its_rig() {
     let folder = tempfile::tempdir().unwrap();
@@ -93,7 +93,7 @@ fn a_recording_carries_the_calibration_of_its_rig() {
     done(at, &["store", "add", "store", "cut.mcap"]);
     let row = last(&done(at, &["store", "ls", "store", "--json"]));
     assert_eq!((&row["calibration_date"], &row["calibration_expires"]), (&"2020-01-31".into(), &"2021-01-31".into()));
-    // What the command line says wins.
+    // The command line takes precedence.
     std::fs::write(at.join("new.toml"), "[calibration]\ndate = 2026-02-01\n").unwrap();
     let output = run(at, &["replay", "cut.mcap", "--settings", "new.toml"]);
     assert!(output.status.success() && !text(&output.stderr).contains("was valid until"), "{output:?}");
@@ -134,7 +134,7 @@ fn instruments_of_a_virtual_device_follow_the_rate_that_is_set() {
     done(folder.path(), &[&["record", "-o", "run.mcap", "--duration", "2"], &link[..]].concat());
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
     let samples = info["samples"].as_u64().unwrap();
-    // 5 times real time; a loaded machine may be late, but the 1 kHz of before would give 10 000 at most.
+    // 5 times real time. A busy machine may be slower, but the earlier rate of 1 kHz would give at most 10 000.
     assert!(samples > 12_000 && info["discontinuities"] == 0, "{info}");
     let found = last(&done(folder.path(), &["replay", "run.mcap", "--json"]));
     let inertance = found["inertance_kg"]["value"].as_f64().unwrap();
@@ -155,7 +155,7 @@ fn monitor_prints_lines_where_there_is_no_terminal() {
     for kind in ["estimate", "health"] {
         assert!(lines.iter().any(|line| line.get("kind").unwrap() == kind), "{kind}");
     }
-    // What goes with an estimate comes after it, and is shown with it.
+    // The records that belong to an estimate follow it, and are shown with it.
     for line in lines.iter().filter(|line| line.get("kind").unwrap() == "estimate") {
         assert!(line.get("backlash_m").is_some() && line.get("band_hz").is_some(), "{line}");
     }
@@ -180,7 +180,7 @@ fn a_skew_is_found_on_a_device_and_kept_there() {
     for name in ["skew_s", "skew_u95_s"] {
         assert_eq!(number(&settings, &format!("/settings/{name}")), number(&found, &format!("/{name}")), "{name}");
     }
-    // With it, nothing is left to be found.
+    // With this skew applied, none remains.
     let again = last(&done(folder.path(), &[&skew[..], &link].concat()));
     assert!(number(&again, "/left_s").abs() < number(&again, "/u95_s"), "{again}");
     let words = done(folder.path(), &["calibrate", "skew", "--duration", "15", "--write", link[0], link[1]]);
@@ -246,7 +246,7 @@ fn a_device_that_comes_back_is_recorded_further() {
         "{words}"
     );
     let info = last(&done(folder.path(), &["info", "run.mcap", "--json"]));
-    // One from each; a busy machine may be asked twice before it answers.
+    // One from each device. A slow device may be asked twice on a busy machine.
     assert!(info.pointer("/records/Hello").unwrap().as_u64().unwrap() >= 2, "{info}");
 }
 
@@ -260,9 +260,9 @@ fn a_port_that_another_program_has_open_is_named() {
     first.kill().unwrap();
     first.wait().unwrap();
     assert!(words.contains("another program has it open"), "{words}");
-    // The first one was killed: what it had written can be read.
+    // The first program was killed: everything it had written can be read.
     assert!(common::run(folder.path(), &["replay", "run.mcap", "--json"]).status.success());
-    // A recording is never replaced unasked.
+    // A recording is never replaced without `--force`.
     assert!(fails(folder.path(), &["record", "--port", device.name(), "-o", "run.mcap"], 8).contains("exists already"));
 }
 
@@ -294,7 +294,7 @@ fn a_full_disk_ends_a_recording_with_its_own_code() {
 fn what_was_written_before_the_disk_was_full_reads_back() {
     let folder = tempfile::tempdir().unwrap();
     let device = device(20.0);
-    // A limit on the size of files stands for the end of the disk; without its signal the write fails.
+    // A limit on the file size simulates a full disk. Without its signal, the write fails.
     let script = r#"trap "" XFSZ; ulimit -f 300; exec "$0" record -o run.mcap --connect "$1" --duration 60"#;
     let mut command = std::process::Command::new("bash");
     command.args(["-c", script, env!("CARGO_BIN_EXE_inerter"), device.name()]).current_dir(folder.path());
@@ -307,7 +307,7 @@ fn what_was_written_before_the_disk_was_full_reads_back() {
     assert!(last.get("samples").unwrap().as_u64().unwrap() > 1000);
 }
 
-/// A device that answers whatever it is asked with these bytes.
+/// A device that answers every request with these bytes.
 fn fake(answer: Vec<u8>) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();

@@ -1,4 +1,4 @@
-//! The program from outside: what each command writes, says and ends with, at files and at virtual devices.
+//! The program from outside: the files, output and exit code of each command, with files and with virtual devices.
 
 mod common;
 

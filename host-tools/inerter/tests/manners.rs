@@ -1,4 +1,4 @@
-//! The program as a guest on somebody's machine: what it says of the machine, flags from a file, completions, manuals.
+//! The program as a guest on a user's machine: its report on the machine, flags from a file, completions, manuals.
 
 use std::fs;
 
@@ -50,7 +50,7 @@ fn a_mistake_in_the_file_of_flags_is_named_before_anything_is_done() {
     );
     let words = fails(folder.path(), &["ports", "--config", "nowhere.toml"], 3);
     assert!(words.contains("nowhere.toml cannot be read"), "{words}");
-    // Help must not depend on it.
+    // The help must not depend on the file.
     assert!(done(folder.path(), &["--help"]).contains("Usage"));
 }
 
@@ -72,7 +72,7 @@ fn every_command_has_a_manual_page_and_every_shell_its_completions() {
     }
 }
 
-/// The command that a line of the help begins with; others go on with the line before.
+/// The command at the beginning of a line of the help. Other lines continue the line before.
 fn command_of(line: &str) -> Option<&str> {
     line.strip_prefix("  ").filter(|rest| !rest.starts_with(' '))?.split_whitespace().next()
 }

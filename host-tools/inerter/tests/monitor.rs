@@ -1,4 +1,4 @@
-//! `inerter monitor` from outside: its screen on a pseudo-terminal, its page, and its bridges, at a virtual device.
+//! `inerter monitor` from outside: its screen on a pseudo-terminal, its page and its bridges, with a virtual device.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -14,7 +14,7 @@ use inerter_simulate::{Endpoint, VirtualDevice};
 use serde_json::Value;
 use tungstenite::{ClientRequestBuilder, Message, WebSocket};
 
-/// Longest time for anything to happen.
+/// Time limit for any event.
 const LIMIT: Duration = Duration::from_secs(30);
 
 fn connect(url: &str, origin: Option<&str>, protocol: Option<&str>) -> Result<WebSocket<TcpStream>, String> {
@@ -31,7 +31,7 @@ fn connect(url: &str, origin: Option<&str>, protocol: Option<&str>) -> Result<We
     tungstenite::client(request, stream).map(|(socket, _)| socket).map_err(|error| error.to_string())
 }
 
-/// The status line and the rest of what a server answers.
+/// The status line and the rest of a server's response.
 fn get(host: &str, path: &str, headers: &str) -> String {
     let mut stream = TcpStream::connect(host).unwrap();
     stream.set_read_timeout(Some(LIMIT)).unwrap();
@@ -54,7 +54,7 @@ fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
     let page = get(host, path, &named);
     assert!(page.starts_with("HTTP/1.1 200"), "{page}");
     assert!(page.contains("content-security-policy: default-src 'none'; script-src 'nonce-"), "{page}");
-    // Nothing is loaded from elsewhere; the licence comment of uPlot names its home.
+    // The page loads nothing from outside; the licence comment of uPlot names its home page.
     let outside = page.replace("https://github.com/leeoniya/uPlot", "");
     assert!(!outside.contains("https://") && !outside.contains(" src=") && !outside.contains("{nonce}"));
 
@@ -96,7 +96,7 @@ fn the_page_lets_in_only_who_has_its_address_and_shows_what_is_measured() {
     assert!(seen.iter().any(|value| value["kind"] == "samples" && !value["t_s"].as_array().unwrap().is_empty()));
     assert_eq!(monitor.next("marker")["text"], "bolt tightened");
 
-    // The marker is in the recording, which reads although the monitor is killed now.
+    // The recording contains the marker and can be read although the monitor is killed.
     drop(monitor);
     let bytes = std::fs::read(folder.path().join("run.mcap")).unwrap();
     assert!(bytes.windows(14).any(|window| window == b"bolt tightened"));
@@ -172,7 +172,7 @@ fn other_machines_are_let_in_only_where_that_is_meant() {
         );
     }
     let output = common::run(folder.path(), &[&bridge[..], &["--allow-remote"]].concat());
-    // A file that somebody left in the folder does not mean it.
+    // A file left in the folder must not enable remote access.
     std::fs::write(folder.path().join("inerter.toml"), "[simulate]\nallow_remote = true\n").unwrap();
     let words = fails(folder.path(), &["simulate", "--tcp", "0.0.0.0:0"], 4);
     assert!(words.contains("may not set `simulate.allow_remote`"), "{words}");
@@ -180,7 +180,7 @@ fn other_machines_are_let_in_only_where_that_is_meant() {
     assert!(output.status.success() && words.contains("any machine that reaches 0.0.0.0:0 can connect"), "{words}");
 }
 
-/// A socket that a bridge sends to, and its address.
+/// A socket that receives a bridge's packets, and its address.
 fn listener() -> (UdpSocket, String) {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.set_read_timeout(Some(LIMIT)).unwrap();
@@ -286,7 +286,7 @@ fn views_of_a_rotary_machine_have_its_names_and_units() {
     assert!(schema("/estimate")["properties"]["inertance_kg"].is_null());
 }
 
-/// A client of Foxglove's server that knows all its channels.
+/// A client of the Foxglove server, and all its channels.
 fn foxglove(url: &str) -> (WebSocket<TcpStream>, Vec<Value>) {
     let mut socket = connect(&format!("{url}/"), None, Some("foxglove.sdk.v1")).unwrap();
     let mut channels: Vec<Value> = Vec::new();
@@ -331,7 +331,7 @@ fn foxglove_is_served_to_known_pages_only() {
     }
 }
 
-/// A frame that says it is large is refused before it is there.
+/// A frame that announces a large size is refused before its content arrives.
 #[test]
 fn nobody_may_fill_the_memory_with_a_frame() {
     let folder = tempfile::tempdir().unwrap();
@@ -394,7 +394,7 @@ fn foxglove_finds_channels_with_schemas_and_their_messages() {
     }
 }
 
-/// Somebody without the token begins requests and never ends them, where few files may be open.
+/// A client without the token opens requests and never completes them, while few files may be open.
 #[cfg(unix)]
 #[test]
 fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
@@ -415,12 +415,12 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
         .map(|host| {
             let mut stream = TcpStream::connect(host).unwrap();
             stream.set_read_timeout(Some(LIMIT)).unwrap();
-            // One that was turned away already takes nothing more.
+            // A client that was already turned away accepts no more data.
             stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").ok();
             stream
         })
         .collect();
-    // The page is there meanwhile.
+    // The page remains available.
     let path = url.strip_prefix(&format!("http://{page}")).unwrap();
     assert!(get(page, path, &format!("Host: {page}\r\n")).starts_with("HTTP/1.1 200"));
     monitor.next("device");
@@ -428,7 +428,7 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
     let _after = VirtualDevice::start(&setup("random"), &Endpoint::Tcp(address), 2.0).unwrap();
     monitor.next("device");
     for mut stream in half_sent {
-        // Ended, by whatever means, not merely quiet.
+        // The connection must be closed, not merely silent.
         if let Err(error) = stream.read_to_end(&mut Vec::new()) {
             assert_ne!(error.kind(), std::io::ErrorKind::WouldBlock, "a half-sent request stays");
         }
@@ -489,7 +489,7 @@ mod screen {
             self.keys.write_all(keys.as_bytes()).unwrap();
         }
 
-        /// Waits until a word has been drawn since the last wait; blanks that stood there already are not drawn.
+        /// Waits until a word has been drawn since the last wait. Blanks that were already there are not drawn again.
         fn until(&mut self, word: &str) {
             let started = Instant::now();
             while !self.seen.contains(word) {
@@ -501,7 +501,7 @@ mod screen {
             self.seen.clear();
         }
 
-        /// Waits for the end; the terminal must be as it was.
+        /// Waits for the end. The terminal settings must be restored.
         fn ended(mut self, before: &rustix::termios::Termios, code: i32) -> String {
             let started = Instant::now();
             let status = loop {

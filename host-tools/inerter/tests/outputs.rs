@@ -1,4 +1,5 @@
-//! What is written while somebody deletes, moves or shortens it, or ends the program; and what stands there already.
+//! Outputs that are deleted, moved or truncated while they are written, programs that are ended meanwhile, and files
+//! that already exist.
 
 use std::{
     fs,
@@ -18,7 +19,7 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// What another program does to the file.
+/// Another program's action on the file.
 type Disturb = fn(&Path);
 
 #[test]
@@ -42,7 +43,7 @@ fn a_recording_that_another_program_disturbs_ends_with_code_8() {
             let file = folder.path().join("run.mcap");
             let arguments = ["run.mcap", "--connect", device.name(), "--duration", "6"];
             let child = inerter(folder.path(), &[command, &arguments].concat()).spawn().unwrap();
-            // More than its head: frames have come.
+            // More than the header: frames have arrived.
             until("nothing is recorded", || file.metadata().is_ok_and(|metadata| metadata.len() > 14_000));
             disturb(&file);
             let output = child.wait_with_output().unwrap();
@@ -98,17 +99,17 @@ fn a_simulation_replaces_nothing_unasked() {
         done(folder.path(), &["info", file]);
     }
     assert_eq!(names(folder.path()), ["run.csv", "run.mcap", "run.settings.toml"]);
-    // The settings beside a CSV count too.
+    // The settings file next to a CSV counts too.
     fs::remove_file(folder.path().join("run.csv")).unwrap();
     fails(folder.path(), &["simulate", "--duration", "1", "-o", "run.csv"], 8);
     assert_eq!(names(folder.path()), ["run.mcap", "run.settings.toml"]);
 }
 
-/// Ends a program while it fills files, as soon as they are there.
+/// Ends a program while it writes files, as soon as they exist.
 fn end_while_it_writes(folder: &Path, mut child: Child, before: &[String], signals: &[Signal]) {
     until("nothing is written", || names(folder) != before || child.try_wait().unwrap().is_some());
     for signal in signals {
-        // It may have ended of the first one.
+        // The first signal may already have ended it.
         kill_process(Pid::from_child(&child), *signal).ok();
     }
     assert_eq!(child.wait().unwrap().code(), Some(130), "{signals:?}");
@@ -132,7 +133,7 @@ fn a_program_that_is_ended_while_it_writes_leaves_nothing_behind() {
     }
 }
 
-/// Signals a child once it waits; it must end within 5 s.
+/// Signals a child once it is waiting; it must end within 5 s.
 fn ends_soon(mut child: Child, what: &str) {
     std::thread::sleep(Duration::from_secs(3));
     assert!(child.try_wait().unwrap().is_none(), "{what} has ended by itself");
@@ -148,7 +149,7 @@ fn ends_soon(mut child: Child, what: &str) {
     assert_eq!(child.wait().unwrap().code(), Some(130), "{what}");
 }
 
-/// What waits for a pipe that nobody reads or fills does not see the signal.
+/// A blocking call on a pipe that nobody reads or fills does not notice the signal.
 #[test]
 fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
     let (folder, device) = (tempfile::tempdir().unwrap(), device(20.0));
@@ -174,17 +175,17 @@ fn a_program_that_waits_for_a_pipe_ends_soon_after_a_signal() {
     assert_eq!(names(folder.path()), pipes);
 }
 
-/// A pipe holds 64 KB, which are less than a second of this device.
+/// A pipe holds 64 KB, less than a second of this device's data.
 #[test]
 fn whoever_does_not_read_the_lines_holds_up_no_recording() {
     let (folder, device) = (tempfile::tempdir().unwrap(), device(20.0));
     let command = ["monitor", "--json", "--record", "run.mcap", "--connect", device.name()];
     let mut child = inerter(folder.path(), &command).spawn().unwrap();
     let file = folder.path().join("run.mcap");
-    // Over a minute of its samples.
+    // More than a minute of its samples.
     until("the recording waits", || file.metadata().is_ok_and(|metadata| metadata.len() > 4_000_000));
     assert!(child.try_wait().unwrap().is_none());
-    // What is read late is there, with the count of what is not.
+    // Lines read late are complete, with a count of those dropped.
     let lines = child.stdout.take().unwrap();
     let reader = std::thread::spawn(move || std::io::read_to_string(lines).unwrap());
     kill_process(Pid::from_child(&child), Signal::TERM).unwrap();

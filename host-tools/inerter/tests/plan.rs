@@ -1,4 +1,4 @@
-//! Motions that are designed: what a person and a program are told, the files, and what a run of them then tells.
+//! Designed motions: the reports to people and programs, the files, and the results of a run.
 
 use std::{fs, path::Path};
 
@@ -57,7 +57,7 @@ fn a_designed_motion_tells_what_was_predicted() {
     let length: f64 = parts.iter().map(|part| number(part, "/duration_s")).sum();
     assert!((length - 12.0).abs() < 1e-6 && !parts.is_empty(), "{plan}");
 
-    // The files hold one motion.
+    // All files contain the same motion.
     let csv = fs::read_to_string(at.join("motion.csv")).unwrap();
     let rows: Vec<Vec<f64>> = csv
         .lines()
@@ -69,7 +69,7 @@ fn a_designed_motion_tells_what_was_predicted() {
     let wav = fs::read(at.join("motion.wav")).unwrap();
     assert_eq!((&wav[..4], &wav[8..12]), (&b"RIFF"[..], &b"WAVE"[..]));
     let of_wav = |k: usize| {
-        // Behind the head, three bytes to a sample.
+        // Three bytes per sample after the header.
         let data = wav.windows(4).position(|part| part == b"data").unwrap() + 8 + 3 * k;
         f64::from(i32::from_le_bytes([0, wav[data], wav[data + 1], wav[data + 2]]) >> 8) / 8_388_607.0 * 0.02
     };
@@ -78,14 +78,14 @@ fn a_designed_motion_tells_what_was_predicted() {
     for k in (0..12_001).step_by(97) {
         assert!((of_wav(k) - rows[k][1]).abs() < 3e-9, "{k}: {} {}", of_wav(k), rows[k][1]);
     }
-    // From rest to rest, and smooth: the acceleration is that of the displacement.
+    // From rest to rest and smooth: the acceleration matches the displacement.
     assert!([0, 12_000].into_iter().all(|k| rows[k][1].abs() < 1e-9 && rows[k][2].abs() < 1e-6), "{:?}", rows[12_000]);
     for k in (1..12_000).step_by(53) {
         let second = (rows[k + 1][1] - 2.0 * rows[k][1] + rows[k - 1][1]) * 1e6;
         assert!((second - rows[k][3]).abs() < 2e-2, "{k}: {second} {}", rows[k][3]);
     }
 
-    // What a run of it tells.
+    // The result of a run with this motion.
     let perfect =
         ["--set", "force_gain_u95=0", "--set", "lead_u95=0", "--set", "timebase_u95=0", "--set", "skew_u95_s=0"];
     let perfect = [&perfect[..], &["--set", "memory_s=100"]].concat();
@@ -117,7 +117,7 @@ fn what_is_wanted_decides_how_long_it_lasts_and_what_cannot_be_had_is_said() {
         assert_eq!(want["is_reached"], true, "{want}");
         assert!(number(want, "/reached") <= number(want, "/wanted"), "{want}");
     }
-    // More than the time allows: the best is told and written, and what would be enough.
+    // More than the time allows: the best motion is reported and written, with the time that would suffice.
     let output = run(at, &[&RIG[..], &["--want", "cf to 0.3 N s/m", "-o", "best.csv"]].concat());
     assert_eq!(output.status.code(), Some(9));
     let best = last(&text(&output.stdout));
@@ -127,7 +127,7 @@ fn what_is_wanted_decides_how_long_it_lasts_and_what_cannot_be_had_is_said() {
     assert!(at.join("best.csv").is_file());
     let words = text(&output.stderr);
     assert!(words.contains("not within reach: cf to ± 0.30 N s/m") && words.contains("would suffice"), "{words}");
-    // More than any time allows: the force's gain alone is 0.5 %.
+    // More than any time allows: the gain of the force alone contributes 0.5 %.
     let gain = [&RIG[..], &["--set", "force_gain_u95=0.005", "--want", "mt to 0.1 %"]].concat();
     let words = fails(at, &gain, 9);
     assert!(words.contains("no duration suffices") && words.contains("inerter calibrate force"), "{words}");
@@ -294,7 +294,7 @@ fn a_motion_that_is_given_is_predicted_and_what_it_exceeds_is_said() {
     assert!(words.contains("no motion has this name"), "{words}");
 }
 
-/// Writes a run of 15.9 Hz whose encoder is so coarse that it cannot show viscous friction.
+/// Writes a run at 15.9 Hz whose encoder is too coarse to determine viscous friction.
 fn blind(at: &Path) {
     let coarse = ["--metres-per-count", "20e-6", "--duration", "10"];
     done(at, &[&["simulate", "-o", "blind.mcap", "--excite", "sine:15.9Hz:0.5mm"], &coarse[..]].concat());
@@ -313,7 +313,7 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     assert!(words.trim_end().ends_with("designs and writes such a motion"), "{words}");
     assert_eq!(advice["text"].as_str(), words.lines().last());
 
-    // That motion, as a run of it, tells what was advised.
+    // A run with the advised motion reaches the predicted interval.
     let part = |part: &Value| {
         let tones = part["tones"].as_array().unwrap().iter();
         let tone =
@@ -326,7 +326,7 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     let u95 = number(&found, "/whole_run/viscous_n_s_per_m/u95");
     assert!((0.3..3.0).contains(&(u95 / predicted)), "{u95} for {predicted}");
 
-    // The same run as the beginning of a plan.
+    // The same run as the basis of a plan.
     let plan = last(&done(at, &["plan", "blind.mcap", "--json"]));
     assert!(number(&plan, "/predicted/viscous_n_s_per_m/u95") < number(&plan, "/limits/force_n"), "{plan}");
     assert!((number(&plan, "/expected/inertance_kg") - 299.5).abs() < 3.0, "{plan}");
@@ -334,8 +334,8 @@ fn a_run_that_could_not_show_all_names_a_motion_that_would_have() {
     assert!((0.5..4.0).contains(&noise), "{noise}");
 }
 
-/// In both runs Coulomb friction is smaller than its interval. In one it turns over the whole stroke, and a plan by the
-/// law would promise what no motion shows.
+/// In both runs Coulomb friction is smaller than its interval. In one it turns over the whole stroke, and a plan based
+/// on the law would promise a result that no motion can give.
 #[test]
 fn a_run_whose_residual_is_beyond_its_limit_names_no_motion() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,7 @@
-//! The power of the computer fails: what was never brought onto the disk is gone.
+//! The computer loses power: data that was never synchronised to the disk is lost.
 //!
-//! A library that is preloaded into the program (`common/kept.c`) keeps each file as it is when the program
-//! synchronises it, and each folder's names likewise. What a power cut leaves is the last of these.
+//! A library preloaded into the program (`common/kept.c`) copies each file whenever the program synchronises it, and
+//! likewise the names in each folder. A power failure leaves the last of these copies.
 
 use std::{
     fs,
@@ -15,7 +15,7 @@ use std::{
 use crate::common::{device, done, inerter, last, text, until};
 use inerter_data::recording::{Item, read};
 
-/// A folder for the program, beside one for what is kept, and the library.
+/// A folder for the program, a folder for the copies, and the library.
 struct Desk {
     folder: tempfile::TempDir,
 }
@@ -43,14 +43,14 @@ impl Desk {
         self.folder.path().join("kept")
     }
 
-    /// The program, whose files are kept.
+    /// The program, with copies of its files.
     fn inerter(&self, arguments: &[&str]) -> Command {
         let mut command = inerter(&self.here(), arguments);
         command.env("LD_PRELOAD", self.folder.path().join("kept.so")).env("KEPT", self.kept());
         command
     }
 
-    /// What was kept under this ending, in order.
+    /// The copies with this ending, in order.
     fn all_kept(&self, ending: &str) -> Vec<PathBuf> {
         let mut all: Vec<PathBuf> = fs::read_dir(self.kept()).unwrap().map(|entry| entry.unwrap().path()).collect();
         all.retain(|path| path.extension().is_some_and(|extension| extension == ending));
@@ -58,8 +58,8 @@ impl Desk {
         all
     }
 
-    /// Each state of this file on the disk; the power fails after any of them. Its name must be there by the time that
-    /// the first of them is looked at.
+    /// The states of this file on the disk; the power may fail after any of them. The file's name must be on the disk
+    /// by the first of them.
     fn states(&self, name: &str) -> Vec<PathBuf> {
         let inode = self.here().join(name).metadata().unwrap().ino();
         let states = self.all_kept(&inode.to_string());
@@ -74,7 +74,7 @@ impl Desk {
         states
     }
 
-    /// Forgets what was kept.
+    /// Deletes the copies.
     fn forget(&self) {
         for kept in fs::read_dir(self.kept()).unwrap() {
             fs::remove_file(kept.unwrap().path()).unwrap();
@@ -111,14 +111,14 @@ fn a_power_cut_costs_a_recording_a_second_at_most() {
         });
         child.kill().unwrap();
         child.wait().unwrap();
-        // Whatever was handed to the operating system, synchronised or not.
+        // Everything handed to the operating system, synchronised or not.
         let written = times(&file);
         let counts: Vec<usize> = states.iter().map(|state| times(state).len()).collect();
         let mut all_s = 0.0;
         for pair in counts.windows(2) {
             let &[before, after] = pair else { panic!() };
             if after > before {
-                // Just before the second state is on the disk, the power fails.
+                // The power fails just before the second state reaches the disk.
                 let lost_s = (written[after - 1] - written[before]) as f64 * 1e-9;
                 assert!(lost_s < 1.0, "{lost_s} s, {counts:?}");
                 all_s += lost_s;
@@ -151,7 +151,7 @@ fn a_disk_that_takes_its_time_does_not_hold_up_the_device() {
     let times = times(&desk.here().join("run.mcap"));
     let longest_ns = times.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap();
     assert!(longest_ns < 1_500_000_000, "{longest_ns} ns without a frame");
-    // All of it is on the disk when the program ends.
+    // Everything is on the disk when the program ends.
     let states = desk.states("run.mcap");
     assert_eq!(fs::read(states.last().unwrap()).unwrap(), fs::read(desk.here().join("run.mcap")).unwrap());
 }
@@ -177,7 +177,7 @@ fn what_takes_its_name_at_the_end_is_on_the_disk_by_then() {
     }
 }
 
-/// The disk takes its time just when everything is written, and the user loses patience.
+/// The disk is slow to synchronise the complete file, and the user ends the program.
 #[test]
 fn what_is_ended_before_it_has_its_name_leaves_nothing_behind() {
     use rustix::process::{Pid, Signal, kill_process};

@@ -1,4 +1,4 @@
-//! The firmware image in QEMU behind the program. Skipped where there is no image or no QEMU.
+//! The program with the firmware image in QEMU. Skipped if the image or QEMU is missing.
 
 use std::{io::BufRead, time::Duration};
 
@@ -11,7 +11,7 @@ use inerter_device::{
 use inerter_simulate::{Qemu, START_TIME, Setup, find_image};
 use inerter_wire::{EventKind, Frame, Record, Streams};
 
-/// The image, when this machine can run it.
+/// The image, if this machine can run it.
 fn image() -> Option<std::path::PathBuf> {
     let qemu = std::process::Command::new("qemu-system-arm").arg("--version").output();
     inerter_needs::or_skip(match qemu {
@@ -81,7 +81,7 @@ fn the_image_on_a_pseudo_terminal_takes_what_is_sent_to_it() {
     let process = rustix::process::Pid::from_child(&child);
     rustix::process::kill_process(process, rustix::process::Signal::INT).unwrap();
     assert!(child.wait().unwrap().success());
-    // Last, as a failure would leave QEMU running.
+    // At the end, because a failure would leave QEMU running.
     assert_same_estimates(&sent, &replayed);
 }
 
@@ -93,7 +93,7 @@ fn hands_load_the_cell_of_the_image_which_keeps_no_settings() {
     let mut qemu = booted(&setup, &image);
     let bench = qemu.play_with_operator(&setup, 4.0).unwrap();
     let zero = ["calibrate", "zero", "--duration", "1", "--json", "--connect", qemu.name()];
-    // Before anybody has measured for an hour.
+    // Refused at once, not after an hour of measuring.
     let words = fails(folder.path(), &[&zero[..], &["--write"]].concat(), 6);
     assert!(words.contains("refused to keep settings over a restart, as --write requires"), "{words}");
     bench.load(100.0);
@@ -116,7 +116,7 @@ fn an_image_that_does_not_run_is_told_in_qemus_words() {
     }
 }
 
-/// QEMU has a process group of its own, and would go on at the port.
+/// QEMU has its own process group, and could keep running and occupy the port.
 #[cfg(unix)]
 #[test]
 fn a_second_signal_ends_qemu_too() {
@@ -130,7 +130,7 @@ fn a_second_signal_ends_qemu_too() {
     let arguments = ["simulate", "--qemu", "--image", "silent.bin", "--tcp", &address];
     let mut command = inerter(folder.path(), &arguments);
     let mut child = command.env("TMPDIR", folder.path()).spawn().unwrap();
-    // Who only looks whether the port is free may take it from QEMU.
+    // Connect, because a bind that tests whether the port is free could take it from QEMU.
     common::until("QEMU does not start", || std::net::TcpStream::connect(&address).is_ok());
     for _ in 0..2 {
         kill_process(Pid::from_child(&child), Signal::TERM).ok();
@@ -140,7 +140,7 @@ fn a_second_signal_ends_qemu_too() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "its samples are left");
 }
 
-/// Stack, reset vector and a branch to itself.
+/// A stack pointer, a reset vector and a branch to itself.
 #[cfg(unix)]
 fn silent_image() -> Vec<u8> {
     [0x2000_1000_u32, 0x0000_0009, 0xE7FE_E7FE].map(u32::to_le_bytes).concat()
@@ -159,7 +159,7 @@ fn an_image_that_never_answers_is_left_soon_after_a_signal() {
         for signal in [Signal::TERM, Signal::INT] {
             let arguments = [&["simulate", "--qemu", "--image", "silent.bin"], endpoint].concat();
             let mut child = inerter(folder.path(), &arguments).spawn().unwrap();
-            // It would wait for ten.
+            // Otherwise it waits for ten seconds.
             std::thread::sleep(Duration::from_secs(2));
             let told = std::time::Instant::now();
             kill_process(Pid::from_child(&child), signal).unwrap();

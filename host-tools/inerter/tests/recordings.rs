@@ -1,8 +1,7 @@
-//! Every command that reads a file, over every recording that is committed, whole and cut off: what each ends with and
-//! says.
+//! Every command that reads a file, with every committed recording, complete and truncated: its exit code and output.
 //!
-//! `tests/recordings/output.txt` holds exit code, number of lines and first words; `UPDATE_RECORDINGS=1 cargo test-lean
-//! --test program recordings` writes it anew. Figures are not in it: they have tests of their own.
+//! `tests/recordings/output.txt` contains the exit code, the number of lines and the first words. `UPDATE_RECORDINGS=1
+//! cargo test-lean --test program recordings` rewrites it. It contains no figures; other tests check these.
 
 use std::{
     fs,
@@ -11,7 +10,7 @@ use std::{
 
 use crate::common::{run, text};
 
-/// One line for each command; FILE stands for the recording, OUT for a file to be written.
+/// One line per command. FILE is replaced by the recording, OUT by an output file.
 const COMMANDS: [&str; 19] = [
     "info FILE",
     "info FILE --json",
@@ -38,7 +37,7 @@ fn tests() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests")
 }
 
-/// Name and content of each, and of the largest also a half.
+/// Name and content of each recording, and the first half of the largest one.
 fn recordings() -> Vec<(String, Vec<u8>)> {
     let folders = ["recordings", "cmd/files.in", "cmd/recording.in"].map(|folder| tests().join(folder));
     let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap()).map(|entry| entry.unwrap().path());
@@ -52,7 +51,7 @@ fn recordings() -> Vec<(String, Vec<u8>)> {
     recordings
 }
 
-/// What a person reads first, without figures.
+/// The first words that a person reads, without figures.
 fn first_words(text: &str) -> String {
     let line = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
     let words = line.split(|c: char| c.is_ascii_digit()).next().unwrap_or_default();

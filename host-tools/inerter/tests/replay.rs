@@ -1,4 +1,4 @@
-//! Files through the program: the JSON contract, and that every way through it gives the same result.
+//! Files through the program: the JSON contract, and equal results from every route.
 
 use std::{fs, path::Path, sync::OnceLock};
 
@@ -63,7 +63,7 @@ fn what_the_intervals_are_made_of_adds_up() {
         let parts = of.get("budget").unwrap().as_array().unwrap();
         let sum: f64 = parts.iter().map(|part| number(part, "u95").powi(2)).sum();
         assert!((sum.sqrt() / number(of, "u95") - 1.0).abs() < 1e-5, "{name}: {of}");
-        // The samples can only add to what the device says.
+        // The samples can only widen the device's interval.
         assert!(number(of, "u95") >= number(whole, "u95") * (1.0 - 1e-6), "{name}: {of}, {whole}");
         assert!(number(of, "same_rig_u95") <= number(of, "u95") && number(of, "u_a") > 0.0, "{name}: {of}");
         let assumes = of.get("assumes").unwrap().as_array().unwrap();
@@ -124,7 +124,7 @@ fn each_reversal_of_a_worn_screw_has_a_line_and_all_of_them_make_the_backlash() 
     assert_eq!(estimate.get("contact").unwrap(), "backlash");
     let (value, u95) = (number(&estimate, "/backlash_m/value"), number(&estimate, "/backlash_m/u95"));
     assert!((value - 1e-4).abs() < u95 && u95 < 1e-5, "{value} {u95}");
-    // An early one may be let in only when others have confirmed it.
+    // An early reversal may be accepted only after others have confirmed it.
     let part = reversals.len() as f64 / number(&estimate, "/backlash_m/reversals");
     assert!((0.8..=1.2).contains(&part) && reversals.len() > 50, "{}", reversals.len());
     let mean = reversals.iter().map(|reversal| number(reversal, "/value_m")).sum::<f64>() / reversals.len() as f64;
@@ -180,14 +180,14 @@ fn a_terminal_sensor_brings_its_parameters() {
         assert_eq!(keys, ["value", "u95", "status"], "{name}");
     }
     assert!(done(folder.path(), &["replay", "run.mcap"]).contains("Contact stiffness    N/m"));
-    // A CSV with the column has a sensor, unless it is switched off.
+    // A CSV with the column has a sensor, unless the sensor is switched off.
     done(folder.path(), &["export", "run.mcap", "--csv", "run.csv"]);
     let plain = ["replay", "run.csv", "--metres-per-count", "1e-6", "--json"];
     assert!(last(&done(folder.path(), &plain)).get("stiffness_n_per_m").is_some());
     let off = run(folder.path(), &[&plain[..], &["--set", "terminal_sensor=0"]].concat());
     assert_eq!(last(&text(&off.stdout)).get("stiffness_n_per_m"), None);
     assert!(text(&off.stderr).contains("the column terminal_m is ignored"), "{}", text(&off.stderr));
-    // What a simulation or an export writes has the column where its settings speak of the sensor, and only there.
+    // A simulation or an export writes the column only if its settings enable the sensor.
     let header = |name: &str| fs::read_to_string(folder.path().join(name)).unwrap().lines().next().unwrap().to_string();
     assert_eq!(header("run.csv"), "t_s,encoder_count,force_n,terminal_m");
     done(folder.path(), &["export", "run.mcap", "--csv", "run.csv", "--force", "--set", "terminal_sensor=0"]);
@@ -265,7 +265,7 @@ fn a_skew_is_found_from_a_file_and_what_is_printed_takes_it_away() {
         let json = last(&done(folder.path(), &[&["replay", "run.mcap", "--json"], more].concat()));
         json.pointer("/whole_run/viscous_n_s_per_m/value").and_then(Value::as_f64)
     };
-    // 40 us too late is 80 N s/m and more of false damping at 13 Hz.
+    // A delay of 40 us acts as false damping of more than 80 N s/m at 13 Hz.
     assert!(viscous(&[]).is_none_or(|value| value > 60.0), "{:?}", viscous(&[]));
     assert!((viscous(&settings).unwrap() - 31.4).abs() < 8.0, "{:?}", viscous(&settings));
 }
@@ -282,7 +282,7 @@ fn a_motion_that_shows_no_skew_is_refused_with_its_own_code() {
         let words = fails(folder.path(), &[&command.split(' ').collect::<Vec<_>>()[..], &["run.mcap"]].concat(), 9);
         assert!(words.contains("too little motion") && words.contains("the encoder shows no motion"), "{words}");
     }
-    // A force at its limits is not a lack of motion.
+    // A force at its limits must not be reported as a lack of motion.
     simulate(folder.path(), &["--force-min-code", "-300000", "--force-max-code", "300000"]);
     for command in ["fit", "calibrate skew", "calibrate stiffness"] {
         let words = fails(folder.path(), &[&command.split(' ').collect::<Vec<_>>()[..], &["run.mcap"]].concat(), 9);
@@ -312,7 +312,7 @@ fn a_stiffness_found_with_the_sensor_lets_the_force_find_the_backlash_without() 
     let by_force = backlash(&settings);
     let [value, u95] = ["value", "u95"].map(|key| by_force.pointer(&format!("/backlash_m/{key}")).unwrap().as_f64());
     assert!((value.unwrap() - 1e-4).abs() < u95.unwrap() && u95.unwrap() < 1e-5, "{by_force}");
-    // What is in use is known as well.
+    // The command also knows the settings in use.
     let again = done(folder.path(), &[&calibrate[..], &settings].concat());
     assert!(again.contains("nothing to change"), "{again}");
 }
@@ -365,7 +365,7 @@ fn an_exported_csv_replays_to_the_same_digits() {
         let again = ["replay", "run.csv", "--settings", "run.settings.toml", "--json"];
         assert_eq!(last(&done(folder.path(), &again)), from_recording, "{more:?}");
 
-        // As a European Excel writes it.
+        // As exported by a European Excel.
         let csv = fs::read_to_string(folder.path().join("run.csv")).unwrap();
         let european = format!("\u{feff}{}", csv.replace(',', ";").replace('.', ",").replace('\n', "\r\n"));
         fs::write(folder.path().join("run.csv"), european).unwrap();
@@ -434,7 +434,7 @@ fn a_recording_that_is_cut_off_or_damaged_replays_up_to_there() {
 
     let mut damaged = whole.clone();
     let middle = damaged.len() / 2;
-    // Far enough apart that not all of them meet an index, whose damage does no harm.
+    // Far enough apart that not all of them hit an index, where damage is harmless.
     damaged.iter_mut().skip(middle).step_by(1500).take(3).for_each(|byte| *byte ^= 0x5A);
     fs::write(folder.path().join("damaged.mcap"), damaged).unwrap();
     let output = run(folder.path(), &["replay", "damaged.mcap", "--json"]);
@@ -447,7 +447,7 @@ fn a_recording_that_is_cut_off_or_damaged_replays_up_to_there() {
 #[test]
 fn a_disk_that_is_full_keeps_no_part_of_a_simulation() {
     let folder = tempfile::tempdir().unwrap();
-    // A limit on the size of files stands for the end of the disk; without its signal the write fails.
+    // A limit on the file size simulates a full disk. Without its signal, the write fails.
     let script = r#"trap "" XFSZ; ulimit -f 300; exec "$0" simulate -o run.mcap --duration 600"#;
     let mut command = std::process::Command::new("bash");
     let output =
@@ -488,7 +488,7 @@ fn a_recording_of_another_wire_version_is_refused_with_the_versions() {
     let words = fails(folder.path(), &["replay", "future.mcap"], 7);
     assert!(words.contains("was recorded from a device that speaks wire version 7; this program speaks 1"), "{words}");
     assert!(words.contains("use a newer `inerter` program"), "{words}");
-    // A store does not take it, and is not made for it.
+    // A store rejects the file, and is not created for it.
     let words = fails(folder.path(), &["store", "add", "s", "future.mcap"], 7);
     assert!(words.contains("speaks wire version 7; this program speaks 1"), "{words}");
     assert!(!folder.path().join("s").exists());
@@ -516,7 +516,7 @@ proptest! {
         }
         let path = folder.path().join("damaged.mcap");
         fs::write(&path, bytes).unwrap();
-        // Settings that were damaged may be refused, in words.
+        // Damaged settings may be refused, with a message.
         let replayed = inerter_data::open(&path, &Overrides::default()).and_then(|run| replay(&run, |_, _| Ok(())));
         if let Ok(outcome) = replayed {
             let line = json_line(&EstimateJson::last(
@@ -546,7 +546,7 @@ fn a_device_is_held_against_limits() {
     assert!(rows.starts_with("run,parameter,value,u95,min,max,verdict,needed_u95,reason\n"), "{rows}");
     assert_eq!(rows.lines().filter(|row| row.contains(",pass,")).count(), 2);
 
-    // What is in the way is refused before any work.
+    // An existing output file is reported before any work.
     let output = judged(&["--junit", "r.xml"]);
     assert_eq!((output.status.code(), text(&output.stdout)), (Some(8), String::new()));
     limits("[inertance_kg]\nmax = 299.6\n[coulomb_n]\nmax = 45\n[backlash_m]\nmax = 1e-4\n");
@@ -569,7 +569,7 @@ fn a_device_is_held_against_limits() {
         "{xml}"
     );
 
-    // Whether anybody reads on does not matter.
+    // It does not matter whether anybody reads the output.
     let words = ["replay", "run.mcap", "--limits", "limits.toml", "--verdicts", "p.csv"];
     let mut child = common::inerter(folder.path(), &words).stderr(std::process::Stdio::null()).spawn().unwrap();
     drop(child.stdout.take());
@@ -580,7 +580,7 @@ fn a_device_is_held_against_limits() {
         assert_eq!(output.status.code(), Some(8), "{files:?}");
     }
 
-    // A law that does not hold proves nothing, nor does a run in which the device changed.
+    // A run with a broken law is no evidence, nor is one in which the device changed.
     let change = ["--duration", "20", "--excite", "random", "--change-at", "8", "--change", "inertance_kg=150"];
     done(folder.path(), &[&["simulate", "-o", "changed.mcap"], &change[..]].concat());
     let output = run(folder.path(), &["replay", "changed.mcap", "--limits", "limits.toml", "--json"]);
@@ -591,7 +591,7 @@ fn a_device_is_held_against_limits() {
     assert_eq!((&line["law"]["status"], &line["limits"]["verdict"]), (&"broken".into(), &"undecided".into()), "{line}");
     assert_eq!(output.status.code(), Some(10));
 
-    // The command that is printed designs a motion, and a run with that motion decides.
+    // The printed command designs a motion, and a run with that motion gives a verdict.
     limits("[viscous_n_s_per_m]\nmax = 33\n[backlash_m]\nmax = 1e-4\n");
     let told = text(&judged(&[]).stderr);
     let line = told.split('`').find(|part| part.starts_with("inerter plan run.mcap --want ")).unwrap();
@@ -601,7 +601,7 @@ fn a_device_is_held_against_limits() {
     done(folder.path(), &["simulate", "--motion", "motion.csv", "--seed", "5", "-o", "planned.mcap"]);
     let planned = done(folder.path(), &["replay", "planned.mcap", "--limits", "limits.toml"]);
     assert_eq!(planned.lines().filter(|line| line.starts_with("pass ")).count(), 2, "{planned}");
-    // No motion is designed for the backlash, and nothing says that one would be.
+    // No motion can be designed for the backlash, and the program does not suggest one.
     limits("[backlash_m]\nmax = 1.5e-6\n");
     let told = text(&judged(&[]).stderr);
     assert!(told.contains("1 undecided") && !told.contains("--want"), "{told}");

@@ -1,4 +1,4 @@
-//! Pages and figures: what `report`, `plot` and `reproduce-paper` write, that it is valid and loads nothing.
+//! Pages and figures from `report`, `plot` and `reproduce-paper`: they are valid and load nothing.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -19,7 +19,7 @@ const SECTIONS: [&str; 11] = [
     "versions",
 ];
 
-/// A page without a mistake, without nonsense, and without anything to load.
+/// A page that is valid HTML, contains no nonsense, and loads nothing.
 fn checked(path: &Path) -> Html {
     let page = fs::read_to_string(path).unwrap();
     let parsed = Html::parse_document(&page);
@@ -133,7 +133,7 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     assert_eq!((&line["kind"], &line["files"]), (&"compare".into(), &files.as_slice().into()));
     assert_eq!(line["rigs"], serde_json::json!([same, same, same, same]));
     let of = |name: &str, run: usize| line["parameters"][name][run].clone();
-    // What each run tells is what `replay` says of it.
+    // The page shows the same values for each run as `replay`.
     let replayed = last(&done(folder, &["replay", "heavier.mcap", "--json"]));
     let (heavier, told) = (of("inertance_kg", 1), &replayed["uncertainty"]["inertance_kg"]);
     assert_eq!(
@@ -165,7 +165,7 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     }
     assert!(count(&page, "#parameters td.differs") >= 2 && count(&page, "#runs tbody tr") == 4);
 
-    // Without a word on the rig the boards tell: each simulated device has a serial number of its own.
+    // Without information on the rig, the boards decide: each simulated device has its own serial number.
     let output = compare(&[]);
     let words = text(&output.stdout);
     let other = "heavier.mcap is from another rig than a<b>.mcap (the serial number of the board differs): its full intervals are used.";
@@ -194,7 +194,7 @@ fn runs_are_compared_in_words_in_json_and_on_one_page() {
     assert_eq!(before, fs::read(folder.join("page.html")).unwrap());
 }
 
-/// There are no more than five colours that all kinds of colour vision tell apart.
+/// No more than five colours are distinguishable with all kinds of colour vision.
 #[test]
 fn of_six_runs_all_are_compared_and_the_first_five_are_drawn() {
     let folder = tempfile::tempdir().unwrap();
@@ -205,11 +205,11 @@ fn of_six_runs_all_are_compared_and_the_first_five_are_drawn() {
     assert_eq!(line["parameters"]["inertance_kg"].as_array().unwrap().len(), 6);
     assert_eq!(count(&checked(&folder.join("page.html")), "#runs tbody tr"), 6);
     let page = fs::read_to_string(folder.join("page.html")).unwrap();
-    // All figures but that of the intervals, which has room for each run.
+    // All figures but that of the intervals, which has room for all runs.
     assert_eq!(page.matches("Only the first 5 of 6 runs are drawn.").count(), 3);
 }
 
-/// Whether anybody reads on does not matter to the exit code.
+/// The exit code does not depend on whether anybody reads the output.
 #[test]
 fn a_verdict_needs_no_reader() {
     let folder = tempfile::tempdir().unwrap();
@@ -234,7 +234,7 @@ fn a_verdict_needs_no_reader() {
     }
 }
 
-/// A rotary machine has its own names and units wherever it is compared and judged.
+/// A rotary machine has its own names and units in comparisons and verdicts.
 #[test]
 fn a_rotary_machine_is_compared_by_its_own_names() {
     let folder = tempfile::tempdir().unwrap();
@@ -259,12 +259,12 @@ fn a_rotary_machine_is_compared_by_its_own_names() {
     assert_eq!(last(&text(&reported.stdout))["limits"], line["limits"][0]);
 }
 
-/// The verdict is that of `replay`, where samples are wrong in the last minute or nowhere.
+/// The verdict equals that of `replay`, with bad samples in the last minute or without any.
 #[test]
 fn a_page_says_what_a_replay_says_of_limits() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // Longer than the latest samples that are searched.
+    // Longer than the span of latest samples that is searched.
     let simulate = ["simulate", "-o", "run.mcap", "--duration", "80", "--force-noise-n", "1", "--seed", "5"];
     done(folder, &simulate);
     fs::write(
@@ -284,7 +284,7 @@ fn a_page_says_what_a_replay_says_of_limits() {
     assert_eq!(of(&["store", "ls", "store"]), replayed);
     let compared = of(&["compare", "run.mcap", "run.mcap"]);
     assert_eq!(compared, serde_json::json!([replayed, replayed]));
-    // So do the files: each has the name of the run, which in a store is another.
+    // The files agree too. Each contains the name of the run, which differs in a store.
     let files = |words: &[&str], name: &str| {
         let names = ["xml", "csv"].map(|ending| format!("{name}.{ending}"));
         let limits = ["--limits", "limits.toml", "--junit", &names[0], "--verdicts", &names[1]];
@@ -302,7 +302,7 @@ fn a_page_says_what_a_replay_says_of_limits() {
     let (suite, row) = ("<testsuite name=\"run.mcap\" tests=\"3\"", csv.split_once('\n').unwrap().1);
     assert_eq!((both.matches(suite).count(), xml.matches(suite).count()), (2, 1), "{both}");
     assert_eq!(rows, format!("{csv}{row}"));
-    // A law that is broken, a device that changed, samples that are wrong.
+    // A broken law, a device that changed, bad samples.
     let change = ["--change-at", "4", "--change", "inertance_kg=150"];
     let clipped = ["--set", "force_max_code=200000", "--set", "force_min_code=-200000"];
     for (name, more) in

@@ -1,4 +1,4 @@
-//! A rotary machine: the numbers of a linear one under names and units of its own.
+//! A rotary machine: the numbers of a linear one with its own names and units.
 
 use std::{fs, path::Path};
 
@@ -69,7 +69,7 @@ fn a_recording_of_a_rotary_machine_keeps_its_kind() {
     assert!(info.pointer("/estimate/inertia_kg_m2/value").is_some(), "{info}");
     assert!(info.pointer("/settings/stiffness_n_per_m").is_some(), "settings have one name for both");
 
-    // What viewers show, uncompressed in the file.
+    // The data for viewers, uncompressed in the file.
     let bytes = fs::read(folder.join("run.mcap")).unwrap();
     let holds = |text: &str| bytes.windows(text.len()).any(|window| window == text.as_bytes());
     for text in [r#""inertia_kg_m2":{"value":"#, r#""torque_min_n_m":"#, r#""angle_rad":"#, "[N m]"] {
@@ -94,7 +94,7 @@ fn a_recording_of_a_rotary_machine_keeps_its_kind() {
     for text in ["Effective inertia", "kg m²", "Torque [N m]", "µrad"] {
         assert!(page.contains(text), "{text}");
     }
-    // But for the settings, whose names are the same for both.
+    // Except for the settings, whose names are the same for both.
     let (head, tail) = page.split_once("<section id=\"settings\">").unwrap();
     let words = format!("{head}{}", tail.split_once("</section>").unwrap().1).replace("id=\"force\"", "");
     for text in ["[N]", "[mm]", "µm", "nertance", "N rms", "orce", "isplacement", " mass"] {
@@ -180,7 +180,7 @@ fn a_small_axis_is_served_by_every_command() {
     let multi = "--excite=multi:0.5-15Hz:30rad/s";
     axis(folder, "late.csv", &[multi, "--set=skew_s=0"]);
 
-    // With nothing but the scale of the encoder: the motion is 15 times beyond the full scale of an inerter.
+    // With only the encoder's scale: the motion exceeds an inerter's full scale 15 times.
     let count = "--metres-per-count=5.99211e-6";
     let skew = last(&done(folder, &["calibrate", "skew", "late.csv", count, "--json"]));
     let of = |object: &serde_json::Value, path: &str| object.pointer(path).and_then(serde_json::Value::as_f64).unwrap();

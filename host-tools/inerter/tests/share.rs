@@ -1,4 +1,4 @@
-//! Several programs at one device: at a virtual one, and at one that `monitor --share` has.
+//! Several programs with one device: with a virtual one, and with one shared by `monitor --share`.
 
 use std::{io::Write, net::TcpStream};
 
@@ -15,7 +15,7 @@ fn connect(address: &str) -> Device {
     Device::connect(&Target::Tcp { address: address.into() }, Clock::new()).unwrap()
 }
 
-/// Receives until as many of these records have come.
+/// Receives until this many matching records have arrived.
 fn receive(device: &mut Device, mut count: usize, of: impl Fn(&Record) -> bool) {
     while count > 0 {
         if let Some(received) = device.receive().unwrap()
@@ -48,7 +48,7 @@ fn two_programs_see_the_same_device_and_the_first_controls_it() {
     });
     assert_eq!((first.counts().lost, second.counts().lost), (0, 0));
 
-    // Whole programs look on as well, and a recording lacks nothing.
+    // Complete programs can observe as well, and a recording loses nothing.
     let output = run(folder.path(), &["monitor", "--json", "--connect", address, "--duration", "2"]);
     assert!(output.status.success() && text(&output.stderr).contains("another program controls this device"));
     assert!(json_lines(&text(&output.stdout)).iter().any(|line| line["kind"] == "estimate"));
@@ -60,7 +60,7 @@ fn two_programs_see_the_same_device_and_the_first_controls_it() {
     let words = fails(folder.path(), &set, 6);
     assert!(words.contains("another program may control the device"), "{words}");
 
-    // It goes, and the next one has the control.
+    // The controlling program disconnects, and the next one takes control.
     drop((first, second));
     done(folder.path(), &set);
     let mut third = connect(address);
@@ -71,7 +71,7 @@ fn two_programs_see_the_same_device_and_the_first_controls_it() {
 #[test]
 fn who_never_reads_keeps_nobody_out() {
     let virtual_device = device_at("127.0.0.1:0");
-    // The first, so in control; it asks for everything and takes nothing.
+    // The first client has control. It requests everything and reads nothing.
     let mut stuck = TcpStream::connect(virtual_device.name()).unwrap();
     let mut out = [0; MAX_FRAME];
     let request = Request { id: 9, command: Command::Streams(Streams::ALL) };
@@ -87,13 +87,13 @@ fn who_never_reads_keeps_nobody_out() {
 fn one_too_many_is_told_so() {
     let folder = tempfile::tempdir().unwrap();
     let virtual_device = device_at("127.0.0.1:0");
-    // Those that say nothing keep nobody out.
+    // Silent clients keep nobody out.
     let _mute: Vec<TcpStream> = (0..MOST_READERS).map(|_| TcpStream::connect(virtual_device.name()).unwrap()).collect();
     let mut readers: Vec<Device> = (0..MOST_READERS).map(|_| connect(virtual_device.name())).collect();
     let words = fails(folder.path(), &["settings", "get", "--connect", virtual_device.name()], 5);
     assert!(words.contains("closed the connection before it sent anything") && !words.contains("went away"), "{words}");
     assert!(words.contains("close one of them"), "{words}");
-    // One leaves, and there is room, as soon as that is seen.
+    // One client leaves, and there is room as soon as this is noticed.
     readers.pop();
     while !run(folder.path(), &["settings", "get", "--connect", virtual_device.name()]).status.success() {}
 }
@@ -119,7 +119,7 @@ fn a_monitor_shares_its_device() {
     done(folder.path(), &["record", "--connect", &shared, "--duration", "1", "-o", "run.mcap"]);
     assert_eq!(last(&done(folder.path(), &["info", "run.mcap", "--json"]))["lost_samples"], 0);
 
-    // The device goes, and so do those who look on; it comes back, and they may.
+    // The device disconnects, and so do its observers. When it returns, they may reconnect.
     drop(before);
     while reader.receive().is_ok() {}
     let _after = device_at(&address);

@@ -1,4 +1,4 @@
-//! A store from outside: several processes at once, damage of every kind, and stores that are none.
+//! A store from outside: several processes at once, damage of every kind, and folders that are no store.
 
 use std::{
     collections::BTreeSet,
@@ -22,7 +22,7 @@ fn recordings() -> tempfile::TempDir {
     folder
 }
 
-/// Files of the store, from its root.
+/// Files of the store, relative to its root.
 fn files(store: &Path) -> BTreeSet<PathBuf> {
     let mut found = BTreeSet::new();
     let mut folders = vec![store.to_path_buf()];
@@ -44,7 +44,7 @@ fn rows(folder: &Path) -> Vec<serde_json::Value> {
 }
 
 fn write(path: &Path, bytes: &[u8]) {
-    // Sealed.
+    // The file is sealed, so replace it.
     fs::remove_file(path).ok();
     fs::write(path, bytes).unwrap();
 }
@@ -67,7 +67,7 @@ fn a_run_says_what_a_replay_says_and_comes_back_as_it_was() {
         assert_eq!(row[format!("{parameter}_status")], replayed["whole_run"][&field]["status"]);
     }
     assert_eq!(row["law"], replayed["law"]["status"]);
-    // A friction that may as well be none.
+    // A friction that is indistinguishable from zero.
     done(folder, &["simulate", "--duration", "6", "--viscous-n-s-per-m", "0", "-o", "none.mcap"]);
     let none = last(&done(folder, &["store", "add", "s", "none.mcap", "--json"]));
     let none = last(&done(folder, &["store", "show", "s", none["run"].as_str().unwrap(), "--json"]));
@@ -115,7 +115,7 @@ fn a_recording_twice_is_one_run_and_conditions_choose() {
     for day in ["yesterday", "2026-99-99"] {
         fails(folder, &["store", "ls", "s", "--from", day], 2);
     }
-    // Not every run has each column.
+    // Not every run has every column.
     done(folder, &["simulate", "--duration", "6", "--set", "machine=1", "-o", "rotary.mcap"]);
     done(folder, &["store", "add", "s", "rotary.mcap"]);
     assert_eq!((query(&["inertia_kg_m2 > 0"]), query(&["inertance_kg > 0"])), (1, 2));
@@ -151,7 +151,7 @@ fn a_kill_at_any_moment_leaves_no_half_run() {
     let mut cut_off = 0;
     for _ in 0..12 {
         let mut child = inerter(folder, &["store", "add", "s", "1.mcap"]).spawn().unwrap();
-        // Until something of it is there, or for a while.
+        // Until something of it exists, or for a while.
         let before = files(&folder.join("s"));
         for _ in 0..random.below(400) {
             if files(&folder.join("s")) != before && random.below(3) == 0 {
@@ -180,7 +180,7 @@ fn a_kill_at_any_moment_leaves_no_half_run() {
     assert!(cut_off > 0, "no kill left anything unfinished");
 }
 
-/// A store with the first recording: its folder, and the files in its folders.
+/// A store with the first recording: its folder, and the files in it.
 fn added(folder: &Path) -> (PathBuf, Vec<PathBuf>) {
     done(folder, &["store", "add", "s", "1.mcap"]);
     let store = folder.join("s");
@@ -206,7 +206,7 @@ fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can()
         fs::remove_file(store.join(file)).unwrap();
         let missing = run(folder, &["store", "verify", "s", "--json"]);
         assert_eq!(missing.status.code(), Some(3), "{file:?} is gone: {}", text(&missing.stdout));
-        // All but the recording follows from it, to the same bytes.
+        // All files except the recording are derived from it, byte for byte.
         let is_recording = file.starts_with("recordings");
         write(&store.join(file), if is_recording { &whole } else { &flipped });
         done(folder, &["store", "verify", "s", "--repair"]);
@@ -222,7 +222,7 @@ fn verify_finds_a_flipped_byte_in_each_file_and_repair_makes_whole_what_it_can()
     let name = recording.file_stem().unwrap().to_str().unwrap();
     assert!(fails(folder, &["store", "get", "s", name, "-o", "back.mcap"], 3).contains("differs from what was added"));
     assert!(!folder.join("back.mcap").exists());
-    // A damaged recording is nobody's to throw away, and whoever has a whole one puts it in order.
+    // A damaged recording must not be deleted, and adding an intact copy repairs it.
     assert_eq!(run(folder, &["store", "verify", "s", "--repair"]).status.code(), Some(3));
     assert!(store.join(recording).exists());
     assert_eq!(last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]))["new"], true);
@@ -243,7 +243,7 @@ fn what_is_no_store_or_no_recording_is_told_with_what_to_do() {
     fs::write(folder.join("broken.mcap"), &fs::read(folder.join("1.mcap")).unwrap()[..300]).unwrap();
     assert!(fails(folder, &["store", "add", "s", "run.csv"], 3).contains("run.csv is not a recording"));
     assert!(fails(folder, &["store", "add", "s", "nothing.mcap"], 3).contains("nothing.mcap"));
-    // The others go in.
+    // The others are added.
     let words = fails(folder, &["store", "add", "s", "run.csv", "broken.mcap", "1.mcap"], 3);
     assert!(
         words.contains("2 of 3 recordings were not added") && words.contains("run.csv is not a recording"),
@@ -278,7 +278,7 @@ fn a_place_that_cannot_be_written_is_told_and_no_run_is_there() {
     done(folder, &["store", "verify", "s"]);
 }
 
-/// A folder of somebody else: the error names the file, and nothing in the folder changes.
+/// A folder of another user: the error names the file, and the folder stays unchanged.
 #[cfg(unix)]
 #[test]
 fn a_folder_that_may_not_be_written_is_told_and_stays_as_it_was() {
@@ -288,7 +288,7 @@ fn a_folder_that_may_not_be_written_is_told_and_stays_as_it_was() {
     let folder = folder.path();
     let set = |path: &Path, mode| fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
     set(folder, 0o755);
-    // Root may write everywhere: then the program runs as nobody.
+    // Root may write everywhere, so the program runs as nobody.
     let nobody = rustix::process::getuid().is_root().then_some(65534);
     let as_another = |arguments: &[&str]| {
         let mut command = inerter(folder, arguments);
@@ -340,7 +340,7 @@ fn shards_do_each_run_once_and_keep_what_a_replay_says() {
     let mut names: Vec<String> = rows(folder).iter().map(|row| row["run"].as_str().unwrap().to_owned()).collect();
     names.sort();
     assert_eq!(parts, names);
-    // What is there already is not done again, unless that is asked for.
+    // Existing results are not computed again unless requested.
     assert!(replay(&[]).is_empty());
     assert_eq!(replay(&["--again"]).len(), 2);
     let stiff = ["--batch", "stiff", "--set", "stiffness_n_per_m=5e6"];
@@ -362,21 +362,21 @@ fn shards_do_each_run_once_and_keep_what_a_replay_says() {
     assert!(fails(folder, &["replay", "--store", "s", "--set", "memory_s=5"], 2).contains("was made by"));
     assert!(fails(folder, &["replay", "--store", "s", "--batch", "../x"], 2).contains("cannot be the name of a batch"));
     fails(folder, &["replay", "--store", "s", "--shard", "4/3"], 2);
-    // One that fails is a row, and the others are done; with the run go its results.
+    // A failing run gets a row, and the others are processed. Its results are removed with the run.
     let recording = files(&folder.join("s")).into_iter().find(|file| file.starts_with("recordings")).unwrap();
     write(&folder.join("s").join(&recording), b"no recording");
     let words = fails(folder, &["replay", "--store", "s", "--batch", "half"], 3);
     assert!(words.contains("1 of 2 runs could not be replayed"), "{words}");
     let half = files(&folder.join("s")).into_iter().filter(|file| file.starts_with("results/half")).count();
     assert_eq!(half, 2);
-    // It counts as done.
+    // It counts as processed.
     assert!(replay(&["--batch", "half"]).is_empty());
     fails(folder, &["replay", "--store", "s", "--batch", "half", "--again"], 3);
     names.iter().for_each(|name| drop(done(folder, &["store", "remove", "s", name, "--yes"])));
     assert_eq!(files(&folder.join("s")).len(), 1);
 }
 
-/// Rows from anywhere: each is told, and keeps nobody from the others.
+/// Damaged rows: each is reported, and does not hide the others.
 #[test]
 fn a_damaged_row_is_told_and_the_others_are_listed() {
     let folder = recordings();
@@ -410,14 +410,14 @@ fn a_damaged_row_is_told_and_the_others_are_listed() {
             assert!(text(&output.stdout).lines().count() >= 2, "the other run: {said}");
         }
     }
-    // What is whole is there all the same.
+    // The intact part remains available.
     write(&row, b"[]");
     done(folder, &["store", "get", "s", &name, "-o", "back.mcap"]);
     done(folder, &["store", "verify", "s", "--repair"]);
     assert_eq!(rows(folder).len(), 2);
 }
 
-/// Pipes and links in the folder are nothing of ours, and reading them might never end.
+/// Pipes and links in the folder are not part of the store, and reading them might never end.
 #[cfg(unix)]
 #[test]
 fn pipes_and_links_in_a_store_hang_nothing() {
@@ -449,13 +449,13 @@ fn pipes_and_links_in_a_store_hang_nothing() {
                 child.kill().ok();
                 assert!(ended, "{command:?} with {odd} in {part} does not end");
             }
-            // Adding the recording put it in order.
+            // Adding the recording repaired it.
             assert!(fs::symlink_metadata(&file).unwrap().is_file() && fs::read(&file).unwrap() == whole, "{part}");
         }
     }
 }
 
-/// What an earlier attempt left, or another version of this program, does not become a part of a run.
+/// Remains of an earlier attempt or of another version of this program do not become part of a run.
 #[test]
 fn leftovers_with_other_bytes_are_written_anew() {
     let folder = recordings();
@@ -469,7 +469,7 @@ fn leftovers_with_other_bytes_are_written_anew() {
     done(folder, &["store", "verify", "s"]);
 }
 
-/// What was judged is said, and that nothing was is no success.
+/// The output states what was judged, and judging nothing is no success.
 #[test]
 fn a_store_is_held_against_limits() {
     let folder = tempfile::tempdir().unwrap();
@@ -493,7 +493,7 @@ fn a_store_is_held_against_limits() {
     assert!(
         fails(folder, &["store", "query", "store", "samples < 1", "--limits", "wrong.toml"], 4).contains("`coulomb_n`")
     );
-    // Of a run that an earlier version added not all is known that a verdict needs.
+    // A run added by an earlier version lacks some of the data that a verdict needs.
     let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../python/tests/golden-store/store");
     let golden = golden.to_str().unwrap();
     let output =

@@ -1,7 +1,7 @@
-//! What a person sees: every `.trycmd` file in `tests/cmd` is a session whose output must stay as it is written there.
-//! `TRYCMD=overwrite cargo test-lean --test transcripts` writes them anew.
+//! The program's output as a person sees it: every `.trycmd` file in `tests/cmd` is a session with the expected output.
+//! `TRYCMD=overwrite cargo test-lean --test transcripts` rewrites them.
 
-/// Whether there are stores, but none in S3: another package of the same build may switch those on.
+/// Whether stores are supported, but not in S3; another package of the same build may enable S3.
 #[cfg(feature = "tables")]
 const LACKS_S3: bool = !inerter_store::HAS_S3;
 #[cfg(not(feature = "tables"))]

@@ -1,4 +1,4 @@
-//! The program at devices that are silent, send without an end, or answer nothing that they are asked.
+//! The program with devices that are silent, send endlessly, or answer none of its requests.
 
 use std::{io::Read, path::Path, sync::Mutex, thread, time::Duration};
 
@@ -9,11 +9,11 @@ use crate::common::{
 };
 use rustix::process::{Pid, Signal, kill_process};
 
-/// Of all pairs of a command and a manner one in so many is tried here; `cargo xtask chaos unruly` tries them all.
+/// One in this many pairs of command and manner is tried here; `cargo xtask chaos unruly` tries all of them.
 const ONE_IN: usize = 7;
-/// Visits at the same time.
+/// Number of concurrent visits.
 const AT_ONCE: usize = 40;
-/// More than any command holds at a device that says all it can \[kB\].
+/// More than any command uses with a device that sends everything it can \[kB\].
 const MOST_KB: u64 = 64_000;
 
 #[test]
@@ -21,8 +21,8 @@ fn every_command_that_talks_to_a_device_is_tried() {
     all_are_tried(COMMANDS, |help| help.contains("--connect <HOST:PORT>"));
 }
 
-/// Does something with pairs of a command and a device, many at a time, as most of them wait. Each command and each
-/// manner is among them.
+/// Calls `act` with pairs of a command and a device, many at a time because most of them wait. The pairs include every
+/// command and every manner.
 fn each(first: usize, act: impl Fn(&Path, &[&str], Manner) + Sync) {
     let pairs: Vec<_> =
         MANNERS.iter().flat_map(|manner| COMMANDS.iter().map(move |command| (*command, *manner))).collect();
@@ -45,12 +45,12 @@ fn each(first: usize, act: impl Fn(&Path, &[&str], Manner) + Sync) {
 fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
     each(0, |folder, command, manner| {
         let device = Unruly::start(manner, 1);
-        // The system ends those without a handler by either; in the background some shells have it ignore SIGINT.
+        // Commands without a handler are ended by the signal itself. Background processes of some shells ignore SIGINT.
         let signals = if command[0] == "settings" { &[Signal::TERM][..] } else { &[Signal::TERM, Signal::INT] };
         for &signal in signals {
             let before = device.guests();
             let mut visit = Visit::start(folder, command, &device.address);
-            // It may have ended by itself. Where many start at once some come late.
+            // The command may have ended by itself. With many concurrent starts, some are late.
             let mut goes_on = visit.goes_on(Duration::from_millis(700));
             for _ in 0..50 {
                 if !goes_on || device.guests() > before {
@@ -71,7 +71,7 @@ fn every_command_ends_soon_after_a_signal_whatever_the_device_does() {
     });
 }
 
-/// The library that reads the keys goes on for ever at a terminal that is gone.
+/// The library that reads the keys loops forever if its terminal disappears.
 #[test]
 fn the_screen_ends_with_its_terminal() {
     use rustix::termios;
@@ -92,18 +92,18 @@ fn the_screen_ends_with_its_terminal() {
     }
     kill_process(Pid::from_child(&child), Signal::HUP).unwrap();
     drop(screen);
-    // The system sends another where the terminal is its own.
+    // The system sends a second signal if the terminal is the program's own.
     kill_process(Pid::from_child(&child), Signal::HUP).ok();
     let status = unruly::ended(&mut child, Duration::from_secs(5)).expect("it goes on without its terminal");
     assert!(matches!(status.code(), Some(0..=10 | 130)), "{status}");
 }
 
-/// As after Ctrl-S, or where the window hangs.
+/// As after Ctrl-S, or if the window hangs.
 #[test]
 fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
     use rustix::{io, termios};
     let device = device(5.0);
-    // The screen fills the terminal by itself, a line of progress would take minutes.
+    // The screen fills the terminal by itself; a progress line would take minutes.
     for (command, is_full) in [(["monitor", "--record"], false), (["record", "-o"], true)] {
         let folder = tempfile::tempdir().unwrap();
         let (_nobody, terminal) = terminal();
@@ -119,11 +119,11 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
             while io::write(&terminal, &[b'x'; 512]).is_ok() {}
             io::ioctl_fionbio(&terminal, false).unwrap();
         }
-        // Half a minute of the device.
+        // Half a minute of the device's data.
         common::until("the recording waits", || length() > 700_000);
         kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
-        // The 5 s of a machine that has time for it are the campaign's (`cargo xtask chaos lost_terminals`); beside
-        // other tests it has less.
+        // The limit of 5 s on an idle machine is checked by the campaign (`cargo xtask chaos lost_terminals`). With
+        // other tests running, allow more.
         let status = unruly::ended(&mut child, Duration::from_secs(20));
         assert!(status.is_some(), "{command:?} goes on");
         let info = common::last(&common::done(folder.path(), &["info", "run.mcap", "--json"]));
@@ -131,7 +131,7 @@ fn a_terminal_that_takes_nothing_holds_up_neither_a_recording_nor_the_end() {
     }
 }
 
-/// A run that is cut off leaves the only copy of the board's settings in its backup.
+/// If the run is interrupted, its backup is the only copy of the board's settings.
 #[test]
 fn a_self_test_backs_settings_up_before_it_begins_and_replaces_no_backup() {
     let folder = tempfile::tempdir().unwrap();
@@ -159,8 +159,8 @@ fn a_self_test_backs_settings_up_before_it_begins_and_replaces_no_backup() {
 #[test]
 fn no_request_waits_for_ever() {
     each(3, |folder, command, manner| {
-        // These go on at a device that speaks, the wizard because somebody answers it; how they end is the other
-        // test's.
+        // These keep running with a device that responds; the wizard does because a person answers it. The other test
+        // checks how they end.
         let says_nothing =
             matches!(manner, Manner::Silent | Manner::Samples | Manner::Introduced | Manner::Mute | Manner::Empty);
         if (["monitor", "record"].contains(&command[0]) || command == ["calibrate"]) && !says_nothing {
@@ -170,7 +170,7 @@ fn no_request_waits_for_ever() {
         let mut visit = Visit::start(folder, command, &device.address);
         let code = visit.ended(Duration::from_secs(60)).and_then(|status| status.code());
         assert!(matches!(code, Some(0..=10)), "{command:?} at a device that is {manner:?}: {code:?}");
-        // What any of them says of itself is nonsense.
+        // Their self-reports are nonsense.
         assert!(command[0] != "selftest" || code != Some(0), "a device that is {manner:?} passed");
         assert_ne!(device.guests(), 0, "{command:?} never came to its device");
     });

@@ -1,4 +1,4 @@
-//! The program beside devices whose firmware is older or newer than it.
+//! The program with devices whose firmware is older or newer.
 
 use std::path::Path;
 
@@ -7,23 +7,23 @@ use inerter_simulate::VirtualDevice;
 use inerter_wire::{Capabilities, Event, EventKind, Record, SettingValue, SettingsValues};
 use serde_json::Value;
 
-/// These settings, without those from number `end` on, and with `more`.
+/// These settings without those from number `end` on, and with `more` appended.
 fn settings(values: &SettingsValues, end: usize, more: &[SettingValue]) -> Record {
     let kept = values.0.iter().filter(|entry| usize::from(entry.number) < end).chain(more);
     Record::Settings(SettingsValues(kept.copied().collect()))
 }
 
-/// Sends everything that firmware may add without another wire version.
+/// Sends everything that later firmware may add without a new wire version.
 fn newer(record: &Record) -> Vec<Vec<u8>> {
     let next = Record::TABLE.len() as u8;
     let as_it_is = firmware::payload(record);
     match record {
-        // A record beside the estimate's, another further on.
+        // One record right after the estimate's, another further on.
         Record::Detail(detail) => {
             let index = [detail.index as u8 | 0x80, (detail.index >> 7) as u8 & 0x7F];
             vec![as_it_is, [&[next], &index[..], &[1, 2, 3]].concat(), vec![200, 1, 0, 0]]
         }
-        // An event of a kind to come, between an estimate and its detail too.
+        // An event of an unknown kind, also between an estimate and its detail.
         Record::Estimate(_) | Record::Health(_) => vec![as_it_is, vec![4, 0, 100]],
         Record::Settings(values) => {
             let mut values = values.clone();
@@ -40,13 +40,13 @@ fn newer(record: &Record) -> Vec<Vec<u8>> {
     }
 }
 
-/// Number of the setting `front_end`, of which later firmware may know more.
+/// Number of the setting `front_end`, for which later firmware may know more values.
 const FRONT_END: u8 = 22;
 
-/// How many settings the first firmware had.
+/// Number of settings in the first firmware.
 const OLDER_SETTINGS: usize = 21;
 
-/// Sends only what the first firmware did.
+/// Sends only what the first firmware sent.
 fn older(record: &Record) -> Vec<Vec<u8>> {
     match record {
         Record::Detail(_) | Record::MoreSums(_) | Record::Reversal(_) | Record::Law(_) => Vec::new(),
@@ -56,7 +56,7 @@ fn older(record: &Record) -> Vec<Vec<u8>> {
     }
 }
 
-/// A recording of the same run through a device with this firmware; gives the notes of its recording.
+/// Records the same run through a device with this firmware. Returns the notes of the recording.
 fn record(folder: &Path, file: &str, change: Option<firmware::Change>) -> String {
     let setup = setup("random@10s");
     let device = VirtualDevice::waiting(&setup, &any_port(), 10.0).unwrap();
@@ -91,7 +91,7 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
             (&info["samples"], &info["lost_frames"], &info["damaged_frames"]),
             (&10_000.into(), &0.into(), &0.into())
         );
-        // The samples are the same, and so is what the estimator makes of them.
+        // The samples are equal, and so are the estimates.
         assert_eq!(done(folder, &["replay", file, "--json"]), same, "{file}");
         let replayed = estimate_of(&last(&same));
         for key in ["inertance_kg", "viscous_n_s_per_m", "coulomb_n", "whole_run", "residual_rms_n"] {
@@ -102,11 +102,11 @@ fn a_recording_of_any_firmware_is_replayed_exported_and_reported() {
         done(folder, &[&["export", file, "--estimates"], &targets[..]].concat());
         assert_eq!(std::fs::read_to_string(folder.join("out.csv")).unwrap().lines().count(), 10_001);
         let rows = std::fs::read_to_string(folder.join("out.estimates.csv")).unwrap().lines().count();
-        // The last one too, whose detail the older firmware does not send.
+        // This includes the last one, whose detail the older firmware does not send.
         assert_eq!(info["records"]["Estimate"], rows - 1, "{file}");
         done(folder, &["report", file, "-o", "page.html", "--force"]);
     }
-    // What goes with the last estimate is there where the firmware sends it.
+    // The records that belong to the last estimate are present if the firmware sends them.
     assert!(!info(folder, "newer.mcap")["estimate"]["backlash_m"].is_null());
     assert!(info(folder, "older.mcap")["estimate"]["backlash_m"].is_null());
     let words = text(&run(folder, &["info", "newer.mcap"]).stderr);

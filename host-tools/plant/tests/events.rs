@@ -1,4 +1,4 @@
-//! Stick, slip, contact and flight: located in time, energy kept, error falling with the step.
+//! Stick, slip, contact and flight: located in time, with energy conserved and an error that falls with the step.
 
 use inerter_plant::{Excitation, Flank, Inerter, Motion, Plant, Segment, Tone, Truth};
 
@@ -47,7 +47,8 @@ fn runs() -> Vec<(&'static str, Inerter, Excitation, f64)> {
     ]
 }
 
-/// Over thousands of time constants without contact the friction falls to 1e-92 N, far below the rounding of any force.
+/// Over thousands of time constants without contact, the friction decays to 1e-92 N, far below the rounding of any
+/// force.
 #[test]
 fn friction_below_rounding_cannot_hold_time() {
     // Exact values: the failure depends on how they round.
@@ -69,7 +70,7 @@ fn friction_below_rounding_cannot_hold_time() {
     }
 }
 
-/// Nodes and weights of Gauss and Legendre's rule with 8 points on 0 to 1, exact to degree 15.
+/// Nodes and weights of the 8-point Gauss-Legendre rule on 0 to 1, exact to degree 15.
 const GAUSS: [(f64, f64); 8] = [
     (0.019_855_071_751_231_884, 0.050_614_268_145_188_13),
     (0.101_666_761_293_186_63, 0.111_190_517_226_687_24),
@@ -92,12 +93,12 @@ fn stored_j(p: &Inerter, t: &Truth) -> f64 {
     0.5 * p.inertance_kg * t.v2_m_per_s.powi(2) + 0.5 * p.stiffness_n_per_m * squeeze.powi(2)
 }
 
-/// Viscous friction of the direction it moves in \[N s/m\].
+/// Viscous friction in the direction of motion \[N s/m\].
 fn viscous(p: &Inerter, t: &Truth) -> f64 {
     p.viscous_n_s_per_m * (1.0 + p.viscous_asymmetry * t.v2_m_per_s.signum())
 }
 
-/// What dry friction must be while it slides: Coulomb's of the direction with Stribeck's surplus \[N\].
+/// Dry friction while sliding: Coulomb friction in this direction, with the Stribeck excess \[N\].
 fn sliding_n(p: &Inerter, t: &Truth) -> f64 {
     let direction = if t.motion == Motion::Backward { -1.0 } else { 1.0 };
     let surplus = (p.stribeck_ratio - 1.0) * (-(t.v2_m_per_s / p.stribeck_velocity_m_per_s).powi(2)).exp();
@@ -122,7 +123,7 @@ fn energy_is_kept_through_every_event() {
                         + device.contact_damping_n_s_per_m * rate.powi(2));
             }
             let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
-            // No jump from one segment to the next either.
+            // No jump between segments either.
             worst = worst.max((stored_j(&device, &first) - stored).abs());
             stored = stored_j(&device, &last);
             worst = worst.max((work - taken - stored).abs());
@@ -201,7 +202,7 @@ fn every_state_is_what_its_mode_says() {
     }
 }
 
-/// Where a function that rises through zero does so.
+/// The zero of a rising function.
 fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
@@ -237,7 +238,7 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
     assert!((meeting.at_fraction(0.0).force_n - jump).abs() < 1e-7);
     assert_eq!(meeting.at_fraction(0.0).motion, Motion::Stuck);
 
-    // The same meeting frees the screw at once where friction is less than the jump.
+    // The same meeting frees the screw at once if friction is less than the jump.
     let device = Inerter { coulomb_n: 0.5 * jump, ..device };
     let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
     assert_eq!(meeting.unwrap().at_fraction(0.5).motion, Motion::Forward);
@@ -261,7 +262,7 @@ fn coasting_through_the_backlash_follows_its_formula() {
 
 #[test]
 fn the_error_falls_with_the_sixth_power_of_the_step() {
-    // Coarser steps than the plant would choose: at its own the error is rounding.
+    // Coarser steps than the plant would choose: with its own, the error is dominated by rounding.
     let motion = || Excitation::tones(vec![Tone::new(0.8, 8e-3), Tone::new(6.4, 0.8e-3)]).with_ramp(1.0);
     for (name, device) in
         [("stick and slip", Inerter { coulomb_n: 400.0, ..Inerter::paper() }), ("contact and flight", Inerter::worn())]
@@ -270,7 +271,7 @@ fn the_error_falls_with_the_sixth_power_of_the_step() {
             let mut plant = Plant::with_step(device, motion(), step_s).unwrap();
             let mut states = Vec::new();
             let (mut changes, mut mode) = (0, None);
-            // Times that are on no step's grid.
+            // Times that coincide with no step.
             let mut times = (1..40).map(|k| 0.104_7 * f64::from(k)).peekable();
             while let Some(&t) = times.peek() {
                 let segment = plant.next_segment();
@@ -309,7 +310,8 @@ fn the_error_falls_with_the_sixth_power_of_the_step() {
     }
 }
 
-/// An unrelated solver: short steps of the midpoint rule, modes decided after each. First order at events.
+/// An independent solver: short steps of the midpoint rule, with the modes determined after each step. First order at
+/// events.
 fn brute_force(p: &Inerter, motion: &Excitation, duration_s: f64, step_s: f64, mut see: impl FnMut(f64, f64)) {
     let half_backlash = 0.5 * p.backlash_m;
     let force = |t: f64, x2: f64, v2: f64| {
@@ -378,10 +380,10 @@ fn an_unrelated_solver_comes_closer_with_its_step() {
 fn grazing_is_neither_missed_nor_repeated() {
     let amplitude_m = 1e-4;
     for scale in [1.0 - 1e-9, 1.0 - 1e-15, 1.0, 1.0 + 1e-15, 1.0 + 1e-9] {
-        // The force comes to the Coulomb force and turns back.
+        // The force just reaches the Coulomb force and decreases again.
         let force_n = Inerter::paper().stiffness_n_per_m * amplitude_m;
         let at_slip = Inerter { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..Inerter::paper() };
-        // The flanks come together and part again.
+        // The flanks just touch and separate again.
         let at_contact = Inerter { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..Inerter::paper() };
         for device in [at_slip, at_contact] {
             let rows: Vec<Segment> = segments(device, Excitation::sine(3.2, amplitude_m), 5.0).collect();
@@ -477,7 +479,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
                 balance += dt * (t.force_n * t.v1_m_per_s - rubbed - damped);
             }
             let last = segment.at_fraction(1.0);
-            // What is stored, were a parted flank relaxed at once.
+            // The stored energy if a separated flank relaxed at once.
             least = least.min(balance - stored_j(&device, &last));
             pushed = pushed.max(last.force_n.abs());
             let first = segment.at_fraction(0.5);
@@ -515,7 +517,7 @@ fn a_device_changes_in_time_and_goes_on_moving() {
         ("presliding", Inerter::presliding()),
         ("unilateral", Inerter { unilateral: 1.0, ..Inerter::worn() }),
     ] {
-        // On no step's grid.
+        // Coincides with no step.
         let at_s = 3.000_37;
         let motion = || Excitation::preset("mid", 3).unwrap();
         let mut alone = Plant::new(Inerter::paper(), motion()).unwrap();

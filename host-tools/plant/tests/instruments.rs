@@ -7,7 +7,7 @@ fn samples(sensors: Sensors, count: usize) -> Vec<Sample> {
     Simulation::new(Inerter::worn(), motion, sensors).unwrap().take(count).collect()
 }
 
-/// Mean and rms about it.
+/// Mean, and rms deviation from it.
 fn spread(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
     let count = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / count;
@@ -51,7 +51,7 @@ fn a_sum_over_sub_samples_is_the_mean_around_its_time() {
     let sensors = Sensors { oversampling: 16.0, sample_rate_hz: 4000.0, ..Sensors::default() };
     for sample in samples(sensors, 8000).into_iter().skip(4000) {
         assert!((sample.t_s - (f64::from(sample.index) + 7.5 / 16.0) / 4000.0).abs() < 1e-12);
-        // Flooring reads half a count low on average.
+        // Rounding down reads half a count low on average.
         let position = (f64::from(sample.position_count) + 8.0) * sensors.metres_per_sample_count();
         assert!((position - sample.truth.x2_m).abs() < sensors.metres_per_count);
     }
@@ -65,7 +65,7 @@ fn a_sum_over_sub_samples_is_the_mean_around_its_time() {
 
 #[test]
 fn the_force_comes_late_by_its_delay() {
-    // A delay of 2.5 samples at 1 kHz is one of 10 at 4 kHz.
+    // A delay of 2.5 samples at 1 kHz is 10 samples at 4 kHz.
     for (delay_s, shift) in [(2.5e-3, 10i64), (-2.5e-3, -10)] {
         let late = samples(Sensors { delay_s, ..Sensors::default() }, 1000);
         let fine = samples(Sensors { sample_rate_hz: 4000.0, ..Sensors::default() }, 5000);
@@ -75,7 +75,7 @@ fn the_force_comes_late_by_its_delay() {
             assert_eq!(sample.position_count, fine[4 * sample.index as usize].position_count);
         }
     }
-    // Microseconds count: a delay of 1 us moves the force by its slope.
+    // Microseconds matter: a delay of 1 us shifts the force by its slope.
     let (late, now) = (
         samples(Sensors { delay_s: 1e-6, newtons_per_code: 1e-6, ..Sensors::default() }, 3000),
         samples(Sensors { newtons_per_code: 1e-6, ..Sensors::default() }, 3000),
@@ -113,7 +113,7 @@ fn the_same_seeds_give_the_same_samples() {
     assert_eq!(samples(noisy(1), 5000), samples(noisy(1), 5000));
     let (a, b) = (samples(noisy(1), 5000), samples(noisy(2), 5000));
     assert!(a.iter().zip(&b).filter(|(a, b)| a.force_code != b.force_code).count() > 4000);
-    // The sampling rate does not touch the truth.
+    // The sample rate does not affect the true values.
     let coarse = samples(Sensors::default(), 2000);
     let fine = samples(Sensors { sample_rate_hz: 8000.0, ..Sensors::default() }, 16_000);
     assert!(coarse.iter().zip(fine.iter().step_by(8)).all(|(a, b)| a.truth == b.truth));
@@ -128,7 +128,7 @@ fn known_samples_stay_the_same() {
     {
         let sample = samples[index];
         assert_eq!(sample.index as usize, index);
-        // Sine and logarithm differ between machines in their last bit: a code may, too.
+        // Sine and logarithm differ between machines in the last bit, so a code may differ by one.
         assert!((sample.position_count - position).abs() <= 1 && (sample.force_code - force).abs() <= 1, "{sample:?}");
     }
 }

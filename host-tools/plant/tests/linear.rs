@@ -1,4 +1,4 @@
-//! Without friction and backlash the device is linear: its answer to a sine is known in closed form.
+//! Without friction and backlash the device is linear, and its response to a sine is known in closed form.
 
 use std::f64::consts::TAU;
 
@@ -14,14 +14,14 @@ fn force_per_displacement(p: &Inerter, w: f64) -> (f64, f64) {
     multiply(above, (below.0 / square, -below.1 / square))
 }
 
-/// Greatest deviation of the force from the closed form, relative to its amplitude, once transients have died.
+/// Maximum deviation of the force from the closed form, relative to its amplitude, after transients have decayed.
 fn deviation(device: Inerter, frequency_hz: f64) -> f64 {
     let w = TAU * frequency_hz;
     let (re, im) = force_per_displacement(&device, w);
     let amplitude_m = 1e-3;
     let amplitude_n = amplitude_m * re.hypot(im);
     let decay = (device.contact_damping_n_s_per_m + device.viscous_n_s_per_m) / (2.0 * device.inertance_kg);
-    // The slowest to die: friction alone when the contact is stiff, or the contact's resonance.
+    // The slowest transient: friction alone if the contact is stiff, or the contact's resonance.
     let slowest = decay.min(device.viscous_n_s_per_m / device.inertance_kg);
     let settled_s = 30.0 / slowest;
     let mut plant = Plant::new(device, Excitation::sine(frequency_hz, amplitude_m)).unwrap();
@@ -46,9 +46,10 @@ fn deviation(device: Inerter, frequency_hz: f64) -> f64 {
 fn force_per_displacement_is_the_closed_form() {
     let linear = Inerter { coulomb_n: 0.0, ..Inerter::paper() };
     let mut worst = 0.0f64;
-    // Below, at and above the resonance at 13.3 Hz, the paper's three tests among them.
+    // Below, at and above the resonance at 13.3 Hz, including the paper's three tests.
     for frequency_hz in [0.053, 0.5, 3.2, 10.0, 13.3, 15.9, 40.0, 100.0] {
-        // 2 N s/m more friction than the paper's at rest dies sooner; the device is linear, so any will do.
+        // Ten times the paper's viscous friction, so that transients decay sooner. The device is linear, so any value
+        // will do.
         let device = Inerter { viscous_n_s_per_m: 314.0, ..linear };
         let error = deviation(device, frequency_hz);
         println!("{frequency_hz} Hz: {error:.1e}");

@@ -1,9 +1,9 @@
-//! Whatever is accepted is simulated: no NaN, no standstill, no time moved on by force.
+//! Every accepted input is simulated without NaN, without a stall, and without forcing the time forward.
 
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use proptest::prelude::*;
 
-/// Even over the decades between two values, or zero.
+/// Log-uniform between two values, or zero.
 fn decades(low: f64, high: f64) -> impl Strategy<Value = f64> {
     prop_oneof![4 => (low.ln()..high.ln()).prop_map(f64::exp), 1 => Just(0.0)]
 }
@@ -21,7 +21,7 @@ fn device() -> impl Strategy<Value = Inerter> {
         (1.0f64..2.0, 1e-4f64..0.1),
     )
         .prop_map(|(inertance, viscous, coulomb, stiffness, damping, backlash, structure, more, stribeck)| {
-            // Each of the rarer features in a quarter of the cases.
+            // Each of the rarer features occurs in a quarter of the cases.
             let (fc_asymmetry, cf_asymmetry, presliding, unilateral, weight, chosen) = more;
             let given = |bits: u8, value: f64| if chosen >> (2 * bits) & 3 == 0 { value } else { 0.0 };
             Inerter {

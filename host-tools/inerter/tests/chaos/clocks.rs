@@ -1,4 +1,4 @@
-//! The computer's clock is set, forwards and back, while the program works.
+//! The computer's clock is set forwards and backwards while the program runs.
 
 use std::{process::Command, thread, time::Duration};
 
@@ -11,7 +11,7 @@ use crate::{
     scenario::Scenario,
 };
 
-/// Recordings keep a time that goes forwards at the right rate, and nothing ends or hangs.
+/// The times in recordings increase at the right rate, and nothing ends or hangs.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn clock_steps() {
@@ -29,7 +29,7 @@ fn clock_steps() {
         command.env("LD_PRELOAD", folder.join("clock.so"));
         command
     };
-    // The library does what it says: names of files in words of `date` differ within a second.
+    // Check that the library works: successive times printed by `date` must differ widely.
     let mut date = Command::new("sh");
     date.args(["-c", "for i in 1 2 3 4 5; do date +%s; sleep 0.2; done"]).env("LD_PRELOAD", folder.join("clock.so"));
     let seconds: Vec<i64> = text(&date.output().unwrap().stdout).lines().map(|line| line.parse().unwrap()).collect();
@@ -53,7 +53,7 @@ fn clock_steps() {
             scope.spawn(|| must_do(command));
         }
     });
-    // It controls the device, alone.
+    // The program controls the device alone.
     must_do(&["calibrate", "timebase", "--duration", "3"]);
     let mut worst_s = 0.0_f64;
     for name in ["record.mcap", "plain.mcap", "json.mcap"] {

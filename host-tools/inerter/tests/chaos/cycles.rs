@@ -1,4 +1,4 @@
-//! Hosts that come and go at the virtual device.
+//! Hosts that connect to the virtual device and disconnect.
 
 use std::{
     fs,
@@ -20,7 +20,7 @@ use crate::{
     scenario::{MOST_KB, Scenario},
 };
 
-/// A virtual device in a process of its own, which prints where it is.
+/// A virtual device in its own process, which prints its address.
 pub struct Simulated {
     pub child: Child,
     pub address: String,
@@ -43,7 +43,7 @@ impl Simulated {
         fs::read_dir(format!("/proc/{}/fd", self.child.id())).unwrap().count()
     }
 
-    /// Files once those that were closed are gone.
+    /// Number of open files, once closed connections have disappeared.
     fn settled_files(&self, usual: usize) -> usize {
         let started = Instant::now();
         while self.files() > usual && started.elapsed() < Duration::from_secs(10) {
@@ -60,7 +60,7 @@ impl Drop for Simulated {
     }
 }
 
-/// One visit; whether the device answered.
+/// One connection. Returns whether the device answered.
 fn visit(address: &str, manner: u64) -> bool {
     let mut host = loop {
         match TcpStream::connect(address) {
@@ -72,12 +72,12 @@ fn visit(address: &str, manner: u64) -> bool {
     };
     host.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
     let asked = match manner {
-        // Says nothing.
+        // Sends nothing.
         0 => return false,
         // Half a request.
         1 => host.write_all(&request(1, Command::Hello)[..3]).map(|()| false),
         2 => host.write_all(&[0xFF; 600]).map(|()| false),
-        // Does not wait for what it asked for.
+        // Does not wait for the data it requested.
         3 => host.write_all(&request(1, Command::Streams(Streams::ALL))).map(|()| false),
         _ => host.write_all(&[&[0][..], &request(1, Command::Hello)].concat()).map(|()| true),
     };
@@ -85,7 +85,7 @@ fn visit(address: &str, manner: u64) -> bool {
         return false;
     }
     let (mut reader, mut some) = (FrameReader::<Record>::new(), [0; 512]);
-    // One too many is turned away.
+    // The device turns a surplus host away.
     while let Ok(count @ 1..) = host.read(&mut some) {
         let mut input = &some[..count];
         while let Some(frame) = reader.read(&mut input) {
@@ -97,7 +97,7 @@ fn visit(address: &str, manner: u64) -> bool {
     false
 }
 
-/// Memory and files of the device stay as they are.
+/// Memory and open files of the device stay constant.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn cycles() {
@@ -120,7 +120,7 @@ fn cycles() {
     assert!(answered > cycles / 2, "only {answered} of {cycles} were answered");
     assert_eq!((grown_files, files_after), (files, files), "files that the device has open");
     assert!(memory_after < MOST_KB && memory_after * 20 <= memory * 21, "memory: {memory} kB, then {memory_after} kB");
-    // It is as good as new.
+    // The device works as before.
     let started = Instant::now();
     done(folder.path(), &["settings", "get", "--connect", &device.address]);
     let output = run(folder.path(), &["record", "-o", "run.mcap", "--connect", &device.address, "--duration", "1"]);

@@ -1,4 +1,4 @@
-//! Every command at every device that does what none of ours does.
+//! Every command with every kind of misbehaving device.
 
 use std::{
     collections::BTreeMap,
@@ -23,10 +23,10 @@ use crate::{
     scenario::{AT_ONCE, MOST_KB, Scenario, each},
 };
 
-/// Time to end after a signal or the device's going.
+/// Time to end after a signal or after the device disconnects.
 const END_TIME: Duration = Duration::from_secs(5);
 
-/// The worst that was seen, and where.
+/// The worst values seen, and where.
 #[derive(Default)]
 struct Worst(Mutex<BTreeMap<&'static str, (u64, String)>>);
 
@@ -46,13 +46,13 @@ impl Worst {
     }
 }
 
-/// The system ends it by the signal.
+/// The signal ends these commands without a handler.
 fn has_no_handler(command: &[&str]) -> bool {
     ["settings", "doctor"].contains(&command[0])
 }
 
-/// Each pair twice: a signal comes, and the device goes. The command then ends, with a code of ours, little memory, and
-/// no word of the device's that a terminal would obey.
+/// Each pair runs twice: once a signal arrives, once the device disconnects. The command must then end with one of our
+/// exit codes, with little memory, and without printing any control sequence of the device.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn unruly() {
@@ -71,8 +71,7 @@ fn unruly() {
             again.lock().unwrap().push(*visit);
         }
     });
-    // A machine that has much other work may keep a program from its time: what happens once more, with nothing beside
-    // it, counts.
+    // A busy machine may starve a program. Only failures that repeat without other load count.
     let again = again.into_inner().unwrap();
     let faults: Vec<String> = again.iter().filter_map(|visit| meet(&scenario, *visit, &seen).err()).collect();
     assert!(faults.is_empty(), "{} faults:\n{}", faults.len(), faults.join("\n"));
@@ -86,14 +85,14 @@ fn unruly() {
     ));
 }
 
-/// What all visits came to.
+/// Results over all visits.
 #[derive(Default)]
 struct Seen {
     worst: Worst,
     by_itself: AtomicUsize,
 }
 
-/// One command at one device, which then goes, or else a signal comes. What was wrong is the error.
+/// One command with one device, which then disconnects, or else a signal arrives. The error describes what was wrong.
 fn meet(
     scenario: &Scenario,
     (manner, command, goes): (Manner, &'static [&'static str], bool),
@@ -103,7 +102,7 @@ fn meet(
     let what = format!("{} at {manner:?}", command.join(" "));
     let mut random = scenario.random(&format!("{what}, {goes}"));
     let device = Unruly::start(manner, scenario.seed);
-    // Waiting for a device that comes back is no hanging.
+    // Waiting for a device to return is not a hang.
     let at_once = |word: &&'static str| if goes && *word == "60" && command.contains(&"--wait") { "0" } else { *word };
     let command: Vec<&str> = command.iter().map(at_once).collect();
     let mut visit = Visit::start(folder.path(), &command, &device.address);
@@ -117,11 +116,11 @@ fn meet(
         (false, _) => "by itself",
         (true, true) => {
             device.go();
-            // `monitor` waits 10 s where nothing else is said.
+            // Without `--wait`, `monitor` waits 10 s.
             if command.contains(&"monitor") && !command.contains(&"--wait") {
                 within += Duration::from_secs(10);
             }
-            // It waits 25 s for a board that it has restarted.
+            // The self-test waits 25 s for a board that it has restarted.
             if command.contains(&"selftest") {
                 within += Duration::from_secs(30);
             }
@@ -167,7 +166,7 @@ fn meet(
     Ok(())
 }
 
-/// Memory does not grow with what a device says without an end.
+/// Memory does not grow with the amount of data that a device sends.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn floods() {
@@ -220,7 +219,7 @@ fn floods() {
     scenario.passed(&format!("{} floods x {} commands for 8 s; most: {}", floods.len(), commands.len(), worst.words()));
 }
 
-/// The connection closes after each count of bytes of a conversation.
+/// The connection closes after each possible number of bytes of a conversation.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn cut_off() {
@@ -240,7 +239,7 @@ fn cut_off() {
                 scope.spawn(|| {
                     loop {
                         let count = next.fetch_add(1, Ordering::Relaxed);
-                        // The whole conversation has been had.
+                        // The whole conversation has taken place.
                         if complete.load(Ordering::Relaxed) > 0 || count > 4000 {
                             break;
                         }
@@ -266,7 +265,7 @@ fn cut_off() {
     scenario.passed(&format!("{} cuts, after 0 to {} bytes", runs.into_inner(), longest.into_inner()));
 }
 
-/// Answers everything, and closes the connection after so many bytes.
+/// Answers everything, and closes the connection after this many bytes.
 fn terse(mut host: std::net::TcpStream, mut count: usize) -> Option<()> {
     let (mut reader, mut sequence) = (FrameReader::<Request>::new(), 0);
     loop {

@@ -1,4 +1,4 @@
-//! Disks that are full, folders that take nothing, and files that vanish while they are written.
+//! Full disks, read-only folders, and files that disappear while they are written.
 
 use std::{
     fs,
@@ -15,7 +15,7 @@ use crate::{
     writers::{each_writer, names},
 };
 
-/// Runs it from a shell that sets something up first.
+/// Runs the command from a shell that executes `before` first.
 fn in_shell(command: &Command, before: &str, shell: &[&str]) -> Output {
     let mut words = shell.to_vec();
     let script = format!("{before} exec \"$0\" \"$@\"");
@@ -29,7 +29,7 @@ fn must_fail(output: &Output, code: i32, what: &str) {
     assert_eq!(output.status.code(), Some(code), "{what}: {}", text(&output.stderr));
 }
 
-/// No file may grow beyond a limit: written on, it is an error, and by default the end of the program.
+/// File sizes are limited: a write beyond the limit is an error, and by default the signal ends the program.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn files_that_may_not_grow() {
@@ -70,7 +70,7 @@ fn files_that_may_not_grow() {
     ));
 }
 
-/// A small disk that is full, one that may only be read, and a folder of somebody else.
+/// A small disk that is full, and one that is read-only.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn full_disks() {
@@ -88,7 +88,7 @@ fn full_disks() {
         let largest = whole.files.values().map(Vec::len).max().unwrap() as u64;
         fs::create_dir(folder.join("disk")).unwrap();
         for read_only in [false, true] {
-            // Less than its largest file needs.
+            // Less space than its largest file needs.
             let room = random.below(largest / 1024 + 1);
             let earlier = whole.files.keys().map(String::as_str).collect::<Vec<_>>().join(" ");
             let remount = if read_only { "mount -o remount,ro disk;" } else { "" };
@@ -111,12 +111,12 @@ fn full_disks() {
     scenario.passed(&format!("{} runs, each with code 8, nothing left behind", runs.into_inner()));
 }
 
-/// A folder that belongs to somebody else.
+/// A folder that belongs to another user.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn folders_of_others() {
     let scenario = Scenario::start(600);
-    // Root may write everywhere: then the program runs as nobody.
+    // Root may write everywhere, so the program runs as nobody.
     let nobody = rustix::process::getuid().is_root().then_some(65534);
     let (device, runs) = (device(), AtomicUsize::new(0));
     let tried = tempfile::tempdir().unwrap();
@@ -151,7 +151,7 @@ fn folders_of_others() {
     scenario.passed(&format!("{} runs, each with code 8, nothing changed", runs.into_inner()));
 }
 
-/// Another program removes what is being written, or puts something under its name.
+/// Another program removes the file being written, or creates something under its name.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn files_that_vanish() {
@@ -173,7 +173,7 @@ fn files_that_vanish() {
             let mut mine = None;
             if place % 2 == 0 {
                 for part in names(folder).iter().filter(|name| is_part(name)) {
-                    // It may just have taken its name.
+                    // The file may just have been renamed.
                     fs::remove_file(folder.join(part)).ok();
                 }
             } else {
@@ -208,7 +208,7 @@ fn files_that_vanish() {
     ));
 }
 
-/// The disk of a recording is full: what was written can be read.
+/// The disk of a recording is full: everything written before can be read.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn recordings_on_full_disks() {

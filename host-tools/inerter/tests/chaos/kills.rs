@@ -1,4 +1,4 @@
-//! The program is killed at a random moment, with no chance to put anything in order.
+//! The program is killed at a random moment, without a chance to clean up.
 
 use std::{
     path::Path,
@@ -19,7 +19,7 @@ use crate::{
     writers::{WRITERS, Writer, each_of, names},
 };
 
-/// No half file under a final name, and what stood there before is whole.
+/// No incomplete file has a final name, and an earlier file of that name is intact.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn kills() {
@@ -28,7 +28,7 @@ fn kills() {
     kill_writers(scenario, kills, |writer| writer.cost == 1);
 }
 
-/// The same of the writers that take long, each a fifth as often.
+/// The same for slow writers, each a fifth as often.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn slow_kills() {
@@ -51,7 +51,7 @@ fn kill_writers(scenario: Scenario, kills: u64, chosen: fn(&Writer) -> bool) {
             }
             let more: &[&str] = if was_there { &["--force"] } else { &[] };
             let mut child = writer.run(folder, device.name(), more).spawn().unwrap();
-            // Every other time not before something is written: the moments at which files take their names are short.
+            // In half of the runs, wait until something is written: the moments at which files are renamed are short.
             if kill % 4 >= 2 {
                 let (started, there) = (Instant::now(), before.len() + if was_there { result.files.len() } else { 0 });
                 while names(folder).len() <= there
@@ -81,7 +81,7 @@ fn kill_writers(scenario: Scenario, kills: u64, chosen: fn(&Writer) -> bool) {
     ));
 }
 
-/// A recording that is killed loses a second at most, and opens.
+/// A killed recording loses at most one second, and can be opened.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn killed_recordings() {
@@ -98,7 +98,7 @@ fn killed_recordings() {
         let file = folder.path().join("run.mcap");
         let mut child =
             inerter(folder.path(), &[command, &["run.mcap", "--connect", device.name()][..]].concat()).spawn().unwrap();
-        // The pipe must not fill.
+        // The pipe must not fill up.
         let mut words = child.stdout.take().unwrap();
         let reader = thread::spawn(move || std::io::copy(&mut words, &mut std::io::sink()));
         let started = Instant::now();
@@ -142,7 +142,7 @@ fn now_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64
 }
 
-/// Seconds between the last frame and the kill, and what `info` says; `None` where no frame is there.
+/// Seconds between the last frame and the kill, and the output of `info`; `None` if there is no frame.
 fn judged(folder: &Path, killed_ns: u64) -> Option<(f64, Value)> {
     let mut last_ns = None;
     let contents = read(&folder.join("run.mcap"), |incoming| {
@@ -155,7 +155,7 @@ fn judged(folder: &Path, killed_ns: u64) -> Option<(f64, Value)> {
     Some((killed_ns.saturating_sub(last_ns) as f64 * 1e-9, info))
 }
 
-/// What a killed command wrote to the device is all of it or nothing.
+/// A killed command has written all of its settings to the device, or none.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn killed_settings() {

@@ -1,8 +1,8 @@
-//! Campaigns for what must never happen, each a test that runs only when it is asked for: `cargo xtask chaos` runs them
-//! all, `cargo xtask chaos NAME` one.
+//! Campaigns against rare failures. Each is a test that runs only on request: `cargo xtask chaos` runs all of them,
+//! `cargo xtask chaos NAME` one.
 //!
-//! Every draw comes from one seed, which a failure names. The sizes come from variables: `INERTER_CHAOS_SEED`,
-//! `INERTER_CHAOS_KILLS`, `INERTER_CHAOS_CYCLES`; `INERTER_CHAOS_REPORT` names the file to which each campaign appends
+//! All random numbers derive from one seed, which a failure prints. Variables set the sizes: `INERTER_CHAOS_SEED`,
+//! `INERTER_CHAOS_KILLS`, `INERTER_CHAOS_CYCLES`. `INERTER_CHAOS_REPORT` names the file to which each campaign appends
 //! its line.
 #![cfg(target_os = "linux")]
 

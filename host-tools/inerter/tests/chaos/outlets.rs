@@ -1,4 +1,4 @@
-//! What the program writes to is closed, full, gone, or slow.
+//! The program's output is closed, full, gone or slow.
 
 use std::{
     fs::{File, OpenOptions},
@@ -59,16 +59,16 @@ const OFFLINE: &[&[&str]] = &[
     &["info", "not-there.mcap"],
 ];
 
-/// All commands, those at a device for a moment or until the signal.
+/// All commands; those with a device run briefly or until the signal.
 fn all(address: &str) -> Vec<Vec<String>> {
     let owned = |words: &[&str]| words.iter().map(|word| word.to_string()).collect::<Vec<String>>();
-    // It talks to a person only.
+    // This command needs a person.
     let live = COMMANDS.iter().filter(|command| **command != ["calibrate"]);
     let live = live.map(|command| owned(&[*command, &["--connect", address]].concat()));
     OFFLINE.iter().map(|command| owned(command)).chain(live).collect()
 }
 
-/// Ends by itself or 5 s after a signal, with a code of ours.
+/// The child ends by itself or within 5 s of a signal, with one of our exit codes.
 fn must_end(mut child: Child, own_time: Duration, what: &str) -> Option<i32> {
     let started = Instant::now();
     while started.elapsed() < own_time && child.try_wait().unwrap().is_none() {
@@ -84,7 +84,7 @@ fn must_end(mut child: Child, own_time: Duration, what: &str) -> Option<i32> {
     status.code()
 }
 
-/// Standard output and standard error are closed, full, or a pipe that nobody reads any more.
+/// Standard output and standard error are closed, full, or a pipe without a reader.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn closed_outlets() {
@@ -119,7 +119,7 @@ fn closed_outlets() {
         }
         let what = format!("{}, {name}", words.join(" "));
         let code = must_end(program.spawn().unwrap(), Duration::from_millis(2500), &what);
-        // Whoever prints a result must not call it done; who does not read on has seen enough.
+        // A command that cannot print its result must not report success. A reader that stops reading has seen enough.
         let is_result = ["replay", "info", "fit"].contains(&words[0]) && words[1] == "sent.mcap";
         match out {
             Outlet::Full if is_result => assert_eq!(code, Some(8), "{what}"),
@@ -136,7 +136,7 @@ fn closed_outlets() {
     ));
 }
 
-/// Where words of the program go.
+/// Destination of the program's output.
 #[derive(Clone, Copy)]
 enum Outlet {
     Nobody,
@@ -155,7 +155,7 @@ impl Outlet {
     }
 }
 
-/// The terminal goes, and the system says so to those who have it.
+/// The terminal disappears, and the system signals this to its programs.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn lost_terminals() {
@@ -187,7 +187,7 @@ fn lost_terminals() {
         program.env("TERM", "xterm").stdin(again()).stdout(again()).stderr(again());
         let mut child = program.spawn().unwrap();
         drop((program, slave));
-        // Somebody looks until the terminal goes.
+        // Read the screen until the terminal disappears.
         let mut screen = File::from(master);
         let (mut some, started) = ([0; 4096], Instant::now());
         let until_gone = Duration::from_millis(300 + random.below(1500));
@@ -214,8 +214,8 @@ fn parts_are_left(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().any(|entry| entry.unwrap().path().extension().is_some_and(|end| end == "part"))
 }
 
-/// Readers that take a few bytes a second, or none: the recording loses nothing, others lose nothing, memory stays
-/// small.
+/// Readers that take a few bytes per second, or none: the recording loses nothing, other readers lose nothing, and
+/// memory stays small.
 #[test]
 #[ignore = "cargo xtask chaos"]
 fn slow_readers() {
@@ -243,7 +243,7 @@ fn slow_readers() {
         assert!(started.elapsed() < Duration::from_secs(30) && output.read(&mut some).unwrap() > 0, "{}", text(&said));
         said.push(some[0]);
     }
-    // The page and Foxglove: looked at by somebody who takes nothing.
+    // The page and Foxglove, with clients that read nothing.
     let page = of(&said, "page").unwrap().replace("http://", "ws://") + "live";
     let connect = |url: &str, protocol: Option<&str>| {
         let mut request = tungstenite::ClientRequestBuilder::new(url.parse().unwrap());
@@ -254,7 +254,7 @@ fn slow_readers() {
         tungstenite::client(request, stream).map(|(socket, _)| socket).unwrap()
     };
     let _stuck_pages: Vec<_> = (0..3).map(|_| connect(&page, None)).collect();
-    // The shared device: one that takes a little, one that takes nothing, and one that lacks nothing.
+    // The shared device, with one slow client, one that reads nothing, and one that must not lose anything.
     let shared = of(&said, "shared device").unwrap();
     let ask = || {
         let mut host = TcpStream::connect(&shared).unwrap();

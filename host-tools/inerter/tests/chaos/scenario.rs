@@ -1,4 +1,4 @@
-//! One campaign: its seed, its limits of time and memory, and the line that it leaves.
+//! One campaign: its seed, its limits of time and memory, and its line in the report.
 
 use std::{
     fs::{self, OpenOptions},
@@ -15,35 +15,35 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::common::{text, unruly::memory_kb, until};
 
-/// More than a live command holds at any device \[kB\].
+/// More than a live command needs with any device \[kB\].
 pub const MOST_KB: u64 = 64_000;
-/// More than any program holds that a campaign starts, twice the most that was seen (`slow_kills`) \[kB\].
+/// More than any program started by a campaign needs: twice the largest value seen (`slow_kills`) \[kB\].
 const MOST_OF_ANY_KB: u64 = 256_000;
-/// Commands at once.
+/// Number of concurrent commands.
 pub const AT_ONCE: usize = 10;
 
-/// A campaign that runs. It fails, and all that it has started is killed, once it takes too long or a program holds too
-/// much memory.
+/// A running campaign. It fails, and every process that it started is killed, if it takes too long or a program uses
+/// too much memory.
 pub struct Scenario {
     pub seed: u64,
     state: Arc<Mutex<State>>,
     passed: bool,
 }
 
-/// What the campaign and its guard share.
+/// State shared by the campaign and its guard.
 struct State {
     name: String,
     started: Instant,
     limit: Duration,
     most_kb: u64,
-    /// How it is asked for again, beside its name.
+    /// Options that repeat it, besides its name.
     options: String,
-    /// The most memory that the guard has seen in one program \[kB\].
+    /// Most memory that the guard has seen in one program \[kB\].
     held_kb: u64,
 }
 
 impl Scenario {
-    /// The running test, which must be done within this.
+    /// Starts a campaign for the running test, with this time limit.
     pub fn start(limit_s: u64) -> Self {
         Self::within(Duration::from_secs(limit_s), MOST_OF_ANY_KB)
     }
@@ -60,12 +60,12 @@ impl Scenario {
         Self { seed, state, passed: false }
     }
 
-    /// How often each program is killed; other disturbances are as many, or a part of it.
+    /// Number of kills per program. Other disturbances occur as often, or a fraction of it.
     pub fn kills(&mut self) -> u64 {
         self.size("kills", 100)
     }
 
-    /// How many hosts come and go.
+    /// Number of hosts that connect and disconnect.
     pub fn cycles(&mut self) -> u64 {
         self.size("cycles", 5000)
     }
@@ -74,25 +74,25 @@ impl Scenario {
         let size = number(&option.to_uppercase()).unwrap_or(usual);
         let mut state = self.state();
         state.options += &format!(" --{option} {size}");
-        // The limit holds for the usual size, on a machine that has other work as well.
+        // The limit applies to the usual size, on a machine with other load.
         state.limit = state.limit.mul_f64((size as f64 / usual as f64).max(1.0));
         size
     }
 
-    /// Draws of its own for each part of the campaign.
+    /// Independent random numbers for each part of the campaign.
     pub fn random(&self, part: &str) -> Random {
         let mixed = part.bytes().fold(self.seed, |mixed, byte| Random(mixed ^ u64::from(byte)).draw());
         Random(mixed)
     }
 
-    /// Notes that nothing went wrong, with the figures.
+    /// Records success, with its figures.
     pub fn passed(mut self, figures: &str) {
         self.passed = true;
         let state = self.state();
         state.line("passed", &format!("{figures}; at most {} kB seen in one program", state.held_kb));
     }
 
-    /// Notes that this machine lacks what is needed.
+    /// Records that this machine lacks something.
     pub fn skipped(mut self, reason: &str) {
         self.passed = true;
         self.state().line("skipped", reason);
@@ -114,7 +114,7 @@ impl Drop for Scenario {
 impl State {
     fn line(&self, outcome: &str, words: &str) {
         let line = format!("{}\t{outcome}\t{:.0}\t{words}\n", self.name, self.started.elapsed().as_secs_f64());
-        // Not `print`: the harness swallows what a passing test prints.
+        // Not `print`: the harness hides the output of passing tests.
         io::stderr().write_all(line.as_bytes()).ok();
         if let Some(report) = std::env::var_os("INERTER_CHAOS_REPORT") {
             let file = OpenOptions::new().create(true).append(true).open(report);
@@ -126,7 +126,7 @@ impl State {
         self.line("FAILED", &format!("{why}again: cargo xtask chaos {}{}", self.name, self.options));
     }
 
-    /// Which limit is exceeded.
+    /// The limit that is exceeded, if any.
     fn fault(&mut self) -> Option<String> {
         if self.started.elapsed() > self.limit {
             return Some(format!("still running after {:.0} s, ", self.limit.as_secs_f64()));
@@ -143,14 +143,14 @@ impl State {
     }
 }
 
-/// Looks at time and memory until the campaign ends, or ends it.
+/// Watches time and memory until the campaign ends, or ends it.
 fn guard(state: &Weak<Mutex<State>>) {
     while let Some(state) = state.upgrade() {
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(fault) = state.fault() {
-            // The lock is kept, so that the campaign, whose programs end now, leaves no line besides.
+            // Keep the lock, so that the campaign writes no second line when its programs end.
             state.failed(&fault);
-            // Programs that are started meanwhile, too.
+            // Also end programs that are started in the meantime.
             for _ in 0..10 {
                 let all = started_by(process::id());
                 all.into_iter().filter_map(|pid| Pid::from_raw(pid as i32)).for_each(|pid| {
@@ -165,7 +165,7 @@ fn guard(state: &Weak<Mutex<State>>) {
     }
 }
 
-/// All that this process has started, and what these have started.
+/// All direct and indirect child processes of this process.
 fn started_by(pid: u32) -> Vec<u32> {
     let mut all = vec![pid];
     let mut next = 0;
@@ -184,12 +184,12 @@ fn number(variable: &str) -> Option<u64> {
     Some(text.parse().unwrap_or_else(|_| panic!("INERTER_CHAOS_{variable} is no number: {text}")))
 }
 
-/// A device of ours in motion, in this process.
+/// A moving virtual device in this process.
 pub fn device() -> VirtualDevice {
     crate::common::device(1.0)
 }
 
-/// Does something with each of these, some at once; the order in which they begin is theirs.
+/// Calls `act` with each element, `at_once` of them concurrently, in any order.
 pub fn each<T: Sync>(all: &[T], at_once: usize, act: impl Fn(&T) + Sync) {
     let next = std::sync::atomic::AtomicUsize::new(0);
     thread::scope(|scope| {
@@ -203,10 +203,11 @@ pub fn each<T: Sync>(all: &[T], at_once: usize, act: impl Fn(&T) + Sync) {
     });
 }
 
-/// In the program that [`limits_are_kept`] starts: which limit it exceeds.
+/// Tells the program started by [`limits_are_kept`] which limit to exceed.
 const EXCEEDS: &str = "INERTER_CHAOS_EXCEEDS";
 
-/// A campaign that hangs, or whose program takes too much memory, is ended with all that it has started, and says why.
+/// A campaign that hangs, or whose program uses too much memory, is ended with all its processes, and reports the
+/// reason.
 #[test]
 fn limits_are_kept() {
     let exceeding = |what: &str| {
@@ -231,7 +232,7 @@ fn limits_are_kept() {
     }
 }
 
-/// The campaign that is ended; by itself it does nothing.
+/// The campaign that is ended; without the variable it does nothing.
 #[test]
 fn exceeds() {
     let Some(what) = std::env::var_os(EXCEEDS) else { return };

@@ -1,4 +1,4 @@
-//! Every command that writes files which take their names when they are complete.
+//! Every command that writes files and renames them when they are complete.
 
 use std::{
     collections::BTreeMap,
@@ -13,15 +13,15 @@ use crate::{
     scenario::each,
 };
 
-/// Writers at once: each has a processor's attention.
+/// Number of concurrent writers: each gets a processor.
 const AT_ONCE: usize = 3;
 
-/// A command, and how dear it is.
+/// A command and its cost.
 pub struct Writer {
     pub command: &'static [&'static str],
-    /// At a device, whose address is added.
+    /// Whether it needs a device, whose address is appended.
     has_device: bool,
-    /// One of its runs takes as long as so many of the others.
+    /// Duration of a run, in runs of a typical writer.
     pub cost: u64,
 }
 
@@ -29,7 +29,7 @@ const fn writer(command: &'static [&'static str]) -> Writer {
     Writer { command, has_device: false, cost: 1 }
 }
 
-/// Stands for the only run of a store.
+/// Placeholder for the only run of a store.
 const ONLY_RUN: &str = "RUN";
 
 pub const WRITERS: &[Writer] = &[
@@ -55,17 +55,17 @@ pub const WRITERS: &[Writer] = &[
     Writer { has_device: true, ..writer(&["settings", "backup", "board.toml"]) },
 ];
 
-/// What a writer leaves when nobody disturbs it.
+/// The output of an undisturbed writer.
 pub struct Whole {
     pub files: BTreeMap<String, Vec<u8>>,
     pub took: Duration,
 }
 
-/// What stands under the names before, where something does.
+/// Contents of the earlier files with the same names.
 pub const EARLIER: &[u8] = b"earlier";
 
 impl Writer {
-    /// As it is run, with what it is told besides.
+    /// The command with additional arguments.
     pub fn run(&self, folder: &Path, device: &str, more: &[&str]) -> Command {
         let link: &[&str] = if self.has_device { &["--connect", device] } else { &[] };
         let run = self.command.contains(&ONLY_RUN).then(|| last(&done(folder, &["store", "ls", "store", "--json"])));
@@ -74,7 +74,7 @@ impl Writer {
         inerter(folder, &words.iter().map(|word| if *word == ONLY_RUN { run } else { word }).collect::<Vec<_>>())
     }
 
-    /// Lets it end, twice: what it writes must be the same.
+    /// Runs it to its end, twice: both outputs must be equal.
     fn whole(&self, folder: &Path, device: &str) -> Whole {
         let before = names(folder);
         let mut all = [(); 2].map(|()| {
@@ -96,13 +96,13 @@ impl Writer {
 }
 
 impl Whole {
-    /// Puts something under each of the names.
+    /// Creates a file under each of the names.
     pub fn earlier(&self, folder: &Path) {
         self.files.keys().for_each(|name| fs::write(folder.join(name), EARLIER).unwrap());
     }
 
-    /// Each of the files is whole, or what was there before. `parts`: unfinished files may lie there. Gives how many
-    /// are whole, and removes everything.
+    /// Each file is complete, or as it was before. With `parts`, unfinished files may remain. Returns the number of
+    /// complete files, and removes everything.
     pub fn check(&self, folder: &Path, before: &[String], was_there: bool, parts: bool, what: &str) -> usize {
         let mut whole = 0;
         let mut seen = 0;
@@ -121,7 +121,7 @@ impl Whole {
     }
 }
 
-/// What the commands read.
+/// Prepares the input files.
 fn prepare(folder: &Path) {
     done(folder, &["simulate", "--duration", "10", "-o", "run.mcap"]);
     done(folder, &["store", "add", "store", "run.mcap"]);
@@ -130,12 +130,12 @@ fn prepare(folder: &Path) {
     fs::write(folder.join("limits.toml"), "[inertance_kg]\nmin = 100\n").unwrap();
 }
 
-/// Each writer in a folder of its own, with what it writes.
+/// Calls `act` for each writer, in its own folder, with its output.
 pub fn each_writer(device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
     each_of(&WRITERS.iter().collect::<Vec<_>>(), device, act);
 }
 
-/// The same of some writers.
+/// The same for some writers.
 pub fn each_of(writers: &[&Writer], device: &str, act: impl Fn(&Writer, &Path, &Whole) + Sync) {
     each(writers, AT_ONCE, |writer| {
         let folder = tempfile::tempdir().unwrap();
@@ -144,7 +144,7 @@ pub fn each_of(writers: &[&Writer], device: &str, act: impl Fn(&Writer, &Path, &
     });
 }
 
-/// Files of a folder, in order.
+/// Names of the files in a folder, in order.
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -154,8 +154,8 @@ pub fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn every_command_that_writes_files_is_tried() {
-    // The recorders have campaigns of their own, and a self-test needs a board that measures itself.
-    // A store is killed in `store.rs`.
+    // The recorders have their own campaigns, a self-test needs a board that can measure itself, and `store.rs` tests
+    // kills of a store.
     let others: [&[&str]; 3] = [&["record"], &["monitor"], &["selftest"]];
     let tried: Vec<&[&str]> = WRITERS.iter().map(|writer| writer.command).chain(others).collect();
     all_are_tried(&tried, |help| help.contains("  Replace "));

@@ -1,4 +1,4 @@
-//! Firmware that is older or newer than the program: what a device says, changed on its way.
+//! Firmware that is older or newer than the program: a device's records, modified on the way.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -10,10 +10,10 @@ use std::{
 
 use inerter_wire::{Crc32, Frame, FrameReader, MAX_FRAME, Record, encode_record};
 
-/// Makes of one record the payloads that the other firmware sends instead.
+/// Maps a record to the payloads that the other firmware sends instead.
 pub type Change = fn(&Record) -> Vec<Vec<u8>>;
 
-/// Stands before a device at this address; gives the address at which the other firmware is met, one host after
+/// A proxy for the device at this address. Returns the address at which the other firmware accepts one host after
 /// another.
 pub fn before(device: &str, change: Change) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -54,7 +54,7 @@ fn answers(mut device: TcpStream, mut host: TcpStream, change: Change) {
     host.shutdown(std::net::Shutdown::Both).ok();
 }
 
-/// A frame around any payload, with its delimiter.
+/// A frame with any payload, including its delimiter.
 pub fn framed(payload: &[u8], sequence: u16) -> Vec<u8> {
     let mut body = [payload, &sequence.to_le_bytes()].concat();
     body.extend(Crc32::of(&body).to_le_bytes());
@@ -65,7 +65,7 @@ pub fn framed(payload: &[u8], sequence: u16) -> Vec<u8> {
     frame
 }
 
-/// A record as it is.
+/// The payload of an unmodified record.
 pub fn payload(record: &Record) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
     let length = encode_record(record, 0, &mut frame).unwrap();

@@ -1,4 +1,4 @@
-//! Frames that no device of ours sends.
+//! Frames that our devices never send.
 
 use inerter_wire::{Capabilities, ClockSource, Hello, MAX_FRAME, Record, encode_record};
 

@@ -1,4 +1,4 @@
-//! What the tests of the program share: running it, and reading its JSON.
+//! Shared by the program's tests: running it, and reading its JSON.
 #![allow(dead_code, reason = "tests and campaigns each use a part")]
 
 #[path = "../../../device/src/image/elf_file.rs"]
@@ -23,7 +23,7 @@ use inerter_plant::Inerter;
 use inerter_simulate::{Endpoint, Setup, VirtualDevice, bench_sensors};
 use serde_json::Value;
 
-/// The paper's inerter on the bench, in this motion.
+/// The paper's inerter on the bench with this motion.
 pub fn setup(excitation: &str) -> Setup {
     Setup::new(Inerter::paper(), bench_sensors(), excitation, None, &Overrides::default()).unwrap()
 }
@@ -32,17 +32,17 @@ pub fn any_port() -> Endpoint {
     Endpoint::Tcp("127.0.0.1:0".into())
 }
 
-/// The paper's inerter in random motion as a device, so many times as fast as real.
+/// The paper's inerter in random motion as a virtual device, at this multiple of real time.
 pub fn device(speed: f64) -> VirtualDevice {
     device_of(&setup("random"), speed)
 }
 
-/// The same, of another set-up.
+/// The same for another set-up.
 pub fn device_of(setup: &Setup, speed: f64) -> VirtualDevice {
     VirtualDevice::start(setup, &any_port(), speed).unwrap()
 }
 
-/// The program, in this folder.
+/// The program in this folder.
 pub fn inerter(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_inerter"));
     command.args(arguments).current_dir(folder).env("NO_COLOR", "1").env_remove("INERTER_QEMU_IMAGE");
@@ -55,14 +55,14 @@ pub fn run(folder: &Path, arguments: &[&str]) -> Output {
     inerter(folder, arguments).output().unwrap()
 }
 
-/// Runs the program, which must do what it was asked; gives its standard output.
+/// Runs the program, which must succeed. Returns its standard output.
 pub fn done(folder: &Path, arguments: &[&str]) -> String {
     let output = run(folder, arguments);
     assert!(output.status.success(), "{arguments:?}: {}{}", text(&output.stdout), text(&output.stderr));
     text(&output.stdout)
 }
 
-/// Runs the program, which must end with this code; gives what it says on standard error.
+/// Runs the program, which must exit with this code. Returns its standard error.
 pub fn fails(folder: &Path, arguments: &[&str], code: i32) -> String {
     let output = run(folder, arguments);
     let words = text(&output.stderr);
@@ -84,13 +84,13 @@ pub fn last(text: &str) -> Value {
     json_lines(text).pop().unwrap()
 }
 
-/// Both say the same, but for what only a replay adds.
+/// Asserts that both contain the same estimates, except for what only a replay adds.
 pub fn assert_same_estimates(one: &str, other: &str) {
     let lines = |text| json_lines(text).iter().map(estimate_of).collect::<Vec<_>>();
     assert!(lines(one) == lines(other), "{one}\n{other}");
 }
 
-/// What an estimate says, without what only a replay adds.
+/// The content of an estimate, without what only a replay adds.
 pub fn estimate_of(value: &Value) -> Value {
     let mut object = value.as_object().unwrap().clone();
     for key in ["final", "samples", "discontinuities", "lost_samples", "saturated", "uncertainty", "warnings"] {
@@ -99,8 +99,8 @@ pub fn estimate_of(value: &Value) -> Value {
     object.into()
 }
 
-/// The words, where they hold a letter that nobody else may write to a terminal: one of control, an invisible one, or
-/// one that turns the writing direction. Each line ends as a line.
+/// Returns the text if it contains a character that must not reach a terminal: a control character, an invisible one,
+/// or one that changes the writing direction. Line ends are allowed.
 pub fn foreign_words(words: &str) -> Option<String> {
     let is_foreign = |letter: char| {
         (letter.is_control() && letter != '\n')
@@ -113,7 +113,7 @@ pub fn foreign_words(words: &str) -> Option<String> {
     (is_forged || words.contains(is_foreign)).then(|| words.to_string())
 }
 
-/// Waits for something that takes a moment, without a guess how long.
+/// Waits until a condition holds, with a generous limit.
 pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let started = Instant::now();
     while !is_so() {
@@ -122,8 +122,8 @@ pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Every command of the program by its own help, such as `settings get`, that `belongs` by its help; each of them must
-/// be among those tried.
+/// Collects every command from the program's own help, such as `settings get`, whose help satisfies `belongs`. Each of
+/// them must be in `tried`.
 pub fn all_are_tried(tried: &[&[&str]], belongs: impl Fn(&str) -> bool) {
     let mut waiting = vec![String::new()];
     let mut missing = Vec::new();
@@ -131,7 +131,7 @@ pub fn all_are_tried(tried: &[&[&str]], belongs: impl Fn(&str) -> bool) {
         let words: Vec<&str> = command.split_whitespace().collect();
         let help = done(Path::new("."), &[&words[..], &["--help"]].concat());
         let below = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-        // What is longer than a line goes on further to the right.
+        // Continuation lines are indented further.
         let names = below.filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
         waiting.extend(names.filter(|name| !["", "help"].contains(name)).map(|name| format!("{command} {name}")));
         let is_command = !words.is_empty() && (!help.contains(" <COMMAND>\n") || help.contains("[OPTIONS]\n"));

@@ -1,4 +1,4 @@
-//! `inerter monitor --json` while it runs.
+//! A running `inerter monitor --json`.
 
 use std::{
     io::{BufRead, BufReader},
@@ -17,13 +17,13 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// At a device with this address.
+    /// Connects to the device at this address.
     pub fn start(folder: &Path, device: &str, arguments: &[&str]) -> Self {
         let all = [&["monitor", "--json", "--connect", device], arguments].concat();
         Self::spawn(inerter(folder, &all))
     }
 
-    /// By this command, whose standard output is a pipe.
+    /// Starts this command, whose standard output is a pipe.
     pub fn spawn(mut command: Command) -> Self {
         let mut child = command.spawn().unwrap();
         let output = BufReader::new(child.stdout.take().unwrap());

@@ -1,4 +1,4 @@
-//! A terminal, and somebody before it who presses Enter at whatever he is asked.
+//! A terminal, and a simulated person who presses Enter at every question.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -11,7 +11,7 @@ use std::{
 
 use rustix::{fs, io, pty};
 
-/// A terminal: what is typed and read there, and what a program sees of it.
+/// A terminal: the person's end and the program's end.
 pub fn terminal() -> (OwnedFd, OwnedFd) {
     let master = pty::openpt(pty::OpenptFlags::RDWR | pty::OpenptFlags::NOCTTY).unwrap();
     io::fcntl_setfd(&master, io::FdFlags::CLOEXEC).unwrap();
@@ -23,7 +23,7 @@ pub fn terminal() -> (OwnedFd, OwnedFd) {
     (master, terminal)
 }
 
-/// The terminal of such a person, and what has been shown there so far. He goes with the last program that has the
+/// The terminal of such a person, and what it has shown so far. The person leaves when the last program closes the
 /// terminal.
 pub fn patient() -> (OwnedFd, Arc<Mutex<Vec<u8>>>) {
     let (person, terminal) = terminal();
@@ -43,7 +43,7 @@ pub fn patient() -> (OwnedFd, Arc<Mutex<Vec<u8>>>) {
     (terminal, shown)
 }
 
-/// What was shown, without what the program itself does to its line, and the system's line ends.
+/// The output without the control sequences that the program applies to its own line, and with plain line ends.
 pub fn spoken(shown: &str) -> String {
     let mut words = shown.replace("\r\n", "\n").replace('\r', "\n");
     for own in ["\u{1b}[2K", "\u{1b}[K", "\u{1b}[1A", "\u{1b}[?25h", "\u{1b}[?25l"] {

@@ -1,4 +1,4 @@
-//! Devices that do what no device of ours does, the commands that meet them, and what a command must keep to there.
+//! Misbehaving devices, the commands that are run with them, and the requirements on these commands.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use std::{
@@ -33,7 +33,7 @@ use super::{
 
 macro_rules! manners {
     ($($(#[doc = $doc:literal])+ $name:ident,)+) => {
-        /// What a device does once somebody has connected.
+        /// Behaviour of a device after a host connects.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Manner {
             $($(#[doc = $doc])+ $name,)+
@@ -47,129 +47,129 @@ macro_rules! manners {
 manners! {
     /// Nothing.
     Silent,
-    /// Bytes without meaning.
+    /// Meaningless bytes.
     Noise,
-    /// Samples, and no answer at all.
+    /// Samples, but no replies.
     Samples,
-    /// Answers who it is, then samples and no other answer.
+    /// Answers up to the settings, then sends samples but no other reply.
     Introduced,
-    /// The same without the samples.
+    /// Answers up to the settings, then sends nothing.
     Mute,
-    /// The same, and takes no more either.
+    /// Answers up to the settings, then sends only delimiters and reads nothing.
     Deaf,
-    /// Answers everything, and sends the same sample again and again.
+    /// Answers everything, and repeats the same sample.
     Repeating,
-    /// One frame that never ends.
+    /// One endless frame.
     EndlessFrame,
-    /// Ends of frames, and nothing between them.
+    /// Delimiters with nothing between them.
     Delimiters,
-    /// What it was sent.
+    /// Echoes the host's bytes.
     Echo,
-    /// The bytes of its Hello, two a second.
+    /// Sends the bytes of its Hello, two per second.
     Trickle,
     /// Closes the connection at once.
     GoneAtOnce,
-    /// Closes the connection after so many bytes, each time after others.
+    /// Closes the connection after a number of bytes that differs each time.
     ClosesAfter,
-    /// Closes the connection with requests unread, which resets it.
+    /// Closes the connection with unread requests, which resets it.
     Resets,
-    /// Says no more after the settings, and goes on listening.
+    /// Sends nothing after the settings, but keeps reading.
     HalfClosed,
-    /// Each answer takes 2 s.
+    /// Delays each reply by 2 s.
     Late,
-    /// Each answer comes after nobody waits for it any more.
+    /// Sends each reply after the host's timeout.
     TooLate,
-    /// Answers another request.
+    /// Replies with the ID of another request.
     OtherId,
-    /// Everything twice.
+    /// Sends everything twice.
     Twice,
-    /// Answers, and has nothing to tell.
+    /// Replies without any data.
     Empty,
-    /// Refuses what goes beyond its settings.
+    /// Refuses everything beyond its settings.
     Refusing,
     /// Refuses everything.
     RefusingAll,
-    /// Refuses because of settings that do not exist.
+    /// Refuses everything beyond its settings, naming settings that do not exist.
     RefusingSettings,
-    /// Answers to all numbers, without an end.
+    /// Sends endless replies with all IDs.
     ReplyFlood,
-    /// Speaks another wire version.
+    /// Uses another wire version.
     OtherVersion,
-    /// The same, a moment later.
+    /// Announces another wire version a moment later.
     LaterVersion,
-    /// Says who it is without an end.
+    /// Sends endless Hellos.
     HelloFlood,
-    /// Starts anew without an end.
+    /// Restarts endlessly.
     RestartFlood,
     /// Names with control characters.
     ControlText,
-    /// Names that are no UTF-8.
+    /// Names that are not valid UTF-8.
     TornText,
-    /// Can do nothing.
+    /// Has no capabilities.
     NoCapabilities,
-    /// No samples per second.
+    /// A sample rate of zero.
     RateZero,
-    /// Negative ones.
+    /// A negative sample rate.
     RateNegative,
-    /// More than there are.
+    /// An excessive sample rate.
     RateHuge,
-    /// As many as nobody can say.
+    /// A sample rate of NaN.
     RateNan,
     /// Every setting is NaN.
     SettingsNan,
     /// Every setting is infinite.
     SettingsInfinite,
-    /// Every setting as small as it may be.
+    /// Every setting at its minimum.
     SettingsLeast,
-    /// Every setting as large as it may be.
+    /// Every setting at its maximum.
     SettingsGreatest,
-    /// More settings than a message holds.
+    /// More settings than a message can hold.
     SettingsTooMany,
-    /// Settings that nobody knows.
+    /// Unknown settings.
     SettingsUnknown,
-    /// One setting, many times.
+    /// One setting repeated many times.
     SettingsRepeated,
-    /// Frames of the greatest length.
+    /// Frames of the maximum length.
     LongestFrames,
-    /// Longer ones.
+    /// Frames beyond the maximum length.
     TooLongFrames,
-    /// Frames whose sum is wrong.
+    /// Frames with a wrong CRC.
     BadCrc,
-    /// Byte by byte.
+    /// Sends byte by byte.
     ByteByByte,
-    /// Frames numbered backwards.
+    /// Frames with decreasing sequence numbers.
     SequenceBack,
-    /// Frames with the same number.
+    /// Frames with a constant sequence number.
     SequenceStands,
-    /// Frames with any number.
+    /// Frames with random sequence numbers.
     SequenceRandom,
-    /// Samples counted backwards.
+    /// Samples with a decreasing index.
     IndexBack,
-    /// The same few samples in a circle.
+    /// The same few samples in a cycle.
     IndexCircle,
-    /// Samples whose counter wraps.
+    /// Samples whose index wraps.
     IndexWraps,
     /// Samples with gaps of years.
     IndexLeaps,
-    /// Counts and codes from one end of the range to the other.
+    /// Counts and codes that alternate between the ends of the range.
     ExtremeSamples,
-    /// Batches that break off.
+    /// Truncated batches.
     TornSamples,
-    /// Estimates that are no numbers.
+    /// Estimates that are NaN.
     EstimatesNan,
-    /// Its state without an end, all counters full.
+    /// Endless health records with all counters at their maximum.
     HealthFlood,
-    /// Events without an end.
+    /// Endless events.
     EventFlood,
-    /// Records that nobody knows.
+    /// Unknown records.
     UnknownRecords,
-    /// Known records, any content.
+    /// Known records with random content.
     RandomRecords,
-    /// What a device says, with bits that are wrong and sums that fit them.
+    /// Valid records with flipped bits and matching CRCs.
     Mutated,
 }
 
-/// A device at an address of this machine, until it is dropped.
+/// A device at a local address, until it is dropped.
 pub struct Unruly {
     pub address: String,
     shared: Arc<Met>,
@@ -189,7 +189,7 @@ impl Unruly {
         })
     }
 
-    /// A device that does this with each connection, the first of which is number 0.
+    /// A device that calls `act` for each connection, numbered from 0.
     pub fn behaving(act: impl Fn(TcpStream, usize) + Send + Sync + 'static) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap().to_string();
@@ -201,7 +201,7 @@ impl Unruly {
                     break;
                 }
                 let mut connections = met.connections.lock().unwrap();
-                // Those before have been closed by their ends, or are few.
+                // Earlier connections have been closed by the hosts, or are few.
                 connections.retain(|connection| connection.peer_addr().is_ok());
                 connections.push(host.try_clone().unwrap());
                 drop(connections);
@@ -216,15 +216,15 @@ impl Unruly {
         Self { address, shared }
     }
 
-    /// How many have connected to it.
+    /// Number of connections so far.
     pub fn guests(&self) -> usize {
         self.shared.guests.load(Ordering::SeqCst)
     }
 
-    /// The device goes, and does not come back.
+    /// Disconnects the device for good.
     pub fn go(&self) {
         if !self.shared.gone.swap(true, Ordering::SeqCst) {
-            // The listener ends with the next one that comes.
+            // The listener ends with the next connection.
             TcpStream::connect(&self.address).ok();
         }
         for connection in self.shared.connections.lock().unwrap().drain(..) {
@@ -239,7 +239,7 @@ impl Drop for Unruly {
     }
 }
 
-/// What a device of ours says in 10 s, without its answers.
+/// The records that our device sends in 10 s, without replies.
 fn usual() -> &'static [Vec<u8>] {
     static USUAL: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
     USUAL.get_or_init(|| {
@@ -266,13 +266,13 @@ struct Talk {
     requests: FrameReader<Request>,
     sequence: u16,
     random: Random,
-    /// The settings have been asked for.
+    /// The host has requested the settings.
     introduced: bool,
-    /// Frames or batches that were sent unasked.
+    /// Number of frames or batches sent without a request.
     sent: usize,
-    /// Samples that were taken.
+    /// Number of samples accepted.
     taken: u32,
-    /// Bytes that may be sent yet.
+    /// Number of bytes that may still be sent.
     bytes: usize,
 }
 
@@ -323,7 +323,7 @@ pub fn hello() -> Hello {
 }
 
 impl Talk {
-    /// Reads until the host has gone.
+    /// Reads until the host disconnects.
     fn listen(&mut self) -> Option<()> {
         self.host.set_read_timeout(None).ok()?;
         while self.host.read(&mut [0; 512]).ok()? > 0 {}
@@ -353,7 +353,7 @@ impl Talk {
         match self.manner {
             Manner::BadCrc => {
                 let place = bytes.len() - 2;
-                // No byte of a frame is zero, and none may become it.
+                // A frame contains no zero byte, and the change must not create one.
                 bytes[place] = if bytes[place] == 1 { 2 } else { 1 };
                 self.raw(&bytes)
             }
@@ -370,12 +370,12 @@ impl Talk {
         self.frame(&payload(record))
     }
 
-    /// Takes what has come, answers it, and says a little.
+    /// Reads the requests, answers them, and sends a little more.
     fn turn(&mut self) -> Option<()> {
         if self.introduced {
             match self.manner {
                 Manner::Mute => return self.listen(),
-                // As long as it is connected.
+                // Until it is disconnected.
                 Manner::Deaf => loop {
                     self.raw(&[DELIMITER])?;
                     thread::sleep(Duration::from_millis(200));
@@ -455,7 +455,7 @@ impl Talk {
         }
         let mut bytes = payload(&Record::Hello(hello));
         if self.manner == Manner::TornText {
-            // The first letter of the firmware's name: kind, version and length stand before it.
+            // The first letter of the firmware's name, after kind, version and length.
             bytes[3] = 0xFF;
         }
         bytes
@@ -486,7 +486,7 @@ impl Talk {
         payload(&Record::Settings(values))
     }
 
-    /// What is said unasked.
+    /// Sends data without a request.
     fn stream(&mut self) -> Option<()> {
         let turn = self.sent as u32;
         self.sent += 1;
@@ -512,7 +512,7 @@ impl Talk {
                 let batch: Vec<RawSample> = (0..16).map(|place| extreme(turn * 16 + place)).collect();
                 self.say(&Record::Samples(Samples::from_slice(&batch).0))
             }
-            // Kind, count, length, and too few bytes for so many.
+            // Kind, count, length, and too few bytes for that count.
             Manner::TornSamples => self.frame(&[1, 200, 3, 0x80, 0x80, 0x80]),
             Manner::EstimatesNan => {
                 let mut bytes = vec![2, (turn & 0x7F) as u8, 100, 0, 1];
@@ -600,7 +600,7 @@ impl Talk {
         }
     }
 
-    /// Some more of what a device of ours says, from the beginning when it ends.
+    /// Sends some more of the usual records, starting again at the end.
     fn usual(&mut self, frames: usize, mut change: impl FnMut(&mut Vec<u8>, &mut Random)) -> Option<()> {
         let all = usual();
         let from = self.sent * frames;
@@ -612,7 +612,7 @@ impl Talk {
     }
 }
 
-/// What a host has asked within a millisecond; nothing once it has gone.
+/// The requests received within a millisecond; `None` once the host has disconnected.
 pub fn requests(host: &mut TcpStream, reader: &mut FrameReader<Request>) -> Option<Vec<Request>> {
     host.set_read_timeout(Some(Duration::from_millis(1))).ok()?;
     let mut portion = [0; 512];
@@ -638,7 +638,7 @@ fn samples(indices: impl IntoIterator<Item = u32>) -> Vec<u8> {
     payload(&Record::Samples(Samples::from_slice(&all).0))
 }
 
-/// Every command that talks to a device, without its link.
+/// Every command that talks to a device, without its link option.
 pub const COMMANDS: &[&[&str]] = &[
     &["monitor", "--json"],
     &["monitor", "--plain", "--wait", "60"],
@@ -667,13 +667,13 @@ pub const COMMANDS: &[&[&str]] = &[
     &["update", "image.elf", "--force"],
 ];
 
-/// As many figures as there may be, each as large as it may be.
+/// As many figures as possible, each as large as possible.
 fn nonsense(what: Measure) -> Measured {
     let figures = (0..MAX_FIGURES).map(|number| Figure { quantity: 3 * number as u8, value: u32::MAX - number as u32 });
     Measured { what, figures: figures.collect() }
 }
 
-/// A folder with what the commands need.
+/// A folder with the files that the commands need.
 pub fn prepared() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     done(folder.path(), &["simulate", "-o", "sent.mcap", "--duration", "5"]);
@@ -682,7 +682,7 @@ pub fn prepared() -> tempfile::TempDir {
     folder
 }
 
-/// A command at a device, whose words are read and judged meanwhile.
+/// A command connected to a device; its output is read and checked in the meantime.
 pub struct Visit {
     pub child: Child,
     readers: Vec<JoinHandle<Option<String>>>,
@@ -691,7 +691,8 @@ pub struct Visit {
 }
 
 impl Visit {
-    /// The command at this device; the wizard has somebody before it who presses Enter at whatever he is asked.
+    /// Starts the command with this device. The calibration wizard gets a simulated person who presses Enter at every
+    /// question.
     pub fn start(folder: &Path, command: &[&str], address: &str) -> Self {
         let mut program = inerter(folder, &[command, &["--connect", address]].concat());
         let mut shown = None;
@@ -706,7 +707,7 @@ impl Visit {
         Self { child, readers: out.into_iter().chain(errors).collect(), shown, most_kb: 0 }
     }
 
-    /// How it ends, if it does; otherwise it is killed.
+    /// The exit status, if the command ends in time; otherwise it is killed.
     pub fn ended(&mut self, within: Duration) -> Option<ExitStatus> {
         if self.goes_on(within) {
             self.child.kill().ok();
@@ -716,7 +717,7 @@ impl Visit {
         self.child.try_wait().unwrap()
     }
 
-    /// Whether it goes on after so long.
+    /// Whether it still runs after this time.
     pub fn goes_on(&mut self, after: Duration) -> bool {
         let started = Instant::now();
         loop {
@@ -731,7 +732,7 @@ impl Visit {
         }
     }
 
-    /// The most memory that it held, and the first line of what it said that no device may write to a terminal.
+    /// The most memory that it used, and the first line of its output that must not reach a terminal.
     pub fn end(self) -> (u64, Option<String>) {
         let mut foreign: Option<String> = None;
         for reader in self.readers {
@@ -742,7 +743,7 @@ impl Visit {
     }
 }
 
-/// How a program ends, if it does; otherwise it is killed.
+/// The exit status of a program, if it ends in time; otherwise it is killed.
 pub fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
     let started = Instant::now();
     while started.elapsed() < within {
@@ -756,7 +757,7 @@ pub fn ended(child: &mut Child, within: Duration) -> Option<ExitStatus> {
     None
 }
 
-/// Reads to the end; gives the first line with letters that no device may write to a terminal.
+/// Reads to the end. Returns the first line with characters that must not reach a terminal.
 fn foreign_line(pipe: impl Read) -> Option<String> {
     let (mut pipe, mut line, mut foreign) = (BufReader::new(pipe), Vec::new(), None);
     while pipe.read_until(b'\n', &mut line).unwrap() > 0 {
@@ -766,14 +767,14 @@ fn foreign_line(pipe: impl Read) -> Option<String> {
     foreign
 }
 
-/// The most memory that a process of ours has held, where the system tells; a process that has ended holds none, and one
-/// that has not become the program yet shows this process's.
+/// The most memory that a child process has used, if the system reports it. A process that has ended reports none, and
+/// one that has not yet executed the program would report this process's memory.
 pub fn most_memory_kb(child: &Child) -> Option<u64> {
     let name = std::fs::read_to_string(format!("/proc/{}/comm", child.id())).ok()?;
     memory_kb(child.id(), "VmHWM:").filter(|_| name.trim_end() == "inerter")
 }
 
-/// One of the figures of `/proc/PID/status`.
+/// One figure from `/proc/PID/status`.
 pub fn memory_kb(pid: u32, name: &str) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     status.lines().find_map(|line| line.strip_prefix(name)?.trim().strip_suffix(" kB")?.parse().ok())
