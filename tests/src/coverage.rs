@@ -15,7 +15,7 @@ const VALUES_OF_A_RUN: f64 = 4.0;
 /// Accepted rms of error over half width; 0.51 is exact for a 95 % interval.
 pub const RIGHT: std::ops::RangeInclusive<f64> = 0.25..=0.6;
 
-/// A device on a rig whose settings are exact, and stated to be.
+/// A device on a rig whose settings are exact and stated as exact, except for `wrong`.
 #[derive(Clone, Copy, Debug)]
 pub struct Bench {
     /// Name in the table.

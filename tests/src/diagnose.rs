@@ -236,7 +236,7 @@ impl Case {
         Ok((run, outcome))
     }
 
-    /// The plant's truth, [`WITHIN`] times per sample.
+    /// The plant's true states, [`WITHIN`] times per sample.
     pub fn truths(&self, motion: &Motion, seed: u64) -> Result<Vec<Truth>, Error> {
         let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let sample_rate_hz = self.sensors.sample_rate_hz * WITHIN as f64;

@@ -57,7 +57,7 @@ pub struct Value {
 /// The fitted value of a parameter, whether given or not.
 #[derive(Clone, Copy, Debug)]
 pub struct Fitted {
-    /// Distance from the truth, in the parameter's unit.
+    /// Distance from the true value, in the parameter's unit.
     pub error: f64,
     /// Half width of the device's interval.
     pub u95: f64,
@@ -84,7 +84,7 @@ pub struct Said {
     pub closed: bool,
 }
 
-/// A run is right, or wrong with or without a word.
+/// Verdict on a run: right, or wrong with or without a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     /// No value lies outside its interval.

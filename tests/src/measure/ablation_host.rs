@@ -34,8 +34,9 @@ struct Counts {
     right: u32,
     /// Runs whose first cause is wrong.
     wrong: u32,
-    /// Parameters given in runs without a warning, of a law that is true or nearly so; those outside the interval of
-    /// the samples; those of them that are not said to rest on the fault either; and those that rest on anything.
+    /// Parameters given in runs without a warning, of a law that is true or nearly so; those outside the interval from
+    /// the samples; those of them whose report does not list the fault as an assumption either; and those whose report
+    /// lists any assumption.
     given: u32,
     outside: u32,
     unsaid: u32,

@@ -873,7 +873,7 @@ fn the_stack_keeps_its_bound() {
     let stack = link.machine.stack_high_water().expect("painted");
     eprintln!("stack: {} of {} bytes", stack.used, stack.available);
     assert!((2_000..24_000).contains(&stack.used), "{stack:?}");
-    // The device does not count the stack's guard as free.
+    // The device does not count the guard and the space below it as free.
     let told = health.stack_free_bytes.expect("known") as usize;
     let free = stack.available - stack.used;
     assert!((free.saturating_sub(2048)..=free).contains(&told), "it says {told} bytes are free, {free} are");

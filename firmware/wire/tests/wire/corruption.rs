@@ -95,7 +95,7 @@ fn every_single_byte() {
     assert!(cases >= 200_000, "{cases}");
 }
 
-/// A Hello names the version: damage must not name another.
+/// A Hello states the wire version: damage must not yield another one.
 #[test]
 fn every_single_byte_of_a_hello() {
     let hello = Record::Hello(crate::values::hello());
