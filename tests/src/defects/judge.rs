@@ -9,12 +9,12 @@
 //! - a warning about the samples (`wrong_sign`, `clipped_force`, `count_slip`, `dead_force`): all four, if the defect
 //!   is of the kind that the warning names; another warning does not count;
 //! - a cause reported without being asked for: the parameters that it moves (`reaches`), whatever the defect, because a
-//! reader then doubts these;
+//!   reader then doubts these;
 //! - friction reported as `presliding` or `stribeck`: the parameters that this regime moves;
 //! - `moved_by`: if the interval with its share contains the true value, the value is right in `replay`; otherwise the
-//! word counts if it names the defect;
+//!   word counts if it names the defect;
 //! - `assumes`: if it names the defect ([`Word::Assumed`], counted separately, because every run of such a motion
-//! reports it).
+//!   reports it).
 //!
 //! Even in clean runs, 5 % of the values are expected to lie outside their interval. Clean runs are therefore judged in
 //! the same way, and both are also judged at twice the interval, which chance does not reach.

@@ -1,4 +1,4 @@
-//! The board starts, and can be updated, with every factory setting of the option bytes.
+//! The board starts, and can be updated, with any value of the option bits that select where the chip boots.
 
 use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
@@ -94,7 +94,7 @@ fn a_life_with(image: &[u8], options: u32) {
     assert_eq!(of_options.count(), 1, "{resets} resets until the first Hello");
 }
 
-/// All values of the bits that select where the chip boots.
+/// All values of the bits that select where the chip boots, and of the one that divides the flash into banks.
 fn all_options() -> impl Iterator<Item = u32> {
     let bits = [BFB2, DBANK, NBOOT1, NSWBOOT0, NBOOT0];
     (0..1 << bits.len()).map(move |number| {

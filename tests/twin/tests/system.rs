@@ -442,7 +442,7 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
     write(&mut link, &numbered(1));
     save(&mut link).expect("saved");
     let kept = link.machine.flash();
-    // After each two failures, a run of more than ten seconds clears the count.
+    // A run of more than ten seconds after two failures clears the count.
     for failures in [2, 2, 3] {
         for _ in 0..failures {
             disturb(&mut link.machine);

@@ -190,7 +190,7 @@ fn random_requests_do_not_stop_the_device() {
     let mut random = Random(7);
     for _ in 0..1500 {
         let mut bytes = std::array::from_fn(|_| random.draw() as u8);
-        // Only lengths that the host's control transfer can have, and no SET_ADDRESS.
+        // Only lengths and recipients that the host's control transfer can have, and no SET_ADDRESS.
         bytes[7] = 0;
         bytes[0] &= 0xE3;
         if bytes[0] & 0x60 == 0 && bytes[1] == 5 {
