@@ -11,7 +11,7 @@ const LONGEST: usize = 32;
 pub(crate) struct Alignment {
     waiting: [(i32, i32); LONGEST],
     head: usize,
-    /// Number of coming samples whose other half is from before a discontinuity.
+    /// Number of coming samples that have no other half, because of a discontinuity, and the first that has one.
     unpaired: u8,
 }
 
@@ -20,14 +20,9 @@ impl Alignment {
         Self { waiting: [(0, 0); LONGEST], head: 0, unpaired: 0 }
     }
 
-    pub fn reset(&mut self) {
-        let Self { waiting, head, unpaired } = self;
-        waiting.fill((0, 0));
-        (*head, *unpaired) = (0, 0);
-    }
-
     /// Pairs the force with the position of `late` samples ago, because it is that late; if `late` is negative, the
-    /// position with the force of `-late` samples ago.
+    /// position with the force of `-late` samples ago. A discontinuity, such as the first sample, begins anew: until
+    /// the first pair is complete, the delayed half stands where it was at the discontinuity.
     #[cold]
     #[inline(never)]
     pub fn align(&mut self, late: i8, mut newest: Newest) -> Newest {
@@ -35,17 +30,17 @@ impl Alignment {
         let slot = self.head % LONGEST;
         let before = self.head.wrapping_sub(usize::from(samples)) % LONGEST;
         self.head = self.head.wrapping_add(1);
-        if late > 0 {
-            self.waiting[slot] = (newest.position, newest.terminal);
-            (newest.position, newest.terminal) = self.waiting[before];
-        } else {
-            self.waiting[slot] = (newest.force, i32::from(newest.good));
-            let (force, good) = self.waiting[before];
-            (newest.force, newest.good) = (force, good != 0);
-        }
-        // The last of these is the one at which the delayed half jumps.
+        let waits = if late > 0 { (newest.position, newest.terminal) } else { (newest.force, i32::from(newest.good)) };
+        self.waiting[slot] = waits;
         if newest.broken {
+            self.waiting.fill(waits);
             self.unpaired = samples + 1;
+        }
+        let delayed = self.waiting[before];
+        if late > 0 {
+            (newest.position, newest.terminal) = delayed;
+        } else {
+            (newest.force, newest.good) = (delayed.0, delayed.1 != 0);
         }
         newest.broken = self.unpaired > 0;
         self.unpaired = self.unpaired.saturating_sub(1);

@@ -103,7 +103,8 @@ impl State {
         let Self {
             counters,
             plausible,
-            alignment,
+            // Begins anew at the first sample.
+            alignment: _,
             line,
             rest,
             sign,
@@ -123,7 +124,6 @@ impl State {
         } = self;
         *counters = Counters::default();
         *plausible = Plausible::new();
-        alignment.reset();
         line.reset();
         *rest = Rest::new();
         *sign = Sign::new();
