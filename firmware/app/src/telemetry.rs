@@ -96,8 +96,10 @@ pub async fn telemetry(app: &App, link: impl Write) -> Restart {
 impl<W: Write> Sender<'_, W> {
     async fn send(&mut self, record: &Record) {
         let mute = self.app.link.is_mute();
+        let mut begins = false;
         if matches!(record, Record::Event(Event { kind: EventKind::Started, .. })) {
-            self.begun |= !mute;
+            begins = !mute && !self.begun;
+            self.begun |= begins;
             self.intact = true;
         }
         if mute || !self.begun {
@@ -114,13 +116,15 @@ impl<W: Write> Sender<'_, W> {
         }
         let dropped = self.app.health().dropped_frames;
         let mut sequence = self.sequence;
-        for _ in 0..dropped.wrapping_sub(self.accounted).min(GREATEST_JUMP) {
+        // A host sees no gap before the first frame: a frame that is already missing leaves one after it.
+        let accounted = if begins { self.accounted } else { dropped };
+        for _ in 0..accounted.wrapping_sub(self.accounted).min(GREATEST_JUMP) {
             sequence.take();
         }
         let number = sequence.take();
         if self.write(record, number).await.is_ok() {
             self.sequence = sequence;
-            self.accounted = dropped;
+            self.accounted = accounted;
         } else {
             self.intact = false;
             self.app.note_dropped_frame();

@@ -1,8 +1,9 @@
 //! The start of a run: saved settings, the end of the previous run, and which host is told about it.
 
 use crate::flash::{Flash, RANGE};
-use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, events, shaken};
+use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, events, live, shaken};
 use embassy_futures::block_on;
+use embassy_time::{Duration, MockDriver};
 use inerter_app::{FlashStore, Identity, Pace, SourceError, Start, Store, StoreError};
 use inerter_core::{Settings, SettingsError};
 use inerter_wire::{
@@ -278,6 +279,33 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
     assert_eq!(records.last(), Some(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
     let health = rig.health();
     assert_eq!((health.dropped_frames, health.bad_frames), (0, 3), "nobody was there to miss anything");
+}
+
+/// A host sees no gap before the first frame, where it would miss what the estimator drops while the host is greeted.
+#[test]
+fn what_is_dropped_as_the_stream_begins_is_missing_after_its_first_frame() {
+    let mut rig = TestDevice::cold(Options { two_links: true, ..live() });
+    rig.app.link_state().set_open(true);
+    rig.settle();
+    let samples = shaken(1_000);
+    let (last, before) = samples.split_last().unwrap();
+    for sample in before {
+        rig.pass(1);
+        rig.feed([sample]);
+    }
+    // The first request arrives in the millisecond in which an estimate and a health record are due.
+    MockDriver::get().advance(Duration::from_millis(1));
+    rig.send(Command::Hello);
+    rig.feed([last]);
+    let frames = rig.frames();
+    let Some(Frame::Message { sequence: 0, message: Record::Event(Event { kind: EventKind::Started, .. }) }) =
+        frames.first()
+    else {
+        panic!("{frames:?}");
+    };
+    let health = rig.health();
+    assert!(health.dropped_frames > 0);
+    assert_eq!(health.dropped_frames, rig.lost());
 }
 
 #[test]
