@@ -174,10 +174,11 @@ const STEPS: &[Step] = &[
     Step::beside("table of accuracy", "cargo xtask accuracy --short"),
     Step::beside("table of changes", "cargo xtask changes --short"),
     Step::beside("table of robustness", "cargo xtask robustness"),
-    Step::here("tests", "cargo test-lean", test).within(500),
+    // Before the tests: these leave a processor to the steps in parallel.
     Step::here("Python", "cargo xtask python", python::run).within(20),
     Step::here("Python package", "cargo xtask wheel --debug", || wheel::run(&wheel::Options { debug: true }))
         .within(180),
+    Step::here("tests", "cargo test-lean", test).within(500),
     Step::here(
         "tests, probe",
         "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
@@ -341,12 +342,13 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
 
 /// Everything with default features, and the program alone with none, as a user may install it.
 fn lint_host() -> Result<()> {
-    Part::each(|part| lint_all(&mut part.whole("clippy")))?;
-    lint_one("inerter", &["--no-default-features"])
+    Part::each(|part| lint_all(&mut part.whole("clippy")))
 }
 
-/// With other features: everything with none, the program with each alone, and two libraries as others use them.
+/// With other features: everything with none, the program with none and with each alone, and two libraries as others
+/// use them.
 fn lint_other_features() -> Result<()> {
+    lint_one("inerter", &["--no-default-features"])?;
     let none = ["--no-default-features", "--features", "inerter-device/probe,inerter-stm32g474/board-nucleo"];
     lint_all(Part::Main.whole("clippy").args(none))?;
     for feature in ["probe", "bridges", "reports", "screen", "tables", "s3"] {
