@@ -11,6 +11,7 @@
 //! Slow: several minutes. Skipped if the image or QEMU is missing.
 
 use crate::common::{chip_with, image_of_others};
+use inerter_core::Settings;
 use inerter_guest::{Ended, Guest};
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
@@ -22,7 +23,7 @@ use inerter_twin::usb_link::UsbLink;
 use inerter_twin::usbip::Server;
 use inerter_twin::world::Still;
 use inerter_wire::{Command as Request, MAX_FRAME, Streams, encode_request};
-use serde_json::Value;
+use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 use std::io::Write;
 use std::net::TcpListener;
@@ -245,7 +246,7 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
 
     the_kernel_sees_the_device(&mut linux);
     watch.lap("plugged in, port there");
-    a_fresh_terminal_echoes_and_nothing_happens(&mut linux);
+    a_fresh_terminal_echoes_and_nothing_happens(&mut linux, &twin);
     watch.lap("echo of a fresh terminal");
     the_program_finds_the_port(&mut linux);
     the_device_is_for_one(&mut linux);
@@ -270,7 +271,7 @@ fn a_real_kernel_and_the_real_program_measure_with_the_shipping_binary() {
     watch.lap("three updates that are cut");
     a_dfu_util_that_is_cut_has_written_the_vectors_first(&mut linux, &twin, &firmware);
     watch.lap("dfu-util that is cut");
-    a_really_different_build_goes_there_and_back(&mut linux, &firmware);
+    a_really_different_build_goes_there_and_back(&mut linux, &twin, &firmware);
     watch.lap("another build, and back");
     // A background attach of the last stage may still be running. End the twin first.
     twin.end();
@@ -300,7 +301,8 @@ fn serial() -> String {
 
 /// The kernel echoes what the device sends until a program sets the terminal to raw mode. This test is harsher than
 /// reality: it makes the device send while the echo is on.
-fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux) {
+fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux, twin: &Twin) {
+    let starts = twin.order(|server| server.socket.resets().len());
     assert!(linux.run("stty -F /dev/ttyACM0 -a").contains(" echo "), "a fresh terminal echoes");
     let mut talk = vec![0];
     for (id, command) in [(1, Request::Hello), (2, Request::Streams(Streams::ALL)), (3, Request::ReadSettings)] {
@@ -312,6 +314,19 @@ fn a_fresh_terminal_echoes_and_nothing_happens(linux: &mut Linux) {
     let before = linux.run("stty -F /dev/ttyACM0 -echo raw; stty -F /dev/ttyACM0 sane; stty -F /dev/ttyACM0 -a");
     assert!(before.contains(" echo "), "{before}");
     linux.run(&format!("exec 3<>/dev/ttyACM0; printf '{octal}' >&3; sleep 2; exec 3>&-"));
+    assert_eq!(twin.order(|server| server.socket.resets().len()), starts, "it restarted");
+    uses_the_saved_settings(linux);
+}
+
+/// The device uses the settings that the twin saved before Linux started.
+fn uses_the_saved_settings(linux: &mut Linux) {
+    let saved = rig().settings(1000.0);
+    let values: Map<String, Value> =
+        Settings::TABLE.iter().zip(saved.values()).map(|(info, value)| (info.name.into(), value.into())).collect();
+    // Printed and read like the program's, because reading may round the last bit.
+    let saved: Value = serde_json::from_str(&Value::Object(values).to_string()).expect("JSON");
+    let said = linux.json("inerter settings get --json", SOON);
+    assert_eq!(said[0]["settings"], saved);
 }
 
 fn the_program_finds_the_port(linux: &mut Linux) {
@@ -453,6 +468,7 @@ fn a_power_cut_is_a_clear_error(linux: &mut Linux, twin: &Twin) {
     linux.attach("/dev/ttyACM0");
     let said = linux.json("inerter monitor --json --duration 3", Duration::from_secs(60));
     assert!(!of_kind(&said, "estimate").is_empty(), "{said:?}");
+    uses_the_saved_settings(linux);
 }
 
 /// Once by command, and once by two presses of the button, which the program asks for on a terminal: here the guest's
@@ -680,7 +696,7 @@ fn pages(image: &[u8]) -> Vec<usize> {
 }
 
 /// The image whose task hangs after five seconds: different code under the same name.
-fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u8]) {
+fn a_really_different_build_goes_there_and_back(linux: &mut Linux, twin: &Twin, firmware: &[u8]) {
     let Some(other) = image_of("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
     let differing = pages(firmware).len().abs_diff(pages(&other).len());
     assert!(differing > 0 || code(firmware) != code(&other), "another layout");
@@ -694,6 +710,12 @@ fn a_really_different_build_goes_there_and_back(linux: &mut Linux, firmware: &[u
             Duration::from_secs(240),
         );
         assert_eq!(ended.code, 0, "{name}: {}{}", ended.text(), ended.errors);
+        // Both builds have the same name, so only the flash tells them apart.
+        let flash = twin.order(|server| server.socket.chip().flash.bytes().to_vec());
+        for (start, bytes) in Elf::parse(build).expect("an ELF").segments() {
+            let at = (start - flash::START) as usize;
+            assert!(flash[at..][..bytes.len()] == bytes[..], "{name}: not in flash at {start:#010x}");
+        }
         unplug_no_more(linux);
     }
     stay_plugged_in(linux);
