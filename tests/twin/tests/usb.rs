@@ -18,7 +18,7 @@ use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::talk::Talk;
 use inerter_twin::usb_host::serial::{line_coding, set_control_lines, set_line_coding};
 use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
-use inerter_twin::usb_link::{LinkError, UsbLink};
+use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
 use inerter_wire::{Command, Done, Event, EventKind, Hello, Measure, Record, Refusal, Reply, SettingsValues, Streams};
 use outcome::outcome;
@@ -74,8 +74,10 @@ fn health(link: &mut UsbLink<Machine>) -> inerter_wire::Health {
     panic!("no Health within three seconds");
 }
 
-/// The device has not restarted since power-on, by its own uptime.
+/// The device has not restarted since [`board`] started it, by the chip's resets and by its own uptime.
 fn has_run_through(link: &mut UsbLink<Machine>) {
+    let resets: Vec<Reset> = link.socket.resets().iter().map(|&(_, cause)| cause).collect();
+    assert_eq!(resets, [Reset::Power, Reset::OptionBytes], "it started anew");
     let time_s = link.socket.time_s();
     let uptime_s = f64::from(health(link).uptime_s);
     assert!((uptime_s - time_s).abs() < 4.0, "up for {uptime_s} s of {time_s} s: it started anew");
@@ -125,6 +127,7 @@ fn descriptors_come_in_the_length_that_is_asked_for() {
 fn the_lines_of_the_serial_port_are_kept() {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
+    let mut uart = common::SerialLink::default();
     let UsbLink { socket, host, .. } = &mut link;
     for baud in [1200, 115_200, 921_600] {
         set_line_coding(host, socket, baud).expect("taken");
@@ -132,7 +135,10 @@ fn the_lines_of_the_serial_port_are_kept() {
         assert_eq!(line_coding(host, socket), Ok(vec![b0, b1, b2, b3, 0, 0, 8]));
     }
     for state in 0..4 {
-        set_control_lines(host, socket, state & 1 != 0, state & 2 != 0).expect("taken");
+        let terminal_ready = state & 1 != 0;
+        set_control_lines(host, socket, terminal_ready, state & 2 != 0).expect("taken");
+        // DTR alone opens the port, and the serial link answers while the port is closed.
+        assert_eq!(uart.hello(socket), !terminal_ready, "lines {state:#04b}");
     }
 }
 
@@ -165,18 +171,20 @@ fn requests_for_nothing_and_requests_unknown_are_answered_at_once() {
 }
 
 #[test]
-fn endpoints_that_do_not_exist_are_refused() {
+fn endpoints_that_do_not_exist_are_never_halted() {
     let Some(mut link) = board(Still) else { return };
     link.connect().expect("enumeration");
     let UsbLink { socket, host, .. } = &mut link;
     for endpoint in [0x07u8, 0x08, 0x0F, 0x87, 0x88, 0x8F, 0xFF] {
-        let status = Setup { kind: 0x82, request: 0, value: 0, index: endpoint.into(), length: 2 };
-        // The device may refuse or answer with anything, but it must keep working.
-        let _ = host.control(socket, status, &[]);
+        // The device may accept or refuse, but it must answer. CLEAR_FEATURE, then SET_FEATURE.
         for request in [1, 3] {
             let halt = Setup { kind: 2, request, value: 0, index: endpoint.into(), length: 0 };
-            let _ = host.control(socket, halt, &[]);
+            let answer = host.control(socket, halt, &[]);
+            assert!(matches!(answer, Ok(_) | Err(UsbError::Stalled)), "{endpoint:#04x}: {answer:?}");
         }
+        let status = Setup { kind: 0x82, request: 0, value: 0, index: endpoint.into(), length: 2 };
+        let answer = host.control(socket, status, &[]);
+        assert!(answer == Ok(vec![0, 0]) || answer == Err(UsbError::Stalled), "{endpoint:#04x}: {answer:?}");
         assert_eq!(host.get_descriptor(socket, 1, 0, 0, 18).map(|bytes| bytes.len()), Ok(18), "{endpoint:#04x}");
     }
     link.open().expect("opens");
@@ -587,7 +595,11 @@ fn settings_written_over_usb_hold() {
     let wanted = Settings { memory_s: before.memory_s * 2.0, ..before };
     done(&mut link, Command::WriteSettings(SettingsValues::difference(&wanted, &before)));
     assert_eq!(settings(&mut link), wanted);
-    assert_eq!(link.request(Command::Hello, 0.0), Err(LinkError::NoReply(0.0)), "no reply takes no time");
+    link.unplug();
+    link.connect().expect("enumeration");
+    link.open().expect("opens");
+    hello(&mut link);
+    assert_eq!(settings(&mut link), wanted, "plugged in again");
 }
 
 /// From a reset until the firmware has a port again, also after the watchdog's four seconds \[s\].
