@@ -295,11 +295,15 @@ fn a_converter_that_does_not_start_is_told() {
 }
 
 #[test]
-fn the_image_of_one_board_is_stopped_on_the_other() {
+fn the_image_of_one_board_is_stopped_or_mute_on_the_other() {
     let Some(mut machine) = machine(Options { board: Board::WEACT, ..Options::default() }, Still) else { return };
     match machine.run_for(0.2) {
         // The other crystal gives another clock, so the host cannot decode what the board sends.
-        Ok(()) => assert_ne!(machine.clock_hz(), 168e6),
+        Ok(()) => {
+            assert_ne!(machine.clock_hz(), 168e6);
+            let answer = SerialLink::new(machine).request(Command::Hello, REPLY_S);
+            assert!(answer.is_err(), "{answer:?}");
+        }
         Err(ended) => assert!(matches!(ended.stop, Stop::Bus(_)), "{ended}"),
     }
 }
@@ -372,7 +376,9 @@ fn a_reset_that_leaves_the_rom_at_address_0_is_tried_once() {
         link.machine.leave_rom(left).expect("jumps");
         run(&mut link.machine, 0.3);
         let tried = link.machine.resets().len() - resets;
-        assert!(tried <= 1, "{left:?}: {tried} resets");
+        // These two look like a reset already, so there is nothing to try.
+        let expected = usize::from(!matches!(left, Left::Restored | Left::Masked));
+        assert_eq!(tried, expected, "{left:?}");
         link.talk = Default::default();
         let (_, events) = greet(&mut link);
         assert!(!events.iter().any(|event| matches!(event, EventKind::Panicked(_))), "{left:?}: {events:?}");
