@@ -42,6 +42,11 @@ fn run_with(device: Inerter, motion: &str, seed: u64, noise_n: f64, stated: impl
     Said { regimes, laws, last, regime: detail.friction.regime, unexplained, law: law.status }
 }
 
+/// Whether each parameter has a value: one without is never [`wrong`].
+fn given(said: &Said) -> [bool; 3] {
+    three(&said.last.whole_run).map(|found| found.status() == Status::Ok)
+}
+
 /// The parameters that have a value and are wrong by more than their interval.
 fn wrong(device: &Inerter, said: &Said) -> Vec<usize> {
     let found = three(&said.last.whole_run).into_iter().zip(truth(device)).enumerate();
@@ -131,15 +136,21 @@ fn a_law_that_holds_is_not_called_broken() {
 fn presliding_is_called_so_and_covered() {
     for um in [20.0, 50.0, 200.0] {
         let device = Inerter { presliding_m: um * 1e-6, ..Inerter::paper() };
+        let mut inertances = 0;
         for motion in ["mid", "multi", "random", "two"] {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert_eq!(said.regime, Regime::Presliding, "{um} um, {motion}");
             assert!(wrong(&device, &said).is_empty(), "{um} um, {motion}: {:?}", said.last.whole_run);
+            let [inertance, ..] = given(&said);
+            inertances += u32::from(inertance);
         }
+        assert!(inertances > 0, "{um} um: no inertance to be covered");
         // Either detected at once or harmless: slow motion resolves each reversal completely.
         let said = run(device, "slow", 5, 30.0, 1.0);
         assert!(wrong(&device, &said).is_empty(), "{um} um, slow: {:?}", said.last.whole_run);
-        assert_eq!(said.regime, if um < 30.0 { Regime::Coulomb } else { Regime::Presliding });
+        let is_harmless = um < 30.0;
+        assert_eq!(said.regime, if is_harmless { Regime::Coulomb } else { Regime::Presliding });
+        assert!(!is_harmless || given(&said) == [true; 3], "{um} um, slow: {:?}", said.last.whole_run);
         // A steady tone of 15.9 Hz hides the cause. Only the residual relative to the noise shows that there is one.
         let said = run(device, "fast", 5, 30.0, 1.0);
         assert_eq!(said.regime, Regime::Unknown);
@@ -156,12 +167,16 @@ fn presliding_is_called_so_and_covered() {
 fn stribeck_friction_leaves_no_wrong_coulomb_friction() {
     for mm_per_s in [2.0, 5.0, 10.0] {
         let device = Inerter { stribeck_velocity_m_per_s: mm_per_s * 1e-3, ..Inerter::stribeck() };
+        let mut frictions = 0;
         for motion in MOTIONS.map(|(name, _)| name) {
             let said = run(device, motion, 5, 30.0, 1.0);
             assert!(!wrong(&device, &said).contains(&2), "{mm_per_s} mm/s, {motion}: {:?}", said.last.whole_run);
+            let [.., coulomb] = given(&said);
+            frictions += u32::from(coulomb);
             let must_show = motion == "slow" || (mm_per_s >= 10.0 && ["mid", "random", "two"].contains(&motion));
             assert!(!must_show || said.regime == Regime::Stribeck, "{mm_per_s} mm/s, {motion}: {:?}", said.regime);
         }
+        assert!(frictions > 0, "{mm_per_s} mm/s: no Coulomb friction to be wrong");
     }
 }
 
