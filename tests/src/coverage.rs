@@ -69,11 +69,11 @@ impl Cell {
         at_most(self.covered, self.given) < CHANCE
     }
 
-    /// Whether the coverage is below 95 % or the rms outside [`RIGHT`], beyond chance.
+    /// Whether no value was given, the coverage is below 95 % or the rms outside [`RIGHT`], beyond chance.
     pub fn is_wrong(&self) -> bool {
         // Four standard deviations of the scatter of a squared normal error.
         let scatter = 1.0 + 4.0 / (2.0 * self.given as f64).sqrt();
-        self.is_low() || self.rms * scatter < *RIGHT.start() || self.rms / scatter > *RIGHT.end()
+        self.given == 0 || self.is_low() || self.rms * scatter < *RIGHT.start() || self.rms / scatter > *RIGHT.end()
     }
 }
 
@@ -206,11 +206,12 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_is_wrong_where_it_is_too_sharp_or_blunt() {
+    fn a_cell_is_wrong_where_it_is_empty_too_sharp_or_blunt() {
         let cell = |covered, rms| Cell { given: 400, covered, rms, u95: 1.0 };
         assert!(!cell(380, 0.51).is_wrong() && !cell(400, 0.26).is_wrong() && !cell(400, 0.24).is_wrong());
         assert!(cell(400, 0.3).is_blunt() && !cell(390, 0.5).is_blunt());
         assert!(is_low(0.7, 8) && !is_low(0.9, 8) && is_low(0.85, 32) && !is_low(0.9, 32));
         assert!(cell(350, 0.55).is_wrong() && cell(400, 0.2).is_wrong() && cell(380, 0.8).is_wrong());
+        assert!(Cell::of(&[]).is_wrong());
     }
 }
