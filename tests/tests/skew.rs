@@ -1,7 +1,7 @@
 //! The skew of a late force is found and corrected, or refused with a reason if the motion cannot show it.
 
 use inerter_analysis::skew::SkewError;
-use inerter_core::{Parameter, Parameters};
+use inerter_core::{LawStatus, Parameter, Parameters};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
@@ -61,7 +61,8 @@ fn a_skew_of_up_to_5_ms_is_found_and_undone() {
             if delay_ms.abs() > 0.4 {
                 let [was, is] = skew.residual_rms_n;
                 assert!(is < 0.2 * was && (0.1..0.8).contains(&is), "{what}: {was} N to {is} N");
-                // A delay of 0.5 ms acts like a damper that is far too large for friction.
+                assert_ne!(before.law.status, LawStatus::Holds, "{what}: the delay is not noticed");
+                // A delay of 0.5 ms acts like a damper that is far too large for friction: without a value, or wrong.
                 let viscous = before.estimate.whole_run.viscous_n_s_per_m;
                 assert!(viscous.known().is_none_or(|found| (found.value - 31.4).abs() > 30.0), "{what}: {viscous:?}");
             }
