@@ -239,6 +239,9 @@ impl Drop for Unruly {
     }
 }
 
+/// Number of known kinds of records, and the first number that is not known.
+const KNOWN: u8 = Record::TABLE.len() as u8;
+
 /// The records that our device sends in 10 s, without replies.
 fn usual() -> &'static [Vec<u8>] {
     static USUAL: OnceLock<Vec<Vec<u8>>> = OnceLock::new();
@@ -578,15 +581,14 @@ impl Talk {
                 let id = self.random.draw() as u16;
                 self.say(&Record::Reply(Reply { id, result: Ok(Done::Plain) }))
             }),
-            Manner::UnknownRecords => {
-                (13..77).try_for_each(|kind| self.frame(&[kind, 1, 2, 3, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]))
-            }
+            Manner::UnknownRecords => (KNOWN..KNOWN + 64)
+                .try_for_each(|kind| self.frame(&[kind, 1, 2, 3, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F])),
             Manner::LongestFrames => self.frame(&[&[100][..], &[0xA5; MAX_PAYLOAD - 1]].concat()),
             Manner::TooLongFrames => self.frame(&[&[1][..], &[0xA5; 5000]].concat()),
             Manner::RandomRecords => {
                 let length = 1 + self.random.draw() as usize % 300;
                 let mut bytes: Vec<u8> = (0..length).map(|_| self.random.draw() as u8).collect();
-                bytes[0] %= 13;
+                bytes[0] %= KNOWN;
                 self.frame(&bytes)
             }
             Manner::Mutated => self.usual(4, |bytes, random| {
