@@ -56,11 +56,11 @@ pub const CCM_LEN: usize = 32 << 10;
 
 /// An access that no model handles.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{} {address:#010x} ({peripheral} + {offset:#x}, {} bytes): {what}", access(*value), width.bytes())]
+#[error("{} {address:#010x} ({}{} bytes): {what}", access(*value), place(peripheral, *offset), width.bytes())]
 pub struct BadAccess {
     /// Address of the access.
     pub address: u32,
-    /// Name of the peripheral, if there is one at that address.
+    /// Name of the peripheral; empty if there is none at that address.
     pub peripheral: &'static str,
     /// Offset from its base.
     pub offset: u32,
@@ -74,6 +74,10 @@ pub struct BadAccess {
 
 fn access(value: Option<u32>) -> String {
     value.map_or_else(|| "read of".into(), |value| format!("write of {value:#x} to"))
+}
+
+fn place(peripheral: &str, offset: u32) -> String {
+    if peripheral.is_empty() { String::new() } else { format!("{peripheral} + {offset:#x}, ") }
 }
 
 /// The peripheral at a bus address.
@@ -450,7 +454,7 @@ impl Chip {
                 let read = self.flash.read_memory(address, width, now);
                 read.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
             }
-            None => Err(bad("no peripheral", 0, NOTHING)),
+            None => Err(bad("", 0, NOTHING)),
         }
     }
 
@@ -480,7 +484,7 @@ impl Chip {
                 let written = self.flash.write_memory(address, value, width, now);
                 written.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
             }
-            None => Err(bad("no peripheral", 0, NOTHING)),
+            None => Err(bad("", 0, NOTHING)),
         }
     }
 
@@ -838,10 +842,7 @@ mod tests {
             "write of 0x5 to 0x40000070 (TIM2 + 0x70, 4 bytes): no such register in the model"
         );
         let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("access that is not modelled");
-        assert_eq!(
-            error.to_string(),
-            "read of 0x40020c00 (no peripheral + 0x0, 1 bytes): no peripheral at this address"
-        );
+        assert_eq!(error.to_string(), "read of 0x40020c00 (1 bytes): no peripheral at this address");
     }
 
     #[test]
