@@ -66,7 +66,8 @@ pub struct Fitted {
 /// Results of one run.
 #[derive(Clone, Debug)]
 pub struct Said {
-    /// From the device: its intervals, law and friction, and the warnings.
+    /// From the device: its intervals, law and friction, and the warnings. A fault of the samples that only `replay`
+    /// finds counts as a warning here too.
     pub device: [Value; 3],
     /// From `inerter replay`, which also has the samples.
     pub replay: [Value; 3],
