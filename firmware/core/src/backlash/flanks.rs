@@ -82,7 +82,10 @@ pub(crate) struct Touch {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Flanks {
     started: bool,
+    /// Whether there is a sample before this one, joined or not.
+    placed: bool,
     position_code: i32,
+    /// Travel since the first sample [codes].
     position: i64,
     stretch: i64,
     forces: [i32; 2],
@@ -105,6 +108,7 @@ impl Flanks {
     pub const fn new() -> Self {
         Self {
             started: false,
+            placed: false,
             position_code: 0,
             position: 0,
             stretch: 0,
@@ -141,6 +145,9 @@ impl Flanks {
         let code = sample.force.clamp(-MOST, MOST);
         if !self.started {
             self.started = true;
+            if !self.placed {
+                (self.placed, self.position_code) = (true, sample.position);
+            }
             self.forces = [code; 2];
             self.smoothed = code << FORCE_BITS;
             self.mark = sample.position;

@@ -90,8 +90,11 @@ fn standstill_changes_nothing() {
 #[test]
 fn origins_change_nothing() {
     let device = worn(20e-6);
-    for skew_s in [-5e-3, 0.0, 5e-3] {
-        let sensors = Sensors { delay_s: skew_s, ..instruments(4) };
+    let usual = instruments(4);
+    // A code of the last is finer than a unit of length.
+    let fine = Sensors { metres_per_count: 1e-8, oversampling: 64.0, ..usual };
+    for (skew_s, sensors) in [(-5e-3, usual), (0.0, usual), (5e-3, usual), (0.0, fine)] {
+        let sensors = Sensors { delay_s: skew_s, ..sensors };
         let settings = sensing(&settings(&device, &sensors));
         let samples = shaken(&device, "mid", 8.0, &sensors);
         let expected = rig::listen(&settings, &samples);
