@@ -348,3 +348,31 @@ fn no_hand_writes_to_the_terminal_what_it_likes() {
     child.wait().unwrap();
     check_words(&["simulate", "--bench"], &[("both streams", &words())]);
 }
+
+/// In QEMU an image can run any command.
+#[cfg(unix)]
+#[test]
+fn no_image_that_merely_lies_in_the_folder_is_run() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let folder = tempfile::tempdir().unwrap();
+    let (planted, tools) = (folder.path().join("planted"), folder.path().join("tools"));
+    let image = planted.join("target/thumbv7em-none-eabihf/firmware/inerter-qemu");
+    fs::create_dir_all(image.parent().unwrap()).unwrap();
+    fs::create_dir_all(&tools).unwrap();
+    fs::write(&image, "an image").unwrap();
+    // Writes down what it was to run.
+    let emulator = tools.join("qemu-system-arm");
+    fs::write(&emulator, "#!/bin/sh\nprintf '%s ' \"$@\" > ran\n").unwrap();
+    fs::set_permissions(&emulator, fs::Permissions::from_mode(0o755)).unwrap();
+    let ran = |more: &[&str]| {
+        let arguments = [&["simulate", "--tcp", "127.0.0.1:0", "--qemu"], more].concat();
+        let output = inerter(&planted, &arguments).env("PATH", &tools).output().unwrap();
+        assert!(!output.status.success(), "{}", text(&output.stdout));
+        fs::read_to_string(planted.join("ran")).unwrap_or_default()
+    };
+    let found = ran(&[]);
+    assert!(!found.contains("planted"), "{found}");
+    let named = ran(&["--image", image.to_str().unwrap()]);
+    assert!(named.contains("planted"), "{named}");
+}

@@ -33,7 +33,9 @@ use crate::{
 const QEMU: &str = "qemu-system-arm";
 /// Environment variable with the path of the image.
 const IMAGE_VARIABLE: &str = "INERTER_QEMU_IMAGE";
-/// Where cargo puts it, relative to the source tree.
+/// The source tree that this program was compiled from. Not the current folder: an image in QEMU can run any command.
+const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+/// Where cargo puts the image, relative to the source tree.
 const IMAGE_PATH: &str = "target/thumbv7em-none-eabihf/firmware/inerter-qemu";
 /// Time for QEMU to start and the image to answer.
 pub const START_TIME: Duration = Duration::from_secs(10);
@@ -42,7 +44,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Interval between two appends of samples.
 const FEED_EVERY: Duration = Duration::from_millis(5);
 
-/// The image: as given, from `INERTER_QEMU_IMAGE`, or where cargo put it in this folder or one above.
+/// The image: as given, from `INERTER_QEMU_IMAGE`, or where cargo put it in the source tree.
 pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
     if let Some(path) = given {
         return path.is_file().then(|| path.into()).ok_or(SimulateError::NoImage);
@@ -50,8 +52,7 @@ pub fn find_image(given: Option<&Path>) -> Result<PathBuf, SimulateError> {
     if let Some(path) = std::env::var_os(IMAGE_VARIABLE).map(PathBuf::from).filter(|path| path.is_file()) {
         return Ok(path);
     }
-    let here = std::env::current_dir().unwrap_or_default();
-    here.ancestors().map(|folder| folder.join(IMAGE_PATH)).find(|path| path.is_file()).ok_or(SimulateError::NoImage)
+    Some(Path::new(SOURCES).join(IMAGE_PATH)).filter(|path| path.is_file()).ok_or(SimulateError::NoImage)
 }
 
 /// The version line of the installed QEMU; `None` if there is none.
