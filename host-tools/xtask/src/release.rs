@@ -8,6 +8,7 @@
 //! | `inerter-python-VERSION-TRIPLE.cdx.json` | what is linked into it |
 //! | `inerter-firmware-VERSION-BOARD.elf`, `.hex`, `.dfu` | a board's image, for `inerter`, for STM32CubeProgrammer, for `dfu-util` |
 //! | `inerter-firmware-VERSION.cdx.json` | what is linked into the images |
+//! | `inerter-VERSION-TRIPLE-licences.txt` | our licence, and those of everything that is linked into the files |
 //! | `SHA256SUMS` | the sums of them all |
 //!
 //! `.github/workflows/release.yml` calls this on each system and puts the files together.
@@ -23,7 +24,11 @@ use crate::{
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::{collections::BTreeSet, fs, path::Path};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
 
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct Options {
@@ -37,6 +42,8 @@ pub struct Options {
 
 /// Each board's image, by the name that the image reports for its board.
 const BOARDS: [(Image, &str); 2] = [(Image::Weact, "weact-g474"), (Image::Board, "nucleo-g474re")];
+/// The library that draws the page of `inerter monitor --web`, which is part of the program.
+const PLOTS: &str = "host-tools/inerter/assets/uplot";
 /// Name of the files that the tool leaves in all packages' folders.
 const LEFT: &str = "inerter-release.cdx";
 
@@ -61,7 +68,10 @@ pub fn run(options: &Options) -> Result<()> {
     let name = wheel.file_name().with_context(|| format!("{} has no name", wheel.display()))?;
     fs::copy(&wheel, folder.join(name)).with_context(|| format!("cannot copy {}", wheel.display()))?;
     keep(format!("inerter-python-{version}-{host}.cdx.json"), &materials(&workspace, "inerter-python", &host)?)?;
+    let mut used = linked_into("inerter", &host)?;
+    used.append(&mut linked_into("inerter-python", &host)?);
     if !options.program_only {
+        used.append(&mut linked_into("inerter-stm32g474", FIRMWARE_TARGET)?);
         for (image, board) in BOARDS {
             let path = firmware::build(image)?;
             let elf = tree::read(&path)?;
@@ -74,6 +84,7 @@ pub fn run(options: &Options) -> Result<()> {
         let materials = materials(&workspace, "inerter-stm32g474", FIRMWARE_TARGET)?;
         keep(format!("inerter-firmware-{version}.cdx.json"), &materials)?;
     }
+    keep(format!("inerter-{version}-{host}-licences.txt"), licences(&used)?.as_bytes())?;
     let sums = sums(&folder)?;
     keep("SHA256SUMS".into(), sums.as_bytes())
 }
@@ -100,15 +111,20 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
     }
     done?;
     let text = text.with_context(|| format!("{} wrote nothing for {package}", CYCLONE_DX.name))?;
-    let mut cargo = process::cargo();
-    cargo.args(["tree", "--locked", "--all-features", "--package", package, "--target", target]);
-    cargo.args(["--edges", "normal,build", "--prefix", "none", "--format", "{p}"]);
-    let linked = linked(&process::output(&mut cargo)?);
+    let linked = linked_into(package, target)?;
     let root = tree::root().display().to_string().replace('\\', "/");
     let bill = narrowed(&text.replace(root.trim_start_matches('/'), "inerter"), package, &linked)?;
     let mut bytes = serde_json::to_vec_pretty(&bill)?;
     bytes.push(b'\n');
     Ok(bytes)
+}
+
+/// Name and version of all that cargo links into a package or runs to build it.
+fn linked_into(package: &str, target: &str) -> Result<BTreeSet<(String, String)>> {
+    let mut cargo = process::cargo();
+    cargo.args(["tree", "--locked", "--all-features", "--package", package, "--target", target]);
+    cargo.args(["--edges", "normal,build", "--prefix", "none", "--format", "{p}"]);
+    Ok(linked(&process::output(&mut cargo)?))
 }
 
 /// Name and version from each line of `cargo tree`.
@@ -146,6 +162,56 @@ fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> R
     Ok(bill)
 }
 
+/// Our licence, then each other text that must go with the files, below the names of what it belongs to.
+fn licences(used: &BTreeSet<(String, String)>) -> Result<String> {
+    let told = process::output(process::cargo().args(["metadata", "--locked", "--format-version", "1"]))?;
+    let told: Value = serde_json::from_str(&told).context("`cargo metadata` printed no JSON")?;
+    let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for package in told["packages"].as_array().context("`cargo metadata` lists no packages")? {
+        let [Some(name), Some(version), Some(manifest)] =
+            ["name", "version", "manifest_path"].map(|key| package[key].as_str())
+        else {
+            bail!("`cargo metadata` lists a package without a name, version or place");
+        };
+        if !used.contains(&(name.into(), version.into())) || package["source"].is_null() {
+            continue;
+        }
+        let folder = Path::new(manifest).parent().with_context(|| format!("{manifest} is in no folder"))?;
+        let mut found = licences_in(folder)?;
+        if found.is_empty() {
+            let terms = package["license"].as_str().unwrap_or("the terms of its source");
+            found.push(format!("{terms}. The package has no text of its own.\n"));
+        }
+        for text in found {
+            texts.entry(text).or_default().insert(format!("{name} {version}"));
+        }
+    }
+    for text in licences_in(&tree::root().join(PLOTS))? {
+        texts.entry(text).or_default().insert("uPlot".into());
+    }
+    let ours = tree::text(tree::root().join("LICENSE"))?;
+    Ok(format!("inerter\n\n{ours}{}", listed(&texts)))
+}
+
+/// The texts in a package's folder that say under which terms it may be used.
+fn licences_in(folder: &Path) -> Result<Vec<String>> {
+    let mut paths = tree::files(folder)?;
+    paths.sort();
+    let is_licence = |path: &Path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();
+        ["LICENSE", "LICENCE", "UNLICENSE", "COPYING", "COPYRIGHT", "NOTICE"].iter().any(|word| name.starts_with(word))
+    };
+    let texts = paths.iter().filter(|path| is_licence(path));
+    texts.map(|path| Ok(String::from_utf8_lossy(&tree::read(path)?).replace("\r\n", "\n"))).collect()
+}
+
+/// Each text below the names of what it belongs to.
+fn listed(texts: &BTreeMap<String, BTreeSet<String>>) -> String {
+    let rule = "=".repeat(80);
+    let names = |names: &BTreeSet<String>| names.iter().cloned().collect::<Vec<_>>().join(", ");
+    texts.iter().map(|(text, of)| format!("\n{rule}\n{}\n\n{}\n", names(of), text.trim_end())).collect()
+}
+
 /// A line for each file, in the form that `sha256sum --check` reads.
 fn sums(folder: &Path) -> Result<String> {
     let mut text = String::new();
@@ -177,6 +243,19 @@ mod tests {
         let bill = narrowed(BILL, "p", &linked("p v0.1.0 (/w/p)\na v1.0.0\na v1.0.0 (*)\n\n")).unwrap();
         assert_eq!(bill["components"].as_array().unwrap().len(), 1);
         assert_eq!(bill["dependencies"], serde_json::json!([{"ref": "p", "dependsOn": ["a"]}, {"ref": "a"}]));
+    }
+
+    #[test]
+    fn all_that_is_linked_into_the_program_has_its_licence() {
+        let used = BTreeSet::from([("serde".to_owned(), "0.0.0".to_owned())]);
+        let of_none = licences(&used).unwrap();
+        assert!(of_none.starts_with("inerter\n\nMIT") && !of_none.contains("serde"), "{of_none}");
+        let used = linked_into("inerter-stm32g474", FIRMWARE_TARGET).unwrap();
+        let text = licences(&used).unwrap();
+        for (name, version) in used.iter().filter(|(name, _)| !name.starts_with("inerter") && name != "ads131m04") {
+            assert!(text.contains(&format!("{name} {version}")), "{name} {version}");
+        }
+        assert!(text.contains("Leon Sorokin") && !text.contains("inerter-core"));
     }
 
     #[test]
