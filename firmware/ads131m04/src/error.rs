@@ -45,7 +45,7 @@ pub enum Error<S, P> {
     },
     /// A register does not read back as written.
     NotKept {
-        /// Which one.
+        /// The register.
         register: Register,
         /// What was written.
         wrote: u16,
@@ -54,22 +54,22 @@ pub enum Error<S, P> {
     },
     /// The chip was reset unexpectedly: it runs with its defaults.
     WasReset {
-        /// Its status.
+        /// The chip's STATUS register.
         status: Status,
     },
     /// The register map changed, or the interface is no longer locked.
     SetupChanged {
-        /// Its status.
+        /// The chip's STATUS register.
         status: Status,
     },
     /// The conversions were restarted: their instants have moved.
     Resynchronised {
-        /// Its status.
+        /// The chip's STATUS register.
         status: Status,
     },
     /// No new conversion, though DRDY was waited for.
     NotReady {
-        /// Its status.
+        /// The chip's STATUS register.
         status: Status,
     },
     /// Conversions come faster than they are read.
