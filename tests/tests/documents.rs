@@ -59,7 +59,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "merge",
         "Held: {mt} % of {} intervals of mt, {cf} % of {} of cf, {fc} % of {} of fc.",
-        "Held are {mt} % of the intervals of `mt`, {cf} % of `cf` and {fc} % of `fc`",
+        "The true value lies in {mt} % of the intervals of `mt`, {cf} % of `cf` and {fc} % of `fc`",
     ),
     validation(
         "merge",
@@ -75,7 +75,7 @@ const QUOTES: [Quote; 22] = [
     validation("diagnose", "| all | {runs} | {first} | {sized} |", "Over all runs it is {sized} %"),
     validation(
         "diagnose",
-        "| of which the motion tells enough | {runs} | {first} | {sized} |",
+        "| where the motion shows enough | {runs} | {first} | {sized} |",
         "of the fault it is {sized} %",
     ),
     validation("plan", "| fixed motions | {within} of {all} (", "in {within} of {all} cells of the grid's motions"),

@@ -229,7 +229,7 @@ impl fmt::Display for ResetCause {
             Self::LowPower => "a low-power mode that is not allowed",
             Self::OptionBytes => "new option bytes",
             Self::Panic => "a failure of the firmware",
-            Self::Unknown => "a cause that the board cannot tell",
+            Self::Unknown => "an unknown cause",
         })
     }
 }

@@ -138,16 +138,15 @@ impl fmt::Display for Refusal {
                 f.write_str("the device cannot write its settings store: the settings hold until it restarts")
             }
             Self::NoSamples => f.write_str("no samples come in: start the sampler first"),
-            Self::Source => f.write_str("the sampler does not come up: check the front end and its wiring"),
+            Self::Source => f.write_str("the sampler does not start: check the front end and its wiring"),
             Self::NothingSaved => f.write_str("the device has saved no settings: save those in use first"),
             Self::SavedUnreadable => f.write_str(
                 "the device cannot read what it has saved: update its firmware, or save settings to replace it",
             ),
-            Self::Worn { wait_s } => write!(
-                f,
-                "the device's flash was written so often lately that it would not last: try again in {wait_s} s"
-            ),
-            Self::NotPlaying => f.write_str("the device plays nothing: begin first, and send in time"),
+            Self::Worn { wait_s } => {
+                write!(f, "too many saves in a short time would wear out the device's flash: try again in {wait_s} s")
+            }
+            Self::NotPlaying => f.write_str("the device is not playing: begin first, and send the rest without delay"),
         }
     }
 }

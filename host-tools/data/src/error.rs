@@ -25,7 +25,7 @@ pub enum Error {
     Output(#[from] OutputError),
     /// The caller cancelled work that cannot be finished early.
     #[error("interrupted")]
-    #[diagnostic(code(inerter::interrupted), help("nothing was left half done; start again when you like"))]
+    #[diagnostic(code(inerter::interrupted), help("no unfinished output remains; run the command again"))]
     Interrupted,
 }
 

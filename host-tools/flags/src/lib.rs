@@ -235,7 +235,7 @@ fn says(typed: &str, arg: &Arg) -> bool {
     short || rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('='))
 }
 
-/// Whether either says of itself that it does not go with the other.
+/// Whether either of two arguments excludes the other.
 fn excludes(command: &Command, arg: &Arg, other: &Arg) -> bool {
     let names = |one: &Arg, two: &Arg| {
         one != two && command.get_arg_conflicts_with(one).iter().any(|conflict| conflict.get_id() == two.get_id())
@@ -294,7 +294,7 @@ fn all_flags(command: &Command) -> Vec<&Arg> {
     flags(command).chain(command.get_subcommands().flat_map(all_flags)).collect()
 }
 
-/// Whether something is said that the file of flags has no part in.
+/// Whether the command ignores the file of flags (help, version).
 pub fn is_about_the_program(arguments: &[OsString]) -> bool {
     let first = arguments.get(1).and_then(|first| first.to_str());
     first.is_some_and(|first| ["completions", "man", "help", "-h", "--help", "-V", "--version"].contains(&first))

@@ -152,8 +152,8 @@ impl Kept {
     }
 
     fn markdown(&self) -> String {
-        let mut text = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which leaves out what stands here. To have one run again, \
-                        take its row out. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
+        let mut text = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which skips the campaigns in this table. To repeat one, \
+                        delete its row. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
                         `-dirty` it had changes besides.\n\n\
                         | campaign | seed | kills | cycles | commit | time s | figures |\n|---|--:|--:|--:|---|--:|---|\n"
             .to_owned();

@@ -449,7 +449,7 @@ impl Record {
 
     fn markdown(&self, package: &Package) -> String {
         let mut text = format!(
-            "# Mutants of inerter-{}\n\nWritten by `cargo xtask mutants {0}`, which goes on with the files that have no row here or have changed \
+            "# Mutants of inerter-{}\n\nWritten by `cargo xtask mutants {0}`, which continues with the files that have no row here or have changed \
              since. {}.\n\n| file | caught | by a golden only | survived | sum |\n|---|--:|--:|--:|---|\n",
             package.name,
             self.summary()

@@ -28,8 +28,8 @@ const WORN: &str = "\
 No goals. The structure mass is taken out by `a1 = a2 + F''/ks`, which does not hold while the flanks do not touch: that is
 the bias of mt, about 4 % of the structure mass of 1.5 kg, which the interval holds by the gap and the motion. At 1 kHz the
 impacts of the flanks are shorter than a sample, and in `multi`, which repeats itself every 2 s, the error repeats as well:
-ten periods are worth one. What the residual has above noise and steps says so, and the intervals hold it; so they do in
-`random`, where nothing repeats, as the estimator cannot know that.
+ten periods carry the information of one. The residual above noise and encoder steps shows this and widens the intervals,
+also in `random`, where nothing repeats, because the estimator cannot know that.
 
 ";
 

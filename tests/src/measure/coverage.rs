@@ -145,7 +145,7 @@ fn contacts() -> Result<String, Error> {
 ## Contact
 
 Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the terminal's sensor, with stiffness and damping: {seeds} runs of each motion, seeds from {first} on, all else that the settings state true to the last
-digit. U95 of a backlash in um, the others in per cent. Runs that refuse are not counted.
+digit. U95 of a backlash in um, the others in per cent. Runs without a value are not counted.
 "
     );
     let mut all: Vec<Cell> = Vec::new();
@@ -318,7 +318,7 @@ fn frontier(update: bool) -> Result<String, Error> {
         "
 ## Frontier
 
-What is left out beside the law moves a parameter by any size; the run shows by how much, but for chance. Errors are normal, {DRAWN} draws a size; [a figure](frontier.svg). *held*: least part of the truths that the
+A cause that the law does not model can move a parameter by any amount; the run estimates that amount with a random error. Errors are normal, {DRAWN} draws a size; [a figure](frontier.svg). *held*: least part of the truths that the
 interval holds, over all sizes; *width*: its mean where there is no such cause, over that of the law's own. *replay*: the interval of `replay`; *beside*: the law fitted with the cause beside it, which is unbiased.
 
 | the standard error grows by | law alone: held % | replay: held % | width | beside: held % | width |
@@ -394,7 +394,7 @@ fn nearly(update: bool) -> Result<String, Error> {
         "
 ## A law that is nearly true
 
-The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: what it is to move the parameter that it moves most by, in half widths of that one's interval
+The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: the intended shift of the parameter that it moves most, in half widths of that parameter's interval
 without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *left*: part of the square of what the violation adds to the force that the law's four regressors leave over, by the plant's truth, as in
 [causes](diagnose.md). *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
 called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well

@@ -201,7 +201,7 @@ motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size
 | runs | number | named first % | sized right as well % | another first % |
 |---|--:|--:|--:|--:|
 | all | {} | {first:.1} | {sized:.1} | {other:.1} |
-| of which the motion tells enough | {} | {enough_first:.1} | {enough_sized:.1} | {enough_other:.1} |
+| where the motion shows enough | {} | {enough_first:.1} | {enough_sized:.1} | {enough_other:.1} |
 
 The goal is 85 % named first and sized right. Where a cause is named at all, it is the right one in {:.0} %; where it is, its interval holds the size in {:.0} %, and the
 intervals of inertance, viscous and Coulomb friction with it included hold these in {:.0}, {:.0} and {:.0} %.

@@ -381,7 +381,7 @@ pub fn throughput(heard: &Streamed) -> [Check; 4] {
             "the sampler or the link does not keep up".into()
         }),
         Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns.map(f64::from), |_| {
-            "the sampler was overtaken by its hardware: please report it".into()
+            "samples were overwritten before they were read: please report it".into()
         }),
         Check::range("throughput", "Stream at 4 kHz, per second of the device", "KB", 10.0..=1000.0, rate, |_| {
             "the number of bytes does not match 4000 samples per second".into()

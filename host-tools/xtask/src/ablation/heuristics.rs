@@ -78,7 +78,7 @@ pub const HEURISTICS: &[Heuristic] = &[
         &[("sign.rs", "may_be_held && self.free > 0", "may_be_held && self.free == u16::MAX")],
     ),
     one(
-        "2: nor do those of which the force takes the kink",
+        "2: nor do those whose kink the force may hide",
         &[(
             "estimator.rs",
             "if 2 * u64::from(predicted.unsigned_abs()) >= feedback.kink(m).unsigned_abs() {",
@@ -200,7 +200,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     tested(
         "a_clean_run_is_not_called_broken",
-        "6: it waits for whether flanks part",
+        "6: it waits until it is known whether flanks part",
         &[("trial.rs", "const WAITED_UPDATES: u32 = 800;", "const WAITED_UPDATES: u32 = 0;")],
     ),
     one(
@@ -236,7 +236,7 @@ pub const HEURISTICS: &[Heuristic] = &[
     ),
     tested(
         "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
-        "6: and is in Coulomb friction",
+        "6: and widens Coulomb friction",
         &[("systematic.rs", "if per_compliance == 0.0 {", "if per_compliance < f32::INFINITY {")],
     ),
     one(

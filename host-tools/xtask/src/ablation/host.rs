@@ -33,11 +33,11 @@ const PARTS: &[Heuristic] = &[
     ),
     tested(
         "a_cause_is_named_in_stop_and_go",
-        "a run that leaves too little is looked at otherwise",
+        "where too few rows remain, other kernels are used",
         &[("search.rs", "if worse.is_empty() || is_fit() {", "if worse.is_empty() || is_fit() || true {")],
     ),
     one(
-        "what repeats counts as what it is",
+        "repeated samples are not counted as independent",
         &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
     ),
     tested(
@@ -61,7 +61,7 @@ const PARTS: &[Heuristic] = &[
         &[("selection.rs", "const LEAST_OVER_NOISE: f64 = 25.0;", "const LEAST_OVER_NOISE: f64 = 0.0;")],
     ),
     one(
-        "a size must be that of a machine",
+        "a size must be physically plausible",
         &[(
             "candidate.rs",
             "let coulomb_n = law.coulomb_n.max(0.0);",
@@ -81,7 +81,7 @@ const PARTS: &[Heuristic] = &[
     ),
     tested(
         "of_causes_that_explain_alike_the_simplest_is_named",
-        "a size more must be worth it",
+        "an additional size must explain enough",
         &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")],
     ),
     tested(
@@ -125,7 +125,7 @@ const PARTS: &[Heuristic] = &[
     ),
     tested(
         "the_point_on_the_frontier_is_where_90_percent_are_held",
-        "so does the part that chance may have",
+        "so does the chance variation",
         &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [1.6, 0.0];")],
     ),
     tested(
@@ -155,7 +155,7 @@ const PARTS: &[Heuristic] = &[
         &[("hidden.rs", "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)", "kind != Kind::Structure")],
     ),
     one(
-        "repeated steps count in the part that chance may have",
+        "repeated steps count in the chance variation",
         &[(
             "hidden.rs",
             "f64::from(patterns.next().unwrap_or(1.0)) * steps",

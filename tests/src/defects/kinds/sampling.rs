@@ -9,11 +9,11 @@ fn on_samples(scene: &mut Scene, change: impl Fn(&mut Vec<RawSample>, &mut Draw)
 }
 
 pub const KINDS: [Kind; 8] = [
-    kind("samples that are lost and said to be", &[], |scene, draw| {
+    kind("lost samples, with a gap in the index", &[], |scene, draw| {
         let often = draw.between(0.003, 0.1);
         on_samples(scene, move |samples, draw| samples.retain(|_| !draw.happens(often)));
     }),
-    kind("bursts that are lost and said to be", &[], |scene, draw| {
+    kind("lost bursts, with a gap in the index", &[], |scene, draw| {
         let (length_s, every_s) = (draw.between(0.01, 0.5), draw.between(1.5, 6.0));
         let rate = scene.instruments.sensors.sample_rate_hz;
         on_samples(scene, move |samples, draw| {
@@ -21,7 +21,7 @@ pub const KINDS: [Kind; 8] = [
             samples.retain(|sample| ((f64::from(sample.index) / rate / every_s + phase).fract()) * every_s > length_s);
         });
     }),
-    kind("samples that are lost without a word", &[], |scene, draw| {
+    kind("lost samples, without a gap in the index", &[], |scene, draw| {
         let often = draw.between(0.0003, 0.01);
         on_samples(scene, move |samples, draw| {
             samples.retain(|_| !draw.happens(often));
