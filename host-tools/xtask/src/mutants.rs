@@ -2,7 +2,7 @@
 //!
 //! `cargo-mutants` changes the source in one place at a time and runs the package's tests. A change that no test
 //! notices is a *survivor*. One that only a golden notices is listed separately: a golden says that something has
-//! changed, not that it is wrong. Nothing is left out: mutants that `#[mutants::skip]` would hide count too.
+//! changed, not that it is wrong. Nothing is left out: a source that hides mutants with `#[mutants::skip]` is refused.
 //!
 //! The changes are made in a copy of the tree below `target/mutants`, which is kept. So core and third-party packages
 //! are compiled once, and only the package and its tests for each change.
@@ -369,11 +369,12 @@ fn exactly(text: &str) -> String {
     format!("^{}$", text.chars().flat_map(escaped).collect::<String>())
 }
 
-/// Checksum of the code in a source: comments have no mutants.
+/// Checksum of the code in a source: comments have no mutants. An error where code is hidden from the mutants.
 fn code_sum(source: &str) -> Result<String> {
     let tokens = source.parse::<TokenStream>().map_err(|error| anyhow!("{error}"))?;
     let mut code = String::new();
     write_code(tokens, &mut code);
+    ensure!(!code.contains("mutants : : skip "), "`mutants::skip` hides mutants: remove it");
     Ok(sum(code.as_bytes()))
 }
 
@@ -594,6 +595,9 @@ mod tests {
             assert_ne!(code_sum(other).unwrap(), plain, "{other}");
         }
         assert!(code_sum("fn f() {").is_err());
+        for hidden in ["#[mutants::skip] fn f() {}", "#[cfg_attr(test, mutants :: skip)] fn f() {}"] {
+            assert!(code_sum(hidden).unwrap_err().to_string().contains("hides mutants"), "{hidden}");
+        }
     }
 
     #[test]
