@@ -187,13 +187,14 @@ fn the_clock_of_a_device_is_compared_and_nothing_better_than_the_hosts_is_claime
     assert_eq!(output.status.code(), Some(9));
     let found = last(&text(&output.stdout));
     let figure = |name: &str| found["measured"][name].as_f64().unwrap();
-    assert!((figure("deviation_ppm") + 5e4).abs() <= figure("deviation_u95_ppm"), "{found}");
+    // Twice the interval: by chance, one measurement in twenty lies outside of it.
+    assert!((figure("deviation_ppm") + 5e4).abs() <= 2.0 * figure("deviation_u95_ppm"), "{found}");
     assert_eq!(found["remarks"][0]["code"], "odd_rate", "{found}");
     let (right, _) = device(bench_sensors(), 1.0);
     let found =
         last(&done(folder.path(), &["calibrate", "timebase", "--duration", "6", "--json", "--connect", right.name()]));
-    let (deviation, u95) = (&found["measured"]["deviation_ppm"], &found["measured"]["deviation_u95_ppm"]);
-    assert!(deviation.as_f64().unwrap().abs() <= u95.as_f64().unwrap() && u95.as_f64().unwrap() >= 50.0, "{found}");
+    let [deviation, u95] = ["deviation_ppm", "deviation_u95_ppm"].map(|name| found["measured"][name].as_f64().unwrap());
+    assert!(deviation.abs() <= 2.0 * u95 && u95 >= 50.0, "{found}");
     assert_eq!(found["values"], serde_json::json!({}));
 }
 
