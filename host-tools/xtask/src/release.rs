@@ -58,20 +58,24 @@ pub fn run(options: &Options) -> Result<()> {
     tree::remove(&folder)?;
     tree::make(&folder)?;
     let keep = |name: String, bytes: &[u8]| tree::write(folder.join(name), bytes);
+    let mut used = BTreeSet::new();
+    let mut keep_bill = |name: String, package: &str, target: &str| {
+        let linked = linked_into(package, target)?;
+        let bill = materials(&workspace, package, target, &linked)?;
+        used.extend(linked);
+        keep(format!("{name}.cdx.json"), &bill)
+    };
 
     process::run(process::cargo().args(["build", "--release", "--locked", "--package", "inerter", "--all-features"]))?;
     let program = workspace::program("inerter", "release")?;
     let named = folder.join(format!("inerter-{version}-{host}{}", std::env::consts::EXE_SUFFIX));
     fs::copy(&program, &named).with_context(|| format!("cannot copy {}", program.display()))?;
-    keep(format!("inerter-{version}-{host}.cdx.json"), &materials(&workspace, "inerter", &host)?)?;
+    keep_bill(format!("inerter-{version}-{host}"), "inerter", &host)?;
     let wheel = wheel::released()?;
     let name = wheel.file_name().with_context(|| format!("{} has no name", wheel.display()))?;
     fs::copy(&wheel, folder.join(name)).with_context(|| format!("cannot copy {}", wheel.display()))?;
-    keep(format!("inerter-python-{version}-{host}.cdx.json"), &materials(&workspace, "inerter-python", &host)?)?;
-    let mut used = linked_into("inerter", &host)?;
-    used.append(&mut linked_into("inerter-python", &host)?);
+    keep_bill(format!("inerter-python-{version}-{host}"), "inerter-python", &host)?;
     if !options.program_only {
-        used.append(&mut linked_into("inerter-stm32g474", FIRMWARE_TARGET)?);
         for (image, board) in BOARDS {
             let path = firmware::build(image)?;
             let elf = tree::read(&path)?;
@@ -81,8 +85,7 @@ pub fn run(options: &Options) -> Result<()> {
             keep(format!("{name}.hex"), images::hex(&parts).as_bytes())?;
             keep(format!("{name}.dfu"), &images::dfuse(&parts, board)?)?;
         }
-        let materials = materials(&workspace, "inerter-stm32g474", FIRMWARE_TARGET)?;
-        keep(format!("inerter-firmware-{version}.cdx.json"), &materials)?;
+        keep_bill(format!("inerter-firmware-{version}"), "inerter-stm32g474", FIRMWARE_TARGET)?;
     }
     keep(format!("inerter-{version}-{host}-licences.txt"), licences(&used)?.as_bytes())?;
     let sums = sums(&folder)?;
@@ -96,8 +99,13 @@ fn host() -> Result<String> {
     Ok(host.context("`rustc -vV` names no host")?.to_owned())
 }
 
-/// The bill of materials of a package: everything that cargo links into it or runs to build it, and nothing else.
-fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u8>> {
+/// The bill of materials of a package: what is [`linked_into`] it, and nothing else.
+fn materials(
+    workspace: &Workspace,
+    package: &str,
+    target: &str,
+    linked: &BTreeSet<(String, String)>,
+) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
     let mut command = CYCLONE_DX.command()?;
     command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target]);
@@ -111,9 +119,8 @@ fn materials(workspace: &Workspace, package: &str, target: &str) -> Result<Vec<u
     }
     done?;
     let text = text.with_context(|| format!("{} wrote nothing for {package}", CYCLONE_DX.name))?;
-    let linked = linked_into(package, target)?;
     let root = tree::root().display().to_string().replace('\\', "/");
-    let bill = narrowed(&text.replace(root.trim_start_matches('/'), "inerter"), package, &linked)?;
+    let bill = narrowed(&text.replace(root.trim_start_matches('/'), "inerter"), package, linked)?;
     let mut bytes = serde_json::to_vec_pretty(&bill)?;
     bytes.push(b'\n');
     Ok(bytes)
@@ -246,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn all_that_is_linked_into_the_program_has_its_licence() {
+    fn all_that_is_linked_into_the_images_has_its_licence() {
         let used = BTreeSet::from([("serde".to_owned(), "0.0.0".to_owned())]);
         let of_none = licences(&used).unwrap();
         assert!(of_none.starts_with("inerter\n\nMIT") && !of_none.contains("serde"), "{of_none}");
