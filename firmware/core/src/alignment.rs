@@ -11,7 +11,7 @@ const LONGEST: usize = 32;
 pub(crate) struct Alignment {
     waiting: [(i32, i32); LONGEST],
     head: usize,
-    /// Number of coming samples that have no other half, because of a discontinuity, and the first that has one.
+    /// Number of coming samples without another half after a discontinuity, plus the first that has one.
     unpaired: u8,
 }
 
@@ -21,8 +21,8 @@ impl Alignment {
     }
 
     /// Pairs the force with the position of `late` samples ago, because it is that late; if `late` is negative, the
-    /// position with the force of `-late` samples ago. A discontinuity, such as the first sample, begins anew: until
-    /// the first pair is complete, the delayed half stands where it was at the discontinuity.
+    /// position with the force of `-late` samples ago. At a discontinuity, such as the first sample, pairing begins
+    /// anew: until the first pair is complete, the delayed half keeps its value of the discontinuity.
     #[cold]
     #[inline(never)]
     pub fn align(&mut self, late: i8, mut newest: Newest) -> Newest {

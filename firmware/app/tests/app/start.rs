@@ -281,7 +281,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
     assert_eq!((health.dropped_frames, health.bad_frames), (0, 3), "nobody was there to miss anything");
 }
 
-/// A host sees no gap before the first frame, where it would miss what the estimator drops while the host is greeted.
+/// No gap can be seen before the first frame, so what is dropped while the host is greeted must leave one after it.
 #[test]
 fn what_is_dropped_as_the_stream_begins_is_missing_after_its_first_frame() {
     let mut rig = TestDevice::cold(Options { two_links: true, ..live() });
