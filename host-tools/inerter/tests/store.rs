@@ -10,38 +10,11 @@ use std::{
 
 use inerter_needs::Random;
 
-use crate::common::{self, done, fails, inerter, json_lines, last, run, text};
-
-/// A folder with two recordings.
-fn recordings() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    for seed in ["1", "2"] {
-        let file = format!("{seed}.mcap");
-        done(folder.path(), &["simulate", "--duration", "6", "--seed", seed, "-o", &file]);
-    }
-    folder
-}
-
-/// Files of the store, relative to its root.
-fn files(store: &Path) -> BTreeSet<PathBuf> {
-    let mut found = BTreeSet::new();
-    let mut folders = vec![store.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                found.insert(path.strip_prefix(store).unwrap().to_path_buf());
-            }
-        }
-    }
-    found
-}
-
-fn rows(folder: &Path) -> Vec<serde_json::Value> {
-    json_lines(&done(folder, &["store", "ls", "s", "--json"]))
-}
+use crate::common::{
+    self, done, fails, inerter, json_lines, last, run,
+    stores::{files, kill_additions, recordings, rows},
+    text,
+};
 
 fn write(path: &Path, bytes: &[u8]) {
     // The file is sealed, so replace it.
@@ -145,39 +118,8 @@ fn eight_processes_lose_and_double_nothing() {
 #[test]
 fn a_kill_at_any_moment_leaves_no_half_run() {
     let folder = recordings();
-    let folder = folder.path();
-    done(folder, &["store", "add", "s", "2.mcap"]);
-    let mut random = Random(5);
-    let mut cut_off = 0;
-    for _ in 0..12 {
-        let mut child = inerter(folder, &["store", "add", "s", "1.mcap"]).spawn().unwrap();
-        // Until something of it exists, or for a while.
-        let before = files(&folder.join("s"));
-        for _ in 0..random.below(400) {
-            if files(&folder.join("s")) != before && random.below(3) == 0 {
-                break;
-            }
-            thread::sleep(Duration::from_millis(1));
-        }
-        child.kill().unwrap();
-        child.wait().unwrap();
-        let there = rows(folder).len();
-        let verified = run(folder, &["store", "verify", "s", "--json"]);
-        let damages = json_lines(&text(&verified.stdout));
-        assert!(damages[..damages.len() - 1].iter().all(|damage| damage["problem"] == "unfinished"), "{damages:?}");
-        assert!(there == 1 || damages.len() == 1, "a run that is there is whole: {damages:?}");
-        cut_off += usize::from(damages.len() > 1);
-        if random.below(2) == 0 {
-            done(folder, &["store", "verify", "s", "--repair"]);
-        }
-        let there = rows(folder).len();
-        let added = last(&done(folder, &["store", "add", "s", "1.mcap", "--json"]));
-        assert_eq!(added["new"], there == 1);
-        done(folder, &["store", "verify", "s"]);
-        done(folder, &["store", "remove", "s", added["run"].as_str().unwrap(), "--yes"]);
-        assert_eq!(rows(folder).len(), 1);
-    }
-    assert!(cut_off > 0, "no kill left anything unfinished");
+    let unfinished = kill_additions(folder.path(), 12, &mut Random(5));
+    assert!(unfinished > 0, "no kill left anything unfinished");
 }
 
 /// A store with the first recording: its folder, and the files in it.

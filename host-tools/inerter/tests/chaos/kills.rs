@@ -14,7 +14,10 @@ use inerter_data::recording::{Item, read};
 use serde_json::Value;
 
 use crate::{
-    common::{done, inerter, last},
+    common::{
+        done, inerter, last,
+        stores::{kill_additions, recordings},
+    },
     scenario::{Scenario, device, each},
     writers::{WRITERS, Writer, each_of, names},
 };
@@ -153,6 +156,25 @@ fn judged(folder: &Path, killed_ns: u64) -> Option<(f64, Value)> {
     let last_ns = contents.ok().and(last_ns)?;
     let info = last(&done(folder, &["info", "run.mcap", "--json"]));
     Some((killed_ns.saturating_sub(last_ns) as f64 * 1e-9, info))
+}
+
+/// A killed `store add` leaves the whole run in the store, or none of it.
+#[test]
+#[ignore = "cargo xtask chaos"]
+fn killed_stores() {
+    let mut scenario = Scenario::start(600);
+    let kills = scenario.kills();
+    let unfinished = AtomicU64::new(0);
+    const PARTS: u64 = 4;
+    each(&Vec::from_iter(0..PARTS), PARTS as usize, |part| {
+        let folder = recordings();
+        let mut random = scenario.random(&format!("store {part}"));
+        let share = kills / PARTS + u64::from(*part < kills % PARTS);
+        unfinished.fetch_add(kill_additions(folder.path(), share, &mut random), Ordering::Relaxed);
+    });
+    let unfinished = unfinished.into_inner();
+    assert!(unfinished > 0, "no kill left anything unfinished");
+    scenario.passed(&format!("{kills} kills of `store add`, {unfinished} left unfinished files; no half run"));
 }
 
 /// A killed command has written all of its settings to the device, or none.

@@ -154,8 +154,7 @@ pub fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn every_command_that_writes_files_is_tried() {
-    // The recorders have their own campaigns, a self-test needs a board that can measure itself, and `store.rs` tests
-    // kills of a store.
+    // The recorders and `store add` have their own campaigns, and a self-test needs a board that can measure itself.
     let others: [&[&str]; 3] = [&["record"], &["monitor"], &["selftest"]];
     let tried: Vec<&[&str]> = WRITERS.iter().map(|writer| writer.command).chain(others).collect();
     all_are_tried(&tried, |help| help.contains("  Replace "));

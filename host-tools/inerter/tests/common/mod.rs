@@ -6,6 +6,7 @@ pub mod elf_file;
 pub mod firmware;
 pub mod frames;
 pub mod monitor;
+pub mod stores;
 #[cfg(unix)]
 pub mod terminal;
 #[cfg(unix)]
