@@ -340,6 +340,8 @@ pub struct Cpu {
     regions: Vec<Region>,
     /// The hook that sees writes, until the first write to each part is lost.
     writes: Option<UcHookId>,
+    /// The hook that sees accesses to memory, while cycles are counted.
+    accesses: Option<UcHookId>,
 }
 
 /// Registers of an exception frame in ascending address order; return address and XPSR follow.
@@ -398,7 +400,7 @@ impl Cpu {
         uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
         map(&mut uc).map_err(emulator)?;
         hook(&mut uc).map_err(emulator)?;
-        Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None })
+        Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None, accesses: None })
     }
 
     /// Sets what happens when the program faults from now on.
@@ -406,8 +408,9 @@ impl Cpu {
         self.faults = faults;
     }
 
-    /// Starts counting cycles ([`Core::cycles`]), which about doubles the run time on the host.
+    /// Counts cycles from now on ([`Core::cycles`]), which about doubles the run time on the host.
     pub fn count_cycles(&mut self) -> Result<(), Stop> {
+        self.count_no_cycles()?;
         let core = self.core_mut();
         core.model = Some(Box::new(Model::new(core.chip.transfers)));
         let seen = |uc: &mut Unicorn<Core>, _: MemType, address: u64, len: usize, _: i64| {
@@ -418,8 +421,17 @@ impl Cpu {
             status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
         };
         let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
-        self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
+        let id = self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
+        self.accesses = Some(id);
         // Translated code does not call a newly added hook.
+        self.forget_code()
+    }
+
+    /// Stops counting, so that the program runs fast again.
+    pub fn count_no_cycles(&mut self) -> Result<(), Stop> {
+        self.core_mut().model = None;
+        let Some(hook) = self.accesses.take() else { return Ok(()) };
+        self.uc.remove_hook(hook).map_err(emulator)?;
         self.forget_code()
     }
 

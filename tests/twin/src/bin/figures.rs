@@ -56,7 +56,6 @@ fn measure() -> Result<String, Box<dyn Error>> {
     let mut machine = Machine::new(&image, Box::new(Bench::new(rig)?))?;
     machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.4e-6, 3e-6, 3e-6, 0.0], 3));
     machine.run_for(START_S)?;
-    machine.cpu_mut().count_cycles()?;
     let mut link = UsbLink::new(machine);
     link.connect()?;
     link.open()?;
@@ -70,10 +69,12 @@ fn measure() -> Result<String, Box<dyn Error>> {
         ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
         ask(&mut link, Command::ResetEstimator)?;
         link.listen(SETTLE_S)?;
+        link.socket.cpu_mut().count_cycles()?;
         let before = link.socket.usage();
         link.records();
         link.listen(STEADY_S)?;
         let usage = link.socket.usage().since(&before);
+        link.socket.cpu_mut().count_no_cycles()?;
         let [least, most] = usage.load_on_the_chip().ok_or("cycles are not counted")?;
         loads.push(format!(
             r#"{{"with":"{with}","rate_hz":{},"instructions_per_s":{:.0},"least":{least:.4},"most":{most:.4}}}"#,
