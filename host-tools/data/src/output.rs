@@ -302,7 +302,12 @@ pub fn refuse_inputs<'a>(written: &[&Path], read: impl IntoIterator<Item = &'a P
 
 /// Writes one line to standard output, [`printable`].
 pub fn line(line: impl AsRef<str>) -> Result<(), OutputError> {
-    text(printable(line.as_ref())).and_then(|()| text("\n"))
+    line_to(&mut io::stdout().lock(), line)
+}
+
+/// Writes one line, [`printable`], to standard output, or to what stands for it in a test.
+pub fn line_to(out: &mut impl Write, line: impl AsRef<str>) -> Result<(), OutputError> {
+    writeln!(out, "{}", printable(line.as_ref())).map_err(|source| OutputError::write("standard output", source))
 }
 
 /// Writes lines to standard output, each [`printable`].

@@ -3,10 +3,12 @@
 use std::{fs, path::Path};
 
 use inerter_device::{
-    self, Clock, DEFAULT_BAUD, Device, DeviceError, Target,
+    self, Clock, DEFAULT_BAUD, Device, DeviceError, Port, Target,
     board::{ST_VID, USB_VID},
-    dfu, list,
+    dfu::{self, DfuDevice},
+    list,
     udev::install_rule,
+    update::UpdateError,
 };
 use inerter_simulate::qemu_version;
 use inerter_wire::WIRE_VERSION;
@@ -63,9 +65,9 @@ pub fn examine(target: Option<&Target>) -> Vec<Check> {
     let mut checks = vec![Check::good("program", version)];
     match target {
         Some(target) => checks.push(asked(target)),
-        None => checks.extend(plugged_in()),
+        None => checks.extend(plugged_in(&list())),
     }
-    checks.extend(waiting());
+    checks.extend(waiting(dfu::list(), dfu::may_open));
     if cfg!(target_os = "linux") {
         checks.push(rule(&RULES.map(Path::new)));
         checks.extend(modem_manager(Path::new("/proc")));
@@ -82,8 +84,7 @@ pub fn examine(target: Option<&Target>) -> Vec<Check> {
 }
 
 /// All our devices that are plugged in; if none, the ports that exist.
-fn plugged_in() -> Vec<Check> {
-    let ports = list();
+pub fn plugged_in(ports: &[Port]) -> Vec<Check> {
     let ours: Vec<Check> = ports
         .iter()
         .filter(|port| port.inerter)
@@ -134,8 +135,11 @@ fn asked(target: &Target) -> Check {
 }
 
 /// Devices in update mode, and whether this user may open them.
-fn waiting() -> Vec<Check> {
-    let check = |device: &dfu::DfuDevice| match dfu::may_open(device) {
+pub fn waiting(
+    found: Result<Vec<DfuDevice>, UpdateError>,
+    may_open: impl Fn(&DfuDevice) -> Result<(), UpdateError>,
+) -> Vec<Check> {
+    let check = |device: &DfuDevice| match may_open(device) {
         Ok(()) => Check::warning(
             "update mode",
             format!("a device (serial {}) is waiting for firmware", device.serial),
@@ -143,7 +147,7 @@ fn waiting() -> Vec<Check> {
         ),
         Err(error) => Check::of("update mode", &error),
     };
-    match dfu::list() {
+    match found {
         Ok(devices) => devices.iter().map(check).collect(),
         Err(error) => vec![Check { condition: Condition::Warning, ..Check::of("update mode", &error) }],
     }

@@ -11,6 +11,8 @@ mod doctor;
 mod error;
 mod exit;
 mod feature;
+#[cfg(test)]
+mod hostile;
 mod monitor;
 
 use error::{Error, Shown};

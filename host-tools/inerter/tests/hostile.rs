@@ -13,9 +13,10 @@ use inerter_wire::{Event, EventKind, Hello, Record};
 
 /// Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides
 /// a name within a name.
-const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
+pub const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
 
-fn hostile(record: &Record) -> Vec<Vec<u8>> {
+/// What a hostile device sends instead of this record.
+pub fn hostile(record: &Record) -> Vec<Vec<u8>> {
     match record {
         Record::Hello(hello) => {
             let (firmware, git, board) = (Hello::text(WORDS), Hello::text(WORDS), Hello::text(WORDS));

@@ -438,6 +438,11 @@ fn half_sent_requests_end_and_do_not_keep_the_device_from_coming_back() {
 #[cfg(unix)]
 mod screen {
     use super::*;
+    use crate::{
+        common::{firmware, foreign_words, terminal::drawn},
+        hostile::{WORDS, hostile},
+    };
+    use inerter_wire::{Event, EventKind, Hello, Record};
     use rustix::{
         fs::{Mode, OFlags},
         pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
@@ -451,11 +456,14 @@ mod screen {
         keys: File,
         terminal: File,
         pictures: mpsc::Receiver<Vec<u8>>,
+        /// Since the last wait.
         seen: String,
+        /// Since the start.
+        all: Vec<u8>,
     }
 
     impl Screen {
-        fn start(folder: &Path, device: &VirtualDevice, arguments: &[&str]) -> Self {
+        fn start(folder: &Path, address: &str, arguments: &[&str]) -> Self {
             let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
             grantpt(&master).unwrap();
             unlockpt(&master).unwrap();
@@ -464,8 +472,7 @@ mod screen {
                 File::from(rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).unwrap());
             let size = Winsize { ws_row: 24, ws_col: 80, ws_xpixel: 0, ws_ypixel: 0 };
             tcsetwinsize(&terminal, size).unwrap();
-            let all = [&["monitor", "--connect", device.name()], arguments].concat();
-            let mut command = inerter(folder, &all);
+            let mut command = inerter(folder, &[&["monitor", "--connect", address], arguments].concat());
             command.env("TERM", "xterm-256color");
             command
                 .stdin(Stdio::from(terminal.try_clone().unwrap()))
@@ -482,11 +489,19 @@ mod screen {
                     }
                 }
             });
-            Self { child, keys, terminal, pictures, seen: String::new() }
+            Self { child, keys, terminal, pictures, seen: String::new(), all: Vec::new() }
         }
 
         fn press(&mut self, keys: &str) {
             self.keys.write_all(keys.as_bytes()).unwrap();
+        }
+
+        /// Takes what is drawn within this time; false if nothing is.
+        fn look(&mut self, within: Duration) -> bool {
+            let Ok(bytes) = self.pictures.recv_timeout(within) else { return false };
+            self.seen += &text(&bytes);
+            self.all.extend(bytes);
+            true
         }
 
         /// Waits until a word has been drawn since the last wait. Blanks that were already there are not drawn again.
@@ -494,14 +509,12 @@ mod screen {
             let started = Instant::now();
             while !self.seen.contains(word) {
                 assert!(started.elapsed() < LIMIT, "`{word}` was not drawn: {:?}", self.seen);
-                if let Ok(bytes) = self.pictures.recv_timeout(Duration::from_millis(100)) {
-                    self.seen += &text(&bytes);
-                }
+                self.look(Duration::from_millis(100));
             }
             self.seen.clear();
         }
 
-        /// Waits for the end. The terminal settings must be restored.
+        /// Waits for the end. The terminal settings must be restored, and nothing foreign may have been drawn.
         fn ended(mut self, before: &rustix::termios::Termios, code: i32) -> String {
             let started = Instant::now();
             let status = loop {
@@ -516,10 +529,9 @@ mod screen {
             assert_eq!(status.code(), Some(code), "{words}");
             let after = tcgetattr(&self.terminal).unwrap();
             assert_eq!(after.local_modes, before.local_modes, "the terminal still takes keys one by one");
-            while let Ok(bytes) = self.pictures.recv_timeout(Duration::from_millis(200)) {
-                self.seen += &text(&bytes);
-            }
+            while self.look(Duration::from_millis(200)) {}
             assert!(self.seen.contains("\x1b[?1049l"), "the terminal still shows the screen");
+            assert_eq!(foreign_words(&drawn(&text(&self.all))), None);
             words
         }
     }
@@ -528,7 +540,7 @@ mod screen {
     fn keys_mark_pause_and_quit_and_the_terminal_is_given_back() {
         let folder = tempfile::tempdir().unwrap();
         let device = device(2.0);
-        let mut screen = Screen::start(folder.path(), &device, &["--record", "run.mcap"]);
+        let mut screen = Screen::start(folder.path(), device.name(), &["--record", "run.mcap"]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");
         screen.press("?");
@@ -556,7 +568,7 @@ mod screen {
     fn a_device_that_is_lost_and_an_interrupt_give_the_terminal_back() {
         let folder = tempfile::tempdir().unwrap();
         let device = device(2.0);
-        let mut screen = Screen::start(folder.path(), &device, &["--wait", "0.3", "--record", "run.mcap"]);
+        let mut screen = Screen::start(folder.path(), device.name(), &["--wait", "0.3", "--record", "run.mcap"]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");
         drop(device);
@@ -566,11 +578,37 @@ mod screen {
         assert_eq!(info["ending"], "closed");
 
         let device = super::device(2.0);
-        let mut screen = Screen::start(folder.path(), &device, &[]);
+        let mut screen = Screen::start(folder.path(), device.name(), &[]);
         let before = tcgetattr(&screen.terminal).unwrap();
         screen.until("inertance");
         let process = rustix::process::Pid::from_child(&screen.child);
         rustix::process::kill_process(process, rustix::process::Signal::TERM).unwrap();
+        screen.ended(&before, 0);
+    }
+
+    /// The hostile device, which also sends another panic with each report on its health.
+    fn panicking(record: &Record) -> Vec<Vec<u8>> {
+        let mut payloads = hostile(record);
+        if let Record::Health(health) = record {
+            let kind = EventKind::Panicked(Hello::text(&format!("{WORDS}{}", health.index)));
+            payloads.push(firmware::payload(&Record::Event(Event { index: health.index, kind })));
+        }
+        payloads
+    }
+
+    #[test]
+    fn no_device_draws_what_it_likes() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = device(2.0);
+        let mut screen = Screen::start(folder.path(), &firmware::before(device.name(), panicking), &[]);
+        let before = tcgetattr(&screen.terminal).unwrap();
+        // The name of the board in the heading, that of the firmware with the health, and the panics.
+        screen.until(r"\u001b]52;c;aGk=\u0007\nforged\u202e");
+        screen.press("4");
+        screen.until("clock:");
+        screen.press("5");
+        screen.until(r"\u001b]52;c;aGk=\u0007");
+        screen.press("q");
         screen.ended(&before, 0);
     }
 }

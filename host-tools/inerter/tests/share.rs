@@ -127,3 +127,36 @@ fn a_monitor_shares_its_device() {
     let mut reader = connect(&shared);
     receive(&mut reader, 2, |record| matches!(record, Record::Estimate(_)));
 }
+
+#[test]
+fn a_device_is_shared_with_other_machines_only_where_that_is_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = device_at("127.0.0.1:0");
+    let monitor = ["monitor", "--connect", device.name(), "--json", "--duration", "1"];
+    for address in ["0.0.0.0:0", "[::]:0"] {
+        let words = fails(folder.path(), &[&monitor[..], &["--share", address]].concat(), 2);
+        assert!(
+            words.contains(&format!("--share {address} would let in other machines"))
+                && words.contains("--allow-remote"),
+            "{words}"
+        );
+    }
+    for (arguments, host, is_told) in [
+        (&["--share", "0.0.0.0:0", "--allow-remote"][..], "0.0.0.0:", true),
+        (&["--share", "127.0.0.1:0", "--allow-remote"], "127.0.0.1:", false),
+    ] {
+        let output = run(folder.path(), &[&monitor[..], arguments].concat());
+        let words = text(&output.stderr);
+        assert!(output.status.success(), "{words}");
+        let lines = json_lines(&text(&output.stdout));
+        let view = lines.iter().find(|line| line["kind"] == "view").unwrap();
+        assert!(view["address"].as_str().unwrap().starts_with(host), "{view}");
+        assert_eq!(words.contains("any machine that reaches"), is_told, "{words}");
+    }
+    // A file left in the folder must not share the device with other machines.
+    for (key, line) in [("share", "share = \"0.0.0.0:0\""), ("allow_remote", "allow_remote = true")] {
+        std::fs::write(folder.path().join("inerter.toml"), format!("[monitor]\n{line}\n")).unwrap();
+        let words = fails(folder.path(), &monitor, 4);
+        assert!(words.contains(&format!("may not set `monitor.{key}`")), "{words}");
+    }
+}

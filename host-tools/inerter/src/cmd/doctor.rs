@@ -1,13 +1,14 @@
 //! `inerter doctor`: finds why a device cannot be used on this machine.
 
-use inerter_data::output;
+use std::io::{self, Write};
+
+use inerter_data::{
+    json::json_line,
+    output::{self, OutputError},
+};
 use inerter_device::udev;
 
-use super::{
-    args::LinkArgs,
-    print::{Kind, print_json},
-    terminal::note,
-};
+use super::{args::LinkArgs, print::Kind, terminal::note};
 use crate::{
     Error,
     doctor::{Check, Condition, examine},
@@ -41,21 +42,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if let Some(file) = inerter_flags::file(&typed) {
         checks.push(Check::good("flags", format!("taken from {}", file.path.display())));
     }
-    for check in &checks {
-        if args.json {
-            print_json(&Kind { kind: "check", of: check })?;
-            continue;
-        }
-        let mark = match check.condition {
-            Condition::Good => "ok     ",
-            Condition::Warning => "note   ",
-            Condition::Problem => "PROBLEM",
-        };
-        output::line(format!("{mark} {}: {}", check.topic, check.text))?;
-        if let Some(advice) = &check.advice {
-            output::line(format!("        {advice}"))?;
-        }
-    }
+    print(&checks, args.json, &mut io::stdout().lock())?;
     let problems = checks.iter().filter(|check| check.condition == Condition::Problem).count();
     if problems == 0 {
         if !args.json {
@@ -64,4 +51,77 @@ pub fn run(args: &Args) -> Result<(), Error> {
         return Ok(());
     }
     Err(Error::Doctor { problems })
+}
+
+/// Prints the checks, each with its advice.
+fn print(checks: &[Check], json: bool, out: &mut impl Write) -> Result<(), OutputError> {
+    for check in checks {
+        if json {
+            output::line_to(out, json_line(&Kind { kind: "check", of: check }))?;
+            continue;
+        }
+        let mark = match check.condition {
+            Condition::Good => "ok     ",
+            Condition::Warning => "note   ",
+            Condition::Problem => "PROBLEM",
+        };
+        output::line_to(out, format!("{mark} {}: {}", check.topic, check.text))?;
+        if let Some(advice) = &check.advice {
+            output::line_to(out, format!("        {advice}"))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_data::words::printable;
+    use inerter_device::{Port, dfu::DfuDevice, update::UpdateError};
+    use serde_json::Value;
+
+    use super::*;
+    use crate::{
+        doctor::{plugged_in, waiting},
+        hostile::{SHOWN, WORDS},
+    };
+
+    #[test]
+    fn no_usb_device_writes_to_the_terminal_what_it_likes() {
+        // macOS names a port after the device's serial number.
+        let link = Port {
+            port: WORDS.into(),
+            inerter: false,
+            stlink: true,
+            product: Some(WORDS.into()),
+            serial: Some(WORDS.into()),
+            vid: Some(0x0483),
+            pid: Some(0x374E),
+        };
+        let device = DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 };
+        let refused = |device: &DfuDevice| Err(UpdateError::Permission { serial: device.serial.clone() });
+        let checks = [
+            plugged_in(&[link]),
+            waiting(Ok(vec![device.clone()]), |_| Ok(())),
+            waiting(Ok(vec![device]), refused),
+            waiting(Err(UpdateError::Usb { reason: WORDS.into() }), |_| Ok(())),
+        ]
+        .concat();
+        let printed = |json| {
+            let mut out = Vec::new();
+            print(&checks, json, &mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        let (text, json) = (printed(false), printed(true));
+        for line in text.lines().chain(json.lines()) {
+            assert_eq!(printable(line), line);
+        }
+        // The four checks, and the port in the advice to the first one.
+        assert_eq!((text.lines().count(), text.matches(SHOWN).count()), (8, 5), "{text}");
+        // In JSON the same escapes represent the text itself.
+        let is_whole = |line: &str| {
+            let value: Value = serde_json::from_str(line).unwrap();
+            value["text"].as_str().unwrap().contains(WORDS)
+        };
+        assert_eq!(json.lines().map(is_whole).collect::<Vec<_>>(), [true; 4], "{json}");
+    }
 }

@@ -1,6 +1,11 @@
 //! `inerter ports`: where devices can be reached.
 
-use inerter_data::{json::json_line, output};
+use std::io::{self, Write};
+
+use inerter_data::{
+    json::json_line,
+    output::{self, OutputError},
+};
 use inerter_device::{Port, dfu, list};
 
 use super::{print::Kind, terminal::note};
@@ -24,16 +29,22 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let ports = list();
     // A machine on which USB devices cannot be listed still has its serial ports.
     let waiting = dfu::list().unwrap_or_default();
-    for port in &ports {
-        let line = if args.json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
-        output::line(line)?;
-    }
-    for device in &waiting {
-        let line = if args.json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
-        output::line(line)?;
-    }
+    print(&ports, &waiting, args.json, &mut io::stdout().lock())?;
     if ports.is_empty() && waiting.is_empty() && !args.json {
         note("this machine has no serial ports; `inerter simulate --pty` makes a simulated one");
+    }
+    Ok(())
+}
+
+/// Prints a line for each.
+fn print(ports: &[Port], waiting: &[dfu::DfuDevice], json: bool, out: &mut impl Write) -> Result<(), OutputError> {
+    for port in ports {
+        let line = if json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
+        output::line_to(out, line)?;
+    }
+    for device in waiting {
+        let line = if json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
+        output::line_to(out, line)?;
     }
     Ok(())
 }
@@ -61,7 +72,11 @@ fn line(mark: &str, port: &str, usb: &str, product: &str, serial: Option<&str>) 
 
 #[cfg(test)]
 mod tests {
+    use inerter_data::words::printable;
+    use serde_json::Value;
+
     use super::*;
+    use crate::hostile::{SHOWN, WORDS};
 
     #[test]
     fn a_line_says_what_is_there() {
@@ -91,5 +106,36 @@ mod tests {
         assert_eq!(dfu_line(&device), words);
         let json = json_line(&Kind { kind: "dfu", of: &device });
         assert_eq!(json, r#"{"kind":"dfu","product":null,"serial":"205735883537","vid":1155,"pid":57105}"#);
+    }
+
+    #[test]
+    fn no_usb_device_writes_to_the_terminal_what_it_likes() {
+        let port = Port {
+            port: "/dev/ttyACM0".into(),
+            inerter: false,
+            stlink: true,
+            product: Some(WORDS.into()),
+            serial: Some(WORDS.into()),
+            vid: Some(0x0483),
+            pid: Some(0x374E),
+        };
+        let device = dfu::DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 };
+        let (ports, waiting) = ([port], [device]);
+        let printed = |json| {
+            let mut out = Vec::new();
+            print(&ports, &waiting, json, &mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        let (text, json) = (printed(false), printed(true));
+        for line in text.lines().chain(json.lines()) {
+            assert_eq!(printable(line), line);
+        }
+        assert_eq!((text.lines().count(), text.matches(SHOWN).count()), (2, 4), "{text}");
+        // In JSON the same escapes represent the text itself.
+        let names = |line: &str| {
+            let value: Value = serde_json::from_str(line).unwrap();
+            (value["product"] == WORDS, value["serial"] == WORDS)
+        };
+        assert_eq!(json.lines().map(names).collect::<Vec<_>>(), [(true, true); 2], "{json}");
     }
 }

@@ -1,4 +1,7 @@
 //! The screen: draws a [`State`] without changing it.
+//!
+//! Text from outside is drawn [`printable`]: ratatui leaves out control characters, but draws invisible ones and those
+//! that change the writing direction.
 
 mod charts;
 mod panels;
@@ -6,7 +9,7 @@ mod theme;
 
 pub use theme::Theme;
 
-use inerter_data::words::duration_text;
+use inerter_data::words::{duration_text, printable};
 use ratatui::{
     Frame,
     layout::{Constraint, Layout, Rect},
@@ -47,21 +50,22 @@ fn heading(state: &State, theme: Theme) -> Line<'static> {
         spans.push(Span::raw(" "));
     }
     if let Some(reason) = &state.away {
-        spans.push(Span::styled(format!("{reason} "), theme.bad()));
+        spans.push(Span::styled(format!("{} ", printable(reason)), theme.bad()));
     }
     if let Some(file) = &state.recording {
         spans.push(Span::styled("● ", theme.bad()));
-        spans.push(Span::raw(format!("{file}  ")));
+        spans.push(Span::raw(format!("{}  ", printable(file))));
     }
     match &state.present {
         Some(present) => {
             let hello = &present.hello;
-            spans.push(Span::styled(format!("{} {}", hello.board, hello.serial), theme.title()));
+            let name = format!("{} {}", printable(&hello.board), printable(&hello.serial));
+            spans.push(Span::styled(name, theme.title()));
             spans.push(Span::raw(format!(
                 "  {} Hz  {}  {}",
                 state.settings.sample_rate_hz,
                 duration_text(state.now_s),
-                present.port
+                printable(&present.port)
             )));
         }
         None => spans.push(Span::raw("waiting for the device")),
@@ -73,7 +77,7 @@ fn footing(state: &State, theme: Theme) -> Line<'static> {
     match &state.prompt {
         Prompt::Marker(text) => Line::from(vec![
             Span::styled("marker: ", theme.title()),
-            Span::raw(text.clone()),
+            Span::raw(printable(text).into_owned()),
             Span::styled("█", theme.curve()),
             Span::styled("   Enter sets it, Esc cancels", theme.quiet()),
         ]),

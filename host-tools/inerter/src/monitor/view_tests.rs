@@ -3,13 +3,16 @@ use inerter_core::{
     Settings,
 };
 use inerter_wire::Estimated;
-use inerter_wire::{Capabilities, ClockSource, Health, Hello};
+use inerter_wire::{Capabilities, ClockSource, EventKind, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
 use super::*;
-use crate::monitor::{
-    feed::{Item, Moment, Sample},
-    state::{Event, Tab},
+use crate::{
+    hostile::{SHOWN, WORDS},
+    monitor::{
+        feed::{Item, Moment, Sample},
+        state::{Event, Tab},
+    },
 };
 
 fn at(run_s: f64) -> Moment {
@@ -217,5 +220,49 @@ fn what_is_no_number_is_not_identifiable_on_the_screen() {
     for label in ["Effective inertance", "Viscous friction", "Coulomb friction", "Force offset", "Backlash"] {
         let row = row(label);
         assert!(row.contains("not identifiable") && !row.contains(" ok "), "{screen}");
+    }
+}
+
+#[test]
+fn no_text_from_outside_is_drawn_as_it_came() {
+    let mut state = state();
+    (state.recording, state.elsewhere) = (Some(WORDS.into()), vec![WORDS.into()]);
+    let present = state.present.as_mut().unwrap();
+    present.port = WORDS.into();
+    let (firmware, board, serial) = (Hello::text(WORDS), Hello::text(WORDS), Hello::text(WORDS));
+    present.hello = Hello { firmware, board, serial, ..present.hello.clone() };
+    let panic = inerter_wire::Event { index: 0, kind: EventKind::Panicked(Hello::text(WORDS)) };
+    for item in [
+        Item::Event { at: at(10.0), t_s: None, event: panic },
+        Item::Refused { words: WORDS.into() },
+        Item::Marker { at: at(10.0), t_s: None, text: WORDS.into() },
+        Item::Back { port: WORDS.into() },
+        Item::Away { reason: WORDS.into() },
+    ] {
+        state.update(Event::Item(&item));
+    }
+    state.prompt = Prompt::Marker(WORDS.into());
+    let name = printable(&Hello::text::<24>(WORDS)).into_owned();
+    for (tab, _) in Tab::ALL {
+        state.tab = tab;
+        let lines = drawn(&state, 400, 40, true).0;
+        for line in &lines {
+            assert_eq!(printable(line), line.as_str(), "{tab:?}");
+        }
+        let shown =
+            |from: usize, to: usize| lines[from..to].iter().map(|line| line.matches(SHOWN).count()).sum::<usize>();
+        // Why the device is away, the recording, and the port.
+        assert_eq!(shown(0, 1), 3, "{tab:?}: {}", lines[0]);
+        assert!(lines[0].contains(&format!("{name} {name}")), "{tab:?}: {}", lines[0]);
+        let expected = match tab {
+            Tab::Overview | Tab::Health => 1,
+            Tab::Signals | Tab::Parameters => 0,
+            Tab::Events => 5,
+        };
+        assert_eq!(shown(2, 39), expected, "{tab:?}: {}", lines.join("\n"));
+        assert_eq!(shown(39, 40), 1, "{tab:?}: {}", lines[39]);
+        let firmware = printable(&Hello::text::<32>(WORDS)).into_owned();
+        let is_named = lines.iter().any(|line| line.contains(&format!("{firmware}, {name}, clock")));
+        assert_eq!(is_named, tab == Tab::Health, "{}", lines.join("\n"));
     }
 }

@@ -51,3 +51,17 @@ pub fn spoken(shown: &str) -> String {
     }
     words
 }
+
+/// The text of a full screen, without the control sequences with which the program places and styles it.
+pub fn drawn(shown: &str) -> String {
+    let mut parts = shown.split("\u{1b}[");
+    let mut words = parts.next().unwrap_or_default().to_string();
+    for part in parts {
+        let rest = part.trim_start_matches(|letter: char| letter.is_ascii_digit() || letter == ';' || letter == '?');
+        match rest.strip_prefix(['H', 'J', 'h', 'l', 'm']) {
+            Some(text) => words += text,
+            None => words += &["\u{1b}[", part].concat(),
+        }
+    }
+    words
+}

@@ -4,7 +4,7 @@ use inerter_core::Parameter;
 use inerter_data::{
     json::{BacklashJson, Shown},
     text::{self, value_text},
-    words::duration_text,
+    words::{duration_text, printable},
 };
 use inerter_wire::{Estimated, catalogue};
 use ratatui::{
@@ -136,7 +136,7 @@ fn words(state: &State, theme: Theme) -> Vec<Line<'static>> {
     let mut lines = vec![Line::styled(losses.line(), style)];
     lines.extend(estimate.map(|(_, estimated)| Line::raw(text::line(machine, &estimated))));
     lines.extend(cause.iter().map(|cause| Line::styled(causes::words(machine, cause), theme.bad())));
-    lines.extend(state.elsewhere.iter().map(|place| Line::styled(place.clone(), theme.quiet())));
+    lines.extend(state.elsewhere.iter().map(|place| Line::styled(printable(place).into_owned(), theme.quiet())));
     lines
 }
 
@@ -172,9 +172,10 @@ pub fn health(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
     let mut lines: Vec<Line<'static>> = Vec::new();
     if let Some(present) = &state.present {
         let hello = &present.hello;
-        lines.push(Line::raw(format!("{}, {}, clock: {:?}", hello.firmware, hello.board, hello.clock)));
+        let (firmware, board) = (printable(&hello.firmware), printable(&hello.board));
+        lines.push(Line::raw(format!("{firmware}, {board}, clock: {:?}", hello.clock)));
     }
-    lines.extend(state.elsewhere.iter().map(|place| Line::raw(place.clone())));
+    lines.extend(state.elsewhere.iter().map(|place| Line::raw(printable(place).into_owned())));
     let [top, bottom] = Layout::vertical([Constraint::Length(rows.len() as u16 + 2), Constraint::Fill(1)]).areas(area);
     let title = if losses.is_clean() { " Nothing lost or saturated " } else { " Losses " };
     let widths = [Constraint::Length(36), Constraint::Fill(1)];
@@ -198,7 +199,7 @@ pub fn events(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) {
             };
             Line::from(vec![
                 Span::styled(format!("{:>10.2} s  ", line.run_s), theme.quiet()),
-                Span::styled(line.words.clone(), style),
+                Span::styled(printable(&line.words), style),
             ])
         })
         .collect();
