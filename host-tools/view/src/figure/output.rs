@@ -91,10 +91,12 @@ fn halved(fine: &[u8], width: usize) -> Vec<u8> {
     for rows in fine.chunks_exact(2 * row) {
         let (upper, lower) = rows.split_at(row);
         for (upper, lower) in upper.chunks_exact(2 * CHANNELS).zip(lower.chunks_exact(2 * CHANNELS)) {
-            let (here, next) = (upper.iter().zip(lower), upper.iter().zip(lower).skip(CHANNELS));
-            let sums =
-                here.zip(next).map(|((a, b), (c, d))| [a, b, c, d].into_iter().map(|value| u16::from(*value)).sum());
-            pixels.extend(sums.map(|sum: u16| ((sum + 2) / 4) as u8));
+            for left in 0..CHANNELS {
+                let right = left + CHANNELS;
+                let above = u16::from(upper[left]) + u16::from(upper[right]);
+                let below = u16::from(lower[left]) + u16::from(lower[right]);
+                pixels.push(((above + below + 2) / 4) as u8);
+            }
         }
     }
     pixels
