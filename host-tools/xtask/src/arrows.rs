@@ -5,8 +5,8 @@
 //! directly or through others ([`imports`]).
 
 use crate::{
-    foreign, imports, process, tree,
-    workspace::{Member, Part, Workspace},
+    imports, process, tree,
+    workspace::{Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -183,10 +183,7 @@ const LAWS: &[Law] = &[
 /// Checks the whole tree.
 pub fn run() -> Result<()> {
     let root = tree::root();
-    let mut workspace = Workspace::read(&root)?;
-    for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign::folder()] {
-        workspace.members.extend(Workspace::read(&folder)?.members);
-    }
+    let workspace = Workspace::with_all_members()?;
     let mut faults = arrow_faults(&workspace);
     faults.extend(missing_faults(&workspace));
     for member in &workspace.members {
