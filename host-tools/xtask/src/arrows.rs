@@ -76,7 +76,7 @@ const LAWS: &[Law] = &[
     ]),
     Law::of("inerter-data")
         .may_use(&["inerter-core", "inerter-wire"])
-        .tests_may_use(&["inerter-plant", "inerter-simulate"])
+        .tests_may_use(&["inerter-needs", "inerter-plant", "inerter-simulate"])
         .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
     Law::of("inerter-analysis")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
