@@ -59,7 +59,7 @@ const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 /// programs are on no right-hand side. This matters most for the twin, as its emulator is GPL. Only `inerter-fuzz` may
 /// use `inerter-tests`.
 const LAWS: &[Law] = &[
-    Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
+    Law::of("inerter-core").tests_may_use(&["inerter-needs", "inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]).tests_may_use(&["inerter-needs"]),
     Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]).tests_may_use(&["inerter-needs"]),
     Law::of("ads131m04"),
