@@ -62,7 +62,7 @@ const LAWS: &[Law] = &[
     Law::of("inerter-core").tests_may_use(&["inerter-needs", "inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]).tests_may_use(&["inerter-needs"]),
     Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]).tests_may_use(&["inerter-needs"]),
-    Law::of("ads131m04"),
+    Law::of("ads131m04").tests_may_use(&["inerter-needs"]),
     Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]),
     Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]),
     Law::of("inerter-plant"),
