@@ -13,6 +13,7 @@ use inerter_data::{
     series::Series,
     settings::SettingsInputError,
 };
+use inerter_needs::Random;
 use inerter_tests::{
     data::{Recording, replayed},
     sums::part_left,
@@ -176,15 +177,12 @@ fn a_friction_damper_has_no_inertance_whatever_its_sign() {
 /// noise.
 fn rest(after: &RawSample, samples: u32, force_code: i32, noise_code: i32) -> impl Iterator<Item = RawSample> + use<> {
     let (start, position) = (after.index, after.position_count);
-    let mut seed = 0x9e37_79b9_u32;
-    (1..=samples).map(move |n| {
-        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        RawSample {
-            index: start.wrapping_add(n),
-            position_count: position.wrapping_add((seed >> 31) as i32),
-            force_code: force_code + (seed >> 8) as i32 % (2 * noise_code + 1) - noise_code,
-            terminal_code: 0,
-        }
+    let mut random = Random(1);
+    (1..=samples).map(move |n| RawSample {
+        index: start.wrapping_add(n),
+        position_count: position.wrapping_add(random.below(2)),
+        force_code: force_code + random.below(2 * noise_code + 1) - noise_code,
+        terminal_code: 0,
     })
 }
 

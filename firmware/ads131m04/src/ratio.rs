@@ -70,21 +70,16 @@ impl Ratiometric {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inerter_needs::Random;
 
     #[test]
     fn within_half_a_code() {
-        let mut seed = 0x2545_F491_4F6C_DD1D_u64;
-        let mut random = |below: u64| {
-            seed ^= seed << 13;
-            seed ^= seed >> 7;
-            seed ^= seed << 17;
-            seed % below
-        };
+        let mut random = Random(1);
         let mut worst = 0.0_f64;
         for _ in 0..200_000 {
-            let nominal = 65_536 + random(6_600_000) as i32;
-            let excitation = nominal - nominal / 4 + random(nominal as u64 / 2) as i32;
-            let bridge = random(1 << 24) as i32 - 0x80_0000;
+            let nominal = 65_536 + random.below(6_600_000_i32);
+            let excitation = nominal - nominal / 4 + random.below(nominal / 2);
+            let bridge = random.below(1_i32 << 24) - 0x80_0000;
             let exact = f64::from(bridge) * f64::from(nominal) / f64::from(excitation);
             let got = Ratiometric::new(nominal).expect("in range").correct(bridge, excitation).expect("in range");
             if (f64::from(MIN)..=f64::from(MAX)).contains(&exact) && bridge > MIN && bridge < MAX {

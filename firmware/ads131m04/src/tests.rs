@@ -11,6 +11,7 @@ use std::string::{String, ToString};
 use embedded_hal::digital::OutputPin;
 use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::spi::{Operation, SpiDevice};
+use inerter_needs::Random;
 
 use crate::frame::FRAME_BYTES;
 use crate::mock::Chip;
@@ -610,17 +611,8 @@ fn an_acknowledge_that_somebody_else_took_is_not_missed() {
     run(bus.driver(config()).init(&mut bus.clone())).expect("starts");
 }
 
-/// Answers random bytes, from a seed; one frame in four with a matching CRC.
-struct Babble(u64);
-
-impl Babble {
-    fn byte(&mut self) -> u8 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 32) as u8
-    }
-}
+/// Answers random bytes; one frame in four with a matching CRC.
+struct Babble(Random);
 
 impl embedded_hal::spi::ErrorType for Babble {
     type Error = Infallible;
@@ -629,8 +621,8 @@ impl embedded_hal::spi::ErrorType for Babble {
 impl SpiDevice for Babble {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
         let [Operation::TransferInPlace(bytes)] = operations else { panic!("one transfer in place") };
-        bytes.iter_mut().for_each(|byte| *byte = self.byte());
-        if self.byte().is_multiple_of(4) {
+        bytes.copy_from_slice(&self.0.bytes(bytes.len()));
+        if self.0.percent(25) {
             let check = crate::crc(&bytes[..15]).to_be_bytes();
             bytes[15..].copy_from_slice(&[check[0], check[1], 0]);
         }
@@ -641,7 +633,7 @@ impl SpiDevice for Babble {
 #[test]
 fn garbage_is_never_taken_for_a_chip() {
     let bus = Bus::new();
-    let mut adc = Ads131m04::new(Babble(1), bus.clone(), config());
+    let mut adc = Ads131m04::new(Babble(Random(1)), bus.clone(), config());
     for _ in 0..20_000 {
         assert!(run(adc.init(&mut bus.clone())).is_err());
         assert_eq!(run(adc.read()), Err(Error::NotRunning));
@@ -651,14 +643,15 @@ fn garbage_is_never_taken_for_a_chip() {
 
 #[test]
 fn garbage_on_the_wire_leaves_the_chip_usable() {
-    let mut noise = Babble(2);
+    let mut noise = Random(2);
     let bus = Bus::new();
     for round in 0..2_000 {
         bus.with(|wires| {
             for _ in 0..4 {
                 wires.chip.cs(true);
-                for _ in 0..usize::from(noise.byte()) + 3 {
-                    wires.chip.shift(noise.byte());
+                let count = 3 + noise.below(256);
+                for byte in noise.bytes(count) {
+                    wires.chip.shift(byte);
                 }
                 wires.chip.cs(false);
                 wires.chip.convert([0x7F_FFFF, -0x80_0000, i32::MAX, i32::MIN]);

@@ -296,7 +296,7 @@ fn corrected(value: i64, shift: i8, terms: &[Term], higher: &[i64]) -> i64 {
 pub(crate) mod tests {
     use super::*;
     use crate::constants::{FORCE_TAPS, RATE_TAPS, SIGN_TAPS};
-    use crate::random::draw;
+    use inerter_needs::Random;
     use std::vec::Vec;
 
     /// Box of `length` samples four times, as plain numbers.
@@ -324,8 +324,8 @@ pub(crate) mod tests {
     }
 
     fn noise(count: usize, bits: u32) -> Vec<i64> {
-        let mut seed = 7_u64;
-        (0..count).map(|_| (draw(&mut seed) as i64) >> (64 - bits)).collect()
+        let mut random = Random(7);
+        (0..count).map(|_| (random.draw() as i64) >> (64 - bits)).collect()
     }
 
     /// Every output is the direct convolution, to the bit, also after the cascades have wrapped many times.

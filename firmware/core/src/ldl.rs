@@ -146,7 +146,7 @@ impl Reciprocal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::draw;
+    use inerter_needs::Random;
     use proptest::prelude::*;
 
     proptest! {
@@ -169,8 +169,8 @@ mod tests {
     #[test]
     fn solves_a_known_law() {
         let mut sums = [0_i128; PRODUCTS];
-        let mut seed = 1_u64;
-        let mut random = || (draw(&mut seed) >> 36) as i32 - (1 << 27);
+        let mut numbers = Random(1);
+        let mut random = || numbers.below(1_i32 << 28) - (1 << 27);
         for _ in 0..1000 {
             let [a, v, s] = [random() >> 12, random(), random().signum() << 30];
             let force = 300 * a + v / 4 - s / 8 + (1 << 20);

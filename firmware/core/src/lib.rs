@@ -37,8 +37,6 @@ mod output;
 mod plausible;
 #[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod qformat;
-#[cfg(test)]
-mod random;
 mod regime;
 #[cfg_attr(not(test), deny(clippy::float_arithmetic))]
 mod repeats;

@@ -79,7 +79,7 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::normal;
+    use inerter_needs::Random;
 
     /// Quartile of the fourth differences of normal noise, per its rms.
     const QUARTILE: f64 = 0.3186 * 8.3666;
@@ -87,9 +87,9 @@ mod tests {
     /// The rms found for a force with noise of `rms` [codes]. `disturbance` is added, by the number of the five samples
     /// and the place among them.
     fn told(noise: &mut Noise, rms: f64, count: usize, disturbance: impl Fn(usize, usize) -> f64) -> f64 {
-        let mut seed = 11;
+        let mut random = Random(11);
         for n in 0..count {
-            let sample = |i: usize| (rms * normal(&mut seed) + disturbance(n, i)).round() as i32;
+            let sample = |i: usize| (rms * random.normal() + disturbance(n, i)).round() as i32;
             noise.push([0, 1, 2, 3, 4].map(sample));
         }
         noise.quantile(1).unwrap() as f64 / f64::from(1 << Noise::FRACTION) / QUARTILE

@@ -267,20 +267,20 @@ mod tests {
     use std::vec::Vec;
 
     use super::*;
-    use crate::random::normal;
+    use inerter_needs::Random;
 
     /// The warnings for a force, given by the number of its sample, with noise of 20 codes before it is clipped to
     /// +-`rail`.
     fn of_force(rail: f64, force: impl Fn(f64) -> f64) -> Vec<WarningKind> {
-        let (mut plausible, mut seed) = (Plausible::new(), 5);
+        let (mut plausible, mut random) = (Plausible::new(), Random(5));
         let mut told = Vec::new();
         for n in 0..20_000u32 {
             if n.is_multiple_of(100) {
                 plausible.learn(None, (n > 0).then_some(20.0));
             }
-            let clipped = (force(f64::from(n)) + 20.0 * normal(&mut seed)).clamp(-rail, rail);
+            let clipped = (force(f64::from(n)) + 20.0 * random.normal()).clamp(-rail, rail);
             // The noise that the converter adds.
-            let code = (clipped + normal(&mut seed)).round() as i32;
+            let code = (clipped + random.normal()).round() as i32;
             plausible.push(0, Some(code), false);
             told.extend(plausible.take(n).map(|warning| warning.kind));
         }

@@ -1,21 +1,14 @@
 use inerter_core::Settings;
+use inerter_needs::Random;
 
 use super::*;
 
-/// The sum of twelve uniform numbers is close enough to normal.
-fn normal(seed: &mut u64) -> f64 {
-    (0..12).fold(-6.0, |sum, _| {
-        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        sum + (*seed >> 11) as f64 / (1_u64 << 53) as f64
-    })
-}
-
 /// Ten seconds of oscillation at 1 kHz, with noise of 20 codes, as the given instruments record it.
 fn run_of(instruments: impl Fn(usize, f64) -> (i32, f64)) -> Run {
-    let mut seed = 5;
+    let mut random = Random(5);
     let samples = (0..10_000).map(|n| {
         let phase = 0.02 * n as f64;
-        let (slip, force) = instruments(n, 9000.0 * phase.cos() + 20.0 * normal(&mut seed));
+        let (slip, force) = instruments(n, 9000.0 * phase.cos() + 20.0 * random.normal());
         let position_count = (-4000.0 * phase.cos()) as i32 + slip;
         RawSample { index: 70 + n as u32, position_count, force_code: force.round() as i32, terminal_code: 0 }
     });

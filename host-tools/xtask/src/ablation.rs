@@ -84,7 +84,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// The program's output with this core.
 fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
-    copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant"])?;
+    copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant", "tests/needs"])?;
     copy::edit(&folder.join("tree/firmware/core/src"), edits)?;
     copy::written(&folder.join("program/src/main.rs"), &tree::read("tests/src/bin/ablation.rs")?)?;
     copy::written(&folder.join("program/Cargo.toml"), PROGRAM.as_bytes())?;

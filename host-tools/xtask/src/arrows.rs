@@ -5,8 +5,8 @@
 //! directly or through others ([`imports`]).
 
 use crate::{
-    foreign, imports, process, tree,
-    workspace::{Member, Part, Workspace},
+    imports, process, tree,
+    workspace::{Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -59,10 +59,10 @@ const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 /// programs are on no right-hand side. This matters most for the twin, as its emulator is GPL. Only `inerter-fuzz` may
 /// use `inerter-tests`.
 const LAWS: &[Law] = &[
-    Law::of("inerter-core").tests_may_use(&["inerter-plant"]),
+    Law::of("inerter-core").tests_may_use(&["inerter-needs", "inerter-plant"]),
     Law::of("inerter-wire").may_use(&["inerter-core"]).tests_may_use(&["inerter-needs"]),
     Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]).tests_may_use(&["inerter-needs"]),
-    Law::of("ads131m04"),
+    Law::of("ads131m04").tests_may_use(&["inerter-needs"]),
     Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]),
     Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]),
     Law::of("inerter-plant"),
@@ -76,7 +76,7 @@ const LAWS: &[Law] = &[
     ]),
     Law::of("inerter-data")
         .may_use(&["inerter-core", "inerter-wire"])
-        .tests_may_use(&["inerter-plant", "inerter-simulate"])
+        .tests_may_use(&["inerter-needs", "inerter-plant", "inerter-simulate"])
         .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
     Law::of("inerter-analysis")
         .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
@@ -183,10 +183,7 @@ const LAWS: &[Law] = &[
 /// Checks the whole tree.
 pub fn run() -> Result<()> {
     let root = tree::root();
-    let mut workspace = Workspace::read(&root)?;
-    for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign::folder()] {
-        workspace.members.extend(Workspace::read(&folder)?.members);
-    }
+    let workspace = Workspace::with_all_members()?;
     let mut faults = arrow_faults(&workspace);
     faults.extend(missing_faults(&workspace));
     for member in &workspace.members {

@@ -2,7 +2,12 @@
 
 use crate::{process, tree};
 use anyhow::{Result, ensure};
-use std::{collections::BTreeSet, fs, path::Path, process::Command};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 /// One change of a source: file, passage that must occur exactly once in it, replacement.
 pub type Edit = (&'static str, &'static str, &'static str);
@@ -10,21 +15,25 @@ pub type Edit = (&'static str, &'static str, &'static str);
 /// Makes `copy` equal to the tree below these folders, or to all of it if none is given; ignored files are left out.
 /// Only files that differ are written, because cargo treats a file with a new time as changed.
 pub fn tree(copy: &Path, below: &[&str]) -> Result<()> {
-    let mut command = Command::new("git");
-    command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(below);
-    let listed = process::output(command.current_dir(tree::root()))?;
-    let files: BTreeSet<&Path> =
-        listed.split_terminator('\0').map(Path::new).filter(|file| tree::root().join(file).is_file()).collect();
+    let files = files(below)?;
     tree::make(copy)?;
     for path in tree::files(copy)? {
         if path.strip_prefix(copy).is_ok_and(|file| !files.contains(file)) {
             fs::remove_file(&path)?;
         }
     }
-    for file in files {
+    for file in &files {
         written(&copy.join(file), &tree::read(file)?)?;
     }
     Ok(())
+}
+
+/// Paths from the root of the files that these patterns of git select, or of all; ignored files are left out.
+pub fn files(patterns: &[&str]) -> Result<BTreeSet<PathBuf>> {
+    let mut command = Command::new("git");
+    command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(patterns);
+    let listed = process::output(command.current_dir(tree::root()))?;
+    Ok(listed.split_terminator('\0').map(PathBuf::from).filter(|file| tree::root().join(file).is_file()).collect())
 }
 
 /// Makes these changes in the files below `folder`.

@@ -2,8 +2,8 @@
 
 use crate::{
     process,
-    table::{Options, Row, Table},
-    tree,
+    table::{self, Row, Table},
+    tokens, tree,
     workspace::{self, Part},
 };
 use anyhow::{Context, Result, ensure};
@@ -13,6 +13,15 @@ use std::{collections::BTreeSet, fs, path::Path, process::Command};
 const TIME_TOLERANCE: f64 = 0.3;
 /// Upper limit for the processor time of the demo \[min\].
 const DEMO_GOAL_MIN: f64 = 6.0;
+
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Options {
+    #[command(flatten)]
+    table: table::Options,
+    /// Count the Rust tokens of each crate instead, which compiles nothing, and compare them with nothing
+    #[arg(long)]
+    tokens: bool,
+}
 
 /// The program as a user installs it.
 struct Installed {
@@ -30,6 +39,9 @@ const INSTALLED: [Installed; 3] = [
 
 /// Measures each product and compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
+    if options.tokens {
+        return tokens::run(options.table.update);
+    }
     ensure!(cfg!(unix), "the processor time of what cargo starts is counted on Unix only");
     let folder = workspace::target()?.join("cost");
     let (mut rows, mut counted) = (Vec::new(), Vec::new());
@@ -75,7 +87,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows,
         repeats: false,
     };
-    table.settle(*options)
+    table.settle(options.table)
 }
 
 fn minutes(name: &str, seconds: f64) -> Row {

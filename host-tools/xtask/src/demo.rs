@@ -17,7 +17,7 @@ pub struct Options {
 /// Sets up what is missing, builds the image and the programs, and runs the demo.
 pub fn run(options: &Options) -> Result<()> {
     process::heading("set-up");
-    setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
+    setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
     process::heading("building the firmware");
     let image = firmware::build(Image::Qemu)?;
     process::heading("building the programs");

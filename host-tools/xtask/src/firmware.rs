@@ -126,9 +126,7 @@ fn executable(messages: &str, name: &str) -> Option<PathBuf> {
 
 /// Runs the image in QEMU with virtual time counted in instructions, and returns what it wrote by semihosting.
 pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> {
-    if !setup::Need::Qemu.is_there() {
-        setup::ensure(&[setup::Need::Qemu], false)?;
-    }
+    setup::ensure(&[setup::Need::System(&setup::ARM_QEMU)], false)?;
     let semihosting = format!("enable=on,target=native,arg={}", [&["inerter"][..], arguments].concat().join(",arg="));
     let mut command = Command::new(setup::QEMU);
     // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes while the

@@ -4,7 +4,7 @@ use crate::{
     copy, process,
     toolchain::Toolchain,
     tree::{self, FIRMWARE_TARGET},
-    workspace::Part,
+    workspace,
 };
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -20,14 +20,9 @@ const PUBLISHED: &str = "stm32g4xx-hal";
 /// The programs that we wrote.
 const OWN: &str = "inerter-foreign";
 
-/// Folder of their workspace.
-pub fn folder() -> PathBuf {
-    Part::Twin.folder().join("foreign")
-}
-
 /// A command for this workspace.
 fn at(mut command: Command) -> Command {
-    command.current_dir(folder());
+    command.current_dir(workspace::foreign());
     command
 }
 

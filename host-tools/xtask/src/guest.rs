@@ -91,7 +91,7 @@ pub fn run(options: &Options) -> Result<()> {
     initramfs.extend(programs(&folder)?.finish());
     write(&folder.join("initramfs"), &initramfs)?;
     println!("guest: {} is ready", folder.display());
-    setup::ensure(&[setup::Need::Guest], false)
+    setup::ensure(&[setup::Need::System(&setup::GUEST)], false)
 }
 
 // ---- the packages

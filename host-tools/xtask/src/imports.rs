@@ -170,7 +170,7 @@ impl Tree {
                 self.module(items, file, Some(parent), &Folders { own: folder.clone(), given: folder })?
             }
             None => {
-                let (path, own) = match path_attribute(&item.attrs) {
+                let (path, own) = match source::path_attribute(&item.attrs) {
                     Some(path) => {
                         let path = folders.given.join(path);
                         let own = path.parent().unwrap_or(Path::new("")).to_path_buf();
@@ -321,14 +321,6 @@ impl Tree {
             at = self.modules[place].parent;
         }
         None
-    }
-}
-
-fn path_attribute(attributes: &[Attribute]) -> Option<String> {
-    let attribute = attributes.iter().find(|attribute| attribute.path().is_ident("path"))?;
-    match &attribute.meta.require_name_value().ok()?.value {
-        syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(text), .. }) => Some(text.value()),
-        _ => None,
     }
 }
 

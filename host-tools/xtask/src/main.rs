@@ -38,6 +38,7 @@ mod source;
 mod suite;
 mod supply;
 mod table;
+mod tokens;
 mod tool;
 mod toolchain;
 mod tree;
@@ -80,8 +81,9 @@ enum Command {
     CheckSupply(supply::Options),
     /// Make the files of a release that this computer can make, in target/release-files
     Release(release::Options),
-    /// Cost of compiling each product from an empty folder, its crates and its size, against docs/tables/cost.md
-    Cost(table::Options),
+    /// Cost of compiling each product from an empty folder, its crates and its size, against docs/tables/cost.md; or the
+    /// Rust tokens of each crate
+    Cost(cost::Options),
     /// Flash, RAM and worst stack of the image, against docs/tables/size.md
     Size(table::Options),
     /// Instructions per sample and per solve on the Cortex-M4F, against docs/tables/icount.md

@@ -13,9 +13,9 @@
 //! days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which gives
 //! another sample.
 
-use crate::{copy, process, tool, tree, workspace};
+use crate::{copy, process, source, tool, tree, workspace};
 use anyhow::{Context, Result, anyhow, ensure};
-use proc_macro2::{Delimiter, TokenStream, TokenTree};
+use proc_macro2::TokenStream;
 use sha2::{Digest, Sha256};
 use std::{
     cell::Cell,
@@ -372,38 +372,9 @@ fn exactly(text: &str) -> String {
 /// Checksum of the code in a source: comments have no mutants. An error where code is hidden from the mutants.
 fn code_sum(source: &str) -> Result<String> {
     let tokens = source.parse::<TokenStream>().map_err(|error| anyhow!("{error}"))?;
-    let mut code = String::new();
-    write_code(tokens, &mut code);
+    let code: String = source::code(tokens).into_iter().map(|token| token + " ").collect();
     ensure!(!code.contains("mutants : : skip "), "`mutants::skip` hides mutants: remove it");
     Ok(sum(code.as_bytes()))
-}
-
-/// Appends the tokens, without the attributes that documentation becomes.
-fn write_code(tokens: TokenStream, code: &mut String) {
-    let is_inner = |token: &TokenTree| matches!(token, TokenTree::Punct(mark) if mark.as_char() == '!');
-    let is_documentation = |token: &TokenTree| match token {
-        TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
-            matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
-        }
-        _ => false,
-    };
-    let mut tokens = tokens.into_iter().peekable();
-    while let Some(token) = tokens.next() {
-        match token {
-            TokenTree::Punct(mark) if mark.as_char() == '#' => {
-                let inner = tokens.next_if(is_inner).map_or("", |_| "!");
-                if tokens.next_if(is_documentation).is_none() {
-                    *code += &format!("#{inner} ");
-                }
-            }
-            TokenTree::Group(group) => {
-                *code += &format!("{:?} ", group.delimiter());
-                write_code(group.stream(), code);
-                *code += "end ";
-            }
-            other => *code += &format!("{other} "),
-        }
-    }
 }
 
 fn sum(bytes: &[u8]) -> String {

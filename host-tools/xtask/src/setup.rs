@@ -18,7 +18,7 @@ use std::{
 pub const QEMU: &str = "qemu-system-arm";
 
 /// The program that runs the Linux guest.
-pub const GUEST_QEMU: &str = "qemu-system-x86_64";
+const GUEST_QEMU: &str = "qemu-system-x86_64";
 
 /// Oldest QEMU whose netduinoplus2 runs the image.
 const QEMU_LEAST: u32 = 6;
@@ -31,22 +31,16 @@ pub struct Options {
 }
 
 /// One thing that may be missing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub enum Need {
     /// A way to compile for the target.
     Firmware,
     /// `rustfmt` or `clippy`. Without rustup, cargo suggests installing a crate of that name instead.
     Component(&'static str),
-    /// `qemu-system-arm`.
-    Qemu,
-    /// CMake and libclang, with which the twin's emulator is compiled.
-    Twin,
-    /// A C++ compiler, for libFuzzer.
-    Cxx,
     /// `cargo deny`, which checks licences and sources.
     Deny,
-    /// `qemu-system-x86_64`, in which a real Linux kernel uses the device.
-    Guest,
+    /// What packages of the system provide.
+    System(&'static System),
 }
 
 /// Everything that `cargo xtask test` uses.
@@ -55,9 +49,9 @@ pub const ALL: &[Need] = &[
     Need::Component("rustfmt"),
     Need::Component("clippy"),
     Need::Deny,
-    Need::Qemu,
-    Need::Twin,
-    Need::Cxx,
+    Need::System(&ARM_QEMU),
+    Need::System(&TWIN),
+    Need::System(&CXX),
 ];
 
 /// Finds or installs everything.
@@ -98,17 +92,9 @@ impl Need {
         match self {
             Self::Firmware => "compiler for the firmware",
             Self::Component(name) => name,
-            Self::Qemu => QEMU,
-            Self::Twin => "CMake and libclang",
             Self::Deny => DENY.name,
-            Self::Cxx => "C++",
-            Self::Guest => GUEST_QEMU,
+            Self::System(system) => system.name,
         }
-    }
-
-    /// Whether it is there and suitable.
-    pub fn is_there(self) -> bool {
-        self.found().is_ok()
     }
 
     /// What was found, or why it is not suitable.
@@ -122,11 +108,8 @@ impl Need {
                 let command = name.trim_start_matches("rust");
                 process::first_line(process::cargo().args([command, "--version"])).ok_or("not there".into())
             }
-            Self::Qemu => qemu_found(QEMU),
-            Self::Twin => twin_tools(),
-            Self::Cxx => process::version("c++").ok_or_else(|| "no c++".into()),
             Self::Deny => DENY.found().map(|(_, version)| version),
-            Self::Guest => qemu_found(GUEST_QEMU),
+            Self::System(system) => (system.found)(),
         }
     }
 
@@ -134,11 +117,8 @@ impl Need {
         match self {
             Self::Firmware => install_target(),
             Self::Component(name) => rustup(&["component", "add", name]),
-            Self::Qemu => apt(ARM_QEMU_PACKAGES.apt()),
-            Self::Twin => apt(TWIN_PACKAGES.apt()),
-            Self::Cxx => apt(CXX_PACKAGES.apt()),
             Self::Deny => DENY.install(),
-            Self::Guest => apt(GUEST_PACKAGES.apt()),
+            Self::System(system) => apt(system.linux[0]),
         }
     }
 
@@ -149,11 +129,8 @@ impl Need {
                 "with rustup: `rustup target add {FIRMWARE_TARGET}`; without it: install rustup (https://rustup.rs), or on Debian and Ubuntu `apt-get install {DISTRIBUTION_RUST}`"
             ),
             Self::Component(name) => format!("`rustup component add {name}`, or your distribution's {name}"),
-            Self::Qemu => format!("{} (version {QEMU_LEAST} or newer)", advice(&ARM_QEMU_PACKAGES, &os_release())),
-            Self::Twin => advice(&TWIN_PACKAGES, &os_release()),
-            Self::Cxx => advice(&CXX_PACKAGES, &os_release()),
             Self::Deny => DENY.advice(),
-            Self::Guest => advice(&GUEST_PACKAGES, &os_release()),
+            Self::System(system) => advice(system, &fs::read_to_string("/etc/os-release").unwrap_or_default()),
         }
     }
 }
@@ -162,12 +139,12 @@ impl Need {
 const DISTRIBUTION_RUST: &str = "rustc-web cargo-web rust-web-src lld";
 
 fn install_target() -> Result<()> {
-    let attempts: [&dyn Fn() -> Result<()>; 3] = [
-        &|| rustup(&["target", "add", FIRMWARE_TARGET]),
+    let attempts: [fn() -> Result<()>; 3] = [
+        || rustup(&["target", "add", FIRMWARE_TARGET]),
         // The core library's source, to compile it here.
-        &|| rustup(&["component", "add", "rust-src"]),
+        || rustup(&["component", "add", "rust-src"]),
         // Debian's packages and its own rustup exclude each other, and apt says so.
-        &|| apt(DISTRIBUTION_RUST),
+        || apt(DISTRIBUTION_RUST),
     ];
     for attempt in attempts {
         if let Err(error) = attempt() {
@@ -218,7 +195,7 @@ fn qemu_version(line: &str) -> Option<u32> {
 
 /// A QEMU that is recent enough, or why there is none.
 fn qemu_found(program: &str) -> Result<String, String> {
-    let line = process::version(program).ok_or("not there")?;
+    let line = process::version(program).ok_or_else(|| format!("no version {QEMU_LEAST} or newer"))?;
     match qemu_version(&line) {
         Some(version) if version >= QEMU_LEAST => Ok(line),
         Some(version) => Err(format!("version {version} is older than {QEMU_LEAST}")),
@@ -251,25 +228,17 @@ fn is_libclang(path: &Path) -> bool {
         || (rest.starts_with("-") && !rest.starts_with("-cpp") && rest.contains(".so"))
 }
 
-/// The contents of /etc/os-release.
-pub fn os_release() -> String {
-    fs::read_to_string("/etc/os-release").unwrap_or_default()
-}
-
-/// The packages that provide one need, by package manager.
-struct Packages {
+/// What packages of the system provide, and their names by package manager.
+pub struct System {
+    name: &'static str,
+    /// What was found, or why it is not suitable.
+    found: fn() -> Result<String, String>,
     /// In the order of [`LINUX`].
     linux: [&'static str; LINUX.len()],
     brew: &'static str,
     winget: &'static str,
     /// In words, for a system without any of them.
     otherwise: &'static str,
-}
-
-impl Packages {
-    const fn apt(&self) -> &'static str {
-        self.linux[0]
-    }
 }
 
 /// Distributions by their names in `/etc/os-release`, and how each installs packages.
@@ -281,27 +250,39 @@ const LINUX: [(&[&str], &str); 5] = [
     (&["suse", "opensuse"], "sudo zypper install"),
 ];
 
-const ARM_QEMU_PACKAGES: Packages = Packages {
+/// Runs the image.
+pub const ARM_QEMU: System = System {
+    name: QEMU,
+    found: || qemu_found(QEMU),
     linux: ["qemu-system-arm", "qemu-system-arm-core", "qemu-system-arm", "qemu-system-arm", "qemu-arm"],
     brew: "qemu",
     winget: "SoftwareFreedomConservancy.QEMU",
     otherwise: "install QEMU with its ARM system emulator, so that `qemu-system-arm` is on PATH",
 };
 
-const GUEST_PACKAGES: Packages = Packages {
+/// Runs a real Linux kernel, which uses the device.
+pub const GUEST: System = System {
+    name: GUEST_QEMU,
+    found: || qemu_found(GUEST_QEMU),
     linux: ["qemu-system-x86", "qemu-system-x86-core", "qemu-system-x86", "qemu-system-x86_64", "qemu-x86"],
     otherwise: "install QEMU with its x86 system emulator, so that `qemu-system-x86_64` is on PATH",
-    ..ARM_QEMU_PACKAGES
+    ..ARM_QEMU
 };
 
-const CXX_PACKAGES: Packages = Packages {
+/// For libFuzzer.
+const CXX: System = System {
+    name: "C++",
+    found: || process::version("c++").ok_or_else(|| "no c++".into()),
     linux: ["g++", "gcc-c++", "gcc", "g++", "gcc-c++"],
     brew: "gcc",
     winget: "LLVM.LLVM",
     otherwise: "install a C++ compiler, so that `c++` is on PATH",
 };
 
-const TWIN_PACKAGES: Packages = Packages {
+/// Compiles the twin's emulator.
+const TWIN: System = System {
+    name: "CMake and libclang",
+    found: twin_tools,
     linux: [
         "cmake make gcc libc6-dev libclang-dev",
         "cmake make gcc clang-devel",
@@ -315,21 +296,21 @@ const TWIN_PACKAGES: Packages = Packages {
 };
 
 /// How to install the packages on the system with this `/etc/os-release`.
-fn advice(packages: &Packages, os_release: &str) -> String {
+fn advice(system: &System, os_release: &str) -> String {
     let names: Vec<&str> = os_release
         .lines()
         .filter_map(|line| line.strip_prefix("ID=").or(line.strip_prefix("ID_LIKE=")))
         .flat_map(|value| value.trim_matches('"').split(' '))
         .collect();
-    let mut linux = LINUX.iter().zip(packages.linux);
+    let mut linux = LINUX.iter().zip(system.linux);
     if let Some(((_, install), packages)) = linux.find(|((ids, _), _)| ids.iter().any(|id| names.contains(id))) {
         format!("`{install} {packages}`")
     } else if cfg!(target_os = "macos") {
-        format!("`brew install {}`", packages.brew)
+        format!("`brew install {}`", system.brew)
     } else if cfg!(windows) {
-        format!("`winget install {}, then put its folder on PATH`", packages.winget)
+        format!("`winget install {}`, then put its folder on PATH", system.winget)
     } else {
-        packages.otherwise.into()
+        system.otherwise.into()
     }
 }
 
@@ -347,7 +328,7 @@ mod tests {
 
     #[test]
     fn each_system_has_its_own_advice() {
-        let advice = |os_release| advice(&ARM_QEMU_PACKAGES, os_release);
+        let advice = |os_release| advice(&ARM_QEMU, os_release);
         assert!(advice("ID=debian\n").contains("apt-get"));
         assert!(advice("ID=linuxmint\nID_LIKE=\"ubuntu debian\"\n").contains("apt-get"));
         assert!(advice("NAME=Fedora\nID=fedora\n").contains("dnf"));

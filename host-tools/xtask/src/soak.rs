@@ -146,7 +146,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
 }
 
 fn image() -> Result<PathBuf> {
-    setup::ensure(&[setup::Need::Firmware, setup::Need::Qemu], false)?;
+    setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
     firmware::build(Image::Qemu)
 }
 

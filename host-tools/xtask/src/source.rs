@@ -1,9 +1,9 @@
-//! Rust source, parsed, and which of it is for tests only.
+//! Rust source, parsed, its tokens, and which of it is for tests only.
 
 use anyhow::{Context, Result};
-use proc_macro2::{Ident, LineColumn};
+use proc_macro2::{Delimiter, Ident, LineColumn, TokenStream, TokenTree};
 use std::{fs, path::Path};
-use syn::{Attribute, ImplItem, Item, Meta, Token, punctuated::Punctuated};
+use syn::{Attribute, Expr, ExprLit, ImplItem, Item, Lit, Meta, Token, punctuated::Punctuated};
 
 /// Reads and parses a file.
 pub fn parse(file: &Path) -> Result<syn::File> {
@@ -12,6 +12,45 @@ pub fn parse(file: &Path) -> Result<syn::File> {
         let LineColumn { line, .. } = error.span().start();
         anyhow::anyhow!("{}:{line}: {error}", file.display())
     })
+}
+
+/// The tokens, without the attributes that documentation becomes. A group gives its delimiter and "end"; `#!` is one.
+pub fn code(tokens: TokenStream) -> Vec<String> {
+    let is_inner = |token: &TokenTree| matches!(token, TokenTree::Punct(mark) if mark.as_char() == '!');
+    let is_documentation = |token: &TokenTree| match token {
+        TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
+            matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
+        }
+        _ => false,
+    };
+    let mut code = Vec::new();
+    let mut tokens = tokens.into_iter().peekable();
+    while let Some(token) = tokens.next() {
+        match token {
+            TokenTree::Punct(mark) if mark.as_char() == '#' => {
+                let mark = tokens.next_if(is_inner).map_or("#", |_| "#!");
+                if tokens.next_if(is_documentation).is_none() {
+                    code.push(mark.to_owned());
+                }
+            }
+            TokenTree::Group(group) => {
+                code.push(format!("{:?}", group.delimiter()));
+                code.extend(self::code(group.stream()));
+                code.push("end".to_owned());
+            }
+            other => code.push(other.to_string()),
+        }
+    }
+    code
+}
+
+/// The path in a module's `#[path]`.
+pub fn path_attribute(attributes: &[Attribute]) -> Option<String> {
+    let attribute = attributes.iter().find(|attribute| attribute.path().is_ident("path"))?;
+    match &attribute.meta.require_name_value().ok()?.value {
+        Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) => Some(text.value()),
+        _ => None,
+    }
 }
 
 /// Whether the item with these attributes is compiled for tests only.

@@ -3,7 +3,10 @@
 //! Only packages that the lock files name and this machine lacks are fetched. Advisories need a list that changes every
 //! day, so they are an option, which `.github/workflows/advisories.yml` uses.
 
-use crate::{foreign, process, tool, tree, workspace::Part};
+use crate::{
+    process, tool, tree,
+    workspace::{self, Part},
+};
 use anyhow::{Result, ensure};
 use std::path::Path;
 
@@ -43,7 +46,7 @@ const TESTS: &[&str] = &[
 pub fn run(options: &Options) -> Result<()> {
     let mut failed = Vec::new();
     let parts = Part::ALL.map(|part| (part.folder(), if part == Part::Main { SHIPS } else { TESTS }));
-    for (folder, lints) in parts.into_iter().chain([(foreign::folder(), TESTS)]) {
+    for (folder, lints) in parts.into_iter().chain([(workspace::foreign(), TESTS)]) {
         let name = if folder == tree::root() { Path::new(".") } else { folder.strip_prefix(tree::root())? }.display();
         println!("{name}:");
         if let Err(error) = check(&folder, lints, options) {

@@ -167,7 +167,7 @@ fn path(name: &str) -> PathBuf {
 }
 
 /// Writes a table and prints where.
-fn write_text(name: &str, text: &str) -> Result<()> {
+pub fn write_text(name: &str, text: &str) -> Result<()> {
     let path = path(name);
     tree::make("docs/tables")?;
     tree::write(&path, text)?;

@@ -74,6 +74,11 @@ impl Part {
     }
 }
 
+/// Folder of one more workspace: foreign programs, which the twin runs.
+pub fn foreign() -> PathBuf {
+    Part::Twin.folder().join("foreign")
+}
+
 /// Cargo's target folder.
 pub fn target() -> Result<PathBuf> {
     Ok(Workspace::read(&tree::root())?.target)
@@ -128,6 +133,15 @@ impl Workspace {
         let mut command = process::cargo();
         command.current_dir(root).args(["metadata", "--format-version", "1", "--no-deps"]);
         Self::parse(&process::output(&mut command)?)
+    }
+
+    /// The main workspace with the members of all others.
+    pub fn with_all_members() -> Result<Self> {
+        let mut workspace = Self::read(&tree::root())?;
+        for folder in [Part::Bench.folder(), Part::Twin.folder(), foreign()] {
+            workspace.members.extend(Self::read(&folder)?.members);
+        }
+        Ok(workspace)
     }
 
     /// Reads the JSON of `cargo metadata`.

@@ -607,13 +607,9 @@ impl Chip {
         self.flash.lose_power();
         self.tamp.lose_power();
         self.rcc.lose_power(self.board.hse_hz);
-        // xorshift64 (Marsaglia 2003).
         let mut state = seed | 1;
         for bytes in self.ram.bytes_mut().chunks_exact_mut(8) {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            bytes.copy_from_slice(&state.to_le_bytes());
+            bytes.copy_from_slice(&ram::xorshift(&mut state).to_le_bytes());
         }
     }
 

@@ -267,7 +267,7 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::draw;
+    use inerter_needs::Random;
     use proptest::prelude::*;
     use std::{format, vec::Vec};
 
@@ -348,8 +348,8 @@ mod tests {
     /// The value's own variance is that of its scatter under white noise.
     #[test]
     fn variance_is_the_scatter() {
-        let mut seed = 3_u64;
-        let mut noise = || (0..4).map(|_| (draw(&mut seed) >> 56) as i32 - 128).sum();
+        let mut random = Random(3);
+        let mut noise = || (0..4).map(|_| random.below(256_i32) - 128).sum();
         let (mut squares, mut variances, mut count) = (0.0, 0.0, 0.0);
         for _ in 0..400 {
             let mut points = Points::new();
@@ -399,9 +399,8 @@ mod tests {
     /// explain more than 8 variances, or the residual is more than a count and twice the stretch's noise.
     #[test]
     fn a_window_is_fitted_as_in_f64_and_refused_by_its_residual() {
-        let mut seed = 11_u64;
-        // Uniform within -1 and 1.
-        let mut random = || (draw(&mut seed) >> 11) as f64 / 2_f64.powi(52) - 1.0;
+        let mut numbers = Random(11);
+        let mut random = || 2.0 * numbers.share() - 1.0;
         let (mut accepted, mut bent, mut rough) = (0, 0, 0);
         for _ in 0..600 {
             let count_units = 2_f64.powf(8.0 + 2.0 * random()) as u32;

@@ -3,6 +3,7 @@ use super::{
     *,
 };
 use inerter_core::{RawSample, Settings};
+use inerter_needs::Random;
 use inerter_wire::{Capabilities, ClockSource, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
 use proptest::prelude::*;
 
@@ -197,16 +198,11 @@ fn a_restart_is_what_was_asked_for() {
 
 /// Samples around the middle code with this noise in each conversion, each the sum of `summed` conversions.
 fn noisy(codes: f64, summed: f64) -> Vec<RawSample> {
-    let mut state = 1u64;
-    let mut uniform = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = Random(1);
     (0..2000)
         .map(|index| {
-            // The sum of twelve of them has a variance of one.
-            let normal: f64 = (0..12).map(|_| uniform()).sum();
-            let force_code = (131_040.0 + codes * 64.0 / summed.sqrt() * normal + f64::from(index) * 0.05) as i32;
+            let noise = codes * 64.0 / summed.sqrt() * random.normal();
+            let force_code = (131_040.0 + noise + f64::from(index) * 0.05) as i32;
             RawSample { index, force_code, ..RawSample::default() }
         })
         .collect()

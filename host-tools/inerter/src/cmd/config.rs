@@ -10,7 +10,7 @@ use super::terminal::note;
 
 /// Flags that let a command replace or erase something, on a disk or a device; that name what it writes, what it runs
 /// or which chip it is for; or that let others connect.
-const GRAVE: [&str; 22] = [
+const GRAVE: &[&str] = &[
     "force",
     "yes",
     "save",
@@ -37,7 +37,7 @@ const GRAVE: [&str; 22] = [
 
 /// The command line, with the file's flags added where nothing was typed; prints a note for each.
 pub fn apply(command: &Command, file: &FlagsFile, typed: &[OsString]) -> Result<Vec<OsString>, ConfigError> {
-    let rules = Rules { grave: &GRAVE, is_here: |place| loopback(place).is_some() };
+    let rules = Rules { grave: GRAVE, is_here: |place| loopback(place).is_some() };
     let Applied { flags, line } = inerter_flags::apply(command, file, typed, &rules)?;
     if !flags.is_empty() {
         let shown: Vec<_> = flags.iter().map(|flag| flag.to_string_lossy()).collect();

@@ -14,7 +14,12 @@
 use super::rom;
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
-    chip::{clocks::Clocks, errata::Errata, ram::Ram, rules::Rules},
+    chip::{
+        clocks::Clocks,
+        errata::Errata,
+        ram::{Ram, xorshift},
+        rules::Rules,
+    },
 };
 use std::collections::BTreeSet;
 
@@ -446,14 +451,6 @@ impl Flash {
         }
     }
 
-    fn random(&mut self) -> u64 {
-        // xorshift64 (Marsaglia 2003): the quality does not matter, but the sequence must repeat.
-        self.noise ^= self.noise << 13;
-        self.noise ^= self.noise >> 7;
-        self.noise ^= self.noise << 17;
-        self.noise
-    }
-
     fn double_word(&self, at: usize) -> u64 {
         let mut bytes = [0; 8];
         bytes.copy_from_slice(&self.memory.bytes()[at..at + 8]);
@@ -465,7 +462,7 @@ impl Flash {
     }
 
     fn tear(&mut self, at: usize, data: u64) {
-        let some = self.random();
+        let some = xorshift(&mut self.noise);
         let old = self.double_word(at);
         self.set_double_word(at, old & (data | some));
         self.torn.insert(at / 8);
@@ -478,7 +475,7 @@ impl Flash {
     }
 
     fn tear_erased(&mut self, at: usize) {
-        let some = self.random();
+        let some = xorshift(&mut self.noise);
         match self.double_word(at) {
             u64::MAX => {}
             old => {

@@ -50,6 +50,15 @@ impl Ram {
     }
 }
 
+/// The next number, and state, of what memory holds that has lost its power: xorshift64 (Marsaglia 2003). The quality
+/// does not matter, but the sequence must repeat.
+pub fn xorshift(state: &mut u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state
+}
+
 impl Drop for Ram {
     fn drop(&mut self) {
         // SAFETY: allocated by `new` with this layout, once.
