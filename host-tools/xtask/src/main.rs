@@ -203,3 +203,13 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Wheel(options) => wheel::run(&options),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        super::Arguments::command().debug_assert();
+    }
+}
