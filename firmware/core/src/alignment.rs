@@ -54,7 +54,7 @@ mod tests {
     extern crate std;
     use std::vec::Vec;
 
-    fn aligned(late: i8, jump_at: i32) -> Vec<(i32, i32, bool)> {
+    fn aligned(late: i8, jump_at: i32) -> Vec<([i32; 3], bool)> {
         let mut alignment = Alignment::new();
         let sample = |n: i32| {
             let moment = if n < jump_at { n } else { n + 1000 };
@@ -68,19 +68,20 @@ mod tests {
                 offset: 0,
             };
             let newest = alignment.align(late, newest);
-            (newest.position, newest.force, newest.broken)
+            ([newest.position, newest.terminal, newest.force], newest.broken)
         };
         (0..40).map(sample).collect()
     }
 
     #[test]
     fn what_is_of_one_moment_comes_together_and_nothing_is_paired_across_a_jump() {
-        for late in [-24, -3, -1, 1, 2, 24] {
+        for late in [-24, -3, -1, 0, 1, 2, 24] {
             let samples = aligned(late, 30);
             let width = usize::from(late.unsigned_abs());
             let broken = |n: usize| n <= width || (30..=30 + width).contains(&n);
-            for (n, (position, force, is_broken)) in samples.into_iter().enumerate() {
+            for (n, ([position, terminal, force], is_broken)) in samples.into_iter().enumerate() {
                 assert_eq!(is_broken, broken(n), "{late}, {n}");
+                assert_eq!(position, terminal, "{late}, {n}");
                 assert!(is_broken || position == force, "{late}, {n}: {position} {force}");
             }
         }

@@ -63,6 +63,10 @@ pub fn run(options: &Options) -> Result<()> {
         let size = (bytes as f64 / 1e5).round() / 10.0;
         rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(*most_mb));
     }
+    let name = "program without `probe` and `bridges` alone: crates";
+    let count =
+        crates(LINKED, &["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"])?;
+    rows.push(Row::new(name, count as f64, ""));
     let mut wheel = process::cargo();
     wheel.args(["build", "--locked", "--release", "--package", "inerter-python"]);
     rows.push(minutes("Python package: compiling", from_nothing(&folder, wheel)?));

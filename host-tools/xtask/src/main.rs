@@ -75,7 +75,7 @@ enum Command {
     CheckArrows,
     /// Fail if the shipping image could panic inside the estimator or allocate
     CheckPanics,
-    /// Compile the host program for Windows and macOS, without running it
+    /// Compile the host program for Windows and macOS, and everything with the oldest compiler, without running it
     CheckPlatforms,
     /// Fail if a licence, a package or its source is not one that deny.toml allows
     CheckSupply(supply::Options),
