@@ -58,11 +58,11 @@ fn time() -> Value {
 
 fn motion() -> Value {
     json!({
-        "t_s": number("middle of the time that the means are over, since the first sample of the recording [s]"),
+        "t_s": number("middle of the averaging interval, since the first sample of the recording [s]"),
         "position_m": number("mean displacement of the screw [m]"),
         "force_n": number("mean force [N]"),
-        "force_min_n": number("least force [N]"),
-        "force_max_n": number("greatest force [N]"),
+        "force_min_n": number("minimum force [N]"),
+        "force_max_n": number("maximum force [N]"),
         "terminal_m": number("mean displacement of the terminal; absent without its sensor [m]"),
     })
 }
@@ -82,8 +82,7 @@ fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value>
 fn estimate() -> Value {
     let four = || parameters(catalogue::fields(Machine::Linear, Group::Parameter));
     let mut properties = Map::from_iter([("kind".to_string(), kind()), ("t_s".to_string(), time())]);
-    let whole =
-        json!({"type": "object", "description": "the same from all motion, nothing forgotten", "properties": four()});
+    let whole = json!({"type": "object", "description": "the same parameters from all motion of the run", "properties": four()});
     properties.insert("whole_run".into(), whole);
     properties.extend(four());
     let contact = catalogue::contact_fields(Machine::Linear);
@@ -98,19 +97,19 @@ fn estimate() -> Value {
             "u95": number(INTERVAL),
             "status": text("ok, below_u95 or not_identifiable"),
             "reason": text("why it is not identifiable, else null"),
-            "reversals": number("reversals that it rests on"),
+            "reversals": number("number of reversals used"),
             "route": text("force or terminal"),
         }},
         "band_hz": {"type": "array", "items": {"type": "number"}, "description": "frequencies between which the inertance was seen [Hz]"},
         "contact": text("unknown, one_sided, closed, backlash or bouncing"),
         "friction": {"type": "object", "properties": {
-            "reversal_ratio": number("part of the kink of Coulomb friction that the reversals have shown"),
+            "reversal_ratio": number("fraction of the Coulomb friction step that the reversals have shown"),
             "regime": text("unknown, coulomb, presliding or stribeck"),
         }},
         "law": {"type": "object", "properties": {
             "status": text("holds, broken or unknown"),
-            "ratio": number("residual over what noise and steps explain, null where that is not known"),
-            "limit": number("ratio that chance alone does not reach"),
+            "ratio": number("residual divided by what noise and encoder steps explain; null where that is unknown"),
+            "limit": number("ratio that chance alone does not exceed"),
         }},
         "changes": number("changes of the device found since the estimator began"),
     });
@@ -123,7 +122,7 @@ fn reversal() -> Value {
         "kind": kind(),
         "t_s": time(),
         "index": number("sample counter at the middle of the flight"),
-        "value_m": number("backlash by this reversal alone [m]"),
+        "value_m": number("backlash from this reversal alone [m]"),
         "error_m": number("its standard error [m]"),
         "route": text("force or terminal"),
         "rising": {"type": "boolean", "description": "from the negative to the positive flank"},
@@ -135,8 +134,8 @@ fn event() -> Value {
         "kind": kind(),
         "t_s": time(),
         "index": number("sample counter"),
-        "code": text("name for programs"),
-        "event": text("sentence for people"),
+        "code": text("code for programs"),
+        "event": text("description for people"),
         "parameter": text("parameter that changed"),
         "before": number("its value before, in the unit of its name"),
         "after": number("its value after"),
