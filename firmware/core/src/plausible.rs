@@ -53,7 +53,7 @@ impl Extreme {
         if above > 0 {
             if above >= resolution {
                 // Beyond what seemed to be the extreme.
-                *self = Self { greatest: code, ..Self::NONE };
+                *self = Self::NONE;
             }
             self.greatest = code;
         }
