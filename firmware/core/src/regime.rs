@@ -266,6 +266,12 @@ mod tests {
         let stribeck = assessed(fit([0.003, -5.9, 0.6], 0.66, 600.0), away(0.39));
         assert_eq!(stribeck.regime, Regime::Stribeck);
         assert!(stribeck.errors[0] < 0.01 && stribeck.errors[1] > 11.8 && stribeck.errors[2] > 1.2);
+        // A spring that lowers the inertance, by more than all of the unlawful residual may, is no falling friction.
+        let alike = 0.17 * 0.66 * sqrt(1.0 - (0.39 / 0.66) * (0.39 / 0.66));
+        for (lowered, regime) in [(0.9, Regime::Stribeck), (1.1, Regime::Presliding)] {
+            let moved = [-lowered * STRIBECK * alike, -5.9, 0.6];
+            assert_eq!(assessed(fit(moved, 0.66, 600.0), away(0.39)).regime, regime, "{lowered}");
+        }
         let falling = assessed(fit([0.0, -100.0, 5.0], 0.4, 600.0), away(0.4));
         assert_eq!((falling.regime, falling.errors[2]), (Regime::Stribeck, f32::INFINITY));
         // The same ratio by chance, from few observations.
