@@ -451,7 +451,9 @@ fn a_transfer_may_fail_at_any_moment() -> Outcome {
         );
         assert_eq!(run.health.last().map(|health| health.overruns), Some(TIMES), "channel {channel}");
         println!("channel {channel}: {lost} samples lost in {TIMES} failures");
-        assert!(lost < u64::from(TIMES) * 10, "channel {channel}: {lost} samples lost");
+        // docs/TESTING.md states the mean in whole samples.
+        let mean = (lost as f64 / f64::from(TIMES)).round();
+        assert!((3.0..=5.0).contains(&mean), "channel {channel}: {lost} samples lost");
         run.is_where(&plain);
     }
     Ok(())
