@@ -251,9 +251,9 @@ settings! {
     force_min_code: f64, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
     force_max_code: f64, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";
     metres_per_terminal_code: f64, "m", 1e-7, -1e-1, 1e-1, NonZero, "Terminal displacement per code of its own sensor";
-    structure_mass_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "Mass that hangs on the measured terminal beside the screw";
+    structure_mass_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "Structure mass attached to the measured terminal, screw not included";
     structure_mass_u95_kg: f64, "kg", 0.0, 0.0, 1e4, Real, "95 % uncertainty of the structure mass";
-    stiffness_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 when unknown";
+    stiffness_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "Contact stiffness between terminal and screw; 0 if unknown";
     contact_damping_n_s_per_m: f64, "N s/m", 0.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
     skew_s: f64, "s", 0.0, -0.005, 0.005, Real, "Delay of the force behind the position";
     skew_u95_s: f64, "s", 1e-6, 0.0, 0.01, Real, "95 % uncertainty of the skew";
@@ -261,12 +261,12 @@ settings! {
     lead_u95: f64, "", 0.001, 0.0, 1.0, Real, "95 % relative uncertainty of metres per count";
     timebase_u95: f64, "", 5e-5, 0.0, 1.0, Real, "95 % relative uncertainty of the sample clock";
     memory_s: f64, "s", 30.0, 0.5, 3600.0, Real, "Averaging time of the live estimate";
-    stuck_displacement_m: f64, "m", 0.0, 0.0, 1.0, Real, "Motion within 24 ms that still counts as standing still, where 2 encoder counts are less";
+    stuck_displacement_m: f64, "m", 0.0, 0.0, 1.0, Real, "Greatest motion within 24 ms that counts as rest; 2 encoder counts if that is more";
     publish_rate_hz: f64, "Hz", 5.0, 0.1, 10.0, Real, "Estimates per second";
     full_scale_velocity_m_per_s: f64, "m/s", 2.0, 1e-3, 1e5, Real, "Velocity beyond which samples are left out as saturated";
     full_scale_acceleration_m_per_s2: f64, "m/s^2", 200.0, 1e-2, 1e7, Real, "Acceleration beyond which samples are left out as saturated";
     front_end: FrontEnd, "", 0.0, 0.0, 1.0, Whole, "Force front end: 0 analogue, 1 ADS131M04";
-    stiffness_u95_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 takes 1 % of it";
+    stiffness_u95_n_per_m: f64, "N/m", 0.0, 0.0, 1e12, Real, "95 % uncertainty of the contact stiffness; 0 stands for 1 % of it";
     terminal_sensor: bool, "", 0.0, 0.0, 1.0, Whole, "Terminal displacement sensor: 0 none, 1 on the third channel";
     machine: Machine, "", 0.0, 0.0, 1.0, Whole, "Kind of machine: 0 linear (kg, N, m), 1 rotary (kg m^2, N m, rad)";
 }

@@ -25,7 +25,7 @@ use crate::{
 pub struct ParameterJson {
     /// Value in the unit of the key; `null` when not identifiable.
     pub value: Option<f32>,
-    /// Half width of the 95 % interval; `null` when there is no finite one.
+    /// Half width of the 95 % interval; `null` if it is not finite.
     pub u95: Option<f32>,
     /// `ok`, `below_u95`, `held` or `not_identifiable`.
     pub status: &'static str,

@@ -451,8 +451,9 @@ fn a_transfer_may_fail_at_any_moment() -> Outcome {
         );
         assert_eq!(run.health.last().map(|health| health.overruns), Some(TIMES), "channel {channel}");
         println!("channel {channel}: {lost} samples lost in {TIMES} failures");
-        let each = lost as f64 / f64::from(TIMES);
-        assert!((2.5..5.5).contains(&each), "channel {channel}: {each} samples lost in a failure");
+        // docs/TESTING.md states the mean in whole samples.
+        let mean = (lost as f64 / f64::from(TIMES)).round();
+        assert!((3.0..=5.0).contains(&mean), "channel {channel}: {lost} samples lost");
         run.is_where(&plain);
     }
     Ok(())

@@ -181,7 +181,7 @@ pub struct Whiteness {
 pub struct Validation {
     /// Fraction of each file that was fitted; 0 for a file that was not.
     pub fitted: f64,
-    /// RMS force that the model leaves unexplained there \[N\].
+    /// RMS force that the model does not explain there \[N\].
     pub residual_rms_n: f64,
     /// Fraction of the force's mean square that it explains.
     pub explained: f64,
@@ -232,7 +232,7 @@ pub struct Identified {
     pub offsets_n: Vec<Option<f64>>,
     /// Correlation of the parameters' errors.
     pub correlation: Option<Correlation>,
-    /// RMS force that the model leaves unexplained \[N\].
+    /// RMS force that the model does not explain \[N\].
     pub residual_rms_n: f64,
     /// The same for the encoder's displacement \[m\].
     pub residual_rms_m: Option<f64>,

@@ -9,14 +9,14 @@ use serde_json::{Map, Value, json};
 use super::decode::Channel;
 use crate::{json::machine_json_line, names};
 
-const INTERVAL: &str = "half width of the 95 % interval; null when there is no finite one";
+const INTERVAL: &str = "half width of the 95 % interval; null if it is not finite";
 
 /// The schema of a channel, as text.
 pub(super) fn schema(machine: Machine, channel: Channel) -> String {
     let (title, properties) = match channel {
         Channel::Motion => ("Means over 50 ms of samples", motion()),
-        Channel::Estimate => ("What the device estimated, once a second", estimate()),
-        Channel::Reversal => ("Backlash by single reversals of the flanks, at most ten per second", reversal()),
+        Channel::Estimate => ("Estimates of the device, once a second", estimate()),
+        Channel::Reversal => ("Backlash at each reversal of the flanks, at most ten per second", reversal()),
         Channel::Event => ("Something that happened once", event()),
         Channel::Health => ("Health of the device", health()),
         Channel::Marker => ("Remarks made during the recording", marker()),
@@ -58,7 +58,7 @@ fn time() -> Value {
 
 fn motion() -> Value {
     json!({
-        "t_s": number("middle of the averaging interval, since the first sample of the recording [s]"),
+        "t_s": number("middle of the averaged samples, since the first sample of the recording [s]"),
         "position_m": number("mean displacement of the screw [m]"),
         "force_n": number("mean force [N]"),
         "force_min_n": number("minimum force [N]"),
@@ -82,36 +82,36 @@ fn parameters<'a>(fields: impl Iterator<Item = &'a Field>) -> Map<String, Value>
 fn estimate() -> Value {
     let four = || parameters(catalogue::fields(Machine::Linear, Group::Parameter));
     let mut properties = Map::from_iter([("kind".to_string(), kind()), ("t_s".to_string(), time())]);
-    let whole = json!({"type": "object", "description": "the same parameters from all motion of the run", "properties": four()});
+    let whole = json!({"type": "object", "description": "the same four, from all motion so far", "properties": four()});
     properties.insert("whole_run".into(), whole);
     properties.extend(four());
     let contact = catalogue::contact_fields(Machine::Linear);
     properties.extend(parameters(contact));
     let rest = json!({
-        "moving": {"type": "boolean", "description": "whether anything moves"},
+        "moving": {"type": "boolean", "description": "whether the machine moves"},
         "bank": text("kernel length in use: fast or slow"),
-        "residual_rms_n": number("force that the model leaves unexplained [N]"),
-        "updates": number("updates since the estimator began"),
+        "residual_rms_n": number("rms force that the model does not explain [N]"),
+        "updates": number("updates since the estimator started"),
         "backlash_m": {"type": "object", "properties": {
             "value": number("total play between the flanks [m]"),
             "u95": number(INTERVAL),
             "status": text("ok, below_u95 or not_identifiable"),
             "reason": text("why it is not identifiable, else null"),
-            "reversals": number("number of reversals used"),
+            "reversals": number("reversals from which it was found"),
             "route": text("force or terminal"),
         }},
-        "band_hz": {"type": "array", "items": {"type": "number"}, "description": "frequencies between which the inertance was seen [Hz]"},
+        "band_hz": {"type": "array", "items": {"type": "number"}, "description": "band in which the inertance was measured [Hz]"},
         "contact": text("unknown, one_sided, closed, backlash or bouncing"),
         "friction": {"type": "object", "properties": {
-            "reversal_ratio": number("fraction of the Coulomb friction step that the reversals have shown"),
+            "reversal_ratio": number("observed part of the kink that Coulomb friction gives the velocity at a reversal; 1 is all of it"),
             "regime": text("unknown, coulomb, presliding or stribeck"),
         }},
         "law": {"type": "object", "properties": {
             "status": text("holds, broken or unknown"),
-            "ratio": number("residual divided by what noise and encoder steps explain; null where that is unknown"),
-            "limit": number("ratio that chance alone does not exceed"),
+            "ratio": number("residual over what noise and steps explain; null until known"),
+            "limit": number("the ratio stays below it where the law holds; null until known"),
         }},
-        "changes": number("changes of the device found since the estimator began"),
+        "changes": number("changes of the device found since the estimator started"),
     });
     properties.extend(rest.as_object().cloned().unwrap_or_default());
     properties.into()

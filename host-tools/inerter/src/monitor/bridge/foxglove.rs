@@ -335,7 +335,7 @@ fn estimate_fields(machine: Machine) -> Map<String, Value> {
         catalogue::fields(machine, Group::Parameter).chain(backlash)
     };
     let mut map: Map<String, Value> = of(Machine::Linear).zip(of(machine)).map(quantity).collect();
-    map.insert("t_s".into(), property("number", "Time since the estimator began", "s"));
+    map.insert("t_s".into(), property("number", "Time since the estimator started", "s"));
     let residual = catalogue::find(machine, Group::Estimate, "residual_rms_n");
     map.extend(residual.map(|field| ("residual_rms_n".to_string(), property("number", field.label, field.unit))));
     map.insert("moving".into(), property("boolean", "", ""));
