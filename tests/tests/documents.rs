@@ -18,43 +18,43 @@ const QUOTES: [Quote; 22] = [
     validation(
         "coverage",
         "{right} of {all} cells are right. In {wide} more than 95 % are covered beyond chance.",
-        "Of {all} cells on seven benches {right} are right; in {wide} the interval holds more than 95 % beyond chance",
+        "Of {all} cells on seven benches {right} are right. In {wide} the coverage is above 95 % by more than chance explains",
     ),
     validation(
         "coverage",
         "In {all} cells at least {least} % are covered. The rms is over 0.6 in {over} of them, and under 0.25 in {under}.",
-        "in {all} cells at least {least} % are held. The rms is over 0.6 in {over} of them and under 0.25 in {under}",
+        "in {all} cells the coverage is at least {least} %. The rms is over 0.6 in {over} of them and under 0.25 in {under}",
     ),
     validation(
         "coverage",
         "With all together {within} of {all} cells are within 93 to 97 %",
-        "With all together {within} of {all} cells are within it",
+        "With all settings wrong at once {within} of {all} cells reach it",
     ),
     validation(
         "coverage",
         "By single sources {within} of {all} cells are within 93 to 97 %, {under} under and {over} over it",
-        "By single sources {under} of {all} cells are under 93 %; {over} are over 97 %",
+        "With one setting wrong at a time {under} of {all} cells are under 93 %; {over} are over 97 %",
     ),
     validation(
         "coverage",
         "Where the law leaves at least 5 % of the violation's regressor, {held} of {all} are.",
-        "of {all} such cells {held} hold as many",
+        "{held} of {all} such cells reach 90 %",
     ),
     validation(
         "coverage",
         "Of {all} cells with silent runs, {held} are covered in 90 % of them or more, and {other} are not.",
-        "of all {all} cells {held} ([all cells](tables/coverage.md#all-cells))",
+        "and {held} of all {all} cells ([all cells](tables/coverage.md#all-cells))",
     ),
-    validation("coverage", "The worst hold {least} %. These", "The worst hold {least} %. Friction"),
+    validation("coverage", "The worst hold {least} %. These", "The worst have {least} %. Friction"),
     validation(
         "coverage",
         "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are. Not covered and without that word: 0.",
-        "In all {not} cells that do not hold `replay` says",
+        "In all {not} cells that miss the goal, `replay` reports",
     ),
     validation(
         "coverage",
         "{named} cells name the violation as what they rest on: {not} of those that are not covered, and {held} of those that are.",
-        "it is made in {named} of all cells, and {held} of those hold",
+        "it is made in {named} of all cells, and {held} of those reach the goal",
     ),
     validation(
         "merge",
@@ -64,7 +64,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "merge",
         "Of {groups} groups of more than one run whose devices are the same 0 are said to differ.",
-        "No device that stays the same is said to differ, of {groups} groups",
+        "In none of {groups} groups is a device that stays the same reported to differ",
     ),
     Quote {
         document: "THEORY",
@@ -76,7 +76,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "diagnose",
         "| where the motion shows enough | {runs} | {first} | {sized} |",
-        "of the fault it is {sized} %",
+        "of the fault, judged by the plant's true values, it is {sized} %",
     ),
     validation("plan", "| fixed motions | {within} of {all} (", "in {within} of {all} cells of the grid's motions"),
     validation("plan", "| designed motions | {within} of {all} (", "{within} of {all} of the designed ones"),
@@ -89,7 +89,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "defects",
         "| defects | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
-        "Of {assumed} further runs it is only said",
+        "In {assumed} further runs the only message",
     ),
     validation(
         "defects",
@@ -99,7 +99,7 @@ const QUOTES: [Quote; 22] = [
     validation(
         "defects",
         "| clean | {runs} | {harmful} | {told} | {assumed} | {silent} | {part} | {device} | {twice} |",
-        "Clean runs are silent in {part} % and {twice} %.",
+        "For clean runs these figures are {part} % and {twice} %.",
     ),
     validation(
         "defects",

@@ -244,9 +244,9 @@ macro_rules! settings {
 
 settings! {
     sample_rate_hz: f64, "Hz", 1000.0, 50.0, 5000.0, Real, "Samples per second of the device's clock";
-    metres_per_count: f64, "m", 2.44140625e-6, -1e-1, 1e-1, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative turns the direction";
+    metres_per_count: f64, "m", 2.44140625e-6, -1e-1, 1e-1, NonZero, "Terminal displacement per encoder count: lead / counts per revolution; negative reverses the direction";
     oversampling: f64, "", 1.0, 1.0, 64.0, Whole, "Encoder counts summed into one sample's position";
-    newtons_per_code: f64, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative turns the direction";
+    newtons_per_code: f64, "N", 0.002, -1e3, 1e3, NonZero, "Force per force code; negative reverses the direction";
     force_zero_code: f64, "", 0.0, -8388608.0, 8388607.0, Whole, "Force code at no force (tare)";
     force_min_code: f64, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Force code at or below which the channel is saturated";
     force_max_code: f64, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Force code at or above which the channel is saturated";

@@ -101,7 +101,7 @@ fields! {
     Estimate "residual_rms_n", "Residual force, rms", "", "N" => "residual_rms_n_m", "Residual torque, rms", "N m";
     Estimate "updates", "Updates since the reset", "", "";
     Detail "index", "Sample counter", "", "";
-    Detail "band_hz", "Seen between", "", "Hz";
+    Detail "band_hz", "Frequency band", "", "Hz";
     Detail "backlash_m", "Backlash", "eps", "m" => "backlash_rad", "Backlash", "rad";
     Detail "contact", "Contact", "", "";
     Detail "stiffness_n_per_m", "Contact stiffness", "ks", "N/m" => "stiffness_n_m_per_rad", "Contact stiffness", "N m/rad";

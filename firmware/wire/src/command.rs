@@ -20,7 +20,7 @@ messages! {
         0 Hello "Send the Hello record.";
         1 ReadSettings "Send the Settings record with every setting in use.";
         2 WriteSettings(SettingsValues) "Check the values together with those in use, then put all of them in use between two samples, or none.";
-        3 SaveSettings "Keep the settings in use over a restart.";
+        3 SaveSettings "Save the settings in use, so that they survive a restart.";
         4 Tare "Take the present force as zero: sets force_zero_code.";
         5 Streams(Streams) "Choose which records are sent unasked.";
         6 ResetEstimator "Forget all motion seen so far.";
@@ -31,9 +31,9 @@ messages! {
         11 EnterDfu "Restart into the chip's firmware update mode.";
         12 Reboot "Restart.";
         13 FactoryReset "Erase the settings store and put the board's defaults in use.";
-        14 ReadSaved "Send the Saved record with the settings that are kept over a restart.";
+        14 ReadSaved "Send the Saved record with the saved settings.";
         15 Measure(Measure) "Measure something of the board itself, and send the Measured record. The reply comes when it is done.";
-        16 Play(Play) "Put signals out at pins that jumpers lead to the inputs; Capabilities::PLAYER.";
+        16 Play(Play) "Output signals on pins that jumpers connect to the inputs; needs Capabilities::PLAYER.";
     }
 }
 

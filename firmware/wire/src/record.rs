@@ -11,19 +11,19 @@ messages! {
     /// Everything a device sends.
     #[allow(clippy::large_enum_variant, reason = "cannot be boxed without an allocator")]
     enum Record {
-        0 Hello(Hello) "Who the device is and which wire version it speaks; on Command::Hello and after a start.";
+        0 Hello(Hello) "Identity and wire version of the device; on Command::Hello and after a start.";
         1 Samples(Samples) "Raw samples, up to 32, with their sample counter.";
         2 Estimate(#[serde(with = "forms::Estimate")] Estimate) "Inertance and friction with their intervals, at the publish rate.";
         3 Health(Health) "Losses, load and head room, once a second.";
-        4 Event(Event) "Something happened once.";
+        4 Event(Event) "A single occurrence, such as a start, a fault or a change.";
         5 Reply(Reply) "Answer to one request.";
         6 Settings(SettingsValues) "Every setting in use, on Command::ReadSettings and after a change.";
         7 Sums(Sums) "Whole-run sums of one bank: sufficient statistics, exact; either bank once a second of samples.";
         8 Reversal(Reversal) "Backlash by one reversal of the flanks alone, when it has been accepted.";
-        9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; after each Estimate, the last of what goes with it.";
+        9 Detail(#[serde(with = "forms::Detail")] Detail) "Band, backlash, contact, regime of friction and changes; the last record that accompanies an Estimate.";
         10 MoreSums(MoreSums) "Whole-run sums of abs(v) and dF/dt of one bank; after its Sums.";
         11 Law(#[serde(with = "forms::Law")] Law) "Whether the law holds, and how much of the residual noise and steps explain; between an Estimate and its Detail.";
-        12 Saved(SettingsValues) "The settings that are kept over a restart, on Command::ReadSaved; they need not be those in use.";
+        12 Saved(SettingsValues) "The saved settings, on Command::ReadSaved; they may differ from those in use.";
         13 Measured(Measured) "What the board measured of itself, on Command::Measure; raw numbers.";
     }
 }

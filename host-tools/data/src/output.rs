@@ -64,7 +64,7 @@ impl Disturbance {
         match self {
             Self::Deleted => "what was written is lost: write it again, and leave the file alone until it is complete",
             Self::Moved => {
-                "what was written so far is in the file that was moved, if anything: leave a file alone until it is complete"
+                "the data written so far, if any, is in the file that was moved: leave a file alone until it is complete"
             }
             Self::Changed => {
                 "the file is damaged: write it again under another name, and let no other program write to it"

@@ -253,7 +253,7 @@ fn detail_parts(detail: &Detail) -> Vec<String> {
         } else {
             format!("from {:.*} to {:.*} Hz", decimals(low_hz), low_hz, decimals(high_hz), high_hz)
         };
-        parts.push(format!("inertance seen {band}"));
+        parts.push(format!("inertance observed {band}"));
     }
     if detail.backlash.reversals > 0 {
         let by = match detail.backlash.route {
@@ -337,7 +337,7 @@ pub fn contact_words(contact: Contact) -> &'static str {
 pub(crate) fn regime_texts(regime: Regime) -> (&'static str, &'static str) {
     match regime {
         Regime::Unknown => ("unknown", "not seen yet"),
-        Regime::Coulomb => ("coulomb", "Coulomb's"),
+        Regime::Coulomb => ("coulomb", "Coulomb"),
         Regime::Presliding => ("presliding", "creeps before it slips (presliding)"),
         Regime::Stribeck => ("stribeck", "greater near rest (Stribeck)"),
     }

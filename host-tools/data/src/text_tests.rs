@@ -110,8 +110,8 @@ fn a_person_sees_it_at_a_glance() {
     let swapped = [("inertance_kg", "300.0"), ("changed_inertance_kg", "150.0")];
     let swapped = swapped.map(|(name, value)| (name.to_string(), value.to_string())).into();
     assert!(table(&Estimated::default(), &settings(false), Some(&swapped)).contains(" 300.0, then 150.0"));
-    let words = "inertance seen from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
-                friction: Coulomb's; the device has changed 1 time";
+    let words = "inertance observed from 3.12 to 6.50 Hz; 130 reversals by the terminal's sensor; contact: backlash at each reversal; \
+                friction: Coulomb; the device has changed 1 time";
     assert!(text.ends_with(words), "{text}");
     // Normal states get no remark.
     assert!(row(1.0, &estimated(detail())).ends_with("50.0 ± 2.0                        at rest"));

@@ -210,7 +210,7 @@ fn pages(outcomes: &[Outcome], folder: &Path) -> Result<PathBuf, Error> {
         });
         listed.push(Listed { title: test.title.into(), page: name, parameters: parameters.collect() });
     }
-    let meta = "A simulated inerter, measured by the firmware in QEMU. On average one interval in 20 misses the truth by chance.";
+    let meta = "A simulated inerter, measured by the firmware in QEMU. On average one interval in 20 misses the true value by chance.";
     let path = folder.join("index.html");
     inerter_data::output::write(&path, true, index::html("Five runs of the demo", meta, &listed))?;
     Ok(std::path::absolute(path)?)
@@ -244,7 +244,7 @@ fn truth(device: &Inerter) -> [f64; 4] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n, 0.0]
 }
 
-/// Whether the interval holds the truth.
+/// Whether the interval covers the true value.
 fn holds(found: Interval, truth: f64) -> bool {
     (f64::from(found.value) - truth).abs() <= f64::from(found.u95)
 }
@@ -253,9 +253,11 @@ fn holds(found: Interval, truth: f64) -> bool {
 fn verdict(parameter: &Parameter, truth: f64) -> &'static str {
     match parameter.known() {
         None => "this motion cannot identify it",
-        Some(found) if holds(found, truth) => "holds the truth",
-        Some(Interval { value, u95 }) if holds(Interval { value, u95: 2.0 * u95 }, truth) => "just misses the truth",
-        Some(_) => "MISSES THE TRUTH",
+        Some(found) if holds(found, truth) => "covers the true value",
+        Some(Interval { value, u95 }) if holds(Interval { value, u95: 2.0 * u95 }, truth) => {
+            "just misses the true value"
+        }
+        Some(_) => "MISSES THE TRUE VALUE",
     }
 }
 
@@ -382,9 +384,9 @@ mod tests {
     #[test]
     fn the_verdict_knows_the_truth() {
         let parameter = Parameter::Ok(Interval { value: 100.0, u95: 1.0 });
-        assert_eq!(verdict(&parameter, 100.9), "holds the truth");
-        assert_eq!(verdict(&parameter, 101.1), "just misses the truth");
-        assert_eq!(verdict(&parameter, 102.1), "MISSES THE TRUTH");
+        assert_eq!(verdict(&parameter, 100.9), "covers the true value");
+        assert_eq!(verdict(&parameter, 101.1), "just misses the true value");
+        assert_eq!(verdict(&parameter, 102.1), "MISSES THE TRUE VALUE");
         assert_eq!(verdict(&Parameter::default(), 1.0), "this motion cannot identify it");
     }
 

@@ -179,7 +179,7 @@ fn modem_manager(proc: &Path) -> Option<Check> {
         Check::warning(
             "ModemManager",
             "is running, and opens each new serial port for some seconds unless a rule says that it is not a modem",
-            "the udev rule above says so",
+            "install the udev rule above, which says so",
         )
     })
 }

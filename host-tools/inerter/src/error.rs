@@ -88,7 +88,7 @@ pub enum Error {
     #[diagnostic(
         code(inerter::store::verify),
         help(
-            "`inerter store verify {url} --repair` rebuilds what follows from intact recordings; if a recording is damaged, remove the run and add it again from a copy"
+            "`inerter store verify {url} --repair` rebuilds the derived files from intact recordings; if a recording is damaged, remove the run and add it again from a copy"
         )
     )]
     StoreDamage { url: String, files: usize },

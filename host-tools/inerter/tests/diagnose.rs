@@ -169,7 +169,10 @@ fn a_force_that_is_turned_round_has_the_wrong_sign_in_any_motion() {
         let (found, words) = diagnosed(at);
         assert_eq!((names(&found), &found["corrected"]), (vec!["wrong_sign"], &serde_json::Value::Null), "{motion}");
         assert_eq!(found["law"]["status"], "broken");
-        assert!(words.contains("wrong sign") && words.contains("No other cause is sought"), "{motion}: {words}");
+        assert!(
+            words.contains("wrong sign") && words.contains("The search for other causes is skipped"),
+            "{motion}: {words}"
+        );
     }
 }
 

@@ -126,7 +126,7 @@ fn what_is_wanted_decides_how_long_it_lasts_and_what_cannot_be_had_is_said() {
     assert!(number(want, "/reached") > 0.3 && number(want, "/enough_s") > 20.0, "{want}");
     assert!(at.join("best.csv").is_file());
     let words = text(&output.stderr);
-    assert!(words.contains("not within reach: cf to ± 0.30 N s/m") && words.contains("would suffice"), "{words}");
+    assert!(words.contains("out of reach: cf to ± 0.30 N s/m") && words.contains("would suffice"), "{words}");
     // More than any time allows: the gain of the force alone contributes 0.5 %.
     let gain = [&RIG[..], &["--set", "force_gain_u95=0.005", "--want", "mt to 0.1 %"]].concat();
     let words = fails(at, &gain, 9);
@@ -152,7 +152,7 @@ fn contradictions_and_nonsense_are_refused_with_what_to_do() {
         (
             &["--force-noise-n", "1", "--stroke-m", "0.01", "--force-n", "40"],
             4,
-            "40.0 N cannot move a screw that 50.0 N of friction hold",
+            "40.0 N cannot move a screw with 50.0 N of friction",
         ),
         (&["--force-noise-n", "1", "--stroke-m", "0.01", "--duration", "0"], 4, "--duration: 0 is not from 2 to 600 s"),
         (&["--force-noise-n", "1", "--stroke-m", "0.01", "--duration", "1e9"], 4, "is not from 2 to 600 s"),

@@ -342,7 +342,7 @@ fn without_json_a_table_for_a_person_is_printed() {
         "truth",
         "299.4906",
         "Backlash             µm",
-        "inertance seen",
+        "inertance observed",
         "contact: ",
         "friction: ",
         "6000 samples at 1000 Hz",

@@ -99,7 +99,7 @@ pub fn encoder(tape: &Tape, recording: &Recording) -> (Check, Option<Aligned>) {
             ..=-1.0 => "the wire to B (PB2 to PB3) is missing",
             _ => "the wires to A (PB1 to PA15) and B (PB2 to PB3) are missing",
         };
-        return (Check::new(NAME, expected, "no count that lasts", Some(cause)), None);
+        return (Check::new(NAME, expected, "no lasting count", Some(cause)), None);
     };
     let Aligned { ratio, residual_counts, .. } = aligned;
     let cause = match ratio {
@@ -178,8 +178,8 @@ impl Channel {
                 self.pins
             )
         });
-        let expected = format!("{} to {}, offset under {OFFSET}, straight to {STRAIGHT} codes", GAIN.start, GAIN.end);
-        let found = format!("{:.4}, offset {:.1}, straight to {:.1} codes", own.slope, own.offset, own.worst);
+        let expected = format!("{} to {}, offset under {OFFSET}, linear to {STRAIGHT} codes", GAIN.start, GAIN.end);
+        let found = format!("{:.4}, offset {:.1}, linear to {:.1} codes", own.slope, own.offset, own.worst);
         if !report.take(Check::new(self.gain, expected, found, cause)) {
             return None;
         }

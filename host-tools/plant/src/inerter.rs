@@ -54,7 +54,7 @@ field_table! { Inerter {
     stiffness_n_per_m, "N/m", 2.1e6, 1e-6, 1e12, Real, "Contact stiffness between terminal and screw";
     contact_damping_n_s_per_m, "N s/m", 1200.0, 0.0, 1e9, Real, "Contact damping between terminal and screw";
     backlash_m, "m", 0.0, 0.0, 1.0, Real, "Total backlash between the flanks";
-    structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal beside the screw";
+    structure_mass_kg, "kg", 1.515, 0.0, 1e4, Real, "Mass on the measured terminal in addition to the screw";
     coulomb_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which Coulomb friction is greater forward and less backward";
     viscous_asymmetry, "", 0.0, -1.0, 1.0, Real, "Fraction by which viscous friction is greater forward and less backward";
     stribeck_ratio, "", 1.0, 1.0, 10.0, Real, "Friction at rest over that of fast sliding";

@@ -73,14 +73,14 @@ field_table! { Sensors {
     sample_rate_hz, "Hz", 1000.0, 10.0, 64000.0, Real, "Samples per second";
     oversampling, "", 1.0, 1.0, 64.0, Whole, "Sub-samples summed into one sample";
     metres_per_count, "m", 2.44140625e-6, -1e-1, 1e-1, Real, "Displacement per encoder count";
-    encoder_phase_count, "", 0.0, -1e6, 1e6, Real, "Where in a count the encoder stands at the start";
+    encoder_phase_count, "", 0.0, -1e6, 1e6, Real, "Encoder position within a count at the start";
     encoder_eccentricity_m, "m", 0.0, 0.0, 1e-1, Real, "Amplitude of the once-per-turn error";
     encoder_eccentricity_phase_rad, "rad", 0.0, -10.0, 10.0, Real, "Phase of the once-per-turn error";
     lead_m, "m", 0.010, 1e-5, 1e2, Real, "Travel per turn";
     newtons_per_code, "N", 0.002, -1e3, 1e3, Real, "Force per code";
     force_zero_code, "", 0.0, -8388608.0, 8388607.0, Whole, "Code at no force";
-    force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Least code of the converter";
-    force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Greatest code of the converter";
+    force_min_code, "", -8388608.0, -8388608.0, 8388607.0, Whole, "Lowest code of the converter";
+    force_max_code, "", 8388607.0, -8388608.0, 8388607.0, Whole, "Highest code of the converter";
     force_gain, "", 1.0, 1e-3, 1e3, Real, "Gain of the load cell";
     force_offset_n, "N", 0.0, -1e5, 1e5, Real, "Offset of the load cell";
     force_drift_n_per_s, "N/s", 0.0, -1e3, 1e3, Real, "Drift of the offset";

@@ -137,7 +137,7 @@ impl Condition {
                 number.as_f64().and_then(|number| number.partial_cmp(&value))
             }
             Value::String(_) if is_order && !is_time => {
-                return Err(refused(&self.text, "words have no order", String::new()));
+                return Err(refused(&self.text, "the column holds text: use = or !=", String::new()));
             }
             Value::String(_) if is_order && self.value.get(..4).is_none_or(|year| year.parse::<u32>().is_err()) => {
                 return Err(refused(&self.text, "the column holds times such as 2026-01-31", String::new()));

@@ -66,7 +66,7 @@ impl<R: Read> Read for Expected<'_, R> {
         if count == 0 && !into.is_empty() {
             self.is_other = self.from.sum.clone().hex() != self.sum;
             if self.is_other {
-                return Err(io::Error::other("it is not what was summed up before"));
+                return Err(io::Error::other("its contents have changed since its checksum was computed"));
             }
         }
         Ok(count)

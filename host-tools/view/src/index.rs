@@ -47,8 +47,8 @@ fn section(run: &Listed) -> Markup {
                             td.number { (found.value) }
                             td.number { (found.truth) }
                             @match found.holds {
-                                Some(true) => td.ok { "holds the truth" },
-                                Some(false) => td.differs { "misses the truth" },
+                                Some(true) => td.ok { "covers the true value" },
+                                Some(false) => td.differs { "misses the true value" },
                                 None => td.none { "none" },
                             }
                         }
@@ -82,8 +82,8 @@ mod tests {
         for part in [
             "<a href=\"slow.html\">slow &lt;1 Hz</a>",
             "50.0 ± 0.3",
-            "<td class=\"ok\">holds the truth</td>",
-            "<td class=\"differs\">misses the truth</td>",
+            "<td class=\"ok\">covers the true value</td>",
+            "<td class=\"differs\">misses the true value</td>",
             "<td class=\"none\">none</td>",
         ] {
             assert!(page.contains(part), "{part}: {page}");

@@ -230,8 +230,8 @@ fn generated() -> String {
         258,
     );
     example(&mut out, "An estimate (the golden of the test suite), sequence 259:", &Record::Estimate(estimate()), 259);
-    example(&mut out, "Whether its law holds, sequence 260:", &Record::Law(law()), 260);
-    example(&mut out, "What else goes with it, sequence 261:", &Record::Detail(detail()), 261);
+    example(&mut out, "The Law record of that estimate, sequence 260:", &Record::Law(law()), 260);
+    example(&mut out, "The Detail record of that estimate, sequence 261:", &Record::Detail(detail()), 261);
     example(&mut out, "A reversal with 52.5 um of backlash, sequence 262:", &Record::Reversal(reversal()), 262);
     out
 }

@@ -11,7 +11,7 @@ pub enum CalibrateError {
     #[error("{seconds:.1} s of samples are too few: {needed:.1} s are needed")]
     #[diagnostic(
         code(inerter::calibrate::short),
-        help("listen longer (--duration), and check with `inerter monitor` that samples arrive")
+        help("measure longer (--duration), and check with `inerter monitor` that samples arrive")
     )]
     TooShort { seconds: f64, needed: f64 },
 

@@ -130,7 +130,7 @@ pub fn force(readings: &[(Load, rest::Level)], loads_u95: f64, settings: &Settin
     ));
     let percent = |part: Option<f64>| part.map_or_else(|| "not shown".into(), |part| format!("{:.3} %", 100.0 * part));
     finding.say(format!(
-        "relative to the largest load: off the line {}, hysteresis {}, return to zero {}; scatter {}, loads {}",
+        "relative to the largest load: nonlinearity {}, hysteresis {}, return to zero {}; scatter {}, loads {}",
         percent(Some(line.nonlinearity)),
         percent(line.hysteresis),
         percent(line.zero_return),

@@ -113,7 +113,7 @@ pub fn timebase(rate: &Rate, settings: &Settings, host_ppm: f64) -> Finding {
             .say(format!("timebase_u95 = {claim:?}: the deviation and its uncertainty, as the rate is not corrected"));
     } else {
         finding.say(format!(
-            "nothing to change: timebase_u95 = {in_use:?} agrees, and this comparison cannot prove less than {claim:?}"
+            "nothing to change: timebase_u95 = {in_use:?} agrees, and this comparison cannot justify a value below {claim:?}"
         ));
         if rate.scatter_u95 < 0.5 * host {
             finding.remark(

@@ -70,7 +70,10 @@ pub fn assumptions(machine: Machine, all: &[Judged; 4], found: &[Cause]) -> Opti
         let words: Vec<String> = words.collect();
         format!(" {}: {}.", parameter(machine, place).label, description(machine, &words.join(", ")))
     });
-    headed("This motion cannot separate some causes from a parameter, which is right only in their absence.", told)
+    headed(
+        "This motion cannot separate some causes from a parameter. The value is right only if they are absent.",
+        told,
+    )
 }
 
 /// A sentence on the intervals that the samples make wider than those of the device; `None` if there are none.
@@ -87,7 +90,10 @@ pub fn widened(machine: Machine, whole_run: &Parameters, all: &[Judged; 4]) -> O
         });
         Some(format!(" {}: {wider} {}, not {u95}{why}.", field.label, field.unit))
     });
-    headed("The samples show more than the law explains, or cannot rule it out. This widens 95 % intervals.", told)
+    headed(
+        "The samples show effects that the law does not explain, or cannot rule them out. This widens 95 % intervals.",
+        told,
+    )
 }
 
 /// The sentences on the parameters under one heading; `None` if there are none.

@@ -91,9 +91,9 @@ impl Advice {
             .map(|part| format!("{} of {}", duration_text(part.duration_s), part_text(machine, part)))
             .collect();
         format!(
-            "{beginning} Within the same {reach}, {time} would: {}, for {}; `inerter plan` with this file designs and writes such a motion",
-            parts.join(", then "),
-            of(&self.told)
+            "{beginning} Within the same {reach}, this motion of {time} would give {}: {}. `inerter plan` with this file designs and writes such a motion",
+            of(&self.told),
+            parts.join(", then ")
         )
     }
 }

@@ -124,7 +124,7 @@ impl Limits {
                 one: if force_n < self.force_n { "the force channel's range" } else { "--force-n" },
                 other: "--coulomb-n",
                 why: format!(
-                    "{} {newton} cannot move a screw that {} {newton} of friction hold",
+                    "{} {newton} cannot move a screw with {} {newton} of friction",
                     three_digits(force_n),
                     three_digits(breakaway_n)
                 ),

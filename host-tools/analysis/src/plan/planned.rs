@@ -115,7 +115,7 @@ impl Planned {
         let first = self.most(plan, want).unwrap_or(Source::Noise);
         let all: Vec<String> = missed.iter().map(|(plan, want)| self.missed_text(plan, want)).collect();
         Some(PlanError::Missed {
-            what: format!("not within reach: {}", all.join("; ")),
+            what: format!("out of reach: {}", all.join("; ")),
             help: format!("the largest part is {}", source_words(self.machine(), first)),
         })
     }
@@ -126,7 +126,7 @@ impl Planned {
         let wanted = interval_of(self.machine(), want.place, want.u95);
         let symbol = parameter(self.machine(), want.place).symbol;
         match plan.enough_s(want) {
-            _ if !reached.is_finite() => format!("{wanted}: no value at all"),
+            _ if !reached.is_finite() => format!("{wanted}: this motion gives no value"),
             Some(seconds) => format!(
                 "{wanted}: ± {} is the best within {}, about {} would suffice",
                 rounded_text(reached, reached),
@@ -203,7 +203,7 @@ impl Planned {
         let time = duration_text(self.duration_s);
         let why = match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
             (Some(text), _) => return format!("motion `{text}` of {time}"),
-            (None, Some(Criterion::Wanted)) => "as short as what is wanted allows",
+            (None, Some(Criterion::Wanted)) => "as short as the wanted intervals allow",
             (None, _) => "D-optimal for mt, cf and fc",
         };
         format!("motion of {time} within {}, {why}", limits_text(self.machine(), &self.limits))
@@ -214,7 +214,7 @@ impl Planned {
         let line = |part: &Part| {
             let fade = three_digits(part.fade_s);
             format!(
-                "{:>8} of {}, up and down in {fade} s",
+                "{:>8} of {}, faded in and out within {fade} s",
                 duration_text(part.duration_s),
                 part_text(self.machine(), part)
             )

@@ -54,10 +54,10 @@ impl Unsought {
     pub fn words(&self) -> String {
         match self {
             Self::Reversed => {
-                "No other cause is sought, and no parameter is given, while the force has the wrong sign.".into()
+                "The search for other causes is skipped, and no parameter is given, because the force has the wrong sign.".into()
             }
             Self::Unfit(error) => {
-                format!("No other cause is sought, and no parameter is given, in the samples that are left: {error}.")
+                format!("The remaining samples give no other cause and no parameter: {error}.")
             }
         }
     }
@@ -149,11 +149,13 @@ impl Diagnosed {
         let causes = self.causes();
         let law = match self.outcome.law.status {
             LawStatus::Holds if !causes.is_empty() => {
-                "The law holds as far as the estimator can tell. Near the reversals, or over the whole run, the samples show more:"
+                "The law holds as far as the estimator can tell. The samples show further effects, near the reversals or over the whole run:"
             }
             LawStatus::Holds => "The law holds: force noise and encoder steps explain the residual.",
             LawStatus::Broken => "The law is broken: the residual is more than force noise and encoder steps explain.",
-            LawStatus::Unknown => "Whether the law holds is unknown: too little was seen, or the flanks may separate.",
+            LawStatus::Unknown => {
+                "Whether the law holds is unknown: there was too little motion, or the flanks may separate."
+            }
         };
         let mut words = vec![law.to_string()];
         words.extend(self.gates.iter().map(|(kind, times)| {

@@ -58,7 +58,7 @@ pub struct Args {
     /// Length of the segments that are fitted separately [default: from one discontinuity to the next]
     #[arg(long, value_name = "SECONDS", value_parser = segment)]
     segments: Option<f64>,
-    /// Fit this too, whatever the settings say; may be repeated
+    /// Fit this too, instead of taking it from the settings; may be repeated
     #[arg(long, value_name = "PARAMETER")]
     free: Vec<Free>,
     /// Motion of the terminal from time 0, instead of a sensor: as in `inerter simulate --excite`

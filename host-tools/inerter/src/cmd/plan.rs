@@ -37,8 +37,8 @@ use files::FileArgs;
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
-    /// Recording (.mcap) or CSV file of an earlier run: its results are expected, and the limits it kept apply unless
-    /// others are given
+    /// Recording (.mcap) or CSV file of an earlier run: its results describe the expected device, and its peaks are the
+    /// limits unless you give others
     file: Option<PathBuf>,
     /// Wanted half widths of 95 % intervals, by parameter (mt, cf, fc, F0), e.g. "fc to 0.3 N, mt to 0.1 %"
     #[arg(long, value_name = "WANTS", conflicts_with = "excite")]

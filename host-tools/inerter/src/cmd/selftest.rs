@@ -180,7 +180,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     match outcome {
         // A board that stops answering has failed; the results up to that point still count.
         Err(Error::Device(error)) if !matches!(error, DeviceError::Interrupted) => {
-            let check = Check::words("whole", "Test carried out", "to its end", "aborted", Some(error.to_string()));
+            let check = Check::words("whole", "Self-test as a whole", "completed", "aborted", Some(error.to_string()));
             bench.add([check])?;
         }
         outcome => outcome?,

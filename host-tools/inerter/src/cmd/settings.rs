@@ -34,7 +34,7 @@ enum Command {
     Get(Common),
     Set(SetArgs),
     Tare(TareArgs),
-    /// Keep the settings in use over a restart
+    /// Save the settings in use, so that they survive a restart
     Save(Common),
     FactoryReset(FactoryResetArgs),
     Backup(backup::BackupArgs),
@@ -54,7 +54,7 @@ struct SetArgs {
     /// Read settings from a TOML file with lines `key = value`; those given by name win over it
     #[arg(long, value_name = "FILE.toml")]
     settings: Option<PathBuf>,
-    /// Keep them over a restart
+    /// Save them, so that they survive a restart
     #[arg(long)]
     save: bool,
     #[command(flatten)]
@@ -66,7 +66,7 @@ struct SetArgs {
 /// The device should be still, without load. Prints what has changed.
 #[derive(clap::Args)]
 struct TareArgs {
-    /// Keep it over a restart
+    /// Save it, so that it survives a restart
     #[arg(long)]
     save: bool,
     #[command(flatten)]

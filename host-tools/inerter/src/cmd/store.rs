@@ -101,7 +101,7 @@ pub(super) struct QueryArgs {
     pub(super) list: ListArgs,
 }
 
-/// Show what a store knows of a run.
+/// Show the results that a store holds of a run.
 #[derive(clap::Args)]
 pub(super) struct ShowArgs {
     /// Folder, or s3://BUCKET/FOLDER
@@ -132,7 +132,7 @@ pub(super) struct GetArgs {
     pub(super) force: bool,
 }
 
-/// Read every file of a store, and report what is not as it was written.
+/// Read every file of a store, and report those that have changed since they were written.
 ///
 /// The exit code is 3 if a file is missing, changed, unfinished (of a run whose adding or removal was not completed) or
 /// foreign. `sha256sum` does the same without this program: docs/STORE.md.
@@ -141,8 +141,8 @@ pub(super) struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
     pub(super) url: String,
-    /// First rebuild what follows from intact recordings, and remove what is left of runs without one; nobody may add
-    /// or remove runs meanwhile
+    /// First rebuild the derived files from intact recordings, and remove what is left of runs without one; nobody may
+    /// add or remove runs meanwhile
     #[arg(long)]
     pub(super) repair: bool,
     /// Print JSON: one object per file, and one at the end

@@ -192,7 +192,7 @@ fn method() -> Markup {
                 "The half width of a difference's 95 % interval is " i { "U" } " = " i { "k" } " √(" i { "u" } "1² + " i { "u" } "2²), after JCGM 100. "
                 "On one rig the errors of force gain, lead and clock are the same in both runs and enter with their difference alone. "
                 "A difference is significant where chance alone would hardly make one as large. The more differences are tested, the "
-                "stricter each test (Holm's method): where nothing differs, one page in 20 says otherwise."
+                "stricter each test (Holm's method): where nothing differs, one page in 20 still reports a difference."
             }
         }
     }

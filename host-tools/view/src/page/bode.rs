@@ -71,7 +71,7 @@ pub(super) fn bode(content: &Content) -> Made {
     let (low_hz, high_hz) = frequencies().fold((f64::INFINITY, 0.0_f64), |(low, high), f| (low.min(f), high.max(f)));
     if response.points.is_empty() {
         return Err(
-            "no frequency has a force that the displacement explains (coherence above 0.8), or the run is too short"
+            "at no frequency does the displacement explain the force (coherence above 0.8), or the run is too short"
                 .into(),
         );
     }

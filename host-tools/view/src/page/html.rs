@@ -178,8 +178,8 @@ fn budgets(content: &Content) -> Markup {
             }
             p.small {
                 "Parts of the 95 % interval of the whole run; their squares add up to its square. Noise is the scatter of this run. Gain, lead, timebase, "
-                "skew, structure and stiffness are as uncertain as the settings say. Model is how far the law may be wrong, by what the samples of the last minute "
-                "show of it; the device does not see all of that, so its own interval may be narrower. "
+                "skew, structure and stiffness have the uncertainties that the settings state. Model is the possible error of the law, estimated from the samples of the last minute"
+                "; the device detects only part of it, so its own interval may be narrower. "
                 "Two runs on one rig may be compared by the last column, which leaves out what they share: gain, lead and timebase."
             }
             @if let Some(words) = widened(machine, &content.replayed.outcome.estimate.whole_run, judged) {
@@ -217,7 +217,7 @@ pub(crate) fn notes_of(content: &Content) -> Vec<String> {
     let advice = content.replayed.advice.iter().map(|advice| advice.sentence(machine));
     let friction = match content.replayed.outcome.detail.friction.regime {
         Regime::Presliding | Regime::Stribeck => {
-            Some("Friction near rest does not follow the law; the intervals are wider for it.".to_string())
+            Some("Friction near rest does not follow the law; the intervals are wider because of that.".to_string())
         }
         Regime::Unknown | Regime::Coulomb => None,
     };
@@ -272,7 +272,7 @@ fn conditions(content: &Content) -> Markup {
     let reversal = detail
         .friction
         .reversal_ratio
-        .map(|ratio| format!(", {ratio:.2} of Coulomb's kink at reversals"))
+        .map(|ratio| format!(", {ratio:.2} of the Coulomb step seen at reversals"))
         .unwrap_or_default();
     let lost = match (counters.discontinuities, counters.lost_samples) {
         (0, _) => "none".to_string(),
@@ -281,7 +281,7 @@ fn conditions(content: &Content) -> Markup {
     let residual = content
         .residual()
         .map_or_else(|| "nothing moved".to_string(), |(rms_n, _)| text::force_text(settings.machine, rms_n) + " rms");
-    let seen_at = description(settings.machine, "Inertance was seen at");
+    let seen_at = description(settings.machine, "Inertance observed at");
     let recorded = content.run.recorded_ns.map(|time_ns| ("Recorded", utc(time_ns)));
     let rows = [
         ("Duration", duration_text(content.duration_s)),

@@ -29,7 +29,7 @@ use crate::{
 /// What every step at a device takes.
 #[derive(clap::Args)]
 pub struct StepArgs {
-    /// Put the result in use on the device and keep it over a restart
+    /// Put the result in use on the device, and save it there
     #[arg(long)]
     pub write: bool,
     #[command(flatten)]

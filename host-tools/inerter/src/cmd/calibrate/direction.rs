@@ -10,8 +10,8 @@ use crate::Error;
 
 /// Check that a positive force accelerates to the positive side.
 ///
-/// Move the terminal back and forth by a few millimetres, several times a second, while the command listens. A negative
-/// inertance shows that force and position have opposite signs; then the sign of one scale is changed: that of
+/// Move the terminal back and forth by a few millimetres, several times a second, while the command measures. A
+/// negative inertance shows that force and position have opposite signs; then the sign of one scale is changed: that of
 /// newtons_per_code, or with --trust force that of metres_per_count. --write saves it. FILE is a recording (.mcap) or
 /// CSV of such a motion. With --json one object:
 /// {"kind":"calibration","step":"direction","measured":{"inertance_kg":..},"values":{..},..}.
@@ -20,7 +20,7 @@ pub struct Args {
     /// Which of the two is known to have the right sign
     #[arg(long, value_name = "WHICH", default_value = "position")]
     trust: Trust,
-    /// How long to listen to the device
+    /// How long to measure
     #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "8")]
     duration: Duration,
     #[command(flatten)]

@@ -17,7 +17,7 @@ use crate::Error;
 /// {"kind":"calibration","step":"load_cell","measured":{"noise_n":..,"mains_n":..},"remarks":[..],"accepted":..}.
 #[derive(clap::Args)]
 pub struct Args {
-    /// How long to listen to the device, at least 4 s
+    /// How long to measure, at least 4 s
     #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "10")]
     duration: Duration,
     #[command(flatten)]

@@ -20,7 +20,7 @@ use crate::{
 /// What they take.
 #[derive(clap::Args)]
 pub struct MotionArgs {
-    /// How long to listen to a device
+    /// How long to measure on a device
     #[arg(long, value_name = "SECONDS", value_parser = listening_time, allow_negative_numbers = true, default_value = "20")]
     duration: Duration,
     #[command(flatten)]

@@ -18,10 +18,10 @@ use crate::{Error, calibrate::steps::skew_words};
 /// indistinguishable, and the command says so instead of giving a number. Delays of up to 5 ms either way are found, on
 /// machines of any size. A delay acts as a false damper of mt w^2 tau: 3 N s/m per microsecond at 15.9 Hz for 300 kg.
 ///
-/// FILE is a recording (.mcap) or a CSV; without it the command listens to a device for --duration. --write puts skew_s
-/// and skew_u95_s in use on the device and saves them if they are better than those in use: if the remaining delay
-/// exceeds its interval, or if its interval is the smaller one. For a file they are printed as --set. With --json one
-/// object:
+/// FILE is a recording (.mcap) or a CSV; without it the command measures on a device for --duration. --write puts
+/// skew_s and skew_u95_s in use on the device and saves them if they are better than those in use: if the remaining
+/// delay exceeds its interval, or if its interval is the smaller one. For a file they are printed as --set. With --json
+/// one object:
 /// {"kind":"skew","left_s":..,"skew_s":..,"skew_u95_s":..,..}.
 #[derive(clap::Args)]
 #[command(after_long_help = inerter_data::settings::help_table())]

@@ -20,7 +20,7 @@ use crate::Error;
 /// 0.1 % off the encoder's, the stiffness is 1.7 % off at 3.2 Hz: calibrate it against the encoder first, and state in
 /// lead_u95 how well.
 ///
-/// FILE is a recording (.mcap) or a CSV with a column terminal_m; without it the command listens to a device for
+/// FILE is a recording (.mcap) or a CSV with a column terminal_m; without it the command measures on a device for
 /// --duration. --write puts stiffness_n_per_m, stiffness_u95_n_per_m and contact_damping_n_s_per_m in use on the device
 /// and saves them if they are better than those in use: if no stiffness is set, if the one set lies outside the
 /// interval, or if the new interval is the smaller one. For a file they are printed as --set. With --json one object:

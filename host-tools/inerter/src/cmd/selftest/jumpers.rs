@@ -97,7 +97,7 @@ pub fn play(device: &mut Device, clock_is_known: bool) -> Result<(Vec<Check>, Op
             Ok((vec![Check::skipped(CHECK.0, CHECK.1, error.to_string())], None))
         }
         (Err(error), None) => {
-            let broken = Check::words(CHECK.0, CHECK.1, "to their end", "aborted", Some(error.to_string()));
+            let broken = Check::words(CHECK.0, CHECK.1, "completed", "aborted", Some(error.to_string()));
             Ok((vec![broken], None))
         }
     }

@@ -35,7 +35,7 @@ pub struct BackupArgs {
     /// Replace the file if it exists
     #[arg(long)]
     force: bool,
-    /// Write the saved settings, in use or not: also after failed starts, when the device ignores them
+    /// Write the saved settings instead of those in use; works after failed starts too, when the device ignores them
     #[arg(long)]
     saved: bool,
     #[command(flatten)]
@@ -44,15 +44,15 @@ pub struct BackupArgs {
 
 /// Restore the settings of a backup.
 ///
-/// Prints what changes; all of it, or nothing if the device refuses one. Settings that the file does not name stay as
-/// they are. A file of another device is refused unless --force: a calibration belongs to its board, cell and screw.
+/// Prints what changes. If the device refuses one setting, none is changed. Settings that the file does not name stay
+/// as they are. A file of another device is refused unless --force: a calibration belongs to its board, cell and screw.
 /// With --json one object with all settings: {"kind":"settings","serial":..,"settings":{..}}.
 #[derive(clap::Args)]
 pub struct RestoreArgs {
     /// File from `settings backup`
     #[arg(value_name = "FILE.toml")]
     file: PathBuf,
-    /// Keep them over a restart
+    /// Save them, so that they survive a restart
     #[arg(long)]
     save: bool,
     /// Accept a file of another device
