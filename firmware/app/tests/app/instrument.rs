@@ -8,8 +8,9 @@ use inerter_app::{Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
 use inerter_needs::Random;
 use inerter_wire::{
-    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Quantity, Record,
-    Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams, WIRE_VERSION,
+    Capabilities, ClockSource, Command, Done, Event, EventKind, Fault, Frame, Measure, Measured, Play, Quantity,
+    Record, Refusal, Reply, ResetCause, Samples, SettingFault, SettingValue, SettingsValues, Source, Streams,
+    WIRE_VERSION,
 };
 
 #[test]
@@ -615,6 +616,14 @@ fn what_the_board_cannot_do_is_refused() {
         assert_eq!(rig.ask(command.clone()), (vec![], Err(Refusal::Unsupported), vec![]), "{command:?}");
     }
     assert_eq!(rig.ended, None);
+}
+
+/// A board that says it has one.
+#[test]
+fn a_player_that_is_not_there_is_refused() {
+    let identity = inerter_app::Identity { capabilities: Capabilities::PLAYER, ..IDENTITY };
+    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    assert_eq!(rig.ask(Command::Play(Play::End)), (vec![], Err(Refusal::Unsupported), vec![]));
 }
 
 #[test]
