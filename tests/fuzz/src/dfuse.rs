@@ -4,6 +4,8 @@
 //! chip), then the ROM's description of itself, then the answers, or faults: the number of transfers before it (u8) and
 //! its kind (u8).
 //!
+//! As text, the input is also a ROM's description of its flash, which is refused or read without a panic.
+//!
 //! Properties, whatever the ROM answers: the update ends. It erases and writes only pages of the image, and erases the
 //! vectors first. An update of a chip without faults that succeeds leaves the image in flash, and nothing else has
 //! changed. An interrupted update leaves no vectors in front of an incomplete image.
@@ -19,7 +21,7 @@ use dfu_core::{DfuIo, DfuProtocol, functional_descriptor::FunctionalDescriptor};
 use inerter_device::{
     board::{CODE, PAGE},
     image::Image,
-    update::dfuse::{Going, Rom},
+    update::dfuse::{Going, Rom, is_readable},
 };
 
 use crate::{csv::show, image, input::Input};
@@ -163,6 +165,12 @@ fn image_of(length: usize) -> Rc<Image> {
 
 /// Checks an input.
 pub fn check(input: &[u8]) {
+    if let Ok(description) = str::from_utf8(input)
+        && is_readable(description)
+        && let Ok(DfuProtocol::Dfuse { memory_layout, .. }) = DfuProtocol::new(description, (1, 0x1A))
+    {
+        assert!(memory_layout.len() < 1 << 16, "{description}");
+    }
     let mut input = Input(input);
     let kind = input.byte();
     let [scripted, upload, leaves, told, hangs] = [0, 1, 2, 3, 4].map(|bit| kind >> bit & 1 == 1);
@@ -273,5 +281,6 @@ pub fn seeds() -> Vec<Vec<u8>> {
         let answers: Vec<u8> = states.iter().flat_map(|&state| [255, 0, 1, 0, 0, state, 0]).collect();
         seeds.push([&head(1, 0, 0, [7, 0])[..], &answers.repeat(4)].concat());
     }
+    seeds.push(LAYOUT.into());
     seeds
 }

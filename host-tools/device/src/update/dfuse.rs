@@ -30,6 +30,18 @@ pub enum Going {
     Stop,
 }
 
+/// Longest description of a flash that is read \[bytes\], and largest number in its list of pages.
+const MOST: (usize, u16) = (128, 2048);
+
+/// Whether dfu-core can read a ROM's description of its flash, such as `@Internal Flash   /0x08000000/256*02Kg`: it
+/// panics where the text is not ASCII or a size overflows, and allocates as many pages as the text says.
+pub fn is_readable(description: &str) -> bool {
+    let pages = description.rsplit('/').next().unwrap_or_default();
+    let mut numbers = pages.split(|letter: char| !letter.is_ascii_digit()).filter(|number| !number.is_empty());
+    let is_small = |number: &str| number.parse::<u16>().is_ok_and(|number| number <= MOST.1);
+    description.is_ascii() && description.len() <= MOST.0 && numbers.all(is_small)
+}
+
 /// Class request to an interface, host to device (USB 2.0, 9.3).
 const OUT: u8 = 0x21;
 /// Class request to an interface, device to host.

@@ -287,3 +287,25 @@ fn other_chips_are_refused_before_anything_is_erased() {
     assert!(error.to_string().contains("does not speak ST's form of DFU"), "{error}");
     assert!(chip.borrow().erased.is_empty());
 }
+
+#[test]
+fn a_description_that_would_harm_is_not_read() {
+    for description in
+        [LAYOUT, "@Flash/0x08000000/04*016Kg,01*064Kg,07*128Kg", "@x/0x08000000/2048*2048Ma", "", "/", "*"]
+    {
+        assert!(is_readable(description), "{description}");
+        // Whatever comes of it, it ends.
+        let _ = DfuProtocol::new(description, (1, 0x1A));
+    }
+    let long = format!("@{}/0x08000000/256*02Kg", "x".repeat(128));
+    for description in [
+        "@x/0x08000000/4294967295*02Kg",
+        "@x/0x08000000/1*4194304Kg",
+        "@x/0x08000000/1*2\u{e9}",
+        "@x/0x08000000/1*\u{20ac}",
+        "@x/0x08000000/1*65537Kg",
+        long.as_str(),
+    ] {
+        assert!(!is_readable(description), "{description}");
+    }
+}

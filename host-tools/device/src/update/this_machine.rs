@@ -7,6 +7,7 @@ use inerter_wire::{Command, WIRE_VERSION};
 use nusb::MaybeFuture;
 
 use super::{
+    dfuse,
     error::UpdateError,
     machine::{Back, Machine, Running},
 };
@@ -20,6 +21,8 @@ use crate::{
 /// USB interface of the ROM, and its alternate setting for flash (AN3156).
 const INTERFACE: u8 = 0;
 const FLASH_SETTING: u8 = 0;
+/// Timeout for a text of the ROM.
+const TEXT_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The machine that this program runs on, and the chosen device.
 pub struct ThisMachine {
@@ -37,6 +40,15 @@ impl ThisMachine {
     fn reached(&self, target: &Target) -> Result<Device, DeviceError> {
         Device::connect_until(target, Clock::new(), self.interrupted)
     }
+}
+
+/// The ROM's description of its flash; empty if there is none.
+fn description(device: &nusb::Device, interface: &nusb::Interface) -> String {
+    let mut settings = interface.descriptors().filter(|setting| setting.alternate_setting() == FLASH_SETTING);
+    let Some(index) = settings.find_map(|setting| setting.string_index()) else { return String::new() };
+    let languages = device.get_string_descriptor_supported_languages(TEXT_TIMEOUT).wait();
+    let language = languages.ok().and_then(|mut all| all.next()).unwrap_or_default();
+    device.get_string_descriptor(index, language, TEXT_TIMEOUT).wait().unwrap_or_default()
 }
 
 impl Machine for ThisMachine {
@@ -79,6 +91,9 @@ impl Machine for ThisMachine {
         let failed = |reason: String| UpdateError::Open { serial: device.serial.clone(), reason };
         let opened = opened(device)?;
         let interface = opened.claim_interface(INTERFACE).wait().map_err(|error| refused(device, &error))?;
+        if !dfuse::is_readable(&description(&opened, &interface)) {
+            return Err(failed("its description of its flash is not that of an STM32".into()));
+        }
         let runtime = tokio::runtime::Builder::new_current_thread().build();
         let runtime = runtime.map_err(|error| failed(error.to_string()))?;
         runtime.block_on(DfuNusb::open(opened, interface, FLASH_SETTING)).map_err(|error| failed(error.to_string()))
