@@ -44,10 +44,16 @@ pub struct FlagsFile {
     pub is_named: bool,
 }
 
+/// The words that may be flags: those before `--`. Behind it are names of files, which a pattern like `*` may have put
+/// there.
+fn before_files(arguments: &[OsString]) -> impl Iterator<Item = &OsString> {
+    arguments.iter().take_while(|argument| *argument != "--")
+}
+
 /// The file that holds for this command line, if any.
 pub fn file(arguments: &[OsString]) -> Option<FlagsFile> {
     let named = |path: PathBuf| FlagsFile { path, is_named: true };
-    let mut arguments = arguments.iter().skip(1);
+    let mut arguments = before_files(arguments).skip(1);
     while let Some(argument) = arguments.next() {
         if argument == "--config" {
             return arguments.next().map(|path| named(path.into()));
@@ -208,7 +214,8 @@ impl<'a> Reader<'a> {
     /// Adds the flag, unless something was typed that it does not go with, itself included.
     fn put(&mut self, arg: &'a Arg, value: &Value) {
         let (name, command) = (long(arg), self.chosen.command);
-        let told = |other: &Arg| self.typed.iter().filter_map(|typed| typed.to_str()).any(|typed| says(typed, other));
+        let told =
+            |other: &Arg| before_files(self.typed).filter_map(|typed| typed.to_str()).any(|typed| says(typed, other));
         let clashes = |other: &Arg| other == arg || excludes(command, arg, other);
         let excluded = command.get_arguments().any(|other| clashes(other) && told(other));
         let is_set = self.flags.iter().any(|(set, _)| clashes(set));
@@ -397,6 +404,27 @@ mod tests {
         let named = |name: &str| Some(FlagsFile { path: name.into(), is_named: true });
         assert_eq!(file(&line(&["inerter", "ports", "--config", "a.toml"])), named("a.toml"));
         assert_eq!(file(&line(&["inerter", "--config=b.toml", "ports"])), named("b.toml"));
+    }
+
+    #[test]
+    fn a_name_behind_two_dashes_is_no_flag() {
+        for words in [
+            &["inerter", "info", "--", "--config=evil.toml", "run.mcap"][..],
+            &["inerter", "info", "--", "--config", "evil.toml"],
+        ] {
+            let words: Vec<OsString> = words.iter().map(OsString::from).collect();
+            assert_ne!(file(&words).map(|file| file.path), Some(PathBuf::from("evil.toml")));
+        }
+        let words: Vec<OsString> = ["inerter", "--config=a.toml", "info", "--", "x"].map(OsString::from).to_vec();
+        assert_eq!(file(&words).map(|file| file.path), Some(PathBuf::from("a.toml")));
+        // Nor does a file with the name of a flag keep the flag file from setting that flag.
+        let typed = ["inerter", "record", "-o", "x", "--", "--duration=1"].map(OsString::from);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("inerter.toml");
+        std::fs::write(&path, "duration = 60\n").unwrap();
+        let rules = Rules { grave: &[], is_here: |_| true };
+        let applied = apply(&Flags::command(), &FlagsFile { path, is_named: true }, &typed, &rules).unwrap();
+        assert_eq!(applied.flags, ["--duration=60"]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use inerter_data::{
     selftest::{Check, SelfTest, Skew, Verdict},
-    words::{plural, utc},
+    words::utc,
 };
 use maud::{Markup, html as markup};
 
@@ -18,8 +18,7 @@ pub fn html(test: &SelfTest) -> String {
             h2 { "Result" }
             p {
                 @if failed.is_empty() { span.ok { "Passed" } } @else { span.none { "Failed" } }
-                ": " (plural(test.count(Verdict::Pass) as u64, "check")) " passed, "
-                (failed.len()) " failed, " (test.count(Verdict::Skipped)) " skipped."
+                ": " (test.summary()) "."
             }
             @if let Some(Skew { skew_s, skew_u95_s }) = test.skew {
                 p {

@@ -18,7 +18,7 @@ use crate::{csv::show, input::Input, scratch::Scratch};
 /// Flags that an automatically found file must not set.
 const GRAVE: [&str; 2] = ["force", "output"];
 /// Words that may be typed.
-const WORDS: [&str; 12] = [
+const WORDS: [&str; 13] = [
     "record",
     "calibrate",
     "skew",
@@ -31,6 +31,7 @@ const WORDS: [&str; 12] = [
     "--set",
     "a=1",
     "--config",
+    "--",
 ];
 
 /// A command line with every kind of flag.
@@ -96,7 +97,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     ];
     let mut seeds = Vec::new();
     for text in texts {
-        for words in [&[][..], &[0], &[0, 3, 7, 8], &[1, 2, 4, 5], &[0, 6, 9, 10, 11]] {
+        for words in [&[][..], &[0], &[0, 3, 7, 8], &[1, 2, 4, 5], &[0, 6, 9, 10, 11], &[0, 12, 3]] {
             for is_named in [0, 1] {
                 let first = (words.len() as u8) << 1 | is_named;
                 seeds.push([&[first], words, text.as_bytes()].concat());

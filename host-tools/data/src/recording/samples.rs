@@ -24,7 +24,7 @@ use crate::{
     run::Run,
     settings::Overrides,
     text::{event_words, is_trouble, settings_note},
-    words::{plural, printable},
+    words::{plural, printable, shortened},
 };
 
 /// What a recording holds.
@@ -106,6 +106,8 @@ pub struct Marker {
 
 /// Maximum number of distinct faults listed; of further ones only the count is given.
 const FAULTS: usize = 20;
+/// The same for settings in the metadata that were left out.
+const LEFT_OUT: u64 = 20;
 
 #[derive(Default)]
 struct Collected {
@@ -251,7 +253,9 @@ pub fn calibration(path: &Path, summary: &Summary, overrides: &Overrides) -> (Op
     let (calibration, trouble) = match overrides.calibration().cloned().map(Ok).or_else(recorded) {
         None => (None, None),
         Some(Ok(calibration)) => (Some(calibration.clone()), calibration.trouble(summary.recorded_ns())),
-        Some(Err(problem)) => (None, Some(format!("its entry on the calibration cannot be read: {problem}"))),
+        Some(Err(problem)) => {
+            (None, Some(format!("its entry on the calibration cannot be read: {}", shortened(&problem))))
+        }
     };
     (calibration, trouble.map(|trouble| format!("{}: {}", path.display(), printable(&trouble))))
 }
@@ -342,12 +346,23 @@ fn settings(file: &str, contents: &Contents, records: &[SettingsValues], notes: 
     let recorded = reading.map(|reading| reading.settings);
     let Some(map) = contents.metadata.get(SETTINGS_METADATA) else { return recorded };
     let mut settings = recorded.unwrap_or_default();
+    let mut left_out = 0;
     for (name, text) in map {
-        if !text.parse().is_ok_and(|value| settings.set_by_name(name, value).is_ok()) {
+        if text.parse().is_ok_and(|value| settings.set_by_name(name, value).is_ok()) {
+            continue;
+        }
+        left_out += 1;
+        if left_out <= LEFT_OUT {
             notes.push(format!(
-                "{file}: the recorded setting {name} = {text} is unknown to this program and was left out"
+                "{file}: the recorded setting {} = {} is unknown to this program and was left out",
+                shortened(name),
+                shortened(text)
             ));
         }
+    }
+    if left_out > LEFT_OUT {
+        let further = plural(left_out - LEFT_OUT, "further recorded setting");
+        notes.push(format!("{file}: also left out, and not listed here: {further}"));
     }
     if records.iter().any(|values| values.read(&settings).settings != settings) {
         notes.push(format!("{file}: the settings were changed during the recording; the initial ones are used"));
@@ -359,10 +374,11 @@ fn ending_note(file: &str, contents: &Contents) -> Option<String> {
     Some(match &contents.ending {
         Ending::Closed => {
             let reason = contents.metadata.get(END_METADATA)?.get("reason").filter(|reason| *reason != "finished")?;
-            format!("{file}: the recording ended early: {reason}")
+            format!("{file}: the recording ended early: {}", shortened(reason))
         }
         Ending::CutOff => format!("{file}: the file is cut off; everything before the cut is used"),
         Ending::Damaged { byte, reason } => {
+            let reason = shortened(reason);
             format!("{file}: the file is damaged near byte {byte} ({reason}); everything before that is used")
         }
     })
@@ -385,4 +401,38 @@ fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> impl Iterato
     .into_iter()
     .filter(|(_, count, ..)| *count > 0)
     .map(move |(before, count, thing, after)| format!("{file}: {before}{}{after}", plural(count, thing)))
+}
+
+#[cfg(test)]
+mod tests {
+    use inerter_wire::{MAX_FRAME, encode_record};
+
+    use super::*;
+    use crate::recording::{End, Recorder};
+
+    #[test]
+    fn notes_of_metadata_without_end_are_counted_and_shortened() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let mut recorder = Recorder::create(&path, false).unwrap();
+        let mut out = [0; MAX_FRAME];
+        let length = encode_record(&Record::Health(Health::default()), 0, &mut out).unwrap();
+        recorder.frame(0, out.get(..length - 1).unwrap()).unwrap();
+        recorder.close(&End { reason: "x".repeat(100_000), lost_frames: 0 }).unwrap();
+        let Summary { mut contents, notes, .. } = summary(&path).unwrap();
+        let [note] = notes.as_slice() else { panic!("{} notes", notes.len()) };
+        assert!(note.contains("the recording ended early: xxx") && note.ends_with("x..."));
+        assert!(note.len() < 1000, "{} bytes", note.len());
+
+        let long = "y".repeat(100_000);
+        let texts = (0..60_000).map(|number| (format!("{number:05}"), "1".to_owned()));
+        let map: BTreeMap<String, String> = texts.chain([(format!("00000{long}"), long)]).collect();
+        contents.metadata.insert(SETTINGS_METADATA.to_owned(), map);
+        let mut notes = Vec::new();
+        assert!(settings("run.mcap", &contents, &[], &mut notes).is_some());
+        assert_eq!(notes.len(), 21);
+        assert!(notes[0].contains("the recorded setting 00000 = 1 is unknown"), "{}", notes[0]);
+        assert!(notes.iter().all(|note| note.len() < 1000), "the second one is shortened");
+        assert!(notes[20].ends_with("not listed here: 59981 further recorded settings"), "{}", notes[20]);
+    }
 }

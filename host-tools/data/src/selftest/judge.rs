@@ -314,7 +314,7 @@ impl Input {
 /// the others.
 ///
 /// The noise comes from the differences of adjacent samples, so a slow drift has no effect. An input at its rail shows
-/// no noise.
+/// no noise: it is not judged, as a converter that does not run may read the same.
 pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Check> {
     let [(noise, noise_label), (first, first_label)] = input.names();
     let codes: Vec<f64> = samples.iter().map(|sample| input.code(sample)).collect();
@@ -323,7 +323,12 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     };
     let at_rail = rest.iter().filter(|code| **code <= 0.0 || **code >= RAIL).count();
     if at_rail * 2 > rest.len() {
-        let reason = "the input is at the end of its range: nothing is connected, or its sensor is off";
+        let reason = if rest.windows(2).all(|pair| pair[0] == pair[1]) {
+            "not judged: constant at the end of its range, and a converter that does not run reads the same; to test it, \
+             use the jumpers or connect a voltage within the range"
+        } else {
+            "the input is at the end of its range: nothing is connected, or its sensor is off"
+        };
         return vec![Check::skipped(noise, noise_label, reason), Check::skipped(first, first_label, reason)];
     }
     let squares: f64 = rest.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();

@@ -150,8 +150,20 @@ impl SelfTest {
 
     /// Labels of the failed checks.
     pub fn failed(&self) -> Vec<&'static str> {
-        let failed = self.checks.iter().filter(|check| check.verdict == Verdict::Fail);
-        failed.map(|check| check.label).collect()
+        self.labels(Verdict::Fail)
+    }
+
+    /// Labels of the checks that have this verdict.
+    fn labels(&self, verdict: Verdict) -> Vec<&'static str> {
+        self.checks.iter().filter(|check| check.verdict == verdict).map(|check| check.label).collect()
+    }
+
+    /// The counts in one line, with the labels of what was skipped, because nothing is known about it.
+    pub fn summary(&self) -> String {
+        let [passed, failed] = [Verdict::Pass, Verdict::Fail].map(|verdict| self.count(verdict));
+        let skipped = self.labels(Verdict::Skipped);
+        let names = if skipped.is_empty() { String::new() } else { format!(" ({})", skipped.join(", ")) };
+        format!("{passed} passed, {failed} failed, {} skipped{names}", skipped.len())
     }
 
     /// The raw figures with their fields; for a quantity that this program does not know, its number.

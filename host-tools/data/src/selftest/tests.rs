@@ -227,6 +227,14 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
     // The terminal's codes are all zero here, at the rail.
     let checks = noise(Input::Terminal, &first, 1000.0);
     assert!(checks.iter().all(|check| check.verdict == Verdict::Skipped), "{checks:?}");
+    let is_dead = |checks: &[Check]| checks.iter().all(|check| check.line().contains("not judged: constant"));
+    assert!(is_dead(&checks), "{checks:?}");
+    let test = SelfTest { hello: hello(), port: "p".into(), begun_ns: 0, checks, measured: vec![], skew: None };
+    assert_eq!(test.summary(), "0 passed, 0 failed, 2 skipped (Noise of the terminal input, First terminal sample)");
+    // A code that leaves the rail shows that the converter runs.
+    first[7].terminal_code = 64;
+    let checks = noise(Input::Terminal, &first, 1000.0);
+    assert!(checks.iter().all(|check| check.verdict == Verdict::Skipped) && !is_dead(&checks), "{checks:?}");
     assert_eq!(failed(&noise(Input::Force, &first[..50], 1000.0)), ["noise_force"], "too few to say");
 }
 

@@ -195,9 +195,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if args.json {
         print_json(&test.json())?;
     } else {
-        let [passed, failed, skipped] =
-            [Verdict::Pass, Verdict::Fail, Verdict::Skipped].map(|verdict| test.count(verdict));
-        output::line(format!("{passed} passed, {failed} failed, {skipped} skipped"))?;
+        output::line(test.summary())?;
     }
     let failed = test.failed();
     if failed.is_empty() { Ok(()) } else { Err(SelfTestError::Failed { failed: failed.join(", ") }.into()) }
