@@ -1,4 +1,6 @@
-//! Untrusted text, for tests.
+//! Untrusted text and devices that bring it, for tests.
+
+use inerter_device::{Port, dfu::DfuDevice};
 
 /// Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides
 /// a character by itself and one behind a letter.
@@ -6,3 +8,14 @@ pub const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}x
 
 /// The same as it may reach a terminal.
 pub const SHOWN: &str = r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200bx\udb40\udc41";
+
+/// A debug probe at this port, with such names.
+pub fn probe(port: &str) -> Port {
+    let (product, serial) = (Some(WORDS.into()), Some(WORDS.into()));
+    Port { port: port.into(), inerter: false, stlink: true, product, serial, vid: Some(0x0483), pid: Some(0x374E) }
+}
+
+/// A board in update mode, with such names.
+pub fn board() -> DfuDevice {
+    DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 }
+}

@@ -76,28 +76,19 @@ fn print(checks: &[Check], json: bool, out: &mut impl Write) -> Result<(), Outpu
 #[cfg(test)]
 mod tests {
     use inerter_data::words::printable;
-    use inerter_device::{Port, dfu::DfuDevice, update::UpdateError};
+    use inerter_device::{dfu::DfuDevice, update::UpdateError};
     use serde_json::Value;
 
     use super::*;
     use crate::{
         doctor::{plugged_in, waiting},
-        hostile::{SHOWN, WORDS},
+        hostile::{SHOWN, WORDS, board, probe},
     };
 
     #[test]
     fn no_usb_device_writes_to_the_terminal_what_it_likes() {
         // macOS names a port after the device's serial number.
-        let link = Port {
-            port: WORDS.into(),
-            inerter: false,
-            stlink: true,
-            product: Some(WORDS.into()),
-            serial: Some(WORDS.into()),
-            vid: Some(0x0483),
-            pid: Some(0x374E),
-        };
-        let device = DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 };
+        let (link, device) = (probe(WORDS), board());
         let refused = |device: &DfuDevice| Err(UpdateError::Permission { serial: device.serial.clone() });
         let checks = [
             plugged_in(&[link]),

@@ -76,7 +76,7 @@ mod tests {
     use serde_json::Value;
 
     use super::*;
-    use crate::hostile::{SHOWN, WORDS};
+    use crate::hostile::{SHOWN, WORDS, board, probe};
 
     #[test]
     fn a_line_says_what_is_there() {
@@ -110,17 +110,7 @@ mod tests {
 
     #[test]
     fn no_usb_device_writes_to_the_terminal_what_it_likes() {
-        let port = Port {
-            port: "/dev/ttyACM0".into(),
-            inerter: false,
-            stlink: true,
-            product: Some(WORDS.into()),
-            serial: Some(WORDS.into()),
-            vid: Some(0x0483),
-            pid: Some(0x374E),
-        };
-        let device = dfu::DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 };
-        let (ports, waiting) = ([port], [device]);
+        let (ports, waiting) = ([probe("/dev/ttyACM0")], [board()]);
         let printed = |json| {
             let mut out = Vec::new();
             print(&ports, &waiting, json, &mut out).unwrap();
