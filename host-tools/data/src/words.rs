@@ -1,28 +1,39 @@
 //! Numbers, intervals, counts and times as text.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, ops::RangeInclusive};
 
 use chrono::{DateTime, SecondsFormat};
 
 /// One line of text that is safe to print on a terminal, wherever it comes from: control characters, bidirectional
 /// controls and invisible characters become JSON escapes, so that JSON keeps its meaning.
 pub fn printable(text: &str) -> Cow<'_, str> {
-    if !text.contains(is_unprintable) {
+    escaped(text, is_unprintable)
+}
+
+/// A page or a figure that is safe to show, wherever its texts come from: the same as [`printable`], but line breaks
+/// stay.
+pub fn printable_lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |letter| letter != '\n' && is_unprintable(letter))
+}
+
+/// The text with these characters as JSON escapes.
+fn escaped(text: &str, is_hidden: fn(char) -> bool) -> Cow<'_, str> {
+    if !text.contains(is_hidden) {
         return text.into();
     }
     let mut out = String::with_capacity(text.len() + 16);
     for letter in text.chars() {
         match letter {
+            letter if !is_hidden(letter) => out.push(letter),
             '\n' => out.push_str("\\n"),
             '\r' => out.push_str("\\r"),
             '\t' => out.push_str("\\t"),
-            letter if is_unprintable(letter) => {
+            letter => {
                 // JSON writes characters beyond 16 bits as two escapes.
                 for unit in letter.encode_utf16(&mut [0; 2]) {
                     out.push_str(&format!("\\u{unit:04x}"));
                 }
             }
-            letter => out.push(letter),
         }
     }
     out.into()
@@ -42,14 +53,42 @@ pub fn shortened_to(letters: usize, text: &str) -> Cow<'_, str> {
 }
 
 /// Characters without a visible glyph: controls, formats (zero width, writing direction, tags), separators, private
-/// use.
+/// use, fillers and blanks.
 fn is_unprintable(letter: char) -> bool {
     if letter.is_ascii() {
         return letter.is_control();
     }
-    // The standard library knows them, but also escapes accents unless a letter precedes them.
-    ['a', letter].iter().collect::<String>().escape_debug().count() > 2
+    // The standard library knows the others, but also escapes accents unless a letter precedes them.
+    UNSEEN.iter().any(|range| range.contains(&letter))
+        || ['a', letter].iter().collect::<String>().escape_debug().count() > 2
 }
+
+/// Characters that are drawn as nothing, some of which count as letters, accents or symbols.
+const UNSEEN: [RangeInclusive<char>; 21] = [
+    // Unicode's Default_Ignorable_Code_Point (DerivedCoreProperties.txt).
+    '\u{ad}'..='\u{ad}',
+    '\u{34f}'..='\u{34f}',
+    '\u{61c}'..='\u{61c}',
+    '\u{115f}'..='\u{1160}',
+    '\u{17b4}'..='\u{17b5}',
+    '\u{180b}'..='\u{180f}',
+    '\u{200b}'..='\u{200f}',
+    '\u{202a}'..='\u{202e}',
+    '\u{2060}'..='\u{206f}',
+    '\u{3164}'..='\u{3164}',
+    '\u{fe00}'..='\u{fe0f}',
+    '\u{feff}'..='\u{feff}',
+    '\u{ffa0}'..='\u{ffa0}',
+    '\u{fff0}'..='\u{fff8}',
+    '\u{1bca0}'..='\u{1bca3}',
+    '\u{1d173}'..='\u{1d17a}',
+    '\u{e0000}'..='\u{e0fff}',
+    // Others whose glyph is empty: blanks of Braille and hieroglyphs, a note without a head, a filler.
+    '\u{2800}'..='\u{2800}',
+    '\u{13441}'..='\u{13442}',
+    '\u{16fe4}'..='\u{16fe4}',
+    '\u{1d159}'..='\u{1d159}',
+];
 
 /// Smaller numbers are written with an exponent.
 const TINY: f64 = 1e-5;
@@ -195,6 +234,30 @@ mod tests {
         {
             assert!(printable(&hidden.to_string()).is_ascii(), "{hidden:?}");
         }
+    }
+
+    #[test]
+    fn what_is_drawn_as_nothing_is_escaped_though_it_counts_as_a_letter_or_an_accent() {
+        // Fillers and blanks, and what selects or joins glyphs.
+        let fillers = "\u{115f}\u{1160}\u{17b4}\u{17b5}\u{2800}\u{3164}\u{ffa0}\u{13441}\u{13442}\u{16fe4}\u{1d159}";
+        let joiner = "\u{34f}";
+        let selectors = ['\u{180b}'..='\u{180f}', '\u{fe00}'..='\u{fe0f}', '\u{e0000}'..='\u{e01ef}'];
+        for hidden in fillers.chars().chain(joiner.chars()).chain(selectors.into_iter().flatten()) {
+            let shown = printable(&format!("a{hidden}b")).into_owned();
+            assert!(shown.is_ascii() && shown.len() > 7, "{hidden:?}: {shown}");
+        }
+        assert_eq!(printable("a\u{3164}\u{e0100}"), r"a\u3164\udb40\udd00");
+        // Neighbours that are seen.
+        for seen in ["\u{10fc}\u{1100}\u{1161}", "\u{17b3}\u{17b6}", "\u{2801}", "\u{3163}", "a\u{34e}\u{350}"] {
+            assert_eq!(printable(seen), seen);
+        }
+    }
+
+    #[test]
+    fn lines_keep_their_breaks_and_nothing_else_that_is_not_seen() {
+        let seen = "<p>3 µm\n\ne\u{301}</p>\n";
+        assert_eq!(printable_lines(seen), seen);
+        assert_eq!(printable_lines("a\r\n\tb\u{202e}\u{1b}\n"), "a\\r\n\\tb\\u202e\\u001b\n");
     }
 
     proptest! {

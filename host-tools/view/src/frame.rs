@@ -1,5 +1,6 @@
 //! What all pages share: one file that loads nothing, light and dark schemes, and a print layout.
 
+use inerter_data::words::printable_lines;
 use maud::{DOCTYPE, Markup, PreEscaped, html as markup};
 
 use crate::figure::{Colour, Figure, css, svg_for_page};
@@ -15,13 +16,15 @@ pub fn page_css() -> String {
          @media (prefers-color-scheme:dark){{:root{{{dark}}}}}\
          @media print{{:root{{{light}color-scheme:light}}}}\
          {}",
-        include_str!("frame.css")
+        // A checkout may have other line ends.
+        include_str!("frame.css").replace('\r', "")
     )
 }
 
-/// A page with this title and kind, a heading, a line below it, and its sections.
+/// A page with this title and kind, a heading, a line below it, and its sections. Its texts may come from anywhere:
+/// what nobody sees in them, or what changes the writing direction, becomes visible.
 pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main: &Markup) -> String {
-    markup! {
+    let page = markup! {
         (DOCTYPE)
         html lang="en" {
             head {
@@ -40,8 +43,8 @@ pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main
                 main { (main) }
             }
         }
-    }
-    .into_string()
+    };
+    printable_lines(&page.into_string()).into_owned()
 }
 
 /// The head of a table: columns of texts, of numbers, and of texts again.
@@ -72,5 +75,19 @@ pub(crate) fn drawn(figure: &Figure) -> Markup {
             (PreEscaped(svg_for_page(figure)))
             figcaption { (figure.caption) }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_shows_what_nobody_would_see_and_keeps_its_style() {
+        let text = "a\u{1b}[2J\n\u{202e}b\u{200b}\u{fe0f}";
+        let page = framed(text, "runs", text, &markup! { (text) }, &markup! { p title=(text) { (text) } });
+        assert_eq!(page.matches("a\\u001b[2J\n\\u202eb\\u200b\\ufe0f").count(), 5, "{page}");
+        assert!(!page.contains(['\u{1b}', '\u{202e}', '\u{200b}', '\u{fe0f}']));
+        assert!(page.contains(&page_css()));
     }
 }

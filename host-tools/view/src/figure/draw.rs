@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use inerter_data::words::printable;
 use plotters::{
     coord::{Shift, cartesian::Cartesian2d, ranged1d::Ranged},
     element::{Circle, DashedPathElement, PathElement, Polygon, Rectangle},
@@ -81,7 +82,7 @@ pub fn draw<DB: DrawingBackend>(
     let mut rest = root.clone();
     if titled {
         let (head, below) = rest.split_vertically(pen.units(TITLE_PX.into()));
-        head.draw_text(&figure.title, &pen.text(14.0), (pen.units(12.0) as i32, pen.units(9.0) as i32))?;
+        head.draw_text(&printable(&figure.title), &pen.text(14.0), (pen.units(12.0) as i32, pen.units(9.0) as i32))?;
         rest = below;
     }
     // The same for all panels, so that their axes align.
@@ -164,9 +165,11 @@ impl<DB: DrawingBackend> Drawing<'_, DB> {
                 }
             }
             let at = (end + pen.units(6.0) as i32, y);
-            self.root.draw_text(label, &text, at)?;
+            // As it is shown, so that the next one begins behind it.
+            let label = printable(label);
+            self.root.draw_text(&label, &text, at)?;
             // Without a font there is no text.
-            let (width, _) = self.root.estimate_text_size(label, &text).unwrap_or_default();
+            let (width, _) = self.root.estimate_text_size(&label, &text).unwrap_or_default();
             x = at.0 + width as i32 + pen.units(22.0) as i32;
         }
         Ok(())

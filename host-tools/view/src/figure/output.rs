@@ -3,7 +3,10 @@
 use std::{io::BufWriter, path::Path, sync::Once};
 
 use image::{ColorType, ImageEncoder, codecs::png::PngEncoder};
-use inerter_data::output::{OutputError, Pending};
+use inerter_data::{
+    output::{OutputError, Pending},
+    words::printable_lines,
+};
 use plotters::{
     prelude::{BitMapBackend, IntoDrawingArea, SVGBackend},
     style::{FontStyle, register_font},
@@ -56,7 +59,9 @@ fn drawn(figure: &Figure, titled: bool) -> String {
     // Fine units, nominal size; the element's accessible name is its title.
     let head = format!("<svg width=\"{width}\" height=\"{height}\" ");
     let scaled = format!("<svg role=\"img\" width=\"{WIDTH_PX}\" height=\"{height_px}\" ");
-    text.replacen(&head, &scaled, 1).replacen(">\n", &format!(">\n<title>{}</title>\n", escaped(&figure.title)), 1)
+    let title = format!(">\n<title>{}</title>\n", escaped(&figure.title));
+    // Names of files are in it.
+    printable_lines(&text.replacen(&head, &scaled, 1).replacen(">\n", &title, 1)).into_owned()
 }
 
 fn escaped(text: &str) -> String {

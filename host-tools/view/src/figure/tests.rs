@@ -37,6 +37,22 @@ fn a_page_finds_every_colour_as_a_variable_and_text_as_text() {
 }
 
 #[test]
+fn a_figure_shows_what_nobody_would_see_in_a_name() {
+    let name = "a\u{1b}[2J\n\u{202e}b\u{200b}\u{fe0f}";
+    let mut figure = wave(10);
+    figure.title = name.into();
+    for layer in &mut figure.panels[0].layers {
+        layer.label = Some(name.into());
+    }
+    // The title, also as it is drawn, and three labels.
+    for (text, count) in [(svg(&figure), 5), (svg_for_page(&figure), 4)] {
+        assert!(!text.contains(['\u{1b}', '\u{202e}', '\u{200b}', '\u{fe0f}']), "{text}");
+        let ends = ["a\\u001b[2J", "\\u202eb\\u200b\\ufe0f"];
+        assert_eq!(ends.map(|end| text.matches(end).count()), [count, count], "{text}");
+    }
+}
+
+#[test]
 fn a_png_has_the_print_size_and_is_not_blank() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wave.png");
