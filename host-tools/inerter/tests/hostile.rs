@@ -1,19 +1,23 @@
-//! Untrusted text on its way to a terminal: names of devices and files, panics, markers, cells.
+//! Untrusted text on its way to a terminal or a page: names of devices and files, panics, markers, cells.
 
 use std::{fs, path::Path};
 
 use crate::common::{
-    self, all_are_tried, device, done, elf_file, firmware, foreign_words, inerter, json_lines, last, text,
+    self, all_are_tried, device, done, elf_file, firmware, foreign_words, inerter, is_foreign, json_lines, last, text,
 };
 use inerter_data::{
     recording::{End, Recorder},
     settings::Overrides,
+    words::printable,
 };
-use inerter_wire::{Event, EventKind, Hello, Record};
+use inerter_wire::{Capabilities, Event, EventKind, Hello, Record};
 
 /// Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides
 /// a name within a name.
 pub const WORDS: &str = "\u{1b}]52;c;aGk=\u{7}\nforged\u{202e}\u{9b}31m\u{200b}\u{e0041}";
+
+/// The beginning of the same, as it may reach a terminal or a page.
+const SHOWN: &str = r"\u001b]52;c;aGk=";
 
 /// What a hostile device sends instead of this record.
 pub fn hostile(record: &Record) -> Vec<Vec<u8>> {
@@ -29,13 +33,38 @@ pub fn hostile(record: &Record) -> Vec<Vec<u8>> {
     }
 }
 
-/// Both streams must contain only lines of printable text, none of them forged.
+/// What a hostile device sends that claims to measure itself, without which there is no self-test.
+fn measuring(record: &Record) -> Vec<Vec<u8>> {
+    match record {
+        Record::Hello(hello) => {
+            let capabilities = hello.capabilities.with(Capabilities::MEASURE);
+            hostile(&Record::Hello(Hello { capabilities, ..hello.clone() }))
+        }
+        _ => hostile(record),
+    }
+}
+
+/// Both streams must contain only lines of printable text, none of them forged, and so must a page or a figure that it
+/// writes. A check of its own may fail.
 fn check(folder: &Path, arguments: &[&str]) -> String {
     let output = inerter(folder, arguments).output().unwrap();
     let (out, errors) = (text(&output.stdout), text(&output.stderr));
     check_words(arguments, &[("standard output", &out), ("standard error", &errors)]);
-    assert!(output.status.code().is_some_and(|code| code < 10), "{arguments:?}: {errors}");
+    assert!(output.status.code().is_some_and(|code| code <= 10), "{arguments:?}: {errors}");
+    let written = arguments.iter().skip_while(|word| **word != "-o").nth(1);
+    let is_shown = |name: &&&str| name.ends_with(".html") || name.ends_with(".svg");
+    if let Some(name) = written.filter(is_shown) {
+        check_page(folder, name);
+    }
     out + &errors
+}
+
+/// No character of a page or a figure may be foreign. A line break is a space there, and forges nothing. Returns its
+/// text, or none if it was not written.
+fn check_page(folder: &Path, name: &str) -> String {
+    let page = fs::read_to_string(folder.join(name)).unwrap_or_default();
+    assert_eq!(page.split('\n').find(|line| line.contains(is_foreign)), None, "{name}");
+    page
 }
 
 fn check_words(arguments: &[&str], streams: &[(&str, &str)]) {
@@ -99,17 +128,16 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
         &["update", "image.elf", "--force"],
     ];
     all_are_tried(&commands, |help| help.contains("--connect <HOST:PORT>"));
-    let shown = r"\u001b]52;c;aGk=";
     for command in commands {
         let all = [command, &["--connect", &address]].concat();
         #[cfg(unix)]
         if command == ["calibrate"] {
-            said += &check_at_terminal(folder, &all, shown);
+            said += &check_at_terminal(folder, &all, SHOWN);
             continue;
         }
         let words = check(folder, &all);
         // The device introduces itself before the command is refused.
-        assert!(command != ["update", "image.elf"] || words.contains(shown), "{words}");
+        assert!(command != ["update", "image.elf"] || words.contains(SHOWN), "{words}");
         said += &words;
     }
     // The text was shown in escaped form.
@@ -117,6 +145,18 @@ fn no_device_writes_to_the_terminal_what_it_likes() {
     // In JSON the same escapes represent the text itself.
     let info = last(&done(folder, &["info", "run.mcap", "--json"]));
     assert_eq!(info.pointer("/device/board").unwrap(), Hello::text::<24>(WORDS).as_str());
+}
+
+/// A page is also sent to people who never saw the device.
+#[test]
+fn no_device_writes_to_the_page_of_its_self_test_what_it_likes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let device = device(5.0);
+    let address = firmware::before(device.name(), measuring);
+    check(folder, &["selftest", "-o", "board.html", "--without-jumpers", "--connect", &address]);
+    let page = check_page(folder, "board.html");
+    assert!(page.contains(SHOWN) && page.contains(r"serial a\u001b[2J"), "{page}");
 }
 
 /// The error about a bad command line repeats its arguments, and `inerter info *` puts file names there.
@@ -223,12 +263,12 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         &["plan", "--preset", WORDS],
         &["simulate", "--motion", &csv, "-o", "out.mcap"],
         &["identify", &recording, "--no-profiles"],
-        &["report", &recording, "-o", "page.html", "--force"],
-        &["compare", &recording, "plain.mcap", "-o", "page.html", "--force"],
+        &["report", &recording, "-o", "report.html"],
+        &["compare", &recording, "plain.mcap", "-o", "compared.html"],
         &["export", &recording, "--csv", "out.csv", "--estimates", "--force"],
         &["cut", &recording, "--from", "0.5", "-o", "part.mcap", "--force"],
         &["merge", &recording, "plain.mcap", "-o", "both.mcap", "--force"],
-        &["plot", &recording, "--figure", "force", "-o", "force.svg", "--force"],
+        &["plot", &recording, "--figure", "force", "-o", "run.svg"],
         &["send", &recording, "--connect", device.name()],
         &["calibrate", "load-cell", &recording],
         &["calibrate", "zero", &recording],
@@ -263,6 +303,11 @@ fn no_file_writes_to_the_terminal_what_it_likes() {
         said += &check(folder, command);
     }
     assert!(said.contains(r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200b\udb40\udc41"), "{said}");
+    // The run's name is in each of them.
+    for name in ["report.html", "compared.html", "run.svg"] {
+        let page = check_page(folder, name);
+        assert!(page.contains(SHOWN) && page.contains(r"forged\u202e\u009b31m\u200b\udb40\udc41"), "{name}: {page}");
+    }
     let lines = json_lines(&done(folder, &["info", &recording, "--json"]));
     assert_eq!(lines[0].pointer("/markers/0/text").unwrap(), WORDS);
 }
@@ -376,4 +421,40 @@ fn no_image_that_merely_lies_in_the_folder_is_run() {
     assert!(!found.contains("planted"), "{found}");
     let named = ran(&["--image", image.to_str().unwrap()]);
     assert!(named.contains("planted"), "{named}");
+}
+
+#[test]
+fn what_nobody_sees_is_foreign_and_is_never_written() {
+    let unseen = [
+        // Controls, overrides of the writing direction, what has no width.
+        '\0'..='\t',
+        '\u{b}'..='\u{1f}',
+        '\u{7f}'..='\u{9f}',
+        '\u{ad}'..='\u{ad}',
+        '\u{61c}'..='\u{61c}',
+        '\u{200b}'..='\u{200f}',
+        '\u{202a}'..='\u{202e}',
+        '\u{2060}'..='\u{206f}',
+        '\u{feff}'..='\u{feff}',
+        // A joiner, fillers, blank Braille.
+        '\u{34f}'..='\u{34f}',
+        '\u{115f}'..='\u{1160}',
+        '\u{17b4}'..='\u{17b5}',
+        '\u{2800}'..='\u{2800}',
+        '\u{3164}'..='\u{3164}',
+        '\u{ffa0}'..='\u{ffa0}',
+        // Selectors and tags.
+        '\u{180b}'..='\u{180f}',
+        '\u{fe00}'..='\u{fe0f}',
+        '\u{e0000}'..='\u{e007f}',
+        '\u{e0100}'..='\u{e01ef}',
+    ];
+    for letter in unseen.into_iter().flatten() {
+        assert!(foreign_words(&format!("a{letter}")).is_some(), "{letter:?}");
+    }
+    assert_eq!(foreign_words("Prüfstand 3 µm ± 2 °C,\nひずみ, e\u{301}, 🛠"), None);
+    // Only what stands for damaged text is a letter to the program.
+    for letter in ('\0'..=char::MAX).filter(|letter| is_foreign(*letter) && *letter != '\u{fffd}') {
+        assert!(printable(&format!("a{letter}")).is_ascii(), "{letter:?}");
+    }
 }

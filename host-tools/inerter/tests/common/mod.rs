@@ -100,18 +100,28 @@ pub fn estimate_of(value: &Value) -> Value {
     object.into()
 }
 
-/// Returns the text if it contains a character that must not reach a terminal: a control character, an invisible one,
-/// or one that changes the writing direction. Line ends are allowed.
+/// Returns the text if it contains a foreign character or a forged line.
 pub fn foreign_words(words: &str) -> Option<String> {
-    let is_foreign = |letter: char| {
-        (letter.is_control() && letter != '\n')
-            || ('\u{200b}'..='\u{200f}').contains(&letter)
-            || ('\u{2028}'..='\u{202e}').contains(&letter)
-            || ('\u{e0000}'..='\u{e007f}').contains(&letter)
-            || letter == '\u{fffd}'
-    };
     let is_forged = words.lines().any(|line| line.starts_with("forged"));
     (is_forged || words.contains(is_foreign)).then(|| words.to_string())
+}
+
+/// Whether a character must reach neither a terminal nor a page: a control character, an invisible one, or one that
+/// changes the writing direction. Line ends are allowed. The program has a list of its own.
+pub fn is_foreign(letter: char) -> bool {
+    let code = u32::from(letter);
+    let is_control = letter.is_control() && letter != '\n';
+    // Marks and overrides of the writing direction, line separators; hyphens and joiners that are not drawn.
+    let is_layout = matches!(code, 0x61c | 0x200e | 0x200f | 0x2028..=0x202e | 0x2066..=0x2069);
+    let is_joiner = matches!(code, 0xad | 0x34f | 0x200b..=0x200d | 0x2060..=0x2065 | 0x206a..=0x206f | 0xfeff);
+    // Letters and symbols without ink: Korean and Khmer fillers, blank Braille, blank hieroglyphs, others.
+    let is_filler = matches!(code, 0x115f | 0x1160 | 0x17b4 | 0x17b5 | 0x3164 | 0xffa0 | 0x16fe4);
+    let is_blank = matches!(code, 0x2800 | 0x13441 | 0x13442 | 0x1d159);
+    // What selects a variant of the glyph before; tags, and the rest of their block.
+    let is_selector = matches!(code, 0x180b..=0x180f | 0xfe00..=0xfe0f | 0xe0000..=0xe0fff);
+    // Annotations, shorthand and musical formats; the last replaces what is not text.
+    let is_format = matches!(code, 0xfff0..=0xfffb | 0x1bca0..=0x1bca3 | 0x1d173..=0x1d17a | 0xfffd);
+    is_control || is_layout || is_joiner || is_filler || is_blank || is_selector || is_format
 }
 
 /// Waits until a condition holds, with a generous limit.
