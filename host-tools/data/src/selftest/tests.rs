@@ -1,5 +1,5 @@
 use super::{
-    judge::{Input, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
+    judge::{Input, Report, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
     *,
 };
 use inerter_core::{RawSample, Settings};
@@ -242,22 +242,35 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
 fn each_fault_of_a_stream_is_named() {
     let samples: Vec<_> = (0..8000).map(|index| RawSample { index, ..RawSample::default() }).collect();
     let gap = [&samples[..10], &samples[11..]].concat();
-    let good = Streamed { samples: &samples, bytes: 38_000, bad_frames: 0, overruns: Some(0) };
+    let report = |uptime_s, index| Report { uptime_s, index, overruns: 0 };
+    let reports = [report(7, u32::MAX - 100), report(8, 3899)];
+    let good = Streamed { samples: &samples, bytes: 38_000, bad_frames: 0, reports: &reports };
+    let overrun = reports.map(|report| Report { overruns: 1, ..report });
+    let half = [report(7, 100), report(9, 4100)];
+    let fast = [report(7, 100), report(8, 4230)];
+    let standing = [report(7, 100), report(7, 4100)];
+    let backwards = [report(7, 100), report(6, 4100)];
     let heard = |heard: Streamed| {
         let checks = throughput(&heard);
         (failed(&checks), checks.map(|check| check.found))
     };
     let (none, found) = heard(good);
-    assert_eq!((none, found[3].as_deref()), (vec![], Some("19.0")), "KB in each of two seconds");
+    assert_eq!((none, found[0].as_deref()), (vec![], Some("4000")));
+    assert_eq!(found[4].as_deref(), Some("19.0"), "KB in each of two seconds");
     for (fault, names) in [
         (Streamed { bad_frames: 1, ..good }, &["frames_lost"][..]),
         (Streamed { samples: &gap, ..good }, &["samples_lost"]),
-        (Streamed { overruns: Some(1), ..good }, &["overruns"]),
-        (Streamed { overruns: None, ..good }, &["overruns"]),
+        (Streamed { reports: &overrun, ..good }, &["overruns"]),
+        (Streamed { reports: &[], ..good }, &["sample_rate", "overruns"]),
+        (Streamed { reports: &reports[..1], ..good }, &["sample_rate"]),
+        (Streamed { reports: &half, ..good }, &["sample_rate"]),
+        (Streamed { reports: &fast, ..good }, &["sample_rate"]),
+        (Streamed { reports: &standing, ..good }, &["sample_rate"]),
+        (Streamed { reports: &backwards, ..good }, &["sample_rate"]),
         (Streamed { bytes: 19_000, ..good }, &["throughput"]),
         (Streamed { bytes: 2_100_000, ..good }, &["throughput"]),
         (Streamed { samples: &samples[..1000], ..good }, &["throughput"]),
-        (Streamed::default(), &["overruns", "throughput"]),
+        (Streamed::default(), &["sample_rate", "overruns", "throughput"]),
     ] {
         assert_eq!(heard(fault).0, names, "{fault:?}");
     }

@@ -51,6 +51,8 @@ const QUIET_HZ: f64 = 1000.0;
 /// How long to collect samples (s of the device's clock), and how much longer that may take.
 const LISTEN_S: f64 = 2.0;
 const PATIENCE: u32 = 6;
+/// The sample counter's jump after a halt is at most this many samples after the first.
+const BEFORE_JUMP: usize = 2 * Samples::MAX_SAMPLES;
 /// Samples still in flight after the sampler halts arrive within this time.
 const HALT: Duration = Duration::from_secs(1);
 /// Time to wait for a health record, which the board sends once a second.
@@ -220,8 +222,8 @@ struct Bench {
 struct Heard {
     samples: Vec<RawSample>,
     bytes: usize,
-    /// The latest one.
-    health: Option<Health>,
+    /// Health reports, from [`BEFORE_JUMP`] samples on.
+    reports: Vec<judge::Report>,
     /// Batches of samples that could not be decoded.
     unreadable: usize,
 }
@@ -297,7 +299,10 @@ impl Bench {
         device.start_sampler()?;
         let wanted = (LISTEN_S * sample_rate_hz) as usize;
         let (mut heard, begun) = (Heard::default(), Instant::now());
-        while heard.samples.len() < wanted && begun.elapsed() < Duration::from_secs_f64(LISTEN_S) * PATIENCE {
+        let reports = if streams.health { 2 } else { 0 };
+        while (heard.samples.len() < wanted || heard.reports.len() < reports)
+            && begun.elapsed() < Duration::from_secs_f64(LISTEN_S) * PATIENCE
+        {
             device.check_interrupted()?;
             let Some(received) = device.receive()? else { continue };
             heard.bytes += received.bytes.len() + 1;
@@ -306,12 +311,19 @@ impl Bench {
                     heard.unreadable += usize::from(samples.check().is_err());
                     heard.samples.extend(samples.iter().flatten());
                 }
-                Frame::Message { message: Record::Health(health), .. } => heard.health = Some(health),
+                Frame::Message { message: Record::Health(Health { uptime_s, overruns, .. }), .. } => {
+                    let latest = heard.samples.last().filter(|_| heard.samples.len() > BEFORE_JUMP);
+                    heard.reports.extend(latest.map(|latest| judge::Report {
+                        uptime_s,
+                        index: latest.index,
+                        overruns,
+                    }));
+                }
                 _ => {}
             }
         }
         // A batch that was incomplete at the halt comes first; the sample counter jumps after it.
-        let first = heard.samples.windows(2).take(2 * Samples::MAX_SAMPLES);
+        let first = heard.samples.windows(2).take(BEFORE_JUMP);
         let jump = first.enumerate().rfind(|(_, pair)| pair[1].index.wrapping_sub(pair[0].index) != 1);
         if let Some((place, _)) = jump {
             heard.samples.drain(..=place);
@@ -342,8 +354,8 @@ impl Bench {
         let counts = self.device()?.counts();
         let bad_frames =
             u64::from(counts.lost) - lost + u64::from(counts.corrupt() - damaged) + heard.unreadable as u64;
-        let overruns = heard.health.map(|health| health.overruns);
-        let heard = judge::Streamed { samples: &heard.samples, bytes: heard.bytes, bad_frames, overruns };
+        let Heard { samples, bytes, reports, .. } = &heard;
+        let heard = judge::Streamed { samples, bytes: *bytes, bad_frames, reports };
         self.add(judge::throughput(&heard))
     }
 
