@@ -39,6 +39,16 @@ fn escaped(text: &str, is_hidden: fn(char) -> bool) -> Cow<'_, str> {
     out.into()
 }
 
+/// Spreadsheets take a cell that begins like this for a formula.
+const FORMULAS: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+
+/// A text as a cell of a CSV that spreadsheets open: [`printable`], and behind a `'` where it would be a formula. Numbers
+/// do not need it, and would become texts.
+pub fn csv_text(text: &str) -> Cow<'_, str> {
+    let shown = printable(text);
+    if text.starts_with(FORMULAS) { format!("'{shown}").into() } else { shown }
+}
+
 /// The beginning of a text of any length, for part of a message.
 pub fn shortened(text: &str) -> Cow<'_, str> {
     shortened_to(200, text)
@@ -258,6 +268,25 @@ mod tests {
         let seen = "<p>3 µm\n\ne\u{301}</p>\n";
         assert_eq!(printable_lines(seen), seen);
         assert_eq!(printable_lines("a\r\n\tb\u{202e}\u{1b}\n"), "a\\r\n\\tb\\u202e\\u001b\n");
+    }
+
+    fn no_cell_is_a_formula_and_other_cells_stay() {
+        for (text, cell) in [
+            ("=1+1", "'=1+1"),
+            ("+1", "'+1"),
+            ("-1", "'-1"),
+            ("@SUM(1)", "'@SUM(1)"),
+            ("\t=1", r"'\t=1"),
+            ("\r=1", r"'\r=1"),
+            ("\n=1", r"\n=1"),
+            ("a\nforged", r"a\nforged"),
+            ("=\u{202e}", r"'=\u202e"),
+            ("", ""),
+            ("holds", "holds"),
+            ("a - b", "a - b"),
+        ] {
+            assert_eq!(csv_text(text), cell, "{text:?}");
+        }
     }
 
     proptest! {

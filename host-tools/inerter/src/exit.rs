@@ -119,7 +119,9 @@ fn store(error: &inerter_store::StoreError) -> u8 {
         | Damaged { .. }
         | NoRun { .. }
         | NoRecording { .. }
-        | Changed { .. } => INPUT,
+        | Changed { .. }
+        | LongRow { .. }
+        | LongTexts { .. } => INPUT,
     }
 }
 

@@ -8,7 +8,12 @@ use std::{
     time::Duration,
 };
 
+use inerter_data::{
+    recording::{End, Recorder, TRUTH_METADATA},
+    settings::Overrides,
+};
 use inerter_needs::Random;
+use serde_json::{Value, json};
 
 use crate::common::{
     self, done, fails, inerter, json_lines, last, run,
@@ -327,7 +332,7 @@ fn a_damaged_row_is_told_and_the_others_are_listed() {
     let all = files(&folder.join("s"));
     let row = folder.join("s").join(all.iter().find(|file| file.starts_with("rows")).unwrap());
     let name = row.file_stem().unwrap().to_str().unwrap().to_owned();
-    let deep = "[".repeat(1 << 20);
+    let deep = "[".repeat(1 << 17);
     let far = "{\"law\":1e999,\"inertance_kg\":\"\u{1b}[2J\\nforged\"}";
     let mut random = Random(8);
     let whole = fs::read(&row).unwrap();
@@ -357,6 +362,122 @@ fn a_damaged_row_is_told_and_the_others_are_listed() {
     done(folder, &["store", "get", "s", &name, "-o", "back.mcap"]);
     done(folder, &["store", "verify", "s", "--repair"]);
     assert_eq!(rows(folder).len(), 2);
+}
+
+/// Sets columns of the first run of the store `s` in this folder; returns the file of its row, and its name.
+fn edited(folder: &Path, columns: &[(&str, Value)]) -> (PathBuf, String) {
+    let all = files(&folder.join("s"));
+    let file = folder.join("s").join(all.iter().find(|file| file.starts_with("rows")).unwrap());
+    let mut row: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    for (name, value) in columns {
+        row[*name] = value.clone();
+    }
+    write(&file, row.to_string().as_bytes());
+    let name = file.file_stem().unwrap().to_str().unwrap().to_owned();
+    (file, name)
+}
+
+#[test]
+fn a_text_of_any_length_is_cut_in_a_table_and_whole_in_json_and_csv() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap"]);
+    let long = "x".repeat(70_000);
+    let (_, name) = edited(folder, &[("law", json!(long)), (long.as_str(), json!("y"))]);
+    for command in [&["store", "ls", "s"][..], &["store", "query", "s", "samples > 0"], &["store", "show", "s", &name]]
+    {
+        let told = done(folder, command);
+        assert!(told.contains("xxx...") && told.lines().all(|line| line.chars().count() < 600), "{command:?}: {told}");
+    }
+    let shown = last(&done(folder, &["store", "show", "s", &name, "--json"]));
+    assert!(shown["law"] == json!(long) && shown[&long] == "y");
+    assert!(rows(folder).contains(&shown));
+    // The name of a column, and a cell.
+    let csv = done(folder, &["store", "ls", "s", "--csv"]);
+    assert_eq!((csv.lines().count(), csv.matches(&long).count()), (3, 2));
+}
+
+/// Neither a cell nor the name of a column is a formula to a spreadsheet, or forges a line.
+#[test]
+fn texts_in_a_csv_stay_texts() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap"]);
+    let texts = [
+        ("law", "=1+1", "'=1+1"),
+        ("firmware", "+1", "'+1"),
+        ("board", "-1", "'-1"),
+        ("software", "@SUM(1)", "'@SUM(1)"),
+        ("serial", "\t=1", r"'\t=1"),
+        ("causes", "\r=1", r"'\r=1"),
+        ("recorded_utc", "a\nforged,\"1\"", r#"a\nforged,"1""#),
+    ];
+    let mut columns = vec![("=cmd()\nforged,1", json!("a")), ("a\nforged", json!("b")), ("offset_n", json!(-3.5))];
+    columns.extend(texts.map(|(column, text, _)| (column, json!(text))));
+    let (_, name) = edited(folder, &columns);
+    let told = done(folder, &["store", "ls", "s", "--csv"]);
+    assert_eq!((told.lines().count(), common::foreign_words(&told)), (3, None));
+    let mut reader = csv::Reader::from_reader(told.as_bytes());
+    let head = reader.headers().unwrap().clone();
+    let all: Vec<csv::StringRecord> = reader.records().map(|record| record.unwrap()).collect();
+    let row = all.iter().find(|row| row.iter().any(|cell| cell == name)).unwrap();
+    let cell = |column: &str| row.get(head.iter().position(|one| one == column).unwrap()).unwrap();
+    for (column, _, expected) in texts {
+        assert_eq!(cell(column), expected, "{column}");
+    }
+    assert_eq!((cell(r"'=cmd()\nforged,1"), cell(r"a\nforged"), cell("offset_n")), ("a", "b", "-3.5"));
+
+    fs::copy(folder.join("1.mcap"), folder.join("=1+1.mcap")).unwrap();
+    fs::write(folder.join("limits.toml"), "[offset_n]\nmin = -1000\nmax = 1000\n").unwrap();
+    run(folder, &["replay", "=1+1.mcap", "--limits", "limits.toml", "--verdicts", "v.csv"]);
+    let verdicts = fs::read_to_string(folder.join("v.csv")).unwrap();
+    assert!(verdicts.contains("\n'=1+1.mcap,offset_n,") && verdicts.contains(",-1000,1000,"), "{verdicts}");
+}
+
+#[test]
+fn a_row_that_is_too_long_is_told_and_not_read() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap"]);
+    let (file, name) = edited(folder, &[("law", json!("x".repeat(300_000)))]);
+    let before = fs::read(&file).unwrap();
+    for command in [&["store", "ls", "s"][..], &["store", "query", "s", "samples > 0", "--csv"]] {
+        let output = run(folder, command);
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{words}");
+        assert!(words.contains(&format!("{name}.json: oversized")), "{words}");
+        assert_eq!(text(&output.stdout).lines().count(), 2, "the other run");
+    }
+    let words = fails(folder, &["store", "show", "s", &name], 3);
+    assert!(words.contains(&format!("{name}.json in the store s is longer than 256 KB")), "{words}");
+    assert!(words.contains("`inerter store verify s --repair`"), "{words}");
+    assert!(fs::read(&file).unwrap() == before);
+    done(folder, &["store", "verify", "s", "--repair"]);
+    assert_eq!(rows(folder).len(), 2);
+}
+
+#[test]
+fn a_recording_whose_row_would_be_too_long_is_not_added() {
+    let folder = recordings();
+    let folder = folder.path();
+    let run = inerter_data::open(&folder.join("1.mcap"), &Overrides::default()).unwrap();
+    let mut recorder = Recorder::create(&folder.join("long.mcap"), false).unwrap();
+    recorder.describe(&run.hello.clone().unwrap(), &run.settings).unwrap();
+    for (sequence, part) in run.samples.chunks(8).enumerate() {
+        let record = inerter_wire::Record::Samples(inerter_wire::Samples::from_slice(part).0);
+        let mut frame = [0; inerter_wire::MAX_FRAME];
+        let length = inerter_wire::encode_record(&record, sequence as u16, &mut frame).unwrap();
+        recorder.frame(sequence as u64 * 1_000_000, frame.get(..length - 1).unwrap()).unwrap();
+    }
+    recorder.metadata(TRUTH_METADATA, [("inertance_kg".to_string(), "x".repeat(300_000))].into()).unwrap();
+    recorder.close(&End { reason: String::new(), lost_frames: 0 }).unwrap();
+    let words = fails(folder, &["store", "add", "s", "long.mcap"], 3);
+    assert!(words.contains("long.mcap cannot be added: its row would be longer than 256 KB"), "{words}");
+    assert!(!folder.join("s").exists());
+    // The others are added.
+    assert!(fails(folder, &["store", "add", "s", "long.mcap", "1.mcap"], 3).contains("1 of 2 recordings"));
+    assert_eq!(rows(folder).len(), 1);
+    done(folder, &["store", "verify", "s"]);
 }
 
 /// Pipes and links in the folder are not part of the store, and reading them might never end.

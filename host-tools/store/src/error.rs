@@ -8,7 +8,7 @@ use std::{
 use inerter_data::recording::RecordingError;
 use miette::Diagnostic;
 
-use crate::place::VERSION;
+use crate::{place::VERSION, row::LONGEST_ROW_KB};
 
 /// Why a store cannot be used, or not in this way.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -48,6 +48,22 @@ pub enum StoreError {
     #[error("{file} in the store {url} is damaged: {problem}")]
     #[diagnostic(code(inerter::store::damaged), help("`inerter store verify {url}` lists all that is damaged"))]
     Damaged { url: String, file: String, problem: String },
+    /// A row is longer than any of ours; it is not read.
+    #[error("{file} in the store {url} is longer than {LONGEST_ROW_KB} KB")]
+    #[diagnostic(
+        code(inerter::store::long_row),
+        help("`inerter store verify {url} --repair` makes it anew from its recording; nothing was changed")
+    )]
+    LongRow { url: String, file: String },
+    /// The row of a recording would be too long.
+    #[error("{file} cannot be added: its row would be longer than {LONGEST_ROW_KB} KB")]
+    #[diagnostic(
+        code(inerter::store::long_texts),
+        help(
+            "find the long text in `inerter info --json`, about the device or the truth of a simulation, and record it shorter; nothing was added"
+        )
+    )]
+    LongTexts { file: String },
     /// No run has this name.
     #[error("the store {url} has no run {run}")]
     #[diagnostic(

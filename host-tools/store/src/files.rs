@@ -5,7 +5,7 @@ use std::{
     path::PathBuf,
 };
 
-/// Maximum size of a file that is read at once \[bytes\]: rows and sums have some kilobytes, results some tens.
+/// Maximum size of a file that is read at once \[bytes\]: sums have a kilobyte, results some tens.
 const SMALL: usize = 16 << 20;
 
 /// The result, or `None` if there is no such file.
@@ -38,11 +38,20 @@ pub(crate) trait Files: Send + Sync {
 
     /// The contents of a small file.
     fn get(&self, name: &str) -> io::Result<Vec<u8>> {
-        let mut bytes = Vec::new();
-        self.read(name, &mut |part| {
+        self.get_up_to(name, SMALL)?.ok_or_else(|| io::Error::other("it is far too long"))
+    }
+
+    /// The contents of a file, or `None` if they are longer than this: then the rest is not read.
+    fn get_up_to(&self, name: &str, longest: usize) -> io::Result<Option<Vec<u8>>> {
+        let (mut bytes, mut is_longer) = (Vec::new(), false);
+        let read = self.read(name, &mut |part| {
+            is_longer = part.len() > longest - bytes.len();
+            if is_longer {
+                return Err(io::ErrorKind::Other.into());
+            }
             bytes.extend_from_slice(part);
-            if bytes.len() > SMALL { Err(io::Error::other("it is far too long")) } else { Ok(()) }
-        })?;
-        Ok(bytes)
+            Ok(())
+        });
+        if is_longer { Ok(None) } else { read.map(|()| Some(bytes)) }
     }
 }

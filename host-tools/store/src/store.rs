@@ -17,7 +17,7 @@ use crate::{
     folder::Folder,
     place::{MARK, Part, Place, RESULTS, VERSION},
     results::{Outcome, checked},
-    row::Row,
+    row::{LONGEST_ROW, Row},
     sums::{Expected, Sum, Summed, parse},
     tables::{Tables, opened},
 };
@@ -27,6 +27,8 @@ const ATTEMPTS: usize = 4;
 
 /// The problem of a file that the system cannot read.
 const UNREADABLE: &str = "unreadable";
+/// The problem of a row that is too long.
+const OVERSIZED: &str = "oversized";
 
 /// A store of runs, in a folder or at `s3://BUCKET/FOLDER`.
 pub struct Store {
@@ -68,8 +70,8 @@ pub struct Damage {
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unreadable`, `unfinished` (a run whose adding or removal was interrupted) or `foreign`
-    /// (not ours).
+    /// `missing`, `changed`, `unreadable`, `oversized` (a row that is too long), `unfinished` (a run whose adding or
+    /// removal was interrupted) or `foreign` (not ours).
     pub problem: &'static str,
 }
 
@@ -221,6 +223,7 @@ impl Store {
                     continue;
                 }
                 Err(StoreError::Damaged { .. }) => "changed",
+                Err(StoreError::LongRow { .. }) => OVERSIZED,
                 Err(StoreError::Access { source, .. }) if source.kind() == io::ErrorKind::NotFound => "missing",
                 Err(_) if self.is_local() => UNREADABLE,
                 Err(error) => return Err(error),
@@ -266,7 +269,9 @@ impl Store {
     /// The row of a run.
     pub fn row(&self, place: &Place) -> Result<Row, StoreError> {
         let name = place.file(Part::Row);
-        match serde_json::from_slice(&self.bytes(&name)?) {
+        let bytes = self.tried(&name, "read", self.files.get_up_to(&name, LONGEST_ROW))?;
+        let Some(bytes) = bytes else { return Err(StoreError::LongRow { url: self.url.clone(), file: name }) };
+        match serde_json::from_slice(&bytes) {
             Ok(Value::Object(values)) => Ok(Row { place: place.clone(), values }),
             _ => Err(self.damaged(&name, "it is not a JSON object")),
         }
@@ -360,6 +365,10 @@ impl Store {
                 Ok(None) => damages.push(Damage::of(place, part, "missing")),
                 Ok(Some(sum)) if wanted.is_some_and(|wanted| *wanted != sum) => {
                     damages.push(Damage::of(place, part, "changed"));
+                }
+                // Another program may have written such a row together with its sum.
+                Ok(Some(_)) if part == Part::Row && matches!(self.row(place), Err(StoreError::LongRow { .. })) => {
+                    damages.push(Damage::of(place, part, OVERSIZED));
                 }
                 Ok(Some(_)) => {}
                 Err(_) if self.is_local() => damages.push(Damage::of(place, part, UNREADABLE)),
@@ -544,5 +553,52 @@ impl Store {
 impl Damage {
     fn of(place: &Place, part: Part, problem: &'static str) -> Self {
         Self { run: place.run.clone(), file: place.file(part), problem }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sums::lines;
+
+    /// A store with one run, whose row has this length.
+    fn stored(folder: &Path, length: usize) -> (Store, Place) {
+        let store = Store::create(folder.to_str().unwrap()).unwrap();
+        store.put(MARK, json!({ "kind": "inerter-store", "version": VERSION }).to_string().as_bytes()).unwrap();
+        let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: Sum::of(b"recording") };
+        let row = format!("{{\"law\":\"{}\"}}", "x".repeat(length - 10));
+        assert_eq!(row.len(), length);
+        let mut summed = Vec::new();
+        for part in Part::ALL {
+            let bytes: &[u8] = match part {
+                Part::Recording => b"recording",
+                Part::Row => row.as_bytes(),
+                _ => b"",
+            };
+            if part != Part::Sums {
+                store.put(&place.file(part), bytes).unwrap();
+                summed.push((place.file(part), Sum::of(bytes)));
+            }
+        }
+        store.put(&place.file(Part::Sums), lines(&summed).as_bytes()).unwrap();
+        (store, place)
+    }
+
+    #[test]
+    fn a_row_that_is_too_long_is_not_read_and_stays_as_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, place) = stored(folder.path(), LONGEST_ROW);
+        assert_eq!(store.row(&place).unwrap().text("law").map(str::len), Some(LONGEST_ROW - 10));
+        assert!(store.verify(&mut |_| Ok(())).unwrap().damages.is_empty());
+
+        let (store, place) = stored(folder.path(), LONGEST_ROW + 1);
+        let name = place.file(Part::Row);
+        let error = store.row(&place).unwrap_err();
+        assert!(matches!(&error, StoreError::LongRow { file, .. } if *file == name), "{error}");
+        let damage = Damage { run: place.run.clone(), file: name.clone(), problem: OVERSIZED };
+        let listed = store.runs(&Choice::default()).unwrap();
+        assert_eq!((listed.rows.len(), listed.damages.as_slice()), (0, [damage.clone()].as_slice()));
+        assert_eq!(store.verify(&mut |_| Ok(())).unwrap().damages, [damage]);
+        assert_eq!(store.bytes(&name).unwrap().len(), LONGEST_ROW + 1);
     }
 }

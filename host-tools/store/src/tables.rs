@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use crate::{
     error::{StoreError, unreadable},
     place::{Part, Place, VERSION, serial},
-    row::OBJECTS,
+    row::{LONGEST_ROW, OBJECTS},
     sums::{Sum, lines},
 };
 
@@ -90,11 +90,16 @@ impl Tables {
         let with_run =
             |rows, columns: Vec<_>| table_bytes(&[named(rows)].into_iter().chain(columns).collect::<Vec<_>>());
         let row = row(source, &replayed);
+        let row_json = format!("{}\n", json_of(run, &row)).into_bytes();
+        // Nothing is written yet.
+        if row_json.len() > LONGEST_ROW {
+            return Err(StoreError::LongTexts { file: source.name.clone() });
+        }
         let mut files = vec![
             (Part::Estimates, with_run(estimates.rows(), estimates.held().collect())?),
             (Part::Reversals, with_run(reversals.len(), reversal_columns(machine, &reversals))?),
             (Part::Events, with_run(events.len(), event_columns(&events))?),
-            (Part::Row, format!("{}\n", json_of(run, &row)).into_bytes()),
+            (Part::Row, row_json),
         ];
         let table = with_run(1, row)?;
         let summed = files.iter().map(|(part, bytes)| (place.file(*part), Sum::of(bytes)));

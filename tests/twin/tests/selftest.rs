@@ -466,7 +466,7 @@ fn a_sound_board_passes_through_jumpers() {
     assert!(outcome.page.contains("Passed"));
     let passed = outcome.names("pass");
     for name in
-        ["encoder_wires", &["timing"], "fast_edges", "inertance", "backlash_by_the_force", "backlash_by_the_terminal"]
+        ["encoder_wires", "timing", "fast_edges", "inertance", "backlash_by_the_force", "backlash_by_the_terminal"]
     {
         assert!(passed.contains(&name), "{name} of {passed:?}");
         assert!(outcome.page.contains(outcome.check(name)["found"].as_str().expect("words")), "{name}");

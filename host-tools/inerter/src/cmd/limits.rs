@@ -6,7 +6,7 @@ use inerter_core::Machine;
 use inerter_data::{
     limits::{Judged, Limits, LimitsError, Verdict, verdict},
     output,
-    words::printable,
+    words::csv_text,
 };
 
 use super::{reports::junit, terminal::tidy_at_interrupts};
@@ -119,21 +119,22 @@ fn csv(runs: &[Held]) -> Vec<u8> {
     fn number(number: Option<impl ToString>) -> String {
         number.map(|number| number.to_string()).unwrap_or_default()
     }
+    let text = |text: &str| csv_text(text).into_owned();
     let mut table = csv::Writer::from_writer(Vec::new());
     let head =
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
     let all = runs.iter().flat_map(|held| held.judged.iter().map(move |judged| (held, judged)));
     let rows = all.map(|(held, judged)| {
         [
-            printable(&held.run).into_owned(),
-            judged.name(held.machine).into(),
+            text(&held.run),
+            text(judged.name(held.machine)),
             number(judged.value),
             number(judged.u95),
             number(judged.min),
             number(judged.max),
-            judged.verdict.to_string().to_lowercase(),
+            text(&judged.verdict.to_string().to_lowercase()),
             number(judged.needed_u95),
-            judged.reason.unwrap_or_default().into(),
+            text(judged.reason.unwrap_or_default()),
         ]
     });
     for row in std::iter::once(head).chain(rows) {

@@ -8,7 +8,7 @@ use inerter_data::{
     json::{json_line, machine_json},
     limits::{Judged, Verdict, verdict},
     output::{self, refuse_existing},
-    words::{interval_text, plural, printable},
+    words::{csv_text, interval_text, plural, printable, shortened_to},
 };
 use inerter_store::{Choice, Condition, Damage, OBJECTS, Place, Row, Store, StoreError};
 use serde_json::{Value, json};
@@ -26,6 +26,10 @@ use crate::{
 
 /// Characters of a run's name that a table shows.
 const SHORT: usize = 12;
+/// Characters of another cell that a table shows; JSON and CSV have all of them.
+const CELL: usize = 60;
+/// Characters of a value that `show` prints.
+const VALUE: usize = 200;
 
 pub fn run(args: &Args) -> Result<(), Error> {
     match &args.command {
@@ -70,7 +74,10 @@ fn add(args: &AddArgs) -> Result<(), Error> {
             Err(error)
                 if !matches!(
                     error,
-                    StoreError::Data(_) | StoreError::NoRecording { .. } | StoreError::Changed { .. }
+                    StoreError::Data(_)
+                        | StoreError::NoRecording { .. }
+                        | StoreError::Changed { .. }
+                        | StoreError::LongTexts { .. }
                 ) =>
             {
                 return Err(error.into());
@@ -88,6 +95,11 @@ fn add(args: &AddArgs) -> Result<(), Error> {
 
 fn short(place: &Place) -> &str {
     place.name().get(..SHORT).unwrap_or_default()
+}
+
+/// The beginning of a text as it may be shown: a file of the store may hold one of any length.
+fn cut(text: &str, letters: usize) -> String {
+    shortened_to(letters, &printable(text)).into_owned()
 }
 
 fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
@@ -169,7 +181,7 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
     let mut table = vec![head];
     table.extend(rows.iter().enumerate().map(|(number, row)| {
         let verdict = judged(number).map(|judged| verdict(judged).to_string());
-        cells(row).into_iter().chain(verdict).collect()
+        cells(row).iter().map(|cell| cut(cell, CELL)).chain(verdict).collect()
     }));
     let columns = table.first().map_or(0, Vec::len);
     let width = |place: usize| {
@@ -219,20 +231,17 @@ fn is_object(name: &&str) -> bool {
 
 /// All columns except objects, and the verdict if there are limits; a rotary machine has other columns.
 fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
-    let mut names: Vec<&str> = Vec::new();
-    for name in rows.iter().flat_map(Row::columns).filter(|name| !is_object(name)) {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
+    let mut known = BTreeSet::new();
+    let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
+    let names: Vec<&str> = columns.filter(|name| known.insert(*name)).collect();
     let mut writer = csv::Writer::from_writer(Vec::new());
     let cell = |value: Option<Value>| match value {
-        Some(Value::String(text)) => printable(&text).into_owned(),
+        Some(Value::String(text)) => csv_text(&text).into_owned(),
         Some(value) => value.to_string(),
         None => String::new(),
     };
     let failed = |error: csv::Error| output::OutputError::write("standard output", io::Error::other(error));
-    let head = names.iter().copied().chain(within.map(|_| "limits"));
+    let head = names.iter().map(|name| csv_text(name).into_owned()).chain(within.map(|_| "limits".to_string()));
     writer.write_record(head).map_err(failed)?;
     for (number, row) in rows.iter().enumerate() {
         let judged = within.and_then(|all| all.get(number));
@@ -250,14 +259,14 @@ fn show(args: &ShowArgs) -> Result<(), Error> {
     if args.json {
         return print_json(&row);
     }
-    let name_width = row.columns().map(str::len).max().unwrap_or(0);
+    let name_width = row.columns().map(|name| cut(name, CELL).chars().count()).max().unwrap_or(0);
     for name in row.columns().filter(|name| !is_object(name)) {
         let value = match row.get(name) {
             None => "-".to_string(),
             Some(Value::String(text)) => text,
             Some(value) => value.to_string(),
         };
-        output::line(format!("{name:<name_width$}  {value}"))?;
+        output::line(format!("{:<name_width$}  {}", cut(name, CELL), cut(&value, VALUE)))?;
     }
     let file = store.file(row.place()).map(|file| file.display().to_string());
     Ok(file.map_or(Ok(()), |file| output::line(format!("{:<name_width$}  {file}", "recording")))?)
