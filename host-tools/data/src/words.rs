@@ -270,6 +270,7 @@ mod tests {
         assert_eq!(printable_lines("a\r\n\tb\u{202e}\u{1b}\n"), "a\\r\n\\tb\\u202e\\u001b\n");
     }
 
+    #[test]
     fn no_cell_is_a_formula_and_other_cells_stay() {
         for (text, cell) in [
             ("=1+1", "'=1+1"),

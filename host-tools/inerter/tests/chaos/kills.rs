@@ -10,7 +10,7 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-use inerter_data::recording::{Item, read};
+use inerter_data::recording::{Ending, Item, RecordingError, read};
 use serde_json::Value;
 
 use crate::{
@@ -111,11 +111,11 @@ fn killed_recordings() {
         }
         let there = Instant::now();
         thread::sleep(Duration::from_millis(random.below(4000)));
-        let killed_ns = now_ns();
+        let (killed_ns, recorded) = (now_ns(), there.elapsed());
         child.kill().unwrap();
         child.wait().unwrap();
         reader.join().unwrap().unwrap();
-        match judged(folder.path(), killed_ns) {
+        match judged(folder.path(), killed_ns, &what) {
             Some((lost_s, info)) => {
                 assert!(lost_s < 1.0, "{what}: {lost_s} s are lost");
                 assert!(info["settings"].is_object() && info["device"].is_object(), "{what}: {info}");
@@ -127,7 +127,7 @@ fn killed_recordings() {
             }
             None => {
                 // Nothing has reached the disk yet.
-                assert!(there.elapsed() < Duration::from_secs(2), "{what}: no frame after {:?}", there.elapsed());
+                assert!(recorded < Duration::from_secs(2), "{what}: no frame after {recorded:?}");
                 empty.fetch_add(1, Ordering::Relaxed);
             }
         }
@@ -145,15 +145,27 @@ fn now_ns() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_nanos() as u64
 }
 
-/// Seconds between the last frame and the kill, and the output of `info`; `None` if there is no frame.
-fn judged(folder: &Path, killed_ns: u64) -> Option<(f64, Value)> {
+/// The channel of the frames is within this many bytes from the beginning of a recording.
+const CHANNEL_WITHIN: u64 = 1024;
+
+/// Seconds between the last frame and the kill, and the output of `info`; `None` if there is no frame: the file is
+/// empty, ends before its channel of frames, or has no frame in it. A file that cannot be read otherwise is a fault.
+fn judged(folder: &Path, killed_ns: u64, what: &str) -> Option<(f64, Value)> {
+    let file = folder.join("run.mcap");
+    let length = file.metadata().unwrap().len();
     let mut last_ns = None;
-    let contents = read(&folder.join("run.mcap"), |incoming| {
+    let contents = read(&file, |incoming| {
         if matches!(incoming.item, Item::Frame(_)) {
             last_ns = Some(incoming.time_ns);
         }
     });
-    let last_ns = contents.ok().and(last_ns)?;
+    match contents {
+        // Nothing of a file that was cut off is damaged.
+        Ok(contents) => assert_eq!(contents.ending, Ending::CutOff, "{what}: {length} bytes"),
+        Err(RecordingError::NoChannel { .. }) if length < CHANNEL_WITHIN => {}
+        Err(error) => assert_eq!(length, 0, "{what}: {length} bytes: {error}"),
+    }
+    let last_ns = last_ns?;
     let info = last(&done(folder, &["info", "run.mcap", "--json"]));
     Some((killed_ns.saturating_sub(last_ns) as f64 * 1e-9, info))
 }
