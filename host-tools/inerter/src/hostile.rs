@@ -1,6 +1,10 @@
 //! Untrusted text and devices that bring it, for tests.
 
+use inerter_core::Settings;
 use inerter_device::{Port, dfu::DfuDevice};
+use inerter_wire::{Capabilities, ClockSource, Event, EventKind, Hello, WIRE_VERSION};
+
+use crate::monitor::feed::{Item, Moment};
 
 /// Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides
 /// a character by itself and one behind a letter.
@@ -18,4 +22,27 @@ pub fn probe(port: &str) -> Port {
 /// A board in update mode, with such names.
 pub fn board() -> DfuDevice {
     DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 }
+}
+
+/// What a monitor may see, with these settings: every text in it is such words.
+pub fn monitored(settings: Settings, at: Moment) -> [Item; 6] {
+    let hello = Hello {
+        wire_version: WIRE_VERSION,
+        firmware: Hello::text(WORDS),
+        git: Hello::text(WORDS),
+        board: Hello::text(WORDS),
+        serial: Hello::text(WORDS),
+        sample_rate_hz: settings.sample_rate_hz,
+        clock: ClockSource::Crystal,
+        capabilities: Capabilities::NONE,
+    };
+    let panic = Event { index: 0, kind: EventKind::Panicked(Hello::text(WORDS)) };
+    [
+        Item::Device { port: WORDS.into(), hello, settings },
+        Item::Event { at, t_s: None, event: panic },
+        Item::Refused { words: WORDS.into() },
+        Item::Marker { at, t_s: None, text: WORDS.into() },
+        Item::Back { port: WORDS.into() },
+        Item::Away { reason: WORDS.into() },
+    ]
 }

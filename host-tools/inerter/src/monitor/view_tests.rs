@@ -3,12 +3,12 @@ use inerter_core::{
     Settings,
 };
 use inerter_wire::Estimated;
-use inerter_wire::{Capabilities, ClockSource, EventKind, Health, Hello};
+use inerter_wire::{Capabilities, ClockSource, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
 use super::*;
 use crate::{
-    hostile::{SHOWN, WORDS},
+    hostile::{SHOWN, WORDS, monitored},
     monitor::{
         feed::{Item, Moment, Sample},
         state::{Event, Tab},
@@ -227,18 +227,7 @@ fn what_is_no_number_is_not_identifiable_on_the_screen() {
 fn no_text_from_outside_is_drawn_as_it_came() {
     let mut state = state();
     (state.recording, state.elsewhere) = (Some(WORDS.into()), vec![WORDS.into()]);
-    let present = state.present.as_mut().unwrap();
-    present.port = WORDS.into();
-    let (firmware, board, serial) = (Hello::text(WORDS), Hello::text(WORDS), Hello::text(WORDS));
-    present.hello = Hello { firmware, board, serial, ..present.hello.clone() };
-    let panic = inerter_wire::Event { index: 0, kind: EventKind::Panicked(Hello::text(WORDS)) };
-    for item in [
-        Item::Event { at: at(10.0), t_s: None, event: panic },
-        Item::Refused { words: WORDS.into() },
-        Item::Marker { at: at(10.0), t_s: None, text: WORDS.into() },
-        Item::Back { port: WORDS.into() },
-        Item::Away { reason: WORDS.into() },
-    ] {
+    for item in monitored(state.settings, at(10.0)) {
         state.update(Event::Item(&item));
     }
     state.prompt = Prompt::Marker(WORDS.into());

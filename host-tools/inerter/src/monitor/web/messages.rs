@@ -1,9 +1,12 @@
 //! Messages to the page: the full state when it connects, then each item as it happens.
 
+use std::borrow::Cow;
+
 use inerter_core::Machine;
 use inerter_data::{
     json::{EstimateJson, health_json},
     text::{self, event_words, is_trouble},
+    words::printable,
 };
 use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Value, json};
@@ -37,6 +40,12 @@ impl Messages {
     /// The messages to the pages for one item.
     pub fn take(&mut self, item: &Item) -> Vec<Value> {
         self.state.update(Event::Item(item));
+        let mut new = self.new_messages(item);
+        new.iter_mut().for_each(show);
+        new
+    }
+
+    fn new_messages(&mut self, item: &Item) -> Vec<Value> {
         match item {
             Item::Device { .. } | Item::Settings(_) => self.device().into_iter().collect(),
             Item::Away { reason } => vec![json!({ "kind": "away", "reason": reason })],
@@ -76,6 +85,7 @@ impl Messages {
         lines.sort_by(|(one, _), (other, _)| one.total_cmp(other));
         all.extend(lines.into_iter().map(|(_, message)| message));
         all.extend(state.away.iter().map(|reason| json!({ "kind": "away", "reason": reason })));
+        all.iter_mut().for_each(show);
         all
     }
 
@@ -158,6 +168,20 @@ impl Messages {
     }
 }
 
+/// Makes the texts of a message safe to show, wherever they come from.
+fn show(message: &mut Value) {
+    match message {
+        Value::String(text) => {
+            if let Cow::Owned(shown) = printable(text) {
+                *text = shown;
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(show),
+        Value::Object(values) => values.values_mut().for_each(show),
+        Value::Null | Value::Bool(_) | Value::Number(_) => {}
+    }
+}
+
 fn line(run_s: f64, words: &str, trouble: bool) -> Value {
     json!({ "kind": "event", "run_s": run_s, "words": words, "trouble": trouble })
 }
@@ -168,8 +192,13 @@ fn mark(run_s: f64, text: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
+    use inerter_core::Settings;
+
     use super::*;
-    use crate::monitor::feed::{Moment, Sample};
+    use crate::{
+        hostile::{SHOWN, WORDS, monitored},
+        monitor::feed::{Moment, Sample},
+    };
 
     fn portion(from: u32) -> Item {
         let sample = |index: u32| Sample {
@@ -197,5 +226,29 @@ mod tests {
         assert_eq!(samples["terminal_mm"], Value::Null);
         let [low, high] = [0, 1].map(|side| samples["force_n"][side][5].as_f64().unwrap());
         assert_eq!((low, high), (0.0, 9.0));
+    }
+
+    #[test]
+    fn no_page_is_told_a_text_as_it_came() {
+        fn texts(message: &Value) -> Vec<&str> {
+            match message {
+                Value::String(text) => vec![text],
+                Value::Array(values) => values.iter().flat_map(texts).collect(),
+                Value::Object(values) => values.values().flat_map(texts).collect(),
+                _ => Vec::new(),
+            }
+        }
+        let mut messages = Messages::new(Some(WORDS.into()));
+        let at = Moment { run_s: 1.0, unix_ns: 0 };
+        let told: Vec<Value> = monitored(Settings::default(), at).iter().flat_map(|item| messages.take(item)).collect();
+        // The port, the panic, what was refused, the marker, and why the device is away. A new page is also told the
+        // recording, and the lines about the device's return and absence.
+        for (all, expected) in [(told, 5), (messages.all(), 8)] {
+            let texts: Vec<&str> = all.iter().flat_map(texts).collect();
+            for text in &texts {
+                assert_eq!(printable(text), *text);
+            }
+            assert_eq!(texts.iter().filter(|text| text.contains(SHOWN)).count(), expected, "{texts:?}");
+        }
     }
 }
