@@ -31,6 +31,17 @@ pub struct Options {
     pub fail_fast: bool,
 }
 
+impl Options {
+    /// Time budget of all steps on two processors in a clean clone, with `--quick` in a warm one \[min\].
+    const fn budget_min(&self) -> u64 {
+        match (self.quick, self.full) {
+            (true, _) => 3,
+            (false, false) => 25,
+            (false, true) => 80,
+        }
+    }
+}
+
 /// Time that a step took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Taken {
@@ -68,8 +79,8 @@ struct Step {
     /// If it fails, the later steps are pointless.
     needed: bool,
     when: When,
-    /// Time budget on two processors in a clean clone \[s\]; `None` if it runs in parallel with others, or with
-    /// `--quick` only. The total is 25 minutes, with `--full` 80.
+    /// Time budget on two processors in a clean clone, or where it runs with `--quick` only, in a warm one \[s\]; `None`
+    /// if it runs in parallel with others.
     budget_s: Option<u64>,
     run: Run,
 }
@@ -148,6 +159,7 @@ const STEPS: &[Step] = &[
             Ok(())
         },
     )
+    .within(90)
     .when(When::Quick),
     Step::here(
         "lints, firmware",
@@ -219,7 +231,7 @@ pub fn run(options: &Options) -> Result<()> {
     clear(&list)?;
     let start = Instant::now();
     let outcomes = run_steps(STEPS, options);
-    println!("\n{}\n{}", summary(STEPS, &outcomes, start.elapsed()), skips(&skipped(&list)?));
+    println!("\n{}\n{}", summary(STEPS, &outcomes, start.elapsed(), options.budget_min()), skips(&skipped(&list)?));
     let failed: Vec<_> = STEPS
         .iter()
         .zip(&outcomes)
@@ -309,8 +321,8 @@ fn said_beside(step: &Step) -> Result<PathBuf> {
 }
 
 /// A line for each step: its wall-clock time, its CPU time and, for steps that delay the others, its budget; finally
-/// the total `time`.
-fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
+/// the total `time`, with its budget.
+fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration, budget_min: u64) -> String {
     let mut lines = vec![format!("{:36} {:>9} {:>9} {:>9}", "", "time", "budget", "processor")];
     let mut processor = Duration::ZERO;
     for (step, outcome) in steps.iter().zip(outcomes) {
@@ -336,7 +348,12 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration) -> String {
         });
     }
     let minutes = |time: Duration| time.as_secs_f64() / 60.0;
-    lines.push(format!("{:.1} min, {:.1} min of processor time", minutes(time), minutes(processor)));
+    let over = if time > Duration::from_secs(60 * budget_min) { ", over its budget" } else { "" };
+    lines.push(format!(
+        "{:.1} min of {budget_min}{over}; {:.1} min of processor time",
+        minutes(time),
+        minutes(processor)
+    ));
     lines.join("\n")
 }
 
@@ -505,7 +522,7 @@ mod tests {
         let outcomes = run_steps(&steps, &Options::default());
         assert!(matches!(outcomes[0], Outcome::Failed(..)) && matches!(outcomes[1], Outcome::Failed(..)));
         assert_eq!(outcomes[2], Outcome::Skipped("an earlier step failed"));
-        let text = summary(&steps, &outcomes, Duration::ZERO);
+        let text = summary(&steps, &outcomes, Duration::ZERO, 25);
         assert!(text.contains("FAILED  one") && text.contains("broken") && !text.contains("in detail"), "{text}");
     }
 
@@ -514,15 +531,17 @@ mod tests {
         let long = Step::here("long", "", || Ok(())).within(1);
         let taken =
             |time| Outcome::Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
-        let text = summary(&[long], &[taken(2)], Duration::from_secs(60));
+        let text = summary(&[long], &[taken(2)], Duration::from_secs(60), 1);
         assert!(text.contains("2.0 s") && text.contains("90.0 s  over its budget"), "{text}");
-        assert!(text.ends_with("1.0 min, 1.5 min of processor time"), "{text}");
-        let budget = |full: bool| -> u64 {
-            STEPS.iter().filter(|step| full || step.when != When::Full).filter_map(|step| step.budget_s).sum()
-        };
-        assert_eq!((budget(false), budget(true)), (25 * 60, 80 * 60));
-        let waits = |step: &Step| matches!(step.run, Run::Here(_)) && step.when != When::Quick;
-        assert!(STEPS.iter().all(|step| step.budget_s.is_some() == waits(step)));
+        assert!(text.ends_with("1.0 min of 1; 1.5 min of processor time"), "{text}");
+        let text = summary(&[], &[], Duration::from_secs(61), 1);
+        assert!(text.ends_with("1.0 min of 1, over its budget; 0.0 min of processor time"), "{text}");
+        for full in [false, true] {
+            let run = |step: &&Step| step.when != When::Quick && (full || step.when != When::Full);
+            let budget_s: u64 = STEPS.iter().filter(run).filter_map(|step| step.budget_s).sum();
+            assert_eq!(budget_s, 60 * Options { full, ..Options::default() }.budget_min());
+        }
+        assert!(STEPS.iter().all(|step| step.budget_s.is_some() == matches!(step.run, Run::Here(_))));
     }
 
     #[test]
@@ -530,13 +549,13 @@ mod tests {
         let long = [step("long one", false, When::NotQuick, || bail!("must not run"))];
         let outcomes = run_steps(&long, &Options { quick: true, ..Options::default() });
         assert!(
-            summary(&long, &outcomes, Duration::ZERO)
+            summary(&long, &outcomes, Duration::ZERO, 3)
                 .contains("skipped long one                   left out by --quick")
         );
         let campaign = [step("campaign", false, When::Full, || bail!("lost a sample"))];
         let outcomes = run_steps(&campaign, &Options::default());
         assert!(
-            summary(&campaign, &outcomes, Duration::ZERO)
+            summary(&campaign, &outcomes, Duration::ZERO, 25)
                 .contains("skipped campaign                   with --full only")
         );
         let outcomes = run_steps(&campaign, &Options { full: true, ..Options::default() });
