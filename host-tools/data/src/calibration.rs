@@ -8,10 +8,9 @@ use std::{
 };
 
 use chrono::NaiveDate;
-use serde_json::json;
 use toml::de::{DeTable, DeValue};
 
-use crate::words::{printable, shortened_to, utc};
+use crate::words::{printable, shortened_to, toml_text, utc};
 
 /// Name of the table in a settings file.
 pub const TABLE: &str = "calibration";
@@ -77,10 +76,7 @@ impl Calibration {
 
     /// As a table of a settings file.
     pub(crate) fn to_toml(&self) -> String {
-        // A JSON string is a valid TOML string, except for DEL.
-        let line = |(name, text): (String, String)| {
-            format!("{name} = {}\n", json!(text).to_string().replace('\u{7f}', "\\u007f"))
-        };
+        let line = |(name, text): (String, String)| format!("{name} = {}\n", toml_text(&text));
         format!("\n[{TABLE}]\n{}", self.texts().into_iter().map(line).collect::<String>())
     }
 

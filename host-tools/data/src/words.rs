@@ -39,14 +39,32 @@ fn escaped(text: &str, is_hidden: fn(char) -> bool) -> Cow<'_, str> {
     out.into()
 }
 
-/// Spreadsheets take a cell that begins like this for a formula.
-const FORMULAS: [char; 6] = ['=', '+', '-', '@', '\t', '\r'];
+/// A text as a string of a TOML file, with everything that [`printable`] escapes as escapes of TOML.
+pub fn toml_text(text: &str) -> String {
+    let escaped = |letter: char| match letter {
+        '"' | '\\' => format!("\\{letter}"),
+        letter if is_unprintable(letter) => match u32::from(letter) {
+            code @ ..=0xFFFF => format!("\\u{code:04x}"),
+            code => format!("\\U{code:08x}"),
+        },
+        letter => letter.into(),
+    };
+    format!("\"{}\"", text.chars().map(escaped).collect::<String>())
+}
 
-/// A text as a cell of a CSV that spreadsheets open: [`printable`], and behind a `'` where it would be a formula. Numbers
-/// do not need it, and would become texts.
+/// Spreadsheets take a cell that begins like this for a formula, the wide forms in some languages.
+const FORMULAS: [char; 8] = ['=', '+', '-', '@', '＝', '＋', '－', '＠'];
+
+/// A text as a cell of a CSV that spreadsheets open: [`printable`], with a `'` before what would be a formula. Some
+/// spreadsheets also separate cells at semicolons. Numbers do not need it, and would become texts.
 pub fn csv_text(text: &str) -> Cow<'_, str> {
     let shown = printable(text);
-    if text.starts_with(FORMULAS) { format!("'{shown}").into() } else { shown }
+    let is_formula = |cell: &str| cell.starts_with(FORMULAS);
+    if !shown.split(';').any(is_formula) {
+        return shown;
+    }
+    let quoted = |cell| if is_formula(cell) { format!("'{cell}") } else { cell.to_string() };
+    shown.split(';').map(quoted).collect::<Vec<_>>().join(";").into()
 }
 
 /// The beginning of a text of any length, for part of a message.
@@ -277,9 +295,10 @@ mod tests {
             ("+1", "'+1"),
             ("-1", "'-1"),
             ("@SUM(1)", "'@SUM(1)"),
-            ("\t=1", r"'\t=1"),
-            ("\r=1", r"'\r=1"),
-            ("\n=1", r"\n=1"),
+            ("＝1+1", "'＝1+1"),
+            ("a;=1;-2; b", "a;'=1;'-2; b"),
+            ("\t=1", r"\t=1"),
+            ("\r\n=1", r"\r\n=1"),
             ("a\nforged", r"a\nforged"),
             ("=\u{202e}", r"'=\u202e"),
             ("", ""),
@@ -291,6 +310,14 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn toml_reads_back_and_can_be_shown(text in any::<String>()) {
+            let line = format!("text = {}", toml_text(&text));
+            prop_assert_eq!(printable(&line), line.as_str());
+            let read: toml::Table = toml::from_str(&line).unwrap();
+            prop_assert_eq!(read["text"].as_str(), Some(text.as_str()));
+        }
+
         #[test]
         fn json_stays_what_it_was(text in any::<String>()) {
             let json = serde_json::to_string(&text).unwrap();

@@ -424,7 +424,7 @@ fn no_image_that_merely_lies_in_the_folder_is_run() {
 }
 
 #[test]
-fn what_nobody_sees_is_foreign_and_is_never_written() {
+fn invisible_characters_are_foreign_and_are_never_written() {
     let unseen = [
         // Controls, overrides of the writing direction, what has no width.
         '\0'..='\t',

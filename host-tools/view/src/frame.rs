@@ -22,7 +22,7 @@ pub fn page_css() -> String {
 }
 
 /// A page with this title and kind, a heading, a line below it, and its sections. Its texts may come from anywhere:
-/// what nobody sees in them, or what changes the writing direction, becomes visible.
+/// invisible characters, and those that change the writing direction, are escaped.
 pub(crate) fn framed(title: &str, kind: &str, heading: &str, meta: &Markup, main: &Markup) -> String {
     let page = markup! {
         (DOCTYPE)
@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_shows_what_nobody_would_see_and_keeps_its_style() {
+    fn invisible_characters_are_escaped_in_a_page_and_not_in_its_style() {
         let text = "a\u{1b}[2J\n\u{202e}b\u{200b}\u{fe0f}";
         let page = framed(text, "runs", text, &markup! { (text) }, &markup! { p title=(text) { (text) } });
         assert_eq!(page.matches("a\\u001b[2J\n\\u202eb\\u200b\\ufe0f").count(), 5, "{page}");

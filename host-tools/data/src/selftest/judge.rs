@@ -4,7 +4,7 @@
 //! check, unless there is a good reason for it.
 
 use inerter_core::{RawSample, Settings};
-use inerter_wire::{ClockSource, Hello, Measured, Quantity, ResetCause};
+use inerter_wire::{ClockSource, Health, Hello, Measured, Quantity, ResetCause};
 
 use super::Check;
 use crate::{backup, words::three_digits};
@@ -357,19 +357,8 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
 pub const FULL_HZ: f64 = 4000.0;
 
 /// Allowed difference between the sample rate and [`FULL_HZ`] by the firmware's time. Between two reports, a second
-/// apart, the number of samples is uncertain by what waits to be sent: a batch of 32 at each end, 1.6 %.
+/// apart, each index is behind by at most what the rings hold and the estimator has not taken, some milliseconds.
 const RATE_PART: f64 = 0.03;
-
-/// What a health report says about the stream.
-#[derive(Clone, Copy, Debug)]
-pub struct Report {
-    /// Time since the start, by the firmware's clock (s).
-    pub uptime_s: u32,
-    /// Index of the latest sample before the report.
-    pub index: u32,
-    /// Overruns since the start.
-    pub overruns: u32,
-}
 
 /// What arrived with all streams on at [`FULL_HZ`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -381,7 +370,7 @@ pub struct Streamed<'a> {
     /// Frames that were lost, damaged or undecodable.
     pub bad_frames: u64,
     /// Health reports in their order.
-    pub reports: &'a [Report],
+    pub reports: &'a [Health],
 }
 
 /// Whether everything arrived, at the expected rate.

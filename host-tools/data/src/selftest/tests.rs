@@ -1,10 +1,10 @@
 use super::{
-    judge::{Input, Report, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
+    judge::{Input, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
     *,
 };
 use inerter_core::{RawSample, Settings};
 use inerter_needs::Random;
-use inerter_wire::{Capabilities, ClockSource, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
+use inerter_wire::{Capabilities, ClockSource, Health, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
 use proptest::prelude::*;
 
 fn hello() -> Hello {
@@ -242,10 +242,10 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
 fn each_fault_of_a_stream_is_named() {
     let samples: Vec<_> = (0..8000).map(|index| RawSample { index, ..RawSample::default() }).collect();
     let gap = [&samples[..10], &samples[11..]].concat();
-    let report = |uptime_s, index| Report { uptime_s, index, overruns: 0 };
+    let report = |uptime_s, index| Health { uptime_s, index, ..Health::default() };
     let reports = [report(7, u32::MAX - 100), report(8, 3899)];
     let good = Streamed { samples: &samples, bytes: 38_000, bad_frames: 0, reports: &reports };
-    let overrun = reports.map(|report| Report { overruns: 1, ..report });
+    let overrun = reports.map(|report| Health { overruns: 1, ..report });
     let half = [report(7, 100), report(9, 4100)];
     let fast = [report(7, 100), report(8, 4230)];
     let standing = [report(7, 100), report(7, 4100)];

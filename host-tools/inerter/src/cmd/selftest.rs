@@ -223,7 +223,7 @@ struct Heard {
     samples: Vec<RawSample>,
     bytes: usize,
     /// Health reports, from [`BEFORE_JUMP`] samples on.
-    reports: Vec<judge::Report>,
+    reports: Vec<Health>,
     /// Batches of samples that could not be decoded.
     unreadable: usize,
 }
@@ -311,13 +311,8 @@ impl Bench {
                     heard.unreadable += usize::from(samples.check().is_err());
                     heard.samples.extend(samples.iter().flatten());
                 }
-                Frame::Message { message: Record::Health(Health { uptime_s, overruns, .. }), .. } => {
-                    let latest = heard.samples.last().filter(|_| heard.samples.len() > BEFORE_JUMP);
-                    heard.reports.extend(latest.map(|latest| judge::Report {
-                        uptime_s,
-                        index: latest.index,
-                        overruns,
-                    }));
+                Frame::Message { message: Record::Health(health), .. } if heard.samples.len() > BEFORE_JUMP => {
+                    heard.reports.push(health);
                 }
                 _ => {}
             }

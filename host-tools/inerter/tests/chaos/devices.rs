@@ -27,6 +27,8 @@ use crate::{
 
 /// Time to end after a signal or after the device disconnects.
 const END_TIME: Duration = Duration::from_secs(5);
+/// What goes on for so long after that is not late, but hangs.
+const HANG_TIME: Duration = Duration::from_secs(60);
 
 /// The worst values seen, and where.
 #[derive(Default)]
@@ -147,7 +149,8 @@ fn meet(
     // One that has not reached its device yet may have no handler yet.
     let by_system = has_no_handler(&command) || device.guests() == 0;
     let told = Instant::now();
-    let status = visit.ended(within);
+    let is_late = visit.goes_on(within);
+    let status = visit.ended(if is_late { HANG_TIME } else { Duration::ZERO });
     let took_ms = told.elapsed().as_millis() as u64;
     let (most_kb, foreign) = visit.end();
     // The device may notice its guest only now.
@@ -160,8 +163,9 @@ fn meet(
     };
     let (mut late, mut faults) = (Vec::new(), Vec::new());
     match status {
-        None => late.push("goes on".to_string()),
+        None => faults.push("hangs".to_string()),
         Some(status) if !ended_well(status) => faults.push(status.to_string()),
+        Some(_) if is_late => late.push("ended late".to_string()),
         Some(_) => {}
     }
     if most_kb > MOST_KB {

@@ -37,7 +37,7 @@ fn a_page_finds_every_colour_as_a_variable_and_text_as_text() {
 }
 
 #[test]
-fn a_figure_shows_what_nobody_would_see_in_a_name() {
+fn invisible_characters_are_escaped_in_a_figure() {
     let name = "a\u{1b}[2J\n\u{202e}b\u{200b}\u{fe0f}";
     let mut figure = wave(10);
     figure.title = name.into();
