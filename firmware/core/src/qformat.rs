@@ -12,7 +12,9 @@
 //! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/4, 1) on the diagonal | see `ldl` |
 //! | factors, solution | `i64`, Q50 | 2^-50 | +-2^12 | a pivot above 2^-20 bounds them by 2^11 |
 //!
-//! All right shifts round half up; all left shifts are checked by the caller's choice of format.
+//! All right shifts round half up, except that a regressor is rounded half to even: where few bits are dropped, one value
+//! in a few lies half way, and what is added to each of these does not average out. All left shifts are checked by the
+//! caller's choice of format.
 
 /// A normalised regressor, full scale +-(2^31 - 1).
 pub type Regressor = i32;
@@ -30,13 +32,15 @@ pub fn shift_right(value: i64, shift: i8) -> i64 {
     }
 }
 
-/// As [`shift_right`]; `None` if the result does not fit a [`Regressor`].
+/// As [`shift_right`], but rounded half to even; `None` if the result does not fit a [`Regressor`].
 #[inline]
 pub fn to_regressor(value: i64, shift: i8) -> Option<Regressor> {
     if shift < 0 && value.unsigned_abs().leading_zeros() <= u32::from(shift.unsigned_abs()) {
         return None;
     }
-    match i32::try_from(shift_right(value, shift)) {
+    let half_up = shift_right(value, shift);
+    let is_half_way = shift > 0 && value.wrapping_shl(64 - u32::from(shift.unsigned_abs())) == i64::MIN;
+    match i32::try_from(half_up - (half_up & i64::from(is_half_way))) {
         Ok(i32::MIN) | Err(_) => None,
         Ok(value) => Some(value),
     }
@@ -113,13 +117,22 @@ mod tests {
 
         #[test]
         fn regressor_fits_or_is_refused(value: i64, shift in -40_i8..62) {
-            let exact = if shift >= 0 {
-                (i128::from(value) + ((1_i128 << shift) >> 1)) >> shift
+            let exact = if shift > 0 {
+                let (down, rest) = (i128::from(value) >> shift, i128::from(value) & ((1 << shift) - 1));
+                let is_up = rest + (down & 1) > 1 << (shift - 1);
+                down + i128::from(is_up)
             } else {
                 i128::from(value) << -shift
             };
             let fits = exact.unsigned_abs() < 1 << 31;
             prop_assert_eq!(to_regressor(value, shift).map(i128::from), fits.then_some(exact));
+        }
+
+        /// Few dropped bits, so that many values lie half way.
+        #[test]
+        fn regressors_of_mirrored_values_are_mirrored(value in -10_000_i64..10_000, shift in -4_i8..6) {
+            let negated = to_regressor(value, shift).map(|regressor| -regressor);
+            prop_assert_eq!(to_regressor(-value, shift), negated);
         }
 
         #[test]
