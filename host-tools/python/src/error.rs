@@ -9,6 +9,7 @@ use inerter_data::{
     limits::LimitsError,
     output::OutputError,
     settings::SettingsInputError,
+    words::printable,
 };
 use inerter_device::DeviceError;
 use inerter_simulate::SimulateError;
@@ -23,6 +24,11 @@ create_exception!(
     PyException,
     "Raised when something cannot be done. `code` is that of the command line, `help` says what to do next."
 );
+
+/// A text for a traceback, which prints it as it is: it may quote files and devices.
+fn shown(text: &str) -> String {
+    printable(text).into_owned()
+}
 
 /// A failure in the libraries or in Python.
 #[derive(Debug)]
@@ -82,8 +88,8 @@ impl Failure {
             Self::Python(error) => return error,
             Self::Stopped => return InerterError::new_err("interrupted"),
         };
-        let raised = InerterError::new_err(error.to_string());
-        let text = |part: Option<Box<dyn std::fmt::Display + '_>>| part.map(|part| part.to_string());
+        let raised = InerterError::new_err(shown(&error.to_string()));
+        let text = |part: Option<Box<dyn std::fmt::Display + '_>>| part.map(|part| shown(&part.to_string()));
         let value = raised.value(py);
         let described = value
             .setattr("code", text(error.code()))

@@ -31,6 +31,7 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(run::from_columns, module)?,
         wrap_pyfunction!(run::with_settings, module)?,
         wrap_pyfunction!(results::interval_text, module)?,
+        wrap_pyfunction!(results::printable, module)?,
         wrap_pyfunction!(results::replay, module)?,
         wrap_pyfunction!(results::compare, module)?,
         wrap_pyfunction!(results::diagnose, module)?,

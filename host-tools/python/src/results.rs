@@ -22,7 +22,7 @@ use inerter_view::{
     page::{Content, Kind, figure, html},
 };
 use inerter_wire::EstimatorEvent;
-use pyo3::{exceptions::PyValueError, prelude::*};
+use pyo3::{exceptions::PyValueError, prelude::*, types::PyString};
 
 use crate::{
     error::Failure,
@@ -49,6 +49,13 @@ fn drawn(figure: &Figure) -> Drawn {
 #[pyfunction]
 pub fn interval_text(value: f64, u95: f64) -> String {
     words::interval_text(value, u95)
+}
+
+/// One line of text that is safe to show, wherever it comes from, as the command line writes it.
+#[pyfunction]
+pub fn printable(text: &Bound<'_, PyString>) -> String {
+    // A string of Python may hold surrogates, which are no text here.
+    words::printable(&text.to_string_lossy()).into_owned()
 }
 
 /// The last line of `inerter replay --json`, and the sums.

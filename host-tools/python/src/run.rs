@@ -13,6 +13,7 @@ use inerter_data::{
     csv,
     export::{EstimateTable, Source},
     settings::Overrides,
+    words::printable,
 };
 use pyo3::{exceptions::PyValueError, prelude::*};
 
@@ -117,7 +118,8 @@ fn eight_of(bytes: &[u8]) -> [u8; 8] {
 impl Run {
     fn __repr__(&self) -> String {
         let Settings { sample_rate_hz, .. } = self.source.settings;
-        format!("inerter.Run of {:.1} s at {sample_rate_hz} Hz: {}", self.duration_s(), self.source.name)
+        let name = printable(&self.source.name);
+        format!("inerter.Run of {:.1} s at {sample_rate_hz} Hz: {name}", self.duration_s())
     }
 
     /// Where it came from.

@@ -13,6 +13,7 @@ use inerter_data::{
     csv::column_names,
     export::{Batch, Column, EstimateTable, Kind, Rows, Source, Values},
     names::unit,
+    words::printable,
 };
 use pyo3::{
     exceptions::{PyKeyError, PyValueError},
@@ -96,7 +97,9 @@ impl Table {
     ) -> PyResult<Bound<'py, PyCapsule>> {
         // The interface allows a producer to ignore the requested schema.
         drop(requested_schema);
-        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(self.reader()?), c"arrow_array_stream")
+        let batches = self.reader()?.map(|batch| batch.map_err(shown));
+        let reader = Box::new(RecordBatchIterator::new(batches, self.schema.clone()));
+        PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(reader), c"arrow_array_stream")
     }
 }
 
@@ -107,7 +110,17 @@ fn failed(error: ArrowError) -> PyErr {
         ArrowError::ExternalError(error) => error.downcast::<inerter_data::Error>().ok(),
         _ => None,
     };
-    ours.map_or_else(|| PyValueError::new_err(text), |error| Failure::from(*error).into())
+    ours.map_or_else(|| PyValueError::new_err(printable(&text).into_owned()), |error| Failure::from(*error).into())
+}
+
+/// The error for a library, which raises its text as it is: it may quote a file.
+fn shown(error: ArrowError) -> ArrowError {
+    match error {
+        ArrowError::ExternalError(source) => {
+            ArrowError::ExternalError(printable(&source.to_string()).into_owned().into())
+        }
+        other => other,
+    }
 }
 
 impl Table {

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 import types
 import warnings
 from collections.abc import Iterator
@@ -33,6 +34,10 @@ import inerter
 PROGRAM = os.environ["INERTER"]
 METRES_PER_COUNT = 2.44140625e-6
 PAGE = Path(__file__).parents[3] / "docs/PYTHON.md"
+# Writes the clipboard, forges a line, changes the writing direction, sets a colour with a single character, and hides a
+# character by itself and one behind a letter; and the same as it may be shown.
+HOSTILE = "\x1b]52;c;aGk=\x07\nforged\u202e\x9b31m\u200bx\U000e0041"
+SHOWN = r"\u001b]52;c;aGk=\u0007\nforged\u202e\u009b31m\u200bx\udb40\udc41"
 
 
 def told(*arguments: object) -> str:
@@ -458,6 +463,51 @@ def test_errors_have_the_code_and_the_help_of_the_command_line(folder: Path) -> 
     with pytest.raises(inerter.InerterError) as raised:
         inerter.open(folder / "run.csv")
     assert raised.value.code == "inerter::csv::metres_per_count"
+
+
+def seen(text: str) -> str:
+    """The text, if nothing in it is hidden or forged."""
+    assert [line for line in text.split("\n") if not line.isprintable() or line.startswith("forged")] == []
+    return text
+
+
+def test_text_from_files_and_devices_is_shown_printable(folder: Path, run: inerter.Run, tmp_path: Path) -> None:
+    # A file, by its name.
+    lines = (folder / "run.csv").read_text().splitlines()
+    path = tmp_path / f"{HOSTILE}.csv"
+    path.write_text("\n".join(lines[:5000] + lines[5500:]) + "\n")
+    with pytest.warns(UserWarning, match="500 samples missing") as given:
+        opened = inerter.open(path, metres_per_count=METRES_PER_COUNT)
+    assert [SHOWN in seen(str(warning.message)) for warning in given] == [True] * len(opened.notes)
+    assert opened.name == str(path) and HOSTILE in opened.notes[0] and SHOWN in seen(repr(opened))
+    for call in (lambda: inerter.open(tmp_path / f"no {HOSTILE}.mcap"), lambda: inerter.replay(run, {HOSTILE: 1.0})):
+        with pytest.raises(inerter.InerterError) as raised:
+            call()
+        assert SHOWN in seen(str(raised.value)) and SHOWN in seen("".join(traceback.format_exception(raised.value)))
+    with pytest.raises(ValueError) as refused:
+        inerter.replay({HOSTILE: [1.0]})
+    assert SHOWN in seen(str(refused.value))
+    # Results.
+    limits = tmp_path / "limits.toml"
+    limits.write_text("[inertance_kg]\nmin = 1\n")
+    compared = inerter.compare({HOSTILE: run, f"2 {HOSTILE}": folder / "late.mcap"}, limits=limits)
+    assert compared["files"] == [HOSTILE, f"2 {HOSTILE}"] and compared.differences[0].run == f"2 {HOSTILE}"
+    figure = inerter.Figure("residual", "<svg></svg>", f"of {HOSTILE}")
+    diagnosis = inerter.Diagnosis({"corrected": {}}, [f"remark on {HOSTILE}"], None)
+    diagnosis._figure = figure
+    page = seen(diagnosis._repr_html_())
+    assert f"of {SHOWN}" in page and f"remark on {SHOWN}" in page and f"remark on {SHOWN}" in seen(repr(diagnosis))
+    assert f"of {SHOWN}" in seen(repr(figure)) and figure.caption == f"of {HOSTILE}"
+    for text in (repr(compared), compared._repr_html_().replace(compared.figure.svg, "")):
+        assert f"with {SHOWN}" in seen(text) and f"2 {SHOWN}" in text and f"Limits of {SHOWN}: " in text
+    # A device and a store.
+    device = inerter.Device(types.SimpleNamespace(name=HOSTILE, identity={"board": HOSTILE, "serial": HOSTILE}))
+    assert repr(device) == f"inerter.Device {SHOWN} {SHOWN} at {SHOWN}" and device.identity["board"] == HOSTILE
+    store = inerter.Store("runs")
+    store._store = types.SimpleNamespace(url=HOSTILE, rows=lambda *_: ([], [("", HOSTILE, "changed")]))
+    with pytest.warns(UserWarning, match="is changed") as given:
+        store.runs()
+    assert str(given[0].message).startswith(f"{SHOWN} in the store {SHOWN} ") and seen(repr(store))
 
 
 def test_columns_that_cannot_be_used_are_named() -> None:

@@ -476,11 +476,11 @@ def _from_columns(columns: Any, names: list[str], given: dict[str, float]) -> Ru
     _refuse_other_units(names)
     forces = [name for name in _FORCE if name in names]
     if len(forces) != 1:
-        raise ValueError(f"one of the columns force_n and torque_n_m is needed; there are: {', '.join(names)}")
+        raise ValueError(f"one of the columns force_n and torque_n_m is needed; there are: {_inerter.printable(', '.join(names))}")
     rotary = _FORCE[forces[0]]
     for name in ("t_s", "encoder_count"):
         if name not in names:
-            raise ValueError(f"the column {name} is missing; there are: {', '.join(names)}")
+            raise ValueError(f"the column {name} is missing; there are: {_inerter.printable(', '.join(names))}")
     terminal = _TERMINAL[rotary]
     other = _TERMINAL[not rotary]
     if other in names:

@@ -83,4 +83,4 @@ class Device:
 
     def __repr__(self) -> str:
         identity = self.identity
-        return f"inerter.Device {identity.get('board', '')} {identity.get('serial', '')} at {self.name}"
+        return _inerter.printable(f"inerter.Device {identity.get('board', '')} {identity.get('serial', '')} at {self.name}")

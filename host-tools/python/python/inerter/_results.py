@@ -60,7 +60,7 @@ class Figure:
         return self.svg
 
     def __repr__(self) -> str:
-        return f"inerter.Figure {self.name}: {self.caption}"
+        return _inerter.printable(f"inerter.Figure {self.name}: {self.caption}")
 
 
 class Result(Mapping[str, Any]):
@@ -118,20 +118,30 @@ class Result(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         rows = [f"{name:<28} {parameter}" for name, parameter in self.parameters.items()]
-        return "\n".join([self._title, *rows, *self.remarks])
+        return _lines(self._title, *rows, *self.remarks)
 
     def _repr_html_(self) -> str:
         cells = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(str(parameter))}</td>"
-            f"<td>{html.escape(parameter.status)}</td></tr>"
+            f"<tr><th style='text-align:left'>{_escaped(name)}</th><td>{_escaped(str(parameter))}</td>"
+            f"<td>{_escaped(parameter.status)}</td></tr>"
             for name, parameter in self.parameters.items()
         )
-        remarks = "".join(f"<p>{html.escape(words)}</p>" for words in self.remarks)
-        return f"<table><caption>{html.escape(self._title)}</caption>{cells}</table>{remarks}{_drawn(self.figure)}"
+        remarks = "".join(f"<p>{_escaped(words)}</p>" for words in self.remarks)
+        return f"<table><caption>{_escaped(self._title)}</caption>{cells}</table>{remarks}{_drawn(self.figure)}"
+
+
+def _lines(*texts: str) -> str:
+    """Texts that may quote files and devices, each as one printable line."""
+    return "\n".join(map(_inerter.printable, texts))
+
+
+def _escaped(text: str) -> str:
+    """Text that may quote files and devices, printable on a page."""
+    return html.escape(_inerter.printable(text))
 
 
 def _drawn(figure: Figure | None) -> str:
-    return f"<figure>{figure.svg}<figcaption>{html.escape(figure.caption)}</figcaption></figure>" if figure else ""
+    return f"<figure>{figure.svg}<figcaption>{_escaped(figure.caption)}</figcaption></figure>" if figure else ""
 
 
 def _judged(limits: Mapping[str, Any] | None, of: str = "") -> list[str]:
@@ -347,15 +357,15 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         rows = [f"{one.name:<28} {one.run}: {one}, {one.verdict}" for one in self.differences]
-        return "\n".join([f"{self._title} with {self['files'][0]}", *rows, *self.remarks])
+        return _lines(f"{self._title} with {self['files'][0]}", *rows, *self.remarks)
 
     def _repr_html_(self) -> str:
         cells = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in (one.name, one.run, str(one), one.verdict)) + "</tr>"
+            "<tr>" + "".join(f"<td>{_escaped(text)}</td>" for text in (one.name, one.run, str(one), one.verdict)) + "</tr>"
             for one in self.differences
         )
-        words = "".join(f"<p>{html.escape(one)}</p>" for one in self.remarks)
-        title = html.escape(f"{self._title} with {self['files'][0]}")
+        words = "".join(f"<p>{_escaped(one)}</p>" for one in self.remarks)
+        title = _escaped(f"{self._title} with {self['files'][0]}")
         return f"<table><caption>{title}</caption>{cells}</table>{words}{_drawn(self.figure)}"
 
 

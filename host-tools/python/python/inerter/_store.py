@@ -41,7 +41,7 @@ class Store:
         return self._store.url
 
     def __repr__(self) -> str:
-        return f"inerter.Store({self.url!r})"
+        return _inerter.printable(f"inerter.Store({self.url!r})")
 
     def __reduce__(self) -> tuple[type[Store], tuple[str]]:
         return Store, (self.url,)
@@ -76,7 +76,8 @@ class Store:
         """
         rows, damages = self._store.rows(device, start, end, list(where))
         for _, file, problem in damages:
-            warnings.warn(f"{file} in the store {self.url} is {problem}: see verify()", stacklevel=2)
+            words = f"{file} in the store {self.url} is {problem}: see verify()"
+            warnings.warn(_inerter.printable(words), stacklevel=2)
         return [json.loads(row) for row in rows]
 
     def run(self, run: str | Mapping[str, Any]) -> dict[str, Any]:

@@ -204,6 +204,8 @@ def _check(client: Any) -> None:
     found = client.run(eval, "__import__('inerter').__version__", on_error="return").values()
     for version in found:
         if isinstance(version, ImportError):
-            raise RuntimeError(f"a worker of the cluster has no package inerter ({version}): {help}") from version
+            words = f"a worker of the cluster has no package inerter ({version}): {help}"
+            raise RuntimeError(_inerter.printable(words)) from version
         if isinstance(version, str) and version != _inerter.__version__:
-            raise RuntimeError(f"a worker has inerter {version}, here it is {_inerter.__version__}: {help}")
+            words = f"a worker has inerter {version}, here it is {_inerter.__version__}: {help}"
+            raise RuntimeError(_inerter.printable(words))
