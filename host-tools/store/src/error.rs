@@ -8,7 +8,10 @@ use std::{
 use inerter_data::recording::RecordingError;
 use miette::Diagnostic;
 
-use crate::{place::VERSION, row::LONGEST_ROW_KB};
+use crate::{
+    place::VERSION,
+    row::{LONGEST_ROW_KB, MOST_COLUMNS},
+};
 
 /// Why a store cannot be used, or not in this way.
 #[derive(Debug, thiserror::Error, Diagnostic)]
@@ -48,15 +51,19 @@ pub enum StoreError {
     #[error("{file} in the store {url} is damaged: {problem}")]
     #[diagnostic(code(inerter::store::damaged), help("`inerter store verify {url}` lists all that is damaged"))]
     Damaged { url: String, file: String, problem: String },
-    /// A row is longer than any of ours; it is not read.
-    #[error("{file} in the store {url} is longer than {LONGEST_ROW_KB} KB")]
+    /// A row is longer than any of ours, or has more columns; it is not used.
+    #[error("{file} in the store {url} is longer than {LONGEST_ROW_KB} KB or has more than {MOST_COLUMNS} columns")]
     #[diagnostic(
         code(inerter::store::long_row),
-        help("`inerter store verify {url} --repair` makes it anew from its recording; nothing was changed")
+        help(
+            "`inerter store verify {url} --repair` rebuilds it from its recording; if it is still oversized then, its recording holds the long text: remove the run with `inerter store remove`, or record it with shorter text; nothing was changed"
+        )
     )]
     LongRow { url: String, file: String },
-    /// The row of a recording would be too long.
-    #[error("{file} cannot be added: its row would be longer than {LONGEST_ROW_KB} KB")]
+    /// The row of a recording would be too long, or have too many columns.
+    #[error(
+        "{file} cannot be added: its row would be longer than {LONGEST_ROW_KB} KB or have more than {MOST_COLUMNS} columns"
+    )]
     #[diagnostic(
         code(inerter::store::long_texts),
         help(

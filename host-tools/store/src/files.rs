@@ -5,8 +5,8 @@ use std::{
     path::PathBuf,
 };
 
-/// Maximum size of a file that is read at once \[bytes\]: sums have a kilobyte, results some tens.
-const SMALL: usize = 16 << 20;
+/// Maximum size of a small file \[bytes\]: sums have a kilobyte.
+pub(crate) const SMALL: usize = 1 << 20;
 
 /// The result, or `None` if there is no such file.
 pub(crate) fn found<T>(result: io::Result<T>) -> io::Result<Option<T>> {

@@ -9,6 +9,9 @@ pub const VERSION: u64 = 1;
 /// The file that marks a folder as a store.
 pub(crate) const MARK: &str = "inerter-store.json";
 
+/// Its maximum length \[bytes\]: ours have some tens.
+pub(crate) const LONGEST_MARK: usize = 4096;
+
 /// Folder of further results.
 pub(crate) const RESULTS: &str = "results";
 

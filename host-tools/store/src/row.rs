@@ -18,6 +18,8 @@ pub const OBJECTS: [&str; 2] = ["settings", "truth"];
 pub(crate) const LONGEST_ROW_KB: usize = 256;
 /// The same \[bytes\].
 pub(crate) const LONGEST_ROW: usize = LONGEST_ROW_KB << 10;
+/// Maximum number of columns of a row: ours have about 50. In a CSV each row has a cell for each column of all rows.
+pub(crate) const MOST_COLUMNS: usize = 512;
 
 /// A run of a store: its columns by name.
 #[derive(Clone, Debug, PartialEq)]

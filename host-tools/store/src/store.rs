@@ -13,11 +13,11 @@ use serde_json::{Map, Value, json};
 use crate::{
     choice::Choice,
     error::{StoreError, unreadable},
-    files::{Files, found},
+    files::{Files, SMALL, found},
     folder::Folder,
-    place::{MARK, Part, Place, RESULTS, VERSION},
-    results::{Outcome, checked},
-    row::{LONGEST_ROW, Row},
+    place::{LONGEST_MARK, MARK, Part, Place, RESULTS, VERSION},
+    results::{LONGEST_RESULT, Outcome, checked},
+    row::{LONGEST_ROW, MOST_COLUMNS, Row},
     sums::{Expected, Sum, Summed, parse},
     tables::{Tables, opened},
 };
@@ -27,7 +27,7 @@ const ATTEMPTS: usize = 4;
 
 /// The problem of a file that the system cannot read.
 const UNREADABLE: &str = "unreadable";
-/// The problem of a row that is too long.
+/// The problem of a row that is too long or has too many columns.
 const OVERSIZED: &str = "oversized";
 
 /// A store of runs, in a folder or at `s3://BUCKET/FOLDER`.
@@ -70,8 +70,8 @@ pub struct Damage {
     pub run: String,
     /// The file, from the root of the store.
     pub file: String,
-    /// `missing`, `changed`, `unreadable`, `oversized` (a row that is too long), `unfinished` (a run whose adding or
-    /// removal was interrupted) or `foreign` (not ours).
+    /// `missing`, `changed`, `unreadable`, `oversized` (a row that is too long or has too many columns), `unfinished` (a
+    /// run whose adding or removal was interrupted) or `foreign` (not ours).
     pub problem: &'static str,
 }
 
@@ -143,7 +143,8 @@ impl Store {
         if !self.has(MARK)? {
             return Ok(false);
         }
-        let mark: Value = serde_json::from_slice(&self.bytes(MARK)?).unwrap_or_default();
+        let mark = self.tried(MARK, "read", self.files.get_up_to(MARK, LONGEST_MARK))?.unwrap_or_default();
+        let mark: Value = serde_json::from_slice(&mark).unwrap_or_default();
         match mark["version"].as_u64().filter(|_| mark["kind"] == "inerter-store") {
             Some(version) if version > VERSION => Err(StoreError::Newer { url: self.url.clone(), version }),
             Some(_) => Ok(true),
@@ -210,7 +211,7 @@ impl Store {
         Err(self.damaged(&name, "another process keeps removing this run, or another version keeps adding it"))
     }
 
-    /// The selected runs.
+    /// The selected runs; all rows are in memory meanwhile.
     pub fn runs(&self, choice: &Choice) -> Result<Listed, StoreError> {
         let mut listed = Listed::default();
         let mut all = Vec::new();
@@ -272,6 +273,9 @@ impl Store {
         let bytes = self.tried(&name, "read", self.files.get_up_to(&name, LONGEST_ROW))?;
         let Some(bytes) = bytes else { return Err(StoreError::LongRow { url: self.url.clone(), file: name }) };
         match serde_json::from_slice(&bytes) {
+            Ok(Value::Object(values)) if values.len() > MOST_COLUMNS => {
+                Err(StoreError::LongRow { url: self.url.clone(), file: name })
+            }
             Ok(Value::Object(values)) => Ok(Row { place: place.clone(), values }),
             _ => Err(self.damaged(&name, "it is not a JSON object")),
         }
@@ -343,8 +347,9 @@ impl Store {
     /// What is wrong with the files of a run.
     fn verified(&self, place: &Place) -> Result<Vec<Damage>, StoreError> {
         let sums = place.file(Part::Sums);
-        let text = match found(self.files.get(&sums)) {
-            Ok(bytes) => bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()),
+        let text = match found(self.files.get_up_to(&sums, SMALL)) {
+            // One that is far too long is not ours.
+            Ok(bytes) => bytes.map(|bytes| String::from_utf8_lossy(&bytes.unwrap_or_default()).into_owned()),
             Err(_) if self.is_local() => Some(String::new()),
             Err(error) => return Err(self.access(&sums, "read", error)),
         };
@@ -448,32 +453,48 @@ impl Store {
     }
 
     /// The outcomes in a batch, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and
-    /// `result`, the last three null where absent. An unreadable file counts as missing.
+    /// `result`, the last three null where absent. A file that is unreadable, damaged or too long counts as missing.
     pub fn results(&self, batch: &str) -> Result<BTreeMap<String, Map<String, Value>>, StoreError> {
         let mut rows = BTreeMap::new();
-        for (place, name) in self.results_of(batch)? {
-            match self.files.get(&name) {
-                Ok(bytes) => rows.extend(match serde_json::from_slice(&bytes) {
-                    Ok(Value::Object(values)) => Some((place.run, values)),
-                    _ => None,
-                }),
-                Err(error) if error.kind() == io::ErrorKind::NotFound || self.is_local() => {}
-                Err(error) => return Err(self.access(&name, "read", error)),
-            }
-        }
+        self.each_result(batch, &mut |run, values| {
+            rows.insert(run, values);
+            Ok(())
+        })?;
         Ok(rows)
     }
 
     /// Names of the runs that a batch already has; an error if they were made in another way.
     pub fn kept(&self, batch: &str, kind: &str, given: &Value) -> Result<BTreeSet<String>, StoreError> {
-        let rows = self.results(batch)?;
-        if let Some(other) =
-            rows.values().find(|row| row.get("kind") != Some(&json!(kind)) || row.get("given") != Some(given))
-        {
-            let word = |name: &str| other.get(name).map(Value::to_string).unwrap_or_default();
-            return Err(StoreError::OtherBatch { name: batch.into(), kind: word("kind"), given: word("given") });
+        let mut runs = BTreeSet::new();
+        self.each_result(batch, &mut |run, row| {
+            if row.get("kind") != Some(&json!(kind)) || row.get("given") != Some(given) {
+                let word = |name: &str| row.get(name).map(Value::to_string).unwrap_or_default();
+                return Err(StoreError::OtherBatch { name: batch.into(), kind: word("kind"), given: word("given") });
+            }
+            runs.insert(run);
+            Ok(())
+        })?;
+        Ok(runs)
+    }
+
+    /// Passes the outcomes in a batch to `take`, each with the name of its run; one at a time is in memory.
+    fn each_result(
+        &self,
+        batch: &str,
+        take: &mut dyn FnMut(String, Map<String, Value>) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        for (place, name) in self.results_of(batch)? {
+            match self.files.get_up_to(&name, LONGEST_RESULT) {
+                Ok(bytes) => {
+                    if let Ok(Value::Object(values)) = serde_json::from_slice(&bytes.unwrap_or_default()) {
+                        take(place.run, values)?;
+                    }
+                }
+                Err(error) if error.kind() == io::ErrorKind::NotFound || self.is_local() => {}
+                Err(error) => return Err(self.access(&name, "read", error)),
+            }
         }
-        Ok(rows.into_keys().collect())
+        Ok(())
     }
 
     /// Names of the batches.
@@ -561,13 +582,15 @@ mod tests {
     use super::*;
     use crate::sums::lines;
 
-    /// A store with one run, whose row has this length.
-    fn stored(folder: &Path, length: usize) -> (Store, Place) {
+    fn mark() -> String {
+        json!({ "kind": "inerter-store", "version": VERSION }).to_string()
+    }
+
+    /// A store with one run, which has this row.
+    fn stored(folder: &Path, row: &str) -> (Store, Place) {
         let store = Store::create(folder.to_str().unwrap()).unwrap();
-        store.put(MARK, json!({ "kind": "inerter-store", "version": VERSION }).to_string().as_bytes()).unwrap();
+        store.put(MARK, mark().as_bytes()).unwrap();
         let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: Sum::of(b"recording") };
-        let row = format!("{{\"law\":\"{}\"}}", "x".repeat(length - 10));
-        assert_eq!(row.len(), length);
         let mut summed = Vec::new();
         for part in Part::ALL {
             let bytes: &[u8] = match part {
@@ -584,14 +607,14 @@ mod tests {
         (store, place)
     }
 
-    #[test]
-    fn a_row_that_is_too_long_is_not_read_and_stays_as_it_is() {
+    /// `most` is a row that is just small enough, `more` one that is not.
+    fn assert_oversized(most: &str, more: &str) {
         let folder = tempfile::tempdir().unwrap();
-        let (store, place) = stored(folder.path(), LONGEST_ROW);
-        assert_eq!(store.row(&place).unwrap().text("law").map(str::len), Some(LONGEST_ROW - 10));
+        let (store, place) = stored(folder.path(), most);
+        assert!(Value::Object(store.row(&place).unwrap().values).to_string() == most);
         assert!(store.verify(&mut |_| Ok(())).unwrap().damages.is_empty());
 
-        let (store, place) = stored(folder.path(), LONGEST_ROW + 1);
+        let (store, place) = stored(folder.path(), more);
         let name = place.file(Part::Row);
         let error = store.row(&place).unwrap_err();
         assert!(matches!(&error, StoreError::LongRow { file, .. } if *file == name), "{error}");
@@ -599,6 +622,55 @@ mod tests {
         let listed = store.runs(&Choice::default()).unwrap();
         assert_eq!((listed.rows.len(), listed.damages.as_slice()), (0, [damage.clone()].as_slice()));
         assert_eq!(store.verify(&mut |_| Ok(())).unwrap().damages, [damage]);
-        assert_eq!(store.bytes(&name).unwrap().len(), LONGEST_ROW + 1);
+        assert!(store.bytes(&name).unwrap() == more.as_bytes());
+    }
+
+    #[test]
+    fn a_row_that_is_too_long_is_not_read_and_stays_as_it_is() {
+        let row = |length: usize| {
+            let row = format!("{{\"law\":\"{}\"}}", "x".repeat(length - 10));
+            assert_eq!(row.len(), length);
+            row
+        };
+        assert_oversized(&row(LONGEST_ROW), &row(LONGEST_ROW + 1));
+    }
+
+    #[test]
+    fn a_row_of_too_many_columns_is_not_used_and_stays_as_it_is() {
+        let row = |columns: usize| {
+            let values: Map<String, Value> = (0..columns).map(|number| (format!("x{number}"), json!(number))).collect();
+            Value::Object(values).to_string()
+        };
+        assert_oversized(&row(MOST_COLUMNS), &row(MOST_COLUMNS + 1));
+    }
+
+    #[test]
+    fn a_mark_that_is_too_long_is_not_ours() {
+        let folder = tempfile::tempdir().unwrap();
+        let url = folder.path().to_str().unwrap();
+        // JSON may end with spaces.
+        for (length, is_ours) in [(LONGEST_MARK, true), (LONGEST_MARK + 1, false)] {
+            let store = Store::at(url).unwrap();
+            store.put(MARK, format!("{:<length$}", mark()).as_bytes()).unwrap();
+            match Store::open(url) {
+                Ok(_) => assert!(is_ours),
+                Err(error) => assert!(!is_ours && matches!(&error, StoreError::Damaged { .. }), "{error}"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_result_that_is_too_long_hides_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::create(folder.path().to_str().unwrap()).unwrap();
+        for (digit, length) in [("a", LONGEST_RESULT + 1), ("b", LONGEST_RESULT)] {
+            let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: digit.repeat(64) };
+            let mut text = br#"{"kind":"replay","given":{}}"#.to_vec();
+            text.resize(length, b' ');
+            store.put(&place.result("all"), &text).unwrap();
+        }
+        let names = BTreeSet::from(["b".repeat(64)]);
+        assert_eq!(store.results("all").unwrap().into_keys().collect::<BTreeSet<_>>(), names);
+        assert_eq!(store.kept("all", "replay", &json!({})).unwrap(), names);
     }
 }

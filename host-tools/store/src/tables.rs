@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use crate::{
     error::{StoreError, unreadable},
     place::{Part, Place, VERSION, serial},
-    row::{LONGEST_ROW, OBJECTS},
+    row::{LONGEST_ROW, MOST_COLUMNS, OBJECTS},
     sums::{Sum, lines},
 };
 
@@ -91,8 +91,8 @@ impl Tables {
             |rows, columns: Vec<_>| table_bytes(&[named(rows)].into_iter().chain(columns).collect::<Vec<_>>());
         let row = row(source, &replayed);
         let row_json = format!("{}\n", json_of(run, &row)).into_bytes();
-        // Nothing is written yet.
-        if row_json.len() > LONGEST_ROW {
+        // Nothing is written yet. The run's name is a column too.
+        if row_json.len() > LONGEST_ROW || row.len() >= MOST_COLUMNS {
             return Err(StoreError::LongTexts { file: source.name.clone() });
         }
         let mut files = vec![

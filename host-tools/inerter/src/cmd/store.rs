@@ -134,8 +134,9 @@ pub(super) struct GetArgs {
 
 /// Read every file of a store, and report those that have changed since they were written.
 ///
-/// The exit code is 3 if a file is missing, changed, unfinished (of a run whose adding or removal was not completed) or
-/// foreign. `sha256sum` does the same without this program: docs/STORE.md.
+/// The exit code is 3 if a file is missing, changed, unreadable, oversized (a row of more than 256 KB or 512 columns),
+/// unfinished (of a run whose adding or removal was not completed) or foreign. `sha256sum` does the same without this
+/// program: docs/STORE.md.
 #[derive(clap::Args)]
 pub(super) struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER

@@ -123,9 +123,9 @@ class Store:
         self, *, repair: bool = False, progress: Callable[[float], object] | None = None
     ) -> list[dict[str, str]]:
         """Reads every file, and lists what is not as it was written: `run`, `file` and `problem`, which is `missing`, `changed`,
-        `unreadable`, `oversized` (a row of more than 256 KB), `unfinished` or `foreign`. With `repair`, what follows from intact
-        recordings is rebuilt first; nobody may add or remove runs meanwhile. `progress` is called with the part that is done, from 0 to
-        1; with `repair` it starts over for each step.
+        `unreadable`, `oversized` (a row of more than 256 KB or 512 columns), `unfinished` or `foreign`. With `repair`, what follows from
+        intact recordings is rebuilt first; nobody may add or remove runs meanwhile. `progress` is called with the part that is done,
+        from 0 to 1; with `repair` it starts over for each step.
 
         Raises InerterError if there is no store, or it cannot be read or, with `repair`, written, and KeyboardInterrupt on Ctrl-C.
         """

@@ -234,22 +234,27 @@ fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let mut known = BTreeSet::new();
     let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
     let names: Vec<&str> = columns.filter(|name| known.insert(*name)).collect();
-    let mut writer = csv::Writer::from_writer(Vec::new());
     let cell = |value: Option<Value>| match value {
         Some(Value::String(text)) => csv_text(&text).into_owned(),
         Some(value) => value.to_string(),
         None => String::new(),
     };
-    let failed = |error: csv::Error| output::OutputError::write("standard output", io::Error::other(error));
     let head = names.iter().map(|name| csv_text(name).into_owned()).chain(within.map(|_| "limits".to_string()));
-    writer.write_record(head).map_err(failed)?;
+    csv_line(head)?;
     for (number, row) in rows.iter().enumerate() {
         let judged = within.and_then(|all| all.get(number));
         let verdict = judged.map(|judged| verdict(judged).to_string().to_lowercase());
-        writer.write_record(names.iter().map(|name| cell(row.get(name))).chain(verdict)).map_err(failed)?;
+        csv_line(names.iter().map(|name| cell(row.get(name))).chain(verdict))?;
     }
-    let bytes =
-        writer.into_inner().map_err(|error| output::OutputError::write("standard output", error.into_error()))?;
+    Ok(())
+}
+
+/// Prints a line of CSV. Lines are printed as they are made: rows with columns of their own make each other longer.
+fn csv_line(cells: impl Iterator<Item = String>) -> Result<(), Error> {
+    let failed = |error: io::Error| output::OutputError::write("standard output", error);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(cells).map_err(|error| failed(io::Error::other(error)))?;
+    let bytes = writer.into_inner().map_err(|error| failed(error.into_error()))?;
     Ok(output::lines(String::from_utf8_lossy(&bytes))?)
 }
 
