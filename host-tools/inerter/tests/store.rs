@@ -409,8 +409,8 @@ fn texts_in_a_csv_stay_texts() {
         ("firmware", "+1", "'+1"),
         ("board", "-1", "'-1"),
         ("software", "@SUM(1)", "'@SUM(1)"),
-        ("serial", "\t=1", r"'\t=1"),
-        ("causes", "\r=1", r"'\r=1"),
+        ("serial", "\t=1", r"\t=1"),
+        ("causes", "a;=1", "a;'=1"),
         ("recorded_utc", "a\nforged,\"1\"", r#"a\nforged,"1""#),
     ];
     let mut columns = vec![("=cmd()\nforged,1", json!("a")), ("a\nforged", json!("b")), ("offset_n", json!(-3.5))];
