@@ -12,7 +12,7 @@ use self::kept::Kept;
 use crate::{
     commit::commit,
     firmware::{self, Image},
-    monitor_load::{LEAST_RECORDED, Look, RATE_HZ, Running, SETTLED_S, device, host_s, info, look, simulated},
+    monitor_load::{Look, MOST_MISSING, RATE_HZ, Running, SETTLED_S, device, host_s, info, look, simulated},
     process, setup,
     table::{self, Row},
     workspace,
@@ -387,7 +387,7 @@ fn recorded(info: &Value, name: &str, rate_hz: f64, asked_s: f64) -> Result<Vec<
     let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);
     Ok(vec![
         row("samples", samples, ""),
-        row("missing of the time asked for", missing, "%").at_most((1.0 - LEAST_RECORDED) * 100.0),
+        row("missing of the time asked for", missing, "%").at_most(MOST_MISSING),
         row("samples lost", number("lost_samples")?, "").at_most(0.0),
         row("discontinuities", number("discontinuities")?, "").at_most(0.0),
         row("frames lost", number("lost_frames")?, "").at_most(0.0),
