@@ -179,10 +179,13 @@ impl BacklashActive {
         let fewer = 1.0 / first.blocks as f32 + 1.0 / second.blocks as f32;
         let unit_m = self.unit_m / self.scales.block;
         let flight = second.first.wrapping_sub(first.last);
-        Some(Reversal {
+        let (value_m, error_m) =
+            (jump * unit_m, sqrt(variance * fewer + square(by_force) * relative + square(count)) * unit_m);
+        // The squares of lengths far beyond any machine may be beyond the format.
+        (value_m.is_finite() && error_m.is_finite()).then_some(Reversal {
             index: first.last.wrapping_add(flight / 2),
-            value_m: jump * unit_m,
-            error_m: sqrt(variance * fewer + square(by_force) * relative + square(count)) * unit_m,
+            value_m,
+            error_m,
             route: Route::Terminal,
             rising,
         })
@@ -197,5 +200,25 @@ impl BacklashActive {
             route: Route::Force,
             rising,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{backlash::terminal::Flank, settings::Settings};
+
+    #[test]
+    fn a_reversal_whose_error_exceeds_the_format_is_not_reported() {
+        let active = Settings { terminal_sensor: true, ..Settings::default() }.validate().unwrap();
+        let flank = |side: i8| Flank { side, blocks: 16, sums: [0, 0, 16_000 * i64::from(side)], first: 0, last: 9 };
+        let crossing = Crossing { before: flank(-1), after: flank(1) };
+        let by = |compliance: f32| {
+            let law = Law { next: 0, lag: 0.0, compliance, variance: 1.0, relative: 1e-3 };
+            active.backlash.sensed(&law, &crossing)
+        };
+        assert!(by(1e-3).is_some_and(|reversal| reversal.value_m < 0.0 && reversal.error_m > 0.0));
+        // The length itself is within the format, its square is not.
+        assert_eq!(by(1e17), None);
     }
 }
