@@ -414,6 +414,7 @@ fn texts_in_a_csv_stay_texts() {
         ("recorded_utc", "a\nforged,\"1\"", r#"a\nforged,"1""#),
     ];
     let mut columns = vec![("=cmd()\nforged,1", json!("a")), ("a\nforged", json!("b")), ("offset_n", json!(-3.5))];
+    columns.push(("foreign", json!(["a;=1+1;b"])));
     columns.extend(texts.map(|(column, text, _)| (column, json!(text))));
     let (_, name) = edited(folder, &columns);
     let told = done(folder, &["store", "ls", "s", "--csv"]);
@@ -427,6 +428,7 @@ fn texts_in_a_csv_stay_texts() {
         assert_eq!(cell(column), expected, "{column}");
     }
     assert_eq!((cell(r"'=cmd()\nforged,1"), cell(r"a\nforged"), cell("offset_n")), ("a", "b", "-3.5"));
+    assert_eq!(cell("foreign"), r#"["a;'=1+1;b"]"#);
 
     fs::copy(folder.join("1.mcap"), folder.join("=1+1.mcap")).unwrap();
     fs::write(folder.join("limits.toml"), "[offset_n]\nmin = -1000\nmax = 1000\n").unwrap();

@@ -56,7 +56,7 @@ pub enum StoreError {
     #[diagnostic(
         code(inerter::store::long_row),
         help(
-            "`inerter store verify {url} --repair` rebuilds it from its recording; if it is still oversized then, its recording holds the long text: remove the run with `inerter store remove`, or record it with shorter text; nothing was changed"
+            "`inerter store verify {url} --repair` rebuilds it from its recording; if it is still oversized then, its recording holds the long text: remove the run with `inerter store remove`, then record it again with shorter text and add that; nothing was changed"
         )
     )]
     LongRow { url: String, file: String },

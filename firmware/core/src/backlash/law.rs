@@ -160,7 +160,8 @@ impl BacklashActive {
         Law { next: blocks.saturating_add(blocks / LAW_GROWTH + 1), ..law }
     }
 
-    /// A reversal by the terminal's sensor: the jump of `z + (cs / ks) z' - F / ks` from flank to flank.
+    /// A reversal by the terminal's sensor: the jump of `z + (cs / ks) z' - F / ks` from flank to flank. `None` if the
+    /// contact's stiffness is unknown, or if the jump or its error is not finite.
     pub fn sensed(&self, law: &Law, crossing: &Crossing) -> Option<Reversal> {
         let Crossing { before: first, after: second } = crossing;
         let Law { lag, compliance, variance, relative, .. } = *law;

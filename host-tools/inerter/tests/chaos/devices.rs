@@ -27,7 +27,7 @@ use crate::{
 
 /// Time to end after a signal or after the device disconnects.
 const END_TIME: Duration = Duration::from_secs(5);
-/// What goes on for so long after that is not late, but hangs.
+/// A program that still runs after this further time hangs.
 const HANG_TIME: Duration = Duration::from_secs(60);
 
 /// The worst values seen, and where.

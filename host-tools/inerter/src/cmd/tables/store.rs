@@ -236,6 +236,7 @@ fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let names: Vec<&str> = columns.filter(|name| known.insert(*name)).collect();
     let cell = |value: Option<Value>| match value {
         Some(Value::String(text)) => csv_text(&text).into_owned(),
+        Some(value @ (Value::Array(_) | Value::Object(_))) => csv_text(&value.to_string()).into_owned(),
         Some(value) => value.to_string(),
         None => String::new(),
     };
