@@ -470,6 +470,8 @@ fn test() -> Result<()> {
 
 /// Those tests of the twin that repeat a shorter one with another rate, motion or fault.
 fn test_twin_long() -> Result<()> {
+    // Another step leaves the program there with fewer features.
+    workspace::tested(Part::Main, "inerter")?;
     process::run(tests(Part::Twin, &firmware::build_all()?, &skipped_list()?).args(["--", "--ignored"]))
 }
 
