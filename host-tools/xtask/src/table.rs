@@ -138,7 +138,7 @@ fn parse(markdown: &str) -> Vec<(String, f64)> {
         .collect()
 }
 
-/// What differs by more than the tolerance, or is in only one of the two.
+/// What differs by more than the tolerance, misses a goal that the table reached, or is in only one of the two.
 fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
     let mut faults = Vec::new();
     for row in now {
@@ -148,6 +148,9 @@ fn differences(committed: &[(String, f64)], now: &[Row]) -> Vec<String> {
                 if (row.value - before).abs() > row.tolerance * before.abs() || !row.value.is_finite() =>
             {
                 format!("the table says {}", figure(*before))
+            }
+            Some((_, before)) if row.goal.is_some_and(|goal| *before <= goal && row.value > goal) => {
+                format!("which misses its goal; the table says {}", figure(*before))
             }
             Some(_) => continue,
         };
@@ -227,12 +230,22 @@ mod tests {
 
     #[test]
     fn both_sides_are_limited() {
-        let committed = parse(&table(1000.0).markdown());
-        assert!(differences(&committed, &table(1029.0).rows).is_empty());
-        assert!(differences(&committed, &table(971.0).rows).is_empty());
-        assert_eq!(differences(&committed, &table(1031.0).rows), ["flash: 1031 bytes, the table says 1000"]);
-        assert_eq!(differences(&committed, &table(969.0).rows).len(), 1);
+        let committed = parse(&table(900.0).markdown());
+        assert!(differences(&committed, &table(926.0).rows).is_empty());
+        assert!(differences(&committed, &table(874.0).rows).is_empty());
+        assert_eq!(differences(&committed, &table(928.0).rows), ["flash: 928 bytes, the table says 900"]);
+        assert_eq!(differences(&committed, &table(872.0).rows).len(), 1);
         assert_eq!(differences(&committed, &table(f64::NAN).rows).len(), 1);
+    }
+
+    #[test]
+    fn a_goal_that_was_reached_must_be_reached() {
+        let reached = parse(&table(990.0).markdown());
+        let missed = ["flash: 1001 bytes, which misses its goal; the table says 990"];
+        assert_eq!(differences(&reached, &table(1001.0).rows), missed);
+        assert!(differences(&reached, &table(1000.0).rows).is_empty());
+        // The table says that it is missed.
+        assert!(differences(&parse(&table(1001.0).markdown()), &table(1010.0).rows).is_empty());
     }
 
     #[test]
