@@ -516,7 +516,7 @@ fn a_wire_that_is_missing_is_named() {
 #[ignore = "long: cargo xtask test --full"]
 fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
-    // The test of the library checks the delay to 0.1 us, without time pressure.
+    // The test of the library checks the delay, without time pressure.
     is_named("late", "timing", "us too late: force and position are not simultaneous", wired(Jumpers::RIGHT, planted));
 }
 
