@@ -8,8 +8,7 @@
 //! that say so, and counters with another origin, change no bit. The mirrored motion gives the mirrored device, within
 //! the intervals: a value that both publish, and, where both have used the same bank and as many updates, a value that
 //! one publishes and the fit that the other withholds. An inertance with a narrow interval has a fit on the other side,
-//! too. Not to the bit, because averages and the force round half up, also
-//! below zero.
+//! too. Not to the bit, because averages and the force round half up, also below zero.
 
 use std::sync::{
     OnceLock,

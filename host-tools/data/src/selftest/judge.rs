@@ -356,8 +356,8 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
 /// Highest sample rate, at which the streams are judged (Hz).
 pub const FULL_HZ: f64 = 4000.0;
 
-/// Allowed difference between the sample rate and [`FULL_HZ`] by the firmware's time. Between two reports, a second
-/// apart, each index is behind by at most what the rings hold and the estimator has not taken, some milliseconds.
+/// Allowed difference between the sample rate and [`FULL_HZ`] by the firmware's time. The index of a report lags by the
+/// samples that the estimator has not taken yet: some milliseconds of the second between two reports.
 const RATE_PART: f64 = 0.03;
 
 /// What arrived with all streams on at [`FULL_HZ`].
