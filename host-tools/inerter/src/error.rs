@@ -92,6 +92,17 @@ pub enum Error {
         )
     )]
     StoreDamage { url: String, files: usize },
+    /// Runs of a store have too many different columns for a CSV.
+    #[error(
+        "the selected runs of the store {url} have more than {most} different columns together: too many for a CSV"
+    )]
+    #[diagnostic(
+        code(inerter::store::wide_csv),
+        help(
+            "`--json` prints each run with its own columns; `--device`, `--from`, `--to` or a condition of `inerter store query {url}` select fewer runs; nothing was printed"
+        )
+    )]
+    WideCsv { url: String, most: usize },
     /// A simulation cannot be set up.
     #[error(transparent)]
     #[diagnostic(transparent)]

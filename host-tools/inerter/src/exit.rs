@@ -50,7 +50,11 @@ pub fn code(error: &Error) -> u8 {
             | ConfigError::Value { .. },
         ) => SETTINGS,
         Error::Data(error) => data(error),
-        Error::Image(_) | Error::NotAdded { .. } | Error::NotReplayed { .. } | Error::StoreDamage { .. } => INPUT,
+        Error::Image(_)
+        | Error::NotAdded { .. }
+        | Error::NotReplayed { .. }
+        | Error::StoreDamage { .. }
+        | Error::WideCsv { .. } => INPUT,
         #[cfg(feature = "tables")]
         Error::Store(error) => store(error),
         Error::Doctor { .. } => NO_DEVICE,

@@ -367,8 +367,13 @@ fn a_damaged_row_is_told_and_the_others_are_listed() {
 
 /// Sets columns of the first run of the store `s` in this folder; returns the file of its row, and its name.
 fn edited(folder: &Path, columns: &[(&str, Value)]) -> (PathBuf, String) {
+    edited_at(folder, 0, columns)
+}
+
+/// The same of the run in this place.
+fn edited_at(folder: &Path, place: usize, columns: &[(&str, Value)]) -> (PathBuf, String) {
     let all = files(&folder.join("s"));
-    let file = folder.join("s").join(all.iter().find(|file| file.starts_with("rows")).unwrap());
+    let file = folder.join("s").join(all.iter().filter(|file| file.starts_with("rows")).nth(place).unwrap());
     let mut row: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
     for (name, value) in columns {
         row[*name] = value.clone();
@@ -503,6 +508,44 @@ fn a_row_of_too_many_columns_is_told_and_not_listed() {
     assert!(fails(folder, &["store", "show", "s", &name], 3).contains("has more than 512 columns"));
     done(folder, &["store", "verify", "s", "--repair"]);
     assert_eq!(rows(folder).len(), 2);
+}
+
+#[test]
+fn a_csv_of_too_many_columns_together_is_told_and_json_has_them() {
+    let folder = recordings();
+    let folder = folder.path();
+    done(folder, &["simulate", "--duration", "6", "--seed", "3", "-o", "3.mcap"]);
+    done(folder, &["store", "add", "s", "1.mcap", "2.mcap", "3.mcap"]);
+    let edit = |place: usize| {
+        let names: Vec<String> = (0..400).map(|number| format!("own_{place}_{number}")).collect();
+        let columns: Vec<(&str, Value)> = names.iter().map(|name| (name.as_str(), json!(1))).collect();
+        edited_at(folder, place, &columns).1
+    };
+    let name = edit(0);
+    edit(1);
+    let head = |csv: &str| csv.lines().next().unwrap().split(',').count();
+    let two = head(&done(folder, &["store", "ls", "s", "--csv"]));
+    assert!((800..1024).contains(&two), "{two}");
+    // With the third row's columns there are more than 1024.
+    edit(2);
+    fs::write(folder.join("limits.toml"), "[offset_n]\nmin = -1000\nmax = 1000\n").unwrap();
+    for command in [
+        &["store", "ls", "s", "--csv"][..],
+        &["store", "query", "s", "samples > 0", "--csv", "--limits", "limits.toml", "--verdicts", "v.csv"],
+    ] {
+        let output = run(folder, command);
+        let words = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{words}");
+        assert!(
+            words.contains("have more than 1024 different columns together") && words.contains("`--json`"),
+            "{words}"
+        );
+        assert!(output.stdout.is_empty() && !folder.join("v.csv").exists(), "{command:?}");
+    }
+    // What the message says to do.
+    let all = rows(folder);
+    assert!(all.len() == 3 && all.iter().all(|row| row.as_object().unwrap().len() < 512));
+    assert!(head(&done(folder, &["store", "query", "s", &format!("run = {name}"), "--csv"])) < 512);
 }
 
 #[test]

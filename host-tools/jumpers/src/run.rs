@@ -7,7 +7,7 @@ use crate::motion;
 use crate::recording::{record, record_from_rest};
 use crate::sweep::sweep;
 use crate::tape::Tape;
-use crate::wires::{Chain, Levels, NOT_IN_STEP, SETTLED_TICKS, chain, encoder, sampling};
+use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, played, sampled};
 use inerter_core::{Route, Settings};
 use inerter_plant::Inerter;
 use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
@@ -69,7 +69,7 @@ fn settings_in_use(board: &mut impl Board) -> Result<SettingsValues, JumperError
 }
 
 fn set_up(board: &mut impl Board, settings: &Settings) -> Result<(), JumperError> {
-    let streams = Streams { samples: true, estimates: true, ..Streams::NONE };
+    let streams = Streams { samples: true, estimates: true, health: true, ..Streams::NONE };
     let values = SettingsValues::from(settings);
     for (doing, command) in [
         ("take the test's settings", Command::WriteSettings(values)),
@@ -104,22 +104,23 @@ fn motions(
     clock_is_known: bool,
     report: &mut Report,
 ) -> Result<bool, JumperError> {
-    let mut play = |tape: &Tape, route| {
+    let mut play = |tape: &Tape, route, report: &mut Report| {
         set_up(board, &motion::settings(skew_s, route))?;
-        record_from_rest(board, tape, SETTLED_TICKS)
+        let recording = played(record_from_rest(board, tape, SETTLED_TICKS), report)?;
+        let Some(recording) = recording else { return Ok::<_, JumperError>(None) };
+        let holds = report.holds(sampled(board, tape, &recording, true)?);
+        Ok(holds.then_some(recording))
     };
-    let sound = play(&motion::tape(device, chain)?, Route::Force)?;
-    let passed = report.holds(sampling(&sound))
-        && (clock_is_known || report.take(motion::timebase(&sound)))
+    let Some(sound) = play(&motion::tape(device, chain)?, Route::Force, report)? else { return Ok(false) };
+    let passed = (clock_is_known || report.take(motion::timebase(&sound)))
         && motion::parameters(&sound.estimate.unwrap_or_default(), report);
     if !passed {
         return Ok(false);
     }
     let worn = motion::tape(motion::worn(), chain)?;
     for route in [Route::Force, Route::Terminal] {
-        let recording = play(&worn, route)?;
-        let detail = recording.detail.unwrap_or_default();
-        if !(report.holds(sampling(&recording)) && motion::backlash(&detail, route, report)) {
+        let Some(recording) = play(&worn, route, report)? else { return Ok(false) };
+        if !motion::backlash(&recording.detail.unwrap_or_default(), route, report) {
             return Ok(false);
         }
     }
@@ -128,17 +129,12 @@ fn motions(
 
 fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, JumperError> {
     let levels = Levels::new();
-    let recording = match record(board, &levels.tape, SETTLED_TICKS, None) {
-        Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
-            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)));
-            return Ok(None);
-        }
-        other => other?,
-    };
-    if !report.take(sampling(&recording)) {
+    let recording = played(record(board, &levels.tape, SETTLED_TICKS, None), report)?;
+    let Some(recording) = recording else { return Ok(None) };
+    let (check, aligned) = encoder(&levels.tape, &recording);
+    if !report.take(sampled(board, &levels.tape, &recording, check.passed())?) {
         return Ok(None);
     }
-    let (check, aligned) = encoder(&levels.tape, &recording);
     if !report.take(check) {
         return Ok(None);
     }
@@ -148,9 +144,10 @@ fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, J
 /// Checks that no edge is lost at the maximum rate.
 fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperError> {
     let tape = Tape::new();
-    let recording = record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)))?;
+    let recording = played(record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS))), report)?;
+    let Some(recording) = recording else { return Ok(false) };
     let (wired, aligned) = encoder(&tape, &recording);
-    if !(report.holds(sampling(&recording)) && report.holds(wired)) {
+    if !(report.holds(sampled(board, &tape, &recording, wired.passed())?) && report.holds(wired)) {
         return Ok(false);
     }
     let positions = positions(&recording);

@@ -9,7 +9,7 @@ use crate::board::{Board, JumperError};
 use crate::check::{Check, Report};
 use crate::recording::{Recording, record};
 use crate::tape::Tape;
-use crate::wires::{encoder, sampling};
+use crate::wires::{encoder, played, sampled};
 use inerter_core::RawSample;
 
 /// Ticks of the core's clock per step, and per microsecond.
@@ -147,9 +147,9 @@ pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64,
     let tape = tape();
     let mut found = [Vec::new(), Vec::new()];
     for phase in PHASES {
-        let recording = record(board, &tape, phase, None)?;
+        let Some(recording) = played(record(board, &tape, phase, None), report)? else { return Ok(None) };
         let (check, aligned) = encoder(&tape, &recording);
-        if !(report.holds(sampling(&recording)) && report.holds(check)) {
+        if !(report.holds(sampled(board, &tape, &recording, check.passed())?) && report.holds(check)) {
             return Ok(None);
         }
         let Some(aligned) = aligned else { return Ok(None) };

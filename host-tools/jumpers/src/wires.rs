@@ -1,11 +1,12 @@
 //! The first tape: checks the wires, the converters' scale relative to each other, and the noise.
 
 use crate::align::{Aligned, ENTRIES, Line, align, positions};
+use crate::board::{Board, JumperError};
 use crate::check::{Check, Report};
 use crate::recording::Recording;
 use crate::tape::Tape;
 use inerter_core::RawSample;
-use inerter_wire::{Fault, Knot};
+use inerter_wire::{Fault, Knot, Record, Refusal};
 use std::ops::Range;
 
 /// Half a period after the sampling clock's event: everything has settled when the converters sample.
@@ -58,17 +59,67 @@ pub struct Chain {
 }
 
 /// The cause if the converters deliver nothing, or lose samples repeatedly.
-pub const NOT_IN_STEP: &str = "the converters do not follow the sampling clock: another trigger starts them, or none, or one of \
+const NOT_IN_STEP: &str = "the converters do not follow the sampling clock: another trigger starts them, or none, or one of \
                                them is broken";
 /// Maximum share of samples that a single disturbance affects.
 const ONCE: f64 = 0.05;
+/// Overruns since the board's start that are no single disturbance.
+const REPEATED: u32 = 3;
+/// A board reports its health once a second; on a slow computer an emulated one takes longer. Length of one wait \[s\],
+/// and their maximum number.
+const HEALTH_S: f64 = 1.2;
+const MOST_WAITS: u32 = 5;
 
-/// Checks that the board lost nothing; done for any recording before it is evaluated.
-pub fn sampling(recording: &Recording) -> Check {
+/// A tape's recording. `None` if no sample arrives, which is a failed check.
+pub fn played(outcome: Result<Recording, JumperError>, report: &mut Report) -> Result<Option<Recording>, JumperError> {
+    match outcome {
+        Err(JumperError::NoSamples | JumperError::Refused { why: Refusal::NoSamples, .. }) => {
+            report.take(Check::new("sampling", "samples", "none", Some(NOT_IN_STEP)));
+            Ok(None)
+        }
+        other => other.map(Some),
+    }
+}
+
+/// Checks that the board lost nothing; done for any recording before it is evaluated. `is_credible` means that the
+/// counts are those that were played.
+///
+/// A recording may not show what is wrong: a board sends the first fault of each kind only, possibly before the
+/// recording, and no sample if its sampler has given up. Its health has the number of overruns, so where anything looks
+/// wrong the board is asked for it.
+pub fn sampled(
+    board: &mut impl Board,
+    tape: &Tape,
+    recording: &Recording,
+    is_credible: bool,
+) -> Result<Check, JumperError> {
+    let (lost, seen) = (recording.lost(), recording.samples.len());
+    let is_short = (seen as f64 + lost as f64) < (1.0 - ONCE) * tape.knots().len() as f64;
+    let is_doubtful = !is_credible || is_short || lost > 0 || !recording.faults.is_empty();
+    let overruns = if is_doubtful { overruns(board)? } else { 0 };
+    Ok(sampling(recording, overruns))
+}
+
+/// Overruns of the sampler since the board's start; none if the board does not report them.
+fn overruns(board: &mut impl Board) -> Result<u32, JumperError> {
+    for _ in 0..MOST_WAITS {
+        board.listen(HEALTH_S)?;
+        let last = board.records().into_iter().rev().find_map(|(_, record)| match record {
+            Record::Health(health) => Some(health.overruns),
+            _ => None,
+        });
+        if let Some(overruns) = last {
+            return Ok(overruns);
+        }
+    }
+    Ok(0)
+}
+
+fn sampling(recording: &Recording, overruns: u32) -> Check {
     let (lost, faults) = (recording.lost(), &recording.faults);
     // The sampler has given up: then no sample is lost, because none arrives.
     let ended = faults.contains(&Fault::SourceUnreadable);
-    let cause = if ended || lost as f64 > ONCE * recording.samples.len() as f64 {
+    let cause = if ended || overruns >= REPEATED || lost as f64 > ONCE * recording.samples.len() as f64 {
         Some(NOT_IN_STEP.to_owned())
     } else if faults.contains(&Fault::SamplerMisaligned) {
         Some("a DMA transfer was lost, so that force, terminal and count were no longer simultaneous".to_owned())
@@ -77,10 +128,16 @@ pub fn sampling(recording: &Recording) -> Check {
     } else if let Some(fault) = faults.first() {
         Some(fault.to_string())
     } else {
-        (lost > 0).then(|| "samples were lost on the way: check the cable, or close other programs".to_owned())
+        (lost > 0).then(|| match overruns {
+            0 => "samples were lost on the way: check the cable, or close other programs".to_owned(),
+            _ => {
+                "the sampler lost samples: a DMA transfer was lost, or a conversion was not fetched in time".to_owned()
+            }
+        })
     };
     let said: Vec<String> = faults.iter().map(|fault| format!("{fault:?}")).collect();
-    Check::new("sampling", "no sample lost, no fault", format!("{lost} samples lost, faults: {said:?}"), cause)
+    let also = if overruns > 0 { format!(", {overruns} overruns since the start") } else { String::new() };
+    Check::new("sampling", "no sample lost, no fault", format!("{lost} samples lost, faults: {said:?}{also}"), cause)
 }
 
 /// Checks that each edge that is played is counted, in its direction.
@@ -205,4 +262,92 @@ pub fn chain(levels: &Levels, recording: &Recording, aligned: &Aligned, report: 
     let found = format!("force {:.2}, terminal {:.2} codes rms", noise[0], noise[1]);
     let check = Check::new("noise", format!("under {NOISE} codes rms"), found, cause);
     report.take(check).then_some(Chain { force: force.0, terminal: terminal.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use inerter_wire::{Command, Done, Health};
+
+    /// A board that reports its overruns at the second listening.
+    struct Ill {
+        overruns: u32,
+        listens: u32,
+    }
+
+    impl Board for Ill {
+        fn request(&mut self, command: Command) -> Result<Done, JumperError> {
+            panic!("{command:?}")
+        }
+
+        fn listen(&mut self, _: f64) -> Result<(), JumperError> {
+            self.listens += 1;
+            Ok(())
+        }
+
+        fn records(&mut self) -> Vec<(f64, Record)> {
+            let health = Record::Health(Health { overruns: self.overruns, ..Health::default() });
+            if self.listens == 2 { vec![(0.0, health)] } else { Vec::new() }
+        }
+    }
+
+    /// This many samples, without those that were lost.
+    fn recording(seen: u32, lost: u32, faults: &[Fault]) -> Recording {
+        let samples = (0..seen).filter(|index| !(10..10 + lost).contains(index));
+        let samples = samples.map(|index| RawSample { index, ..RawSample::default() }).collect();
+        Recording { samples, faults: faults.to_vec(), ..Recording::default() }
+    }
+
+    #[test]
+    fn the_sampler_is_named_before_what_follows_from_its_faults() {
+        const TRIGGER: &str = "another trigger starts them";
+        const NONE: &[Fault] = &[];
+        const ENDED: &[Fault] = &[Fault::SourceUnreadable];
+        const MISALIGNED: &[Fault] = &[Fault::SamplerMisaligned];
+        let tape = Tape::new();
+        for (seen, lost, faults, is_credible, overruns, expected) in [
+            (1000, 0, NONE, false, 9, Some(TRIGGER)),
+            // The wires are to blame for the counts.
+            (1000, 0, NONE, false, 0, None),
+            (1000, 0, NONE, false, 1, None),
+            (1000, 4, NONE, true, 9, Some(TRIGGER)),
+            (1000, 4, NONE, true, 1, Some("a DMA transfer was lost, or a conversion was not fetched")),
+            (1000, 4, NONE, true, 0, Some("lost on the way")),
+            (1000, 4, MISALIGNED, true, 1, Some("a DMA transfer was lost, so that")),
+            (1000, 4, MISALIGNED, true, 40, Some(TRIGGER)),
+            (1000, 60, NONE, true, 0, Some(TRIGGER)),
+            (1000, 0, ENDED, true, 0, Some(TRIGGER)),
+            // The sampler has given up, and nothing says so.
+            (20, 0, NONE, true, 70, Some(TRIGGER)),
+            (20, 0, NONE, true, 0, None),
+        ] {
+            let mut board = Ill { overruns, listens: 0 };
+            let check = sampled(&mut board, &tape, &recording(seen, lost, faults), is_credible).unwrap();
+            let is_named = match (expected, &check.cause) {
+                (Some(expected), Some(cause)) => cause.contains(expected),
+                (expected, cause) => expected.is_none() && cause.is_none(),
+            };
+            assert!(is_named, "{seen} {lost} {faults:?} {is_credible} {overruns}: {check:?}");
+            assert_eq!(check.found.contains("overruns"), overruns > 0, "{check:?}");
+        }
+        // A board that looks right is not kept waiting.
+        let mut board = Ill { overruns: 9, listens: 0 };
+        let check = sampled(&mut board, &tape, &recording(1000, 0, &[]), true).unwrap();
+        assert!(check.passed() && board.listens == 0, "{check:?}");
+    }
+
+    #[test]
+    fn no_samples_are_a_failed_check_at_any_tape() {
+        let refused = JumperError::Refused { doing: "play", why: Refusal::NoSamples };
+        for error in [JumperError::NoSamples, refused] {
+            let mut report = Report::default();
+            assert!(played(Err(error), &mut report).unwrap().is_none());
+            assert_eq!(report.checks.len(), 1);
+            assert!(report.checks.iter().all(|check| check.name == "sampling" && !check.passed()));
+        }
+        let mut report = Report::default();
+        let late = JumperError::TooLate(1);
+        assert_eq!(played(Err(late.clone()), &mut report).map(|_| ()), Err(late));
+        assert!(report.checks.is_empty());
+    }
 }

@@ -510,6 +510,22 @@ def test_text_from_files_and_devices_is_shown_printable(folder: Path, run: inert
     assert str(given[0].message).startswith(f"{SHOWN} in the store {SHOWN} ") and seen(repr(store))
 
 
+def test_a_repr_hides_nothing_that_python_takes_for_a_letter() -> None:
+    # A Hangul filler and a selector beyond 16 bits are drawn as nothing, but Python's repr leaves them as they are.
+    hidden, shown = "a\u3164\U000e0100\u202e\nb", r"a\u3164\udb40\udd00\u202e\nb"
+    difference = inerter.Difference("inertance_kg", hidden, 1.0, 0.5, "kg", 0.01, "differs", hidden)
+    assert difference.run == hidden and repr(difference) == (
+        f"Difference(name='inertance_kg', run='{shown}', value=1.0, u95=0.5, unit='kg', p=0.01, verdict='differs', reason='{shown}')"
+    )
+    parameter = inerter.Parameter(hidden, None, None, "kg", "held", assumes=(hidden,))
+    assert parameter.name == hidden and repr(parameter) == (
+        f"Parameter(name='{shown}', value=None, u95=None, unit='kg', status='held', same_rig_u95=None, assumes=('{shown}',))"
+    )
+    with pytest.raises(AttributeError) as raised:
+        getattr(inerter.Diagnosis({"corrected": {}}, [], None), hidden)
+    assert shown in str(raised.value) and hidden not in str(raised.value)
+
+
 def test_columns_that_cannot_be_used_are_named() -> None:
     time_s = np.arange(5000) / 1000.0
     good = {"t_s": time_s, "encoder_count": np.arange(5000), "force_n": np.sin(time_s)}

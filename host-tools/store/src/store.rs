@@ -452,17 +452,6 @@ impl Store {
         self.put(&place.result(checked(batch)?), format!("{}\n", outcome.json(place)).as_bytes())
     }
 
-    /// The outcomes in a batch, by the names of the runs: `run`, `kind`, `software`, `given`, `code`, `error` and
-    /// `result`, the last three null where absent. A file that is unreadable, damaged or too long counts as missing.
-    pub fn results(&self, batch: &str) -> Result<BTreeMap<String, Map<String, Value>>, StoreError> {
-        let mut rows = BTreeMap::new();
-        self.each_result(batch, &mut |run, values| {
-            rows.insert(run, values);
-            Ok(())
-        })?;
-        Ok(rows)
-    }
-
     /// Names of the runs that a batch already has; an error if they were made in another way.
     pub fn kept(&self, batch: &str, kind: &str, given: &Value) -> Result<BTreeSet<String>, StoreError> {
         let mut runs = BTreeSet::new();
@@ -477,8 +466,10 @@ impl Store {
         Ok(runs)
     }
 
-    /// Passes the outcomes in a batch to `take`, each with the name of its run; one at a time is in memory.
-    fn each_result(
+    /// Passes the outcomes in a batch to `take`, each with the name of its run: `run`, `kind`, `software`, `given`,
+    /// `code`, `error` and `result`, the last three null where absent. A file that is unreadable, damaged or too long
+    /// counts as missing. One at a time is in memory; an error of `take` ends it.
+    pub fn each_result(
         &self,
         batch: &str,
         take: &mut dyn FnMut(String, Map<String, Value>) -> Result<(), StoreError>,
@@ -671,7 +662,38 @@ mod tests {
             store.put(&place.result("all"), &text).unwrap();
         }
         let names = BTreeSet::from(["b".repeat(64)]);
-        assert_eq!(store.results("all").unwrap().into_keys().collect::<BTreeSet<_>>(), names);
+        let mut passed = BTreeSet::new();
+        let all = store.each_result("all", &mut |run, _| {
+            passed.insert(run);
+            Ok(())
+        });
+        assert!(all.is_ok());
+        assert_eq!(passed, names);
         assert_eq!(store.kept("all", "replay", &json!({})).unwrap(), names);
+    }
+
+    #[test]
+    fn results_come_one_by_one_until_one_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::create(folder.path().to_str().unwrap()).unwrap();
+        let place = |digit: &str| Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: digit.repeat(64) };
+        for digit in ["a", "b", "c"] {
+            store.put(&place(digit).result("all"), br#"{"kind":"replay","given":{}}"#).unwrap();
+        }
+        // What is removed once the first has come does not come: none is read before its turn.
+        let mut passed = Vec::new();
+        let all = store.each_result("all", &mut |run, _| {
+            passed.push(run);
+            store.remove_file(&place("b").result("all"))
+        });
+        assert!(all.is_ok());
+        assert_eq!(passed, ["a", "c"].map(|digit| digit.repeat(64)));
+
+        let mut count = 0;
+        let refused = store.each_result("all", &mut |_, _| {
+            count += 1;
+            Err(StoreError::Batch { name: "all".into() })
+        });
+        assert!(refused.is_err() && count == 1, "{count}");
     }
 }

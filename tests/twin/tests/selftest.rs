@@ -10,6 +10,7 @@
 
 use inerter_core::Settings;
 use inerter_twin::chip::adc::Quality;
+use inerter_twin::chip::dmamux::Request as DmaRequest;
 use inerter_twin::chip::errata::Errata;
 use inerter_twin::chip::jumpers::{Jumpers, Planted};
 use inerter_twin::machine::{Machine, Options, shipping_image};
@@ -518,6 +519,32 @@ fn a_converter_that_looks_late_is_named() {
     let planted = Planted { late: [2 * 168, 0], ..Planted::default() };
     // The test of the library checks the delay, without time pressure.
     is_named("late", "timing", "us too late: force and position are not simultaneous", wired(Jumpers::RIGHT, planted));
+}
+
+/// Whether the sampler loses samples before anything is played, or while which tape is played, depends on the moment.
+/// Whatever fails last names the trigger.
+#[test]
+#[ignore = "long: cargo xtask test --full"]
+fn a_wrong_trigger_is_named() {
+    let planted = Planted { late: [2625 / 2; 2], ..Planted::default() };
+    let Some(outcome) = selftest("trigger", UNPLUGGED, wired(Jumpers::RIGHT, planted)) else { return };
+    let failed = outcome.names("fail");
+    let last = failed.last().copied().unwrap_or_default();
+    assert!(["sampling", "timing"].contains(&last), "{failed:?}: {}", outcome.errors);
+    assert!(outcome.reason(last).contains("trigger"), "{}", outcome.reason(last));
+    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
+    is_not_written(&outcome);
+}
+
+/// The request is lost before the program connects: the board counts it, but says only once what it was.
+#[test]
+#[ignore = "long: cargo xtask test --full"]
+fn a_lost_dma_request_is_named() {
+    let planted = Planted { lost: Some((DmaRequest::Tim6Update, 1.0)), ..Planted::default() };
+    let Some(outcome) = selftest("request", WITHOUT, wired(Jumpers::RIGHT, planted)) else { return };
+    assert_eq!(outcome.names("fail"), ["overruns"], "{}", outcome.errors);
+    assert!(outcome.reason("overruns").starts_with("a DMA transfer was lost"), "{}", outcome.reason("overruns"));
+    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
 }
 
 #[test]

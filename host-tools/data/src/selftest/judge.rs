@@ -396,11 +396,24 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
         Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad_frames as f64), |_| {
             "the link or the host does not keep up: try another port, cable or hub".into()
         }),
-        Check::range("samples_lost", "Samples lost at 4 kHz", "", 0.0..=0.0, Some(missing as f64), |_| {
-            "the sampler or the link does not keep up".into()
-        }),
+        Check::range(
+            "samples_lost",
+            "Samples lost at 4 kHz",
+            "",
+            0.0..=0.0,
+            Some(missing as f64),
+            // A frame that is lost on the way leaves a gap in the sequence of frames.
+            |_| match (bad_frames, overruns) {
+                (0, _) => "the sampler itself lost them: see its overruns".into(),
+                (_, Some(0.0)) => "the link does not keep up: see the frames".into(),
+                _ => "the sampler or the link does not keep up".into(),
+            },
+        ),
+        // The board counts them together, and says which kind it was once only, possibly long ago.
         Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
-            "samples were overwritten before they were read: please report it".into()
+            "a DMA transfer was lost, samples were overwritten before they were read, or another trigger than the \
+             sampling clock starts the converters, which the test with jumpers tells: please report it"
+                .into()
         }),
         Check::range(
             "throughput",

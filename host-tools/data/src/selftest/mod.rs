@@ -43,6 +43,9 @@ impl Verdict {
     }
 }
 
+/// Checks whose failure explains that of others, the strongest first.
+const EXPLAINED: [(&str, &[&str]); 2] = [("sampling", &["samples_lost", "overruns"]), ("overruns", &["samples_lost"])];
+
 /// One property of the board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
@@ -148,9 +151,19 @@ impl SelfTest {
         self.checks.iter().filter(|check| check.verdict == verdict).count()
     }
 
-    /// Labels of the failed checks.
+    /// Labels of the failed checks; one that explains others comes first.
     pub fn failed(&self) -> Vec<&'static str> {
-        self.labels(Verdict::Fail)
+        let cause = self.cause().map(|check| check.label);
+        let others = self.labels(Verdict::Fail).into_iter().filter(|label| Some(*label) != cause);
+        cause.into_iter().chain(others).collect()
+    }
+
+    /// The failed check that explains others that failed, if there is one.
+    fn cause(&self) -> Option<&Check> {
+        let failed = |name: &str| self.checks.iter().find(|check| check.name == name && check.verdict == Verdict::Fail);
+        EXPLAINED.iter().find_map(|(cause, symptoms)| {
+            failed(cause).filter(|_| symptoms.iter().any(|symptom| failed(symptom).is_some()))
+        })
     }
 
     /// Labels of the checks that have this verdict.
@@ -158,12 +171,15 @@ impl SelfTest {
         self.checks.iter().filter(|check| check.verdict == verdict).map(|check| check.label).collect()
     }
 
-    /// The counts in one line, with the labels of what was skipped, because nothing is known about it.
+    /// The counts in one line, with the labels of what was skipped, because nothing is known about it, and the likely
+    /// cause of what failed together.
     pub fn summary(&self) -> String {
         let [passed, failed] = [Verdict::Pass, Verdict::Fail].map(|verdict| self.count(verdict));
         let skipped = self.labels(Verdict::Skipped);
         let names = if skipped.is_empty() { String::new() } else { format!(" ({})", skipped.join(", ")) };
-        format!("{passed} passed, {failed} failed, {} skipped{names}", skipped.len())
+        let cause = self.cause().and_then(|check| check.reason.as_ref());
+        let cause = cause.map(|reason| format!("; likely cause: {reason}")).unwrap_or_default();
+        format!("{passed} passed, {failed} failed, {} skipped{names}{cause}", skipped.len())
     }
 
     /// The raw figures with their fields; for a quantity that this program does not know, its number.

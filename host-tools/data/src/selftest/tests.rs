@@ -277,6 +277,54 @@ fn each_fault_of_a_stream_is_named() {
 }
 
 #[test]
+fn lost_samples_are_told_of_the_sampler_or_of_the_link() {
+    let samples: Vec<_> =
+        (0..8000).filter(|index| *index != 10).map(|index| RawSample { index, ..RawSample::default() }).collect();
+    let lost = |bad_frames: u64, overruns: u32| {
+        let reports = [7, 8].map(|uptime_s| Health { uptime_s, index: 4000 * uptime_s, overruns, ..Health::default() });
+        let heard = Streamed { samples: &samples, bytes: 38_000, bad_frames, reports: &reports };
+        throughput(&heard)
+    };
+    let reason = |checks: &[Check], name: &str| {
+        checks.iter().find(|check| check.name == name).and_then(|check| check.reason.clone()).unwrap_or_default()
+    };
+    let (by_link, by_sampler) = (lost(1, 0), lost(0, 1));
+    assert_eq!(failed(&by_link), ["frames_lost", "samples_lost"]);
+    assert!(reason(&by_link, "samples_lost").contains("the link"), "{by_link:?}");
+    assert_eq!(failed(&by_sampler), ["samples_lost", "overruns"]);
+    assert!(reason(&by_sampler, "samples_lost").starts_with("the sampler itself"), "{by_sampler:?}");
+    for cause in ["a DMA transfer was lost", "another trigger"] {
+        assert!(reason(&by_sampler, "overruns").contains(cause), "{by_sampler:?}");
+    }
+}
+
+#[test]
+fn the_check_that_explains_others_comes_first_and_its_cause_is_in_the_summary() {
+    let test = |failed: &[&'static str]| {
+        let names = ["samples_lost", "overruns", "restart", "sampling"];
+        let check = |name: &'static str| {
+            let cause = failed.contains(&name).then(|| format!("cause of {name}"));
+            Check::words(name, name, "", "", cause)
+        };
+        let checks = Vec::from(names.map(check));
+        SelfTest { hello: hello(), port: "p".into(), begun_ns: 0, checks, measured: vec![], skew: None }
+    };
+    for (failed, first, named) in [
+        (&["samples_lost", "overruns", "sampling"][..], "sampling", Some("sampling")),
+        (&["samples_lost", "overruns", "restart"], "overruns", Some("overruns")),
+        (&["overruns", "sampling"], "sampling", Some("sampling")),
+        (&["restart", "sampling"], "restart", None),
+        (&["overruns"], "overruns", None),
+    ] {
+        let test = test(failed);
+        assert_eq!((test.failed().first(), test.failed().len()), (Some(&first), failed.len()));
+        let counts = format!("{} passed, {} failed, 0 skipped", 4 - failed.len(), failed.len());
+        let cause = named.map(|name| format!("; likely cause: cause of {name}")).unwrap_or_default();
+        assert_eq!(test.summary(), counts + &cause);
+    }
+}
+
+#[test]
 fn settings_that_are_not_kept_or_not_restored_fail() {
     let saved = Settings::default();
     let found = Settings { skew_s: 1e-6, publish_rate_hz: 7.0, ..saved };

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from . import _inerter
@@ -24,8 +24,17 @@ _UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class Parameter:
+class _Shown:
+    """A dataclass whose `repr` is printable: Python's own rule leaves fillers and selectors as they are."""
+
+    def __repr__(self) -> str:
+        of: Any = self
+        parts = ", ".join(f"{field.name}={getattr(of, field.name)!r}" for field in fields(of))
+        return _inerter.printable(f"{type(of).__qualname__}({parts})")
+
+
+@dataclass(frozen=True, repr=False)
+class Parameter(_Shown):
     """A parameter of the device with its 95 % interval.
 
     `value` and `u95`, the half width of the interval, are in `unit`; both are None if the motion cannot identify it. `status` is `ok`,
@@ -114,7 +123,7 @@ class Result(Mapping[str, Any]):
         if name in parameters:
             return parameters[name]
         known = ", ".join(parameters) or "none"
-        raise AttributeError(f"there is no parameter {name!r} in this result; there are: {known}")
+        raise AttributeError(_inerter.printable(f"there is no parameter {name!r} in this result; there are: {known}"))
 
     def __repr__(self) -> str:
         rows = [f"{name:<28} {parameter}" for name, parameter in self.parameters.items()]
@@ -305,8 +314,8 @@ class Merged(Summed):
         return [f"{self._sums!r}, fitted together.".removeprefix("inerter."), *self._remarks]
 
 
-@dataclass(frozen=True)
-class Difference:
+@dataclass(frozen=True, repr=False)
+class Difference(_Shown):
     """A parameter of a run minus that of the first one.
 
     `value` and `u95`, the half width of the 95 % interval, are in `unit`, and `p` is the chance of a difference at least this large if

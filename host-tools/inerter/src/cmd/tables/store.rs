@@ -30,6 +30,9 @@ const SHORT: usize = 12;
 const CELL: usize = 60;
 /// Characters of a value that `show` prints.
 const VALUE: usize = 200;
+/// Maximum number of columns of a CSV: ours have about 50 for each kind of machine. Each row has a cell for each column
+/// of all rows, so rows with columns of their own would make it grow with the square of their number.
+const MOST_COLUMNS: usize = 1024;
 
 pub fn run(args: &Args) -> Result<(), Error> {
     match &args.command {
@@ -107,8 +110,10 @@ fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> 
     args.limits.check(&[], &[], args.force)?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
     let listed = Store::open(url)?.runs(&choice)?;
+    // Before anything is judged and written.
+    let columns = args.csv.then(|| csv_columns(url, &listed.rows)).transpose()?;
     let within = within(args, &listed.rows)?;
-    let said = heard(print(args, &listed.rows, within.as_deref()), true);
+    let said = heard(print(args, &listed.rows, columns.as_deref(), within.as_deref()), true);
     told(url, &listed.damages)?;
     if within.is_some() && listed.rows.is_empty() {
         return Err(Error::NothingHeld);
@@ -155,7 +160,7 @@ fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
     if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
 }
 
-fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+fn print(args: &ListArgs, rows: &[Row], columns: Option<&[&str]>, within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let judged = |number: usize| within.and_then(|all| all.get(number));
     if args.json {
         let mut lines = rows.iter().enumerate().map(|(number, row)| {
@@ -168,8 +173,8 @@ fn print(args: &ListArgs, rows: &[Row], within: Option<&[Vec<Judged>]>) -> Resul
         });
         return Ok(lines.try_for_each(output::line)?);
     }
-    if args.csv {
-        return csv(rows, within);
+    if let Some(columns) = columns {
+        return csv(rows, columns, within);
     }
     if rows.is_empty() {
         say("no run matches");
@@ -229,11 +234,19 @@ fn is_object(name: &&str) -> bool {
     OBJECTS.contains(name)
 }
 
-/// All columns except objects, and the verdict if there are limits; a rotary machine has other columns.
-fn csv(rows: &[Row], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+/// All columns of the rows except objects; a rotary machine has other columns.
+fn csv_columns<'a>(url: &str, rows: &'a [Row]) -> Result<Vec<&'a str>, Error> {
     let mut known = BTreeSet::new();
     let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
-    let names: Vec<&str> = columns.filter(|name| known.insert(*name)).collect();
+    let names: Vec<&str> = columns.filter(|name| known.insert(*name)).take(MOST_COLUMNS + 1).collect();
+    if names.len() > MOST_COLUMNS {
+        return Err(Error::WideCsv { url: url.into(), most: MOST_COLUMNS });
+    }
+    Ok(names)
+}
+
+/// These columns, and the verdict if there are limits.
+fn csv(rows: &[Row], names: &[&str], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
     let cell = |value: Option<Value>| match value {
         Some(Value::String(text)) => csv_text(&text).into_owned(),
         Some(value @ (Value::Array(_) | Value::Object(_))) => csv_text(&value.to_string()).into_owned(),
