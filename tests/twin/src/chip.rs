@@ -5,6 +5,17 @@
 //! numbers from RM0440 table 97). Time passes in [`Chip::advance`], which must be called no later than
 //! [`Chip::next_event`].
 
+/// Asserts that constants of a model match metapac's fields: those of the same name, or each by `FIELD = constant`.
+#[cfg(test)]
+macro_rules! fields_agree {
+    ($of:literal, $register:literal, $($name:ident),+) => {
+        fields_agree!($of, $register, $($name = $name),+)
+    };
+    ($of:literal, $register:literal, $($name:ident = $bits:expr),+) => {
+        crate::metapac::fields_agree($of, $register, &[$((stringify!($name), $bits)),+])
+    };
+}
+
 pub mod adc;
 pub mod ads131m04;
 pub mod clocks;

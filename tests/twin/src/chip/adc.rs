@@ -70,64 +70,59 @@ const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.
 /// EXTSEL value of the trigger TIM6_TRGO.
 pub const TRIGGER_TIM6: u32 = 13;
 
-mod isr {
-    pub const ADRDY: u32 = 1 << 0;
-    pub const EOSMP: u32 = 1 << 1;
-    pub const EOC: u32 = 1 << 2;
-    pub const EOS: u32 = 1 << 3;
-    pub const OVR: u32 = 1 << 4;
-    pub const ALL: u32 = 0x7FF;
-}
+// ISR.
+const ADRDY: u32 = 1 << 0;
+const EOSMP: u32 = 1 << 1;
+const EOC: u32 = 1 << 2;
+const EOS: u32 = 1 << 3;
+const OVR: u32 = 1 << 4;
+const ISR_ALL: u32 = 0x7FF;
 
-mod cr {
-    pub const ADEN: u32 = 1 << 0;
-    pub const ADDIS: u32 = 1 << 1;
-    pub const ADSTART: u32 = 1 << 2;
-    pub const JADSTART: u32 = 1 << 3;
-    pub const ADSTP: u32 = 1 << 4;
-    pub const JADSTP: u32 = 1 << 5;
-    pub const ADVREGEN: u32 = 1 << 28;
-    pub const DEEPPWD: u32 = 1 << 29;
-    pub const ADCALDIF: u32 = 1 << 30;
-    pub const ADCAL: u32 = 1 << 31;
-}
+// CR.
+const ADEN: u32 = 1 << 0;
+const ADDIS: u32 = 1 << 1;
+const ADSTART: u32 = 1 << 2;
+const JADSTART: u32 = 1 << 3;
+const ADSTP: u32 = 1 << 4;
+const JADSTP: u32 = 1 << 5;
+const ADVREGEN: u32 = 1 << 28;
+const DEEPPWD: u32 = 1 << 29;
+const ADCALDIF: u32 = 1 << 30;
+const ADCAL: u32 = 1 << 31;
 
-mod cfgr {
-    pub const DMAEN: u32 = 1 << 0;
-    pub const DMACFG: u32 = 1 << 1;
-    pub const OVRMOD: u32 = 1 << 12;
-    pub const CONT: u32 = 1 << 13;
-    pub const JQDIS: u32 = 1 << 31;
-    pub const RESERVED: u32 = 1 << 2;
-    /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
-    pub const NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
-}
+// CFGR.
+const DMAEN: u32 = 1 << 0;
+const DMACFG: u32 = 1 << 1;
+const OVRMOD: u32 = 1 << 12;
+const CONT: u32 = 1 << 13;
+const JQDIS: u32 = 1 << 31;
+const CFGR_RESERVED: u32 = 1 << 2;
+/// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
+const CFGR_NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
 
-mod ccr {
-    pub const DUAL: u32 = 0x1F;
-    pub const VREFEN: u32 = 1 << 22;
-    pub const VSENSESEL: u32 = 1 << 23;
-    pub const VBATSEL: u32 = 1 << 24;
-    pub const ALL: u32 = 0x01FF_EF1F;
-}
+// CCR.
+const DUAL: u32 = 0x1F;
+const VREFEN: u32 = 1 << 22;
+const VSENSESEL: u32 = 1 << 23;
+const VBATSEL: u32 = 1 << 24;
+const CCR_ALL: u32 = 0x01FF_EF1F;
 
-mod offset {
-    pub const ISR: u32 = 0x00;
-    pub const IER: u32 = 0x04;
-    pub const CR: u32 = 0x08;
-    pub const CFGR: u32 = 0x0C;
-    pub const CFGR2: u32 = 0x10;
-    pub const SMPR1: u32 = 0x14;
-    pub const SMPR2: u32 = 0x18;
-    pub const SQR1: u32 = 0x30;
-    pub const SQR4: u32 = 0x3C;
-    pub const DR: u32 = 0x40;
-    pub const OFR1: u32 = 0x60;
-    pub const OFR4: u32 = 0x6C;
-    pub const JDR1: u32 = 0x80;
-    pub const JDR4: u32 = 0x8C;
-    pub const DIFSEL: u32 = 0xB0;
-}
+// Offsets of registers.
+const ISR: u32 = 0x00;
+const IER: u32 = 0x04;
+const CR: u32 = 0x08;
+const CFGR: u32 = 0x0C;
+const CFGR2: u32 = 0x10;
+const SMPR1: u32 = 0x14;
+const SMPR2: u32 = 0x18;
+const SQR1: u32 = 0x30;
+const SQR4: u32 = 0x3C;
+const DR: u32 = 0x40;
+const OFR1: u32 = 0x60;
+const OFR4: u32 = 0x6C;
+const JDR1: u32 = 0x80;
+const JDR4: u32 = 0x8C;
+const DIFSEL: u32 = 0xB0;
 
 /// Registers of a converter that are plain storage: offset, reset value, writable bits.
 const STORAGE: [(u32, u32, u32); 20] = [
@@ -246,9 +241,9 @@ impl Signal {
     const fn switch(self) -> u32 {
         match self {
             Self::Pin(_) => 0,
-            Self::Temperature => ccr::VSENSESEL,
-            Self::Battery => ccr::VBATSEL,
-            Self::InternalReference => ccr::VREFEN,
+            Self::Temperature => VSENSESEL,
+            Self::Battery => VBATSEL,
+            Self::InternalReference => VREFEN,
         }
     }
 }
@@ -410,8 +405,8 @@ impl Converter {
         Self {
             isr: 0,
             ier: 0,
-            cr: cr::DEEPPWD,
-            cfgr: cfgr::JQDIS,
+            cr: DEEPPWD,
+            cfgr: JQDIS,
             dr: 0,
             storage: Storage::new(&STORAGE),
             sequence: [Rank::default(); 16],
@@ -436,7 +431,7 @@ impl Converter {
     }
 
     fn is_started(&self) -> bool {
-        self.cr & cr::ADSTART != 0
+        self.cr & ADSTART != 0
     }
 
     /// EXTEN; 0 selects a software start.
@@ -447,31 +442,31 @@ impl Converter {
     fn advance(&mut self, now: Cycles) {
         if self.calibration_end.is_some_and(|end| end <= now) {
             self.calibration_end = None;
-            self.cr &= !cr::ADCAL;
+            self.cr &= !ADCAL;
         }
         if self.ready_at.is_some_and(|at| at <= now) {
             self.ready_at = None;
             self.ready = true;
-            self.isr |= isr::ADRDY;
+            self.isr |= ADRDY;
         }
     }
 
     fn dma_request(&self) -> bool {
-        self.isr & (isr::EOC | isr::OVR) == isr::EOC && self.cfgr & cfgr::DMAEN != 0 && !self.dma_ended
+        self.isr & (EOC | OVR) == EOC && self.cfgr & DMAEN != 0 && !self.dma_ended
     }
 
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Result<(), Unknown> {
         let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
-        no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: mode is not modelled")?;
-        no_model(self.storage.get(offset::CFGR2), "ADC_CFGR2: oversampling is not modelled")?;
-        for ofr in (offset::OFR1..=offset::OFR4).step_by(4) {
+        no_model(self.cfgr & CFGR_NOT_MODELLED, "ADC_CFGR: mode is not modelled")?;
+        no_model(self.storage.get(CFGR2), "ADC_CFGR2: oversampling is not modelled")?;
+        for ofr in (OFR1..=OFR4).step_by(4) {
             no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets are not modelled")?;
         }
-        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(offset::SQR1 + 4 * n as u32));
+        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(SQR1 + 4 * n as u32));
         self.length = (sqr[0] & 0xF) as usize + 1;
-        let smpr = [self.storage.get(offset::SMPR1), self.storage.get(offset::SMPR2)];
-        let differential = self.storage.get(offset::DIFSEL);
+        let smpr = [self.storage.get(SMPR1), self.storage.get(SMPR2)];
+        let differential = self.storage.get(DIFSEL);
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
@@ -664,7 +659,7 @@ impl Adcs {
     /// Whether a trigger gives one result: a sequence of one channel in single mode.
     pub fn is_single(&self, unit: Unit) -> bool {
         let it = self.unit(unit);
-        it.length == 1 && it.cfgr & cfgr::CONT == 0
+        it.length == 1 && it.cfgr & CONT == 0
     }
 
     /// The input of `unit`'s conversion in progress, and its aperture.
@@ -697,21 +692,21 @@ impl Adcs {
             (false, false) => self.analogue.code(unit, aperture, volts),
         };
         let it = self.unit_mut(unit);
-        let overrun = it.isr & isr::EOC != 0;
-        if !overrun || it.cfgr & cfgr::OVRMOD != 0 {
+        let overrun = it.isr & EOC != 0;
+        if !overrun || it.cfgr & OVRMOD != 0 {
             it.dr = code;
         }
-        it.isr |= isr::EOSMP | isr::EOC | if overrun { isr::OVR } else { 0 };
+        it.isr |= EOSMP | EOC | if overrun { OVR } else { 0 };
         let last = rank + 1 == it.length;
         if last {
-            it.isr |= isr::EOS;
+            it.isr |= EOS;
         }
         if !last {
             return self.begin(unit, rank + 1, end, 0.0);
-        } else if it.cfgr & cfgr::CONT != 0 {
+        } else if it.cfgr & CONT != 0 {
             return self.begin(unit, 0, end, 0.0);
         } else if it.edges() == 0 {
-            it.cr &= !cr::ADSTART;
+            it.cr &= !ADSTART;
         }
         self.update_due();
         Ok(())
@@ -725,14 +720,14 @@ impl Adcs {
     /// Called at the last transfer of a DMA transfer sequence: in one-shot mode, no request follows.
     pub fn dma_end(&mut self, unit: Unit) {
         let it = self.unit_mut(unit);
-        let one_shot = it.cfgr & cfgr::DMACFG == 0;
+        let one_shot = it.cfgr & DMACFG == 0;
         it.dma_ended |= one_shot;
         it.stopped |= one_shot;
     }
 
     /// Whether `unit` has an interrupt enabled other than ADRDY. Each end of conversion is then an event.
     pub fn interrupts_each(&self, unit: Unit) -> bool {
-        self.unit(unit).ier & !isr::ADRDY != 0
+        self.unit(unit).ier & !ADRDY != 0
     }
 
     /// Level of `unit`'s interrupt request; ADC1 and ADC2 share one line.
@@ -747,33 +742,33 @@ impl Adcs {
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
         // Plain read-write bits.
-        if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
-            if value & cr::DEEPPWD != 0 {
+        if value & ADVREGEN != 0 && it.cr & ADVREGEN == 0 {
+            if value & DEEPPWD != 0 {
                 return refuse("ADC_CR: ADVREGEN set in deep power-down");
             }
             it.regulator_settled = now + settle;
         }
-        let plain = cr::ADVREGEN | cr::DEEPPWD | cr::ADCALDIF;
+        let plain = ADVREGEN | DEEPPWD | ADCALDIF;
         it.cr = it.cr & !plain | value & plain;
 
         // Bits that software sets and hardware clears: `rising` are those newly set.
         let rising = value & !it.cr & !plain;
-        if rising & (cr::JADSTART | cr::JADSTP) != 0 {
+        if rising & (JADSTART | JADSTP) != 0 {
             return refuse("ADC_CR: injected conversions are not modelled");
         }
-        let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
+        let powered = it.cr & (ADVREGEN | DEEPPWD) == ADVREGEN;
         let settles = enforced && now < it.regulator_settled;
-        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || settles) {
+        if rising & (ADCAL | ADEN) != 0 && (!powered || settles) {
             return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
         }
-        if rising & cr::ADCAL != 0 {
-            if it.cr & cr::ADEN != 0 {
+        if rising & ADCAL != 0 {
+            if it.cr & ADEN != 0 {
                 return refuse("ADC_CR: ADCAL while the ADC is enabled");
             }
             let end = now + self.clocks(unit, CALIBRATION_CLOCKS)?;
             let free = end + self.clocks(unit, AFTER_CALIBRATION_CLOCKS)?;
             let it = self.unit_mut(unit);
-            it.cr |= cr::ADCAL;
+            it.cr |= ADCAL;
             (it.calibration_end, it.enable_from) = (Some(end), free);
             if self.broken == Some((unit, Broken::Calibration)) {
                 self.unit_mut(unit).calibration_end = None;
@@ -781,37 +776,37 @@ impl Adcs {
         }
         let it = self.unit(unit);
         // ADEN cannot be set during a calibration or in the four ADC clocks after it.
-        if rising & cr::ADEN != 0 && it.cr & cr::ADCAL == 0 && now >= it.enable_from {
+        if rising & ADEN != 0 && it.cr & ADCAL == 0 && now >= it.enable_from {
             let ready = now + self.clocks(unit, READY_CLOCKS)?;
             let it = self.unit_mut(unit);
-            it.cr |= cr::ADEN;
+            it.cr |= ADEN;
             it.ready_at = Some(ready);
             if self.broken == Some((unit, Broken::Ready)) {
                 self.unit_mut(unit).ready_at = None;
             }
         }
         let it = self.unit_mut(unit);
-        if rising & cr::ADSTP != 0 && it.is_started() {
-            it.cr &= !cr::ADSTART;
+        if rising & ADSTP != 0 && it.is_started() {
+            it.cr &= !ADSTART;
             it.conversion = None;
             it.stopped = true;
             self.update_due();
         }
         let it = self.unit_mut(unit);
-        if rising & cr::ADDIS != 0 && it.cr & cr::ADEN != 0 {
+        if rising & ADDIS != 0 && it.cr & ADEN != 0 {
             if it.is_started() {
                 return refuse("ADC_CR: ADDIS while ADSTART is set");
             }
             it.stopped = false;
-            it.cr &= !cr::ADEN;
-            it.isr &= !isr::ADRDY;
+            it.cr &= !ADEN;
+            it.isr &= !ADRDY;
             (it.ready_at, it.ready) = (None, false);
         }
-        if rising & cr::ADSTART != 0 {
+        if rising & ADSTART != 0 {
             if !it.ready {
                 return refuse("ADC_CR: ADSTART before the ADC is ready");
             }
-            it.cr |= cr::ADSTART;
+            it.cr |= ADSTART;
             it.phase = None;
             it.load_sequence()?;
             if it.edges() == 0 {
@@ -824,22 +819,22 @@ impl Adcs {
     fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let it = self.unit_mut(unit);
         it.advance(now);
-        if offset & !3 > offset::CR && width != Width::Word {
+        if offset & !3 > CR && width != Width::Word {
             return Err(Unknown::WIDTH);
         }
         match offset & !3 {
-            offset::ISR => it.isr &= !(width.replace(0, offset, value) & isr::ALL),
-            offset::IER => it.ier = width.replace(it.ier, offset, value) & isr::ALL,
-            offset::CR if width != Width::Word => return Err(Unknown::WIDTH),
-            offset::CR => return self.write_control(unit, value, now),
-            offset::CFGR => {
+            ISR => it.isr &= !(width.replace(0, offset, value) & ISR_ALL),
+            IER => it.ier = width.replace(it.ier, offset, value) & ISR_ALL,
+            CR if width != Width::Word => return Err(Unknown::WIDTH),
+            CR => return self.write_control(unit, value, now),
+            CFGR => {
                 if it.is_started() && it.cfgr != value {
                     return Err(Unknown { what: "ADC_CFGR changed while ADSTART is set" });
                 }
-                if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
+                if value & DMAEN == 0 || it.cfgr & DMAEN == 0 {
                     it.dma_ended = false;
                 }
-                it.cfgr = value & !cfgr::RESERVED;
+                it.cfgr = value & !CFGR_RESERVED;
             }
             storage => {
                 if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {
@@ -847,9 +842,9 @@ impl Adcs {
                 }
                 let before = it.storage.get(storage);
                 let fixed = match storage {
-                    offset::DIFSEL => it.cr & cr::ADEN != 0,
-                    offset::CFGR2 | offset::SMPR1 | offset::SMPR2 | offset::SQR1..=offset::SQR4 => it.is_started(),
-                    offset::OFR1..=offset::OFR4 => it.is_started(),
+                    DIFSEL => it.cr & ADEN != 0,
+                    CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 => it.is_started(),
+                    OFR1..=OFR4 => it.is_started(),
                     _ => false,
                 };
                 it.storage.write(offset, value, width)?;
@@ -865,15 +860,15 @@ impl Adcs {
         let it = self.unit_mut(unit);
         it.advance(now);
         let word = match offset & !3 {
-            offset::ISR => it.isr,
-            offset::IER => it.ier,
-            offset::CR => it.cr,
-            offset::CFGR => it.cfgr,
-            offset::DR => {
-                it.isr &= !isr::EOC;
+            ISR => it.isr,
+            IER => it.ier,
+            CR => it.cr,
+            CFGR => it.cfgr,
+            DR => {
+                it.isr &= !EOC;
                 u32::from(it.dr)
             }
-            offset::JDR1..=offset::JDR4 => 0,
+            JDR1..=JDR4 => 0,
             _ => return it.storage.read(offset, width),
         };
         Ok(width.part(word, offset))
@@ -906,16 +901,16 @@ impl Adcs {
     }
 
     fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
-        let value = value & ccr::ALL;
+        let value = value & CCR_ALL;
         if offset != 0x08 {
             return Err(Unknown::REGISTER);
         }
-        if value & ccr::DUAL != 0 {
+        if value & DUAL != 0 {
             return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode is modelled" });
         }
         let changed = self.common[common] ^ value;
-        let switches = ccr::VREFEN | ccr::VSENSESEL | ccr::VBATSEL;
-        if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & cr::ADEN != 0) {
+        let switches = VREFEN | VSENSESEL | VBATSEL;
+        if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & ADEN != 0) {
             return Err(Unknown { what: "ADC_CCR changed while one of its ADCs is enabled" });
         }
         if changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()) {
@@ -952,7 +947,7 @@ impl Registers for Adcs {
 
     /// The enabled ready flags and conversion interrupts; conversions end by [`finish`](Adcs::finish).
     fn next_event(&self) -> Option<Cycles> {
-        let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & isr::ADRDY != 0);
+        let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & ADRDY != 0);
         let each = self.due.filter(|(_, unit)| self.interrupts_each(*unit)).map(|(end, _)| end);
         self.units.iter().filter_map(ready).chain(each).min()
     }
@@ -984,10 +979,6 @@ mod tests {
     use super::*;
 
     const HCLK_HZ: f64 = 168e6;
-    const ISR: u32 = 0x00;
-    const IER: u32 = 0x04;
-    const CR: u32 = 0x08;
-    const CFGR: u32 = 0x0C;
     const CCR12: u32 = 0x308;
     const CKMODE_4: u32 = 3 << 16;
     /// 20 us at 168 MHz.
@@ -1007,23 +998,23 @@ mod tests {
         adc.set_quality(Quality::IDEAL);
         write(&mut adc, CCR12, CKMODE_4, 0);
         write(&mut adc, CR, 0, 0);
-        write(&mut adc, CR, cr::ADVREGEN, 0);
+        write(&mut adc, CR, ADVREGEN, 0);
         adc
     }
 
     /// ADC1, ready at cycle 10000, one channel with 24.5 clocks of sampling.
     fn ready(cfgr: u32) -> Adcs {
         let mut adc = powered();
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
-        write(&mut adc, offset::SMPR1, 3 << 3 | 4 << 6, SETTLED);
-        write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+        write(&mut adc, CR, ADVREGEN | ADEN, SETTLED);
+        write(&mut adc, SMPR1, 3 << 3 | 4 << 6, SETTLED);
+        write(&mut adc, SQR1, 1 << 6, SETTLED);
         write(&mut adc, CFGR, cfgr, SETTLED);
-        assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+        assert_eq!(read(&mut adc, ISR, 10_000), ADRDY);
         adc
     }
 
     fn start(adc: &mut Adcs, now: Cycles) {
-        write(adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, now);
+        write(adc, CR, ADVREGEN | ADEN | ADSTART, now);
     }
 
     /// EXTEN: rising edge; EXTSEL: TIM6_TRGO.
@@ -1032,7 +1023,7 @@ mod tests {
     #[test]
     fn it_stays_ready_when_the_flag_that_says_so_is_cleared() {
         let mut adc = ready(0);
-        write(&mut adc, ISR, isr::ADRDY, 10_000);
+        write(&mut adc, ISR, ADRDY, 10_000);
         start(&mut adc, 10_000);
         assert!(adc.due().is_some());
     }
@@ -1040,34 +1031,34 @@ mod tests {
     #[test]
     fn it_comes_up_in_the_manuals_order_only() {
         let mut adc = Adcs::new();
-        assert_eq!(read(&mut adc, CR, 0), cr::DEEPPWD);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::DEEPPWD, Width::Word, 0).is_err());
-        for early in [cr::ADCAL, cr::ADEN] {
-            let refused = |now| powered().write(CR, cr::ADVREGEN | early, Width::Word, now).is_err();
+        assert_eq!(read(&mut adc, CR, 0), DEEPPWD);
+        assert!(adc.write(CR, ADVREGEN | DEEPPWD, Width::Word, 0).is_err());
+        for early in [ADCAL, ADEN] {
+            let refused = |now| powered().write(CR, ADVREGEN | early, Width::Word, now).is_err();
             assert!(refused(SETTLED - 1) && !refused(SETTLED), "{early:#x}");
         }
         let mut adc = powered();
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADCAL, SETTLED);
+        write(&mut adc, CR, ADVREGEN | ADCAL, SETTLED);
         let end = SETTLED + 116 * 4;
-        assert_ne!(read(&mut adc, CR, end - 1) & cr::ADCAL, 0);
-        assert_eq!(read(&mut adc, CR, end) & cr::ADCAL, 0);
+        assert_ne!(read(&mut adc, CR, end - 1) & ADCAL, 0);
+        assert_eq!(read(&mut adc, CR, end) & ADCAL, 0);
         // ADEN cannot be set in the next four ADC clocks.
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 15);
-        assert_eq!(read(&mut adc, CR, end + 15) & cr::ADEN, 0);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 16);
+        write(&mut adc, CR, ADVREGEN | ADEN, end + 15);
+        assert_eq!(read(&mut adc, CR, end + 15) & ADEN, 0);
+        write(&mut adc, CR, ADVREGEN | ADEN, end + 16);
         assert_eq!(read(&mut adc, ISR, end + 16 + 59), 0);
-        assert_eq!(read(&mut adc, ISR, end + 16 + 60), isr::ADRDY);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, end + 100).is_err());
-        assert!(ready(0).write(CR, cr::JADSTART | cr::ADVREGEN, Width::Word, 10_000).is_err());
+        assert_eq!(read(&mut adc, ISR, end + 16 + 60), ADRDY);
+        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, end + 100).is_err());
+        assert!(ready(0).write(CR, JADSTART | ADVREGEN, Width::Word, 10_000).is_err());
     }
 
     #[test]
     fn without_a_clock_or_with_a_fast_one_it_refuses() {
         let mut adc = powered();
         write(&mut adc, CCR12, 0, 0);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, SETTLED).is_err());
         write(&mut adc, CCR12, 2 << 16, 0);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, SETTLED).is_err());
         // The kernel clock divided by four (PRESC = 2) gives the same clock as HCLK divided by four.
         write(&mut adc, CCR12, 2 << 18, 0);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
@@ -1089,10 +1080,10 @@ mod tests {
         adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
         assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
         adc.finish(Unit::One, 1.65).unwrap();
-        assert_eq!(read(&mut adc, ISR, 30_157), isr::ADRDY | isr::EOSMP | isr::EOC | isr::EOS);
-        assert_eq!(adc.read(offset::DR, Width::Half, 30_157), Ok(2048));
-        assert_eq!(read(&mut adc, ISR, 30_157) & isr::EOC, 0);
-        assert_ne!(read(&mut adc, CR, 30_157) & cr::ADSTART, 0, "waits for the next trigger");
+        assert_eq!(read(&mut adc, ISR, 30_157), ADRDY | EOSMP | EOC | EOS);
+        assert_eq!(adc.read(DR, Width::Half, 30_157), Ok(2048));
+        assert_eq!(read(&mut adc, ISR, 30_157) & EOC, 0);
+        assert_ne!(read(&mut adc, CR, 30_157) & ADSTART, 0, "waits for the next trigger");
     }
 
     /// Codes of ADC1 and ADC2, both sampling 0 V, at these triggers.
@@ -1103,20 +1094,20 @@ mod tests {
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
         write(&mut adc, CCR12, ccr, 0);
         for base in [0, 0x100] {
-            for (at, control) in [(0, 0), (0, cr::ADVREGEN), (SETTLED, cr::ADVREGEN | cr::ADEN)] {
+            for (at, control) in [(0, 0), (0, ADVREGEN), (SETTLED, ADVREGEN | ADEN)] {
                 write(&mut adc, base + CR, control, at);
             }
-            write(&mut adc, base + offset::SMPR1, 3 << 3 | 3 << 6, SETTLED);
-            write(&mut adc, base + offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, base + SMPR1, 3 << 3 | 3 << 6, SETTLED);
+            write(&mut adc, base + SQR1, 1 << 6, SETTLED);
             write(&mut adc, base + CFGR, TRIGGERED, SETTLED);
-            write(&mut adc, base + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 10_000);
+            write(&mut adc, base + CR, ADVREGEN | ADEN | ADSTART, 10_000);
         }
         let mut convert = |at: &Cycles| {
             adc.trigger(TRIGGER_TIM6, *at).unwrap();
             while let Some((_, unit)) = adc.due() {
                 adc.finish(unit, 0.0).unwrap();
             }
-            [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, at + 1000) as u16)
+            [DR, 0x100 + DR].map(|place| read(&mut adc, place, at + 1000) as u16)
         };
         triggers.iter().map(&mut convert).collect()
     }
@@ -1143,18 +1134,18 @@ mod tests {
         for (errata, expected) in [(Errata { adc_concurrent: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(TRIGGERED);
             adc.set_errata(errata);
-            for (at, control) in [(10_000, 0), (10_000, cr::ADVREGEN), (20_000, cr::ADVREGEN | cr::ADEN)] {
+            for (at, control) in [(10_000, 0), (10_000, ADVREGEN), (20_000, ADVREGEN | ADEN)] {
                 write(&mut adc, 0x100 + CR, control, at);
             }
             start(&mut adc, 30_000);
             adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
             // Software starts ADC2.
-            write(&mut adc, 0x100 + offset::SQR1, 1 << 6, 30_050);
-            write(&mut adc, 0x100 + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 30_050);
+            write(&mut adc, 0x100 + SQR1, 1 << 6, 30_050);
+            write(&mut adc, 0x100 + CR, ADVREGEN | ADEN | ADSTART, 30_050);
             for unit in [Unit::One, Unit::Two] {
                 adc.finish(unit, 0.0).unwrap();
             }
-            let codes = [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, 40_000));
+            let codes = [DR, 0x100 + DR].map(|place| read(&mut adc, place, 40_000));
             assert_eq!(codes, [expected, 0]);
         }
     }
@@ -1167,7 +1158,7 @@ mod tests {
             let mut convert = |at: Cycles| {
                 start(&mut adc, at);
                 adc.finish(Unit::One, 0.0).unwrap();
-                read(&mut adc, offset::DR, at + 1000)
+                read(&mut adc, DR, at + 1000)
             };
             // The first conversion, one soon after it, and one 1.1 ms later.
             assert_eq!([20_000, 30_000, 214_800].map(&mut convert), [off, 0, off]);
@@ -1180,19 +1171,19 @@ mod tests {
         for (errata, first) in [(Errata { adc_after_stop: true, ..Errata::NONE }, 0), (Errata::NONE, 100)] {
             // Stopped by software, then by the last transfer of a one-shot DMA.
             for by_dma in [false, true] {
-                let mut adc = ready(TRIGGERED | if by_dma { cfgr::DMAEN } else { 0 });
+                let mut adc = ready(TRIGGERED | if by_dma { DMAEN } else { 0 });
                 adc.set_errata(errata);
                 let convert = |adc: &mut Adcs, at: Cycles| {
                     adc.trigger(TRIGGER_TIM6, at).unwrap();
                     adc.finish(Unit::One, volts).unwrap();
-                    read(adc, offset::DR, at + 1000)
+                    read(adc, DR, at + 1000)
                 };
                 start(&mut adc, 20_000);
                 assert_eq!(convert(&mut adc, 30_000), 100);
                 if by_dma {
                     adc.dma_end(Unit::One);
                 } else {
-                    write(&mut adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTP, 40_000);
+                    write(&mut adc, CR, ADVREGEN | ADEN | ADSTP, 40_000);
                     start(&mut adc, 40_000);
                 }
                 assert_eq!([50_000, 60_000].map(|at| convert(&mut adc, at)), [first, 100], "{by_dma}");
@@ -1206,11 +1197,11 @@ mod tests {
             let mut adc = powered();
             write(&mut adc, CCR12, 0, 0);
             adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
-            write(&mut adc, offset::SMPR1, 3 << 3, SETTLED);
-            write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, CR, ADVREGEN | ADEN, SETTLED);
+            write(&mut adc, SMPR1, 3 << 3, SETTLED);
+            write(&mut adc, SQR1, 1 << 6, SETTLED);
             write(&mut adc, CFGR, TRIGGERED, SETTLED);
-            assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+            assert_eq!(read(&mut adc, ISR, 10_000), ADRDY);
             start(&mut adc, 10_000);
             adc.trigger(TRIGGER_TIM6, at).unwrap();
             adc.looks_at(Unit::One).unwrap().1 - at
@@ -1222,11 +1213,11 @@ mod tests {
     #[test]
     fn a_converter_whose_clock_has_stopped_misses_the_trigger() {
         let mut adc = ready(TRIGGERED);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+        write(&mut adc, CR, ADVREGEN | ADDIS, 10_000);
         write(&mut adc, CCR12, 0, 10_000);
         let clocks = Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON };
         adc.set_clocks(&clocks);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
+        write(&mut adc, CR, ADVREGEN | ADEN, 10_000);
         start(&mut adc, 20_000);
         adc.set_clocks(&Clocks { adc12_hz: 0.0, ..clocks });
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
@@ -1239,16 +1230,16 @@ mod tests {
     #[test]
     fn a_software_start_runs_the_sequence_once() {
         let mut adc = ready(0);
-        write(&mut adc, offset::SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
+        write(&mut adc, SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
         start(&mut adc, 20_000);
         assert_eq!(adc.due(), Some((20_000 + 37 * 4, Unit::One)));
         adc.finish(Unit::One, 0.1).unwrap();
-        assert_eq!(read(&mut adc, ISR, 20_148) & (isr::EOC | isr::EOS), isr::EOC);
+        assert_eq!(read(&mut adc, ISR, 20_148) & (EOC | EOS), EOC);
         assert_eq!(adc.looks_at(Unit::One).unwrap().0, Signal::Pin(Pin::new('A', 1)));
-        read(&mut adc, offset::DR, 20_148);
+        read(&mut adc, DR, 20_148);
         adc.finish(Unit::One, 0.2).unwrap();
-        assert_eq!(read(&mut adc, ISR, 20_400) & (isr::EOC | isr::EOS | isr::OVR), isr::EOC | isr::EOS);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & cr::ADSTART), (None, 0));
+        assert_eq!(read(&mut adc, ISR, 20_400) & (EOC | EOS | OVR), EOC | EOS);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
     }
 
     #[test]
@@ -1298,27 +1289,27 @@ mod tests {
 
     #[test]
     fn results_that_nobody_takes_are_an_overrun_and_end_dma() {
-        for (mode, kept) in [(0, 100), (cfgr::OVRMOD, 200)] {
-            let mut adc = ready(TRIGGERED | cfgr::DMAEN | cfgr::DMACFG | mode);
+        for (mode, kept) in [(0, 100), (OVRMOD, 200)] {
+            let mut adc = ready(TRIGGERED | DMAEN | DMACFG | mode);
             start(&mut adc, 10_000);
             for (n, code) in [100.0, 200.0].into_iter().enumerate() {
                 adc.trigger(TRIGGER_TIM6, 20_000 + 2625 * n as u64).unwrap();
                 assert_eq!(adc.dma_request(Unit::One), n == 1);
                 adc.finish(Unit::One, code / CODES * REFERENCE_V).unwrap();
             }
-            assert_ne!(read(&mut adc, ISR, 30_000) & isr::OVR, 0);
+            assert_ne!(read(&mut adc, ISR, 30_000) & OVR, 0);
             assert!(!adc.dma_request(Unit::One));
-            write(&mut adc, ISR, isr::OVR, 30_000);
+            write(&mut adc, ISR, OVR, 30_000);
             assert!(adc.dma_request(Unit::One));
-            assert_eq!(read(&mut adc, offset::DR, 30_000), kept);
+            assert_eq!(read(&mut adc, DR, 30_000), kept);
             assert!(!adc.dma_request(Unit::One));
         }
     }
 
     #[test]
     fn one_shot_dma_ends_with_the_last_transfer() {
-        for (mode, goes_on) in [(0, false), (cfgr::DMACFG, true)] {
-            let mut adc = ready(TRIGGERED | cfgr::DMAEN | mode);
+        for (mode, goes_on) in [(0, false), (DMACFG, true)] {
+            let mut adc = ready(TRIGGERED | DMAEN | mode);
             start(&mut adc, 10_000);
             adc.dma_end(Unit::One);
             adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
@@ -1332,12 +1323,12 @@ mod tests {
         let mut adc = ready(TRIGGERED);
         start(&mut adc, 10_000);
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADDIS, Width::Word, 20_010).is_err());
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADSTP, 20_010);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & cr::ADSTART), (None, 0));
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 20_020);
-        assert_eq!(read(&mut adc, CR, 20_020), cr::ADVREGEN);
-        assert_eq!(read(&mut adc, ISR, 20_020) & isr::ADRDY, 0);
+        assert!(adc.write(CR, ADVREGEN | ADDIS, Width::Word, 20_010).is_err());
+        write(&mut adc, CR, ADVREGEN | ADSTP, 20_010);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
+        write(&mut adc, CR, ADVREGEN | ADDIS, 20_020);
+        assert_eq!(read(&mut adc, CR, 20_020), ADVREGEN);
+        assert_eq!(read(&mut adc, ISR, 20_020) & ADRDY, 0);
     }
 
     #[test]
@@ -1345,10 +1336,8 @@ mod tests {
         let mut adc = ready(TRIGGERED);
         start(&mut adc, 10_000);
         write(&mut adc, CFGR, TRIGGERED, 10_000);
-        write(&mut adc, offset::SQR1, 1 << 6, 10_000);
-        for (offset, value) in
-            [(CFGR, 0), (offset::SQR1, 2 << 6), (offset::SMPR1, 0), (CCR12, 2 << 16), (offset::DIFSEL, 2)]
-        {
+        write(&mut adc, SQR1, 1 << 6, 10_000);
+        for (offset, value) in [(CFGR, 0), (SQR1, 2 << 6), (SMPR1, 0), (CCR12, 2 << 16), (DIFSEL, 2)] {
             assert!(adc.write(offset, value, Width::Word, 10_000).is_err(), "{offset:#x}");
         }
     }
@@ -1357,15 +1346,15 @@ mod tests {
     fn modes_without_a_model_are_refused_at_the_start() {
         let refused = |cfgr: u32, offset: u32, value: u32| {
             let mut adc = ready(cfgr);
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+            write(&mut adc, CR, ADVREGEN | ADDIS, 10_000);
             write(&mut adc, offset, value, 10_000);
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
-            adc.write(CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, Width::Word, 20_000).is_err()
+            write(&mut adc, CR, ADVREGEN | ADEN, 10_000);
+            adc.write(CR, ADVREGEN | ADEN | ADSTART, Width::Word, 20_000).is_err()
         };
-        let nothing = offset::SMPR2;
+        let nothing = SMPR2;
         assert!(!refused(0, nothing, 0));
         assert!(refused(1 << 3, nothing, 0) && refused(1 << 14, nothing, 0));
-        assert!(refused(0, offset::CFGR2, 1) && refused(0, offset::OFR1, 1 << 31) && refused(0, offset::DIFSEL, 2));
+        assert!(refused(0, CFGR2, 1) && refused(0, OFR1, 1 << 31) && refused(0, DIFSEL, 2));
         assert!(powered().write(CCR12, 6, Width::Word, 0).is_err());
     }
 
@@ -1374,26 +1363,26 @@ mod tests {
         let look = |sqr1: u32, ccr12: u32| {
             let mut adc = ready(0);
             write(&mut adc, CCR12, CKMODE_4 | ccr12, 10_000);
-            write(&mut adc, offset::SQR1, sqr1, 10_000);
+            write(&mut adc, SQR1, sqr1, 10_000);
             start(&mut adc, 10_000);
             adc.looks_at(Unit::One).map(|(signal, _)| signal)
         };
         assert_eq!(look(2 << 6, 0), Ok(Signal::Pin(Pin::new('A', 1))));
         assert!(look(5 << 6, 0).is_err());
         assert!(look(16 << 6, 0).is_err());
-        assert_eq!(look(16 << 6, ccr::VSENSESEL), Ok(Signal::Temperature));
+        assert_eq!(look(16 << 6, VSENSESEL), Ok(Signal::Temperature));
     }
 
     #[test]
     fn interrupts_follow_flags_and_enables() {
         let mut adc = ready(0);
         assert!(!adc.irq(Unit::One));
-        write(&mut adc, IER, isr::EOC, 10_000);
+        write(&mut adc, IER, EOC, 10_000);
         start(&mut adc, 10_000);
         assert_eq!(adc.next_event(), Some(10_148));
         adc.finish(Unit::One, 1.0).unwrap();
         assert!(adc.irq(Unit::One));
-        write(&mut adc, ISR, isr::EOC, 10_200);
+        write(&mut adc, ISR, EOC, 10_200);
         assert!(!adc.irq(Unit::One));
     }
 
@@ -1413,58 +1402,18 @@ mod tests {
         let mut adc = ready(0);
         assert!(adc.read(0x200, Width::Word, 0).is_err());
         assert!(adc.read(0x44, Width::Word, 0).is_err());
-        assert_eq!(read(&mut adc, 0x600 + CR, 0), cr::DEEPPWD);
-        assert_eq!(read(&mut adc, 0x300, 0), isr::ADRDY);
+        assert_eq!(read(&mut adc, 0x600 + CR, 0), DEEPPWD);
+        assert_eq!(read(&mut adc, 0x300, 0), ADRDY);
         adc.reset(0);
-        assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (cr::DEEPPWD, 0));
+        assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (DEEPPWD, 0));
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "ADC1",
-            "ISR",
-            &[("ADRDY", isr::ADRDY), ("EOSMP", isr::EOSMP), ("EOC", isr::EOC), ("EOS", isr::EOS), ("OVR", isr::OVR)],
-        );
-        fields_agree(
-            "ADC1",
-            "CR",
-            &[
-                ("ADEN", cr::ADEN),
-                ("ADDIS", cr::ADDIS),
-                ("ADSTART", cr::ADSTART),
-                ("JADSTART", cr::JADSTART),
-                ("ADSTP", cr::ADSTP),
-                ("JADSTP", cr::JADSTP),
-                ("ADVREGEN", cr::ADVREGEN),
-                ("DEEPPWD", cr::DEEPPWD),
-                ("ADCALDIF", cr::ADCALDIF),
-                ("ADCAL", cr::ADCAL),
-            ],
-        );
-        fields_agree(
-            "ADC1",
-            "CFGR",
-            &[
-                ("DMAEN", cfgr::DMAEN),
-                ("DMACFG", cfgr::DMACFG),
-                ("OVRMOD", cfgr::OVRMOD),
-                ("CONT", cfgr::CONT),
-                ("JQDIS", cfgr::JQDIS),
-            ],
-        );
-        fields_agree(
-            "ADC12_COMMON",
-            "CCR",
-            &[
-                ("DUAL", ccr::DUAL),
-                ("CKMODE", CKMODE_4),
-                ("VREFEN", ccr::VREFEN),
-                ("VSENSEEN", ccr::VSENSESEL),
-                ("VBATEN", ccr::VBATSEL),
-            ],
-        );
+        fields_agree!("ADC1", "ISR", ADRDY, EOSMP, EOC, EOS, OVR);
+        fields_agree!("ADC1", "CR", ADEN, ADDIS, ADSTART, JADSTART, ADSTP, JADSTP, ADVREGEN, DEEPPWD, ADCALDIF, ADCAL);
+        fields_agree!("ADC1", "CFGR", DMAEN, DMACFG, OVRMOD, CONT, JQDIS);
+        fields_agree!("ADC12_COMMON", "CCR", DUAL, VREFEN);
+        fields_agree!("ADC12_COMMON", "CCR", CKMODE = CKMODE_4, VSENSEEN = VSENSESEL, VBATEN = VBATSEL);
     }
 }

@@ -86,10 +86,8 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("CRS", "CR", &[("CEN", CEN)]);
-        fields_agree("CRS", "ISR", &[("SYNCOKF", SYNCOK), ("ESYNCF", ESYNC)]);
-        fields_agree("CRS", "ICR", &[("SYNCOKC", SYNCOK), ("ESYNCC", ESYNC)]);
+        fields_agree!("CRS", "CR", CEN);
+        fields_agree!("CRS", "ISR", SYNCOKF = SYNCOK, ESYNCF = ESYNC);
+        fields_agree!("CRS", "ICR", SYNCOKC = SYNCOK, ESYNCC = ESYNC);
     }
 }

@@ -15,26 +15,24 @@ use crate::{Cycles, Registers, Unknown, Width};
 /// Number of channels of a controller.
 pub const CHANNELS: usize = 8;
 
-/// DMA_CCRx.
-mod ccr {
-    pub const EN: u32 = 1 << 0;
-    pub const TCIE: u32 = 1 << 1;
-    pub const HTIE: u32 = 1 << 2;
-    pub const TEIE: u32 = 1 << 3;
-    pub const DIR: u32 = 1 << 4;
-    pub const CIRC: u32 = 1 << 5;
-    pub const PINC: u32 = 1 << 6;
-    pub const MINC: u32 = 1 << 7;
-    pub const PSIZE: u32 = 3 << 8;
-    pub const MSIZE: u32 = 3 << 10;
-    pub const PL: u32 = 3 << 12;
-    pub const MEM2MEM: u32 = 1 << 14;
-    /// Interrupt enables, at the positions of their flags.
-    pub const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
-    /// Fields that must not change while the channel is enabled.
-    pub const FIXED: u32 = DIR | PINC | MINC | PSIZE | MSIZE | PL | MEM2MEM;
-    pub const ALL: u32 = 0x7FFF;
-}
+// DMA_CCRx.
+const EN: u32 = 1 << 0;
+const TCIE: u32 = 1 << 1;
+const HTIE: u32 = 1 << 2;
+const TEIE: u32 = 1 << 3;
+const DIR: u32 = 1 << 4;
+const CIRC: u32 = 1 << 5;
+const PINC: u32 = 1 << 6;
+const MINC: u32 = 1 << 7;
+const PSIZE: u32 = 3 << 8;
+const MSIZE: u32 = 3 << 10;
+const PL: u32 = 3 << 12;
+const MEM2MEM: u32 = 1 << 14;
+/// Interrupt enables, at the positions of their flags.
+const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
+/// Fields that must not change while the channel is enabled.
+const FIXED: u32 = DIR | PINC | MINC | PSIZE | MSIZE | PL | MEM2MEM;
+const CCR_ALL: u32 = 0x7FFF;
 
 /// DMA_ISR and DMA_IFCR, four bits per channel.
 mod flag {
@@ -84,7 +82,7 @@ struct Channel {
 
 impl Channel {
     fn is_enabled(&self) -> bool {
-        self.ccr & ccr::EN != 0
+        self.ccr & EN != 0
     }
 
     /// Transfers done in this pass.
@@ -102,7 +100,7 @@ impl Channel {
     }
 
     fn interrupts(&self) -> bool {
-        self.flags & self.ccr & ccr::INTERRUPTS != 0
+        self.flags & self.ccr & INTERRUPTS != 0
     }
 
     /// Transfers until a flag with an enabled interrupt is set; none if that never happens.
@@ -113,11 +111,11 @@ impl Channel {
         let half = self.lap / 2;
         let to_half = match half.checked_sub(self.done()) {
             Some(left) if left > 0 => Some(left),
-            _ if self.ccr & ccr::CIRC != 0 => Some(self.cndtr + half),
+            _ if self.ccr & CIRC != 0 => Some(self.cndtr + half),
             _ => None,
         };
-        let half = to_half.filter(|_| self.ccr & ccr::HTIE != 0);
-        let end = Some(self.cndtr).filter(|_| self.ccr & ccr::TCIE != 0);
+        let half = to_half.filter(|_| self.ccr & HTIE != 0);
+        let end = Some(self.cndtr).filter(|_| self.ccr & TCIE != 0);
         half.into_iter().chain(end).min()
     }
 }
@@ -156,7 +154,7 @@ impl Dma {
         if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
             return Ok(None);
         }
-        if it.ccr & ccr::MEM2MEM != 0 {
+        if it.ccr & MEM2MEM != 0 {
             return Err(Unknown { what: "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled" });
         }
         let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
@@ -166,11 +164,11 @@ impl Dma {
             (base & !(width.bytes() - 1)).wrapping_add(step)
         };
         Ok(Some(Transfer {
-            peripheral: place(it.cpar, ccr::PINC, peripheral_width),
+            peripheral: place(it.cpar, PINC, peripheral_width),
             peripheral_width,
-            memory: place(it.cmar, ccr::MINC, memory_width),
+            memory: place(it.cmar, MINC, memory_width),
             memory_width,
-            direction: if it.ccr & ccr::DIR != 0 { Direction::ToPeripheral } else { Direction::ToMemory },
+            direction: if it.ccr & DIR != 0 { Direction::ToPeripheral } else { Direction::ToMemory },
         }))
     }
 
@@ -185,7 +183,7 @@ impl Dma {
             return false;
         }
         it.flags |= flag::COMPLETE;
-        if it.ccr & ccr::CIRC != 0 {
+        if it.ccr & CIRC != 0 {
             it.cndtr = it.lap;
         }
         true
@@ -195,7 +193,7 @@ impl Dma {
     pub fn fail(&mut self, channel: usize) {
         if let Some(it) = self.channels.get_mut(channel) {
             it.flags |= flag::ERROR;
-            it.ccr &= !ccr::EN;
+            it.ccr &= !EN;
         }
     }
 
@@ -222,7 +220,7 @@ impl Dma {
     /// Transfers until the channel raises its interrupt request; none if it never does.
     pub fn transfers_until_interrupt(&self, channel: usize) -> Option<u32> {
         let it = self.channels.get(channel)?;
-        let fails = self.is_broken(channel) && it.ccr & ccr::TEIE != 0 && it.is_enabled();
+        let fails = self.is_broken(channel) && it.ccr & TEIE != 0 && it.is_enabled();
         if fails { Some(1) } else { it.until_interrupt() }
     }
 
@@ -277,11 +275,11 @@ impl Registers for Dma {
             .and_then(|(n, register)| self.channels.get_mut(n).zip(Some(register)))
             .ok_or(Unknown::REGISTER)?;
         if register == 0x00 {
-            let value = value & ccr::ALL;
-            if it.is_enabled() && value & ccr::EN != 0 && (it.ccr ^ value) & ccr::FIXED != 0 {
+            let value = value & CCR_ALL;
+            if it.is_enabled() && value & EN != 0 && (it.ccr ^ value) & FIXED != 0 {
                 return Err(Unknown { what: "DMA_CCR: changed while the channel is enabled" });
             }
-            if value & ccr::EN != 0 && it.flags & flag::ERROR != 0 {
+            if value & EN != 0 && it.flags & flag::ERROR != 0 {
                 return Err(Unknown { what: "DMA_CCR.EN: set before the channel's error flag is cleared" });
             }
             it.ccr = value;
@@ -340,7 +338,7 @@ mod tests {
         write(&mut dma, CNDTR, count);
         write(&mut dma, CPAR, 0x5000_0040);
         write(&mut dma, CMAR, 0x2000_0100);
-        write(&mut dma, CCR, ccr | ccr::EN);
+        write(&mut dma, CCR, ccr | EN);
         dma
     }
 
@@ -348,7 +346,7 @@ mod tests {
 
     #[test]
     fn a_circular_channel_fills_its_ring_and_begins_anew() {
-        let mut dma = ring(4, HALVES | ccr::CIRC | ccr::MINC | ccr::HTIE | ccr::TCIE);
+        let mut dma = ring(4, HALVES | CIRC | MINC | HTIE | TCIE);
         let places: Vec<u32> = (0..6)
             .map(|_| {
                 let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
@@ -364,7 +362,7 @@ mod tests {
 
     #[test]
     fn flags_come_half_way_and_at_the_end_and_go_one_by_one() {
-        let mut dma = ring(4, HALVES | ccr::CIRC | ccr::MINC | ccr::HTIE);
+        let mut dma = ring(4, HALVES | CIRC | MINC | HTIE);
         let mut seen = Vec::new();
         for _ in 0..4 {
             dma.complete(CHANNEL);
@@ -395,7 +393,7 @@ mod tests {
 
     #[test]
     fn a_channel_without_circ_stops() {
-        let mut dma = ring(2, HALVES | ccr::MINC | ccr::TCIE);
+        let mut dma = ring(2, HALVES | MINC | TCIE);
         assert!(!dma.complete(CHANNEL));
         assert!(dma.complete(CHANNEL));
         assert_eq!(dma.transfer(CHANNEL), Ok(None));
@@ -405,8 +403,8 @@ mod tests {
 
     #[test]
     fn the_interrupt_is_foretold() {
-        for enabled in [ccr::HTIE, ccr::TCIE, ccr::HTIE | ccr::TCIE] {
-            let mut dma = ring(6, HALVES | ccr::CIRC | ccr::MINC | enabled);
+        for enabled in [HTIE, TCIE, HTIE | TCIE] {
+            let mut dma = ring(6, HALVES | CIRC | MINC | enabled);
             for _ in 0..20 {
                 let told = dma.transfers_until_interrupt(CHANNEL).unwrap();
                 let mut counted = 0;
@@ -420,12 +418,12 @@ mod tests {
                 write(&mut dma, IFCR, 0xF << 4);
             }
         }
-        assert_eq!(ring(6, HALVES | ccr::CIRC).transfers_until_interrupt(CHANNEL), None);
+        assert_eq!(ring(6, HALVES | CIRC).transfers_until_interrupt(CHANNEL), None);
     }
 
     #[test]
     fn words_to_a_peripheral() {
-        let mut dma = ring(3, 1 << 10 | ccr::DIR | ccr::MINC | ccr::PINC);
+        let mut dma = ring(3, 1 << 10 | DIR | MINC | PINC);
         dma.complete(CHANNEL);
         let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
         assert_eq!(transfer.direction, Direction::ToPeripheral);
@@ -438,22 +436,22 @@ mod tests {
         for offset in [CNDTR, CPAR, CMAR] {
             assert!(dma.write(offset, 1, Width::Word, 0).is_err());
         }
-        assert!(dma.write(CCR, ccr::EN, Width::Word, 0).is_err());
+        assert!(dma.write(CCR, EN, Width::Word, 0).is_err());
         // Interrupt enables and CIRC may change. Once the channel is disabled, everything may.
-        write(&mut dma, CCR, HALVES | ccr::EN | ccr::TCIE | ccr::CIRC);
+        write(&mut dma, CCR, HALVES | EN | TCIE | CIRC);
         write(&mut dma, CCR, 0);
         write(&mut dma, CNDTR, 7);
         assert!(dma.read(0xA8, Width::Word, 0).is_err());
-        write(&mut dma, CCR, ccr::MEM2MEM | ccr::EN);
+        write(&mut dma, CCR, MEM2MEM | EN);
         assert!(dma.transfer(CHANNEL).is_err());
         write(&mut dma, CCR, 0);
-        write(&mut dma, CCR, ccr::PSIZE | ccr::EN);
+        write(&mut dma, CCR, PSIZE | EN);
         assert!(dma.transfer(CHANNEL).is_err());
     }
 
     #[test]
     fn an_error_stops_the_channel_and_raises_its_line() {
-        let mut dma = ring(4, HALVES | ccr::TEIE);
+        let mut dma = ring(4, HALVES | TEIE);
         assert_eq!(dma.transfers_until_interrupt(CHANNEL), None);
         dma.break_off(CHANNEL);
         assert_eq!(dma.transfers_until_interrupt(CHANNEL), Some(1));
@@ -462,9 +460,9 @@ mod tests {
         assert_eq!(read(&mut dma, CNDTR), 4, "it counts for nothing");
         assert!(dma.irq(CHANNEL) && !dma.is_enabled(CHANNEL));
         assert_eq!(read(&mut dma, ISR), (flag::GLOBAL | flag::ERROR) << 4);
-        assert!(dma.write(CCR, HALVES | ccr::EN, Width::Word, 0).is_err());
+        assert!(dma.write(CCR, HALVES | EN, Width::Word, 0).is_err());
         write(&mut dma, IFCR, flag::ERROR << 4);
-        write(&mut dma, CCR, HALVES | ccr::EN);
+        write(&mut dma, CCR, HALVES | EN);
         assert!(dma.is_enabled(CHANNEL));
     }
 
@@ -482,30 +480,7 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "DMA1",
-            "CR",
-            &[
-                ("EN", ccr::EN),
-                ("TCIE", ccr::TCIE),
-                ("HTIE", ccr::HTIE),
-                ("TEIE", ccr::TEIE),
-                ("DIR", ccr::DIR),
-                ("CIRC", ccr::CIRC),
-                ("PINC", ccr::PINC),
-                ("MINC", ccr::MINC),
-                ("PSIZE", ccr::PSIZE),
-                ("MSIZE", ccr::MSIZE),
-                ("PL", ccr::PL),
-                ("MEM2MEM", ccr::MEM2MEM),
-            ],
-        );
-        fields_agree(
-            "DMA1",
-            "ISR",
-            &[("GIF", flag::GLOBAL), ("TCIF", flag::COMPLETE), ("HTIF", flag::HALF), ("TEIF", flag::ERROR)],
-        );
+        fields_agree!("DMA1", "CR", EN, TCIE, HTIE, TEIE, DIR, CIRC, PINC, MINC, PSIZE, MSIZE, PL, MEM2MEM);
+        fields_agree!("DMA1", "ISR", GIF = flag::GLOBAL, TCIF = flag::COMPLETE, HTIF = flag::HALF, TEIF = flag::ERROR);
     }
 }

@@ -60,19 +60,15 @@ impl Request {
     }
 }
 
-/// DMAMUX_CxCR.
-mod ccr {
-    pub const DMAREQ_ID: u32 = 0x7F;
-    pub const SE: u32 = 1 << 16;
-    /// SOIE, EGE, SE, SPOL, NBREQ, SYNC_ID.
-    pub const ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
-}
+// DMAMUX_CxCR.
+const DMAREQ_ID: u32 = 0x7F;
+const SE: u32 = 1 << 16;
+/// SOIE, EGE, SE, SPOL, NBREQ, SYNC_ID.
+const CCR_ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
 
-/// DMAMUX_RGxCR.
-mod rgcr {
-    /// GNBREQ, GPOL, GE, OIE, SIG_ID.
-    pub const ALL: u32 = 0x00FF_011F;
-}
+// DMAMUX_RGxCR.
+/// GNBREQ, GPOL, GE, OIE, SIG_ID.
+const RGCR_ALL: u32 = 0x00FF_011F;
 
 /// The multiplexer.
 #[derive(Clone, Debug, Default)]
@@ -89,7 +85,7 @@ impl Dmamux {
 
     /// Number of the request assigned to a channel; 0 is none.
     pub fn request(&self, channel: usize) -> u8 {
-        self.channels.get(channel).map_or(0, |ccr| (ccr & ccr::DMAREQ_ID) as u8)
+        self.channels.get(channel).map_or(0, |ccr| (ccr & DMAREQ_ID) as u8)
     }
 
     /// Channels to which the request is assigned.
@@ -119,12 +115,12 @@ impl Registers for Dmamux {
         }
         let place = (offset / 4) as usize;
         match offset {
-            0x00..=0x3C if value & ccr::SE != 0 => {
+            0x00..=0x3C if value & SE != 0 => {
                 return Err(Unknown { what: "DMAMUX_CxCR.SE: synchronisation is not modelled" });
             }
             0x00..=0x3C => {
                 if let Some(channel) = self.channels.get_mut(place) {
-                    *channel = value & ccr::ALL;
+                    *channel = value & CCR_ALL;
                 }
             }
             0x84 | 0x144 => {}
@@ -133,7 +129,7 @@ impl Registers for Dmamux {
             }
             0x100..=0x10C => {
                 if let Some(generator) = self.generators.get_mut(place - 0x40) {
-                    *generator = value & rgcr::ALL;
+                    *generator = value & RGCR_ALL;
                 }
             }
             _ => return Err(Unknown::REGISTER),
@@ -173,9 +169,8 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
         // metapac's DMAREQ_ID has one more bit, for other chips.
-        fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
+        fields_agree!("DMAMUX1", "CCR", SE);
+        fields_agree!("DMAMUX1", "CCR", DMAREQ_ID = DMAREQ_ID | 0x80);
     }
 }

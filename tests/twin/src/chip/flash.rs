@@ -1059,39 +1059,10 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("FLASH", "ACR", &[("ICEN", ICEN), ("DCEN", DCEN), ("DCRST", DCRST)]);
-        fields_agree("FLASH", "OPTR", &[("DBANK", DBANK)]);
-        fields_agree(
-            "FLASH",
-            "SR",
-            &[
-                ("EOP", EOP),
-                ("OPERR", OPERR),
-                ("PROGERR", PROGERR),
-                ("PGAERR", PGAERR),
-                ("SIZERR", SIZERR),
-                ("PGSERR", PGSERR),
-                ("BSY", BSY),
-            ],
-        );
-        fields_agree(
-            "FLASH",
-            "CR",
-            &[
-                ("PG", PG),
-                ("PER", PER),
-                ("BKER", BKER),
-                ("STRT", STRT),
-                ("OPTSTRT", OPTSTRT),
-                ("EOPIE", EOPIE),
-                ("ERRIE", ERRIE),
-                ("OBL_LAUNCH", OBL_LAUNCH),
-                ("OPTLOCK", OPTLOCK),
-                ("LOCK", LOCK),
-            ],
-        );
-        fields_agree("FLASH", "ECCR", &[("BK_ECC", BK_ECC), ("ECCIE", ECCIE), ("ECCD", ECCD)]);
+        fields_agree!("FLASH", "ACR", ICEN, DCEN, DCRST);
+        fields_agree!("FLASH", "OPTR", DBANK);
+        fields_agree!("FLASH", "SR", EOP, OPERR, PROGERR, PGAERR, SIZERR, PGSERR, BSY);
+        fields_agree!("FLASH", "CR", PG, PER, BKER, STRT, OPTSTRT, EOPIE, ERRIE, OBL_LAUNCH, OPTLOCK, LOCK);
+        fields_agree!("FLASH", "ECCR", BK_ECC, ECCIE, ECCD);
     }
 }

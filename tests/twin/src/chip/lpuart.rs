@@ -419,29 +419,9 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("LPUART1", "CR1", &[("UE", UE), ("RE", RE), ("TE", TE), ("FIFOEN", FIFOEN)]);
-        fields_agree("LPUART1", "CR3", &[("EIE", EIE), ("DMAR", DMAR), ("DMAT", DMAT), ("OVRDIS", OVRDIS)]);
-        fields_agree(
-            "LPUART1",
-            "ISR",
-            &[
-                ("FE", FE),
-                ("ORE", ORE),
-                ("IDLE", IDLE),
-                ("RXNE", RXNE),
-                ("TC", TC),
-                ("TXE", TXE),
-                ("BUSY", BUSY),
-                ("TEACK", TEACK),
-                ("REACK", REACK),
-                ("TXFE", TXFE),
-                ("RXFF", RXFF),
-                ("RXFT", RXFT),
-                ("TXFT", TXFT),
-            ],
-        );
-        fields_agree("LPUART1", "CR1", &[("IDLEIE", IDLE), ("RXNEIE", RXNE), ("TCIE", TC), ("TXEIE", TXE)]);
+        fields_agree!("LPUART1", "CR1", UE, RE, TE, FIFOEN);
+        fields_agree!("LPUART1", "CR3", EIE, DMAR, DMAT, OVRDIS);
+        fields_agree!("LPUART1", "ISR", FE, ORE, IDLE, RXNE, TC, TXE, BUSY, TEACK, REACK, TXFE, RXFF, RXFT, TXFT);
+        fields_agree!("LPUART1", "CR1", IDLEIE = IDLE, RXNEIE = RXNE, TCIE = TC, TXEIE = TXE);
     }
 }

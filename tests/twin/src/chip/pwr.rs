@@ -79,8 +79,6 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("PWR", "CR1", &[("DBP", DBP)]);
+        fields_agree!("PWR", "CR1", DBP);
     }
 }

@@ -650,35 +650,18 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "RCC",
-            "CR",
-            &[
-                ("HSION", HSION),
-                ("HSIRDY", HSIRDY),
-                ("HSEON", HSEON),
-                ("HSERDY", HSERDY),
-                ("HSEBYP", HSEBYP),
-                ("CSSON", CSSON),
-                ("PLLON", PLLON),
-                ("PLLRDY", PLLRDY),
-            ],
-        );
-        fields_agree("RCC", "CIFR", &[("CSSF", CSSF)]);
-        fields_agree("RCC", "BDCR", &[("RTCEN", RTC_ON_LSI & 1 << 15)]);
-        fields_agree(
+        fields_agree!("RCC", "CR", HSION, HSIRDY, HSEON, HSERDY, HSEBYP, CSSON, PLLON, PLLRDY);
+        fields_agree!("RCC", "CIFR", CSSF);
+        fields_agree!("RCC", "BDCR", RTCEN = RTC_ON_LSI & 1 << 15);
+        fields_agree!("RCC", "CSR", RMVF);
+        fields_agree!(
             "RCC",
             "CSR",
-            &[
-                ("RMVF", RMVF),
-                ("OBLRSTF", Reset::OptionBytes.flags() & !Reset::Pin.flags()),
-                ("PINRSTF", Reset::Pin.flags()),
-                ("BORRSTF", Reset::Power.flags() & !Reset::Pin.flags()),
-                ("SFTRSTF", Reset::Software.flags() & !Reset::Pin.flags()),
-                ("IWDGRSTF", Reset::Watchdog.flags() & !Reset::Pin.flags()),
-            ],
+            OBLRSTF = Reset::OptionBytes.flags() & !Reset::Pin.flags(),
+            PINRSTF = Reset::Pin.flags(),
+            BORRSTF = Reset::Power.flags() & !Reset::Pin.flags(),
+            SFTRSTF = Reset::Software.flags() & !Reset::Pin.flags(),
+            IWDGRSTF = Reset::Watchdog.flags() & !Reset::Pin.flags()
         );
     }
 }

@@ -105,10 +105,8 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("SYSCFG", "MEMRMP", &[("MEM_MODE", 7u32)]);
+        fields_agree!("SYSCFG", "MEMRMP", MEM_MODE = 7u32);
         // Four lines per register, four bits each.
-        fields_agree("SYSCFG", "EXTICR", &[("EXTI", 0xfu32)]);
+        fields_agree!("SYSCFG", "EXTICR", EXTI = 0xfu32);
     }
 }

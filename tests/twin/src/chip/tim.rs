@@ -676,15 +676,9 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "TIM1",
-            "CR1",
-            &[("CEN", CEN), ("UDIS", UDIS), ("URS", URS), ("DIR", DIR), ("ARPE", ARPE), ("UIFREMAP", UIFREMAP)],
-        );
-        fields_agree("TIM1", "SR", &[("UIF", UIF)]);
-        fields_agree("TIM1", "DIER", &[("UIE", UIF), ("CCIE", UIF << 1)]);
-        fields_agree("TIM1", "BDTR", &[("MOE", MOE)]);
+        fields_agree!("TIM1", "CR1", CEN, UDIS, URS, DIR, ARPE, UIFREMAP);
+        fields_agree!("TIM1", "SR", UIF);
+        fields_agree!("TIM1", "DIER", UIE = UIF, CCIE = UIF << 1);
+        fields_agree!("TIM1", "BDTR", MOE);
     }
 }

@@ -913,54 +913,46 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
+        fields_agree!(
             "USB",
             "EPR",
-            &[
-                ("CTR_RX", endpoint::RECEIVED),
-                ("DTOG_RX", endpoint::TOGGLE_RECEIVE),
-                ("STAT_RX", endpoint::STATUS_RECEIVE),
-                ("SETUP", endpoint::SETUP),
-                ("EP_TYPE", endpoint::TYPE),
-                ("EP_KIND", endpoint::KIND),
-                ("CTR_TX", endpoint::SENT),
-                ("DTOG_TX", endpoint::TOGGLE_SEND),
-                ("STAT_TX", endpoint::STATUS_SEND),
-                ("EA", endpoint::ADDRESS),
-            ],
+            CTR_RX = endpoint::RECEIVED,
+            DTOG_RX = endpoint::TOGGLE_RECEIVE,
+            STAT_RX = endpoint::STATUS_RECEIVE,
+            SETUP = endpoint::SETUP,
+            EP_TYPE = endpoint::TYPE,
+            EP_KIND = endpoint::KIND,
+            CTR_TX = endpoint::SENT,
+            DTOG_TX = endpoint::TOGGLE_SEND,
+            STAT_TX = endpoint::STATUS_SEND,
+            EA = endpoint::ADDRESS
         );
-        fields_agree(
+        fields_agree!(
             "USB",
             "CNTR",
-            &[
-                ("FRES", control::FORCE_RESET),
-                ("PDWN", control::POWER_DOWN),
-                ("LPMODE", control::LOW_POWER),
-                ("FSUSP", control::FORCE_SUSPEND),
-                ("RESUME", control::RESUME),
-                ("L1RESUME", control::L1_RESUME),
-                ("SOFM", interrupt::FRAME),
-                ("RESETM", interrupt::RESET),
-                ("CTRM", interrupt::TRANSFER),
-            ],
+            FRES = control::FORCE_RESET,
+            PDWN = control::POWER_DOWN,
+            LPMODE = control::LOW_POWER,
+            FSUSP = control::FORCE_SUSPEND,
+            RESUME = control::RESUME,
+            L1RESUME = control::L1_RESUME,
+            SOFM = interrupt::FRAME,
+            RESETM = interrupt::RESET,
+            CTRM = interrupt::TRANSFER
         );
-        fields_agree(
+        fields_agree!(
             "USB",
             "ISTR",
-            &[
-                ("DIR", interrupt::DIRECTION_OUT),
-                ("ESOF", interrupt::FRAME_EXPECTED),
-                ("SOF", interrupt::FRAME),
-                ("RESET", interrupt::RESET),
-                ("SUSP", interrupt::SUSPEND),
-                ("WKUP", interrupt::WAKE_UP),
-                ("CTR", interrupt::TRANSFER),
-            ],
+            DIR = interrupt::DIRECTION_OUT,
+            ESOF = interrupt::FRAME_EXPECTED,
+            SOF = interrupt::FRAME,
+            RESET = interrupt::RESET,
+            SUSP = interrupt::SUSPEND,
+            WKUP = interrupt::WAKE_UP,
+            CTR = interrupt::TRANSFER
         );
-        fields_agree("USB", "FNR", &[("RXDP", frame::LINE_PLUS), ("LCK", frame::LOCKED), ("FN", frame::NUMBER)]);
-        fields_agree("USB", "DADDR", &[("EF", ADDRESS_ENABLED)]);
-        fields_agree("USB", "BCDR", &[("DPPU", PULL_UP)]);
+        fields_agree!("USB", "FNR", RXDP = frame::LINE_PLUS, LCK = frame::LOCKED, FN = frame::NUMBER);
+        fields_agree!("USB", "DADDR", EF = ADDRESS_ENABLED);
+        fields_agree!("USB", "BCDR", DPPU = PULL_UP);
     }
 }
