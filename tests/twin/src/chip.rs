@@ -806,6 +806,25 @@ fn ram_offset(address: u32) -> Option<usize> {
     }
 }
 
+/// Word accesses of the models' tests.
+#[cfg(test)]
+mod testing {
+    use crate::{Cycles, Registers, Width};
+
+    pub fn write(model: &mut impl Registers, offset: u32, value: u32, now: Cycles) {
+        model.write(offset, value, Width::Word, now).expect("modelled access");
+    }
+
+    pub fn read(model: &mut impl Registers, offset: u32, now: Cycles) -> u32 {
+        model.read(offset, Width::Word, now).expect("modelled access")
+    }
+
+    /// Whether the model refuses a write.
+    pub fn refuses(model: &mut impl Registers, offset: u32, value: u32, now: Cycles) -> bool {
+        model.write(offset, value, Width::Word, now).is_err()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

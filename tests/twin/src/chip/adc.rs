@@ -977,20 +977,13 @@ impl Registers for Adcs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{read, refuses, write};
 
     const HCLK_HZ: f64 = 168e6;
     const CCR12: u32 = 0x308;
     const CKMODE_4: u32 = 3 << 16;
     /// 20 us at 168 MHz.
     const SETTLED: Cycles = 3360;
-
-    fn write(adc: &mut Adcs, offset: u32, value: u32, now: Cycles) {
-        adc.write(offset, value, Width::Word, now).unwrap();
-    }
-
-    fn read(adc: &mut Adcs, offset: u32, now: Cycles) -> u32 {
-        adc.read(offset, Width::Word, now).unwrap()
-    }
 
     fn powered() -> Adcs {
         let mut adc = Adcs::new();
@@ -1032,7 +1025,7 @@ mod tests {
     fn it_comes_up_in_the_manuals_order_only() {
         let mut adc = Adcs::new();
         assert_eq!(read(&mut adc, CR, 0), DEEPPWD);
-        assert!(adc.write(CR, ADVREGEN | DEEPPWD, Width::Word, 0).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | DEEPPWD, 0));
         for early in [ADCAL, ADEN] {
             let refused = |now| powered().write(CR, ADVREGEN | early, Width::Word, now).is_err();
             assert!(refused(SETTLED - 1) && !refused(SETTLED), "{early:#x}");
@@ -1048,7 +1041,7 @@ mod tests {
         write(&mut adc, CR, ADVREGEN | ADEN, end + 16);
         assert_eq!(read(&mut adc, ISR, end + 16 + 59), 0);
         assert_eq!(read(&mut adc, ISR, end + 16 + 60), ADRDY);
-        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, end + 100).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, end + 100));
         assert!(ready(0).write(CR, JADSTART | ADVREGEN, Width::Word, 10_000).is_err());
     }
 
@@ -1056,9 +1049,9 @@ mod tests {
     fn without_a_clock_or_with_a_fast_one_it_refuses() {
         let mut adc = powered();
         write(&mut adc, CCR12, 0, 0);
-        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, SETTLED).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, SETTLED));
         write(&mut adc, CCR12, 2 << 16, 0);
-        assert!(adc.write(CR, ADVREGEN | ADCAL, Width::Word, SETTLED).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, SETTLED));
         // The kernel clock divided by four (PRESC = 2) gives the same clock as HCLK divided by four.
         write(&mut adc, CCR12, 2 << 18, 0);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
@@ -1323,7 +1316,7 @@ mod tests {
         let mut adc = ready(TRIGGERED);
         start(&mut adc, 10_000);
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
-        assert!(adc.write(CR, ADVREGEN | ADDIS, Width::Word, 20_010).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADDIS, 20_010));
         write(&mut adc, CR, ADVREGEN | ADSTP, 20_010);
         assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
         write(&mut adc, CR, ADVREGEN | ADDIS, 20_020);
@@ -1338,7 +1331,7 @@ mod tests {
         write(&mut adc, CFGR, TRIGGERED, 10_000);
         write(&mut adc, SQR1, 1 << 6, 10_000);
         for (offset, value) in [(CFGR, 0), (SQR1, 2 << 6), (SMPR1, 0), (CCR12, 2 << 16), (DIFSEL, 2)] {
-            assert!(adc.write(offset, value, Width::Word, 10_000).is_err(), "{offset:#x}");
+            assert!(refuses(&mut adc, offset, value, 10_000), "{offset:#x}");
         }
     }
 
@@ -1349,7 +1342,7 @@ mod tests {
             write(&mut adc, CR, ADVREGEN | ADDIS, 10_000);
             write(&mut adc, offset, value, 10_000);
             write(&mut adc, CR, ADVREGEN | ADEN, 10_000);
-            adc.write(CR, ADVREGEN | ADEN | ADSTART, Width::Word, 20_000).is_err()
+            refuses(&mut adc, CR, ADVREGEN | ADEN | ADSTART, 20_000)
         };
         let nothing = SMPR2;
         assert!(!refused(0, nothing, 0));

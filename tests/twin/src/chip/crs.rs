@@ -71,16 +71,17 @@ impl Registers for Crs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::write;
 
     #[test]
     fn a_frame_is_a_synchronisation_once_it_is_on() {
         let mut crs = Crs::default();
         crs.synchronise();
         assert_eq!(crs.read(ISR, Width::Word, 0), Ok(0));
-        crs.write(CR, 0x4000 | CEN | 1, Width::Word, 0).expect("modelled access");
+        write(&mut crs, CR, 0x4000 | CEN | 1, 0);
         crs.synchronise();
         assert!(crs.irq());
-        crs.write(ICR, SYNCOK | ESYNC, Width::Word, 0).expect("modelled access");
+        write(&mut crs, ICR, SYNCOK | ESYNC, 0);
         assert!(!crs.irq());
     }
 

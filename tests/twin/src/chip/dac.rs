@@ -202,12 +202,9 @@ impl Registers for Dac {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     const HCLK_HZ: f64 = 168e6;
-
-    fn write(dac: &mut Dac, offset: u32, value: u32, now: Cycles) {
-        dac.write(offset, value, Width::Word, now).expect("modelled access");
-    }
 
     fn dac(control: u32) -> Dac {
         let mut dac = Dac::default();
@@ -264,10 +261,10 @@ mod tests {
     fn what_is_not_modelled_is_refused() {
         let mut fast = Dac::default();
         fast.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
-        assert!(fast.write(0x00, EN, Width::Word, 0).is_err(), "HFSEL");
+        assert!(refuses(&mut fast, 0x00, EN, 0), "HFSEL");
         let mut dac = dac(EN);
         for (offset, value) in [(0x00, 1 << 16), (0x00, 1 << 6), (0x3C, 1), (0x20, 0)] {
-            assert!(dac.write(offset, value, Width::Word, 0).is_err(), "{offset:#x}");
+            assert!(refuses(&mut dac, offset, value, 0), "{offset:#x}");
         }
         assert!(dac.write(0x08, 1, Width::Half, 0).is_err());
     }

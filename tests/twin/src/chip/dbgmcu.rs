@@ -42,11 +42,12 @@ impl Registers for Dbgmcu {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::write;
 
     #[test]
     fn identity_cannot_be_changed() {
         let mut dbgmcu = Dbgmcu::default();
-        dbgmcu.write(0, 0, Width::Word, 0).expect("modelled access");
+        write(&mut dbgmcu, 0, 0, 0);
         assert_eq!(dbgmcu.read(0, Width::Word, 0), Ok(IDCODE));
     }
 }

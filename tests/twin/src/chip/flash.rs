@@ -823,16 +823,9 @@ impl Registers for Flash {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{read, refuses, write};
 
     const SETTINGS: u32 = 0x0807_c000;
-
-    fn write(flash: &mut Flash, offset: u32, value: u32, now: Cycles) {
-        flash.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(flash: &mut Flash, offset: u32, now: Cycles) -> u32 {
-        flash.read(offset, Width::Word, now).expect("modelled access")
-    }
 
     fn unlocked() -> Flash {
         let mut flash = Flash::default();
@@ -894,10 +887,10 @@ mod tests {
     #[test]
     fn locked_until_both_keys() {
         let mut flash = Flash::default();
-        assert!(flash.write(CR, PG, Width::Word, 0).is_err());
+        assert!(refuses(&mut flash, CR, PG, 0));
         write(&mut flash, KEYR, KEYS[0], 0);
-        assert!(flash.write(KEYR, KEYS[0], Width::Word, 0).is_err());
-        assert!(flash.write(KEYR, KEYS[1], Width::Word, 0).is_err(), "locked until the next reset");
+        assert!(refuses(&mut flash, KEYR, KEYS[0], 0));
+        assert!(refuses(&mut flash, KEYR, KEYS[1], 0), "locked until the next reset");
         flash.reset(0);
         for key in KEYS {
             write(&mut flash, KEYR, key, 0);
@@ -918,7 +911,7 @@ mod tests {
         assert_eq!(word(&mut flash, SETTINGS + 4096, now), u32::MAX);
         assert_eq!((flash.take_stall(), flash.stalls, flash.stalled), (ERASE, 1, ERASE));
         assert_eq!(word(&mut flash, SETTINGS, now + ERASE), u32::MAX);
-        assert!(flash.write(CR, PER | STRT, Width::Word, now + ERASE).is_err(), "bank 1");
+        assert!(refuses(&mut flash, CR, PER | STRT, now + ERASE), "bank 1");
     }
 
     #[test]
@@ -986,7 +979,7 @@ mod tests {
             let mut flash = unlocked();
             flash.set_errata(errata);
             write(&mut flash, ACR, 0x600, 0);
-            assert_eq!(flash.write(CR, erase, Width::Word, 0).is_err(), is_refused);
+            assert_eq!(refuses(&mut flash, CR, erase, 0), is_refused);
         }
     }
 
@@ -1013,7 +1006,7 @@ mod tests {
         program(&mut flash, SETTINGS, [1, 2], 0);
         flash.advance(PROGRAM);
         assert!(flash.read_memory(SETTINGS, Width::Word, PROGRAM).is_err());
-        assert!(flash.write(ACR, 0x1600, Width::Word, PROGRAM).is_err(), "reset while on");
+        assert!(refuses(&mut flash, ACR, 0x1600, PROGRAM), "reset while on");
         write(&mut flash, ACR, 0x200, PROGRAM);
         write(&mut flash, ACR, 0x1200, PROGRAM);
         assert_eq!(word(&mut flash, SETTINGS, PROGRAM), 1);
@@ -1022,7 +1015,7 @@ mod tests {
     #[test]
     fn option_bytes_are_loaded_by_a_restart() {
         let mut flash = unlocked();
-        assert!(flash.write(OPTR, 0, Width::Word, 0).is_err(), "locked");
+        assert!(refuses(&mut flash, OPTR, 0, 0), "locked");
         for key in OPTION_KEYS {
             write(&mut flash, OPTKEYR, key, 0);
         }

@@ -197,10 +197,7 @@ impl Registers for Iwdg {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(iwdg: &mut Iwdg, offset: u32, value: u32, now: Cycles) {
-        iwdg.write(offset, value, Width::Word, now).expect("modelled access");
-    }
+    use crate::chip::testing::{refuses, write};
 
     /// One second: prescaler 16, 2000 counts. An LSI period is 500 cycles.
     fn started() -> Iwdg {
@@ -251,7 +248,7 @@ mod tests {
     #[test]
     fn values_need_the_key_and_some_time() {
         let mut iwdg = Iwdg::default();
-        assert!(iwdg.write(RLR, 1, Width::Word, 0).is_err());
+        assert!(refuses(&mut iwdg, RLR, 1, 0));
         write(&mut iwdg, KR, ACCESS, 0);
         write(&mut iwdg, RLR, 1, 0);
         assert_eq!(iwdg.read(SR, Width::Word, 0), Ok(2));

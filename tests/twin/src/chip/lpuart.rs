@@ -336,14 +336,7 @@ impl Registers for Lpuart {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(uart: &mut Lpuart, offset: u32, value: u32, now: Cycles) {
-        uart.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(uart: &mut Lpuart, offset: u32, now: Cycles) -> u32 {
-        uart.read(offset, Width::Word, now).expect("modelled access")
-    }
+    use crate::chip::testing::{read, write};
 
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
     fn running(cr1: u32) -> Lpuart {

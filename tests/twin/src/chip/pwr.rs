@@ -63,16 +63,17 @@ impl Registers for Pwr {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn boost_and_backup() {
         let mut pwr = Pwr::default();
         assert!(!pwr.boost() && !pwr.backup_is_open());
-        pwr.write(CR5, 0, Width::Word, 0).expect("modelled access");
-        pwr.write(CR1, 0x300, Width::Word, 0).expect("modelled access");
+        write(&mut pwr, CR5, 0, 0);
+        write(&mut pwr, CR1, 0x300, 0);
         assert!(pwr.boost() && pwr.backup_is_open());
         assert_eq!(pwr.read(CR1, Width::Word, 0), Ok(0x300));
-        assert!(pwr.write(CR1, 0x400, Width::Word, 0).is_err(), "range 2");
+        assert!(refuses(&mut pwr, CR1, 0x400, 0), "range 2");
         pwr.reset(0);
         assert!(!pwr.boost());
     }

@@ -524,14 +524,7 @@ impl Registers for Rcc {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(rcc: &mut Rcc, offset: u32, value: u32, now: Cycles) {
-        rcc.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(rcc: &mut Rcc, offset: u32, now: Cycles) -> u32 {
-        rcc.read(offset, Width::Word, now).expect("modelled access")
-    }
+    use crate::chip::testing::{read, refuses, write};
 
     /// HSE 24 MHz / 2 * 28 / 2; PLL selected at cycle 40000.
     fn at_168_mhz() -> Rcc {
@@ -548,9 +541,9 @@ mod tests {
     fn the_core_does_not_jump_over_80_mhz() {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CFGR, 1, 50_000);
-        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_000).is_err(), "at once");
+        assert!(refuses(&mut rcc.clone(), CFGR, 3, 50_000), "at once");
         write(&mut rcc, CFGR, 3 | 8 << 4, 50_000);
-        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_015).is_err(), "too soon");
+        assert!(refuses(&mut rcc.clone(), CFGR, 3, 50_015), "too soon");
         write(&mut rcc, CFGR, 3, 50_016);
     }
 
@@ -575,10 +568,7 @@ mod tests {
         let clocks = rcc.clocks(40_000, 0.0025);
         assert!(rcc.check(&clocks, false, 8).is_err(), "without boost");
         assert!(rcc.check(&clocks, true, 3).is_err(), "wait states");
-        assert!(
-            rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
-            "changed while enabled"
-        );
+        assert!(refuses(&mut rcc, PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, 41_000), "changed while enabled");
         // The same multiplication with another board's crystal.
         let mut other = Rcc::new(8e6);
         write(&mut other, CR, HSION | HSEON, 0);
@@ -594,7 +584,7 @@ mod tests {
         assert_eq!(read(&mut rcc, CR, 32_099) & HSERDY, 0);
         assert_eq!(read(&mut rcc, CR, 32_100) & HSERDY, HSERDY);
         write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8, 200);
-        assert!(rcc.write(CR, HSION | HSEON | PLLON, Width::Word, 300).is_err(), "the PLL needs its source");
+        assert!(refuses(&mut rcc, CR, HSION | HSEON | PLLON, 300), "the PLL needs its source");
         write(&mut rcc, CR, HSION | HSEON | HSEBYP, 40_000);
         assert_eq!(read(&mut rcc, CR, 1_000_000) & HSERDY, 0, "a crystal is no clock from outside");
         let mut without = Rcc::new(0.0);
@@ -619,7 +609,7 @@ mod tests {
         for (errata, is_refused) in [(Errata { lsi_with_rtc: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut rcc = Rcc::new(24e6);
             rcc.set_errata(errata);
-            assert_eq!(rcc.write(BDCR, RTC_ON_LSI, Width::Word, 0).is_err(), is_refused);
+            assert_eq!(refuses(&mut rcc, BDCR, RTC_ON_LSI, 0), is_refused);
             assert_eq!(rcc.write(BDCR, 2 << 8, Width::Word, 0), Ok(()), "chosen, and off");
         }
     }

@@ -94,13 +94,14 @@ impl Registers for Syscfg {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn lines_choose_their_port() {
         let mut syscfg = Syscfg::default();
-        syscfg.write(0x10, 1 << 8, Width::Word, 0).expect("modelled access");
+        write(&mut syscfg, 0x10, 1 << 8, 0);
         assert_eq!((syscfg.exti_port(10), syscfg.exti_port(9)), (1, 0));
-        assert!(syscfg.write(MEMRMP, 3, Width::Word, 0).is_err(), "RAM at address 0");
+        assert!(refuses(&mut syscfg, MEMRMP, 3, 0), "RAM at address 0");
     }
 
     #[test]

@@ -50,11 +50,12 @@ impl Registers for Tamp {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::write;
 
     #[test]
     fn outlives_a_reset_only() {
         let mut tamp = Tamp::default();
-        tamp.write(0x104, 7, Width::Word, 0).expect("modelled access");
+        write(&mut tamp, 0x104, 7, 0);
         tamp.reset(0);
         assert_eq!(tamp.read(0x104, Width::Word, 0), Ok(7));
         tamp.lose_power();

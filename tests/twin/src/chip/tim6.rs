@@ -247,10 +247,7 @@ impl Registers for Tim6 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(timer: &mut Tim6, offset: u32, value: u32, now: Cycles) {
-        timer.write(offset, value, Width::Word, now).unwrap();
-    }
+    use crate::chip::testing::{refuses, write};
 
     /// 2625 cycles at 168 MHz: 64 kHz.
     fn sampling_clock() -> Tim6 {
@@ -301,7 +298,7 @@ mod tests {
         write(&mut timer, 0x2C, 49, 2725);
         write(&mut timer, 0x28, 0, 2725);
         assert_eq!(timer.period(), 100);
-        assert!(timer.write(0x2C, 4, Width::Word, 2725 + 20).is_err());
+        assert!(refuses(&mut timer, 0x2C, 4, 2725 + 20));
     }
 
     #[test]
@@ -341,10 +338,10 @@ mod tests {
     fn what_is_not_modelled_is_refused() {
         let mut timer = Tim6::new();
         for bit in [OPM, DITHEN] {
-            assert!(timer.write(0x00, bit, Width::Word, 0).is_err());
+            assert!(refuses(&mut timer, 0x00, bit, 0));
         }
         assert!(timer.read(0x30, Width::Word, 0).is_err());
-        assert!(timer.write(0x08, 0, Width::Word, 0).is_err());
+        assert!(refuses(&mut timer, 0x08, 0, 0));
     }
 
     #[test]
