@@ -198,6 +198,16 @@ const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is write-protect
 /// No register block at this address.
 pub const NOTHING: Unknown = Unknown { what: "no peripheral at this address" };
 
+/// The error that ends the run.
+fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
+    Err(Unknown { what })
+}
+
+/// The same where a condition holds.
+fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
+    if condition { refuse(what) } else { Ok(()) }
+}
+
 /// Interrupt numbers (RM0440 table 97).
 mod irq {
     pub const FLASH: u32 = 4;

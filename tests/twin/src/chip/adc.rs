@@ -26,6 +26,7 @@ use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
 use super::rules::Rules;
+use super::{refuse, refuse_if};
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -457,11 +458,10 @@ impl Converter {
 
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Result<(), Unknown> {
-        let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
-        no_model(self.cfgr & CFGR_NOT_MODELLED, "ADC_CFGR: mode is not modelled")?;
-        no_model(self.storage.get(CFGR2), "ADC_CFGR2: oversampling is not modelled")?;
+        refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
+        refuse_if(self.storage.get(CFGR2) != 0, "ADC_CFGR2: oversampling is not modelled")?;
         for ofr in (OFR1..=OFR4).step_by(4) {
-            no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets are not modelled")?;
+            refuse_if(self.storage.get(ofr) & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
         }
         let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(SQR1 + 4 * n as u32));
         self.length = (sqr[0] & 0xF) as usize + 1;
@@ -471,7 +471,7 @@ impl Converter {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
             let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
-            no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels are not modelled")?;
+            refuse_if(differential >> channel & 1 != 0, "ADC_DIFSEL: differential channels are not modelled")?;
             let (register, within) = if channel < 10 { (0, channel) } else { (1, channel - 10) };
             let number = (smpr[register] >> (3 * within) & 7) as usize;
             *slot = Rank { channel, sampling_clocks: SAMPLING_CLOCKS[number] };
@@ -559,21 +559,19 @@ impl Adcs {
             0 => 1.0,
             n @ 1..=6 => f64::from(2 * n),
             n @ 7..=11 => f64::from(1 << (n - 3)),
-            _ => return Err(Unknown { what: "ADC_CCR.PRESC: reserved" }),
+            _ => return refuse("ADC_CCR.PRESC: reserved"),
         };
         let kernel_hz = self.kernel_hz[common];
         let timing = match ccr >> 16 & 3 {
             0 if kernel_hz > 0.0 => {
                 Timing { cycles: self.hclk_hz / kernel_hz * prescaler, latency: None, divided: prescaler > 1.0 }
             }
-            0 => return Err(Unknown { what: "the ADC has no clock: set ADCxSEL in RCC_CCIPR, or CKMODE" }),
+            0 => return refuse("the ADC has no clock: set ADCxSEL in RCC_CCIPR, or CKMODE"),
             1 => Timing { cycles: 1.0, latency: Some(2.0), divided: false },
             2 => Timing { cycles: 2.0, latency: Some(2.25), divided: true },
             _ => Timing { cycles: 4.0, latency: Some(2.125), divided: true },
         };
-        if self.hclk_hz / timing.cycles > 60e6 {
-            return Err(Unknown { what: "the ADC's clock is above 60 MHz" });
-        }
+        refuse_if(self.hclk_hz / timing.cycles > 60e6, "the ADC's clock is above 60 MHz")?;
         Ok(timing)
     }
 
@@ -669,9 +667,7 @@ impl Adcs {
         let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
         let signal = unit.signal(channel).ok_or(Unknown { what: "ADC channel not connected" })?;
         let switch = signal.switch();
-        if self.common[unit.common()] & switch != switch {
-            return Err(Unknown { what: "internal ADC channel not enabled in ADC_CCR" });
-        }
+        refuse_if(self.common[unit.common()] & switch != switch, "internal ADC channel not enabled in ADC_CCR")?;
         Ok((signal, conversion.aperture))
     }
 
@@ -737,15 +733,12 @@ impl Adcs {
     }
 
     fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
-        let refuse = |what| Err(Unknown { what });
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
         // Plain read-write bits.
         if value & ADVREGEN != 0 && it.cr & ADVREGEN == 0 {
-            if value & DEEPPWD != 0 {
-                return refuse("ADC_CR: ADVREGEN set in deep power-down");
-            }
+            refuse_if(value & DEEPPWD != 0, "ADC_CR: ADVREGEN set in deep power-down")?;
             it.regulator_settled = now + settle;
         }
         let plain = ADVREGEN | DEEPPWD | ADCALDIF;
@@ -753,18 +746,15 @@ impl Adcs {
 
         // Bits that software sets and hardware clears: `rising` are those newly set.
         let rising = value & !it.cr & !plain;
-        if rising & (JADSTART | JADSTP) != 0 {
-            return refuse("ADC_CR: injected conversions are not modelled");
-        }
+        refuse_if(rising & (JADSTART | JADSTP) != 0, "ADC_CR: injected conversions are not modelled")?;
         let powered = it.cr & (ADVREGEN | DEEPPWD) == ADVREGEN;
         let settles = enforced && now < it.regulator_settled;
-        if rising & (ADCAL | ADEN) != 0 && (!powered || settles) {
-            return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
-        }
+        refuse_if(
+            rising & (ADCAL | ADEN) != 0 && (!powered || settles),
+            "ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us",
+        )?;
         if rising & ADCAL != 0 {
-            if it.cr & ADEN != 0 {
-                return refuse("ADC_CR: ADCAL while the ADC is enabled");
-            }
+            refuse_if(it.cr & ADEN != 0, "ADC_CR: ADCAL while the ADC is enabled")?;
             let end = now + self.clocks(unit, CALIBRATION_CLOCKS)?;
             let free = end + self.clocks(unit, AFTER_CALIBRATION_CLOCKS)?;
             let it = self.unit_mut(unit);
@@ -794,18 +784,14 @@ impl Adcs {
         }
         let it = self.unit_mut(unit);
         if rising & ADDIS != 0 && it.cr & ADEN != 0 {
-            if it.is_started() {
-                return refuse("ADC_CR: ADDIS while ADSTART is set");
-            }
+            refuse_if(it.is_started(), "ADC_CR: ADDIS while ADSTART is set")?;
             it.stopped = false;
             it.cr &= !ADEN;
             it.isr &= !ADRDY;
             (it.ready_at, it.ready) = (None, false);
         }
         if rising & ADSTART != 0 {
-            if !it.ready {
-                return refuse("ADC_CR: ADSTART before the ADC is ready");
-            }
+            refuse_if(!it.ready, "ADC_CR: ADSTART before the ADC is ready")?;
             it.cr |= ADSTART;
             it.phase = None;
             it.load_sequence()?;
@@ -828,9 +814,7 @@ impl Adcs {
             CR if width != Width::Word => return Err(Unknown::WIDTH),
             CR => return self.write_control(unit, value, now),
             CFGR => {
-                if it.is_started() && it.cfgr != value {
-                    return Err(Unknown { what: "ADC_CFGR changed while ADSTART is set" });
-                }
+                refuse_if(it.is_started() && it.cfgr != value, "ADC_CFGR changed while ADSTART is set")?;
                 if value & DMAEN == 0 || it.cfgr & DMAEN == 0 {
                     it.dma_ended = false;
                 }
@@ -848,9 +832,7 @@ impl Adcs {
                     _ => false,
                 };
                 it.storage.write(offset, value, width)?;
-                if fixed && it.storage.get(storage) != before {
-                    return Err(Unknown { what: "ADC register changed while the ADC is in use" });
-                }
+                refuse_if(fixed && it.storage.get(storage) != before, "ADC register changed while the ADC is in use")?;
             }
         }
         Ok(())
@@ -905,17 +887,17 @@ impl Adcs {
         if offset != 0x08 {
             return Err(Unknown::REGISTER);
         }
-        if value & DUAL != 0 {
-            return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode is modelled" });
-        }
+        refuse_if(value & DUAL != 0, "ADC_CCR.DUAL: only independent mode is modelled")?;
         let changed = self.common[common] ^ value;
         let switches = VREFEN | VSENSESEL | VBATSEL;
-        if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & ADEN != 0) {
-            return Err(Unknown { what: "ADC_CCR changed while one of its ADCs is enabled" });
-        }
-        if changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()) {
-            return Err(Unknown { what: "ADC_CCR changed while ADSTART is set in one of its ADCs" });
-        }
+        refuse_if(
+            changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & ADEN != 0),
+            "ADC_CCR changed while one of its ADCs is enabled",
+        )?;
+        refuse_if(
+            changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()),
+            "ADC_CCR changed while ADSTART is set in one of its ADCs",
+        )?;
         self.common[common] = value;
         Ok(())
     }

@@ -9,6 +9,7 @@
 
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 use std::collections::VecDeque;
 
@@ -156,14 +157,13 @@ impl Registers for Dac {
         }
         match offset {
             0x00 if value & !CR_KNOWN != 0 => {
-                return Err(Unknown {
-                    what: "DAC_CR: only channel 1 without wave generation and calibration is modelled",
-                });
+                return refuse("DAC_CR: only channel 1 without wave generation and calibration is modelled");
             }
             0x00 => {
-                if value & EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14 {
-                    return Err(Unknown { what: "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz" });
-                }
+                refuse_if(
+                    value & EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14,
+                    "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz",
+                )?;
                 let starts = value & !self.cr & EN != 0;
                 self.cr = value;
                 if value & (EN | DMAEN) != EN | DMAEN {
@@ -181,9 +181,7 @@ impl Registers for Dac {
                 }
             }
             0x34 => self.underrun &= value & DMAUDR == 0,
-            0x3C if value & !HFSEL != 0 => {
-                return Err(Unknown { what: "DAC_MCR: only normal mode with the buffer is modelled" });
-            }
+            0x3C if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
             0x3C => self.mcr = value,
             _ => return Err(Unknown::REGISTER),
         }

@@ -10,6 +10,7 @@
 //! written.
 
 use super::errata::Errata;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Number of channels of a controller.
@@ -95,7 +96,7 @@ impl Channel {
             0 => Ok(Width::Byte),
             1 => Ok(Width::Half),
             2 => Ok(Width::Word),
-            _ => Err(Unknown { what: "DMA_CCR: a transfer size of 3 is reserved" }),
+            _ => refuse("DMA_CCR: a transfer size of 3 is reserved"),
         }
     }
 
@@ -154,9 +155,7 @@ impl Dma {
         if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
             return Ok(None);
         }
-        if it.ccr & MEM2MEM != 0 {
-            return Err(Unknown { what: "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled" });
-        }
+        refuse_if(it.ccr & MEM2MEM != 0, "DMA_CCR.MEM2MEM: memory-to-memory mode is not modelled")?;
         let (peripheral_width, memory_width) = (it.width(8)?, it.width(10)?);
         let place = |base: u32, moves: u32, width: Width| {
             // An address is aligned to the transfer size: the lowest bits are ignored (12.6.5, 12.6.6).
@@ -262,11 +261,10 @@ impl Registers for Dma {
         if offset == 0x04 {
             for (n, it) in (0..).zip(&mut self.channels) {
                 let clear = value >> (4 * n) & 0xF;
-                if self.errata.dma_global_clear && clear & flag::GLOBAL != 0 && it.is_enabled() {
-                    return Err(Unknown {
-                        what: "DMA_IFCR: CGIF written for an enabled channel may lose an error flag",
-                    });
-                }
+                refuse_if(
+                    self.errata.dma_global_clear && clear & flag::GLOBAL != 0 && it.is_enabled(),
+                    "DMA_IFCR: CGIF written for an enabled channel may lose an error flag",
+                )?;
                 it.flags &= !if clear & flag::GLOBAL != 0 { flag::ALL } else { clear };
             }
             return Ok(());
@@ -276,18 +274,18 @@ impl Registers for Dma {
             .ok_or(Unknown::REGISTER)?;
         if register == 0x00 {
             let value = value & CCR_ALL;
-            if it.is_enabled() && value & EN != 0 && (it.ccr ^ value) & FIXED != 0 {
-                return Err(Unknown { what: "DMA_CCR: changed while the channel is enabled" });
-            }
-            if value & EN != 0 && it.flags & flag::ERROR != 0 {
-                return Err(Unknown { what: "DMA_CCR.EN: set before the channel's error flag is cleared" });
-            }
+            refuse_if(
+                it.is_enabled() && value & EN != 0 && (it.ccr ^ value) & FIXED != 0,
+                "DMA_CCR: changed while the channel is enabled",
+            )?;
+            refuse_if(
+                value & EN != 0 && it.flags & flag::ERROR != 0,
+                "DMA_CCR.EN: set before the channel's error flag is cleared",
+            )?;
             it.ccr = value;
             return Ok(());
         }
-        if it.is_enabled() {
-            return Err(Unknown { what: "DMA_CNDTR, CPAR or CMAR: written while the channel is enabled" });
-        }
+        refuse_if(it.is_enabled(), "DMA_CNDTR, CPAR or CMAR: written while the channel is enabled")?;
         match register {
             0x04 => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
             0x08 => it.cpar = value,

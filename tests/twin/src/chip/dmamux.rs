@@ -5,6 +5,7 @@
 //!
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
+use super::refuse;
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Number of multiplexer channels.
@@ -115,9 +116,7 @@ impl Registers for Dmamux {
         }
         let place = (offset / 4) as usize;
         match offset {
-            0x00..=0x3C if value & SE != 0 => {
-                return Err(Unknown { what: "DMAMUX_CxCR.SE: synchronisation is not modelled" });
-            }
+            0x00..=0x3C if value & SE != 0 => return refuse("DMAMUX_CxCR.SE: synchronisation is not modelled"),
             0x00..=0x3C => {
                 if let Some(channel) = self.channels.get_mut(place) {
                     *channel = value & CCR_ALL;
@@ -125,7 +124,7 @@ impl Registers for Dmamux {
             }
             0x84 | 0x144 => {}
             0x100..=0x10C if value & 1 << 16 != 0 => {
-                return Err(Unknown { what: "DMAMUX_RGxCR.GE: request generators are not modelled" });
+                return refuse("DMAMUX_RGxCR.GE: request generators are not modelled");
             }
             0x100..=0x10C => {
                 if let Some(generator) = self.generators.get_mut(place - 0x40) {

@@ -12,6 +12,7 @@
 //! Not modelled: fast programming, mass erase, write and read protection, single-bank mode, securable areas.
 
 use super::rom;
+use super::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{
@@ -503,11 +504,10 @@ impl Flash {
     /// Refuses an operation while the data cache is on, if the erratum on writing one bank while reading the other
     /// applies.
     fn check_cache(&self) -> Result<(), Unknown> {
-        if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
-            return Err(Unknown {
-                what: "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
-            });
-        }
+        refuse_if(
+            self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
+            "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
+        )?;
         Ok(())
     }
 
@@ -584,11 +584,12 @@ impl Flash {
         };
         self.advance(now);
         let bytes = self.memory.bytes().get(at..at + width.bytes() as usize);
-        let Some(bytes) = bytes else { return Err(Unknown { what: "past the end of flash" }) };
+        let Some(bytes) = bytes else { return refuse("past the end of flash") };
         let value = bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
-        if self.stale && self.rules == Rules::Enforced {
-            return Err(Unknown { what: "read through a data cache that was not reset after flash changed" });
-        }
+        refuse_if(
+            self.stale && self.rules == Rules::Enforced,
+            "read through a data cache that was not reset after flash changed",
+        )?;
         let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
         if self.torn.contains(&(at / 8)) && !hit && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
@@ -603,12 +604,8 @@ impl Flash {
     /// The core writes to flash.
     pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let at = address.wrapping_sub(START) as usize;
-        if at < BANK {
-            return Err(Unknown { what: "write to bank 1, from which the code runs" });
-        }
-        if at >= LEN {
-            return Err(Unknown { what: "past the end of flash" });
-        }
+        refuse_if(at < BANK, "write to bank 1, from which the code runs")?;
+        refuse_if(at >= LEN, "past the end of flash")?;
         let now = self.wait(now);
         self.advance(now);
         if width != Width::Word {
@@ -638,7 +635,7 @@ impl Flash {
     fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
         if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
             self.shut = true;
-            return Err(Unknown { what: "wrong FLASH_KEYR key: bus fault, locked until reset" });
+            return refuse("wrong FLASH_KEYR key: bus fault, locked until reset");
         }
         self.keys = (self.keys + 1) % 2;
         if self.keys == 0 {
@@ -648,9 +645,10 @@ impl Flash {
     }
 
     fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
-        if self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys] {
-            return Err(Unknown { what: "wrong FLASH_OPTKEYR key, or FLASH_CR is locked" });
-        }
+        refuse_if(
+            self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys],
+            "wrong FLASH_OPTKEYR key, or FLASH_CR is locked",
+        )?;
         self.option_keys = (self.option_keys + 1) % 2;
         if self.option_keys == 0 {
             self.control &= !OPTLOCK;
@@ -662,11 +660,9 @@ impl Flash {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
             // Setting LOCK again is allowed.
-            return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
+            return if word & LOCK != 0 { Ok(()) } else { refuse("FLASH_CR is locked") };
         }
-        if word & CR_UNKNOWN != 0 {
-            return Err(Unknown { what: "mass erase, fast programming and securable areas are not modelled" });
-        }
+        refuse_if(word & CR_UNKNOWN != 0, "mass erase, fast programming and securable areas are not modelled")?;
         self.control = word & CR_KEPT | self.control & OPTLOCK;
         if word & PG == 0 {
             self.half = None;
@@ -675,14 +671,12 @@ impl Flash {
             self.control |= OPTLOCK;
         }
         let options = word & (OPTSTRT | OBL_LAUNCH);
-        if options != 0 && self.control & OPTLOCK != 0 {
-            return Err(Unknown { what: "the option bytes are locked" });
-        }
+        refuse_if(options != 0 && self.control & OPTLOCK != 0, "the option bytes are locked")?;
         if word & STRT != 0 {
             if word & (PG | PER) != PER || self.status & ERRORS != 0 {
                 self.fail(PGSERR);
             } else if word & BKER == 0 {
-                return Err(Unknown { what: "erase of bank 1, from which the code runs" });
+                return refuse("erase of bank 1, from which the code runs");
             } else {
                 let page = (BANK / PAGE) + (word >> 3 & 0x7f) as usize;
                 self.check_cache()?;
@@ -747,9 +741,7 @@ impl Registers for Flash {
                 let after = self.storage.get(ACR);
                 if after & DCRST != 0 {
                     match (before & after & DCEN != 0, self.rules) {
-                        (true, Rules::Enforced) => {
-                            return Err(Unknown { what: "data cache reset (DCRST) while the cache is on" });
-                        }
+                        (true, Rules::Enforced) => return refuse("data cache reset (DCRST) while the cache is on"),
                         // No effect, as the cache is on.
                         (true, Rules::AsOnTheChip) => {}
                         (false, _) => {
@@ -759,7 +751,7 @@ impl Registers for Flash {
                     }
                 }
             }
-            OPTR if self.control & OPTLOCK != 0 => return Err(Unknown { what: "the option bytes are locked" }),
+            OPTR if self.control & OPTLOCK != 0 => return refuse("the option bytes are locked"),
             OPTR => self.storage.write(offset, value, width)?,
             _ => return Err(Unknown::REGISTER),
         }

@@ -3,6 +3,7 @@
 //! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
+use super::refuse;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MODER: u32 = 0x00;
@@ -132,7 +133,7 @@ impl Registers for Gpio {
         let word = width.replace(0, offset, value);
         let output = self.storage.get(ODR);
         match offset & !3 {
-            IDR => Err(Unknown { what: "the input register is read-only" }),
+            IDR => refuse("the input register is read-only"),
             // Set has priority over reset.
             BSRR => self.storage.write(ODR, output & !(word >> 16) | word & 0xffff, Width::Word),
             BRR => self.storage.write(ODR, output & !word, Width::Word),

@@ -4,6 +4,7 @@
 //! later.
 
 use super::rcc::LSI_HZ;
+use super::refuse;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
 
 const KR: u32 = 0x00;
@@ -131,7 +132,7 @@ impl Registers for Iwdg {
                     _ => {}
                 }
             }
-            PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the access key 0x5555" }),
+            PR | RLR | WINR if !self.open => return refuse("written without the access key 0x5555"),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
             // A write to WINR includes a refresh (RM0440 42.3.4).

@@ -4,6 +4,7 @@
 //! baud rate set in the registers; a remote end at another rate causes framing errors. Modelled: FIFO with thresholds
 //! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 
@@ -243,9 +244,7 @@ impl Registers for Lpuart {
         match offset & !3 {
             ICR => self.flags &= !(word & (0xf | IDLE | TC)),
             TDR => {
-                if self.transmit.len() >= self.depth() {
-                    return Err(Unknown { what: "written while the transmitter is full" });
-                }
+                refuse_if(self.transmit.len() >= self.depth(), "written while the transmitter is full")?;
                 self.flags &= !TC;
                 self.written = word as u8;
                 self.transmit.push_back(self.written);
@@ -258,16 +257,10 @@ impl Registers for Lpuart {
                 if word & 1 << 4 != 0 {
                     self.transmit.clear();
                 }
-                if word & !(3 << 3) != 0 {
-                    return Err(Unknown { what: "RQR: only the flush requests are modelled" });
-                }
+                refuse_if(word & !(3 << 3) != 0, "RQR: only the flush requests are modelled")?;
             }
-            CR1 if word & CR1_UNKNOWN != 0 => {
-                return Err(Unknown { what: "frame formats other than 8N1 are not modelled" });
-            }
-            CR3 if word & !CR3_KNOWN != 0 => {
-                return Err(Unknown { what: "flow control and half-duplex are not modelled" });
-            }
+            CR1 if word & CR1_UNKNOWN != 0 => return refuse("frame formats other than 8N1 are not modelled"),
+            CR3 if word & !CR3_KNOWN != 0 => return refuse("flow control and half-duplex are not modelled"),
             CR1 => {
                 self.storage.write(offset, value, width)?;
                 if !self.has(UE) {

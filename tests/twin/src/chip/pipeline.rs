@@ -19,7 +19,7 @@ use super::gpio::Mode;
 use super::jumpers::{FLOATING_V, Output};
 use super::pin::Pin;
 use super::spi::Frame;
-use super::{BadAccess, Chip};
+use super::{BadAccess, Chip, refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
@@ -189,16 +189,17 @@ impl Chip {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
         // ones.
-        if self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION) {
-            return Err(Unknown { what: "SPI2 is in use, but PB13, PB14, PB15 are not assigned to it" });
-        }
+        refuse_if(
+            self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION),
+            "SPI2 is in use, but PB13, PB14, PB15 are not assigned to it",
+        )?;
         let Some(ads) = &mut self.ads131m04 else { return Ok(u16::MAX) };
         let mut byte = |byte: u8| ads.exchange(byte, mode, rate_hz).map(u16::from);
         let [high, low] = frame.data.to_be_bytes();
         match frame.bits {
             8 => byte(low),
             16 => Ok(byte(high)? << 8 | byte(low)?),
-            _ => Err(Unknown { what: "frame size for the ADS131M04 is not a multiple of 8 bits" }),
+            _ => refuse("frame size for the ADS131M04 is not a multiple of 8 bits"),
         }
     }
 
@@ -247,7 +248,7 @@ impl Chip {
             Signal::Pin(pin) => pin,
         };
         if self.pin_mode(pin) != Mode::Analog {
-            Err(Unknown { what: "conversion of a pin that is not in analogue mode" })
+            refuse("conversion of a pin that is not in analogue mode")
         } else {
             self.input_volts(pin, at, time_s)
         }
@@ -261,7 +262,7 @@ impl Chip {
             (Some(jumpers), _, true) => Ok(self.wire_volts(jumpers.terminal, at)),
             (None, true, _) => Ok(self.world.force_volts(time_s)),
             (None, _, true) => Ok(self.world.terminal_volts(time_s)),
-            _ => Err(Unknown { what: "conversion of a pin that is not connected" }),
+            _ => refuse("conversion of a pin that is not connected"),
         }
     }
 

@@ -1,5 +1,6 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
+use super::refuse_if;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const CR1: u32 = 0x00;
@@ -49,9 +50,10 @@ impl Registers for Pwr {
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
-        if offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1 {
-            return Err(Unknown { what: "PWR_CR1.VOS: only range 1 is modelled" });
-        }
+        refuse_if(
+            offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1,
+            "PWR_CR1.VOS: only range 1 is modelled",
+        )?;
         self.0.write(offset, value, width)
     }
 

@@ -7,6 +7,7 @@
 //! If the crystal fails ([`Rcc::break_crystal`]) while the clock security system (CSS) monitors it, the core falls back
 //! to HSI and the NMI is raised. Not modelled: clock output, LSE, clocks in sleep mode.
 
+use super::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
@@ -372,34 +373,24 @@ impl Rcc {
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
-        let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
         // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
-            if !(2.66e6..=16e6).contains(&input) {
-                return fault("the PLL input must be between 2.66 and 16 MHz");
-            }
-            if !(96e6..=344e6).contains(&vco) {
-                return fault("the VCO of the PLL must be between 96 and 344 MHz");
-            }
-            if outputs.iter().any(|&hz| hz > 170e6) {
-                return fault("a PLL output is above 170 MHz");
-            }
+            refuse_if(!(2.66e6..=16e6).contains(&input), "the PLL input must be between 2.66 and 16 MHz")?;
+            refuse_if(!(96e6..=344e6).contains(&vco), "the VCO of the PLL must be between 96 and 344 MHz")?;
+            refuse_if(outputs.iter().any(|&hz| hz > 170e6), "a PLL output is above 170 MHz")?;
         }
         let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
         let source = self.in_use();
         let ready = is_ready(self.ready(source)) && (source != 3 || self.pll().2[2] > 0.0);
-        if !ready {
-            return fault("the selected system clock is off or not ready");
-        }
+        refuse_if(!ready, "the selected system clock is off or not ready")?;
         let (limit_hz, step_hz) = if boost { (170e6, 34e6) } else { (150e6, 30e6) };
-        if clocks.hclk_hz > limit_hz {
-            return fault("the core clock is too fast for the voltage range");
-        }
-        if clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0) {
-            return fault("too few flash wait states for the core clock");
-        }
+        refuse_if(clocks.hclk_hz > limit_hz, "the core clock is too fast for the voltage range")?;
+        refuse_if(
+            clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0),
+            "too few flash wait states for the core clock",
+        )?;
         Ok(())
     }
 
@@ -456,14 +447,14 @@ impl Registers for Rcc {
                 && self.storage.get(PLLCFGR) & 3 == 3
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
-                return Err(Unknown { what: "PLL enabled before its source is ready" });
+                return refuse("PLL enabled before its source is ready");
             }
             BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
-                return Err(Unknown { what: "LSI is unstable when it clocks the RTC (ES0430)" });
+                return refuse("LSI is unstable when it clocks the RTC (ES0430)");
             }
-            BDCR if word & 1 != 0 => return Err(Unknown { what: "LSE is not modelled" }),
+            BDCR if word & 1 != 0 => return refuse("LSE is not modelled"),
             PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
-                return Err(Unknown { what: "RCC_PLLCFGR changed while the PLL is enabled" });
+                return refuse("RCC_PLLCFGR changed while the PLL is enabled");
             }
             _ => {}
         }
@@ -477,9 +468,10 @@ impl Registers for Rcc {
             if slow {
                 self.stepped = now;
             }
-            if word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)) {
-                return Err(Unknown { what: "system clock raised above 80 MHz without 1 us at AHB / 2" });
-            }
+            refuse_if(
+                word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)),
+                "system clock raised above 80 MHz without 1 us at AHB / 2",
+            )?;
         }
         match register {
             CR => {

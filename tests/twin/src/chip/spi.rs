@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 
 use super::clocks::Clocks;
 use super::errata::Errata;
+use super::{refuse, refuse_if};
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -229,15 +230,15 @@ impl Spi {
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
         if value & SPE != 0 {
-            if self.is_enabled() && (self.cr1 ^ value) & !(SPE | SSI) != 0 {
-                return Err(Unknown { what: "SPI_CR1 changed while the SPI is enabled" });
-            }
-            if value & MSTR == 0 || value & CR1_NOT_MODELLED != 0 || self.cr2 & FRF != 0 {
-                return Err(Unknown { what: "SPI_CR1: only a full-duplex master without CRC is modelled" });
-            }
-            if value & (SSM | SSI) != SSM | SSI {
-                return Err(Unknown { what: "SPI_CR1: only software NSS (SSM, SSI) is modelled" });
-            }
+            refuse_if(
+                self.is_enabled() && (self.cr1 ^ value) & !(SPE | SSI) != 0,
+                "SPI_CR1 changed while the SPI is enabled",
+            )?;
+            refuse_if(
+                value & MSTR == 0 || value & CR1_NOT_MODELLED != 0 || self.cr2 & FRF != 0,
+                "SPI_CR1: only a full-duplex master without CRC is modelled",
+            )?;
+            refuse_if(value & (SSM | SSI) != SSM | SSI, "SPI_CR1: only software NSS (SSM, SSI) is modelled")?;
         }
         let was_sending = self.is_enabled() && (self.frame.is_some() || !self.transmit.is_empty());
         self.cr1 = value & 0xFFFF;
@@ -250,15 +251,13 @@ impl Spi {
         // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
-                return Err(Unknown { what: "SPI_DR: byte write with a frame size above 8 bits" });
+                return refuse("SPI_DR: byte write with a frame size above 8 bits");
             }
             Width::Byte => 1,
             Width::Half => 2,
             Width::Word => return Err(Unknown::WIDTH),
         };
-        if self.transmit.len() + bytes > DEPTH {
-            return Err(Unknown { what: "SPI_DR write does not fit in the transmit FIFO" });
-        }
+        refuse_if(self.transmit.len() + bytes > DEPTH, "SPI_DR write does not fit in the transmit FIFO")?;
         self.transmit.extend(value.to_le_bytes().into_iter().take(bytes));
         self.start(now);
         Ok(())
@@ -300,16 +299,17 @@ impl Registers for Spi {
                 let value = width.replace(self.cr2, offset, value) & 0x7FFF;
                 // DS, FRF, NSSP and SSOE may change only while the SPI is disabled (39.9.2).
                 let fixed = 0xF << 8 | FRF | 1 << 3 | 1 << 2;
-                if self.is_enabled() && (self.cr2 ^ value) & fixed != 0 {
-                    return Err(Unknown { what: "SPI_CR2 changed while the SPI is enabled" });
-                }
+                refuse_if(
+                    self.is_enabled() && (self.cr2 ^ value) & fixed != 0,
+                    "SPI_CR2 changed while the SPI is enabled",
+                )?;
                 self.cr2 = value;
                 Ok(())
             }
             // Error flags that this model does not raise.
             0x08 => Ok(()),
             0x0C if offset & 3 == 0 => self.write_data(value, width, now),
-            0x1C if value & 1 << 11 != 0 => Err(Unknown { what: "SPI_I2SCFGR.I2SMOD: I2S is not modelled" }),
+            0x1C if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
             _ => self.storage.write(offset, value, width),
         }
     }

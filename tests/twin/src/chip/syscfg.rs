@@ -1,6 +1,7 @@
 //! System configuration (RM0440 section 10.2): the port of each external interrupt line, and MEM_MODE; the rest is
 //! storage.
 
+use super::refuse_if;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MEMRMP: u32 = 0x00;
@@ -76,9 +77,10 @@ impl Registers for Syscfg {
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
         // The ROM's boot loader must be at address 0; other memories cannot be mapped there in the twin.
-        if offset & !3 == MEMRMP && value & 7 > 1 {
-            return Err(Unknown { what: "MEM_MODE: only flash and system memory are modelled at address 0" });
-        }
+        refuse_if(
+            offset & !3 == MEMRMP && value & 7 > 1,
+            "MEM_MODE: only flash and system memory are modelled at address 0",
+        )?;
         self.0.write(offset, value, width)
     }
 

@@ -7,6 +7,7 @@
 //! Glossary: *tick*: a clock of the counter, after the prescaler. *Update*: the counter restarts.
 
 use super::rcc::LSI_HZ;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
 const CR1: u32 = 0x00;
@@ -409,9 +410,7 @@ impl Registers for Tim {
             // Writing 0 clears a flag, writing 1 has no effect.
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
-                if value & !1 != 0 {
-                    return Err(Unknown { what: "EGR: only UG is modelled" });
-                }
+                refuse_if(value & !1 != 0, "EGR: only UG is modelled")?;
                 if value & 1 != 0 && self.storage.get(CR1) & UDIS == 0 {
                     self.update();
                     self.count = 0;
@@ -423,28 +422,23 @@ impl Registers for Tim {
             }
             CNT => self.count = width.replace(self.count, offset, value) & self.mask(),
             CR1 => {
-                if value & !CR1_KNOWN != 0 {
-                    return Err(Unknown { what: "one-pulse, centre-aligned or dithering mode is not modelled" });
-                }
+                refuse_if(value & !CR1_KNOWN != 0, "one-pulse, centre-aligned or dithering mode is not modelled")?;
                 self.storage.write(offset, value, width)?;
-                if value & DIR != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "down-counting is not modelled" });
-                }
+                refuse_if(value & DIR != 0 && self.encoder_edges().is_none(), "down-counting is not modelled")?;
             }
             SMCR => {
                 self.storage.write(offset, value, width)?;
-                if self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "SMS: only encoder modes are modelled" });
-                }
+                refuse_if(
+                    self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none(),
+                    "SMS: only encoder modes are modelled",
+                )?;
             }
             DIER => {
-                if value & 0x5f00 != 0 {
-                    return Err(Unknown { what: "DMA requests of this timer are not modelled" });
-                }
+                refuse_if(value & 0x5f00 != 0, "DMA requests of this timer are not modelled")?;
                 self.storage.write(offset, value, width)?;
             }
             TISEL if value != 0 && (!self.takes_lsi || value != LSI) => {
-                return Err(Unknown { what: "TISEL: only LSI on TIM5 is modelled" });
+                return refuse("TISEL: only LSI on TIM5 is modelled");
             }
             register => {
                 self.storage.write(offset, value, width)?;

@@ -8,6 +8,7 @@
 //! 33.4.2.
 
 use super::clocks::Clocks;
+use super::refuse_if;
 use crate::{Cycles, Registers, Unknown, Width};
 
 // CR1.
@@ -154,9 +155,7 @@ impl Tim6 {
     }
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
-        if value & (OPM | DITHEN) != 0 {
-            return Err(Unknown { what: "TIM6_CR1: one-pulse mode and dithering are not modelled" });
-        }
+        refuse_if(value & (OPM | DITHEN) != 0, "TIM6_CR1: one-pulse mode and dithering are not modelled")?;
         let counter = self.counter(now);
         self.cr1 = value & CR1_ALL;
         self.set_counter(counter, now);
@@ -182,9 +181,7 @@ impl Registers for Tim6 {
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "TIM6 accepts only word and aligned half-word accesses" });
-        }
+        refuse_if(width == Width::Byte || offset & 3 != 0, "TIM6 accepts only word and aligned half-word accesses")?;
         match offset {
             0x00 => self.write_control(value, now)?,
             0x04 => self.cr2 = value & 0x70,
@@ -213,9 +210,7 @@ impl Registers for Tim6 {
                 self.arr = value & 0xFFFF;
                 if self.cr1 & ARPE == 0 {
                     let counter = self.counter(now);
-                    if counter > self.arr {
-                        return Err(Unknown { what: "TIM6_ARR set below the counter" });
-                    }
+                    refuse_if(counter > self.arr, "TIM6_ARR set below the counter")?;
                     self.arr_in_effect = self.arr;
                     if self.runs() {
                         // This starts a counter that an auto-reload of zero had stopped.

@@ -15,6 +15,7 @@
 //! as the hosts here send no such token.
 
 use super::clocks::Clocks;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
@@ -528,15 +529,13 @@ impl Usb {
             0x50 => self.table = value & 0xFFF8,
             // Only the enable and acknowledge bits are writable (RM0440 45.6.1, USB_LPMCSR).
             0x54 => self.link_power = value & 3,
-            0x58 if value & CHARGER != 0 => {
-                return Err(Unknown { what: "USB_BCDR: charger detection is not modelled" });
-            }
+            0x58 if value & CHARGER != 0 => return refuse("USB_BCDR: charger detection is not modelled"),
             0x58 => {
                 let low = self.lines_low();
                 self.charger = value & PULL_UP;
                 self.watch_lines(low);
             }
-            0x48 => return Err(Unknown { what: "USB_FNR is read-only" }),
+            0x48 => return refuse("USB_FNR is read-only"),
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
@@ -544,12 +543,11 @@ impl Usb {
 
     fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
         let of_type = value & endpoint::TYPE;
-        if of_type == endpoint::TYPE_ISOCHRONOUS {
-            return Err(Unknown { what: "USB_EPnR: isochronous endpoints are not modelled" });
-        }
-        if of_type == endpoint::TYPE_BULK && value & endpoint::KIND != 0 {
-            return Err(Unknown { what: "USB_EPnR: double-buffered endpoints are not modelled" });
-        }
+        refuse_if(of_type == endpoint::TYPE_ISOCHRONOUS, "USB_EPnR: isochronous endpoints are not modelled")?;
+        refuse_if(
+            of_type == endpoint::TYPE_BULK && value & endpoint::KIND != 0,
+            "USB_EPnR: double-buffered endpoints are not modelled",
+        )?;
         let register = &mut self.endpoints[index];
         *register = (*register ^ value) & endpoint::FLIPPED
             | *register & value & endpoint::EVENTS
@@ -559,9 +557,7 @@ impl Usb {
     }
 
     fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
-        if value & (control::RESUME | control::L1_RESUME) != 0 {
-            return Err(Unknown { what: "USB_CNTR: remote wake-up is not modelled" });
-        }
+        refuse_if(value & (control::RESUME | control::L1_RESUME) != 0, "USB_CNTR: remote wake-up is not modelled")?;
         let low = self.lines_low();
         let woken = self.sleeps() && value & control::FORCE_SUSPEND == 0;
         let released = !self.listens() && value & (control::POWER_DOWN | control::FORCE_RESET) == 0;
@@ -595,8 +591,8 @@ impl Registers for Usb {
             return match (width, self.memory.get(place..)) {
                 (Width::Byte, Some([byte, ..])) => Ok(u32::from(*byte)),
                 (Width::Half, Some([low, high, ..])) => Ok(u32::from(u16::from_le_bytes([*low, *high]))),
-                (Width::Word, _) => Err(Unknown { what: "USB packet memory: word read" }),
-                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
+                (Width::Word, _) => refuse("USB packet memory: word read"),
+                _ => refuse("USB packet memory: address out of range"),
             };
         }
         self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
@@ -613,13 +609,14 @@ impl Registers for Usb {
                 }
                 // Half-words only: the memory is 16 bits wide, and chips of this family have been observed to write a
                 // byte twice.
-                (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: byte or word write" }),
-                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
+                (Width::Byte | Width::Word, _) => refuse("USB packet memory: byte or word write"),
+                _ => refuse("USB packet memory: address out of range"),
             };
         }
-        if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "USB registers accept only aligned half-word or word writes" });
-        }
+        refuse_if(
+            width == Width::Byte || offset & 3 != 0,
+            "USB registers accept only aligned half-word or word writes",
+        )?;
         self.write_register(offset, value as u16)
     }
 
