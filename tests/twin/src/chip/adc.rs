@@ -179,14 +179,14 @@ impl Unit {
         }
     }
 
-    /// Offsets of its registers and of its common block from the start of the ADC region.
-    const fn bases(self) -> (u32, u32) {
+    /// Offset of its registers from the start of the ADC region.
+    const fn base(self) -> u32 {
         match self {
-            Self::One => (0x000, 0x300),
-            Self::Two => (0x100, 0x300),
-            Self::Three => (0x400, 0x700),
-            Self::Four => (0x500, 0x700),
-            Self::Five => (0x600, 0x700),
+            Self::One => 0x000,
+            Self::Two => 0x100,
+            Self::Three => 0x400,
+            Self::Four => 0x500,
+            Self::Five => 0x600,
         }
     }
 
@@ -196,10 +196,6 @@ impl Unit {
             Self::One | Self::Two => 0,
             _ => 1,
         }
-    }
-
-    const fn index(self) -> usize {
-        self as usize
     }
 
     /// The channels that are connected to a pin, with that pin.
@@ -325,7 +321,7 @@ impl Analogue {
         }
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
-        let noise = self.noise.get_mut(unit.index()).map_or(0.0, |rng| normal(noise_lsb, rng));
+        let noise = self.noise.get_mut(unit as usize).map_or(0.0, |rng| normal(noise_lsb, rng));
         // A cast from float saturates at the limits of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
@@ -426,9 +422,8 @@ impl Converter {
     }
 
     fn reset(&mut self) {
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { storage, ..Self::new() };
+        self.storage.reset();
+        *self = Self { storage: self.storage.clone(), ..Self::new() };
     }
 
     fn is_started(&self) -> bool {
@@ -498,14 +493,8 @@ pub struct Adcs {
 }
 
 impl Default for Adcs {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Adcs {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             units: std::array::from_fn(|_| Converter::new()),
             common: [0; 2],
@@ -518,7 +507,9 @@ impl Adcs {
             broken: None,
         }
     }
+}
 
+impl Adcs {
     /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
@@ -545,11 +536,11 @@ impl Adcs {
     }
 
     fn unit(&self, unit: Unit) -> &Converter {
-        &self.units[unit.index()]
+        &self.units[unit as usize]
     }
 
     fn unit_mut(&mut self, unit: Unit) -> &mut Converter {
-        &mut self.units[unit.index()]
+        &mut self.units[unit as usize]
     }
 
     /// The ADC clock of a block.
@@ -682,11 +673,8 @@ impl Adcs {
         let paused = it.ended.replace(end).is_none_or(|last| end - last > pause) && adc_after_pause;
         // No converter has channel 0 connected.
         let elsewhere = std::mem::take(&mut it.stopped) && adc_after_stop;
-        let code = match (elsewhere, paused) {
-            (true, _) => 0,
-            (false, true) => self.analogue.code(unit, aperture, volts + AFTER_PAUSE_V),
-            (false, false) => self.analogue.code(unit, aperture, volts),
-        };
+        let volts = if paused { volts + AFTER_PAUSE_V } else { volts };
+        let code = if elsewhere { 0 } else { self.analogue.code(unit, aperture, volts) };
         let it = self.unit_mut(unit);
         let overrun = it.isr & EOC != 0;
         if !overrun || it.cfgr & OVRMOD != 0 {
@@ -757,23 +745,19 @@ impl Adcs {
             refuse_if(it.cr & ADEN != 0, "ADC_CR: ADCAL while the ADC is enabled")?;
             let end = now + self.clocks(unit, CALIBRATION_CLOCKS)?;
             let free = end + self.clocks(unit, AFTER_CALIBRATION_CLOCKS)?;
+            let hangs = self.broken == Some((unit, Broken::Calibration));
             let it = self.unit_mut(unit);
             it.cr |= ADCAL;
-            (it.calibration_end, it.enable_from) = (Some(end), free);
-            if self.broken == Some((unit, Broken::Calibration)) {
-                self.unit_mut(unit).calibration_end = None;
-            }
+            (it.calibration_end, it.enable_from) = ((!hangs).then_some(end), free);
         }
         let it = self.unit(unit);
         // ADEN cannot be set during a calibration or in the four ADC clocks after it.
         if rising & ADEN != 0 && it.cr & ADCAL == 0 && now >= it.enable_from {
             let ready = now + self.clocks(unit, READY_CLOCKS)?;
+            let hangs = self.broken == Some((unit, Broken::Ready));
             let it = self.unit_mut(unit);
             it.cr |= ADEN;
-            it.ready_at = Some(ready);
-            if self.broken == Some((unit, Broken::Ready)) {
-                self.unit_mut(unit).ready_at = None;
-            }
+            it.ready_at = (!hangs).then_some(ready);
         }
         let it = self.unit_mut(unit);
         if rising & ADSTP != 0 && it.is_started() {
@@ -821,14 +805,13 @@ impl Adcs {
                 it.cfgr = value & !CFGR_RESERVED;
             }
             storage => {
-                if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {
+                if !it.storage.contains(storage) {
                     return Err(Unknown::REGISTER);
                 }
                 let before = it.storage.get(storage);
                 let fixed = match storage {
                     DIFSEL => it.cr & ADEN != 0,
-                    CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 => it.is_started(),
-                    OFR1..=OFR4 => it.is_started(),
+                    CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 | OFR1..=OFR4 => it.is_started(),
                     _ => false,
                 };
                 it.storage.write(offset, value, width)?;
@@ -857,14 +840,14 @@ impl Adcs {
     }
 
     /// The converter or common block at an offset, and the offset within it.
-    fn place(offset: u32) -> Option<(Place, u32)> {
-        let of_unit = |unit: Unit| offset.checked_sub(unit.bases().0).filter(|within| *within < 0x100);
-        let of_common = |base: u32| offset.checked_sub(base).filter(|within| *within < 0x100);
-        Unit::ALL
-            .into_iter()
-            .find_map(|unit| of_unit(unit).map(|within| (Place::Unit(unit), within)))
-            .or_else(|| of_common(0x300).map(|within| (Place::Common(0), within)))
-            .or_else(|| of_common(0x700).map(|within| (Place::Common(1), within)))
+    fn place(offset: u32) -> Result<(Place, u32), Unknown> {
+        let (base, within) = (offset & !0xFF, offset & 0xFF);
+        let place = match base {
+            0x300 => Place::Common(0),
+            0x700 => Place::Common(1),
+            _ => Place::Unit(Unit::ALL.into_iter().find(|unit| unit.base() == base).ok_or(Unknown::REGISTER)?),
+        };
+        Ok((place, within))
     }
 
     fn units_of(common: usize) -> impl Iterator<Item = Unit> {
@@ -903,7 +886,6 @@ impl Adcs {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     Unit(Unit),
     Common(usize),
@@ -911,19 +893,17 @@ enum Place {
 
 impl Registers for Adcs {
     fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        match Self::place(offset) {
-            Some((Place::Unit(unit), within)) => self.read_unit(unit, within, width, now),
-            Some((Place::Common(common), within)) => Ok(width.part(self.read_common(common, within & !3)?, within)),
-            None => Err(Unknown::REGISTER),
+        match Self::place(offset)? {
+            (Place::Unit(unit), within) => self.read_unit(unit, within, width, now),
+            (Place::Common(common), within) => Ok(width.part(self.read_common(common, within & !3)?, within)),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        match Self::place(offset) {
-            Some((Place::Unit(unit), within)) => self.write_unit(unit, within, value, width, now),
-            Some((Place::Common(_), _)) if width != Width::Word => Err(Unknown::WIDTH),
-            Some((Place::Common(common), within)) => self.write_common(common, within, value),
-            None => Err(Unknown::REGISTER),
+        match Self::place(offset)? {
+            (Place::Unit(unit), within) => self.write_unit(unit, within, value, width, now),
+            (Place::Common(_), _) if width != Width::Word => Err(Unknown::WIDTH),
+            (Place::Common(common), within) => self.write_common(common, within, value),
         }
     }
 
@@ -949,9 +929,8 @@ impl Registers for Adcs {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        let of = |unit: Unit| {
-            self.unit(unit).storage.unwritten_reads().into_iter().map(move |offset| unit.bases().0 + offset)
-        };
+        let of =
+            |unit: Unit| self.unit(unit).storage.unwritten_reads().into_iter().map(move |offset| unit.base() + offset);
         Unit::ALL.into_iter().flat_map(of).collect()
     }
 }
@@ -968,7 +947,7 @@ mod tests {
     const SETTLED: Cycles = 3360;
 
     fn powered() -> Adcs {
-        let mut adc = Adcs::new();
+        let mut adc = Adcs::default();
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
         adc.set_quality(Quality::IDEAL);
         write(&mut adc, CCR12, CKMODE_4, 0);
@@ -1005,7 +984,7 @@ mod tests {
 
     #[test]
     fn it_comes_up_in_the_manuals_order_only() {
-        let mut adc = Adcs::new();
+        let mut adc = Adcs::default();
         assert_eq!(read(&mut adc, CR, 0), DEEPPWD);
         assert!(refuses(&mut adc, CR, ADVREGEN | DEEPPWD, 0));
         for early in [ADCAL, ADEN] {
@@ -1063,7 +1042,7 @@ mod tests {
 
     /// Codes of ADC1 and ADC2, both sampling 0 V, at these triggers.
     fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
-        let mut adc = Adcs::new();
+        let mut adc = Adcs::default();
         adc.set_quality(Quality::IDEAL);
         adc.set_errata(errata);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });

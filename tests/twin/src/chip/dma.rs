@@ -139,11 +139,6 @@ impl Default for Dma {
 }
 
 impl Dma {
-    /// The state after reset.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
@@ -305,7 +300,7 @@ impl Registers for Dma {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self { errata: self.errata, broken: self.broken, ..Self::new() };
+        *self = Self { errata: self.errata, broken: self.broken, ..Self::default() };
     }
 }
 
@@ -325,7 +320,7 @@ mod tests {
 
     /// Channel 2 with a pass of `count` transfers.
     fn ring(count: u32, ccr: u32) -> Dma {
-        let mut dma = Dma::new();
+        let mut dma = Dma::default();
         write(&mut dma, CNDTR, count, 0);
         write(&mut dma, CPAR, 0x5000_0040, 0);
         write(&mut dma, CMAR, 0x2000_0100, 0);

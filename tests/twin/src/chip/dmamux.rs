@@ -79,11 +79,6 @@ pub struct Dmamux {
 }
 
 impl Dmamux {
-    /// The state after reset.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Number of the request assigned to a channel; 0 is none.
     pub fn request(&self, channel: usize) -> u8 {
         self.channels.get(channel).map_or(0, |ccr| (ccr & DMAREQ_ID) as u8)
@@ -137,7 +132,7 @@ impl Registers for Dmamux {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self::new();
+        *self = Self::default();
     }
 }
 
@@ -148,7 +143,7 @@ mod tests {
 
     #[test]
     fn a_channel_listens_to_one_request_and_a_request_may_have_many() {
-        let mut mux = Dmamux::new();
+        let mut mux = Dmamux::default();
         write(&mut mux, 0x04, 36, 0);
         write(&mut mux, 0x3C, 36 | 1 << 9, 0);
         assert_eq!(mux.listeners(Request::Adc2).collect::<Vec<_>>(), [1, 15]);
@@ -160,7 +155,7 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let mut mux = Dmamux::new();
+        let mut mux = Dmamux::default();
         assert!(refuses(&mut mux, 0x00, 1 << 16, 0));
         assert!(refuses(&mut mux, 0x100, 1 << 16, 0));
         assert!(mux.read(0x44, Width::Word, 0).is_err());

@@ -806,10 +806,6 @@ impl Registers for Flash {
     fn set_clocks(&mut self, clocks: &Clocks) {
         self.hclk_hz = clocks.hclk_hz;
     }
-
-    fn unwritten_reads(&self) -> Vec<u32> {
-        Vec::new()
-    }
 }
 
 #[cfg(test)]

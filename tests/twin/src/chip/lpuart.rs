@@ -115,11 +115,6 @@ impl Lpuart {
         self.arriving.extend(bytes);
     }
 
-    /// Whether bytes from the remote end are still in transit.
-    pub fn is_arriving(&self) -> bool {
-        !self.arriving.is_empty()
-    }
-
     /// Bytes that the remote end received since the last call.
     pub fn take_sent(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.sent)

@@ -77,14 +77,8 @@ pub struct Spi {
 }
 
 impl Default for Spi {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Spi {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             cr1: 0,
             cr2: CR2_RESET,
@@ -105,7 +99,9 @@ impl Spi {
             ]),
         }
     }
+}
 
+impl Spi {
     fn bits(&self) -> u32 {
         // Values below four bits select eight (39.9.2, DS).
         match self.cr2 >> 8 & 0xF {
@@ -320,9 +316,8 @@ impl Registers for Spi {
     }
 
     fn reset(&mut self, _: Cycles) {
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { divider: self.divider, errata: self.errata, storage, ..Self::new() };
+        self.storage.reset();
+        *self = Self { divider: self.divider, errata: self.errata, storage: self.storage.clone(), ..Self::default() };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -350,7 +345,7 @@ mod tests {
 
     /// Frames of one byte, at HCLK / 8.
     fn master() -> Spi {
-        let mut spi = Spi::new();
+        let mut spi = Spi::default();
         write(&mut spi, 0x04, 7 << 8 | FRXTH, Width::Word);
         let mode = MSTR | SSM | SSI | CPHA | 2 << 3;
         write(&mut spi, 0x00, mode, Width::Word);
@@ -418,7 +413,7 @@ mod tests {
 
     #[test]
     fn frames_of_sixteen_bits() {
-        let mut spi = Spi::new();
+        let mut spi = Spi::default();
         write(&mut spi, 0x04, 15 << 8, Width::Word);
         write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Width::Word);
         write(&mut spi, DR, 0xBEEF, Width::Half);
@@ -480,7 +475,7 @@ mod tests {
         for mode in
             [enable & !MSTR, enable & !SSI, enable | CRCEN, enable | LSBFIRST, enable | RXONLY, enable | BIDIMODE]
         {
-            assert!(Spi::new().write(0x00, mode, Width::Word, 0).is_err(), "{mode:#x}");
+            assert!(Spi::default().write(0x00, mode, Width::Word, 0).is_err(), "{mode:#x}");
         }
         let mut spi = master();
         assert!(spi.write(0x04, 15 << 8, Width::Word, 0).is_err());

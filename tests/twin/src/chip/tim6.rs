@@ -59,14 +59,8 @@ pub struct Tim6 {
 }
 
 impl Default for Tim6 {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Tim6 {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             cr1: 0,
             cr2: 0,
@@ -83,7 +77,9 @@ impl Tim6 {
             software_trigger: false,
         }
     }
+}
 
+impl Tim6 {
     fn runs(&self) -> bool {
         // An auto-reload of zero stops the counter (33.3.2).
         self.cr1 & CEN != 0 && self.arr_in_effect != 0
@@ -229,7 +225,7 @@ impl Registers for Tim6 {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self { divider: self.divider, ..Self::new() };
+        *self = Self { divider: self.divider, ..Self::default() };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -246,7 +242,7 @@ mod tests {
 
     /// 2625 cycles at 168 MHz: 64 kHz.
     fn sampling_clock() -> Tim6 {
-        let mut timer = Tim6::new();
+        let mut timer = Tim6::default();
         write(&mut timer, 0x2C, 2624, 0);
         write(&mut timer, 0x04, TRIGGER_UPDATE << 4, 0);
         write(&mut timer, 0x0C, UDE, 0);
@@ -331,7 +327,7 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let mut timer = Tim6::new();
+        let mut timer = Tim6::default();
         for bit in [OPM, DITHEN] {
             assert!(refuses(&mut timer, 0x00, bit, 0));
         }

@@ -180,14 +180,8 @@ pub struct Usb {
 }
 
 impl Default for Usb {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Usb {
     /// The state after power-on: transceiver off, no pull-up, no cable.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             endpoints: [0; ENDPOINTS],
             control: FRES | PDWN,
@@ -208,7 +202,9 @@ impl Usb {
             frames_begun: 0,
         }
     }
+}
 
+impl Usb {
     /// Level of the interrupt request `USB_LP` (20).
     pub fn irq_low(&self) -> bool {
         self.status() & self.control & ISTR_ALL != 0
@@ -629,15 +625,14 @@ impl Registers for Usb {
 
     /// The packet memory and the cable stay unchanged.
     fn reset(&mut self, now: Cycles) {
-        let kept = Self {
+        *self = Self {
             now,
             clocks: self.clocks,
             frames: self.frames,
             cable: self.cable,
             memory: self.memory,
-            ..Self::new()
+            ..Self::default()
         };
-        *self = kept;
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -669,7 +664,7 @@ mod tests {
 
     /// Endpoint 0 is a control endpoint and endpoint 1 a bulk endpoint, both ready to receive 64 bytes, at address 5.
     fn configured() -> Usb {
-        let mut usb = Usb::new();
+        let mut usb = Usb::default();
         usb.set_clocks(&CLOCKS);
         write(&mut usb, CNTR, 0);
         write(&mut usb, ISTR, 0);
@@ -867,7 +862,7 @@ mod tests {
 
     #[test]
     fn nothing_is_heard_while_switched_off() {
-        let mut usb = Usb::new();
+        let mut usb = Usb::default();
         usb.start_frames(1e-3);
         usb.bus_reset();
         usb.advance(10 * MILLISECOND);
