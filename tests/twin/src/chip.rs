@@ -46,13 +46,13 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Registers, Unknown, Width, World};
+use crate::{Board, Cycles, Registers, Storage, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
-use rcc::{Gate, Reset};
+use rcc::{AHB1ENR, AHB2ENR, APB1ENR1, APB1ENR2, APB2ENR, Gate, Reset};
 use rules::Rules;
 use tim::{Kind, Tim};
 
@@ -143,49 +143,49 @@ const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral,
 const BLOCKS: [Block; 36] = {
     use Peripheral::*;
     [
-        block(0x4000_0000, 0x400, "TIM2", Tim2, Some(Gate::apb1(0))),
-        block(0x4000_0400, 0x400, "TIM3", Tim3, Some(Gate::apb1(1))),
-        block(0x4000_0800, 0x400, "TIM4", Tim4, Some(Gate::apb1(2))),
-        block(0x4000_0c00, 0x400, "TIM5", Tim5, Some(Gate::apb1(3))),
-        block(0x4000_1000, 0x400, "TIM6", Tim6, Some(Gate::apb1(4))),
-        block(0x4000_1400, 0x400, "TIM7", Tim7, Some(Gate::apb1(5))),
-        block(0x4000_2000, 0x400, "CRS", Crs, Some(Gate::apb1(8))),
-        block(0x4000_2400, 0x400, "TAMP", Tamp, Some(Gate::apb1(10))),
+        block(0x4000_0000, 0x400, "TIM2", Tim2, Some(Gate(APB1ENR1, 0))),
+        block(0x4000_0400, 0x400, "TIM3", Tim3, Some(Gate(APB1ENR1, 1))),
+        block(0x4000_0800, 0x400, "TIM4", Tim4, Some(Gate(APB1ENR1, 2))),
+        block(0x4000_0c00, 0x400, "TIM5", Tim5, Some(Gate(APB1ENR1, 3))),
+        block(0x4000_1000, 0x400, "TIM6", Tim6, Some(Gate(APB1ENR1, 4))),
+        block(0x4000_1400, 0x400, "TIM7", Tim7, Some(Gate(APB1ENR1, 5))),
+        block(0x4000_2000, 0x400, "CRS", Crs, Some(Gate(APB1ENR1, 8))),
+        block(0x4000_2400, 0x400, "TAMP", Tamp, Some(Gate(APB1ENR1, 10))),
         block(0x4000_3000, 0x400, "IWDG", Iwdg, None),
-        block(0x4000_3800, 0x400, "SPI2", Spi2, Some(Gate::apb1(14))),
+        block(0x4000_3800, 0x400, "SPI2", Spi2, Some(Gate(APB1ENR1, 14))),
         // Registers, then the packet memory at offset 0x400.
-        block(0x4000_5c00, 0x800, "USB", Usb, Some(Gate::apb1(23))),
-        block(0x4000_7000, 0x400, "PWR", Pwr, Some(Gate::apb1(28))),
-        block(0x4000_8000, 0x400, "LPUART1", Lpuart1, Some(Gate::apb1_2(0))),
-        block(0x4001_0000, 0x30, "SYSCFG", Syscfg, Some(Gate::apb2(0))),
+        block(0x4000_5c00, 0x800, "USB", Usb, Some(Gate(APB1ENR1, 23))),
+        block(0x4000_7000, 0x400, "PWR", Pwr, Some(Gate(APB1ENR1, 28))),
+        block(0x4000_8000, 0x400, "LPUART1", Lpuart1, Some(Gate(APB1ENR2, 0))),
+        block(0x4001_0000, 0x30, "SYSCFG", Syscfg, Some(Gate(APB2ENR, 0))),
         block(0x4001_0400, 0x400, "EXTI", Exti, None),
-        block(0x4001_2c00, 0x400, "TIM1", Tim1, Some(Gate::apb2(11))),
-        block(0x4001_3400, 0x400, "TIM8", Tim8, Some(Gate::apb2(13))),
-        block(0x4001_4000, 0x400, "TIM15", Tim15, Some(Gate::apb2(16))),
-        block(0x4001_4400, 0x400, "TIM16", Tim16, Some(Gate::apb2(17))),
-        block(0x4001_4800, 0x400, "TIM17", Tim17, Some(Gate::apb2(18))),
-        block(0x4002_0000, 0x400, "DMA1", Dma1, Some(Gate::ahb1(0))),
-        block(0x4002_0400, 0x400, "DMA2", Dma2, Some(Gate::ahb1(1))),
-        block(0x4002_0800, 0x400, "DMAMUX", Dmamux, Some(Gate::ahb1(2))),
+        block(0x4001_2c00, 0x400, "TIM1", Tim1, Some(Gate(APB2ENR, 11))),
+        block(0x4001_3400, 0x400, "TIM8", Tim8, Some(Gate(APB2ENR, 13))),
+        block(0x4001_4000, 0x400, "TIM15", Tim15, Some(Gate(APB2ENR, 16))),
+        block(0x4001_4400, 0x400, "TIM16", Tim16, Some(Gate(APB2ENR, 17))),
+        block(0x4001_4800, 0x400, "TIM17", Tim17, Some(Gate(APB2ENR, 18))),
+        block(0x4002_0000, 0x400, "DMA1", Dma1, Some(Gate(AHB1ENR, 0))),
+        block(0x4002_0400, 0x400, "DMA2", Dma2, Some(Gate(AHB1ENR, 1))),
+        block(0x4002_0800, 0x400, "DMAMUX", Dmamux, Some(Gate(AHB1ENR, 2))),
         block(0x4002_1000, 0x400, "RCC", Rcc, None),
-        block(0x4002_2000, 0x400, "FLASH", Flash, Some(Gate::ahb1(8))),
-        block(0x4800_0000, 0x400, "GPIOA", Gpio(0), Some(Gate::ahb2(0))),
-        block(0x4800_0400, 0x400, "GPIOB", Gpio(1), Some(Gate::ahb2(1))),
-        block(0x4800_0800, 0x400, "GPIOC", Gpio(2), Some(Gate::ahb2(2))),
-        block(0x4800_0c00, 0x400, "GPIOD", Gpio(3), Some(Gate::ahb2(3))),
-        block(0x4800_1000, 0x400, "GPIOE", Gpio(4), Some(Gate::ahb2(4))),
-        block(0x4800_1400, 0x400, "GPIOF", Gpio(5), Some(Gate::ahb2(5))),
-        block(0x4800_1800, 0x400, "GPIOG", Gpio(6), Some(Gate::ahb2(6))),
+        block(0x4002_2000, 0x400, "FLASH", Flash, Some(Gate(AHB1ENR, 8))),
+        block(0x4800_0000, 0x400, "GPIOA", Gpio(0), Some(Gate(AHB2ENR, 0))),
+        block(0x4800_0400, 0x400, "GPIOB", Gpio(1), Some(Gate(AHB2ENR, 1))),
+        block(0x4800_0800, 0x400, "GPIOC", Gpio(2), Some(Gate(AHB2ENR, 2))),
+        block(0x4800_0c00, 0x400, "GPIOD", Gpio(3), Some(Gate(AHB2ENR, 3))),
+        block(0x4800_1000, 0x400, "GPIOE", Gpio(4), Some(Gate(AHB2ENR, 4))),
+        block(0x4800_1400, 0x400, "GPIOF", Gpio(5), Some(Gate(AHB2ENR, 5))),
+        block(0x4800_1800, 0x400, "GPIOG", Gpio(6), Some(Gate(AHB2ENR, 6))),
         // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
-        block(0x5000_0000, 0x800, "ADC", Adc, Some(Gate::ahb2(13))),
-        block(0x5000_0800, 0x400, "DAC1", Dac1, Some(Gate::ahb2(16))),
-        block(0x5000_0c00, 0x400, "DAC2", Dac2, Some(Gate::ahb2(17))),
+        block(0x5000_0000, 0x800, "ADC", Adc, Some(Gate(AHB2ENR, 13))),
+        block(0x5000_0800, 0x400, "DAC1", Dac1, Some(Gate(AHB2ENR, 16))),
+        block(0x5000_0c00, 0x400, "DAC2", Dac2, Some(Gate(AHB2ENR, 17))),
         block(0xe004_2000, 0x400, "DBGMCU", Dbgmcu, None),
     ]
 };
 /// ADC3, ADC4, ADC5.
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
-const ADC345_GATE: Gate = Gate::ahb2(14);
+const ADC345_GATE: Gate = Gate(AHB2ENR, 14);
 
 /// Bit-band region: each word is an alias of one bit of the first megabyte of peripherals.
 const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
@@ -209,6 +209,11 @@ fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
 /// The same where a condition holds.
 fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
     if condition { refuse(what) } else { Ok(()) }
+}
+
+/// Reads a register without listing it as read before any write: programs read it to change single bits.
+fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
+    if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
 }
 
 /// Interrupt numbers (RM0440 table 97), and for the tests also their names.
@@ -850,6 +855,7 @@ mod testing {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Word};
     use crate::world::{Still, World};
 
     fn chip() -> Chip {
@@ -857,7 +863,7 @@ mod tests {
     }
 
     fn write(chip: &mut Chip, address: u32, value: u32) {
-        chip.write(address, value, Width::Word, 0).expect("modelled access");
+        chip.write(address, value, Word, 0).expect("modelled access");
     }
 
     /// AHB2ENR, APB1ENR1, APB2ENR.
@@ -884,24 +890,24 @@ mod tests {
     #[test]
     fn an_access_that_nobody_knows_is_named() {
         let mut chip = clocked();
-        let error = chip.write(0x4000_0070, 5, Width::Word, 0).expect_err("access that is not modelled");
+        let error = chip.write(0x4000_0070, 5, Word, 0).expect_err("access that is not modelled");
         assert_eq!(
             error.to_string(),
             "write of 0x5 to 0x40000070 (TIM2 + 0x70, 4 bytes): no such register in the model"
         );
-        let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("access that is not modelled");
+        let error = chip.read(0x4002_0c00, Byte, 0).expect_err("access that is not modelled");
         assert_eq!(error.to_string(), "read of 0x40020c00 (1 bytes): no peripheral at this address");
     }
 
     #[test]
     fn a_peripheral_without_clock_does_not_answer() {
         let mut chip = chip();
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
+        assert_eq!(chip.read(0x4000_0024, Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
         write(&mut chip, ENABLES[1], 1);
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(0x4000_0024, Word, 0), Ok(0));
         // TIM2 held in reset.
         write(&mut chip, ENABLES[1] - 0x20, 1);
-        assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
+        assert!(chip.read(0x4000_0024, Word, 0).is_err());
     }
 
     #[test]
@@ -910,15 +916,15 @@ mod tests {
         chip.set_rules(Rules::AsOnTheChip);
         // TIM2_ARR, whose reset value is all ones.
         write(&mut chip, 0x4000_002c, 7);
-        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(0x4000_002c, Word, 0), Ok(0));
         write(&mut chip, ENABLES[1], 1);
-        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
+        assert_eq!(chip.read(0x4000_002c, Word, 0), Ok(u32::MAX), "the write was ignored");
         // PWR_CR1 while its clock is off.
         write(&mut chip, 0x4000_7000, 0x300);
-        assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
+        assert_eq!(chip.read(0x4000_7000, Word, 0), Ok(0x200));
         // RCC_BDCR while the backup domain is write-protected.
         write(&mut chip, RCC_BDCR, 1 << 15);
-        assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(RCC_BDCR, Word, 0), Ok(0));
     }
 
     #[test]
@@ -928,10 +934,10 @@ mod tests {
         let alias = 0x4200_0000 + (ENABLES[0] - 0x4000_0000) * 32 + 4 * 5;
         write(&mut chip, ENABLES[0], 1);
         write(&mut chip, alias, 0xffff_ffff);
-        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1 << 5 | 1));
-        assert_eq!((chip.read(alias, Width::Word, 0), chip.read(alias - 4, Width::Word, 0)), (Ok(1), Ok(0)));
+        assert_eq!(chip.read(ENABLES[0], Word, 0), Ok(1 << 5 | 1));
+        assert_eq!((chip.read(alias, Word, 0), chip.read(alias - 4, Word, 0)), (Ok(1), Ok(0)));
         write(&mut chip, alias, 2);
-        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1));
+        assert_eq!(chip.read(ENABLES[0], Word, 0), Ok(1));
     }
 
     #[test]
@@ -944,7 +950,7 @@ mod tests {
         assert_eq!(chip.next_event(), Some(32_000));
         chip.advance(32_000);
         assert_eq!(chip.clocks.hclk_hz, 24e6);
-        assert_eq!(chip.read(0x4002_1008, Width::Word, 32_000), Ok(2 << 2 | 2));
+        assert_eq!(chip.read(0x4002_1008, Word, 32_000), Ok(2 << 2 | 2));
     }
 
     #[test]
@@ -987,26 +993,26 @@ mod tests {
         }
         write(&mut chip, 0x4000_0008, 3);
         write(&mut chip, 0x4000_0000, 1);
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 16_000), Ok(0));
+        assert_eq!(chip.read(0x4000_0024, Word, 16_000), Ok(0));
         // PA15 and PB3 to alternate function 1.
-        let mut at_16_000 = |address, value| chip.write(address, value, Width::Word, 16_000).expect("modelled access");
+        let mut at_16_000 = |address, value| chip.write(address, value, Word, 16_000).expect("modelled access");
         at_16_000(0x4800_0000, 0xabff_ffff);
         at_16_000(0x4800_0024, 1 << 28);
         at_16_000(0x4800_0400, 0xffff_febf);
         at_16_000(0x4800_0420, 1 << 12);
-        let start = chip.read(0x4000_0024, Width::Word, 32_000).expect("modelled access");
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 48_000), Ok(start + 1000));
+        let start = chip.read(0x4000_0024, Word, 32_000).expect("modelled access");
+        assert_eq!(chip.read(0x4000_0024, Word, 48_000), Ok(start + 1000));
     }
 
     #[test]
     fn the_backup_domain_has_a_key() {
         let mut chip = clocked();
-        assert!(chip.write(0x4000_2500, 1, Width::Word, 0).is_err());
+        assert!(chip.write(0x4000_2500, 1, Word, 0).is_err());
         write(&mut chip, 0x4000_7000, 0x300);
         write(&mut chip, 0x4000_2500, 1);
         chip.reset(Reset::Software, 0);
         write(&mut chip, ENABLES[1], u32::MAX);
-        assert_eq!(chip.read(0x4000_2500, Width::Word, 0), Ok(1));
+        assert_eq!(chip.read(0x4000_2500, Word, 0), Ok(1));
     }
 
     #[test]
@@ -1036,14 +1042,14 @@ mod tests {
         assert_eq!(chip.reset_wanted(), Some(Reset::Watchdog));
         chip.reset(Reset::Watchdog, 8_192_000);
         assert_eq!(chip.reset_wanted(), None);
-        assert_eq!(chip.read(0x4002_1094, Width::Word, 8_192_000), Ok(0x2c00_0000));
+        assert_eq!(chip.read(0x4002_1094, Word, 8_192_000), Ok(0x2c00_0000));
     }
 
     #[test]
     fn a_clock_that_flash_cannot_follow_ends_the_run() {
         let mut chip = clocked();
         write(&mut chip, 0x4002_1000, 0x1_0100);
-        let mut at = |address, value, now| chip.write(address, value, Width::Word, now).map_err(|bad| bad.what);
+        let mut at = |address, value, now| chip.write(address, value, Word, now).map_err(|bad| bad.what);
         assert_eq!(at(0x4002_100c, 3 | 1 << 4 | 28 << 8 | 1 << 24, 40_000), Ok(()));
         assert_eq!(at(0x4002_1000, 0x101_0100, 40_000), Ok(()));
         assert!(at(0x4002_1008, 3, 50_000).is_err());

@@ -938,6 +938,7 @@ impl Registers for Adcs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Half, Word};
     use crate::chip::testing::{read, refuses, write};
 
     const HCLK_HZ: f64 = 168e6;
@@ -988,7 +989,7 @@ mod tests {
         assert_eq!(read(&mut adc, CR, 0), DEEPPWD);
         assert!(refuses(&mut adc, CR, ADVREGEN | DEEPPWD, 0));
         for early in [ADCAL, ADEN] {
-            let refused = |now| powered().write(CR, ADVREGEN | early, Width::Word, now).is_err();
+            let refused = |now| powered().write(CR, ADVREGEN | early, Word, now).is_err();
             assert!(refused(SETTLED - 1) && !refused(SETTLED), "{early:#x}");
         }
         let mut adc = powered();
@@ -1003,7 +1004,7 @@ mod tests {
         assert_eq!(read(&mut adc, ISR, end + 16 + 59), 0);
         assert_eq!(read(&mut adc, ISR, end + 16 + 60), ADRDY);
         assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, end + 100));
-        assert!(ready(0).write(CR, JADSTART | ADVREGEN, Width::Word, 10_000).is_err());
+        assert!(ready(0).write(CR, JADSTART | ADVREGEN, Word, 10_000).is_err());
     }
 
     #[test]
@@ -1035,7 +1036,7 @@ mod tests {
         assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
         adc.finish(Unit::One, 1.65).unwrap();
         assert_eq!(read(&mut adc, ISR, 30_157), ADRDY | EOSMP | EOC | EOS);
-        assert_eq!(adc.read(DR, Width::Half, 30_157), Ok(2048));
+        assert_eq!(adc.read(DR, Half, 30_157), Ok(2048));
         assert_eq!(read(&mut adc, ISR, 30_157) & EOC, 0);
         assert_ne!(read(&mut adc, CR, 30_157) & ADSTART, 0, "waits for the next trigger");
     }
@@ -1309,7 +1310,7 @@ mod tests {
         assert!(!refused(0, nothing, 0));
         assert!(refused(1 << 3, nothing, 0) && refused(1 << 14, nothing, 0));
         assert!(refused(0, CFGR2, 1) && refused(0, OFR1, 1 << 31) && refused(0, DIFSEL, 2));
-        assert!(powered().write(CCR12, 6, Width::Word, 0).is_err());
+        assert!(powered().write(CCR12, 6, Word, 0).is_err());
     }
 
     #[test]
@@ -1354,8 +1355,8 @@ mod tests {
     #[test]
     fn places_and_resets() {
         let mut adc = ready(0);
-        assert!(adc.read(0x200, Width::Word, 0).is_err());
-        assert!(adc.read(0x44, Width::Word, 0).is_err());
+        assert!(adc.read(0x200, Word, 0).is_err());
+        assert!(adc.read(0x44, Word, 0).is_err());
         assert_eq!(read(&mut adc, 0x600 + CR, 0), DEEPPWD);
         assert_eq!(read(&mut adc, 0x300, 0), ADRDY);
         adc.reset(0);

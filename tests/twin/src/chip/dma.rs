@@ -307,6 +307,7 @@ impl Registers for Dma {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Half, Word};
     use crate::chip::testing::{read, refuses, write};
 
     const ISR: u32 = 0x00;
@@ -337,7 +338,7 @@ mod tests {
             .map(|_| {
                 let transfer = dma.transfer(CHANNEL).unwrap().unwrap();
                 assert_eq!((transfer.peripheral, transfer.direction), (0x5000_0040, Direction::ToMemory));
-                assert_eq!((transfer.peripheral_width, transfer.memory_width), (Width::Half, Width::Half));
+                assert_eq!((transfer.peripheral_width, transfer.memory_width), (Half, Half));
                 dma.complete(CHANNEL);
                 transfer.memory - 0x2000_0100
             })
@@ -368,13 +369,13 @@ mod tests {
         let mut dma = ring(2, HALVES);
         dma.set_errata(Errata::ALL);
         assert!(refuses(&mut dma, IFCR, flag::GLOBAL << 4, 0));
-        assert_eq!(dma.write(IFCR, flag::ALL << 4, Width::Word, 0), Ok(()));
+        assert_eq!(dma.write(IFCR, flag::ALL << 4, Word, 0), Ok(()));
         dma.fail(CHANNEL);
-        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
+        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Word, 0), Ok(()));
         assert_eq!(read(&mut dma, ISR, 0), 0);
         // Without errata the write is always accepted.
         let mut dma = ring(2, HALVES);
-        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Width::Word, 0), Ok(()));
+        assert_eq!(dma.write(IFCR, flag::GLOBAL << 4, Word, 0), Ok(()));
     }
 
     #[test]
@@ -427,7 +428,7 @@ mod tests {
         write(&mut dma, CCR, HALVES | EN | TCIE | CIRC, 0);
         write(&mut dma, CCR, 0, 0);
         write(&mut dma, CNDTR, 7, 0);
-        assert!(dma.read(0xA8, Width::Word, 0).is_err());
+        assert!(dma.read(0xA8, Word, 0).is_err());
         write(&mut dma, CCR, MEM2MEM | EN, 0);
         assert!(dma.transfer(CHANNEL).is_err());
         write(&mut dma, CCR, 0, 0);

@@ -3,6 +3,7 @@
 //! Lines 0 to 15 are pins (SYSCFG selects the port), 16 is the PVD, 18 the USB wake-up. Event masks (EMR) are storage,
 //! as the twin has no sleep mode that needs them.
 
+use super::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const IMR1: u32 = 0x00;
@@ -59,7 +60,7 @@ impl Registers for Exti {
         match offset & !3 {
             PR1 => Ok(width.part(self.pending, offset)),
             // All users of the lines share these registers, and each changes one bit.
-            IMR1 | EMR1 | RTSR1 | FTSR1 => Ok(width.part(self.storage.get(offset & !3), offset)),
+            IMR1 | EMR1 | RTSR1 | FTSR1 => peek(&self.storage, offset, width),
             _ => self.storage.read(offset, width),
         }
     }

@@ -507,8 +507,7 @@ impl Flash {
         refuse_if(
             self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
             "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
-        )?;
-        Ok(())
+        )
     }
 
     fn begin(&mut self, action: Action, now: Cycles) {
@@ -811,6 +810,7 @@ impl Registers for Flash {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Half, Word};
     use crate::chip::testing::{read, refuses, write};
 
     const SETTINGS: u32 = 0x0807_c000;
@@ -826,12 +826,12 @@ mod tests {
 
     fn program(flash: &mut Flash, address: u32, data: [u32; 2], now: Cycles) {
         write(flash, CR, PG | EOPIE | ERRIE, now);
-        flash.write_memory(address, data[0], Width::Word, now).expect("modelled access");
-        flash.write_memory(address + 4, data[1], Width::Word, now).expect("modelled access");
+        flash.write_memory(address, data[0], Word, now).expect("modelled access");
+        flash.write_memory(address + 4, data[1], Word, now).expect("modelled access");
     }
 
     fn word(flash: &mut Flash, address: u32, now: Cycles) -> u32 {
-        flash.read_memory(address, Width::Word, now).expect("modelled access")
+        flash.read_memory(address, Word, now).expect("modelled access")
     }
 
     /// 85 us and 22 ms at 16 MHz.
@@ -860,16 +860,16 @@ mod tests {
     #[test]
     fn wrong_order_and_wrong_size() {
         let mut flash = unlocked();
-        flash.write_memory(SETTINGS, 0, Width::Word, 0).expect("modelled access");
+        flash.write_memory(SETTINGS, 0, Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGSERR, "PG is not set");
         write(&mut flash, SR, PGSERR, 0);
         write(&mut flash, CR, PG, 0);
-        flash.write_memory(SETTINGS + 4, 0, Width::Word, 0).expect("modelled access");
+        flash.write_memory(SETTINGS + 4, 0, Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGAERR);
         write(&mut flash, SR, PGAERR, 0);
-        flash.write_memory(SETTINGS, 0, Width::Half, 0).expect("modelled access");
+        flash.write_memory(SETTINGS, 0, Half, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), SIZERR);
-        assert!(flash.write_memory(START, 0, Width::Word, 0).is_err(), "bank 1");
+        assert!(flash.write_memory(START, 0, Word, 0).is_err(), "bank 1");
     }
 
     #[test]
@@ -954,8 +954,8 @@ mod tests {
             flash.set_errata(errata);
             let write_word = |flash: &mut Flash| {
                 write(flash, CR, PG, 0);
-                let low = flash.write_memory(SETTINGS, 1, Width::Word, 0);
-                low.and(flash.write_memory(SETTINGS + 4, 2, Width::Word, 0))
+                let low = flash.write_memory(SETTINGS, 1, Word, 0);
+                low.and(flash.write_memory(SETTINGS + 4, 2, Word, 0))
             };
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(write_word(&mut flash).is_err(), is_refused);
@@ -993,7 +993,7 @@ mod tests {
         write(&mut flash, ACR, 0x600, 0);
         program(&mut flash, SETTINGS, [1, 2], 0);
         flash.advance(PROGRAM);
-        assert!(flash.read_memory(SETTINGS, Width::Word, PROGRAM).is_err());
+        assert!(flash.read_memory(SETTINGS, Word, PROGRAM).is_err());
         assert!(refuses(&mut flash, ACR, 0x1600, PROGRAM), "reset while on");
         write(&mut flash, ACR, 0x200, PROGRAM);
         write(&mut flash, ACR, 0x1200, PROGRAM);

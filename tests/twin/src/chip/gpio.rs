@@ -3,7 +3,7 @@
 //! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
-use super::refuse;
+use super::{peek, refuse};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MODER: u32 = 0x00;
@@ -124,7 +124,7 @@ impl Registers for Gpio {
             IDR => Ok(width.part(self.input(), offset)),
             BSRR | BRR => Ok(0),
             // Code may read this register before any write, to change single pins.
-            ODR => Ok(width.part(self.storage.get(ODR), offset)),
+            ODR => peek(&self.storage, offset, width),
             _ => self.storage.read(offset, width),
         }
     }

@@ -411,6 +411,7 @@ impl Chip {
 mod tests {
     use super::super::clocks::Clocks;
     use super::*;
+    use crate::Width::{Byte, Word};
     use crate::chip::adc::{CODES, Quality, REFERENCE_V};
     use crate::chip::ads131m04::Ads131m04;
     use crate::{Board, World};
@@ -448,7 +449,7 @@ mod tests {
     }
 
     fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-        chip.write(address, value, Width::Word, now).unwrap();
+        chip.write(address, value, Word, now).unwrap();
     }
 
     /// Rings, converters and timer set up as in the firmware, except for the last write. One difference: the ADC clock
@@ -526,7 +527,7 @@ mod tests {
     }
 
     fn left(chip: &mut Chip) -> [u32; 3] {
-        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Width::Word, 0).unwrap())
+        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Word, 0).unwrap())
     }
 
     #[test]
@@ -576,11 +577,7 @@ mod tests {
                 now = (now + step).min(end);
                 chip.advance(now);
             }
-            (
-                chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(),
-                left(&mut chip),
-                chip.dma1.clone().read(0, Width::Word, 0),
-            )
+            (chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(), left(&mut chip), chip.dma1.clone().read(0, Word, 0))
         };
         assert_eq!(run(1_000_000), run(37));
     }
@@ -612,7 +609,7 @@ mod tests {
         chip.dma1.stall(2, START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         assert_eq!(left(&mut chip), [8, 8, 16]);
-        let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Width::Word, START).unwrap() & 1 << 4;
+        let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Word, START).unwrap() & 1 << 4;
         assert_eq!((flags(&mut chip, 0x000), flags(&mut chip, 0x100)), (0, 1 << 4));
     }
 
@@ -717,17 +714,17 @@ mod tests {
         for n in 1..6 {
             let edge = 5000 + n * period;
             chip.advance(edge - 1);
-            assert_eq!(chip.read(0x4000_0010, Width::Word, edge - 1).unwrap() & 1 << 3, 0);
+            assert_eq!(chip.read(0x4000_0010, Word, edge - 1).unwrap() & 1 << 3, 0);
             chip.advance(edge);
-            assert_eq!(chip.read(0x4000_003C, Width::Word, edge), Ok(edge as u32));
+            assert_eq!(chip.read(0x4000_003C, Word, edge), Ok(edge as u32));
             // A frame read by software.
             let mut now = edge + 100;
             write(&mut chip, 0x4800_0428, 1 << 12, now);
             let bytes: Vec<u8> = (0..18)
                 .map(|_| {
-                    chip.write(0x4000_380C, 0, Width::Byte, now).unwrap();
+                    chip.write(0x4000_380C, 0, Byte, now).unwrap();
                     now += 16 * 8;
-                    chip.read(0x4000_380C, Width::Byte, now).unwrap() as u8
+                    chip.read(0x4000_380C, Byte, now).unwrap() as u8
                 })
                 .collect();
             write(&mut chip, 0x4800_0418, 1 << 12, now);
@@ -744,7 +741,7 @@ mod tests {
     fn a_front_end_whose_wires_are_not_the_buses_ends_the_run() {
         let mut chip = digital();
         write(&mut chip, 0x4800_0400, 0xFFFF_FEBF, 6000);
-        chip.write(0x4000_380C, 0, Width::Byte, 6000).unwrap();
+        chip.write(0x4000_380C, 0, Byte, 6000).unwrap();
         chip.advance(10_000);
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("PB13")));
     }

@@ -1,6 +1,6 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
-use super::refuse_if;
+use super::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const CR1: u32 = 0x00;
@@ -46,7 +46,7 @@ impl Pwr {
 
 impl Registers for Pwr {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        if self.0.contains(offset) { Ok(width.part(self.0.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
+        peek(&self.0, offset, width)
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {

@@ -20,11 +20,11 @@ const PLLCFGR: u32 = 0x0c;
 const CIER: u32 = 0x18;
 const CIFR: u32 = 0x1c;
 const CICR: u32 = 0x20;
-const AHB1ENR: u32 = 0x48;
-const AHB2ENR: u32 = 0x4c;
-const APB1ENR1: u32 = 0x58;
-const APB1ENR2: u32 = 0x5c;
-const APB2ENR: u32 = 0x60;
+pub(super) const AHB1ENR: u32 = 0x48;
+pub(super) const AHB2ENR: u32 = 0x4c;
+pub(super) const APB1ENR1: u32 = 0x58;
+pub(super) const APB1ENR2: u32 = 0x5c;
+pub(super) const APB2ENR: u32 = 0x60;
 const CCIPR: u32 = 0x88;
 const BDCR: u32 = 0x90;
 const CSR: u32 = 0x94;
@@ -108,37 +108,7 @@ impl Reset {
 
 /// A peripheral's clock enable: register and bit. Its reset bit has the same number in the register 0x20 below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gate {
-    register: u32,
-    bit: u32,
-}
-
-impl Gate {
-    /// Bit of AHB1ENR.
-    pub const fn ahb1(bit: u32) -> Self {
-        Self { register: AHB1ENR, bit }
-    }
-
-    /// Bit of AHB2ENR.
-    pub const fn ahb2(bit: u32) -> Self {
-        Self { register: AHB2ENR, bit }
-    }
-
-    /// Bit of APB1ENR1.
-    pub const fn apb1(bit: u32) -> Self {
-        Self { register: APB1ENR1, bit }
-    }
-
-    /// Bit of APB1ENR2.
-    pub const fn apb1_2(bit: u32) -> Self {
-        Self { register: APB1ENR2, bit }
-    }
-
-    /// Bit of APB2ENR.
-    pub const fn apb2(bit: u32) -> Self {
-        Self { register: APB2ENR, bit }
-    }
-}
+pub struct Gate(pub u32, pub u32);
 
 /// The RCC registers.
 #[derive(Clone, Debug)]
@@ -249,13 +219,13 @@ impl Rcc {
     }
 
     /// Whether a peripheral's clock is enabled.
-    pub fn is_on(&self, gate: Gate) -> bool {
-        self.storage.get(gate.register) >> gate.bit & 1 != 0
+    pub fn is_on(&self, Gate(register, bit): Gate) -> bool {
+        self.storage.get(register) >> bit & 1 != 0
     }
 
     /// Whether a peripheral is held in reset.
-    pub fn is_reset(&self, gate: Gate) -> bool {
-        self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
+    pub fn is_reset(&self, Gate(register, bit): Gate) -> bool {
+        self.storage.get(register - 0x20) >> bit & 1 != 0
     }
 
     /// Makes the crystal fail, which stops everything that it clocks. If the CSS monitors the crystal, the core
@@ -622,12 +592,12 @@ mod tests {
     #[test]
     fn gates_open_and_close() {
         let mut rcc = Rcc::new(24e6);
-        let spi2 = Gate::apb1(14);
+        let spi2 = Gate(APB1ENR1, 14);
         assert!(!rcc.is_on(spi2));
         write(&mut rcc, APB1ENR1, 1 << 14, 0);
         write(&mut rcc, 0x38, 1 << 14, 0);
         assert!(rcc.is_on(spi2) && rcc.is_reset(spi2));
-        assert!(rcc.is_on(Gate::ahb1(8)), "flash is clocked after reset");
+        assert!(rcc.is_on(Gate(AHB1ENR, 8)), "flash is clocked after reset");
     }
 
     #[test]

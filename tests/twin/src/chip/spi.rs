@@ -332,6 +332,7 @@ impl Registers for Spi {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Half, Word};
 
     const DR: u32 = 0x0C;
 
@@ -346,15 +347,15 @@ mod tests {
     /// Frames of one byte, at HCLK / 8.
     fn master() -> Spi {
         let mut spi = Spi::default();
-        write(&mut spi, 0x04, 7 << 8 | FRXTH, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH, Word);
         let mode = MSTR | SSM | SSI | CPHA | 2 << 3;
-        write(&mut spi, 0x00, mode, Width::Word);
-        write(&mut spi, 0x00, mode | SPE, Width::Word);
+        write(&mut spi, 0x00, mode, Word);
+        write(&mut spi, 0x00, mode | SPE, Word);
         spi
     }
 
     fn levels(spi: &mut Spi) -> (u32, u32) {
-        let status = read(spi, 0x08, Width::Word);
+        let status = read(spi, 0x08, Word);
         (status >> 9 & 3, status >> 11 & 3)
     }
 
@@ -363,10 +364,10 @@ mod tests {
         let busy = |errata: Errata, frames: usize, ended: usize| {
             let mut spi = master();
             spi.set_errata(errata);
-            (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Width::Byte));
+            (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Byte));
             (0..ended).for_each(|_| spi.finish(0));
-            let cr1 = read(&mut spi, 0, Width::Word);
-            write(&mut spi, 0, cr1 & !SPE, Width::Word);
+            let cr1 = read(&mut spi, 0, Word);
+            write(&mut spi, 0, cr1 & !SPE, Word);
             let stays = spi.busy_stays();
             spi.reset(0);
             assert!(!spi.busy_stays());
@@ -383,61 +384,61 @@ mod tests {
         let mut spi = master();
         assert_eq!((spi.mode(), spi.rate_hz(168e6), spi.frame_cycles()), ((false, true), 21e6, 64));
         for byte in [0x11, 0x22, 0x33] {
-            write(&mut spi, DR, byte, Width::Byte);
+            write(&mut spi, DR, byte, Byte);
         }
         // One frame in the shift register, two in the FIFO.
         assert_eq!(levels(&mut spi), (0, 2));
         assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & BSY, 0);
+        assert_ne!(read(&mut spi, 0x08, Word) & BSY, 0);
         for (answer, end) in [(0xA1, 128), (0xA2, 192)] {
             spi.finish(answer);
             assert_eq!(spi.due(), Some(end));
         }
         spi.finish(0xA3);
         assert_eq!((spi.due(), levels(&mut spi)), (None, (3, 0)));
-        assert_eq!(read(&mut spi, 0x08, Width::Word) & BSY, 0);
-        let back: Vec<u32> = (0..3).map(|_| read(&mut spi, DR, Width::Byte)).collect();
+        assert_eq!(read(&mut spi, 0x08, Word) & BSY, 0);
+        let back: Vec<u32> = (0..3).map(|_| read(&mut spi, DR, Byte)).collect();
         assert_eq!(back, [0xA1, 0xA2, 0xA3]);
     }
 
     #[test]
     fn a_half_word_holds_two_bytes() {
         let mut spi = master();
-        write(&mut spi, DR, 0x2211, Width::Half);
+        write(&mut spi, DR, 0x2211, Half);
         assert_eq!(spi.frame().unwrap().data, 0x11);
         spi.finish(0xA1);
         assert_eq!(spi.frame().unwrap().data, 0x22);
         spi.finish(0xA2);
-        assert_eq!(read(&mut spi, DR, Width::Half), 0xA2A1);
+        assert_eq!(read(&mut spi, DR, Half), 0xA2A1);
     }
 
     #[test]
     fn frames_of_sixteen_bits() {
         let mut spi = Spi::default();
-        write(&mut spi, 0x04, 15 << 8, Width::Word);
-        write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Width::Word);
-        write(&mut spi, DR, 0xBEEF, Width::Half);
+        write(&mut spi, 0x04, 15 << 8, Word);
+        write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Word);
+        write(&mut spi, DR, 0xBEEF, Half);
         assert_eq!((spi.frame().unwrap().data, spi.frame().unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
         spi.finish(0x1234);
-        assert!(read(&mut spi, 0x08, Width::Half) & RXNE != 0);
-        assert_eq!(read(&mut spi, DR, Width::Half), 0x1234);
-        assert!(spi.write(DR, 1, Width::Byte, 0).is_err());
+        assert!(read(&mut spi, 0x08, Half) & RXNE != 0);
+        assert_eq!(read(&mut spi, DR, Half), 0x1234);
+        assert!(spi.write(DR, 1, Byte, 0).is_err());
     }
 
     #[test]
     fn requests_follow_the_levels() {
         let mut spi = master();
         assert!(!spi.transmit_request() && !spi.receive_request());
-        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXDMAEN | TXDMAEN, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXDMAEN | TXDMAEN, Word);
         let mut sent = 0;
         while spi.transmit_request() {
-            write(&mut spi, DR, sent, Width::Byte);
+            write(&mut spi, DR, sent, Byte);
             sent += 1;
         }
         assert_eq!((sent, levels(&mut spi).1), (4, 3));
         spi.finish(0x55);
         assert!(spi.receive_request() && spi.transmit_request());
-        read(&mut spi, DR, Width::Byte);
+        read(&mut spi, DR, Byte);
         assert!(!spi.receive_request());
     }
 
@@ -445,25 +446,25 @@ mod tests {
     fn a_full_receiver_loses_what_comes_and_says_so() {
         let mut spi = master();
         for answer in 1..=5 {
-            write(&mut spi, DR, 0, Width::Byte);
+            write(&mut spi, DR, 0, Byte);
             spi.finish(answer);
         }
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & OVR, 0);
-        assert_eq!((0..4).map(|_| read(&mut spi, DR, Width::Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
+        assert_ne!(read(&mut spi, 0x08, Word) & OVR, 0);
+        assert_eq!((0..4).map(|_| read(&mut spi, DR, Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
         // A read of the data register, then of the status register, clears the flag.
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & OVR, 0);
-        assert_eq!(read(&mut spi, 0x08, Width::Word) & OVR, 0);
+        assert_ne!(read(&mut spi, 0x08, Word) & OVR, 0);
+        assert_eq!(read(&mut spi, 0x08, Word) & OVR, 0);
     }
 
     #[test]
     fn interrupts_follow_their_enables() {
         let mut spi = master();
         assert!(!spi.irq());
-        write(&mut spi, 0x04, 7 << 8 | FRXTH | TXEIE, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | TXEIE, Word);
         assert!(spi.irq() && spi.interrupts_each());
-        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXNEIE, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXNEIE, Word);
         assert!(!spi.irq());
-        write(&mut spi, DR, 0, Width::Byte);
+        write(&mut spi, DR, 0, Byte);
         assert_eq!(spi.next_event(), Some(64));
         spi.finish(0);
         assert!(spi.irq());
@@ -475,16 +476,16 @@ mod tests {
         for mode in
             [enable & !MSTR, enable & !SSI, enable | CRCEN, enable | LSBFIRST, enable | RXONLY, enable | BIDIMODE]
         {
-            assert!(Spi::default().write(0x00, mode, Width::Word, 0).is_err(), "{mode:#x}");
+            assert!(Spi::default().write(0x00, mode, Word, 0).is_err(), "{mode:#x}");
         }
         let mut spi = master();
-        assert!(spi.write(0x04, 15 << 8, Width::Word, 0).is_err());
-        assert!(spi.write(0x1C, 1 << 11, Width::Word, 0).is_err());
-        assert!(spi.read(0x24, Width::Word, 0).is_err());
+        assert!(spi.write(0x04, 15 << 8, Word, 0).is_err());
+        assert!(spi.write(0x1C, 1 << 11, Word, 0).is_err());
+        assert!(spi.read(0x24, Word, 0).is_err());
         for _ in 0..5 {
-            write(&mut spi, DR, 0, Width::Byte);
+            write(&mut spi, DR, 0, Byte);
         }
-        assert!(spi.write(DR, 0, Width::Byte, 0).is_err());
+        assert!(spi.write(DR, 0, Byte, 0).is_err());
     }
 
     #[test]

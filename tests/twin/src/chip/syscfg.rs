@@ -1,7 +1,7 @@
 //! System configuration (RM0440 section 10.2): the port of each external interrupt line, and MEM_MODE; the rest is
 //! storage.
 
-use super::refuse_if;
+use super::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MEMRMP: u32 = 0x00;
@@ -70,7 +70,7 @@ impl Registers for Syscfg {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
             // Programs read MEMRMP for the boot mode, and EXTICR1 to EXTICR4 to change one of four lines.
-            MEMRMP | 0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
+            MEMRMP | 0x08..=0x14 => peek(&self.0, offset, width),
             _ => self.0.read(offset, width),
         }
     }

@@ -643,23 +643,24 @@ impl Registers for Usb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Half, Word};
 
     const CLOCKS: Clocks = Clocks { hclk_hz: 168e6, usb_hz: 48e6, ..Clocks::POWER_ON };
     const MILLISECOND: Cycles = 168_000;
 
     fn read(usb: &mut Usb, offset: u32) -> u16 {
         let now = usb.now;
-        usb.read(offset, Width::Word, now).expect("existing register") as u16
+        usb.read(offset, Word, now).expect("existing register") as u16
     }
 
     fn write(usb: &mut Usb, offset: u32, value: u16) {
         let now = usb.now;
-        usb.write(offset, value.into(), Width::Word, now).expect("existing register");
+        usb.write(offset, value.into(), Word, now).expect("existing register");
     }
 
     fn put(usb: &mut Usb, offset: usize, value: u16) {
         let now = usb.now;
-        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("address in packet memory");
+        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Half, now).expect("address in packet memory");
     }
 
     /// Endpoint 0 is a control endpoint and endpoint 1 a bulk endpoint, both ready to receive 64 bytes, at address 5.
@@ -874,16 +875,16 @@ mod tests {
     fn what_is_not_modelled_is_refused() {
         let mut usb = configured();
         let mut refused = |offset, value, width| usb.write(offset, value, width, 0).is_err();
-        assert!(refused(0, ISOCHRONOUS.into(), Width::Word));
-        assert!(refused(4, (BULK | EP_KIND).into(), Width::Word));
-        assert!(refused(CNTR, RESUME.into(), Width::Word));
-        assert!(refused(BCDR, 1, Width::Word));
-        assert!(refused(0x20, 0, Width::Word));
-        assert!(refused(FNR, 0, Width::Word));
-        assert!(refused(MEMORY_OFFSET, 0, Width::Word));
-        assert!(refused(MEMORY_OFFSET, 0, Width::Byte));
-        assert!(refused(MEMORY_OFFSET + 1024, 0, Width::Half));
-        assert!(usb.read(MEMORY_OFFSET + 1024, Width::Half, 0).is_err());
+        assert!(refused(0, ISOCHRONOUS.into(), Word));
+        assert!(refused(4, (BULK | EP_KIND).into(), Word));
+        assert!(refused(CNTR, RESUME.into(), Word));
+        assert!(refused(BCDR, 1, Word));
+        assert!(refused(0x20, 0, Word));
+        assert!(refused(FNR, 0, Word));
+        assert!(refused(MEMORY_OFFSET, 0, Word));
+        assert!(refused(MEMORY_OFFSET, 0, Byte));
+        assert!(refused(MEMORY_OFFSET + 1024, 0, Half));
+        assert!(usb.read(MEMORY_OFFSET + 1024, Half, 0).is_err());
     }
 
     #[test]
