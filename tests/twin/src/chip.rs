@@ -5,6 +5,17 @@
 //! numbers from RM0440 table 97). Time passes in [`Chip::advance`], which must be called no later than
 //! [`Chip::next_event`].
 
+/// Asserts that constants of a model match metapac's fields: those of the same name, or each by `FIELD = constant`.
+#[cfg(test)]
+macro_rules! fields_agree {
+    ($of:literal, $register:literal, $($name:ident),+) => {
+        fields_agree!($of, $register, $($name = $name),+)
+    };
+    ($of:literal, $register:literal, $($name:ident = $bits:expr),+) => {
+        crate::metapac::fields_agree($of, $register, &[$((stringify!($name), $bits)),+])
+    };
+}
+
 pub mod adc;
 pub mod ads131m04;
 pub mod clocks;
@@ -35,13 +46,13 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Registers, Unknown, Width, World};
+use crate::{Board, Cycles, Registers, Storage, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
 pub use pin::Pin;
 use ram::Ram;
-use rcc::{Gate, Reset};
+use rcc::{AHB1ENR, AHB2ENR, APB1ENR1, APB1ENR2, APB2ENR, Gate, Reset};
 use rules::Rules;
 use tim::{Kind, Tim};
 
@@ -129,49 +140,52 @@ const fn block(start: u32, len: u32, name: &'static str, peripheral: Peripheral,
 }
 
 /// Sorted by address. The clock of a block without a gate is always on.
-const BLOCKS: [Block; 36] = [
-    block(0x4000_0000, 0x400, "TIM2", Peripheral::Tim2, Some(Gate::apb1(0))),
-    block(0x4000_0400, 0x400, "TIM3", Peripheral::Tim3, Some(Gate::apb1(1))),
-    block(0x4000_0800, 0x400, "TIM4", Peripheral::Tim4, Some(Gate::apb1(2))),
-    block(0x4000_0c00, 0x400, "TIM5", Peripheral::Tim5, Some(Gate::apb1(3))),
-    block(0x4000_1000, 0x400, "TIM6", Peripheral::Tim6, Some(Gate::apb1(4))),
-    block(0x4000_1400, 0x400, "TIM7", Peripheral::Tim7, Some(Gate::apb1(5))),
-    block(0x4000_2000, 0x400, "CRS", Peripheral::Crs, Some(Gate::apb1(8))),
-    block(0x4000_2400, 0x400, "TAMP", Peripheral::Tamp, Some(Gate::apb1(10))),
-    block(0x4000_3000, 0x400, "IWDG", Peripheral::Iwdg, None),
-    block(0x4000_3800, 0x400, "SPI2", Peripheral::Spi2, Some(Gate::apb1(14))),
-    // Registers, then the packet memory at offset 0x400.
-    block(0x4000_5c00, 0x800, "USB", Peripheral::Usb, Some(Gate::apb1(23))),
-    block(0x4000_7000, 0x400, "PWR", Peripheral::Pwr, Some(Gate::apb1(28))),
-    block(0x4000_8000, 0x400, "LPUART1", Peripheral::Lpuart1, Some(Gate::apb1_2(0))),
-    block(0x4001_0000, 0x30, "SYSCFG", Peripheral::Syscfg, Some(Gate::apb2(0))),
-    block(0x4001_0400, 0x400, "EXTI", Peripheral::Exti, None),
-    block(0x4001_2c00, 0x400, "TIM1", Peripheral::Tim1, Some(Gate::apb2(11))),
-    block(0x4001_3400, 0x400, "TIM8", Peripheral::Tim8, Some(Gate::apb2(13))),
-    block(0x4001_4000, 0x400, "TIM15", Peripheral::Tim15, Some(Gate::apb2(16))),
-    block(0x4001_4400, 0x400, "TIM16", Peripheral::Tim16, Some(Gate::apb2(17))),
-    block(0x4001_4800, 0x400, "TIM17", Peripheral::Tim17, Some(Gate::apb2(18))),
-    block(0x4002_0000, 0x400, "DMA1", Peripheral::Dma1, Some(Gate::ahb1(0))),
-    block(0x4002_0400, 0x400, "DMA2", Peripheral::Dma2, Some(Gate::ahb1(1))),
-    block(0x4002_0800, 0x400, "DMAMUX", Peripheral::Dmamux, Some(Gate::ahb1(2))),
-    block(0x4002_1000, 0x400, "RCC", Peripheral::Rcc, None),
-    block(0x4002_2000, 0x400, "FLASH", Peripheral::Flash, Some(Gate::ahb1(8))),
-    block(0x4800_0000, 0x400, "GPIOA", Peripheral::Gpio(0), Some(Gate::ahb2(0))),
-    block(0x4800_0400, 0x400, "GPIOB", Peripheral::Gpio(1), Some(Gate::ahb2(1))),
-    block(0x4800_0800, 0x400, "GPIOC", Peripheral::Gpio(2), Some(Gate::ahb2(2))),
-    block(0x4800_0c00, 0x400, "GPIOD", Peripheral::Gpio(3), Some(Gate::ahb2(3))),
-    block(0x4800_1000, 0x400, "GPIOE", Peripheral::Gpio(4), Some(Gate::ahb2(4))),
-    block(0x4800_1400, 0x400, "GPIOF", Peripheral::Gpio(5), Some(Gate::ahb2(5))),
-    block(0x4800_1800, 0x400, "GPIOG", Peripheral::Gpio(6), Some(Gate::ahb2(6))),
-    // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
-    block(0x5000_0000, 0x800, "ADC", Peripheral::Adc, Some(Gate::ahb2(13))),
-    block(0x5000_0800, 0x400, "DAC1", Peripheral::Dac1, Some(Gate::ahb2(16))),
-    block(0x5000_0c00, 0x400, "DAC2", Peripheral::Dac2, Some(Gate::ahb2(17))),
-    block(0xe004_2000, 0x400, "DBGMCU", Peripheral::Dbgmcu, None),
-];
+const BLOCKS: [Block; 36] = {
+    use Peripheral::*;
+    [
+        block(0x4000_0000, 0x400, "TIM2", Tim2, Some(Gate(APB1ENR1, 0))),
+        block(0x4000_0400, 0x400, "TIM3", Tim3, Some(Gate(APB1ENR1, 1))),
+        block(0x4000_0800, 0x400, "TIM4", Tim4, Some(Gate(APB1ENR1, 2))),
+        block(0x4000_0c00, 0x400, "TIM5", Tim5, Some(Gate(APB1ENR1, 3))),
+        block(0x4000_1000, 0x400, "TIM6", Tim6, Some(Gate(APB1ENR1, 4))),
+        block(0x4000_1400, 0x400, "TIM7", Tim7, Some(Gate(APB1ENR1, 5))),
+        block(0x4000_2000, 0x400, "CRS", Crs, Some(Gate(APB1ENR1, 8))),
+        block(0x4000_2400, 0x400, "TAMP", Tamp, Some(Gate(APB1ENR1, 10))),
+        block(0x4000_3000, 0x400, "IWDG", Iwdg, None),
+        block(0x4000_3800, 0x400, "SPI2", Spi2, Some(Gate(APB1ENR1, 14))),
+        // Registers, then the packet memory at offset 0x400.
+        block(0x4000_5c00, 0x800, "USB", Usb, Some(Gate(APB1ENR1, 23))),
+        block(0x4000_7000, 0x400, "PWR", Pwr, Some(Gate(APB1ENR1, 28))),
+        block(0x4000_8000, 0x400, "LPUART1", Lpuart1, Some(Gate(APB1ENR2, 0))),
+        block(0x4001_0000, 0x30, "SYSCFG", Syscfg, Some(Gate(APB2ENR, 0))),
+        block(0x4001_0400, 0x400, "EXTI", Exti, None),
+        block(0x4001_2c00, 0x400, "TIM1", Tim1, Some(Gate(APB2ENR, 11))),
+        block(0x4001_3400, 0x400, "TIM8", Tim8, Some(Gate(APB2ENR, 13))),
+        block(0x4001_4000, 0x400, "TIM15", Tim15, Some(Gate(APB2ENR, 16))),
+        block(0x4001_4400, 0x400, "TIM16", Tim16, Some(Gate(APB2ENR, 17))),
+        block(0x4001_4800, 0x400, "TIM17", Tim17, Some(Gate(APB2ENR, 18))),
+        block(0x4002_0000, 0x400, "DMA1", Dma1, Some(Gate(AHB1ENR, 0))),
+        block(0x4002_0400, 0x400, "DMA2", Dma2, Some(Gate(AHB1ENR, 1))),
+        block(0x4002_0800, 0x400, "DMAMUX", Dmamux, Some(Gate(AHB1ENR, 2))),
+        block(0x4002_1000, 0x400, "RCC", Rcc, None),
+        block(0x4002_2000, 0x400, "FLASH", Flash, Some(Gate(AHB1ENR, 8))),
+        block(0x4800_0000, 0x400, "GPIOA", Gpio(0), Some(Gate(AHB2ENR, 0))),
+        block(0x4800_0400, 0x400, "GPIOB", Gpio(1), Some(Gate(AHB2ENR, 1))),
+        block(0x4800_0800, 0x400, "GPIOC", Gpio(2), Some(Gate(AHB2ENR, 2))),
+        block(0x4800_0c00, 0x400, "GPIOD", Gpio(3), Some(Gate(AHB2ENR, 3))),
+        block(0x4800_1000, 0x400, "GPIOE", Gpio(4), Some(Gate(AHB2ENR, 4))),
+        block(0x4800_1400, 0x400, "GPIOF", Gpio(5), Some(Gate(AHB2ENR, 5))),
+        block(0x4800_1800, 0x400, "GPIOG", Gpio(6), Some(Gate(AHB2ENR, 6))),
+        // ADC1, ADC2 and their common registers; ADC3 to ADC5, which follow, have their own gate.
+        block(0x5000_0000, 0x800, "ADC", Adc, Some(Gate(AHB2ENR, 13))),
+        block(0x5000_0800, 0x400, "DAC1", Dac1, Some(Gate(AHB2ENR, 16))),
+        block(0x5000_0c00, 0x400, "DAC2", Dac2, Some(Gate(AHB2ENR, 17))),
+        block(0xe004_2000, 0x400, "DBGMCU", Dbgmcu, None),
+    ]
+};
 /// ADC3, ADC4, ADC5.
 const ADC345: std::ops::Range<u32> = 0x5000_0400..0x5000_0800;
-const ADC345_GATE: Gate = Gate::ahb2(14);
+const ADC345_GATE: Gate = Gate(AHB2ENR, 14);
 
 /// Bit-band region: each word is an alias of one bit of the first megabyte of peripherals.
 const BIT_BAND: std::ops::Range<u32> = 0x4200_0000..0x4400_0000;
@@ -187,41 +201,66 @@ const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is write-protect
 /// No register block at this address.
 pub const NOTHING: Unknown = Unknown { what: "no peripheral at this address" };
 
-/// Interrupt numbers (RM0440 table 97).
-mod irq {
-    pub const FLASH: u32 = 4;
-    pub const EXTI0: u32 = 6;
-    pub const EXTI1: u32 = 7;
-    pub const EXTI2: u32 = 8;
-    pub const EXTI3: u32 = 9;
-    pub const EXTI4: u32 = 10;
-    pub const ADC1_2: u32 = 18;
-    pub const USB_HP: u32 = 19;
-    pub const USB_LP: u32 = 20;
-    pub const EXTI9_5: u32 = 23;
-    pub const TIM1_BRK_TIM15: u32 = 24;
-    pub const TIM1_UP_TIM16: u32 = 25;
-    pub const TIM1_TRG_COM_TIM17: u32 = 26;
-    pub const TIM1_CC: u32 = 27;
-    pub const TIM2: u32 = 28;
-    pub const TIM3: u32 = 29;
-    pub const TIM4: u32 = 30;
-    pub const SPI2: u32 = 36;
-    pub const EXTI15_10: u32 = 40;
-    pub const USBWAKEUP: u32 = 42;
-    pub const TIM8_UP: u32 = 44;
-    pub const TIM8_CC: u32 = 46;
-    pub const ADC3: u32 = 47;
-    pub const TIM5: u32 = 50;
-    pub const TIM6_DAC: u32 = 54;
-    pub const TIM7_DAC: u32 = 55;
-    pub const ADC4: u32 = 61;
-    pub const ADC5: u32 = 62;
-    pub const CRS: u32 = 75;
-    pub const LPUART1: u32 = 91;
-    /// Channels 1 to 8.
-    pub const DMA1: [u32; 8] = [11, 12, 13, 14, 15, 16, 17, 96];
-    pub const DMA2: [u32; 8] = [56, 57, 58, 59, 60, 97, 98, 99];
+/// The error that ends the run.
+fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
+    Err(Unknown { what })
+}
+
+/// The same where a condition holds.
+fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
+    if condition { refuse(what) } else { Ok(()) }
+}
+
+/// Reads a register without listing it as read before any write: programs read it to change single bits.
+fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
+    if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
+}
+
+/// Interrupt numbers (RM0440 table 97), and for the tests also their names.
+macro_rules! interrupts {
+    ($($name:ident = $number:literal,)+) => {
+        mod irq {
+            $(pub const $name: u32 = $number;)+
+            /// Channels 1 to 8.
+            pub const DMA1: [u32; 8] = [11, 12, 13, 14, 15, 16, 17, 96];
+            pub const DMA2: [u32; 8] = [56, 57, 58, 59, 60, 97, 98, 99];
+            #[cfg(test)]
+            pub const NAMES: &[(&str, u32)] = &[$((stringify!($name), $number)),+];
+        }
+    };
+}
+
+interrupts! {
+    FLASH = 4,
+    EXTI0 = 6,
+    EXTI1 = 7,
+    EXTI2 = 8,
+    EXTI3 = 9,
+    EXTI4 = 10,
+    ADC1_2 = 18,
+    USB_HP = 19,
+    USB_LP = 20,
+    EXTI9_5 = 23,
+    TIM1_BRK_TIM15 = 24,
+    TIM1_UP_TIM16 = 25,
+    TIM1_TRG_COM_TIM17 = 26,
+    TIM1_CC = 27,
+    TIM2 = 28,
+    TIM3 = 29,
+    TIM4 = 30,
+    SPI2 = 36,
+    EXTI15_10 = 40,
+    USBWAKEUP = 42,
+    TIM8_UP = 44,
+    TIM8_CC = 46,
+    ADC3 = 47,
+    TIM5 = 50,
+    TIM6_DAC = 54,
+    TIM7_DAC = 55,
+    ADC4 = 61,
+    ADC5 = 62,
+    CRS = 75,
+    LPUART1 = 91,
 }
 
 /// Inputs of TIM2: pin, alternate function, channel (DS12288 table 13).
@@ -337,20 +376,20 @@ impl Chip {
     pub fn new(board: Board, world: Box<dyn World>) -> Self {
         Self {
             ram: Ram::new(RAM_LEN, 0),
-            flash: flash::Flash::default(),
+            flash: Default::default(),
             clocks: Clocks::POWER_ON,
             world,
             board,
             rcc: rcc::Rcc::new(board.hse_hz),
-            pwr: pwr::Pwr::default(),
+            pwr: Default::default(),
             gpio: std::array::from_fn(Gpio::new),
-            syscfg: syscfg::Syscfg::default(),
-            exti: exti::Exti::default(),
-            iwdg: iwdg::Iwdg::default(),
-            crs: crs::Crs::default(),
-            tamp: tamp::Tamp::default(),
-            dbgmcu: dbgmcu::Dbgmcu::default(),
-            lpuart1: lpuart::Lpuart::default(),
+            syscfg: Default::default(),
+            exti: Default::default(),
+            iwdg: Default::default(),
+            crs: Default::default(),
+            tamp: Default::default(),
+            dbgmcu: Default::default(),
+            lpuart1: Default::default(),
             tim1: Tim::new(Kind::Advanced),
             tim2: Tim::new(Kind::Wide),
             tim3: Tim::new(Kind::General),
@@ -360,8 +399,8 @@ impl Chip {
             tim15: Tim::new(Kind::Small),
             tim16: Tim::new(Kind::Single),
             tim17: Tim::new(Kind::Single),
-            dma1: dma::Dma::new(),
-            dma2: dma::Dma::new(),
+            dma1: Default::default(),
+            dma2: Default::default(),
             dmamux: Default::default(),
             transfers: 0,
             adc: Default::default(),
@@ -384,37 +423,38 @@ impl Chip {
     }
 
     fn model(&mut self, peripheral: Peripheral) -> &mut dyn Registers {
+        use Peripheral::*;
         match peripheral {
-            Peripheral::Tim1 => &mut self.tim1,
-            Peripheral::Tim2 => &mut self.tim2,
-            Peripheral::Tim3 => &mut self.tim3,
-            Peripheral::Tim4 => &mut self.tim4,
-            Peripheral::Tim5 => &mut self.tim5,
-            Peripheral::Tim6 => &mut self.tim6,
-            Peripheral::Tim7 => &mut self.tim7,
-            Peripheral::Tim8 => &mut self.tim8,
-            Peripheral::Tim15 => &mut self.tim15,
-            Peripheral::Tim16 => &mut self.tim16,
-            Peripheral::Tim17 => &mut self.tim17,
-            Peripheral::Crs => &mut self.crs,
-            Peripheral::Tamp => &mut self.tamp,
-            Peripheral::Iwdg => &mut self.iwdg,
-            Peripheral::Spi2 => &mut self.spi2,
-            Peripheral::Usb => &mut self.usb,
-            Peripheral::Pwr => &mut self.pwr,
-            Peripheral::Lpuart1 => &mut self.lpuart1,
-            Peripheral::Syscfg => &mut self.syscfg,
-            Peripheral::Exti => &mut self.exti,
-            Peripheral::Dma1 => &mut self.dma1,
-            Peripheral::Dma2 => &mut self.dma2,
-            Peripheral::Dmamux => &mut self.dmamux,
-            Peripheral::Rcc => &mut self.rcc,
-            Peripheral::Flash => &mut self.flash,
-            Peripheral::Gpio(port) => &mut self.gpio[port],
-            Peripheral::Adc => &mut self.adc,
-            Peripheral::Dac1 => &mut self.dac[0],
-            Peripheral::Dac2 => &mut self.dac[1],
-            Peripheral::Dbgmcu => &mut self.dbgmcu,
+            Tim1 => &mut self.tim1,
+            Tim2 => &mut self.tim2,
+            Tim3 => &mut self.tim3,
+            Tim4 => &mut self.tim4,
+            Tim5 => &mut self.tim5,
+            Tim6 => &mut self.tim6,
+            Tim7 => &mut self.tim7,
+            Tim8 => &mut self.tim8,
+            Tim15 => &mut self.tim15,
+            Tim16 => &mut self.tim16,
+            Tim17 => &mut self.tim17,
+            Crs => &mut self.crs,
+            Tamp => &mut self.tamp,
+            Iwdg => &mut self.iwdg,
+            Spi2 => &mut self.spi2,
+            Usb => &mut self.usb,
+            Pwr => &mut self.pwr,
+            Lpuart1 => &mut self.lpuart1,
+            Syscfg => &mut self.syscfg,
+            Exti => &mut self.exti,
+            Dma1 => &mut self.dma1,
+            Dma2 => &mut self.dma2,
+            Dmamux => &mut self.dmamux,
+            Rcc => &mut self.rcc,
+            Flash => &mut self.flash,
+            Gpio(port) => &mut self.gpio[port],
+            Adc => &mut self.adc,
+            Dac1 => &mut self.dac[0],
+            Dac2 => &mut self.dac[1],
+            Dbgmcu => &mut self.dbgmcu,
         }
     }
 
@@ -440,52 +480,49 @@ impl Chip {
 
     /// A read by the core or by DMA.
     pub(crate) fn bus_read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, BadAccess> {
-        let bad =
-            |peripheral, offset, Unknown { what }| BadAccess { address, peripheral, offset, width, value: None, what };
         if let Some((word, bit)) = bit_band(address) {
             return Ok(self.bus_read(word, Width::Word, now)? >> bit & 1);
         }
-        match find(address) {
-            Some(block) => {
-                let offset = address - block.start;
-                self.read_register(block, offset, width, now).map_err(|unknown| bad(block.name, offset, unknown))
-            }
-            None if in_flash(address) => {
-                let read = self.flash.read_memory(address, width, now);
-                read.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
-            }
-            None => Err(bad("", 0, NOTHING)),
-        }
+        let (peripheral, start, read) = match find(address) {
+            Some(block) => (block.name, block.start, self.read_register(block, address - block.start, width, now)),
+            None if in_flash(address) => ("flash memory", flash::START, self.flash.read_memory(address, width, now)),
+            None => ("", address, Err(NOTHING)),
+        };
+        read.map_err(|Unknown { what }| BadAccess {
+            address,
+            peripheral,
+            offset: address - start,
+            width,
+            value: None,
+            what,
+        })
     }
 
     /// A write by the core or by DMA.
     pub(crate) fn bus_write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), BadAccess> {
-        let bad = |peripheral, offset, Unknown { what }| BadAccess {
-            address,
-            peripheral,
-            offset,
-            width,
-            value: Some(value),
-            what,
-        };
         if let Some((word, bit)) = bit_band(address) {
             // The bit-band write reads and writes the whole word, whatever the width of the access (DDI 0439, 3.7).
             let old = self.bus_read(word, Width::Word, now)?;
             let new = old & !(1 << bit) | (value & 1) << bit;
             return self.bus_write(word, new, Width::Word, now);
         }
-        match find(address) {
+        let (peripheral, start, written) = match find(address) {
             Some(block) => {
-                let offset = address - block.start;
-                self.write_register(block, offset, value, width, now)
-                    .map_err(|unknown| bad(block.name, offset, unknown))
+                (block.name, block.start, self.write_register(block, address - block.start, value, width, now))
             }
             None if in_flash(address) => {
-                let written = self.flash.write_memory(address, value, width, now);
-                written.map_err(|unknown| bad("flash memory", address - flash::START, unknown))
+                ("flash memory", flash::START, self.flash.write_memory(address, value, width, now))
             }
-            None => Err(bad("", 0, NOTHING)),
-        }
+            None => ("", address, Err(NOTHING)),
+        };
+        written.map_err(|Unknown { what }| BadAccess {
+            address,
+            peripheral,
+            offset: address - start,
+            width,
+            value: Some(value),
+            what,
+        })
     }
 
     fn is_clocked(&self, block: &Block, offset: u32) -> bool {
@@ -722,39 +759,40 @@ impl Chip {
     /// Levels of the interrupt requests: bit n for interrupt n.
     pub fn irq_lines(&self) -> u128 {
         use adc::Unit;
-        let dma1 = (0..8).map(|channel| (self.dma1.irq(channel), irq::DMA1[channel]));
-        let dma2 = (0..8).map(|channel| (self.dma2.irq(channel), irq::DMA2[channel]));
+        use irq::*;
+        let dma1 = (0..).zip(DMA1).map(|(channel, line)| (self.dma1.irq(channel), line));
+        let dma2 = (0..).zip(DMA2).map(|(channel, line)| (self.dma2.irq(channel), line));
         let lines = [
-            (self.flash.irq(), irq::FLASH),
-            (self.exti.requests(1 << 0), irq::EXTI0),
-            (self.exti.requests(1 << 1), irq::EXTI1),
-            (self.exti.requests(1 << 2), irq::EXTI2),
-            (self.exti.requests(1 << 3), irq::EXTI3),
-            (self.exti.requests(1 << 4), irq::EXTI4),
-            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), irq::ADC1_2),
-            (self.usb.irq_high(), irq::USB_HP),
-            (self.usb.irq_low(), irq::USB_LP),
-            (self.exti.requests(0x3e0), irq::EXTI9_5),
-            (self.tim15.irq(), irq::TIM1_BRK_TIM15),
-            (self.tim16.irq() || self.tim1.irq_update(), irq::TIM1_UP_TIM16),
-            (self.tim17.irq(), irq::TIM1_TRG_COM_TIM17),
-            (self.tim1.irq_compare(), irq::TIM1_CC),
-            (self.tim2.irq(), irq::TIM2),
-            (self.tim3.irq(), irq::TIM3),
-            (self.tim4.irq(), irq::TIM4),
-            (self.spi2.irq(), irq::SPI2),
-            (self.exti.requests(0xfc00), irq::EXTI15_10),
-            (self.usb.irq_wakeup() && self.exti.unmasked(18), irq::USBWAKEUP),
-            (self.tim8.irq_update(), irq::TIM8_UP),
-            (self.tim8.irq_compare(), irq::TIM8_CC),
-            (self.tim5.irq(), irq::TIM5),
-            (self.tim6.irq() || self.dac[0].irq(), irq::TIM6_DAC),
-            (self.tim7.irq() || self.dac[1].irq(), irq::TIM7_DAC),
-            (self.adc.irq(Unit::Three), irq::ADC3),
-            (self.adc.irq(Unit::Four), irq::ADC4),
-            (self.adc.irq(Unit::Five), irq::ADC5),
-            (self.crs.irq(), irq::CRS),
-            (self.lpuart1.irq(), irq::LPUART1),
+            (self.flash.irq(), FLASH),
+            (self.exti.requests(1 << 0), EXTI0),
+            (self.exti.requests(1 << 1), EXTI1),
+            (self.exti.requests(1 << 2), EXTI2),
+            (self.exti.requests(1 << 3), EXTI3),
+            (self.exti.requests(1 << 4), EXTI4),
+            (self.adc.irq(Unit::One) || self.adc.irq(Unit::Two), ADC1_2),
+            (self.usb.irq_high(), USB_HP),
+            (self.usb.irq_low(), USB_LP),
+            (self.exti.requests(0x3e0), EXTI9_5),
+            (self.tim15.irq(), TIM1_BRK_TIM15),
+            (self.tim16.irq() || self.tim1.irq_update(), TIM1_UP_TIM16),
+            (self.tim17.irq(), TIM1_TRG_COM_TIM17),
+            (self.tim1.irq_compare(), TIM1_CC),
+            (self.tim2.irq(), TIM2),
+            (self.tim3.irq(), TIM3),
+            (self.tim4.irq(), TIM4),
+            (self.spi2.irq(), SPI2),
+            (self.exti.requests(0xfc00), EXTI15_10),
+            (self.usb.irq_wakeup() && self.exti.unmasked(18), USBWAKEUP),
+            (self.tim8.irq_update(), TIM8_UP),
+            (self.tim8.irq_compare(), TIM8_CC),
+            (self.tim5.irq(), TIM5),
+            (self.tim6.irq() || self.dac[0].irq(), TIM6_DAC),
+            (self.tim7.irq() || self.dac[1].irq(), TIM7_DAC),
+            (self.adc.irq(Unit::Three), ADC3),
+            (self.adc.irq(Unit::Four), ADC4),
+            (self.adc.irq(Unit::Five), ADC5),
+            (self.crs.irq(), CRS),
+            (self.lpuart1.irq(), LPUART1),
         ];
         lines.into_iter().chain(dma1).chain(dma2).fold(0, |levels, (level, line)| levels | u128::from(level) << line)
     }
@@ -795,9 +833,29 @@ fn ram_offset(address: u32) -> Option<usize> {
     }
 }
 
+/// Word accesses of the models' tests.
+#[cfg(test)]
+mod testing {
+    use crate::{Cycles, Registers, Width};
+
+    pub fn write(model: &mut impl Registers, offset: u32, value: u32, now: Cycles) {
+        model.write(offset, value, Width::Word, now).expect("modelled access");
+    }
+
+    pub fn read(model: &mut impl Registers, offset: u32, now: Cycles) -> u32 {
+        model.read(offset, Width::Word, now).expect("modelled access")
+    }
+
+    /// Whether the model refuses a write.
+    pub fn refuses(model: &mut impl Registers, offset: u32, value: u32, now: Cycles) -> bool {
+        model.write(offset, value, Width::Word, now).is_err()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Word};
     use crate::world::{Still, World};
 
     fn chip() -> Chip {
@@ -805,7 +863,7 @@ mod tests {
     }
 
     fn write(chip: &mut Chip, address: u32, value: u32) {
-        chip.write(address, value, Width::Word, 0).expect("modelled access");
+        chip.write(address, value, Word, 0).expect("modelled access");
     }
 
     /// AHB2ENR, APB1ENR1, APB2ENR.
@@ -832,24 +890,24 @@ mod tests {
     #[test]
     fn an_access_that_nobody_knows_is_named() {
         let mut chip = clocked();
-        let error = chip.write(0x4000_0070, 5, Width::Word, 0).expect_err("access that is not modelled");
+        let error = chip.write(0x4000_0070, 5, Word, 0).expect_err("access that is not modelled");
         assert_eq!(
             error.to_string(),
             "write of 0x5 to 0x40000070 (TIM2 + 0x70, 4 bytes): no such register in the model"
         );
-        let error = chip.read(0x4002_0c00, Width::Byte, 0).expect_err("access that is not modelled");
+        let error = chip.read(0x4002_0c00, Byte, 0).expect_err("access that is not modelled");
         assert_eq!(error.to_string(), "read of 0x40020c00 (1 bytes): no peripheral at this address");
     }
 
     #[test]
     fn a_peripheral_without_clock_does_not_answer() {
         let mut chip = chip();
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
+        assert_eq!(chip.read(0x4000_0024, Word, 0).map_err(|bad| bad.what), Err(CLOCK_OFF.what));
         write(&mut chip, ENABLES[1], 1);
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(0x4000_0024, Word, 0), Ok(0));
         // TIM2 held in reset.
         write(&mut chip, ENABLES[1] - 0x20, 1);
-        assert!(chip.read(0x4000_0024, Width::Word, 0).is_err());
+        assert!(chip.read(0x4000_0024, Word, 0).is_err());
     }
 
     #[test]
@@ -858,15 +916,15 @@ mod tests {
         chip.set_rules(Rules::AsOnTheChip);
         // TIM2_ARR, whose reset value is all ones.
         write(&mut chip, 0x4000_002c, 7);
-        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(0x4000_002c, Word, 0), Ok(0));
         write(&mut chip, ENABLES[1], 1);
-        assert_eq!(chip.read(0x4000_002c, Width::Word, 0), Ok(u32::MAX), "the write was ignored");
+        assert_eq!(chip.read(0x4000_002c, Word, 0), Ok(u32::MAX), "the write was ignored");
         // PWR_CR1 while its clock is off.
         write(&mut chip, 0x4000_7000, 0x300);
-        assert_eq!(chip.read(0x4000_7000, Width::Word, 0), Ok(0x200));
+        assert_eq!(chip.read(0x4000_7000, Word, 0), Ok(0x200));
         // RCC_BDCR while the backup domain is write-protected.
         write(&mut chip, RCC_BDCR, 1 << 15);
-        assert_eq!(chip.read(RCC_BDCR, Width::Word, 0), Ok(0));
+        assert_eq!(chip.read(RCC_BDCR, Word, 0), Ok(0));
     }
 
     #[test]
@@ -876,10 +934,10 @@ mod tests {
         let alias = 0x4200_0000 + (ENABLES[0] - 0x4000_0000) * 32 + 4 * 5;
         write(&mut chip, ENABLES[0], 1);
         write(&mut chip, alias, 0xffff_ffff);
-        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1 << 5 | 1));
-        assert_eq!((chip.read(alias, Width::Word, 0), chip.read(alias - 4, Width::Word, 0)), (Ok(1), Ok(0)));
+        assert_eq!(chip.read(ENABLES[0], Word, 0), Ok(1 << 5 | 1));
+        assert_eq!((chip.read(alias, Word, 0), chip.read(alias - 4, Word, 0)), (Ok(1), Ok(0)));
         write(&mut chip, alias, 2);
-        assert_eq!(chip.read(ENABLES[0], Width::Word, 0), Ok(1));
+        assert_eq!(chip.read(ENABLES[0], Word, 0), Ok(1));
     }
 
     #[test]
@@ -892,7 +950,7 @@ mod tests {
         assert_eq!(chip.next_event(), Some(32_000));
         chip.advance(32_000);
         assert_eq!(chip.clocks.hclk_hz, 24e6);
-        assert_eq!(chip.read(0x4002_1008, Width::Word, 32_000), Ok(2 << 2 | 2));
+        assert_eq!(chip.read(0x4002_1008, Word, 32_000), Ok(2 << 2 | 2));
     }
 
     #[test]
@@ -935,26 +993,26 @@ mod tests {
         }
         write(&mut chip, 0x4000_0008, 3);
         write(&mut chip, 0x4000_0000, 1);
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 16_000), Ok(0));
+        assert_eq!(chip.read(0x4000_0024, Word, 16_000), Ok(0));
         // PA15 and PB3 to alternate function 1.
-        let mut at_16_000 = |address, value| chip.write(address, value, Width::Word, 16_000).expect("modelled access");
+        let mut at_16_000 = |address, value| chip.write(address, value, Word, 16_000).expect("modelled access");
         at_16_000(0x4800_0000, 0xabff_ffff);
         at_16_000(0x4800_0024, 1 << 28);
         at_16_000(0x4800_0400, 0xffff_febf);
         at_16_000(0x4800_0420, 1 << 12);
-        let start = chip.read(0x4000_0024, Width::Word, 32_000).expect("modelled access");
-        assert_eq!(chip.read(0x4000_0024, Width::Word, 48_000), Ok(start + 1000));
+        let start = chip.read(0x4000_0024, Word, 32_000).expect("modelled access");
+        assert_eq!(chip.read(0x4000_0024, Word, 48_000), Ok(start + 1000));
     }
 
     #[test]
     fn the_backup_domain_has_a_key() {
         let mut chip = clocked();
-        assert!(chip.write(0x4000_2500, 1, Width::Word, 0).is_err());
+        assert!(chip.write(0x4000_2500, 1, Word, 0).is_err());
         write(&mut chip, 0x4000_7000, 0x300);
         write(&mut chip, 0x4000_2500, 1);
         chip.reset(Reset::Software, 0);
         write(&mut chip, ENABLES[1], u32::MAX);
-        assert_eq!(chip.read(0x4000_2500, Width::Word, 0), Ok(1));
+        assert_eq!(chip.read(0x4000_2500, Word, 0), Ok(1));
     }
 
     #[test]
@@ -984,14 +1042,14 @@ mod tests {
         assert_eq!(chip.reset_wanted(), Some(Reset::Watchdog));
         chip.reset(Reset::Watchdog, 8_192_000);
         assert_eq!(chip.reset_wanted(), None);
-        assert_eq!(chip.read(0x4002_1094, Width::Word, 8_192_000), Ok(0x2c00_0000));
+        assert_eq!(chip.read(0x4002_1094, Word, 8_192_000), Ok(0x2c00_0000));
     }
 
     #[test]
     fn a_clock_that_flash_cannot_follow_ends_the_run() {
         let mut chip = clocked();
         write(&mut chip, 0x4002_1000, 0x1_0100);
-        let mut at = |address, value, now| chip.write(address, value, Width::Word, now).map_err(|bad| bad.what);
+        let mut at = |address, value, now| chip.write(address, value, Word, now).map_err(|bad| bad.what);
         assert_eq!(at(0x4002_100c, 3 | 1 << 4 | 28 << 8 | 1 << 24, 40_000), Ok(()));
         assert_eq!(at(0x4002_1000, 0x101_0100, 40_000), Ok(()));
         assert!(at(0x4002_1008, 3, 50_000).is_err());
@@ -1001,38 +1059,7 @@ mod tests {
     fn interrupts_have_metapacs_numbers() {
         let metapac = stm32_metapac::metadata::METADATA.interrupts;
         let number = |name: &str| metapac.iter().find(|one| one.name == name).map(|one| one.number);
-        for (name, ours) in [
-            ("FLASH", irq::FLASH),
-            ("EXTI0", irq::EXTI0),
-            ("EXTI1", irq::EXTI1),
-            ("EXTI2", irq::EXTI2),
-            ("EXTI3", irq::EXTI3),
-            ("EXTI4", irq::EXTI4),
-            ("ADC1_2", irq::ADC1_2),
-            ("USB_HP", irq::USB_HP),
-            ("USB_LP", irq::USB_LP),
-            ("EXTI9_5", irq::EXTI9_5),
-            ("TIM1_BRK_TIM15", irq::TIM1_BRK_TIM15),
-            ("TIM1_UP_TIM16", irq::TIM1_UP_TIM16),
-            ("TIM1_TRG_COM_TIM17", irq::TIM1_TRG_COM_TIM17),
-            ("TIM1_CC", irq::TIM1_CC),
-            ("TIM2", irq::TIM2),
-            ("TIM3", irq::TIM3),
-            ("TIM4", irq::TIM4),
-            ("SPI2", irq::SPI2),
-            ("EXTI15_10", irq::EXTI15_10),
-            ("USBWAKEUP", irq::USBWAKEUP),
-            ("TIM8_UP", irq::TIM8_UP),
-            ("TIM8_CC", irq::TIM8_CC),
-            ("ADC3", irq::ADC3),
-            ("TIM5", irq::TIM5),
-            ("TIM6_DAC", irq::TIM6_DAC),
-            ("TIM7_DAC", irq::TIM7_DAC),
-            ("ADC4", irq::ADC4),
-            ("ADC5", irq::ADC5),
-            ("CRS", irq::CRS),
-            ("LPUART1", irq::LPUART1),
-        ] {
+        for &(name, ours) in irq::NAMES {
             assert_eq!(Some(ours), number(name), "{name}");
         }
         for channel in 0..8 {

@@ -26,6 +26,7 @@ use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
 use super::rules::Rules;
+use super::{refuse, refuse_if};
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
@@ -70,64 +71,59 @@ const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.
 /// EXTSEL value of the trigger TIM6_TRGO.
 pub const TRIGGER_TIM6: u32 = 13;
 
-mod isr {
-    pub const ADRDY: u32 = 1 << 0;
-    pub const EOSMP: u32 = 1 << 1;
-    pub const EOC: u32 = 1 << 2;
-    pub const EOS: u32 = 1 << 3;
-    pub const OVR: u32 = 1 << 4;
-    pub const ALL: u32 = 0x7FF;
-}
+// ISR.
+const ADRDY: u32 = 1 << 0;
+const EOSMP: u32 = 1 << 1;
+const EOC: u32 = 1 << 2;
+const EOS: u32 = 1 << 3;
+const OVR: u32 = 1 << 4;
+const ISR_ALL: u32 = 0x7FF;
 
-mod cr {
-    pub const ADEN: u32 = 1 << 0;
-    pub const ADDIS: u32 = 1 << 1;
-    pub const ADSTART: u32 = 1 << 2;
-    pub const JADSTART: u32 = 1 << 3;
-    pub const ADSTP: u32 = 1 << 4;
-    pub const JADSTP: u32 = 1 << 5;
-    pub const ADVREGEN: u32 = 1 << 28;
-    pub const DEEPPWD: u32 = 1 << 29;
-    pub const ADCALDIF: u32 = 1 << 30;
-    pub const ADCAL: u32 = 1 << 31;
-}
+// CR.
+const ADEN: u32 = 1 << 0;
+const ADDIS: u32 = 1 << 1;
+const ADSTART: u32 = 1 << 2;
+const JADSTART: u32 = 1 << 3;
+const ADSTP: u32 = 1 << 4;
+const JADSTP: u32 = 1 << 5;
+const ADVREGEN: u32 = 1 << 28;
+const DEEPPWD: u32 = 1 << 29;
+const ADCALDIF: u32 = 1 << 30;
+const ADCAL: u32 = 1 << 31;
 
-mod cfgr {
-    pub const DMAEN: u32 = 1 << 0;
-    pub const DMACFG: u32 = 1 << 1;
-    pub const OVRMOD: u32 = 1 << 12;
-    pub const CONT: u32 = 1 << 13;
-    pub const JQDIS: u32 = 1 << 31;
-    pub const RESERVED: u32 = 1 << 2;
-    /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
-    pub const NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
-}
+// CFGR.
+const DMAEN: u32 = 1 << 0;
+const DMACFG: u32 = 1 << 1;
+const OVRMOD: u32 = 1 << 12;
+const CONT: u32 = 1 << 13;
+const JQDIS: u32 = 1 << 31;
+const CFGR_RESERVED: u32 = 1 << 2;
+/// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
+const CFGR_NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
 
-mod ccr {
-    pub const DUAL: u32 = 0x1F;
-    pub const VREFEN: u32 = 1 << 22;
-    pub const VSENSESEL: u32 = 1 << 23;
-    pub const VBATSEL: u32 = 1 << 24;
-    pub const ALL: u32 = 0x01FF_EF1F;
-}
+// CCR.
+const DUAL: u32 = 0x1F;
+const VREFEN: u32 = 1 << 22;
+const VSENSESEL: u32 = 1 << 23;
+const VBATSEL: u32 = 1 << 24;
+const CCR_ALL: u32 = 0x01FF_EF1F;
 
-mod offset {
-    pub const ISR: u32 = 0x00;
-    pub const IER: u32 = 0x04;
-    pub const CR: u32 = 0x08;
-    pub const CFGR: u32 = 0x0C;
-    pub const CFGR2: u32 = 0x10;
-    pub const SMPR1: u32 = 0x14;
-    pub const SMPR2: u32 = 0x18;
-    pub const SQR1: u32 = 0x30;
-    pub const SQR4: u32 = 0x3C;
-    pub const DR: u32 = 0x40;
-    pub const OFR1: u32 = 0x60;
-    pub const OFR4: u32 = 0x6C;
-    pub const JDR1: u32 = 0x80;
-    pub const JDR4: u32 = 0x8C;
-    pub const DIFSEL: u32 = 0xB0;
-}
+// Offsets of registers.
+const ISR: u32 = 0x00;
+const IER: u32 = 0x04;
+const CR: u32 = 0x08;
+const CFGR: u32 = 0x0C;
+const CFGR2: u32 = 0x10;
+const SMPR1: u32 = 0x14;
+const SMPR2: u32 = 0x18;
+const SQR1: u32 = 0x30;
+const SQR4: u32 = 0x3C;
+const DR: u32 = 0x40;
+const OFR1: u32 = 0x60;
+const OFR4: u32 = 0x6C;
+const JDR1: u32 = 0x80;
+const JDR4: u32 = 0x8C;
+const DIFSEL: u32 = 0xB0;
 
 /// Registers of a converter that are plain storage: offset, reset value, writable bits.
 const STORAGE: [(u32, u32, u32); 20] = [
@@ -183,14 +179,14 @@ impl Unit {
         }
     }
 
-    /// Offsets of its registers and of its common block from the start of the ADC region.
-    const fn bases(self) -> (u32, u32) {
+    /// Offset of its registers from the start of the ADC region.
+    const fn base(self) -> u32 {
         match self {
-            Self::One => (0x000, 0x300),
-            Self::Two => (0x100, 0x300),
-            Self::Three => (0x400, 0x700),
-            Self::Four => (0x500, 0x700),
-            Self::Five => (0x600, 0x700),
+            Self::One => 0x000,
+            Self::Two => 0x100,
+            Self::Three => 0x400,
+            Self::Four => 0x500,
+            Self::Five => 0x600,
         }
     }
 
@@ -200,10 +196,6 @@ impl Unit {
             Self::One | Self::Two => 0,
             _ => 1,
         }
-    }
-
-    const fn index(self) -> usize {
-        self as usize
     }
 
     /// The channels that are connected to a pin, with that pin.
@@ -246,9 +238,9 @@ impl Signal {
     const fn switch(self) -> u32 {
         match self {
             Self::Pin(_) => 0,
-            Self::Temperature => ccr::VSENSESEL,
-            Self::Battery => ccr::VBATSEL,
-            Self::InternalReference => ccr::VREFEN,
+            Self::Temperature => VSENSESEL,
+            Self::Battery => VBATSEL,
+            Self::InternalReference => VREFEN,
         }
     }
 }
@@ -329,7 +321,7 @@ impl Analogue {
         }
         let part = volts / (REFERENCE_V * (1.0 + self.held.1));
         let bow = if nonlinearity_lsb == 0.0 { 0.0 } else { nonlinearity_lsb * (std::f64::consts::TAU * part).sin() };
-        let noise = self.noise.get_mut(unit.index()).map_or(0.0, |rng| normal(noise_lsb, rng));
+        let noise = self.noise.get_mut(unit as usize).map_or(0.0, |rng| normal(noise_lsb, rng));
         // A cast from float saturates at the limits of its type.
         ((part * CODES + bow + noise).round() as u16).min(CODES as u16 - 1)
     }
@@ -410,8 +402,8 @@ impl Converter {
         Self {
             isr: 0,
             ier: 0,
-            cr: cr::DEEPPWD,
-            cfgr: cfgr::JQDIS,
+            cr: DEEPPWD,
+            cfgr: JQDIS,
             dr: 0,
             storage: Storage::new(&STORAGE),
             sequence: [Rank::default(); 16],
@@ -430,13 +422,12 @@ impl Converter {
     }
 
     fn reset(&mut self) {
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { storage, ..Self::new() };
+        self.storage.reset();
+        *self = Self { storage: self.storage.clone(), ..Self::new() };
     }
 
     fn is_started(&self) -> bool {
-        self.cr & cr::ADSTART != 0
+        self.cr & ADSTART != 0
     }
 
     /// EXTEN; 0 selects a software start.
@@ -447,36 +438,35 @@ impl Converter {
     fn advance(&mut self, now: Cycles) {
         if self.calibration_end.is_some_and(|end| end <= now) {
             self.calibration_end = None;
-            self.cr &= !cr::ADCAL;
+            self.cr &= !ADCAL;
         }
         if self.ready_at.is_some_and(|at| at <= now) {
             self.ready_at = None;
             self.ready = true;
-            self.isr |= isr::ADRDY;
+            self.isr |= ADRDY;
         }
     }
 
     fn dma_request(&self) -> bool {
-        self.isr & (isr::EOC | isr::OVR) == isr::EOC && self.cfgr & cfgr::DMAEN != 0 && !self.dma_ended
+        self.isr & (EOC | OVR) == EOC && self.cfgr & DMAEN != 0 && !self.dma_ended
     }
 
     /// Loads the sequence and refuses settings that have no model.
     fn load_sequence(&mut self) -> Result<(), Unknown> {
-        let no_model = |set: u32, what| if set != 0 { Err(Unknown { what }) } else { Ok(()) };
-        no_model(self.cfgr & cfgr::NOT_MODELLED, "ADC_CFGR: mode is not modelled")?;
-        no_model(self.storage.get(offset::CFGR2), "ADC_CFGR2: oversampling is not modelled")?;
-        for ofr in (offset::OFR1..=offset::OFR4).step_by(4) {
-            no_model(self.storage.get(ofr) & 1 << 31, "ADC_OFR: offsets are not modelled")?;
+        refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
+        refuse_if(self.storage.get(CFGR2) != 0, "ADC_CFGR2: oversampling is not modelled")?;
+        for ofr in (OFR1..=OFR4).step_by(4) {
+            refuse_if(self.storage.get(ofr) & 1 << 31 != 0, "ADC_OFR: offsets are not modelled")?;
         }
-        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(offset::SQR1 + 4 * n as u32));
+        let sqr: [u32; 4] = std::array::from_fn(|n| self.storage.get(SQR1 + 4 * n as u32));
         self.length = (sqr[0] & 0xF) as usize + 1;
-        let smpr = [self.storage.get(offset::SMPR1), self.storage.get(offset::SMPR2)];
-        let differential = self.storage.get(offset::DIFSEL);
+        let smpr = [self.storage.get(SMPR1), self.storage.get(SMPR2)];
+        let differential = self.storage.get(DIFSEL);
         for (rank, slot) in self.sequence.iter_mut().enumerate().take(self.length) {
             // SQ1 is the second field of the first register; each register has five fields, six bits apart.
             let place = rank + 1;
             let channel = (sqr[place / 5] >> (6 * (place % 5)) & 0x1F) as u8;
-            no_model(differential >> channel & 1, "ADC_DIFSEL: differential channels are not modelled")?;
+            refuse_if(differential >> channel & 1 != 0, "ADC_DIFSEL: differential channels are not modelled")?;
             let (register, within) = if channel < 10 { (0, channel) } else { (1, channel - 10) };
             let number = (smpr[register] >> (3 * within) & 7) as usize;
             *slot = Rank { channel, sampling_clocks: SAMPLING_CLOCKS[number] };
@@ -503,14 +493,8 @@ pub struct Adcs {
 }
 
 impl Default for Adcs {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Adcs {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             units: std::array::from_fn(|_| Converter::new()),
             common: [0; 2],
@@ -523,7 +507,9 @@ impl Adcs {
             broken: None,
         }
     }
+}
 
+impl Adcs {
     /// Sets the errata that apply from now on.
     pub fn set_errata(&mut self, errata: Errata) {
         self.errata = errata;
@@ -550,11 +536,11 @@ impl Adcs {
     }
 
     fn unit(&self, unit: Unit) -> &Converter {
-        &self.units[unit.index()]
+        &self.units[unit as usize]
     }
 
     fn unit_mut(&mut self, unit: Unit) -> &mut Converter {
-        &mut self.units[unit.index()]
+        &mut self.units[unit as usize]
     }
 
     /// The ADC clock of a block.
@@ -564,21 +550,19 @@ impl Adcs {
             0 => 1.0,
             n @ 1..=6 => f64::from(2 * n),
             n @ 7..=11 => f64::from(1 << (n - 3)),
-            _ => return Err(Unknown { what: "ADC_CCR.PRESC: reserved" }),
+            _ => return refuse("ADC_CCR.PRESC: reserved"),
         };
         let kernel_hz = self.kernel_hz[common];
         let timing = match ccr >> 16 & 3 {
             0 if kernel_hz > 0.0 => {
                 Timing { cycles: self.hclk_hz / kernel_hz * prescaler, latency: None, divided: prescaler > 1.0 }
             }
-            0 => return Err(Unknown { what: "the ADC has no clock: set ADCxSEL in RCC_CCIPR, or CKMODE" }),
+            0 => return refuse("the ADC has no clock: set ADCxSEL in RCC_CCIPR, or CKMODE"),
             1 => Timing { cycles: 1.0, latency: Some(2.0), divided: false },
             2 => Timing { cycles: 2.0, latency: Some(2.25), divided: true },
             _ => Timing { cycles: 4.0, latency: Some(2.125), divided: true },
         };
-        if self.hclk_hz / timing.cycles > 60e6 {
-            return Err(Unknown { what: "the ADC's clock is above 60 MHz" });
-        }
+        refuse_if(self.hclk_hz / timing.cycles > 60e6, "the ADC's clock is above 60 MHz")?;
         Ok(timing)
     }
 
@@ -664,7 +648,7 @@ impl Adcs {
     /// Whether a trigger gives one result: a sequence of one channel in single mode.
     pub fn is_single(&self, unit: Unit) -> bool {
         let it = self.unit(unit);
-        it.length == 1 && it.cfgr & cfgr::CONT == 0
+        it.length == 1 && it.cfgr & CONT == 0
     }
 
     /// The input of `unit`'s conversion in progress, and its aperture.
@@ -674,9 +658,7 @@ impl Adcs {
         let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
         let signal = unit.signal(channel).ok_or(Unknown { what: "ADC channel not connected" })?;
         let switch = signal.switch();
-        if self.common[unit.common()] & switch != switch {
-            return Err(Unknown { what: "internal ADC channel not enabled in ADC_CCR" });
-        }
+        refuse_if(self.common[unit.common()] & switch != switch, "internal ADC channel not enabled in ADC_CCR")?;
         Ok((signal, conversion.aperture))
     }
 
@@ -691,27 +673,24 @@ impl Adcs {
         let paused = it.ended.replace(end).is_none_or(|last| end - last > pause) && adc_after_pause;
         // No converter has channel 0 connected.
         let elsewhere = std::mem::take(&mut it.stopped) && adc_after_stop;
-        let code = match (elsewhere, paused) {
-            (true, _) => 0,
-            (false, true) => self.analogue.code(unit, aperture, volts + AFTER_PAUSE_V),
-            (false, false) => self.analogue.code(unit, aperture, volts),
-        };
+        let volts = if paused { volts + AFTER_PAUSE_V } else { volts };
+        let code = if elsewhere { 0 } else { self.analogue.code(unit, aperture, volts) };
         let it = self.unit_mut(unit);
-        let overrun = it.isr & isr::EOC != 0;
-        if !overrun || it.cfgr & cfgr::OVRMOD != 0 {
+        let overrun = it.isr & EOC != 0;
+        if !overrun || it.cfgr & OVRMOD != 0 {
             it.dr = code;
         }
-        it.isr |= isr::EOSMP | isr::EOC | if overrun { isr::OVR } else { 0 };
+        it.isr |= EOSMP | EOC | if overrun { OVR } else { 0 };
         let last = rank + 1 == it.length;
         if last {
-            it.isr |= isr::EOS;
+            it.isr |= EOS;
         }
         if !last {
             return self.begin(unit, rank + 1, end, 0.0);
-        } else if it.cfgr & cfgr::CONT != 0 {
+        } else if it.cfgr & CONT != 0 {
             return self.begin(unit, 0, end, 0.0);
         } else if it.edges() == 0 {
-            it.cr &= !cr::ADSTART;
+            it.cr &= !ADSTART;
         }
         self.update_due();
         Ok(())
@@ -725,14 +704,14 @@ impl Adcs {
     /// Called at the last transfer of a DMA transfer sequence: in one-shot mode, no request follows.
     pub fn dma_end(&mut self, unit: Unit) {
         let it = self.unit_mut(unit);
-        let one_shot = it.cfgr & cfgr::DMACFG == 0;
+        let one_shot = it.cfgr & DMACFG == 0;
         it.dma_ended |= one_shot;
         it.stopped |= one_shot;
     }
 
     /// Whether `unit` has an interrupt enabled other than ADRDY. Each end of conversion is then an event.
     pub fn interrupts_each(&self, unit: Unit) -> bool {
-        self.unit(unit).ier & !isr::ADRDY != 0
+        self.unit(unit).ier & !ADRDY != 0
     }
 
     /// Level of `unit`'s interrupt request; ADC1 and ADC2 share one line.
@@ -742,76 +721,62 @@ impl Adcs {
     }
 
     fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
-        let refuse = |what| Err(Unknown { what });
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
         // Plain read-write bits.
-        if value & cr::ADVREGEN != 0 && it.cr & cr::ADVREGEN == 0 {
-            if value & cr::DEEPPWD != 0 {
-                return refuse("ADC_CR: ADVREGEN set in deep power-down");
-            }
+        if value & ADVREGEN != 0 && it.cr & ADVREGEN == 0 {
+            refuse_if(value & DEEPPWD != 0, "ADC_CR: ADVREGEN set in deep power-down")?;
             it.regulator_settled = now + settle;
         }
-        let plain = cr::ADVREGEN | cr::DEEPPWD | cr::ADCALDIF;
+        let plain = ADVREGEN | DEEPPWD | ADCALDIF;
         it.cr = it.cr & !plain | value & plain;
 
         // Bits that software sets and hardware clears: `rising` are those newly set.
         let rising = value & !it.cr & !plain;
-        if rising & (cr::JADSTART | cr::JADSTP) != 0 {
-            return refuse("ADC_CR: injected conversions are not modelled");
-        }
-        let powered = it.cr & (cr::ADVREGEN | cr::DEEPPWD) == cr::ADVREGEN;
+        refuse_if(rising & (JADSTART | JADSTP) != 0, "ADC_CR: injected conversions are not modelled")?;
+        let powered = it.cr & (ADVREGEN | DEEPPWD) == ADVREGEN;
         let settles = enforced && now < it.regulator_settled;
-        if rising & (cr::ADCAL | cr::ADEN) != 0 && (!powered || settles) {
-            return refuse("ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us");
-        }
-        if rising & cr::ADCAL != 0 {
-            if it.cr & cr::ADEN != 0 {
-                return refuse("ADC_CR: ADCAL while the ADC is enabled");
-            }
+        refuse_if(
+            rising & (ADCAL | ADEN) != 0 && (!powered || settles),
+            "ADC_CR: ADCAL or ADEN before the regulator has settled for 20 us",
+        )?;
+        if rising & ADCAL != 0 {
+            refuse_if(it.cr & ADEN != 0, "ADC_CR: ADCAL while the ADC is enabled")?;
             let end = now + self.clocks(unit, CALIBRATION_CLOCKS)?;
             let free = end + self.clocks(unit, AFTER_CALIBRATION_CLOCKS)?;
+            let hangs = self.broken == Some((unit, Broken::Calibration));
             let it = self.unit_mut(unit);
-            it.cr |= cr::ADCAL;
-            (it.calibration_end, it.enable_from) = (Some(end), free);
-            if self.broken == Some((unit, Broken::Calibration)) {
-                self.unit_mut(unit).calibration_end = None;
-            }
+            it.cr |= ADCAL;
+            (it.calibration_end, it.enable_from) = ((!hangs).then_some(end), free);
         }
         let it = self.unit(unit);
         // ADEN cannot be set during a calibration or in the four ADC clocks after it.
-        if rising & cr::ADEN != 0 && it.cr & cr::ADCAL == 0 && now >= it.enable_from {
+        if rising & ADEN != 0 && it.cr & ADCAL == 0 && now >= it.enable_from {
             let ready = now + self.clocks(unit, READY_CLOCKS)?;
+            let hangs = self.broken == Some((unit, Broken::Ready));
             let it = self.unit_mut(unit);
-            it.cr |= cr::ADEN;
-            it.ready_at = Some(ready);
-            if self.broken == Some((unit, Broken::Ready)) {
-                self.unit_mut(unit).ready_at = None;
-            }
+            it.cr |= ADEN;
+            it.ready_at = (!hangs).then_some(ready);
         }
         let it = self.unit_mut(unit);
-        if rising & cr::ADSTP != 0 && it.is_started() {
-            it.cr &= !cr::ADSTART;
+        if rising & ADSTP != 0 && it.is_started() {
+            it.cr &= !ADSTART;
             it.conversion = None;
             it.stopped = true;
             self.update_due();
         }
         let it = self.unit_mut(unit);
-        if rising & cr::ADDIS != 0 && it.cr & cr::ADEN != 0 {
-            if it.is_started() {
-                return refuse("ADC_CR: ADDIS while ADSTART is set");
-            }
+        if rising & ADDIS != 0 && it.cr & ADEN != 0 {
+            refuse_if(it.is_started(), "ADC_CR: ADDIS while ADSTART is set")?;
             it.stopped = false;
-            it.cr &= !cr::ADEN;
-            it.isr &= !isr::ADRDY;
+            it.cr &= !ADEN;
+            it.isr &= !ADRDY;
             (it.ready_at, it.ready) = (None, false);
         }
-        if rising & cr::ADSTART != 0 {
-            if !it.ready {
-                return refuse("ADC_CR: ADSTART before the ADC is ready");
-            }
-            it.cr |= cr::ADSTART;
+        if rising & ADSTART != 0 {
+            refuse_if(!it.ready, "ADC_CR: ADSTART before the ADC is ready")?;
+            it.cr |= ADSTART;
             it.phase = None;
             it.load_sequence()?;
             if it.edges() == 0 {
@@ -824,38 +789,33 @@ impl Adcs {
     fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let it = self.unit_mut(unit);
         it.advance(now);
-        if offset & !3 > offset::CR && width != Width::Word {
+        if offset & !3 > CR && width != Width::Word {
             return Err(Unknown::WIDTH);
         }
         match offset & !3 {
-            offset::ISR => it.isr &= !(width.replace(0, offset, value) & isr::ALL),
-            offset::IER => it.ier = width.replace(it.ier, offset, value) & isr::ALL,
-            offset::CR if width != Width::Word => return Err(Unknown::WIDTH),
-            offset::CR => return self.write_control(unit, value, now),
-            offset::CFGR => {
-                if it.is_started() && it.cfgr != value {
-                    return Err(Unknown { what: "ADC_CFGR changed while ADSTART is set" });
-                }
-                if value & cfgr::DMAEN == 0 || it.cfgr & cfgr::DMAEN == 0 {
+            ISR => it.isr &= !(width.replace(0, offset, value) & ISR_ALL),
+            IER => it.ier = width.replace(it.ier, offset, value) & ISR_ALL,
+            CR if width != Width::Word => return Err(Unknown::WIDTH),
+            CR => return self.write_control(unit, value, now),
+            CFGR => {
+                refuse_if(it.is_started() && it.cfgr != value, "ADC_CFGR changed while ADSTART is set")?;
+                if value & DMAEN == 0 || it.cfgr & DMAEN == 0 {
                     it.dma_ended = false;
                 }
-                it.cfgr = value & !cfgr::RESERVED;
+                it.cfgr = value & !CFGR_RESERVED;
             }
             storage => {
-                if !STORAGE.iter().any(|(offset, ..)| *offset == storage) {
+                if !it.storage.contains(storage) {
                     return Err(Unknown::REGISTER);
                 }
                 let before = it.storage.get(storage);
                 let fixed = match storage {
-                    offset::DIFSEL => it.cr & cr::ADEN != 0,
-                    offset::CFGR2 | offset::SMPR1 | offset::SMPR2 | offset::SQR1..=offset::SQR4 => it.is_started(),
-                    offset::OFR1..=offset::OFR4 => it.is_started(),
+                    DIFSEL => it.cr & ADEN != 0,
+                    CFGR2 | SMPR1 | SMPR2 | SQR1..=SQR4 | OFR1..=OFR4 => it.is_started(),
                     _ => false,
                 };
                 it.storage.write(offset, value, width)?;
-                if fixed && it.storage.get(storage) != before {
-                    return Err(Unknown { what: "ADC register changed while the ADC is in use" });
-                }
+                refuse_if(fixed && it.storage.get(storage) != before, "ADC register changed while the ADC is in use")?;
             }
         }
         Ok(())
@@ -865,29 +825,29 @@ impl Adcs {
         let it = self.unit_mut(unit);
         it.advance(now);
         let word = match offset & !3 {
-            offset::ISR => it.isr,
-            offset::IER => it.ier,
-            offset::CR => it.cr,
-            offset::CFGR => it.cfgr,
-            offset::DR => {
-                it.isr &= !isr::EOC;
+            ISR => it.isr,
+            IER => it.ier,
+            CR => it.cr,
+            CFGR => it.cfgr,
+            DR => {
+                it.isr &= !EOC;
                 u32::from(it.dr)
             }
-            offset::JDR1..=offset::JDR4 => 0,
+            JDR1..=JDR4 => 0,
             _ => return it.storage.read(offset, width),
         };
         Ok(width.part(word, offset))
     }
 
     /// The converter or common block at an offset, and the offset within it.
-    fn place(offset: u32) -> Option<(Place, u32)> {
-        let of_unit = |unit: Unit| offset.checked_sub(unit.bases().0).filter(|within| *within < 0x100);
-        let of_common = |base: u32| offset.checked_sub(base).filter(|within| *within < 0x100);
-        Unit::ALL
-            .into_iter()
-            .find_map(|unit| of_unit(unit).map(|within| (Place::Unit(unit), within)))
-            .or_else(|| of_common(0x300).map(|within| (Place::Common(0), within)))
-            .or_else(|| of_common(0x700).map(|within| (Place::Common(1), within)))
+    fn place(offset: u32) -> Result<(Place, u32), Unknown> {
+        let (base, within) = (offset & !0xFF, offset & 0xFF);
+        let place = match base {
+            0x300 => Place::Common(0),
+            0x700 => Place::Common(1),
+            _ => Place::Unit(Unit::ALL.into_iter().find(|unit| unit.base() == base).ok_or(Unknown::REGISTER)?),
+        };
+        Ok((place, within))
     }
 
     fn units_of(common: usize) -> impl Iterator<Item = Unit> {
@@ -906,27 +866,26 @@ impl Adcs {
     }
 
     fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
-        let value = value & ccr::ALL;
+        let value = value & CCR_ALL;
         if offset != 0x08 {
             return Err(Unknown::REGISTER);
         }
-        if value & ccr::DUAL != 0 {
-            return Err(Unknown { what: "ADC_CCR.DUAL: only independent mode is modelled" });
-        }
+        refuse_if(value & DUAL != 0, "ADC_CCR.DUAL: only independent mode is modelled")?;
         let changed = self.common[common] ^ value;
-        let switches = ccr::VREFEN | ccr::VSENSESEL | ccr::VBATSEL;
-        if changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & cr::ADEN != 0) {
-            return Err(Unknown { what: "ADC_CCR changed while one of its ADCs is enabled" });
-        }
-        if changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()) {
-            return Err(Unknown { what: "ADC_CCR changed while ADSTART is set in one of its ADCs" });
-        }
+        let switches = VREFEN | VSENSESEL | VBATSEL;
+        refuse_if(
+            changed & !switches != 0 && Self::units_of(common).any(|unit| self.unit(unit).cr & ADEN != 0),
+            "ADC_CCR changed while one of its ADCs is enabled",
+        )?;
+        refuse_if(
+            changed != 0 && Self::units_of(common).any(|unit| self.unit(unit).is_started()),
+            "ADC_CCR changed while ADSTART is set in one of its ADCs",
+        )?;
         self.common[common] = value;
         Ok(())
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     Unit(Unit),
     Common(usize),
@@ -934,25 +893,23 @@ enum Place {
 
 impl Registers for Adcs {
     fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
-        match Self::place(offset) {
-            Some((Place::Unit(unit), within)) => self.read_unit(unit, within, width, now),
-            Some((Place::Common(common), within)) => Ok(width.part(self.read_common(common, within & !3)?, within)),
-            None => Err(Unknown::REGISTER),
+        match Self::place(offset)? {
+            (Place::Unit(unit), within) => self.read_unit(unit, within, width, now),
+            (Place::Common(common), within) => Ok(width.part(self.read_common(common, within & !3)?, within)),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        match Self::place(offset) {
-            Some((Place::Unit(unit), within)) => self.write_unit(unit, within, value, width, now),
-            Some((Place::Common(_), _)) if width != Width::Word => Err(Unknown::WIDTH),
-            Some((Place::Common(common), within)) => self.write_common(common, within, value),
-            None => Err(Unknown::REGISTER),
+        match Self::place(offset)? {
+            (Place::Unit(unit), within) => self.write_unit(unit, within, value, width, now),
+            (Place::Common(_), _) if width != Width::Word => Err(Unknown::WIDTH),
+            (Place::Common(common), within) => self.write_common(common, within, value),
         }
     }
 
     /// The enabled ready flags and conversion interrupts; conversions end by [`finish`](Adcs::finish).
     fn next_event(&self) -> Option<Cycles> {
-        let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & isr::ADRDY != 0);
+        let ready = |it: &Converter| it.ready_at.filter(|_| it.ier & ADRDY != 0);
         let each = self.due.filter(|(_, unit)| self.interrupts_each(*unit)).map(|(end, _)| end);
         self.units.iter().filter_map(ready).chain(each).min()
     }
@@ -972,9 +929,8 @@ impl Registers for Adcs {
     }
 
     fn unwritten_reads(&self) -> Vec<u32> {
-        let of = |unit: Unit| {
-            self.unit(unit).storage.unwritten_reads().into_iter().map(move |offset| unit.bases().0 + offset)
-        };
+        let of =
+            |unit: Unit| self.unit(unit).storage.unwritten_reads().into_iter().map(move |offset| unit.base() + offset);
         Unit::ALL.into_iter().flat_map(of).collect()
     }
 }
@@ -982,48 +938,38 @@ impl Registers for Adcs {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Half, Word};
+    use crate::chip::testing::{read, refuses, write};
 
     const HCLK_HZ: f64 = 168e6;
-    const ISR: u32 = 0x00;
-    const IER: u32 = 0x04;
-    const CR: u32 = 0x08;
-    const CFGR: u32 = 0x0C;
     const CCR12: u32 = 0x308;
     const CKMODE_4: u32 = 3 << 16;
     /// 20 us at 168 MHz.
     const SETTLED: Cycles = 3360;
 
-    fn write(adc: &mut Adcs, offset: u32, value: u32, now: Cycles) {
-        adc.write(offset, value, Width::Word, now).unwrap();
-    }
-
-    fn read(adc: &mut Adcs, offset: u32, now: Cycles) -> u32 {
-        adc.read(offset, Width::Word, now).unwrap()
-    }
-
     fn powered() -> Adcs {
-        let mut adc = Adcs::new();
+        let mut adc = Adcs::default();
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
         adc.set_quality(Quality::IDEAL);
         write(&mut adc, CCR12, CKMODE_4, 0);
         write(&mut adc, CR, 0, 0);
-        write(&mut adc, CR, cr::ADVREGEN, 0);
+        write(&mut adc, CR, ADVREGEN, 0);
         adc
     }
 
     /// ADC1, ready at cycle 10000, one channel with 24.5 clocks of sampling.
     fn ready(cfgr: u32) -> Adcs {
         let mut adc = powered();
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
-        write(&mut adc, offset::SMPR1, 3 << 3 | 4 << 6, SETTLED);
-        write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+        write(&mut adc, CR, ADVREGEN | ADEN, SETTLED);
+        write(&mut adc, SMPR1, 3 << 3 | 4 << 6, SETTLED);
+        write(&mut adc, SQR1, 1 << 6, SETTLED);
         write(&mut adc, CFGR, cfgr, SETTLED);
-        assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+        assert_eq!(read(&mut adc, ISR, 10_000), ADRDY);
         adc
     }
 
     fn start(adc: &mut Adcs, now: Cycles) {
-        write(adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, now);
+        write(adc, CR, ADVREGEN | ADEN | ADSTART, now);
     }
 
     /// EXTEN: rising edge; EXTSEL: TIM6_TRGO.
@@ -1032,42 +978,42 @@ mod tests {
     #[test]
     fn it_stays_ready_when_the_flag_that_says_so_is_cleared() {
         let mut adc = ready(0);
-        write(&mut adc, ISR, isr::ADRDY, 10_000);
+        write(&mut adc, ISR, ADRDY, 10_000);
         start(&mut adc, 10_000);
         assert!(adc.due().is_some());
     }
 
     #[test]
     fn it_comes_up_in_the_manuals_order_only() {
-        let mut adc = Adcs::new();
-        assert_eq!(read(&mut adc, CR, 0), cr::DEEPPWD);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::DEEPPWD, Width::Word, 0).is_err());
-        for early in [cr::ADCAL, cr::ADEN] {
-            let refused = |now| powered().write(CR, cr::ADVREGEN | early, Width::Word, now).is_err();
+        let mut adc = Adcs::default();
+        assert_eq!(read(&mut adc, CR, 0), DEEPPWD);
+        assert!(refuses(&mut adc, CR, ADVREGEN | DEEPPWD, 0));
+        for early in [ADCAL, ADEN] {
+            let refused = |now| powered().write(CR, ADVREGEN | early, Word, now).is_err();
             assert!(refused(SETTLED - 1) && !refused(SETTLED), "{early:#x}");
         }
         let mut adc = powered();
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADCAL, SETTLED);
+        write(&mut adc, CR, ADVREGEN | ADCAL, SETTLED);
         let end = SETTLED + 116 * 4;
-        assert_ne!(read(&mut adc, CR, end - 1) & cr::ADCAL, 0);
-        assert_eq!(read(&mut adc, CR, end) & cr::ADCAL, 0);
+        assert_ne!(read(&mut adc, CR, end - 1) & ADCAL, 0);
+        assert_eq!(read(&mut adc, CR, end) & ADCAL, 0);
         // ADEN cannot be set in the next four ADC clocks.
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 15);
-        assert_eq!(read(&mut adc, CR, end + 15) & cr::ADEN, 0);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, end + 16);
+        write(&mut adc, CR, ADVREGEN | ADEN, end + 15);
+        assert_eq!(read(&mut adc, CR, end + 15) & ADEN, 0);
+        write(&mut adc, CR, ADVREGEN | ADEN, end + 16);
         assert_eq!(read(&mut adc, ISR, end + 16 + 59), 0);
-        assert_eq!(read(&mut adc, ISR, end + 16 + 60), isr::ADRDY);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, end + 100).is_err());
-        assert!(ready(0).write(CR, cr::JADSTART | cr::ADVREGEN, Width::Word, 10_000).is_err());
+        assert_eq!(read(&mut adc, ISR, end + 16 + 60), ADRDY);
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, end + 100));
+        assert!(ready(0).write(CR, JADSTART | ADVREGEN, Word, 10_000).is_err());
     }
 
     #[test]
     fn without_a_clock_or_with_a_fast_one_it_refuses() {
         let mut adc = powered();
         write(&mut adc, CCR12, 0, 0);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, SETTLED));
         write(&mut adc, CCR12, 2 << 16, 0);
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADCAL, Width::Word, SETTLED).is_err());
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADCAL, SETTLED));
         // The kernel clock divided by four (PRESC = 2) gives the same clock as HCLK divided by four.
         write(&mut adc, CCR12, 2 << 18, 0);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ, ..Clocks::POWER_ON });
@@ -1089,34 +1035,34 @@ mod tests {
         adc.trigger(TRIGGER_TIM6, 30_050).unwrap();
         assert_eq!(adc.due(), Some((30_000 + 157, Unit::One)), "one at a time");
         adc.finish(Unit::One, 1.65).unwrap();
-        assert_eq!(read(&mut adc, ISR, 30_157), isr::ADRDY | isr::EOSMP | isr::EOC | isr::EOS);
-        assert_eq!(adc.read(offset::DR, Width::Half, 30_157), Ok(2048));
-        assert_eq!(read(&mut adc, ISR, 30_157) & isr::EOC, 0);
-        assert_ne!(read(&mut adc, CR, 30_157) & cr::ADSTART, 0, "waits for the next trigger");
+        assert_eq!(read(&mut adc, ISR, 30_157), ADRDY | EOSMP | EOC | EOS);
+        assert_eq!(adc.read(DR, Half, 30_157), Ok(2048));
+        assert_eq!(read(&mut adc, ISR, 30_157) & EOC, 0);
+        assert_ne!(read(&mut adc, CR, 30_157) & ADSTART, 0, "waits for the next trigger");
     }
 
     /// Codes of ADC1 and ADC2, both sampling 0 V, at these triggers.
     fn codes(ccr: u32, triggers: &[Cycles], errata: Errata) -> Vec<[u16; 2]> {
-        let mut adc = Adcs::new();
+        let mut adc = Adcs::default();
         adc.set_quality(Quality::IDEAL);
         adc.set_errata(errata);
         adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
         write(&mut adc, CCR12, ccr, 0);
         for base in [0, 0x100] {
-            for (at, control) in [(0, 0), (0, cr::ADVREGEN), (SETTLED, cr::ADVREGEN | cr::ADEN)] {
+            for (at, control) in [(0, 0), (0, ADVREGEN), (SETTLED, ADVREGEN | ADEN)] {
                 write(&mut adc, base + CR, control, at);
             }
-            write(&mut adc, base + offset::SMPR1, 3 << 3 | 3 << 6, SETTLED);
-            write(&mut adc, base + offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, base + SMPR1, 3 << 3 | 3 << 6, SETTLED);
+            write(&mut adc, base + SQR1, 1 << 6, SETTLED);
             write(&mut adc, base + CFGR, TRIGGERED, SETTLED);
-            write(&mut adc, base + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 10_000);
+            write(&mut adc, base + CR, ADVREGEN | ADEN | ADSTART, 10_000);
         }
         let mut convert = |at: &Cycles| {
             adc.trigger(TRIGGER_TIM6, *at).unwrap();
             while let Some((_, unit)) = adc.due() {
                 adc.finish(unit, 0.0).unwrap();
             }
-            [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, at + 1000) as u16)
+            [DR, 0x100 + DR].map(|place| read(&mut adc, place, at + 1000) as u16)
         };
         triggers.iter().map(&mut convert).collect()
     }
@@ -1143,18 +1089,18 @@ mod tests {
         for (errata, expected) in [(Errata { adc_concurrent: true, ..Errata::NONE }, 496), (Errata::NONE, 0)] {
             let mut adc = ready(TRIGGERED);
             adc.set_errata(errata);
-            for (at, control) in [(10_000, 0), (10_000, cr::ADVREGEN), (20_000, cr::ADVREGEN | cr::ADEN)] {
+            for (at, control) in [(10_000, 0), (10_000, ADVREGEN), (20_000, ADVREGEN | ADEN)] {
                 write(&mut adc, 0x100 + CR, control, at);
             }
             start(&mut adc, 30_000);
             adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
             // Software starts ADC2.
-            write(&mut adc, 0x100 + offset::SQR1, 1 << 6, 30_050);
-            write(&mut adc, 0x100 + CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, 30_050);
+            write(&mut adc, 0x100 + SQR1, 1 << 6, 30_050);
+            write(&mut adc, 0x100 + CR, ADVREGEN | ADEN | ADSTART, 30_050);
             for unit in [Unit::One, Unit::Two] {
                 adc.finish(unit, 0.0).unwrap();
             }
-            let codes = [offset::DR, 0x100 + offset::DR].map(|place| read(&mut adc, place, 40_000));
+            let codes = [DR, 0x100 + DR].map(|place| read(&mut adc, place, 40_000));
             assert_eq!(codes, [expected, 0]);
         }
     }
@@ -1167,7 +1113,7 @@ mod tests {
             let mut convert = |at: Cycles| {
                 start(&mut adc, at);
                 adc.finish(Unit::One, 0.0).unwrap();
-                read(&mut adc, offset::DR, at + 1000)
+                read(&mut adc, DR, at + 1000)
             };
             // The first conversion, one soon after it, and one 1.1 ms later.
             assert_eq!([20_000, 30_000, 214_800].map(&mut convert), [off, 0, off]);
@@ -1180,19 +1126,19 @@ mod tests {
         for (errata, first) in [(Errata { adc_after_stop: true, ..Errata::NONE }, 0), (Errata::NONE, 100)] {
             // Stopped by software, then by the last transfer of a one-shot DMA.
             for by_dma in [false, true] {
-                let mut adc = ready(TRIGGERED | if by_dma { cfgr::DMAEN } else { 0 });
+                let mut adc = ready(TRIGGERED | if by_dma { DMAEN } else { 0 });
                 adc.set_errata(errata);
                 let convert = |adc: &mut Adcs, at: Cycles| {
                     adc.trigger(TRIGGER_TIM6, at).unwrap();
                     adc.finish(Unit::One, volts).unwrap();
-                    read(adc, offset::DR, at + 1000)
+                    read(adc, DR, at + 1000)
                 };
                 start(&mut adc, 20_000);
                 assert_eq!(convert(&mut adc, 30_000), 100);
                 if by_dma {
                     adc.dma_end(Unit::One);
                 } else {
-                    write(&mut adc, CR, cr::ADVREGEN | cr::ADEN | cr::ADSTP, 40_000);
+                    write(&mut adc, CR, ADVREGEN | ADEN | ADSTP, 40_000);
                     start(&mut adc, 40_000);
                 }
                 assert_eq!([50_000, 60_000].map(|at| convert(&mut adc, at)), [first, 100], "{by_dma}");
@@ -1206,11 +1152,11 @@ mod tests {
             let mut adc = powered();
             write(&mut adc, CCR12, 0, 0);
             adc.set_clocks(&Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON });
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, SETTLED);
-            write(&mut adc, offset::SMPR1, 3 << 3, SETTLED);
-            write(&mut adc, offset::SQR1, 1 << 6, SETTLED);
+            write(&mut adc, CR, ADVREGEN | ADEN, SETTLED);
+            write(&mut adc, SMPR1, 3 << 3, SETTLED);
+            write(&mut adc, SQR1, 1 << 6, SETTLED);
             write(&mut adc, CFGR, TRIGGERED, SETTLED);
-            assert_eq!(read(&mut adc, ISR, 10_000), isr::ADRDY);
+            assert_eq!(read(&mut adc, ISR, 10_000), ADRDY);
             start(&mut adc, 10_000);
             adc.trigger(TRIGGER_TIM6, at).unwrap();
             adc.looks_at(Unit::One).unwrap().1 - at
@@ -1222,11 +1168,11 @@ mod tests {
     #[test]
     fn a_converter_whose_clock_has_stopped_misses_the_trigger() {
         let mut adc = ready(TRIGGERED);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+        write(&mut adc, CR, ADVREGEN | ADDIS, 10_000);
         write(&mut adc, CCR12, 0, 10_000);
         let clocks = Clocks { hclk_hz: HCLK_HZ, adc12_hz: HCLK_HZ / 4.0, ..Clocks::POWER_ON };
         adc.set_clocks(&clocks);
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
+        write(&mut adc, CR, ADVREGEN | ADEN, 10_000);
         start(&mut adc, 20_000);
         adc.set_clocks(&Clocks { adc12_hz: 0.0, ..clocks });
         adc.trigger(TRIGGER_TIM6, 30_000).unwrap();
@@ -1239,16 +1185,16 @@ mod tests {
     #[test]
     fn a_software_start_runs_the_sequence_once() {
         let mut adc = ready(0);
-        write(&mut adc, offset::SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
+        write(&mut adc, SQR1, 1 | 1 << 6 | 2 << 12, 10_000);
         start(&mut adc, 20_000);
         assert_eq!(adc.due(), Some((20_000 + 37 * 4, Unit::One)));
         adc.finish(Unit::One, 0.1).unwrap();
-        assert_eq!(read(&mut adc, ISR, 20_148) & (isr::EOC | isr::EOS), isr::EOC);
+        assert_eq!(read(&mut adc, ISR, 20_148) & (EOC | EOS), EOC);
         assert_eq!(adc.looks_at(Unit::One).unwrap().0, Signal::Pin(Pin::new('A', 1)));
-        read(&mut adc, offset::DR, 20_148);
+        read(&mut adc, DR, 20_148);
         adc.finish(Unit::One, 0.2).unwrap();
-        assert_eq!(read(&mut adc, ISR, 20_400) & (isr::EOC | isr::EOS | isr::OVR), isr::EOC | isr::EOS);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & cr::ADSTART), (None, 0));
+        assert_eq!(read(&mut adc, ISR, 20_400) & (EOC | EOS | OVR), EOC | EOS);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_400) & ADSTART), (None, 0));
     }
 
     #[test]
@@ -1298,27 +1244,27 @@ mod tests {
 
     #[test]
     fn results_that_nobody_takes_are_an_overrun_and_end_dma() {
-        for (mode, kept) in [(0, 100), (cfgr::OVRMOD, 200)] {
-            let mut adc = ready(TRIGGERED | cfgr::DMAEN | cfgr::DMACFG | mode);
+        for (mode, kept) in [(0, 100), (OVRMOD, 200)] {
+            let mut adc = ready(TRIGGERED | DMAEN | DMACFG | mode);
             start(&mut adc, 10_000);
             for (n, code) in [100.0, 200.0].into_iter().enumerate() {
                 adc.trigger(TRIGGER_TIM6, 20_000 + 2625 * n as u64).unwrap();
                 assert_eq!(adc.dma_request(Unit::One), n == 1);
                 adc.finish(Unit::One, code / CODES * REFERENCE_V).unwrap();
             }
-            assert_ne!(read(&mut adc, ISR, 30_000) & isr::OVR, 0);
+            assert_ne!(read(&mut adc, ISR, 30_000) & OVR, 0);
             assert!(!adc.dma_request(Unit::One));
-            write(&mut adc, ISR, isr::OVR, 30_000);
+            write(&mut adc, ISR, OVR, 30_000);
             assert!(adc.dma_request(Unit::One));
-            assert_eq!(read(&mut adc, offset::DR, 30_000), kept);
+            assert_eq!(read(&mut adc, DR, 30_000), kept);
             assert!(!adc.dma_request(Unit::One));
         }
     }
 
     #[test]
     fn one_shot_dma_ends_with_the_last_transfer() {
-        for (mode, goes_on) in [(0, false), (cfgr::DMACFG, true)] {
-            let mut adc = ready(TRIGGERED | cfgr::DMAEN | mode);
+        for (mode, goes_on) in [(0, false), (DMACFG, true)] {
+            let mut adc = ready(TRIGGERED | DMAEN | mode);
             start(&mut adc, 10_000);
             adc.dma_end(Unit::One);
             adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
@@ -1332,12 +1278,12 @@ mod tests {
         let mut adc = ready(TRIGGERED);
         start(&mut adc, 10_000);
         adc.trigger(TRIGGER_TIM6, 20_000).unwrap();
-        assert!(adc.write(CR, cr::ADVREGEN | cr::ADDIS, Width::Word, 20_010).is_err());
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADSTP, 20_010);
-        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & cr::ADSTART), (None, 0));
-        write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 20_020);
-        assert_eq!(read(&mut adc, CR, 20_020), cr::ADVREGEN);
-        assert_eq!(read(&mut adc, ISR, 20_020) & isr::ADRDY, 0);
+        assert!(refuses(&mut adc, CR, ADVREGEN | ADDIS, 20_010));
+        write(&mut adc, CR, ADVREGEN | ADSTP, 20_010);
+        assert_eq!((adc.due(), read(&mut adc, CR, 20_010) & ADSTART), (None, 0));
+        write(&mut adc, CR, ADVREGEN | ADDIS, 20_020);
+        assert_eq!(read(&mut adc, CR, 20_020), ADVREGEN);
+        assert_eq!(read(&mut adc, ISR, 20_020) & ADRDY, 0);
     }
 
     #[test]
@@ -1345,11 +1291,9 @@ mod tests {
         let mut adc = ready(TRIGGERED);
         start(&mut adc, 10_000);
         write(&mut adc, CFGR, TRIGGERED, 10_000);
-        write(&mut adc, offset::SQR1, 1 << 6, 10_000);
-        for (offset, value) in
-            [(CFGR, 0), (offset::SQR1, 2 << 6), (offset::SMPR1, 0), (CCR12, 2 << 16), (offset::DIFSEL, 2)]
-        {
-            assert!(adc.write(offset, value, Width::Word, 10_000).is_err(), "{offset:#x}");
+        write(&mut adc, SQR1, 1 << 6, 10_000);
+        for (offset, value) in [(CFGR, 0), (SQR1, 2 << 6), (SMPR1, 0), (CCR12, 2 << 16), (DIFSEL, 2)] {
+            assert!(refuses(&mut adc, offset, value, 10_000), "{offset:#x}");
         }
     }
 
@@ -1357,16 +1301,16 @@ mod tests {
     fn modes_without_a_model_are_refused_at_the_start() {
         let refused = |cfgr: u32, offset: u32, value: u32| {
             let mut adc = ready(cfgr);
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADDIS, 10_000);
+            write(&mut adc, CR, ADVREGEN | ADDIS, 10_000);
             write(&mut adc, offset, value, 10_000);
-            write(&mut adc, CR, cr::ADVREGEN | cr::ADEN, 10_000);
-            adc.write(CR, cr::ADVREGEN | cr::ADEN | cr::ADSTART, Width::Word, 20_000).is_err()
+            write(&mut adc, CR, ADVREGEN | ADEN, 10_000);
+            refuses(&mut adc, CR, ADVREGEN | ADEN | ADSTART, 20_000)
         };
-        let nothing = offset::SMPR2;
+        let nothing = SMPR2;
         assert!(!refused(0, nothing, 0));
         assert!(refused(1 << 3, nothing, 0) && refused(1 << 14, nothing, 0));
-        assert!(refused(0, offset::CFGR2, 1) && refused(0, offset::OFR1, 1 << 31) && refused(0, offset::DIFSEL, 2));
-        assert!(powered().write(CCR12, 6, Width::Word, 0).is_err());
+        assert!(refused(0, CFGR2, 1) && refused(0, OFR1, 1 << 31) && refused(0, DIFSEL, 2));
+        assert!(powered().write(CCR12, 6, Word, 0).is_err());
     }
 
     #[test]
@@ -1374,26 +1318,26 @@ mod tests {
         let look = |sqr1: u32, ccr12: u32| {
             let mut adc = ready(0);
             write(&mut adc, CCR12, CKMODE_4 | ccr12, 10_000);
-            write(&mut adc, offset::SQR1, sqr1, 10_000);
+            write(&mut adc, SQR1, sqr1, 10_000);
             start(&mut adc, 10_000);
             adc.looks_at(Unit::One).map(|(signal, _)| signal)
         };
         assert_eq!(look(2 << 6, 0), Ok(Signal::Pin(Pin::new('A', 1))));
         assert!(look(5 << 6, 0).is_err());
         assert!(look(16 << 6, 0).is_err());
-        assert_eq!(look(16 << 6, ccr::VSENSESEL), Ok(Signal::Temperature));
+        assert_eq!(look(16 << 6, VSENSESEL), Ok(Signal::Temperature));
     }
 
     #[test]
     fn interrupts_follow_flags_and_enables() {
         let mut adc = ready(0);
         assert!(!adc.irq(Unit::One));
-        write(&mut adc, IER, isr::EOC, 10_000);
+        write(&mut adc, IER, EOC, 10_000);
         start(&mut adc, 10_000);
         assert_eq!(adc.next_event(), Some(10_148));
         adc.finish(Unit::One, 1.0).unwrap();
         assert!(adc.irq(Unit::One));
-        write(&mut adc, ISR, isr::EOC, 10_200);
+        write(&mut adc, ISR, EOC, 10_200);
         assert!(!adc.irq(Unit::One));
     }
 
@@ -1411,60 +1355,20 @@ mod tests {
     #[test]
     fn places_and_resets() {
         let mut adc = ready(0);
-        assert!(adc.read(0x200, Width::Word, 0).is_err());
-        assert!(adc.read(0x44, Width::Word, 0).is_err());
-        assert_eq!(read(&mut adc, 0x600 + CR, 0), cr::DEEPPWD);
-        assert_eq!(read(&mut adc, 0x300, 0), isr::ADRDY);
+        assert!(adc.read(0x200, Word, 0).is_err());
+        assert!(adc.read(0x44, Word, 0).is_err());
+        assert_eq!(read(&mut adc, 0x600 + CR, 0), DEEPPWD);
+        assert_eq!(read(&mut adc, 0x300, 0), ADRDY);
         adc.reset(0);
-        assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (cr::DEEPPWD, 0));
+        assert_eq!((read(&mut adc, CR, 0), read(&mut adc, CCR12, 0)), (DEEPPWD, 0));
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "ADC1",
-            "ISR",
-            &[("ADRDY", isr::ADRDY), ("EOSMP", isr::EOSMP), ("EOC", isr::EOC), ("EOS", isr::EOS), ("OVR", isr::OVR)],
-        );
-        fields_agree(
-            "ADC1",
-            "CR",
-            &[
-                ("ADEN", cr::ADEN),
-                ("ADDIS", cr::ADDIS),
-                ("ADSTART", cr::ADSTART),
-                ("JADSTART", cr::JADSTART),
-                ("ADSTP", cr::ADSTP),
-                ("JADSTP", cr::JADSTP),
-                ("ADVREGEN", cr::ADVREGEN),
-                ("DEEPPWD", cr::DEEPPWD),
-                ("ADCALDIF", cr::ADCALDIF),
-                ("ADCAL", cr::ADCAL),
-            ],
-        );
-        fields_agree(
-            "ADC1",
-            "CFGR",
-            &[
-                ("DMAEN", cfgr::DMAEN),
-                ("DMACFG", cfgr::DMACFG),
-                ("OVRMOD", cfgr::OVRMOD),
-                ("CONT", cfgr::CONT),
-                ("JQDIS", cfgr::JQDIS),
-            ],
-        );
-        fields_agree(
-            "ADC12_COMMON",
-            "CCR",
-            &[
-                ("DUAL", ccr::DUAL),
-                ("CKMODE", CKMODE_4),
-                ("VREFEN", ccr::VREFEN),
-                ("VSENSEEN", ccr::VSENSESEL),
-                ("VBATEN", ccr::VBATSEL),
-            ],
-        );
+        fields_agree!("ADC1", "ISR", ADRDY, EOSMP, EOC, EOS, OVR);
+        fields_agree!("ADC1", "CR", ADEN, ADDIS, ADSTART, JADSTART, ADSTP, JADSTP, ADVREGEN, DEEPPWD, ADCALDIF, ADCAL);
+        fields_agree!("ADC1", "CFGR", DMAEN, DMACFG, OVRMOD, CONT, JQDIS);
+        fields_agree!("ADC12_COMMON", "CCR", DUAL, VREFEN);
+        fields_agree!("ADC12_COMMON", "CCR", CKMODE = CKMODE_4, VSENSEEN = VSENSESEL, VBATEN = VBATSEL);
     }
 }

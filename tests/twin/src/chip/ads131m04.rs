@@ -19,6 +19,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::pin::Pin;
+use super::refuse_if;
 use crate::{Cycles, Unknown, World};
 
 /// Chip select, active low.
@@ -245,23 +246,15 @@ impl Ads131m04 {
 
     /// Exchanges a byte over SPI; `mode` is (CPOL, CPHA).
     pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
-        if self.selected && mode != (false, true) {
-            return Err(Unknown { what: "the ADS131M04 requires SPI mode 1 (CPOL 0, CPHA 1)" });
-        }
-        if self.selected && rate_hz > GREATEST_RATE_HZ {
-            return Err(Unknown { what: "SCLK of the ADS131M04 is above 25 MHz" });
-        }
+        refuse_if(self.selected && mode != (false, true), "the ADS131M04 requires SPI mode 1 (CPOL 0, CPHA 1)")?;
+        refuse_if(self.selected && rate_hz > GREATEST_RATE_HZ, "SCLK of the ADS131M04 is above 25 MHz")?;
         Ok(self.chip.shift(byte))
     }
 
     /// Refuses a CLKIN outside the device's range; `hclk_hz` is the core clock \[Hz\].
     pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
-        match self.clkin.cycles {
-            Some(cycles) if !CLKIN_HZ.contains(&(hclk_hz / cycles as f64)) => {
-                Err(Unknown { what: "the ADS131M04's CLKIN is outside 0.3 to 8.4 MHz" })
-            }
-            _ => Ok(()),
-        }
+        let outside = |cycles: Cycles| !CLKIN_HZ.contains(&(hclk_hz / cycles as f64));
+        refuse_if(self.clkin.cycles.is_some_and(outside), "the ADS131M04's CLKIN is outside 0.3 to 8.4 MHz")
     }
 }
 

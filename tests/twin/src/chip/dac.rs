@@ -9,6 +9,7 @@
 
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 use std::collections::VecDeque;
 
@@ -21,19 +22,17 @@ const FROM_RAIL_V: f64 = 0.2;
 /// Number of output changes kept. An ADC reads back less than one step.
 const REMEMBERED: usize = 4;
 
-mod cr {
-    pub const EN: u32 = 1 << 0;
-    pub const TEN: u32 = 1 << 1;
-    pub const TSEL: u32 = 0xF << 2;
-    pub const DMAEN: u32 = 1 << 12;
-    pub const DMAUDRIE: u32 = 1 << 13;
-    pub const KNOWN: u32 = EN | TEN | TSEL | DMAEN | DMAUDRIE;
-}
+// CR.
+const EN: u32 = 1 << 0;
+const TEN: u32 = 1 << 1;
+const TSEL: u32 = 0xF << 2;
+const DMAEN: u32 = 1 << 12;
+const DMAUDRIE: u32 = 1 << 13;
+const CR_KNOWN: u32 = EN | TEN | TSEL | DMAEN | DMAUDRIE;
 
-mod sr {
-    pub const DACRDY: u32 = 1 << 11;
-    pub const DMAUDR: u32 = 1 << 13;
-}
+// SR.
+const DACRDY: u32 = 1 << 11;
+const DMAUDR: u32 = 1 << 13;
 
 /// HFSEL in MCR.
 const HFSEL: u32 = 3 << 14;
@@ -87,11 +86,11 @@ impl Dac {
 
     /// Processes a timer's trigger.
     pub fn trigger(&mut self, number: u32, now: Cycles) {
-        if self.cr & (cr::EN | cr::TEN) != cr::EN | cr::TEN || (self.cr & cr::TSEL) >> 2 != number {
+        if self.cr & (EN | TEN) != EN | TEN || (self.cr & TSEL) >> 2 != number {
             return;
         }
         self.put_out(now);
-        if self.cr & cr::DMAEN != 0 && !self.underrun {
+        if self.cr & DMAEN != 0 && !self.underrun {
             // The previous request was not served: underrun. There are no further requests until the flag is cleared.
             self.underrun = self.request;
             self.request = !self.underrun;
@@ -110,12 +109,12 @@ impl Dac {
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        self.underrun && self.cr & cr::DMAUDRIE != 0
+        self.underrun && self.cr & DMAUDRIE != 0
     }
 
     /// Voltage at the pin \[V\], now or shortly before; none while the output is off.
     pub fn volts(&self, at: Cycles) -> Option<f64> {
-        if self.cr & cr::EN == 0 {
+        if self.cr & EN == 0 {
             return None;
         }
         let change = self.changes.iter().rev().find(|change| change.at <= at).or(self.changes.front())?;
@@ -143,8 +142,8 @@ impl Registers for Dac {
             0x08 => self.holding,
             0x2C => self.output,
             0x34 => {
-                let ready = if self.cr & cr::EN != 0 { sr::DACRDY } else { 0 };
-                ready | if self.underrun { sr::DMAUDR } else { 0 }
+                let ready = if self.cr & EN != 0 { DACRDY } else { 0 };
+                ready | if self.underrun { DMAUDR } else { 0 }
             }
             0x3C => self.mcr,
             _ => return Err(Unknown::REGISTER),
@@ -157,18 +156,17 @@ impl Registers for Dac {
             return Err(Unknown::WIDTH);
         }
         match offset {
-            0x00 if value & !cr::KNOWN != 0 => {
-                return Err(Unknown {
-                    what: "DAC_CR: only channel 1 without wave generation and calibration is modelled",
-                });
+            0x00 if value & !CR_KNOWN != 0 => {
+                return refuse("DAC_CR: only channel 1 without wave generation and calibration is modelled");
             }
             0x00 => {
-                if value & cr::EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14 {
-                    return Err(Unknown { what: "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz" });
-                }
-                let starts = value & !self.cr & cr::EN != 0;
+                refuse_if(
+                    value & EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14,
+                    "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz",
+                )?;
+                let starts = value & !self.cr & EN != 0;
                 self.cr = value;
-                if value & (cr::EN | cr::DMAEN) != cr::EN | cr::DMAEN {
+                if value & (EN | DMAEN) != EN | DMAEN {
                     self.request = false;
                 }
                 if starts {
@@ -178,14 +176,12 @@ impl Registers for Dac {
             }
             0x08 => {
                 self.holding = value & 0xFFF;
-                if self.cr & (cr::EN | cr::TEN) == cr::EN {
+                if self.cr & (EN | TEN) == EN {
                     self.put_out(now);
                 }
             }
-            0x34 => self.underrun &= value & sr::DMAUDR == 0,
-            0x3C if value & !HFSEL != 0 => {
-                return Err(Unknown { what: "DAC_MCR: only normal mode with the buffer is modelled" });
-            }
+            0x34 => self.underrun &= value & DMAUDR == 0,
+            0x3C if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
             0x3C => self.mcr = value,
             _ => return Err(Unknown::REGISTER),
         }
@@ -204,12 +200,9 @@ impl Registers for Dac {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     const HCLK_HZ: f64 = 168e6;
-
-    fn write(dac: &mut Dac, offset: u32, value: u32, now: Cycles) {
-        dac.write(offset, value, Width::Word, now).expect("modelled access");
-    }
 
     fn dac(control: u32) -> Dac {
         let mut dac = Dac::default();
@@ -223,7 +216,7 @@ mod tests {
 
     #[test]
     fn without_a_trigger_a_code_is_put_out_at_once_and_settles() {
-        let mut dac = dac(cr::EN);
+        let mut dac = dac(EN);
         assert_eq!(dac.volts(168_000), Some(1.65));
         write(&mut dac, 0x08, 1024, 168_000);
         // After one time constant.
@@ -237,7 +230,7 @@ mod tests {
 
     #[test]
     fn the_buffer_does_not_reach_the_rails() {
-        let mut dac = dac(cr::EN);
+        let mut dac = dac(EN);
         for (code, volts) in [(0, 0.2), (4095, 3.1)] {
             write(&mut dac, 0x08, code, 168_000);
             assert!((dac.volts(1_000_000).expect("the DAC is on") - volts).abs() < 1e-9);
@@ -246,7 +239,7 @@ mod tests {
 
     #[test]
     fn its_own_trigger_puts_out_and_asks_for_more() {
-        let mut dac = dac(cr::EN | cr::TEN | TRIGGER_TIM7 << 2 | cr::DMAEN | cr::DMAUDRIE);
+        let mut dac = dac(EN | TEN | TRIGGER_TIM7 << 2 | DMAEN | DMAUDRIE);
         write(&mut dac, 0x08, 100, 10);
         dac.trigger(TRIGGER_TIM7 + 1, 20);
         assert_eq!((dac.output, dac.dma_request()), (2048, false));
@@ -258,7 +251,7 @@ mod tests {
         // No transfer follows.
         dac.trigger(TRIGGER_TIM7, 50);
         assert!(dac.irq() && !dac.dma_request());
-        write(&mut dac, 0x34, sr::DMAUDR, 60);
+        write(&mut dac, 0x34, DMAUDR, 60);
         assert!(!dac.irq());
     }
 
@@ -266,22 +259,18 @@ mod tests {
     fn what_is_not_modelled_is_refused() {
         let mut fast = Dac::default();
         fast.set_clocks(&Clocks { hclk_hz: HCLK_HZ, ..Clocks::POWER_ON });
-        assert!(fast.write(0x00, cr::EN, Width::Word, 0).is_err(), "HFSEL");
-        let mut dac = dac(cr::EN);
+        assert!(refuses(&mut fast, 0x00, EN, 0), "HFSEL");
+        let mut dac = dac(EN);
         for (offset, value) in [(0x00, 1 << 16), (0x00, 1 << 6), (0x3C, 1), (0x20, 0)] {
-            assert!(dac.write(offset, value, Width::Word, 0).is_err(), "{offset:#x}");
+            assert!(refuses(&mut dac, offset, value, 0), "{offset:#x}");
         }
         assert!(dac.write(0x08, 1, Width::Half, 0).is_err());
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        let fields =
-            [("EN", cr::EN), ("TEN", cr::TEN), ("TSEL", cr::TSEL), ("DMAEN", cr::DMAEN), ("DMAUDRIE", cr::DMAUDRIE)];
-        fields_agree("DAC1", "CR", &fields);
-        fields_agree("DAC1", "SR", &[("DACRDY", sr::DACRDY), ("DMAUDR", sr::DMAUDR)]);
-        fields_agree("DAC1", "MCR", &[("HFSEL", HFSEL)]);
+        fields_agree!("DAC1", "CR", EN, TEN, TSEL, DMAEN, DMAUDRIE);
+        fields_agree!("DAC1", "SR", DACRDY, DMAUDR);
+        fields_agree!("DAC1", "MCR", HFSEL);
     }
 }

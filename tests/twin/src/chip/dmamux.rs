@@ -5,6 +5,7 @@
 //!
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
+use super::refuse;
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Number of multiplexer channels.
@@ -60,19 +61,15 @@ impl Request {
     }
 }
 
-/// DMAMUX_CxCR.
-mod ccr {
-    pub const DMAREQ_ID: u32 = 0x7F;
-    pub const SE: u32 = 1 << 16;
-    /// SOIE, EGE, SE, SPOL, NBREQ, SYNC_ID.
-    pub const ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
-}
+// DMAMUX_CxCR.
+const DMAREQ_ID: u32 = 0x7F;
+const SE: u32 = 1 << 16;
+/// SOIE, EGE, SE, SPOL, NBREQ, SYNC_ID.
+const CCR_ALL: u32 = 0x1FFF_0300 | DMAREQ_ID;
 
-/// DMAMUX_RGxCR.
-mod rgcr {
-    /// GNBREQ, GPOL, GE, OIE, SIG_ID.
-    pub const ALL: u32 = 0x00FF_011F;
-}
+// DMAMUX_RGxCR.
+/// GNBREQ, GPOL, GE, OIE, SIG_ID.
+const RGCR_ALL: u32 = 0x00FF_011F;
 
 /// The multiplexer.
 #[derive(Clone, Debug, Default)]
@@ -82,14 +79,9 @@ pub struct Dmamux {
 }
 
 impl Dmamux {
-    /// The state after reset.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
     /// Number of the request assigned to a channel; 0 is none.
     pub fn request(&self, channel: usize) -> u8 {
-        self.channels.get(channel).map_or(0, |ccr| (ccr & ccr::DMAREQ_ID) as u8)
+        self.channels.get(channel).map_or(0, |ccr| (ccr & DMAREQ_ID) as u8)
     }
 
     /// Channels to which the request is assigned.
@@ -119,21 +111,19 @@ impl Registers for Dmamux {
         }
         let place = (offset / 4) as usize;
         match offset {
-            0x00..=0x3C if value & ccr::SE != 0 => {
-                return Err(Unknown { what: "DMAMUX_CxCR.SE: synchronisation is not modelled" });
-            }
+            0x00..=0x3C if value & SE != 0 => return refuse("DMAMUX_CxCR.SE: synchronisation is not modelled"),
             0x00..=0x3C => {
                 if let Some(channel) = self.channels.get_mut(place) {
-                    *channel = value & ccr::ALL;
+                    *channel = value & CCR_ALL;
                 }
             }
             0x84 | 0x144 => {}
             0x100..=0x10C if value & 1 << 16 != 0 => {
-                return Err(Unknown { what: "DMAMUX_RGxCR.GE: request generators are not modelled" });
+                return refuse("DMAMUX_RGxCR.GE: request generators are not modelled");
             }
             0x100..=0x10C => {
                 if let Some(generator) = self.generators.get_mut(place - 0x40) {
-                    *generator = value & rgcr::ALL;
+                    *generator = value & RGCR_ALL;
                 }
             }
             _ => return Err(Unknown::REGISTER),
@@ -142,19 +132,20 @@ impl Registers for Dmamux {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self::new();
+        *self = Self::default();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn a_channel_listens_to_one_request_and_a_request_may_have_many() {
-        let mut mux = Dmamux::new();
-        mux.write(0x04, 36, Width::Word, 0).unwrap();
-        mux.write(0x3C, 36 | 1 << 9, Width::Word, 0).unwrap();
+        let mut mux = Dmamux::default();
+        write(&mut mux, 0x04, 36, 0);
+        write(&mut mux, 0x3C, 36 | 1 << 9, 0);
         assert_eq!(mux.listeners(Request::Adc2).collect::<Vec<_>>(), [1, 15]);
         assert_eq!((mux.request(0), mux.request(1)), (0, 36));
         assert_eq!(mux.read(0x3C, Width::Word, 0), Ok(36 | 1 << 9));
@@ -164,18 +155,17 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let mut mux = Dmamux::new();
-        assert!(mux.write(0x00, 1 << 16, Width::Word, 0).is_err());
-        assert!(mux.write(0x100, 1 << 16, Width::Word, 0).is_err());
+        let mut mux = Dmamux::default();
+        assert!(refuses(&mut mux, 0x00, 1 << 16, 0));
+        assert!(refuses(&mut mux, 0x100, 1 << 16, 0));
         assert!(mux.read(0x44, Width::Word, 0).is_err());
-        assert!(mux.write(0x80, 0, Width::Word, 0).is_err());
+        assert!(refuses(&mut mux, 0x80, 0, 0));
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
         // metapac's DMAREQ_ID has one more bit, for other chips.
-        fields_agree("DMAMUX1", "CCR", &[("DMAREQ_ID", ccr::DMAREQ_ID | 0x80), ("SE", ccr::SE)]);
+        fields_agree!("DMAMUX1", "CCR", SE);
+        fields_agree!("DMAMUX1", "CCR", DMAREQ_ID = DMAREQ_ID | 0x80);
     }
 }

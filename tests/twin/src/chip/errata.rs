@@ -58,29 +58,23 @@ pub struct Errata {
 
 impl Errata {
     /// The chip with all its errata.
-    pub const ALL: Self = Self {
-        first_write_lost: true,
-        data_cache: true,
-        eccr_after_cut: true,
-        adc_after_pause: true,
-        adc_after_stop: true,
-        adc_concurrent: true,
-        spi_busy_stays: true,
-        dma_global_clear: true,
-        lsi_with_rtc: true,
-    };
+    pub const ALL: Self = Self::each(true);
     /// The chip as the reference manual describes it.
-    pub const NONE: Self = Self {
-        first_write_lost: false,
-        data_cache: false,
-        eccr_after_cut: false,
-        adc_after_pause: false,
-        adc_after_stop: false,
-        adc_concurrent: false,
-        spi_busy_stays: false,
-        dma_global_clear: false,
-        lsi_with_rtc: false,
-    };
+    pub const NONE: Self = Self::each(false);
+
+    const fn each(on: bool) -> Self {
+        Self {
+            first_write_lost: on,
+            data_cache: on,
+            eccr_after_cut: on,
+            adc_after_pause: on,
+            adc_after_stop: on,
+            adc_concurrent: on,
+            spi_busy_stays: on,
+            dma_global_clear: on,
+            lsi_with_rtc: on,
+        }
+    }
 }
 
 impl Default for Errata {

@@ -3,6 +3,7 @@
 //! Lines 0 to 15 are pins (SYSCFG selects the port), 16 is the PVD, 18 the USB wake-up. Event masks (EMR) are storage,
 //! as the twin has no sleep mode that needs them.
 
+use super::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const IMR1: u32 = 0x00;
@@ -59,7 +60,7 @@ impl Registers for Exti {
         match offset & !3 {
             PR1 => Ok(width.part(self.pending, offset)),
             // All users of the lines share these registers, and each changes one bit.
-            IMR1 | EMR1 | RTSR1 | FTSR1 => Ok(width.part(self.storage.get(offset & !3), offset)),
+            IMR1 | EMR1 | RTSR1 | FTSR1 => peek(&self.storage, offset, width),
             _ => self.storage.read(offset, width),
         }
     }
@@ -86,29 +87,30 @@ impl Registers for Exti {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::write;
 
     #[test]
     fn only_the_chosen_edge_is_pending_until_it_is_cleared() {
         let mut exti = Exti::default();
-        exti.write(FTSR1, 1 << 10, Width::Word, 0).expect("modelled access");
+        write(&mut exti, FTSR1, 1 << 10, 0);
         exti.edge(10, true);
         assert_eq!(exti.read(PR1, Width::Word, 0), Ok(0));
         exti.edge(10, false);
         assert_eq!(exti.read(PR1, Width::Word, 0), Ok(1 << 10));
         assert!(!exti.requests(0xfc00), "masked");
-        exti.write(IMR1, 1 << 10, Width::Word, 0).expect("modelled access");
+        write(&mut exti, IMR1, 1 << 10, 0);
         assert!(exti.requests(0xfc00) && !exti.requests(0x3e0));
-        exti.write(PR1, 1 << 10, Width::Word, 0).expect("modelled access");
+        write(&mut exti, PR1, 1 << 10, 0);
         assert!(!exti.requests(0xfc00));
     }
 
     #[test]
     fn software_raises_an_unmasked_line() {
         let mut exti = Exti::default();
-        exti.write(SWIER1, 3, Width::Word, 0).expect("modelled access");
+        write(&mut exti, SWIER1, 3, 0);
         assert!(!exti.requests(3));
-        exti.write(IMR1, 1, Width::Word, 0).expect("modelled access");
-        exti.write(SWIER1, 3, Width::Word, 0).expect("modelled access");
+        write(&mut exti, IMR1, 1, 0);
+        write(&mut exti, SWIER1, 3, 0);
         assert!(exti.requests(1) && !exti.requests(2));
     }
 }

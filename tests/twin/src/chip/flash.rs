@@ -12,6 +12,7 @@
 //! Not modelled: fast programming, mass erase, write and read protection, single-bank mode, securable areas.
 
 use super::rom;
+use super::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{
@@ -503,12 +504,10 @@ impl Flash {
     /// Refuses an operation while the data cache is on, if the erratum on writing one bank while reading the other
     /// applies.
     fn check_cache(&self) -> Result<(), Unknown> {
-        if self.errata.data_cache && self.storage.get(ACR) & DCEN != 0 {
-            return Err(Unknown {
-                what: "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
-            });
-        }
-        Ok(())
+        refuse_if(
+            self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
+            "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
+        )
     }
 
     fn begin(&mut self, action: Action, now: Cycles) {
@@ -584,11 +583,12 @@ impl Flash {
         };
         self.advance(now);
         let bytes = self.memory.bytes().get(at..at + width.bytes() as usize);
-        let Some(bytes) = bytes else { return Err(Unknown { what: "past the end of flash" }) };
+        let Some(bytes) = bytes else { return refuse("past the end of flash") };
         let value = bytes.iter().rev().fold(0, |word, &byte| word << 8 | u32::from(byte));
-        if self.stale && self.rules == Rules::Enforced {
-            return Err(Unknown { what: "read through a data cache that was not reset after flash changed" });
-        }
+        refuse_if(
+            self.stale && self.rules == Rules::Enforced,
+            "read through a data cache that was not reset after flash changed",
+        )?;
         let hit = self.storage.get(ACR) & DCEN != 0 && self.torn.contains(&(at / 8)) && !self.cached.insert(at / 8);
         if self.torn.contains(&(at / 8)) && !hit && self.ecc & ECCD == 0 {
             let bank = if at >= BANK { BK_ECC } else { 0 };
@@ -603,12 +603,8 @@ impl Flash {
     /// The core writes to flash.
     pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         let at = address.wrapping_sub(START) as usize;
-        if at < BANK {
-            return Err(Unknown { what: "write to bank 1, from which the code runs" });
-        }
-        if at >= LEN {
-            return Err(Unknown { what: "past the end of flash" });
-        }
+        refuse_if(at < BANK, "write to bank 1, from which the code runs")?;
+        refuse_if(at >= LEN, "past the end of flash")?;
         let now = self.wait(now);
         self.advance(now);
         if width != Width::Word {
@@ -638,7 +634,7 @@ impl Flash {
     fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
         if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
             self.shut = true;
-            return Err(Unknown { what: "wrong FLASH_KEYR key: bus fault, locked until reset" });
+            return refuse("wrong FLASH_KEYR key: bus fault, locked until reset");
         }
         self.keys = (self.keys + 1) % 2;
         if self.keys == 0 {
@@ -648,9 +644,10 @@ impl Flash {
     }
 
     fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
-        if self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys] {
-            return Err(Unknown { what: "wrong FLASH_OPTKEYR key, or FLASH_CR is locked" });
-        }
+        refuse_if(
+            self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys],
+            "wrong FLASH_OPTKEYR key, or FLASH_CR is locked",
+        )?;
         self.option_keys = (self.option_keys + 1) % 2;
         if self.option_keys == 0 {
             self.control &= !OPTLOCK;
@@ -662,11 +659,9 @@ impl Flash {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
             // Setting LOCK again is allowed.
-            return if word & LOCK != 0 { Ok(()) } else { Err(Unknown { what: "FLASH_CR is locked" }) };
+            return if word & LOCK != 0 { Ok(()) } else { refuse("FLASH_CR is locked") };
         }
-        if word & CR_UNKNOWN != 0 {
-            return Err(Unknown { what: "mass erase, fast programming and securable areas are not modelled" });
-        }
+        refuse_if(word & CR_UNKNOWN != 0, "mass erase, fast programming and securable areas are not modelled")?;
         self.control = word & CR_KEPT | self.control & OPTLOCK;
         if word & PG == 0 {
             self.half = None;
@@ -675,14 +670,12 @@ impl Flash {
             self.control |= OPTLOCK;
         }
         let options = word & (OPTSTRT | OBL_LAUNCH);
-        if options != 0 && self.control & OPTLOCK != 0 {
-            return Err(Unknown { what: "the option bytes are locked" });
-        }
+        refuse_if(options != 0 && self.control & OPTLOCK != 0, "the option bytes are locked")?;
         if word & STRT != 0 {
             if word & (PG | PER) != PER || self.status & ERRORS != 0 {
                 self.fail(PGSERR);
             } else if word & BKER == 0 {
-                return Err(Unknown { what: "erase of bank 1, from which the code runs" });
+                return refuse("erase of bank 1, from which the code runs");
             } else {
                 let page = (BANK / PAGE) + (word >> 3 & 0x7f) as usize;
                 self.check_cache()?;
@@ -747,9 +740,7 @@ impl Registers for Flash {
                 let after = self.storage.get(ACR);
                 if after & DCRST != 0 {
                     match (before & after & DCEN != 0, self.rules) {
-                        (true, Rules::Enforced) => {
-                            return Err(Unknown { what: "data cache reset (DCRST) while the cache is on" });
-                        }
+                        (true, Rules::Enforced) => return refuse("data cache reset (DCRST) while the cache is on"),
                         // No effect, as the cache is on.
                         (true, Rules::AsOnTheChip) => {}
                         (false, _) => {
@@ -759,7 +750,7 @@ impl Registers for Flash {
                     }
                 }
             }
-            OPTR if self.control & OPTLOCK != 0 => return Err(Unknown { what: "the option bytes are locked" }),
+            OPTR if self.control & OPTLOCK != 0 => return refuse("the option bytes are locked"),
             OPTR => self.storage.write(offset, value, width)?,
             _ => return Err(Unknown::REGISTER),
         }
@@ -814,25 +805,15 @@ impl Registers for Flash {
     fn set_clocks(&mut self, clocks: &Clocks) {
         self.hclk_hz = clocks.hclk_hz;
     }
-
-    fn unwritten_reads(&self) -> Vec<u32> {
-        Vec::new()
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Half, Word};
+    use crate::chip::testing::{read, refuses, write};
 
     const SETTINGS: u32 = 0x0807_c000;
-
-    fn write(flash: &mut Flash, offset: u32, value: u32, now: Cycles) {
-        flash.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(flash: &mut Flash, offset: u32, now: Cycles) -> u32 {
-        flash.read(offset, Width::Word, now).expect("modelled access")
-    }
 
     fn unlocked() -> Flash {
         let mut flash = Flash::default();
@@ -845,12 +826,12 @@ mod tests {
 
     fn program(flash: &mut Flash, address: u32, data: [u32; 2], now: Cycles) {
         write(flash, CR, PG | EOPIE | ERRIE, now);
-        flash.write_memory(address, data[0], Width::Word, now).expect("modelled access");
-        flash.write_memory(address + 4, data[1], Width::Word, now).expect("modelled access");
+        flash.write_memory(address, data[0], Word, now).expect("modelled access");
+        flash.write_memory(address + 4, data[1], Word, now).expect("modelled access");
     }
 
     fn word(flash: &mut Flash, address: u32, now: Cycles) -> u32 {
-        flash.read_memory(address, Width::Word, now).expect("modelled access")
+        flash.read_memory(address, Word, now).expect("modelled access")
     }
 
     /// 85 us and 22 ms at 16 MHz.
@@ -879,25 +860,25 @@ mod tests {
     #[test]
     fn wrong_order_and_wrong_size() {
         let mut flash = unlocked();
-        flash.write_memory(SETTINGS, 0, Width::Word, 0).expect("modelled access");
+        flash.write_memory(SETTINGS, 0, Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGSERR, "PG is not set");
         write(&mut flash, SR, PGSERR, 0);
         write(&mut flash, CR, PG, 0);
-        flash.write_memory(SETTINGS + 4, 0, Width::Word, 0).expect("modelled access");
+        flash.write_memory(SETTINGS + 4, 0, Word, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), PGAERR);
         write(&mut flash, SR, PGAERR, 0);
-        flash.write_memory(SETTINGS, 0, Width::Half, 0).expect("modelled access");
+        flash.write_memory(SETTINGS, 0, Half, 0).expect("modelled access");
         assert_eq!(read(&mut flash, SR, 0), SIZERR);
-        assert!(flash.write_memory(START, 0, Width::Word, 0).is_err(), "bank 1");
+        assert!(flash.write_memory(START, 0, Word, 0).is_err(), "bank 1");
     }
 
     #[test]
     fn locked_until_both_keys() {
         let mut flash = Flash::default();
-        assert!(flash.write(CR, PG, Width::Word, 0).is_err());
+        assert!(refuses(&mut flash, CR, PG, 0));
         write(&mut flash, KEYR, KEYS[0], 0);
-        assert!(flash.write(KEYR, KEYS[0], Width::Word, 0).is_err());
-        assert!(flash.write(KEYR, KEYS[1], Width::Word, 0).is_err(), "locked until the next reset");
+        assert!(refuses(&mut flash, KEYR, KEYS[0], 0));
+        assert!(refuses(&mut flash, KEYR, KEYS[1], 0), "locked until the next reset");
         flash.reset(0);
         for key in KEYS {
             write(&mut flash, KEYR, key, 0);
@@ -918,7 +899,7 @@ mod tests {
         assert_eq!(word(&mut flash, SETTINGS + 4096, now), u32::MAX);
         assert_eq!((flash.take_stall(), flash.stalls, flash.stalled), (ERASE, 1, ERASE));
         assert_eq!(word(&mut flash, SETTINGS, now + ERASE), u32::MAX);
-        assert!(flash.write(CR, PER | STRT, Width::Word, now + ERASE).is_err(), "bank 1");
+        assert!(refuses(&mut flash, CR, PER | STRT, now + ERASE), "bank 1");
     }
 
     #[test]
@@ -973,8 +954,8 @@ mod tests {
             flash.set_errata(errata);
             let write_word = |flash: &mut Flash| {
                 write(flash, CR, PG, 0);
-                let low = flash.write_memory(SETTINGS, 1, Width::Word, 0);
-                low.and(flash.write_memory(SETTINGS + 4, 2, Width::Word, 0))
+                let low = flash.write_memory(SETTINGS, 1, Word, 0);
+                low.and(flash.write_memory(SETTINGS + 4, 2, Word, 0))
             };
             write(&mut flash, ACR, 0x600, 0);
             assert_eq!(write_word(&mut flash).is_err(), is_refused);
@@ -986,7 +967,7 @@ mod tests {
             let mut flash = unlocked();
             flash.set_errata(errata);
             write(&mut flash, ACR, 0x600, 0);
-            assert_eq!(flash.write(CR, erase, Width::Word, 0).is_err(), is_refused);
+            assert_eq!(refuses(&mut flash, CR, erase, 0), is_refused);
         }
     }
 
@@ -1012,8 +993,8 @@ mod tests {
         write(&mut flash, ACR, 0x600, 0);
         program(&mut flash, SETTINGS, [1, 2], 0);
         flash.advance(PROGRAM);
-        assert!(flash.read_memory(SETTINGS, Width::Word, PROGRAM).is_err());
-        assert!(flash.write(ACR, 0x1600, Width::Word, PROGRAM).is_err(), "reset while on");
+        assert!(flash.read_memory(SETTINGS, Word, PROGRAM).is_err());
+        assert!(refuses(&mut flash, ACR, 0x1600, PROGRAM), "reset while on");
         write(&mut flash, ACR, 0x200, PROGRAM);
         write(&mut flash, ACR, 0x1200, PROGRAM);
         assert_eq!(word(&mut flash, SETTINGS, PROGRAM), 1);
@@ -1022,7 +1003,7 @@ mod tests {
     #[test]
     fn option_bytes_are_loaded_by_a_restart() {
         let mut flash = unlocked();
-        assert!(flash.write(OPTR, 0, Width::Word, 0).is_err(), "locked");
+        assert!(refuses(&mut flash, OPTR, 0, 0), "locked");
         for key in OPTION_KEYS {
             write(&mut flash, OPTKEYR, key, 0);
         }
@@ -1059,39 +1040,10 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("FLASH", "ACR", &[("ICEN", ICEN), ("DCEN", DCEN), ("DCRST", DCRST)]);
-        fields_agree("FLASH", "OPTR", &[("DBANK", DBANK)]);
-        fields_agree(
-            "FLASH",
-            "SR",
-            &[
-                ("EOP", EOP),
-                ("OPERR", OPERR),
-                ("PROGERR", PROGERR),
-                ("PGAERR", PGAERR),
-                ("SIZERR", SIZERR),
-                ("PGSERR", PGSERR),
-                ("BSY", BSY),
-            ],
-        );
-        fields_agree(
-            "FLASH",
-            "CR",
-            &[
-                ("PG", PG),
-                ("PER", PER),
-                ("BKER", BKER),
-                ("STRT", STRT),
-                ("OPTSTRT", OPTSTRT),
-                ("EOPIE", EOPIE),
-                ("ERRIE", ERRIE),
-                ("OBL_LAUNCH", OBL_LAUNCH),
-                ("OPTLOCK", OPTLOCK),
-                ("LOCK", LOCK),
-            ],
-        );
-        fields_agree("FLASH", "ECCR", &[("BK_ECC", BK_ECC), ("ECCIE", ECCIE), ("ECCD", ECCD)]);
+        fields_agree!("FLASH", "ACR", ICEN, DCEN, DCRST);
+        fields_agree!("FLASH", "OPTR", DBANK);
+        fields_agree!("FLASH", "SR", EOP, OPERR, PROGERR, PGAERR, SIZERR, PGSERR, BSY);
+        fields_agree!("FLASH", "CR", PG, PER, BKER, STRT, OPTSTRT, EOPIE, ERRIE, OBL_LAUNCH, OPTLOCK, LOCK);
+        fields_agree!("FLASH", "ECCR", BK_ECC, ECCIE, ECCD);
     }
 }

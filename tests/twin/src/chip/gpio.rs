@@ -3,6 +3,7 @@
 //! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
+use super::{peek, refuse};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MODER: u32 = 0x00;
@@ -123,7 +124,7 @@ impl Registers for Gpio {
             IDR => Ok(width.part(self.input(), offset)),
             BSRR | BRR => Ok(0),
             // Code may read this register before any write, to change single pins.
-            ODR => Ok(width.part(self.storage.get(ODR), offset)),
+            ODR => peek(&self.storage, offset, width),
             _ => self.storage.read(offset, width),
         }
     }
@@ -132,7 +133,7 @@ impl Registers for Gpio {
         let word = width.replace(0, offset, value);
         let output = self.storage.get(ODR);
         match offset & !3 {
-            IDR => Err(Unknown { what: "the input register is read-only" }),
+            IDR => refuse("the input register is read-only"),
             // Set has priority over reset.
             BSRR => self.storage.write(ODR, output & !(word >> 16) | word & 0xffff, Width::Word),
             BRR => self.storage.write(ODR, output & !word, Width::Word),
@@ -154,23 +155,20 @@ impl Registers for Gpio {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(gpio: &mut Gpio, offset: u32, value: u32) {
-        gpio.write(offset, value, Width::Word, 0).expect("modelled access");
-    }
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn output_is_seen_at_the_pin_and_by_the_input_register() {
         let mut gpio = Gpio::new(2);
         assert!(gpio.output(6), "nobody drives it");
-        write(&mut gpio, MODER, !(3 << 12) | 1 << 12);
+        write(&mut gpio, MODER, !(3 << 12) | 1 << 12, 0);
         assert!(!gpio.output(6));
-        write(&mut gpio, BSRR, 1 << 6);
+        write(&mut gpio, BSRR, 1 << 6, 0);
         assert!(gpio.output(6));
         assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 6));
-        write(&mut gpio, BSRR, 1 << 22 | 1 << 6);
+        write(&mut gpio, BSRR, 1 << 22 | 1 << 6, 0);
         assert!(gpio.output(6), "setting wins over resetting");
-        write(&mut gpio, BRR, 1 << 6);
+        write(&mut gpio, BRR, 1 << 6, 0);
         assert!(!gpio.output(6));
     }
 
@@ -179,34 +177,34 @@ mod tests {
         let mut gpio = Gpio::new(1);
         gpio.drive(10, Some(true));
         assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 4), "PB10 is analogue, PB4 pulled up for debugging");
-        write(&mut gpio, MODER, 0);
+        write(&mut gpio, MODER, 0, 0);
         assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 10 | 1 << 4));
         assert_eq!(gpio.read(IDR + 1, Width::Byte, 0), Ok(4));
         gpio.drive(10, None);
-        write(&mut gpio, PUPDR, 1 << 20);
+        write(&mut gpio, PUPDR, 1 << 20, 0);
         assert_eq!(gpio.read(IDR, Width::Word, 0), Ok(1 << 10));
     }
 
     #[test]
     fn open_drain_only_pulls_down() {
         let mut gpio = Gpio::new(2);
-        write(&mut gpio, MODER, 1);
-        write(&mut gpio, OTYPER, 1);
-        write(&mut gpio, BSRR, 1);
+        write(&mut gpio, MODER, 1, 0);
+        write(&mut gpio, OTYPER, 1, 0);
+        write(&mut gpio, BSRR, 1, 0);
         assert_eq!(gpio.pins() & 1, 0);
         gpio.drive(0, Some(true));
         assert_eq!(gpio.pins() & 1, 1);
-        write(&mut gpio, BRR, 1);
+        write(&mut gpio, BRR, 1, 0);
         assert_eq!(gpio.pins() & 1, 0);
     }
 
     #[test]
     fn alternate_functions() {
         let mut gpio = Gpio::new(0);
-        write(&mut gpio, MODER, 2 << 30 | 2 << 4);
-        write(&mut gpio, AFRH, 1 << 28);
-        write(&mut gpio, AFRL, 12 << 8);
+        write(&mut gpio, MODER, 2 << 30 | 2 << 4, 0);
+        write(&mut gpio, AFRH, 1 << 28, 0);
+        write(&mut gpio, AFRL, 12 << 8, 0);
         assert_eq!((gpio.mode(15), gpio.mode(2), gpio.mode(3)), (Mode::Alternate(1), Mode::Alternate(12), Mode::Input));
-        assert!(gpio.write(0x1c, 0, Width::Word, 0).is_err(), "locking is unknown");
+        assert!(refuses(&mut gpio, 0x1c, 0, 0), "locking is unknown");
     }
 }

@@ -4,6 +4,7 @@
 //! later.
 
 use super::rcc::LSI_HZ;
+use super::refuse;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
 
 const KR: u32 = 0x00;
@@ -131,7 +132,7 @@ impl Registers for Iwdg {
                     _ => {}
                 }
             }
-            PR | RLR | WINR if !self.open => return Err(Unknown { what: "written without the access key 0x5555" }),
+            PR | RLR | WINR if !self.open => return refuse("written without the access key 0x5555"),
             PR => self.new_prescaler = Some((value & 7, self.in_use_at(now))),
             RLR => self.new_reload = Some((value & 0xfff, self.in_use_at(now))),
             // A write to WINR includes a refresh (RM0440 42.3.4).
@@ -197,10 +198,7 @@ impl Registers for Iwdg {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(iwdg: &mut Iwdg, offset: u32, value: u32, now: Cycles) {
-        iwdg.write(offset, value, Width::Word, now).expect("modelled access");
-    }
+    use crate::chip::testing::{refuses, write};
 
     /// One second: prescaler 16, 2000 counts. An LSI period is 500 cycles.
     fn started() -> Iwdg {
@@ -251,7 +249,7 @@ mod tests {
     #[test]
     fn values_need_the_key_and_some_time() {
         let mut iwdg = Iwdg::default();
-        assert!(iwdg.write(RLR, 1, Width::Word, 0).is_err());
+        assert!(refuses(&mut iwdg, RLR, 1, 0));
         write(&mut iwdg, KR, ACCESS, 0);
         write(&mut iwdg, RLR, 1, 0);
         assert_eq!(iwdg.read(SR, Width::Word, 0), Ok(2));

@@ -4,6 +4,7 @@
 //! baud rate set in the registers; a remote end at another rate causes framing errors. Modelled: FIFO with thresholds
 //! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 
@@ -112,11 +113,6 @@ impl Lpuart {
             self.arrives = now + self.byte_time(self.far_baud);
         }
         self.arriving.extend(bytes);
-    }
-
-    /// Whether bytes from the remote end are still in transit.
-    pub fn is_arriving(&self) -> bool {
-        !self.arriving.is_empty()
     }
 
     /// Bytes that the remote end received since the last call.
@@ -243,9 +239,7 @@ impl Registers for Lpuart {
         match offset & !3 {
             ICR => self.flags &= !(word & (0xf | IDLE | TC)),
             TDR => {
-                if self.transmit.len() >= self.depth() {
-                    return Err(Unknown { what: "written while the transmitter is full" });
-                }
+                refuse_if(self.transmit.len() >= self.depth(), "written while the transmitter is full")?;
                 self.flags &= !TC;
                 self.written = word as u8;
                 self.transmit.push_back(self.written);
@@ -258,16 +252,10 @@ impl Registers for Lpuart {
                 if word & 1 << 4 != 0 {
                     self.transmit.clear();
                 }
-                if word & !(3 << 3) != 0 {
-                    return Err(Unknown { what: "RQR: only the flush requests are modelled" });
-                }
+                refuse_if(word & !(3 << 3) != 0, "RQR: only the flush requests are modelled")?;
             }
-            CR1 if word & CR1_UNKNOWN != 0 => {
-                return Err(Unknown { what: "frame formats other than 8N1 are not modelled" });
-            }
-            CR3 if word & !CR3_KNOWN != 0 => {
-                return Err(Unknown { what: "flow control and half-duplex are not modelled" });
-            }
+            CR1 if word & CR1_UNKNOWN != 0 => return refuse("frame formats other than 8N1 are not modelled"),
+            CR3 if word & !CR3_KNOWN != 0 => return refuse("flow control and half-duplex are not modelled"),
             CR1 => {
                 self.storage.write(offset, value, width)?;
                 if !self.has(UE) {
@@ -336,14 +324,7 @@ impl Registers for Lpuart {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(uart: &mut Lpuart, offset: u32, value: u32, now: Cycles) {
-        uart.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(uart: &mut Lpuart, offset: u32, now: Cycles) -> u32 {
-        uart.read(offset, Width::Word, now).expect("modelled access")
-    }
+    use crate::chip::testing::{read, write};
 
     /// 1 Mbit/s at 16 MHz: a byte takes 160 cycles.
     fn running(cr1: u32) -> Lpuart {
@@ -419,29 +400,9 @@ mod tests {
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("LPUART1", "CR1", &[("UE", UE), ("RE", RE), ("TE", TE), ("FIFOEN", FIFOEN)]);
-        fields_agree("LPUART1", "CR3", &[("EIE", EIE), ("DMAR", DMAR), ("DMAT", DMAT), ("OVRDIS", OVRDIS)]);
-        fields_agree(
-            "LPUART1",
-            "ISR",
-            &[
-                ("FE", FE),
-                ("ORE", ORE),
-                ("IDLE", IDLE),
-                ("RXNE", RXNE),
-                ("TC", TC),
-                ("TXE", TXE),
-                ("BUSY", BUSY),
-                ("TEACK", TEACK),
-                ("REACK", REACK),
-                ("TXFE", TXFE),
-                ("RXFF", RXFF),
-                ("RXFT", RXFT),
-                ("TXFT", TXFT),
-            ],
-        );
-        fields_agree("LPUART1", "CR1", &[("IDLEIE", IDLE), ("RXNEIE", RXNE), ("TCIE", TC), ("TXEIE", TXE)]);
+        fields_agree!("LPUART1", "CR1", UE, RE, TE, FIFOEN);
+        fields_agree!("LPUART1", "CR3", EIE, DMAR, DMAT, OVRDIS);
+        fields_agree!("LPUART1", "ISR", FE, ORE, IDLE, RXNE, TC, TXE, BUSY, TEACK, REACK, TXFE, RXFF, RXFT, TXFT);
+        fields_agree!("LPUART1", "CR1", IDLEIE = IDLE, RXNEIE = RXNE, TCIE = TC, TXEIE = TXE);
     }
 }

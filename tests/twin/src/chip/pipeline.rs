@@ -19,7 +19,7 @@ use super::gpio::Mode;
 use super::jumpers::{FLOATING_V, Output};
 use super::pin::Pin;
 use super::spi::Frame;
-use super::{BadAccess, Chip};
+use super::{BadAccess, Chip, refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
@@ -189,16 +189,17 @@ impl Chip {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
         // ones.
-        if self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION) {
-            return Err(Unknown { what: "SPI2 is in use, but PB13, PB14, PB15 are not assigned to it" });
-        }
+        refuse_if(
+            self.ads131m04.is_some() && WIRES.iter().any(|pin| self.pin_mode(*pin) != SPI2_FUNCTION),
+            "SPI2 is in use, but PB13, PB14, PB15 are not assigned to it",
+        )?;
         let Some(ads) = &mut self.ads131m04 else { return Ok(u16::MAX) };
         let mut byte = |byte: u8| ads.exchange(byte, mode, rate_hz).map(u16::from);
         let [high, low] = frame.data.to_be_bytes();
         match frame.bits {
             8 => byte(low),
             16 => Ok(byte(high)? << 8 | byte(low)?),
-            _ => Err(Unknown { what: "frame size for the ADS131M04 is not a multiple of 8 bits" }),
+            _ => refuse("frame size for the ADS131M04 is not a multiple of 8 bits"),
         }
     }
 
@@ -247,7 +248,7 @@ impl Chip {
             Signal::Pin(pin) => pin,
         };
         if self.pin_mode(pin) != Mode::Analog {
-            Err(Unknown { what: "conversion of a pin that is not in analogue mode" })
+            refuse("conversion of a pin that is not in analogue mode")
         } else {
             self.input_volts(pin, at, time_s)
         }
@@ -261,7 +262,7 @@ impl Chip {
             (Some(jumpers), _, true) => Ok(self.wire_volts(jumpers.terminal, at)),
             (None, true, _) => Ok(self.world.force_volts(time_s)),
             (None, _, true) => Ok(self.world.terminal_volts(time_s)),
-            _ => Err(Unknown { what: "conversion of a pin that is not connected" }),
+            _ => refuse("conversion of a pin that is not connected"),
         }
     }
 
@@ -410,6 +411,7 @@ impl Chip {
 mod tests {
     use super::super::clocks::Clocks;
     use super::*;
+    use crate::Width::{Byte, Word};
     use crate::chip::adc::{CODES, Quality, REFERENCE_V};
     use crate::chip::ads131m04::Ads131m04;
     use crate::{Board, World};
@@ -447,7 +449,7 @@ mod tests {
     }
 
     fn write(chip: &mut Chip, address: u32, value: u32, now: Cycles) {
-        chip.write(address, value, Width::Word, now).unwrap();
+        chip.write(address, value, Word, now).unwrap();
     }
 
     /// Rings, converters and timer set up as in the firmware, except for the last write. One difference: the ADC clock
@@ -525,7 +527,7 @@ mod tests {
     }
 
     fn left(chip: &mut Chip) -> [u32; 3] {
-        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Width::Word, 0).unwrap())
+        [0, 1, 2].map(|n| chip.dma1.read(0x0C + 0x14 * n, Word, 0).unwrap())
     }
 
     #[test]
@@ -575,11 +577,7 @@ mod tests {
                 now = (now + step).min(end);
                 chip.advance(now);
             }
-            (
-                chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(),
-                left(&mut chip),
-                chip.dma1.clone().read(0, Width::Word, 0),
-            )
+            (chip.bytes(POSITIONS, 0x3000).unwrap().to_vec(), left(&mut chip), chip.dma1.clone().read(0, Word, 0))
         };
         assert_eq!(run(1_000_000), run(37));
     }
@@ -611,7 +609,7 @@ mod tests {
         chip.dma1.stall(2, START + 3 * PERIOD + 10);
         chip.advance(START + 8 * PERIOD + RESULT);
         assert_eq!(left(&mut chip), [8, 8, 16]);
-        let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Width::Word, START).unwrap() & 1 << 4;
+        let flags = |chip: &mut Chip, base: u32| chip.adc.read(base, Word, START).unwrap() & 1 << 4;
         assert_eq!((flags(&mut chip, 0x000), flags(&mut chip, 0x100)), (0, 1 << 4));
     }
 
@@ -716,17 +714,17 @@ mod tests {
         for n in 1..6 {
             let edge = 5000 + n * period;
             chip.advance(edge - 1);
-            assert_eq!(chip.read(0x4000_0010, Width::Word, edge - 1).unwrap() & 1 << 3, 0);
+            assert_eq!(chip.read(0x4000_0010, Word, edge - 1).unwrap() & 1 << 3, 0);
             chip.advance(edge);
-            assert_eq!(chip.read(0x4000_003C, Width::Word, edge), Ok(edge as u32));
+            assert_eq!(chip.read(0x4000_003C, Word, edge), Ok(edge as u32));
             // A frame read by software.
             let mut now = edge + 100;
             write(&mut chip, 0x4800_0428, 1 << 12, now);
             let bytes: Vec<u8> = (0..18)
                 .map(|_| {
-                    chip.write(0x4000_380C, 0, Width::Byte, now).unwrap();
+                    chip.write(0x4000_380C, 0, Byte, now).unwrap();
                     now += 16 * 8;
-                    chip.read(0x4000_380C, Width::Byte, now).unwrap() as u8
+                    chip.read(0x4000_380C, Byte, now).unwrap() as u8
                 })
                 .collect();
             write(&mut chip, 0x4800_0418, 1 << 12, now);
@@ -743,7 +741,7 @@ mod tests {
     fn a_front_end_whose_wires_are_not_the_buses_ends_the_run() {
         let mut chip = digital();
         write(&mut chip, 0x4800_0400, 0xFFFF_FEBF, 6000);
-        chip.write(0x4000_380C, 0, Width::Byte, 6000).unwrap();
+        chip.write(0x4000_380C, 0, Byte, 6000).unwrap();
         chip.advance(10_000);
         assert!(chip.take_fault().is_some_and(|bad| bad.what.contains("PB13")));
     }

@@ -1,5 +1,6 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
+use super::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const CR1: u32 = 0x00;
@@ -45,13 +46,14 @@ impl Pwr {
 
 impl Registers for Pwr {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        if self.0.contains(offset) { Ok(width.part(self.0.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
+        peek(&self.0, offset, width)
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
-        if offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1 {
-            return Err(Unknown { what: "PWR_CR1.VOS: only range 1 is modelled" });
-        }
+        refuse_if(
+            offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1,
+            "PWR_CR1.VOS: only range 1 is modelled",
+        )?;
         self.0.write(offset, value, width)
     }
 
@@ -63,24 +65,23 @@ impl Registers for Pwr {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn boost_and_backup() {
         let mut pwr = Pwr::default();
         assert!(!pwr.boost() && !pwr.backup_is_open());
-        pwr.write(CR5, 0, Width::Word, 0).expect("modelled access");
-        pwr.write(CR1, 0x300, Width::Word, 0).expect("modelled access");
+        write(&mut pwr, CR5, 0, 0);
+        write(&mut pwr, CR1, 0x300, 0);
         assert!(pwr.boost() && pwr.backup_is_open());
         assert_eq!(pwr.read(CR1, Width::Word, 0), Ok(0x300));
-        assert!(pwr.write(CR1, 0x400, Width::Word, 0).is_err(), "range 2");
+        assert!(refuses(&mut pwr, CR1, 0x400, 0), "range 2");
         pwr.reset(0);
         assert!(!pwr.boost());
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("PWR", "CR1", &[("DBP", DBP)]);
+        fields_agree!("PWR", "CR1", DBP);
     }
 }

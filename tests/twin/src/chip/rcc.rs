@@ -7,6 +7,7 @@
 //! If the crystal fails ([`Rcc::break_crystal`]) while the clock security system (CSS) monitors it, the core falls back
 //! to HSI and the NMI is raised. Not modelled: clock output, LSE, clocks in sleep mode.
 
+use super::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
@@ -19,11 +20,11 @@ const PLLCFGR: u32 = 0x0c;
 const CIER: u32 = 0x18;
 const CIFR: u32 = 0x1c;
 const CICR: u32 = 0x20;
-const AHB1ENR: u32 = 0x48;
-const AHB2ENR: u32 = 0x4c;
-const APB1ENR1: u32 = 0x58;
-const APB1ENR2: u32 = 0x5c;
-const APB2ENR: u32 = 0x60;
+pub(super) const AHB1ENR: u32 = 0x48;
+pub(super) const AHB2ENR: u32 = 0x4c;
+pub(super) const APB1ENR1: u32 = 0x58;
+pub(super) const APB1ENR2: u32 = 0x5c;
+pub(super) const APB2ENR: u32 = 0x60;
 const CCIPR: u32 = 0x88;
 const BDCR: u32 = 0x90;
 const CSR: u32 = 0x94;
@@ -107,37 +108,7 @@ impl Reset {
 
 /// A peripheral's clock enable: register and bit. Its reset bit has the same number in the register 0x20 below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Gate {
-    register: u32,
-    bit: u32,
-}
-
-impl Gate {
-    /// Bit of AHB1ENR.
-    pub const fn ahb1(bit: u32) -> Self {
-        Self { register: AHB1ENR, bit }
-    }
-
-    /// Bit of AHB2ENR.
-    pub const fn ahb2(bit: u32) -> Self {
-        Self { register: AHB2ENR, bit }
-    }
-
-    /// Bit of APB1ENR1.
-    pub const fn apb1(bit: u32) -> Self {
-        Self { register: APB1ENR1, bit }
-    }
-
-    /// Bit of APB1ENR2.
-    pub const fn apb1_2(bit: u32) -> Self {
-        Self { register: APB1ENR2, bit }
-    }
-
-    /// Bit of APB2ENR.
-    pub const fn apb2(bit: u32) -> Self {
-        Self { register: APB2ENR, bit }
-    }
-}
+pub struct Gate(pub u32, pub u32);
 
 /// The RCC registers.
 #[derive(Clone, Debug)]
@@ -248,13 +219,13 @@ impl Rcc {
     }
 
     /// Whether a peripheral's clock is enabled.
-    pub fn is_on(&self, gate: Gate) -> bool {
-        self.storage.get(gate.register) >> gate.bit & 1 != 0
+    pub fn is_on(&self, Gate(register, bit): Gate) -> bool {
+        self.storage.get(register) >> bit & 1 != 0
     }
 
     /// Whether a peripheral is held in reset.
-    pub fn is_reset(&self, gate: Gate) -> bool {
-        self.storage.get(gate.register - 0x20) >> gate.bit & 1 != 0
+    pub fn is_reset(&self, Gate(register, bit): Gate) -> bool {
+        self.storage.get(register - 0x20) >> bit & 1 != 0
     }
 
     /// Makes the crystal fail, which stops everything that it clocks. If the CSS monitors the crystal, the core
@@ -372,34 +343,24 @@ impl Rcc {
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
     pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
-        let fault = |what| Err(Unknown { what });
         let cr = self.storage.get(CR);
         // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
             let (input, vco, outputs) = self.pll();
-            if !(2.66e6..=16e6).contains(&input) {
-                return fault("the PLL input must be between 2.66 and 16 MHz");
-            }
-            if !(96e6..=344e6).contains(&vco) {
-                return fault("the VCO of the PLL must be between 96 and 344 MHz");
-            }
-            if outputs.iter().any(|&hz| hz > 170e6) {
-                return fault("a PLL output is above 170 MHz");
-            }
+            refuse_if(!(2.66e6..=16e6).contains(&input), "the PLL input must be between 2.66 and 16 MHz")?;
+            refuse_if(!(96e6..=344e6).contains(&vco), "the VCO of the PLL must be between 96 and 344 MHz")?;
+            refuse_if(outputs.iter().any(|&hz| hz > 170e6), "a PLL output is above 170 MHz")?;
         }
         let is_ready = |at: Option<Cycles>| at.is_some_and(|at| at <= clocks.since);
         let source = self.in_use();
         let ready = is_ready(self.ready(source)) && (source != 3 || self.pll().2[2] > 0.0);
-        if !ready {
-            return fault("the selected system clock is off or not ready");
-        }
+        refuse_if(!ready, "the selected system clock is off or not ready")?;
         let (limit_hz, step_hz) = if boost { (170e6, 34e6) } else { (150e6, 30e6) };
-        if clocks.hclk_hz > limit_hz {
-            return fault("the core clock is too fast for the voltage range");
-        }
-        if clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0) {
-            return fault("too few flash wait states for the core clock");
-        }
+        refuse_if(clocks.hclk_hz > limit_hz, "the core clock is too fast for the voltage range")?;
+        refuse_if(
+            clocks.hclk_hz > step_hz * (f64::from(wait_states) + 1.0),
+            "too few flash wait states for the core clock",
+        )?;
         Ok(())
     }
 
@@ -456,14 +417,14 @@ impl Registers for Rcc {
                 && self.storage.get(PLLCFGR) & 3 == 3
                 && self.hse_ready.is_none_or(|at| at > now) =>
             {
-                return Err(Unknown { what: "PLL enabled before its source is ready" });
+                return refuse("PLL enabled before its source is ready");
             }
             BDCR if self.errata.lsi_with_rtc && word & RTC_ON_LSI == RTC_ON_LSI => {
-                return Err(Unknown { what: "LSI is unstable when it clocks the RTC (ES0430)" });
+                return refuse("LSI is unstable when it clocks the RTC (ES0430)");
             }
-            BDCR if word & 1 != 0 => return Err(Unknown { what: "LSE is not modelled" }),
+            BDCR if word & 1 != 0 => return refuse("LSE is not modelled"),
             PLLCFGR if self.pll_ready.is_some() && (word ^ old) & 0x7fff != 0 => {
-                return Err(Unknown { what: "RCC_PLLCFGR changed while the PLL is enabled" });
+                return refuse("RCC_PLLCFGR changed while the PLL is enabled");
             }
             _ => {}
         }
@@ -477,9 +438,10 @@ impl Registers for Rcc {
             if slow {
                 self.stepped = now;
             }
-            if word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)) {
-                return Err(Unknown { what: "system clock raised above 80 MHz without 1 us at AHB / 2" });
-            }
+            refuse_if(
+                word & AHB_DIVIDES == 0 && (slow || old & AHB_DIVIDES != 0 && now < self.in_s(self.stepped, STEP_S)),
+                "system clock raised above 80 MHz without 1 us at AHB / 2",
+            )?;
         }
         match register {
             CR => {
@@ -524,14 +486,7 @@ impl Registers for Rcc {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(rcc: &mut Rcc, offset: u32, value: u32, now: Cycles) {
-        rcc.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(rcc: &mut Rcc, offset: u32, now: Cycles) -> u32 {
-        rcc.read(offset, Width::Word, now).expect("modelled access")
-    }
+    use crate::chip::testing::{read, refuses, write};
 
     /// HSE 24 MHz / 2 * 28 / 2; PLL selected at cycle 40000.
     fn at_168_mhz() -> Rcc {
@@ -548,9 +503,9 @@ mod tests {
     fn the_core_does_not_jump_over_80_mhz() {
         let mut rcc = at_168_mhz();
         write(&mut rcc, CFGR, 1, 50_000);
-        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_000).is_err(), "at once");
+        assert!(refuses(&mut rcc.clone(), CFGR, 3, 50_000), "at once");
         write(&mut rcc, CFGR, 3 | 8 << 4, 50_000);
-        assert!(rcc.clone().write(CFGR, 3, Width::Word, 50_015).is_err(), "too soon");
+        assert!(refuses(&mut rcc.clone(), CFGR, 3, 50_015), "too soon");
         write(&mut rcc, CFGR, 3, 50_016);
     }
 
@@ -575,10 +530,7 @@ mod tests {
         let clocks = rcc.clocks(40_000, 0.0025);
         assert!(rcc.check(&clocks, false, 8).is_err(), "without boost");
         assert!(rcc.check(&clocks, true, 3).is_err(), "wait states");
-        assert!(
-            rcc.write(PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, Width::Word, 41_000).is_err(),
-            "changed while enabled"
-        );
+        assert!(refuses(&mut rcc, PLLCFGR, 3 | 1 << 4 | 29 << 8 | 1 << 24, 41_000), "changed while enabled");
         // The same multiplication with another board's crystal.
         let mut other = Rcc::new(8e6);
         write(&mut other, CR, HSION | HSEON, 0);
@@ -594,7 +546,7 @@ mod tests {
         assert_eq!(read(&mut rcc, CR, 32_099) & HSERDY, 0);
         assert_eq!(read(&mut rcc, CR, 32_100) & HSERDY, HSERDY);
         write(&mut rcc, PLLCFGR, 3 | 1 << 4 | 28 << 8, 200);
-        assert!(rcc.write(CR, HSION | HSEON | PLLON, Width::Word, 300).is_err(), "the PLL needs its source");
+        assert!(refuses(&mut rcc, CR, HSION | HSEON | PLLON, 300), "the PLL needs its source");
         write(&mut rcc, CR, HSION | HSEON | HSEBYP, 40_000);
         assert_eq!(read(&mut rcc, CR, 1_000_000) & HSERDY, 0, "a crystal is no clock from outside");
         let mut without = Rcc::new(0.0);
@@ -619,7 +571,7 @@ mod tests {
         for (errata, is_refused) in [(Errata { lsi_with_rtc: true, ..Errata::NONE }, true), (Errata::NONE, false)] {
             let mut rcc = Rcc::new(24e6);
             rcc.set_errata(errata);
-            assert_eq!(rcc.write(BDCR, RTC_ON_LSI, Width::Word, 0).is_err(), is_refused);
+            assert_eq!(refuses(&mut rcc, BDCR, RTC_ON_LSI, 0), is_refused);
             assert_eq!(rcc.write(BDCR, 2 << 8, Width::Word, 0), Ok(()), "chosen, and off");
         }
     }
@@ -640,45 +592,28 @@ mod tests {
     #[test]
     fn gates_open_and_close() {
         let mut rcc = Rcc::new(24e6);
-        let spi2 = Gate::apb1(14);
+        let spi2 = Gate(APB1ENR1, 14);
         assert!(!rcc.is_on(spi2));
         write(&mut rcc, APB1ENR1, 1 << 14, 0);
         write(&mut rcc, 0x38, 1 << 14, 0);
         assert!(rcc.is_on(spi2) && rcc.is_reset(spi2));
-        assert!(rcc.is_on(Gate::ahb1(8)), "flash is clocked after reset");
+        assert!(rcc.is_on(Gate(AHB1ENR, 8)), "flash is clocked after reset");
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "RCC",
-            "CR",
-            &[
-                ("HSION", HSION),
-                ("HSIRDY", HSIRDY),
-                ("HSEON", HSEON),
-                ("HSERDY", HSERDY),
-                ("HSEBYP", HSEBYP),
-                ("CSSON", CSSON),
-                ("PLLON", PLLON),
-                ("PLLRDY", PLLRDY),
-            ],
-        );
-        fields_agree("RCC", "CIFR", &[("CSSF", CSSF)]);
-        fields_agree("RCC", "BDCR", &[("RTCEN", RTC_ON_LSI & 1 << 15)]);
-        fields_agree(
+        fields_agree!("RCC", "CR", HSION, HSIRDY, HSEON, HSERDY, HSEBYP, CSSON, PLLON, PLLRDY);
+        fields_agree!("RCC", "CIFR", CSSF);
+        fields_agree!("RCC", "BDCR", RTCEN = RTC_ON_LSI & 1 << 15);
+        fields_agree!("RCC", "CSR", RMVF);
+        fields_agree!(
             "RCC",
             "CSR",
-            &[
-                ("RMVF", RMVF),
-                ("OBLRSTF", Reset::OptionBytes.flags() & !Reset::Pin.flags()),
-                ("PINRSTF", Reset::Pin.flags()),
-                ("BORRSTF", Reset::Power.flags() & !Reset::Pin.flags()),
-                ("SFTRSTF", Reset::Software.flags() & !Reset::Pin.flags()),
-                ("IWDGRSTF", Reset::Watchdog.flags() & !Reset::Pin.flags()),
-            ],
+            OBLRSTF = Reset::OptionBytes.flags() & !Reset::Pin.flags(),
+            PINRSTF = Reset::Pin.flags(),
+            BORRSTF = Reset::Power.flags() & !Reset::Pin.flags(),
+            SFTRSTF = Reset::Software.flags() & !Reset::Pin.flags(),
+            IWDGRSTF = Reset::Watchdog.flags() & !Reset::Pin.flags()
         );
     }
 }

@@ -10,40 +10,38 @@ use std::collections::VecDeque;
 
 use super::clocks::Clocks;
 use super::errata::Errata;
+use super::{refuse, refuse_if};
 use crate::registers::Storage;
 use crate::{Cycles, Registers, Unknown, Width};
 
-mod cr1 {
-    pub const CPHA: u32 = 1 << 0;
-    pub const CPOL: u32 = 1 << 1;
-    pub const MSTR: u32 = 1 << 2;
-    pub const SPE: u32 = 1 << 6;
-    pub const LSBFIRST: u32 = 1 << 7;
-    pub const SSI: u32 = 1 << 8;
-    pub const SSM: u32 = 1 << 9;
-    pub const RXONLY: u32 = 1 << 10;
-    pub const CRCEN: u32 = 1 << 13;
-    pub const BIDIMODE: u32 = 1 << 15;
-    pub const NOT_MODELLED: u32 = LSBFIRST | RXONLY | CRCEN | BIDIMODE;
-}
+// CR1.
+const CPHA: u32 = 1 << 0;
+const CPOL: u32 = 1 << 1;
+const MSTR: u32 = 1 << 2;
+const SPE: u32 = 1 << 6;
+const LSBFIRST: u32 = 1 << 7;
+const SSI: u32 = 1 << 8;
+const SSM: u32 = 1 << 9;
+const RXONLY: u32 = 1 << 10;
+const CRCEN: u32 = 1 << 13;
+const BIDIMODE: u32 = 1 << 15;
+const CR1_NOT_MODELLED: u32 = LSBFIRST | RXONLY | CRCEN | BIDIMODE;
 
-mod cr2 {
-    pub const RXDMAEN: u32 = 1 << 0;
-    pub const TXDMAEN: u32 = 1 << 1;
-    pub const FRF: u32 = 1 << 4;
-    pub const ERRIE: u32 = 1 << 5;
-    pub const RXNEIE: u32 = 1 << 6;
-    pub const TXEIE: u32 = 1 << 7;
-    pub const FRXTH: u32 = 1 << 12;
-    pub const RESET: u32 = 0x0700;
-}
+// CR2.
+const RXDMAEN: u32 = 1 << 0;
+const TXDMAEN: u32 = 1 << 1;
+const FRF: u32 = 1 << 4;
+const ERRIE: u32 = 1 << 5;
+const RXNEIE: u32 = 1 << 6;
+const TXEIE: u32 = 1 << 7;
+const FRXTH: u32 = 1 << 12;
+const CR2_RESET: u32 = 0x0700;
 
-mod sr {
-    pub const RXNE: u32 = 1 << 0;
-    pub const TXE: u32 = 1 << 1;
-    pub const OVR: u32 = 1 << 6;
-    pub const BSY: u32 = 1 << 7;
-}
+// SR.
+const RXNE: u32 = 1 << 0;
+const TXE: u32 = 1 << 1;
+const OVR: u32 = 1 << 6;
+const BSY: u32 = 1 << 7;
 
 /// Size of a FIFO \[bytes\].
 const DEPTH: usize = 4;
@@ -79,17 +77,11 @@ pub struct Spi {
 }
 
 impl Default for Spi {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Spi {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             cr1: 0,
-            cr2: cr2::RESET,
+            cr2: CR2_RESET,
             overrun: false,
             overrun_read: false,
             transmit: VecDeque::with_capacity(DEPTH),
@@ -107,7 +99,9 @@ impl Spi {
             ]),
         }
     }
+}
 
+impl Spi {
     fn bits(&self) -> u32 {
         // Values below four bits select eight (39.9.2, DS).
         match self.cr2 >> 8 & 0xF {
@@ -138,11 +132,11 @@ impl Spi {
 
     /// CPOL (idle level of the clock) and CPHA (data is sampled at the second edge).
     pub fn mode(&self) -> (bool, bool) {
-        (self.cr1 & cr1::CPOL != 0, self.cr1 & cr1::CPHA != 0)
+        (self.cr1 & CPOL != 0, self.cr1 & CPHA != 0)
     }
 
     fn is_enabled(&self) -> bool {
-        self.cr1 & cr1::SPE != 0
+        self.cr1 & SPE != 0
     }
 
     fn txe(&self) -> bool {
@@ -150,7 +144,7 @@ impl Spi {
     }
 
     fn rxne(&self) -> bool {
-        self.receive.len() >= if self.cr2 & cr2::FRXTH != 0 { 1 } else { 2 }
+        self.receive.len() >= if self.cr2 & FRXTH != 0 { 1 } else { 2 }
     }
 
     /// Sets the errata that apply from now on.
@@ -162,10 +156,10 @@ impl Spi {
         let level = |fifo: &VecDeque<u8>| fifo.len().min(3) as u32;
         let flag = |set: bool, bit: u32| if set { bit } else { 0 };
         let busy = self.frame.is_some() || self.busy_stays || self.is_enabled() && !self.transmit.is_empty();
-        flag(self.rxne(), sr::RXNE)
-            | flag(self.txe(), sr::TXE)
-            | flag(self.overrun, sr::OVR)
-            | flag(busy, sr::BSY)
+        flag(self.rxne(), RXNE)
+            | flag(self.txe(), TXE)
+            | flag(self.overrun, OVR)
+            | flag(busy, BSY)
             | level(&self.receive) << 9
             | level(&self.transmit) << 11
     }
@@ -205,24 +199,24 @@ impl Spi {
 
     /// Whether a received frame requests DMA.
     pub fn receive_request(&self) -> bool {
-        self.cr2 & cr2::RXDMAEN != 0 && self.rxne()
+        self.cr2 & RXDMAEN != 0 && self.rxne()
     }
 
     /// Whether free space in the FIFO requests DMA.
     pub fn transmit_request(&self) -> bool {
-        self.cr2 & cr2::TXDMAEN != 0 && self.is_enabled() && self.txe()
+        self.cr2 & TXDMAEN != 0 && self.is_enabled() && self.txe()
     }
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        self.cr2 & cr2::TXEIE != 0 && self.txe()
-            || self.cr2 & cr2::RXNEIE != 0 && self.rxne()
-            || self.cr2 & cr2::ERRIE != 0 && self.overrun
+        self.cr2 & TXEIE != 0 && self.txe()
+            || self.cr2 & RXNEIE != 0 && self.rxne()
+            || self.cr2 & ERRIE != 0 && self.overrun
     }
 
     /// Whether each frame may raise the interrupt request.
     pub fn interrupts_each(&self) -> bool {
-        self.cr2 & (cr2::TXEIE | cr2::RXNEIE | cr2::ERRIE) != 0
+        self.cr2 & (TXEIE | RXNEIE | ERRIE) != 0
     }
 
     /// Whether BSY stays set because of the erratum, until the peripheral is reset.
@@ -231,16 +225,16 @@ impl Spi {
     }
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
-        if value & cr1::SPE != 0 {
-            if self.is_enabled() && (self.cr1 ^ value) & !(cr1::SPE | cr1::SSI) != 0 {
-                return Err(Unknown { what: "SPI_CR1 changed while the SPI is enabled" });
-            }
-            if value & cr1::MSTR == 0 || value & cr1::NOT_MODELLED != 0 || self.cr2 & cr2::FRF != 0 {
-                return Err(Unknown { what: "SPI_CR1: only a full-duplex master without CRC is modelled" });
-            }
-            if value & (cr1::SSM | cr1::SSI) != cr1::SSM | cr1::SSI {
-                return Err(Unknown { what: "SPI_CR1: only software NSS (SSM, SSI) is modelled" });
-            }
+        if value & SPE != 0 {
+            refuse_if(
+                self.is_enabled() && (self.cr1 ^ value) & !(SPE | SSI) != 0,
+                "SPI_CR1 changed while the SPI is enabled",
+            )?;
+            refuse_if(
+                value & MSTR == 0 || value & CR1_NOT_MODELLED != 0 || self.cr2 & FRF != 0,
+                "SPI_CR1: only a full-duplex master without CRC is modelled",
+            )?;
+            refuse_if(value & (SSM | SSI) != SSM | SSI, "SPI_CR1: only software NSS (SSM, SSI) is modelled")?;
         }
         let was_sending = self.is_enabled() && (self.frame.is_some() || !self.transmit.is_empty());
         self.cr1 = value & 0xFFFF;
@@ -253,15 +247,13 @@ impl Spi {
         // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
-                return Err(Unknown { what: "SPI_DR: byte write with a frame size above 8 bits" });
+                return refuse("SPI_DR: byte write with a frame size above 8 bits");
             }
             Width::Byte => 1,
             Width::Half => 2,
             Width::Word => return Err(Unknown::WIDTH),
         };
-        if self.transmit.len() + bytes > DEPTH {
-            return Err(Unknown { what: "SPI_DR write does not fit in the transmit FIFO" });
-        }
+        refuse_if(self.transmit.len() + bytes > DEPTH, "SPI_DR write does not fit in the transmit FIFO")?;
         self.transmit.extend(value.to_le_bytes().into_iter().take(bytes));
         self.start(now);
         Ok(())
@@ -302,17 +294,18 @@ impl Registers for Spi {
             0x04 => {
                 let value = width.replace(self.cr2, offset, value) & 0x7FFF;
                 // DS, FRF, NSSP and SSOE may change only while the SPI is disabled (39.9.2).
-                let fixed = 0xF << 8 | cr2::FRF | 1 << 3 | 1 << 2;
-                if self.is_enabled() && (self.cr2 ^ value) & fixed != 0 {
-                    return Err(Unknown { what: "SPI_CR2 changed while the SPI is enabled" });
-                }
+                let fixed = 0xF << 8 | FRF | 1 << 3 | 1 << 2;
+                refuse_if(
+                    self.is_enabled() && (self.cr2 ^ value) & fixed != 0,
+                    "SPI_CR2 changed while the SPI is enabled",
+                )?;
                 self.cr2 = value;
                 Ok(())
             }
             // Error flags that this model does not raise.
             0x08 => Ok(()),
             0x0C if offset & 3 == 0 => self.write_data(value, width, now),
-            0x1C if value & 1 << 11 != 0 => Err(Unknown { what: "SPI_I2SCFGR.I2SMOD: I2S is not modelled" }),
+            0x1C if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
             _ => self.storage.write(offset, value, width),
         }
     }
@@ -323,9 +316,8 @@ impl Registers for Spi {
     }
 
     fn reset(&mut self, _: Cycles) {
-        let mut storage = self.storage.clone();
-        storage.reset();
-        *self = Self { divider: self.divider, errata: self.errata, storage, ..Self::new() };
+        self.storage.reset();
+        *self = Self { divider: self.divider, errata: self.errata, storage: self.storage.clone(), ..Self::default() };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -340,6 +332,7 @@ impl Registers for Spi {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Half, Word};
 
     const DR: u32 = 0x0C;
 
@@ -353,16 +346,16 @@ mod tests {
 
     /// Frames of one byte, at HCLK / 8.
     fn master() -> Spi {
-        let mut spi = Spi::new();
-        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH, Width::Word);
-        let mode = cr1::MSTR | cr1::SSM | cr1::SSI | cr1::CPHA | 2 << 3;
-        write(&mut spi, 0x00, mode, Width::Word);
-        write(&mut spi, 0x00, mode | cr1::SPE, Width::Word);
+        let mut spi = Spi::default();
+        write(&mut spi, 0x04, 7 << 8 | FRXTH, Word);
+        let mode = MSTR | SSM | SSI | CPHA | 2 << 3;
+        write(&mut spi, 0x00, mode, Word);
+        write(&mut spi, 0x00, mode | SPE, Word);
         spi
     }
 
     fn levels(spi: &mut Spi) -> (u32, u32) {
-        let status = read(spi, 0x08, Width::Word);
+        let status = read(spi, 0x08, Word);
         (status >> 9 & 3, status >> 11 & 3)
     }
 
@@ -371,10 +364,10 @@ mod tests {
         let busy = |errata: Errata, frames: usize, ended: usize| {
             let mut spi = master();
             spi.set_errata(errata);
-            (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Width::Byte));
+            (0..frames).for_each(|_| write(&mut spi, DR, 0x11, Byte));
             (0..ended).for_each(|_| spi.finish(0));
-            let cr1 = read(&mut spi, 0, Width::Word);
-            write(&mut spi, 0, cr1 & !cr1::SPE, Width::Word);
+            let cr1 = read(&mut spi, 0, Word);
+            write(&mut spi, 0, cr1 & !SPE, Word);
             let stays = spi.busy_stays();
             spi.reset(0);
             assert!(!spi.busy_stays());
@@ -391,61 +384,61 @@ mod tests {
         let mut spi = master();
         assert_eq!((spi.mode(), spi.rate_hz(168e6), spi.frame_cycles()), ((false, true), 21e6, 64));
         for byte in [0x11, 0x22, 0x33] {
-            write(&mut spi, DR, byte, Width::Byte);
+            write(&mut spi, DR, byte, Byte);
         }
         // One frame in the shift register, two in the FIFO.
         assert_eq!(levels(&mut spi), (0, 2));
         assert_eq!(spi.frame(), Some(Frame { data: 0x11, bits: 8, end: 64 }));
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::BSY, 0);
+        assert_ne!(read(&mut spi, 0x08, Word) & BSY, 0);
         for (answer, end) in [(0xA1, 128), (0xA2, 192)] {
             spi.finish(answer);
             assert_eq!(spi.due(), Some(end));
         }
         spi.finish(0xA3);
         assert_eq!((spi.due(), levels(&mut spi)), (None, (3, 0)));
-        assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::BSY, 0);
-        let back: Vec<u32> = (0..3).map(|_| read(&mut spi, DR, Width::Byte)).collect();
+        assert_eq!(read(&mut spi, 0x08, Word) & BSY, 0);
+        let back: Vec<u32> = (0..3).map(|_| read(&mut spi, DR, Byte)).collect();
         assert_eq!(back, [0xA1, 0xA2, 0xA3]);
     }
 
     #[test]
     fn a_half_word_holds_two_bytes() {
         let mut spi = master();
-        write(&mut spi, DR, 0x2211, Width::Half);
+        write(&mut spi, DR, 0x2211, Half);
         assert_eq!(spi.frame().unwrap().data, 0x11);
         spi.finish(0xA1);
         assert_eq!(spi.frame().unwrap().data, 0x22);
         spi.finish(0xA2);
-        assert_eq!(read(&mut spi, DR, Width::Half), 0xA2A1);
+        assert_eq!(read(&mut spi, DR, Half), 0xA2A1);
     }
 
     #[test]
     fn frames_of_sixteen_bits() {
-        let mut spi = Spi::new();
-        write(&mut spi, 0x04, 15 << 8, Width::Word);
-        write(&mut spi, 0x00, cr1::MSTR | cr1::SSM | cr1::SSI | cr1::SPE, Width::Word);
-        write(&mut spi, DR, 0xBEEF, Width::Half);
+        let mut spi = Spi::default();
+        write(&mut spi, 0x04, 15 << 8, Word);
+        write(&mut spi, 0x00, MSTR | SSM | SSI | SPE, Word);
+        write(&mut spi, DR, 0xBEEF, Half);
         assert_eq!((spi.frame().unwrap().data, spi.frame().unwrap().bits, spi.due()), (0xBEEF, 16, Some(32)));
         spi.finish(0x1234);
-        assert!(read(&mut spi, 0x08, Width::Half) & sr::RXNE != 0);
-        assert_eq!(read(&mut spi, DR, Width::Half), 0x1234);
-        assert!(spi.write(DR, 1, Width::Byte, 0).is_err());
+        assert!(read(&mut spi, 0x08, Half) & RXNE != 0);
+        assert_eq!(read(&mut spi, DR, Half), 0x1234);
+        assert!(spi.write(DR, 1, Byte, 0).is_err());
     }
 
     #[test]
     fn requests_follow_the_levels() {
         let mut spi = master();
         assert!(!spi.transmit_request() && !spi.receive_request());
-        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::RXDMAEN | cr2::TXDMAEN, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXDMAEN | TXDMAEN, Word);
         let mut sent = 0;
         while spi.transmit_request() {
-            write(&mut spi, DR, sent, Width::Byte);
+            write(&mut spi, DR, sent, Byte);
             sent += 1;
         }
         assert_eq!((sent, levels(&mut spi).1), (4, 3));
         spi.finish(0x55);
         assert!(spi.receive_request() && spi.transmit_request());
-        read(&mut spi, DR, Width::Byte);
+        read(&mut spi, DR, Byte);
         assert!(!spi.receive_request());
     }
 
@@ -453,25 +446,25 @@ mod tests {
     fn a_full_receiver_loses_what_comes_and_says_so() {
         let mut spi = master();
         for answer in 1..=5 {
-            write(&mut spi, DR, 0, Width::Byte);
+            write(&mut spi, DR, 0, Byte);
             spi.finish(answer);
         }
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
-        assert_eq!((0..4).map(|_| read(&mut spi, DR, Width::Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
+        assert_ne!(read(&mut spi, 0x08, Word) & OVR, 0);
+        assert_eq!((0..4).map(|_| read(&mut spi, DR, Byte)).collect::<Vec<_>>(), [1, 2, 3, 4]);
         // A read of the data register, then of the status register, clears the flag.
-        assert_ne!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
-        assert_eq!(read(&mut spi, 0x08, Width::Word) & sr::OVR, 0);
+        assert_ne!(read(&mut spi, 0x08, Word) & OVR, 0);
+        assert_eq!(read(&mut spi, 0x08, Word) & OVR, 0);
     }
 
     #[test]
     fn interrupts_follow_their_enables() {
         let mut spi = master();
         assert!(!spi.irq());
-        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::TXEIE, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | TXEIE, Word);
         assert!(spi.irq() && spi.interrupts_each());
-        write(&mut spi, 0x04, 7 << 8 | cr2::FRXTH | cr2::RXNEIE, Width::Word);
+        write(&mut spi, 0x04, 7 << 8 | FRXTH | RXNEIE, Word);
         assert!(!spi.irq());
-        write(&mut spi, DR, 0, Width::Byte);
+        write(&mut spi, DR, 0, Byte);
         assert_eq!(spi.next_event(), Some(64));
         spi.finish(0);
         assert!(spi.irq());
@@ -479,57 +472,26 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let enable = cr1::MSTR | cr1::SSM | cr1::SSI | cr1::SPE;
-        for mode in [
-            enable & !cr1::MSTR,
-            enable & !cr1::SSI,
-            enable | cr1::CRCEN,
-            enable | cr1::LSBFIRST,
-            enable | cr1::RXONLY,
-            enable | cr1::BIDIMODE,
-        ] {
-            assert!(Spi::new().write(0x00, mode, Width::Word, 0).is_err(), "{mode:#x}");
+        let enable = MSTR | SSM | SSI | SPE;
+        for mode in
+            [enable & !MSTR, enable & !SSI, enable | CRCEN, enable | LSBFIRST, enable | RXONLY, enable | BIDIMODE]
+        {
+            assert!(Spi::default().write(0x00, mode, Word, 0).is_err(), "{mode:#x}");
         }
         let mut spi = master();
-        assert!(spi.write(0x04, 15 << 8, Width::Word, 0).is_err());
-        assert!(spi.write(0x1C, 1 << 11, Width::Word, 0).is_err());
-        assert!(spi.read(0x24, Width::Word, 0).is_err());
+        assert!(spi.write(0x04, 15 << 8, Word, 0).is_err());
+        assert!(spi.write(0x1C, 1 << 11, Word, 0).is_err());
+        assert!(spi.read(0x24, Word, 0).is_err());
         for _ in 0..5 {
-            write(&mut spi, DR, 0, Width::Byte);
+            write(&mut spi, DR, 0, Byte);
         }
-        assert!(spi.write(DR, 0, Width::Byte, 0).is_err());
+        assert!(spi.write(DR, 0, Byte, 0).is_err());
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "SPI2",
-            "CR1",
-            &[
-                ("SPE", cr1::SPE),
-                ("LSBFIRST", cr1::LSBFIRST),
-                ("SSI", cr1::SSI),
-                ("SSM", cr1::SSM),
-                ("RXONLY", cr1::RXONLY),
-                ("CRCEN", cr1::CRCEN),
-                ("BIDIMODE", cr1::BIDIMODE),
-            ],
-        );
-        fields_agree(
-            "SPI2",
-            "CR2",
-            &[
-                ("RXDMAEN", cr2::RXDMAEN),
-                ("TXDMAEN", cr2::TXDMAEN),
-                ("FRF", cr2::FRF),
-                ("ERRIE", cr2::ERRIE),
-                ("RXNEIE", cr2::RXNEIE),
-                ("TXEIE", cr2::TXEIE),
-                ("FRXTH", cr2::FRXTH),
-            ],
-        );
-        fields_agree("SPI2", "SR", &[("RXNE", sr::RXNE), ("TXE", sr::TXE), ("OVR", sr::OVR), ("BSY", sr::BSY)]);
+        fields_agree!("SPI2", "CR1", SPE, LSBFIRST, SSI, SSM, RXONLY, CRCEN, BIDIMODE);
+        fields_agree!("SPI2", "CR2", RXDMAEN, TXDMAEN, FRF, ERRIE, RXNEIE, TXEIE, FRXTH);
+        fields_agree!("SPI2", "SR", RXNE, TXE, OVR, BSY);
     }
 }

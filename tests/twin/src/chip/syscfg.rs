@@ -1,6 +1,7 @@
 //! System configuration (RM0440 section 10.2): the port of each external interrupt line, and MEM_MODE; the rest is
 //! storage.
 
+use super::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MEMRMP: u32 = 0x00;
@@ -69,16 +70,17 @@ impl Registers for Syscfg {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         match offset & !3 {
             // Programs read MEMRMP for the boot mode, and EXTICR1 to EXTICR4 to change one of four lines.
-            MEMRMP | 0x08..=0x14 => Ok(width.part(self.0.get(offset & !3), offset)),
+            MEMRMP | 0x08..=0x14 => peek(&self.0, offset, width),
             _ => self.0.read(offset, width),
         }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
         // The ROM's boot loader must be at address 0; other memories cannot be mapped there in the twin.
-        if offset & !3 == MEMRMP && value & 7 > 1 {
-            return Err(Unknown { what: "MEM_MODE: only flash and system memory are modelled at address 0" });
-        }
+        refuse_if(
+            offset & !3 == MEMRMP && value & 7 > 1,
+            "MEM_MODE: only flash and system memory are modelled at address 0",
+        )?;
         self.0.write(offset, value, width)
     }
 
@@ -94,21 +96,20 @@ impl Registers for Syscfg {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::{refuses, write};
 
     #[test]
     fn lines_choose_their_port() {
         let mut syscfg = Syscfg::default();
-        syscfg.write(0x10, 1 << 8, Width::Word, 0).expect("modelled access");
+        write(&mut syscfg, 0x10, 1 << 8, 0);
         assert_eq!((syscfg.exti_port(10), syscfg.exti_port(9)), (1, 0));
-        assert!(syscfg.write(MEMRMP, 3, Width::Word, 0).is_err(), "RAM at address 0");
+        assert!(refuses(&mut syscfg, MEMRMP, 3, 0), "RAM at address 0");
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree("SYSCFG", "MEMRMP", &[("MEM_MODE", 7u32)]);
+        fields_agree!("SYSCFG", "MEMRMP", MEM_MODE = 7u32);
         // Four lines per register, four bits each.
-        fields_agree("SYSCFG", "EXTICR", &[("EXTI", 0xfu32)]);
+        fields_agree!("SYSCFG", "EXTICR", EXTI = 0xfu32);
     }
 }

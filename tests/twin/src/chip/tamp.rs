@@ -1,6 +1,7 @@
 //! Backup registers (RM0440 section 36.6): 32 words that survive a reset but not a loss of power. Tamper detection is
 //! refused.
 
+use super::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;
@@ -29,11 +30,8 @@ impl Tamp {
 
 impl Registers for Tamp {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
-        match offset & !3 {
-            // Programs read these for the values of the previous run, so a read before any write is not listed.
-            register if BACKUP.contains(&register) => Ok(width.part(self.0.get(register), offset)),
-            _ => self.0.read(offset, width),
-        }
+        // Programs read the backup registers for the values of the previous run.
+        if BACKUP.contains(&(offset & !3)) { peek(&self.0, offset, width) } else { self.0.read(offset, width) }
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
@@ -50,11 +48,12 @@ impl Registers for Tamp {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chip::testing::write;
 
     #[test]
     fn outlives_a_reset_only() {
         let mut tamp = Tamp::default();
-        tamp.write(0x104, 7, Width::Word, 0).expect("modelled access");
+        write(&mut tamp, 0x104, 7, 0);
         tamp.reset(0);
         assert_eq!(tamp.read(0x104, Width::Word, 0), Ok(7));
         tamp.lose_power();

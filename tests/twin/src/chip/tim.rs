@@ -7,6 +7,7 @@
 //! Glossary: *tick*: a clock of the counter, after the prescaler. *Update*: the counter restarts.
 
 use super::rcc::LSI_HZ;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
 const CR1: u32 = 0x00;
@@ -409,9 +410,7 @@ impl Registers for Tim {
             // Writing 0 clears a flag, writing 1 has no effect.
             SR => self.flags &= width.replace(u32::MAX, offset, value),
             EGR => {
-                if value & !1 != 0 {
-                    return Err(Unknown { what: "EGR: only UG is modelled" });
-                }
+                refuse_if(value & !1 != 0, "EGR: only UG is modelled")?;
                 if value & 1 != 0 && self.storage.get(CR1) & UDIS == 0 {
                     self.update();
                     self.count = 0;
@@ -423,28 +422,23 @@ impl Registers for Tim {
             }
             CNT => self.count = width.replace(self.count, offset, value) & self.mask(),
             CR1 => {
-                if value & !CR1_KNOWN != 0 {
-                    return Err(Unknown { what: "one-pulse, centre-aligned or dithering mode is not modelled" });
-                }
+                refuse_if(value & !CR1_KNOWN != 0, "one-pulse, centre-aligned or dithering mode is not modelled")?;
                 self.storage.write(offset, value, width)?;
-                if value & DIR != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "down-counting is not modelled" });
-                }
+                refuse_if(value & DIR != 0 && self.encoder_edges().is_none(), "down-counting is not modelled")?;
             }
             SMCR => {
                 self.storage.write(offset, value, width)?;
-                if self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none() {
-                    return Err(Unknown { what: "SMS: only encoder modes are modelled" });
-                }
+                refuse_if(
+                    self.storage.get(SMCR) & 0x1_0007 != 0 && self.encoder_edges().is_none(),
+                    "SMS: only encoder modes are modelled",
+                )?;
             }
             DIER => {
-                if value & 0x5f00 != 0 {
-                    return Err(Unknown { what: "DMA requests of this timer are not modelled" });
-                }
+                refuse_if(value & 0x5f00 != 0, "DMA requests of this timer are not modelled")?;
                 self.storage.write(offset, value, width)?;
             }
             TISEL if value != 0 && (!self.takes_lsi || value != LSI) => {
-                return Err(Unknown { what: "TISEL: only LSI on TIM5 is modelled" });
+                return refuse("TISEL: only LSI on TIM5 is modelled");
             }
             register => {
                 self.storage.write(offset, value, width)?;
@@ -504,14 +498,7 @@ impl Registers for Tim {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(tim: &mut Tim, offset: u32, value: u32, now: Cycles) {
-        tim.write(offset, value, Width::Word, now).expect("modelled access");
-    }
-
-    fn read(tim: &mut Tim, offset: u32, now: Cycles) -> u32 {
-        tim.read(offset, Width::Word, now).expect("modelled access")
-    }
+    use crate::chip::testing::{read, refuses, write};
 
     /// Prescaler 16, enabled at cycle 100.
     fn time_driver() -> Tim {
@@ -584,7 +571,7 @@ mod tests {
         assert_eq!(read(&mut tim, SR, 3 * eight + 9) & 0x202, 0x202, "one was missed");
         assert_eq!(read(&mut tim, CCR1, 3 * eight + 10), 3 * eight as u32);
         for mut tim in [tim.clone(), Tim::new(Kind::Wide)] {
-            assert!(tim.write(TISEL, 2, Width::Word, 0).is_err());
+            assert!(refuses(&mut tim, TISEL, 2, 0));
         }
         assert!(Tim::new(Kind::Wide).write(TISEL, LSI, Width::Word, 0).is_err());
     }
@@ -668,23 +655,17 @@ mod tests {
     #[test]
     fn what_is_not_modelled_is_said() {
         let mut tim = Tim::new(Kind::General);
-        assert!(tim.write(CR1, 1 << 5, Width::Word, 0).is_err(), "centre-aligned");
-        assert!(tim.write(SMCR, 4, Width::Word, 0).is_err(), "reset by trigger");
-        assert!(tim.write(DIER, 1 << 8, Width::Word, 0).is_err(), "DMA");
+        assert!(refuses(&mut tim, CR1, 1 << 5, 0), "centre-aligned");
+        assert!(refuses(&mut tim, SMCR, 4, 0), "reset by trigger");
+        assert!(refuses(&mut tim, DIER, 1 << 8, 0), "DMA");
         assert!(tim.read(0x3dc, Width::Word, 0).is_err(), "DMA burst");
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "TIM1",
-            "CR1",
-            &[("CEN", CEN), ("UDIS", UDIS), ("URS", URS), ("DIR", DIR), ("ARPE", ARPE), ("UIFREMAP", UIFREMAP)],
-        );
-        fields_agree("TIM1", "SR", &[("UIF", UIF)]);
-        fields_agree("TIM1", "DIER", &[("UIE", UIF), ("CCIE", UIF << 1)]);
-        fields_agree("TIM1", "BDTR", &[("MOE", MOE)]);
+        fields_agree!("TIM1", "CR1", CEN, UDIS, URS, DIR, ARPE, UIFREMAP);
+        fields_agree!("TIM1", "SR", UIF);
+        fields_agree!("TIM1", "DIER", UIE = UIF, CCIE = UIF << 1);
+        fields_agree!("TIM1", "BDTR", MOE);
     }
 }

@@ -8,24 +8,22 @@
 //! 33.4.2.
 
 use super::clocks::Clocks;
+use super::refuse_if;
 use crate::{Cycles, Registers, Unknown, Width};
 
-mod cr1 {
-    pub const CEN: u32 = 1 << 0;
-    pub const UDIS: u32 = 1 << 1;
-    pub const URS: u32 = 1 << 2;
-    pub const OPM: u32 = 1 << 3;
-    pub const ARPE: u32 = 1 << 7;
-    pub const UIFREMAP: u32 = 1 << 11;
-    pub const DITHEN: u32 = 1 << 12;
-    pub const ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
-}
+// CR1.
+const CEN: u32 = 1 << 0;
+const UDIS: u32 = 1 << 1;
+const URS: u32 = 1 << 2;
+const OPM: u32 = 1 << 3;
+const ARPE: u32 = 1 << 7;
+const UIFREMAP: u32 = 1 << 11;
+const DITHEN: u32 = 1 << 12;
+const CR1_ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
 
-/// Bits of DIER; UIE has the position of UIF in SR.
-mod dier {
-    pub const UIE: u32 = 1 << 0;
-    pub const UDE: u32 = 1 << 8;
-}
+// Bits of DIER; UIE has the position of UIF in SR.
+const UIE: u32 = 1 << 0;
+const UDE: u32 = 1 << 8;
 
 /// MMS in CR2: the update event is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
@@ -61,14 +59,8 @@ pub struct Tim6 {
 }
 
 impl Default for Tim6 {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Tim6 {
     /// The state after power-on.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             cr1: 0,
             cr2: 0,
@@ -85,10 +77,12 @@ impl Tim6 {
             software_trigger: false,
         }
     }
+}
 
+impl Tim6 {
     fn runs(&self) -> bool {
         // An auto-reload of zero stops the counter (33.3.2).
-        self.cr1 & cr1::CEN != 0 && self.arr_in_effect != 0
+        self.cr1 & CEN != 0 && self.arr_in_effect != 0
     }
 
     /// Core cycles per counter step.
@@ -113,11 +107,11 @@ impl Tim6 {
     /// Processes an overflow; must be called at [`next_update`](Self::next_update).
     pub fn update(&mut self) -> Outcome {
         self.zero += self.period();
-        if self.cr1 & cr1::UDIS != 0 {
+        if self.cr1 & UDIS != 0 {
             return Outcome::default();
         }
-        self.sr |= dier::UIE;
-        self.dma_request |= self.dier & dier::UDE != 0;
+        self.sr |= UIE;
+        self.dma_request |= self.dier & UDE != 0;
         self.load();
         Outcome { trigger: self.cr2 >> 4 & 7 == TRIGGER_UPDATE }
     }
@@ -143,12 +137,12 @@ impl Tim6 {
 
     /// Level of the interrupt request.
     pub fn irq(&self) -> bool {
-        self.sr & self.dier & dier::UIE != 0
+        self.sr & self.dier & UIE != 0
     }
 
     /// Whether each update may raise the interrupt request.
     pub fn interrupts_each(&self) -> bool {
-        self.dier & dier::UIE != 0
+        self.dier & UIE != 0
     }
 
     fn set_counter(&mut self, value: u32, now: Cycles) {
@@ -157,11 +151,9 @@ impl Tim6 {
     }
 
     fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
-        if value & (cr1::OPM | cr1::DITHEN) != 0 {
-            return Err(Unknown { what: "TIM6_CR1: one-pulse mode and dithering are not modelled" });
-        }
+        refuse_if(value & (OPM | DITHEN) != 0, "TIM6_CR1: one-pulse mode and dithering are not modelled")?;
         let counter = self.counter(now);
-        self.cr1 = value & cr1::ALL;
+        self.cr1 = value & CR1_ALL;
         self.set_counter(counter, now);
         Ok(())
     }
@@ -175,7 +167,7 @@ impl Registers for Tim6 {
             0x0C => self.dier,
             0x10 => self.sr,
             0x14 => 0,
-            0x24 if self.cr1 & cr1::UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
+            0x24 if self.cr1 & UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
             0x24 => self.counter(now),
             0x28 => self.psc,
             0x2C => self.arr,
@@ -185,25 +177,23 @@ impl Registers for Tim6 {
     }
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "TIM6 accepts only word and aligned half-word accesses" });
-        }
+        refuse_if(width == Width::Byte || offset & 3 != 0, "TIM6 accepts only word and aligned half-word accesses")?;
         match offset {
             0x00 => self.write_control(value, now)?,
             0x04 => self.cr2 = value & 0x70,
             0x0C => {
-                self.dier = value & (dier::UIE | dier::UDE);
-                self.dma_request &= self.dier & dier::UDE != 0;
+                self.dier = value & (UIE | UDE);
+                self.dma_request &= self.dier & UDE != 0;
             }
             // Writing 0 clears a flag.
             0x10 => self.sr &= value,
             0x14 if value & 1 == 0 => {}
             0x14 => {
                 // A software update. URS suppresses the flag and the DMA request, but not the trigger output.
-                if self.cr1 & cr1::UDIS == 0 {
-                    if self.cr1 & cr1::URS == 0 {
-                        self.sr |= dier::UIE;
-                        self.dma_request |= self.dier & dier::UDE != 0;
+                if self.cr1 & UDIS == 0 {
+                    if self.cr1 & URS == 0 {
+                        self.sr |= UIE;
+                        self.dma_request |= self.dier & UDE != 0;
                     }
                     self.software_trigger |= self.cr2 >> 4 & 7 == TRIGGER_UPDATE;
                     self.load();
@@ -214,11 +204,9 @@ impl Registers for Tim6 {
             0x28 => self.psc = value & 0xFFFF,
             0x2C => {
                 self.arr = value & 0xFFFF;
-                if self.cr1 & cr1::ARPE == 0 {
+                if self.cr1 & ARPE == 0 {
                     let counter = self.counter(now);
-                    if counter > self.arr {
-                        return Err(Unknown { what: "TIM6_ARR set below the counter" });
-                    }
+                    refuse_if(counter > self.arr, "TIM6_ARR set below the counter")?;
                     self.arr_in_effect = self.arr;
                     if self.runs() {
                         // This starts a counter that an auto-reload of zero had stopped.
@@ -237,7 +225,7 @@ impl Registers for Tim6 {
     }
 
     fn reset(&mut self, _: Cycles) {
-        *self = Self { divider: self.divider, ..Self::new() };
+        *self = Self { divider: self.divider, ..Self::default() };
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -250,18 +238,15 @@ impl Registers for Tim6 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn write(timer: &mut Tim6, offset: u32, value: u32, now: Cycles) {
-        timer.write(offset, value, Width::Word, now).unwrap();
-    }
+    use crate::chip::testing::{refuses, write};
 
     /// 2625 cycles at 168 MHz: 64 kHz.
     fn sampling_clock() -> Tim6 {
-        let mut timer = Tim6::new();
+        let mut timer = Tim6::default();
         write(&mut timer, 0x2C, 2624, 0);
         write(&mut timer, 0x04, TRIGGER_UPDATE << 4, 0);
-        write(&mut timer, 0x0C, dier::UDE, 0);
-        write(&mut timer, 0x00, cr1::CEN | cr1::ARPE, 100);
+        write(&mut timer, 0x0C, UDE, 0);
+        write(&mut timer, 0x00, CEN | ARPE, 100);
         timer
     }
 
@@ -285,7 +270,7 @@ mod tests {
         let mut timer = sampling_clock();
         write(&mut timer, 0x00, 0, 110);
         assert_eq!((timer.next_update(), timer.read(0x24, Width::Word, 500)), (None, Ok(10)));
-        write(&mut timer, 0x00, cr1::CEN, 1000);
+        write(&mut timer, 0x00, CEN, 1000);
         assert_eq!(timer.next_update(), Some(1000 + 2615));
         write(&mut timer, 0x24, 0, 1500);
         assert_eq!(timer.next_update(), Some(1500 + 2625));
@@ -300,22 +285,22 @@ mod tests {
         timer.update();
         assert_eq!((timer.next_update(), timer.period()), (Some(100 + 2625 + 200), 200));
         // Without preload, auto-reload changes at once; the prescaler never does.
-        write(&mut timer, 0x00, cr1::CEN, 2725);
+        write(&mut timer, 0x00, CEN, 2725);
         write(&mut timer, 0x2C, 49, 2725);
         write(&mut timer, 0x28, 0, 2725);
         assert_eq!(timer.period(), 100);
-        assert!(timer.write(0x2C, 4, Width::Word, 2725 + 20).is_err());
+        assert!(refuses(&mut timer, 0x2C, 4, 2725 + 20));
     }
 
     #[test]
     fn an_update_by_software_triggers_even_where_urs_keeps_the_flag_back() {
         let mut timer = sampling_clock();
-        write(&mut timer, 0x00, cr1::CEN | cr1::URS, 100);
+        write(&mut timer, 0x00, CEN | URS, 100);
         write(&mut timer, 0x14, 1, 150);
         assert!(timer.take_trigger() && !timer.take_trigger());
         assert!(!timer.dma_request());
         assert_eq!((timer.sr, timer.next_update()), (0, Some(150 + 2625)));
-        write(&mut timer, 0x00, cr1::CEN, 150);
+        write(&mut timer, 0x00, CEN, 150);
         write(&mut timer, 0x14, 1, 160);
         assert!(timer.dma_request() && timer.sr == 1);
     }
@@ -323,12 +308,12 @@ mod tests {
     #[test]
     fn updates_that_are_disabled_do_nothing() {
         let mut timer = sampling_clock();
-        write(&mut timer, 0x0C, dier::UDE | dier::UIE, 100);
-        write(&mut timer, 0x00, cr1::CEN | cr1::UDIS, 100);
+        write(&mut timer, 0x0C, UDE | UIE, 100);
+        write(&mut timer, 0x00, CEN | UDIS, 100);
         assert_eq!(timer.update(), Outcome::default());
         assert!(!timer.dma_request() && !timer.irq());
         assert_eq!(timer.next_update(), Some(100 + 2 * 2625));
-        write(&mut timer, 0x00, cr1::CEN, 100 + 2625);
+        write(&mut timer, 0x00, CEN, 100 + 2625);
         timer.update();
         assert!(timer.irq());
     }
@@ -342,31 +327,17 @@ mod tests {
 
     #[test]
     fn what_is_not_modelled_is_refused() {
-        let mut timer = Tim6::new();
-        for bit in [cr1::OPM, cr1::DITHEN] {
-            assert!(timer.write(0x00, bit, Width::Word, 0).is_err());
+        let mut timer = Tim6::default();
+        for bit in [OPM, DITHEN] {
+            assert!(refuses(&mut timer, 0x00, bit, 0));
         }
         assert!(timer.read(0x30, Width::Word, 0).is_err());
-        assert!(timer.write(0x08, 0, Width::Word, 0).is_err());
+        assert!(refuses(&mut timer, 0x08, 0, 0));
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "TIM6",
-            "CR1",
-            &[
-                ("CEN", cr1::CEN),
-                ("UDIS", cr1::UDIS),
-                ("URS", cr1::URS),
-                ("OPM", cr1::OPM),
-                ("ARPE", cr1::ARPE),
-                ("UIFREMAP", cr1::UIFREMAP),
-                ("DITHEN", cr1::DITHEN),
-            ],
-        );
-        fields_agree("TIM6", "DIER", &[("UIE", dier::UIE), ("UDE", dier::UDE)]);
+        fields_agree!("TIM6", "CR1", CEN, UDIS, URS, OPM, ARPE, UIFREMAP, DITHEN);
+        fields_agree!("TIM6", "DIER", UIE, UDE);
     }
 }

@@ -15,6 +15,7 @@
 //! as the hosts here send no such token.
 
 use super::clocks::Clocks;
+use super::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
@@ -24,76 +25,80 @@ pub const MEMORY_BYTES: usize = 1024;
 /// Number of endpoint registers.
 const ENDPOINTS: usize = 8;
 
-/// Bits of `USB_EPnR` (RM0440 45.6.1).
-mod endpoint {
-    pub const RECEIVED: u16 = 1 << 15;
-    pub const TOGGLE_RECEIVE: u16 = 1 << 14;
-    pub const STATUS_RECEIVE: u16 = 3 << 12;
-    pub const SETUP: u16 = 1 << 11;
-    pub const TYPE: u16 = 3 << 9;
-    pub const TYPE_BULK: u16 = 0 << 9;
-    pub const TYPE_CONTROL: u16 = 1 << 9;
-    pub const TYPE_ISOCHRONOUS: u16 = 2 << 9;
-    pub const KIND: u16 = 1 << 8;
-    pub const SENT: u16 = 1 << 7;
-    pub const TOGGLE_SEND: u16 = 1 << 6;
-    pub const STATUS_SEND: u16 = 3 << 4;
-    pub const ADDRESS: u16 = 0xF;
-    /// Writing 1 toggles a bit, writing 0 keeps it.
-    pub const FLIPPED: u16 = TOGGLE_RECEIVE | STATUS_RECEIVE | TOGGLE_SEND | STATUS_SEND;
-    /// Writing 0 clears a bit, writing 1 keeps it.
-    pub const EVENTS: u16 = RECEIVED | SENT;
-    /// Plain read-write bits.
-    pub const PLAIN: u16 = TYPE | KIND | ADDRESS;
-}
+/// Offsets of registers; the endpoint registers are at 0x00 to 0x1F.
+const CNTR: u32 = 0x40;
+const ISTR: u32 = 0x44;
+const FNR: u32 = 0x48;
+const DADDR: u32 = 0x4C;
+const BTABLE: u32 = 0x50;
+const LPMCSR: u32 = 0x54;
+const BCDR: u32 = 0x58;
+
+/// `USB_EPnR` (RM0440 45.6.1): a packet was received, or sent (CTR), the toggle of the next (DTOG), and the response to
+/// it (STAT).
+const CTR_RX: u16 = 1 << 15;
+const DTOG_RX: u16 = 1 << 14;
+const STAT_RX: u16 = 3 << 12;
+const SETUP: u16 = 1 << 11;
+const EP_TYPE: u16 = 3 << 9;
+const EP_KIND: u16 = 1 << 8;
+const CTR_TX: u16 = 1 << 7;
+const DTOG_TX: u16 = 1 << 6;
+const STAT_TX: u16 = 3 << 4;
+/// The endpoint number on the bus.
+const EA: u16 = 0xF;
+/// Values of `EP_TYPE`.
+const BULK: u16 = 0 << 9;
+const CONTROL: u16 = 1 << 9;
+const ISOCHRONOUS: u16 = 2 << 9;
+/// Writing 1 toggles a bit, writing 0 keeps it.
+const FLIPPED: u16 = DTOG_RX | STAT_RX | DTOG_TX | STAT_TX;
+/// Writing 0 clears a bit, writing 1 keeps it.
+const EVENTS: u16 = CTR_RX | CTR_TX;
+/// Plain read-write bits.
+const PLAIN: u16 = EP_TYPE | EP_KIND | EA;
 
 /// The two-bit fields `STAT_RX` and `STAT_TX` (RM0440 tables for USB_EPnR).
-mod status {
-    pub const DISABLED: u16 = 0;
-    pub const STALL: u16 = 1;
-    pub const NAK: u16 = 2;
-    pub const VALID: u16 = 3;
-}
+const DISABLED: u16 = 0;
+const STALL: u16 = 1;
+const NAK: u16 = 2;
+const VALID: u16 = 3;
 
-/// Bits of `USB_CNTR`; those from 7 up enable the interrupt of the same bit in `USB_ISTR` (RM0440 45.6.1).
-mod control {
-    pub const FORCE_RESET: u16 = 1 << 0;
-    pub const POWER_DOWN: u16 = 1 << 1;
-    pub const LOW_POWER: u16 = 1 << 2;
-    pub const FORCE_SUSPEND: u16 = 1 << 3;
-    pub const RESUME: u16 = 1 << 4;
-    pub const L1_RESUME: u16 = 1 << 5;
-    pub const RESERVED: u16 = 1 << 6;
-}
+/// Bits of `USB_CNTR`; those from 7 up enable the interrupt of the same bit in `USB_ISTR` (RM0440 45.6.1). The first
+/// four force a reset, switch the transceiver off, select low power, and force suspend.
+const FRES: u16 = 1 << 0;
+const PDWN: u16 = 1 << 1;
+const LPMODE: u16 = 1 << 2;
+const FSUSP: u16 = 1 << 3;
+const RESUME: u16 = 1 << 4;
+const L1RESUME: u16 = 1 << 5;
+const CNTR_RESERVED: u16 = 1 << 6;
 
-/// Bits of `USB_ISTR` (RM0440 45.6.1).
-mod interrupt {
-    pub const DIRECTION_OUT: u16 = 1 << 4;
-    pub const FRAME_EXPECTED: u16 = 1 << 8;
-    pub const FRAME: u16 = 1 << 9;
-    pub const RESET: u16 = 1 << 10;
-    pub const SUSPEND: u16 = 1 << 11;
-    pub const WAKE_UP: u16 = 1 << 12;
-    pub const TRANSFER: u16 = 1 << 15;
-    /// Bits that the firmware clears by writing 0.
-    pub const CLEARABLE: u16 = 0x7F80;
-    /// Bits that can raise the interrupt.
-    pub const ALL: u16 = 0xFF80;
-}
+/// Bits of `USB_ISTR` (RM0440 45.6.1): the transfer is OUT; a frame is missing; a frame began.
+const DIR: u16 = 1 << 4;
+const ESOF: u16 = 1 << 8;
+const SOF: u16 = 1 << 9;
+const RESET: u16 = 1 << 10;
+const SUSP: u16 = 1 << 11;
+const WKUP: u16 = 1 << 12;
+/// A packet was received or sent.
+const CTR: u16 = 1 << 15;
+/// Bits that the firmware clears by writing 0.
+const ISTR_CLEARABLE: u16 = 0x7F80;
+/// Bits that can raise the interrupt.
+const ISTR_ALL: u16 = 0xFF80;
 
-/// Bits of `USB_FNR` (RM0440 45.6.1).
-mod frame {
-    pub const LINE_PLUS: u16 = 1 << 15;
-    pub const LOCKED: u16 = 1 << 13;
-    pub const LOST_SHIFT: u32 = 11;
-    pub const LOST_MOST: u16 = 3;
-    pub const NUMBER: u16 = 0x7FF;
-}
+/// Bits of `USB_FNR` (RM0440 45.6.1): level of D+, frame timer locked, frames missing, frame number.
+const RXDP: u16 = 1 << 15;
+const LCK: u16 = 1 << 13;
+const LSOF_SHIFT: u32 = 11;
+const LSOF_MOST: u16 = 3;
+const FN: u16 = 0x7FF;
 
 /// `USB_DADDR.EF`: the device responds to packets (RM0440 45.6.1).
-const ADDRESS_ENABLED: u16 = 1 << 7;
+const EF: u16 = 1 << 7;
 /// `USB_BCDR.DPPU`: the D+ pull-up, by which the host detects a full-speed device (RM0440 45.6.1).
-const PULL_UP: u16 = 1 << 15;
+const DPPU: u16 = 1 << 15;
 /// `USB_BCDR`: charger detection.
 const CHARGER: u16 = 0xF;
 /// Number of missing SOF packets after which the bus is suspended (RM0440 45.6.1, ESOF).
@@ -175,17 +180,11 @@ pub struct Usb {
 }
 
 impl Default for Usb {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl Usb {
     /// The state after power-on: transceiver off, no pull-up, no cable.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             endpoints: [0; ENDPOINTS],
-            control: control::FORCE_RESET | control::POWER_DOWN,
+            control: FRES | PDWN,
             interrupts: 0,
             frame_number: 0,
             frames_seen: 0,
@@ -203,10 +202,12 @@ impl Usb {
             frames_begun: 0,
         }
     }
+}
 
+impl Usb {
     /// Level of the interrupt request `USB_LP` (20).
     pub fn irq_low(&self) -> bool {
-        self.status() & self.control & interrupt::ALL != 0
+        self.status() & self.control & ISTR_ALL != 0
     }
 
     /// Level of the interrupt request `USB_HP` (19), which only isochronous and double-buffered endpoints use.
@@ -216,7 +217,7 @@ impl Usb {
 
     /// Level of the wake-up request, EXTI line 18 (RM0440 table 97).
     pub fn irq_wakeup(&self) -> bool {
-        self.interrupts & interrupt::WAKE_UP != 0
+        self.interrupts & WKUP != 0
     }
 
     /// SOF packets since the last call; they synchronise the trimming of the 48 MHz clock.
@@ -228,7 +229,7 @@ impl Usb {
 
     /// Whether the host detects a full-speed device: pull-up on and transceiver powered.
     pub fn attached(&self) -> bool {
-        self.charger & PULL_UP != 0 && self.control & control::POWER_DOWN == 0
+        self.charger & DPPU != 0 && self.control & PDWN == 0
     }
 
     /// Connects or disconnects a host.
@@ -240,7 +241,7 @@ impl Usb {
 
     /// Whether the firmware has forced suspend (`USB_CNTR.FSUSP`).
     pub fn sleeps(&self) -> bool {
-        self.control & control::FORCE_SUSPEND != 0
+        self.control & FSUSP != 0
     }
 
     /// A bus reset by the host.
@@ -279,18 +280,12 @@ impl Usb {
     pub fn setup(&mut self, address: u8, packet: &[u8; 8]) -> Answer {
         let Some(index) = self.find(address, 0) else { return Answer::Nothing };
         let register = self.endpoints[index];
-        let refused = register & endpoint::TYPE != endpoint::TYPE_CONTROL || register & endpoint::RECEIVED != 0;
-        if refused || receive_status(register) == status::DISABLED || !self.store(index, packet) {
+        let refused = register & EP_TYPE != CONTROL || register & CTR_RX != 0;
+        if refused || receive_status(register) == DISABLED || !self.store(index, packet) {
             return Answer::Nothing;
         }
-        let kept = register & !(endpoint::STATUS_RECEIVE | endpoint::STATUS_SEND);
-        self.endpoints[index] = kept
-            | endpoint::RECEIVED
-            | endpoint::SETUP
-            | endpoint::TOGGLE_RECEIVE
-            | endpoint::TOGGLE_SEND
-            | (status::NAK << 12)
-            | (status::NAK << 4);
+        let kept = register & !(STAT_RX | STAT_TX);
+        self.endpoints[index] = kept | CTR_RX | SETUP | DTOG_RX | DTOG_TX | (NAK << 12) | (NAK << 4);
         Answer::Ack
     }
 
@@ -299,25 +294,25 @@ impl Usb {
         let Some(index) = self.find(address, number) else { return Answer::Nothing };
         let register = self.endpoints[index];
         match receive_status(register) {
-            status::VALID => {}
-            status::NAK => return Answer::Nak,
-            status::STALL => return Answer::Stall,
+            VALID => {}
+            NAK => return Answer::Nak,
+            STALL => return Answer::Stall,
             _ => return Answer::Nothing,
         }
         // STATUS_OUT is set: the data must have zero length (RM0440 45.6.1, EP_KIND).
-        let empty = register & (endpoint::TYPE | endpoint::KIND) == endpoint::TYPE_CONTROL | endpoint::KIND;
+        let empty = register & (EP_TYPE | EP_KIND) == CONTROL | EP_KIND;
         if empty && !data.is_empty() {
             return Answer::Stall;
         }
-        if toggle != Toggle::from_bit(register & endpoint::TOGGLE_RECEIVE != 0) {
+        if toggle != Toggle::from_bit(register & DTOG_RX != 0) {
             // A retransmission of a packet already received: the host missed the ACK.
             return Answer::Ack;
         }
         if !self.store(index, data) {
             return Answer::Stall;
         }
-        let kept = register & !(endpoint::STATUS_RECEIVE | endpoint::SETUP);
-        self.endpoints[index] = (kept ^ endpoint::TOGGLE_RECEIVE) | (status::NAK << 12) | endpoint::RECEIVED;
+        let kept = register & !(STAT_RX | SETUP);
+        self.endpoints[index] = (kept ^ DTOG_RX) | (NAK << 12) | CTR_RX;
         Answer::Ack
     }
 
@@ -326,13 +321,13 @@ impl Usb {
         let Some(index) = self.find(address, number) else { return Answer::Nothing };
         let register = self.endpoints[index];
         match send_status(register) {
-            status::VALID => {}
-            status::NAK => return Answer::Nak,
-            status::STALL => return Answer::Stall,
+            VALID => {}
+            NAK => return Answer::Nak,
+            STALL => return Answer::Stall,
             _ => return Answer::Nothing,
         }
         let (start, count) = (self.descriptor(index, 0), self.descriptor(index, 1) & 0x3FF);
-        let toggle = Toggle::from_bit(register & endpoint::TOGGLE_SEND != 0);
+        let toggle = Toggle::from_bit(register & DTOG_TX != 0);
         match self.memory.get(start..start + count) {
             Some(data) => Answer::Data(toggle, data.to_vec()),
             None => Answer::Nothing,
@@ -343,9 +338,8 @@ impl Usb {
     pub fn acknowledge(&mut self, address: u8, number: u8) {
         let Some(index) = self.find(address, number) else { return };
         let register = self.endpoints[index];
-        if send_status(register) == status::VALID {
-            self.endpoints[index] =
-                ((register & !endpoint::STATUS_SEND) ^ endpoint::TOGGLE_SEND) | (status::NAK << 4) | endpoint::SENT;
+        if send_status(register) == VALID {
+            self.endpoints[index] = ((register & !STAT_TX) ^ DTOG_TX) | (NAK << 4) | CTR_TX;
         }
     }
 
@@ -353,13 +347,13 @@ impl Usb {
 
     /// Whether the transceiver is on and the peripheral is not in reset.
     fn listens(&self) -> bool {
-        self.control & (control::POWER_DOWN | control::FORCE_RESET) == 0
+        self.control & (PDWN | FRES) == 0
     }
 
     /// Whether both lines are low (SE0): the host's pull-downs with no pull-up on the device. An enabled peripheral
     /// detects that as a bus reset.
     fn lines_low(&self) -> bool {
-        self.cable && self.listens() && self.charger & PULL_UP == 0
+        self.cable && self.listens() && self.charger & DPPU == 0
     }
 
     fn watch_lines(&mut self, were_low: bool) {
@@ -370,13 +364,13 @@ impl Usb {
 
     fn protocol_reset(&mut self) {
         for register in &mut self.endpoints {
-            *register &= endpoint::EVENTS;
+            *register &= EVENTS;
         }
         self.address = 0;
         self.frames_seen = 0;
         self.frames_lost = 0;
         self.traffic = self.now;
-        self.interrupts |= interrupt::RESET;
+        self.interrupts |= RESET;
     }
 
     /// Traffic on the bus, which wakes a suspended peripheral (RM0440 45.5.5).
@@ -384,8 +378,8 @@ impl Usb {
         self.traffic = self.now;
         self.frames_lost = 0;
         if self.sleeps() {
-            self.interrupts |= interrupt::WAKE_UP;
-            self.control &= !control::LOW_POWER;
+            self.interrupts |= WKUP;
+            self.control &= !LPMODE;
             self.frames_seen = 0;
         }
     }
@@ -398,14 +392,14 @@ impl Usb {
         }
         let sleeps = self.sleeps();
         self.activity();
-        let addressed = self.address == ADDRESS_ENABLED | u16::from(address);
+        let addressed = self.address == EF | u16::from(address);
         // Reception and transmission stay disabled until the firmware clears the bit (RM0440 45.6.1, RESET).
-        if sleeps || !addressed || self.interrupts & interrupt::RESET != 0 {
+        if sleeps || !addressed || self.interrupts & RESET != 0 {
             return None;
         }
         self.endpoints.iter().position(|register| {
-            let in_use = receive_status(*register) != status::DISABLED || send_status(*register) != status::DISABLED;
-            in_use && register & endpoint::ADDRESS == u16::from(number)
+            let in_use = receive_status(*register) != DISABLED || send_status(*register) != DISABLED;
+            in_use && register & EA == u16::from(number)
         })
     }
 
@@ -443,19 +437,19 @@ impl Usb {
 
     /// `USB_ISTR`: EP_ID and DIR come from the lowest endpoint register with an event.
     fn status(&self) -> u16 {
-        let event = self.endpoints.iter().position(|register| register & endpoint::EVENTS != 0);
+        let event = self.endpoints.iter().position(|register| register & EVENTS != 0);
         let of_event = event.map_or(0, |index| {
-            let out = self.endpoints[index] & endpoint::RECEIVED != 0;
-            interrupt::TRANSFER | if out { interrupt::DIRECTION_OUT } else { 0 } | index as u16
+            let out = self.endpoints[index] & CTR_RX != 0;
+            CTR | if out { DIR } else { 0 } | index as u16
         });
         self.interrupts | of_event
     }
 
     /// `USB_FNR`: LCK is set from the second frame on; the bus of an attached full-speed device idles with D+ high.
     fn frame_register(&self) -> u16 {
-        let line = if self.attached() { frame::LINE_PLUS } else { 0 };
-        let locked = if self.frames_seen >= 2 { frame::LOCKED } else { 0 };
-        line | locked | self.frames_lost.min(frame::LOST_MOST) << frame::LOST_SHIFT | self.frame_number
+        let line = if self.attached() { RXDP } else { 0 };
+        let locked = if self.frames_seen >= 2 { LCK } else { 0 };
+        line | locked | self.frames_lost.min(LSOF_MOST) << LSOF_SHIFT | self.frame_number
     }
 
     fn next_frame(&self) -> Option<Cycles> {
@@ -489,32 +483,32 @@ impl Usb {
         let sleeps = self.sleeps();
         self.activity();
         if !sleeps {
-            self.frame_number = (self.frame_number + 1) & frame::NUMBER;
+            self.frame_number = (self.frame_number + 1) & FN;
             self.frames_seen = (self.frames_seen + 1).min(2);
-            self.interrupts |= interrupt::FRAME;
+            self.interrupts |= SOF;
             self.frames_begun += 1;
         }
     }
 
     fn miss_frame(&mut self) {
         self.frames_lost += 1;
-        self.interrupts |= interrupt::FRAME_EXPECTED;
+        self.interrupts |= ESOF;
         if self.frames_lost == FRAMES_TO_SUSPEND {
             self.frames_seen = 0;
-            self.interrupts |= interrupt::SUSPEND;
+            self.interrupts |= SUSP;
         }
     }
 
     fn read_register(&self, offset: u32) -> Result<u16, Unknown> {
         Ok(match offset {
             0x00..=0x1F => self.endpoints[(offset / 4) as usize],
-            0x40 => self.control,
-            0x44 => self.status(),
-            0x48 => self.frame_register(),
-            0x4C => self.address,
-            0x50 => self.table,
-            0x54 => self.link_power,
-            0x58 => self.charger,
+            CNTR => self.control,
+            ISTR => self.status(),
+            FNR => self.frame_register(),
+            DADDR => self.address,
+            BTABLE => self.table,
+            LPMCSR => self.link_power,
+            BCDR => self.charger,
             _ => return Err(Unknown::REGISTER),
         })
     }
@@ -522,51 +516,40 @@ impl Usb {
     fn write_register(&mut self, offset: u32, value: u16) -> Result<(), Unknown> {
         match offset {
             0x00..=0x1F => return self.write_endpoint((offset / 4) as usize, value),
-            0x40 => return self.write_control(value),
-            0x44 => self.interrupts &= value | !interrupt::CLEARABLE,
-            0x4C => self.address = value & 0xFF,
-            0x50 => self.table = value & 0xFFF8,
+            CNTR => return self.write_control(value),
+            ISTR => self.interrupts &= value | !ISTR_CLEARABLE,
+            DADDR => self.address = value & 0xFF,
+            BTABLE => self.table = value & 0xFFF8,
             // Only the enable and acknowledge bits are writable (RM0440 45.6.1, USB_LPMCSR).
-            0x54 => self.link_power = value & 3,
-            0x58 if value & CHARGER != 0 => {
-                return Err(Unknown { what: "USB_BCDR: charger detection is not modelled" });
-            }
-            0x58 => {
+            LPMCSR => self.link_power = value & 3,
+            BCDR if value & CHARGER != 0 => return refuse("USB_BCDR: charger detection is not modelled"),
+            BCDR => {
                 let low = self.lines_low();
-                self.charger = value & PULL_UP;
+                self.charger = value & DPPU;
                 self.watch_lines(low);
             }
-            0x48 => return Err(Unknown { what: "USB_FNR is read-only" }),
+            FNR => return refuse("USB_FNR is read-only"),
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())
     }
 
     fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
-        let of_type = value & endpoint::TYPE;
-        if of_type == endpoint::TYPE_ISOCHRONOUS {
-            return Err(Unknown { what: "USB_EPnR: isochronous endpoints are not modelled" });
-        }
-        if of_type == endpoint::TYPE_BULK && value & endpoint::KIND != 0 {
-            return Err(Unknown { what: "USB_EPnR: double-buffered endpoints are not modelled" });
-        }
+        let of_type = value & EP_TYPE;
+        refuse_if(of_type == ISOCHRONOUS, "USB_EPnR: isochronous endpoints are not modelled")?;
+        refuse_if(of_type == BULK && value & EP_KIND != 0, "USB_EPnR: double-buffered endpoints are not modelled")?;
         let register = &mut self.endpoints[index];
-        *register = (*register ^ value) & endpoint::FLIPPED
-            | *register & value & endpoint::EVENTS
-            | *register & endpoint::SETUP
-            | value & endpoint::PLAIN;
+        *register = (*register ^ value) & FLIPPED | *register & value & EVENTS | *register & SETUP | value & PLAIN;
         Ok(())
     }
 
     fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
-        if value & (control::RESUME | control::L1_RESUME) != 0 {
-            return Err(Unknown { what: "USB_CNTR: remote wake-up is not modelled" });
-        }
+        refuse_if(value & (RESUME | L1RESUME) != 0, "USB_CNTR: remote wake-up is not modelled")?;
         let low = self.lines_low();
-        let woken = self.sleeps() && value & control::FORCE_SUSPEND == 0;
-        let released = !self.listens() && value & (control::POWER_DOWN | control::FORCE_RESET) == 0;
-        self.control = value & !control::RESERVED;
-        if value & control::FORCE_RESET != 0 {
+        let woken = self.sleeps() && value & FSUSP == 0;
+        let released = !self.listens() && value & (PDWN | FRES) == 0;
+        self.control = value & !CNTR_RESERVED;
+        if value & FRES != 0 {
             // The same effect as a bus reset, including the interrupt (RM0440 45.6.1, FRES).
             self.protocol_reset();
         }
@@ -580,11 +563,11 @@ impl Usb {
 }
 
 fn receive_status(register: u16) -> u16 {
-    (register & endpoint::STATUS_RECEIVE) >> 12
+    (register & STAT_RX) >> 12
 }
 
 fn send_status(register: u16) -> u16 {
-    (register & endpoint::STATUS_SEND) >> 4
+    (register & STAT_TX) >> 4
 }
 
 impl Registers for Usb {
@@ -595,8 +578,8 @@ impl Registers for Usb {
             return match (width, self.memory.get(place..)) {
                 (Width::Byte, Some([byte, ..])) => Ok(u32::from(*byte)),
                 (Width::Half, Some([low, high, ..])) => Ok(u32::from(u16::from_le_bytes([*low, *high]))),
-                (Width::Word, _) => Err(Unknown { what: "USB packet memory: word read" }),
-                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
+                (Width::Word, _) => refuse("USB packet memory: word read"),
+                _ => refuse("USB packet memory: address out of range"),
             };
         }
         self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
@@ -613,13 +596,14 @@ impl Registers for Usb {
                 }
                 // Half-words only: the memory is 16 bits wide, and chips of this family have been observed to write a
                 // byte twice.
-                (Width::Byte | Width::Word, _) => Err(Unknown { what: "USB packet memory: byte or word write" }),
-                _ => Err(Unknown { what: "USB packet memory: address out of range" }),
+                (Width::Byte | Width::Word, _) => refuse("USB packet memory: byte or word write"),
+                _ => refuse("USB packet memory: address out of range"),
             };
         }
-        if width == Width::Byte || offset & 3 != 0 {
-            return Err(Unknown { what: "USB registers accept only aligned half-word or word writes" });
-        }
+        refuse_if(
+            width == Width::Byte || offset & 3 != 0,
+            "USB registers accept only aligned half-word or word writes",
+        )?;
         self.write_register(offset, value as u16)
     }
 
@@ -641,15 +625,14 @@ impl Registers for Usb {
 
     /// The packet memory and the cable stay unchanged.
     fn reset(&mut self, now: Cycles) {
-        let kept = Self {
+        *self = Self {
             now,
             clocks: self.clocks,
             frames: self.frames,
             cable: self.cable,
             memory: self.memory,
-            ..Self::new()
+            ..Self::default()
         };
-        *self = kept;
     }
 
     fn set_clocks(&mut self, clocks: &Clocks) {
@@ -660,55 +643,51 @@ impl Registers for Usb {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Width::{Byte, Half, Word};
 
     const CLOCKS: Clocks = Clocks { hclk_hz: 168e6, usb_hz: 48e6, ..Clocks::POWER_ON };
     const MILLISECOND: Cycles = 168_000;
-    const CNTR: u32 = 0x40;
-    const ISTR: u32 = 0x44;
-    const FNR: u32 = 0x48;
-    const DADDR: u32 = 0x4C;
-    const BCDR: u32 = 0x58;
 
     fn read(usb: &mut Usb, offset: u32) -> u16 {
         let now = usb.now;
-        usb.read(offset, Width::Word, now).expect("existing register") as u16
+        usb.read(offset, Word, now).expect("existing register") as u16
     }
 
     fn write(usb: &mut Usb, offset: u32, value: u16) {
         let now = usb.now;
-        usb.write(offset, value.into(), Width::Word, now).expect("existing register");
+        usb.write(offset, value.into(), Word, now).expect("existing register");
     }
 
     fn put(usb: &mut Usb, offset: usize, value: u16) {
         let now = usb.now;
-        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Width::Half, now).expect("address in packet memory");
+        usb.write(MEMORY_OFFSET + offset as u32, value.into(), Half, now).expect("address in packet memory");
     }
 
     /// Endpoint 0 is a control endpoint and endpoint 1 a bulk endpoint, both ready to receive 64 bytes, at address 5.
     fn configured() -> Usb {
-        let mut usb = Usb::new();
+        let mut usb = Usb::default();
         usb.set_clocks(&CLOCKS);
         write(&mut usb, CNTR, 0);
         write(&mut usb, ISTR, 0);
-        write(&mut usb, BCDR, PULL_UP);
+        write(&mut usb, BCDR, DPPU);
         for (index, (to_host, from_host)) in [(0x40, 0x80), (0xC0, 0x100)].into_iter().enumerate() {
             put(&mut usb, index * 8, to_host);
             put(&mut usb, index * 8 + 4, from_host);
             put(&mut usb, index * 8 + 6, 0x8400);
         }
-        write(&mut usb, DADDR, ADDRESS_ENABLED | 5);
-        write(&mut usb, 0, endpoint::TYPE_CONTROL | (status::NAK << 12) | (status::NAK << 4));
-        write(&mut usb, 4, endpoint::TYPE_BULK | (status::VALID << 12) | (status::NAK << 4) | 1);
+        write(&mut usb, DADDR, EF | 5);
+        write(&mut usb, 0, CONTROL | (NAK << 12) | (NAK << 4));
+        write(&mut usb, 4, BULK | (VALID << 12) | (NAK << 4) | 1);
         usb
     }
 
     #[test]
     fn an_endpoint_register_flips_clears_and_keeps_as_the_manual_says() {
         let mut usb = configured();
-        usb.endpoints[2] = endpoint::EVENTS | endpoint::SETUP | (status::NAK << 12);
+        usb.endpoints[2] = EVENTS | SETUP | (NAK << 12);
         // Writing 1 toggles a status bit, 0 keeps it. Writing 0 clears an event, 1 keeps it. SETUP is read-only.
-        write(&mut usb, 8, endpoint::RECEIVED | (1 << 12) | endpoint::TOGGLE_SEND | 3);
-        let expected = endpoint::RECEIVED | endpoint::SETUP | (status::VALID << 12) | endpoint::TOGGLE_SEND | 3;
+        write(&mut usb, 8, CTR_RX | (1 << 12) | DTOG_TX | 3);
+        let expected = CTR_RX | SETUP | (VALID << 12) | DTOG_TX | 3;
         assert_eq!(read(&mut usb, 8), expected);
     }
 
@@ -717,32 +696,32 @@ mod tests {
         let mut usb = configured();
         assert_eq!(usb.setup(5, b"12345678"), Answer::Ack);
         let register = read(&mut usb, 0);
-        assert_eq!(register & (endpoint::SETUP | endpoint::RECEIVED), endpoint::SETUP | endpoint::RECEIVED);
-        assert_eq!((receive_status(register), send_status(register)), (status::NAK, status::NAK));
-        let toggles = endpoint::TOGGLE_SEND | endpoint::TOGGLE_RECEIVE;
+        assert_eq!(register & (SETUP | CTR_RX), SETUP | CTR_RX);
+        assert_eq!((receive_status(register), send_status(register)), (NAK, NAK));
+        let toggles = DTOG_TX | DTOG_RX;
         assert_eq!(register & toggles, toggles, "the data stage begins with DATA1 either way");
         assert_eq!(&usb.memory[0x80..0x88], b"12345678");
         assert_eq!(usb.descriptor(0, 3), 0x8408);
         assert_eq!(usb.setup(5, b"abcdefgh"), Answer::Nothing);
         assert_eq!(&usb.memory[0x80..0x88], b"12345678");
-        write(&mut usb, 0, endpoint::TYPE_CONTROL);
+        write(&mut usb, 0, CONTROL);
         assert_eq!(usb.setup(5, b"abcdefgh"), Answer::Ack);
     }
 
     #[test]
     fn data_out_is_taken_once_and_a_repetition_is_acknowledged_unread() {
         let mut usb = configured();
-        write(&mut usb, CNTR, interrupt::TRANSFER);
+        write(&mut usb, CNTR, CTR);
         assert_eq!(usb.send(5, 1, Toggle::Data0, b"hello"), Answer::Ack);
         assert!(usb.irq_low());
-        assert_eq!(read(&mut usb, ISTR) & 0x801F, interrupt::TRANSFER | interrupt::DIRECTION_OUT | 1);
+        assert_eq!(read(&mut usb, ISTR) & 0x801F, CTR | DIR | 1);
         assert_eq!(
             usb.send(5, 1, Toggle::Data1, b"more"),
             Answer::Nak,
             "nothing is taken before the firmware is ready"
         );
         // Receive again: toggle NAK to VALID, clear the event.
-        write(&mut usb, 4, endpoint::SENT | (1 << 12) | 1);
+        write(&mut usb, 4, CTR_TX | (1 << 12) | 1);
         assert!(!usb.irq_low());
         assert_eq!(usb.send(5, 1, Toggle::Data0, b"hello"), Answer::Ack);
         assert!(!usb.irq_low(), "a packet with the old toggle is a repetition");
@@ -756,7 +735,7 @@ mod tests {
         let mut usb = configured();
         put(&mut usb, 8 + 6, 10 << 10);
         assert_eq!(usb.send(5, 1, Toggle::Data0, &[7; 21]), Answer::Stall);
-        assert_eq!(read(&mut usb, 4) & endpoint::RECEIVED, 0);
+        assert_eq!(read(&mut usb, 4) & CTR_RX, 0);
         assert_eq!(usb.send(5, 1, Toggle::Data0, &[7; 20]), Answer::Ack);
     }
 
@@ -768,16 +747,13 @@ mod tests {
             put(&mut usb, at, u16::from_le_bytes(pair));
         }
         put(&mut usb, 8 + 2, 3);
-        write(&mut usb, 4, endpoint::EVENTS | (1 << 4) | 1);
+        write(&mut usb, 4, EVENTS | (1 << 4) | 1);
         assert_eq!(usb.ask(5, 1), Answer::Data(Toggle::Data0, b"abc".to_vec()));
         assert_eq!(usb.ask(5, 1), Answer::Data(Toggle::Data0, b"abc".to_vec()), "not acknowledged: again");
         usb.acknowledge(5, 1);
         assert_eq!(usb.ask(5, 1), Answer::Nak);
-        assert_eq!(
-            read(&mut usb, 4) & (endpoint::SENT | endpoint::TOGGLE_SEND),
-            endpoint::SENT | endpoint::TOGGLE_SEND
-        );
-        assert_eq!(read(&mut usb, ISTR) & 0x801F, interrupt::TRANSFER | 1);
+        assert_eq!(read(&mut usb, 4) & (CTR_TX | DTOG_TX), CTR_TX | DTOG_TX);
+        assert_eq!(read(&mut usb, ISTR) & 0x801F, CTR | 1);
     }
 
     #[test]
@@ -792,7 +768,7 @@ mod tests {
     #[test]
     fn an_empty_status_stage_refuses_data() {
         let mut usb = configured();
-        write(&mut usb, 0, endpoint::TYPE_CONTROL | endpoint::KIND | (1 << 12));
+        write(&mut usb, 0, CONTROL | EP_KIND | (1 << 12));
         assert_eq!(usb.send(5, 0, Toggle::Data0, b"x"), Answer::Stall);
         assert_eq!(usb.send(5, 0, Toggle::Data0, b""), Answer::Ack);
     }
@@ -800,16 +776,16 @@ mod tests {
     #[test]
     fn a_bus_reset_clears_all_but_the_events_and_silences_until_it_is_seen() {
         let mut usb = configured();
-        write(&mut usb, CNTR, interrupt::RESET);
+        write(&mut usb, CNTR, RESET);
         usb.send(5, 1, Toggle::Data0, b"x");
         usb.bus_reset();
         assert!(usb.irq_low());
-        assert_eq!(read(&mut usb, 4), endpoint::RECEIVED);
+        assert_eq!(read(&mut usb, 4), CTR_RX);
         assert_eq!(read(&mut usb, DADDR), 0);
-        write(&mut usb, DADDR, ADDRESS_ENABLED);
-        write(&mut usb, 0, endpoint::TYPE_CONTROL | (status::NAK << 12));
+        write(&mut usb, DADDR, EF);
+        write(&mut usb, 0, CONTROL | (NAK << 12));
         assert_eq!(usb.setup(0, b"12345678"), Answer::Nothing);
-        write(&mut usb, ISTR, !interrupt::RESET);
+        write(&mut usb, ISTR, !RESET);
         assert!(!usb.irq_low());
         assert_eq!(usb.setup(0, b"12345678"), Answer::Ack);
     }
@@ -817,19 +793,19 @@ mod tests {
     #[test]
     fn forcing_a_reset_is_a_reset() {
         let mut usb = configured();
-        write(&mut usb, CNTR, control::FORCE_RESET);
+        write(&mut usb, CNTR, FRES);
         assert_eq!(read(&mut usb, 4), 0);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, interrupt::RESET);
+        assert_eq!(read(&mut usb, ISTR) & RESET, RESET);
     }
 
     #[test]
     fn frames_count_at_the_hosts_pace_and_their_absence_suspends() {
         let mut usb = configured();
-        write(&mut usb, CNTR, interrupt::SUSPEND | interrupt::WAKE_UP);
+        write(&mut usb, CNTR, SUSP | WKUP);
         // A host clock 1000 ppm slow: 1998 frames start in just under two seconds.
         usb.start_frames(1.001e-3);
         usb.advance(2000 * MILLISECOND);
-        assert_eq!(read(&mut usb, FNR) & 0x3FFF, frame::LOCKED | 1998);
+        assert_eq!(read(&mut usb, FNR) & 0x3FFF, LCK | 1998);
         assert!(!usb.irq_low(), "traffic keeps the device awake");
         assert_eq!((usb.take_frames(), usb.take_frames()), (1998, 0));
         usb.stop_frames();
@@ -838,7 +814,7 @@ mod tests {
         assert!(!usb.irq_low());
         assert_eq!(read(&mut usb, FNR) >> 11 & 3, 2, "lost frames");
         usb.advance(last + 3 * MILLISECOND + MILLISECOND / 4);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+        assert_eq!(read(&mut usb, ISTR) & SUSP, SUSP);
         assert!(usb.irq_low());
         assert_eq!(usb.next_event(), None, "one suspend is enough");
     }
@@ -848,14 +824,14 @@ mod tests {
         for wake in [Usb::resume, Usb::bus_reset] {
             let mut usb = configured();
             usb.advance(10 * MILLISECOND);
-            assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+            assert_eq!(read(&mut usb, ISTR) & SUSP, SUSP);
             write(&mut usb, ISTR, 0);
-            write(&mut usb, CNTR, control::FORCE_SUSPEND | control::LOW_POWER | interrupt::WAKE_UP);
+            write(&mut usb, CNTR, FSUSP | LPMODE | WKUP);
             usb.advance(1000 * MILLISECOND);
             assert!(!usb.irq_low());
             wake(&mut usb);
             assert!(usb.irq_low() && usb.irq_wakeup());
-            assert_eq!(read(&mut usb, CNTR) & control::LOW_POWER, 0);
+            assert_eq!(read(&mut usb, CNTR) & LPMODE, 0);
             assert!(usb.sleeps(), "leaving the suspend state is the firmware's");
         }
     }
@@ -865,29 +841,29 @@ mod tests {
         let mut usb = configured();
         usb.advance(10 * MILLISECOND);
         write(&mut usb, ISTR, 0);
-        write(&mut usb, CNTR, control::FORCE_SUSPEND);
+        write(&mut usb, CNTR, FSUSP);
         usb.resume();
         write(&mut usb, CNTR, 0);
         let woken = usb.now;
         usb.advance(woken + 4 * MILLISECOND);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::SUSPEND, interrupt::SUSPEND);
+        assert_eq!(read(&mut usb, ISTR) & SUSP, SUSP);
     }
 
     #[test]
     fn a_host_without_a_pull_up_against_it_is_a_reset() {
         let mut usb = configured();
         usb.set_cable(true);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, 0);
+        assert_eq!(read(&mut usb, ISTR) & RESET, 0);
         write(&mut usb, BCDR, 0);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, interrupt::RESET);
+        assert_eq!(read(&mut usb, ISTR) & RESET, RESET);
         write(&mut usb, ISTR, 0);
-        write(&mut usb, BCDR, PULL_UP);
-        assert_eq!(read(&mut usb, ISTR) & interrupt::RESET, 0);
+        write(&mut usb, BCDR, DPPU);
+        assert_eq!(read(&mut usb, ISTR) & RESET, 0);
     }
 
     #[test]
     fn nothing_is_heard_while_switched_off() {
-        let mut usb = Usb::new();
+        let mut usb = Usb::default();
         usb.start_frames(1e-3);
         usb.bus_reset();
         usb.advance(10 * MILLISECOND);
@@ -899,68 +875,26 @@ mod tests {
     fn what_is_not_modelled_is_refused() {
         let mut usb = configured();
         let mut refused = |offset, value, width| usb.write(offset, value, width, 0).is_err();
-        assert!(refused(0, endpoint::TYPE_ISOCHRONOUS.into(), Width::Word));
-        assert!(refused(4, (endpoint::TYPE_BULK | endpoint::KIND).into(), Width::Word));
-        assert!(refused(CNTR, control::RESUME.into(), Width::Word));
-        assert!(refused(BCDR, 1, Width::Word));
-        assert!(refused(0x20, 0, Width::Word));
-        assert!(refused(FNR, 0, Width::Word));
-        assert!(refused(MEMORY_OFFSET, 0, Width::Word));
-        assert!(refused(MEMORY_OFFSET, 0, Width::Byte));
-        assert!(refused(MEMORY_OFFSET + 1024, 0, Width::Half));
-        assert!(usb.read(MEMORY_OFFSET + 1024, Width::Half, 0).is_err());
+        assert!(refused(0, ISOCHRONOUS.into(), Word));
+        assert!(refused(4, (BULK | EP_KIND).into(), Word));
+        assert!(refused(CNTR, RESUME.into(), Word));
+        assert!(refused(BCDR, 1, Word));
+        assert!(refused(0x20, 0, Word));
+        assert!(refused(FNR, 0, Word));
+        assert!(refused(MEMORY_OFFSET, 0, Word));
+        assert!(refused(MEMORY_OFFSET, 0, Byte));
+        assert!(refused(MEMORY_OFFSET + 1024, 0, Half));
+        assert!(usb.read(MEMORY_OFFSET + 1024, Half, 0).is_err());
     }
 
     #[test]
     fn fields_are_metapacs() {
-        use crate::metapac::fields_agree;
-
-        fields_agree(
-            "USB",
-            "EPR",
-            &[
-                ("CTR_RX", endpoint::RECEIVED),
-                ("DTOG_RX", endpoint::TOGGLE_RECEIVE),
-                ("STAT_RX", endpoint::STATUS_RECEIVE),
-                ("SETUP", endpoint::SETUP),
-                ("EP_TYPE", endpoint::TYPE),
-                ("EP_KIND", endpoint::KIND),
-                ("CTR_TX", endpoint::SENT),
-                ("DTOG_TX", endpoint::TOGGLE_SEND),
-                ("STAT_TX", endpoint::STATUS_SEND),
-                ("EA", endpoint::ADDRESS),
-            ],
-        );
-        fields_agree(
-            "USB",
-            "CNTR",
-            &[
-                ("FRES", control::FORCE_RESET),
-                ("PDWN", control::POWER_DOWN),
-                ("LPMODE", control::LOW_POWER),
-                ("FSUSP", control::FORCE_SUSPEND),
-                ("RESUME", control::RESUME),
-                ("L1RESUME", control::L1_RESUME),
-                ("SOFM", interrupt::FRAME),
-                ("RESETM", interrupt::RESET),
-                ("CTRM", interrupt::TRANSFER),
-            ],
-        );
-        fields_agree(
-            "USB",
-            "ISTR",
-            &[
-                ("DIR", interrupt::DIRECTION_OUT),
-                ("ESOF", interrupt::FRAME_EXPECTED),
-                ("SOF", interrupt::FRAME),
-                ("RESET", interrupt::RESET),
-                ("SUSP", interrupt::SUSPEND),
-                ("WKUP", interrupt::WAKE_UP),
-                ("CTR", interrupt::TRANSFER),
-            ],
-        );
-        fields_agree("USB", "FNR", &[("RXDP", frame::LINE_PLUS), ("LCK", frame::LOCKED), ("FN", frame::NUMBER)]);
-        fields_agree("USB", "DADDR", &[("EF", ADDRESS_ENABLED)]);
-        fields_agree("USB", "BCDR", &[("DPPU", PULL_UP)]);
+        fields_agree!("USB", "EPR", CTR_RX, DTOG_RX, STAT_RX, SETUP, EP_TYPE, EP_KIND, CTR_TX, DTOG_TX, STAT_TX, EA);
+        fields_agree!("USB", "CNTR", FRES, PDWN, LPMODE, FSUSP, RESUME, L1RESUME);
+        fields_agree!("USB", "CNTR", SOFM = SOF, RESETM = RESET, CTRM = CTR);
+        fields_agree!("USB", "ISTR", DIR, ESOF, SOF, RESET, SUSP, WKUP, CTR);
+        fields_agree!("USB", "FNR", RXDP, LCK, FN);
+        fields_agree!("USB", "DADDR", EF);
+        fields_agree!("USB", "BCDR", DPPU);
     }
 }

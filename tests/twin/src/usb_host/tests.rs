@@ -54,7 +54,7 @@ pub struct Puppet {
 impl Puppet {
     pub fn new() -> Self {
         let mut puppet = Self {
-            usb: Usb::new(),
+            usb: Usb::default(),
             now: 0,
             control: Control::Idle,
             line_coding: vec![0; 7],
