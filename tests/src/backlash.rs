@@ -1,9 +1,9 @@
 //! Backlash on the accuracy grid: every width, from the force alone and with the terminal sensor.
 
 use crate::coverage::stated_true;
-use crate::grid::{self, Error, Instruments, calibrated, raw};
-use inerter_core::{Detail, Interval, Reversal, Settings, State};
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use crate::grid::{self, Error, Instruments, calibrated, error, mean, raw};
+use inerter_core::{Detail, Parameter, Reversal, Settings, State};
+use inerter_plant::{Inerter, Sensors};
 
 /// Backlash of the grid \[m\].
 pub const BACKLASHES_M: [f64; 6] = [0.0, 10e-6, 20e-6, 50e-6, 100e-6, 200e-6];
@@ -53,7 +53,7 @@ pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
 pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
-    let simulation = Simulation::new(*device, Excitation::parse(motion, seed)?, sensors)?;
+    let simulation = grid::shaken(device, motion, sensors)?;
     let active = settings.validate()?;
     let with_sensor = Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..settings }.validate()?;
     let mut state = Box::new(State::new(&active));
@@ -100,33 +100,26 @@ pub struct Cell {
     pub damping: Column,
 }
 
-fn column(values: &[(f64, f64)], truth: f64) -> Column {
-    let count = values.len() as f64;
-    let bias = values.iter().map(|(value, _)| value - truth).sum::<f64>() / count;
-    let variance = values.iter().map(|(value, _)| (value - truth - bias).powi(2)).sum::<f64>() / (count - 1.0);
-    let few = values.len() < 2;
-    Column {
-        bias: if few { f64::NAN } else { bias },
-        sigma: if few { f64::NAN } else { variance.sqrt() },
-        u95: values.iter().map(|(_, u95)| u95).sum::<f64>() / count,
-        given: values.len(),
-        wrong: values.iter().filter(|(value, u95)| (value - truth).abs() > *u95).count(),
-    }
+/// From errors with their half widths.
+fn column(found: impl Iterator<Item = (f64, f64)>) -> Column {
+    let (errors, u95): (Vec<f64>, Vec<f64>) = found.unzip();
+    let (bias, sigma) = grid::bias_and_sigma(&errors);
+    let wrong = errors.iter().zip(&u95).filter(|(error, u95)| error.abs() > **u95).count();
+    Column { bias, sigma, u95: mean(u95.into_iter()), given: errors.len(), wrong }
 }
 
 /// Statistics over the runs of one cell.
 pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
-    let found =
-        |detail: &Detail| detail.backlash.known().map(|Interval { value, u95 }| (f64::from(value), f64::from(u95)));
-    let contact = |read: fn(&Detail) -> inerter_core::Parameter, truth: f64| {
+    let backlash = |read: fn(&Run) -> &Detail| {
+        column(runs.iter().filter_map(|run| read(run).backlash.known()).map(|found| error(found, device.backlash_m)))
+    };
+    let contact = |read: fn(&Detail) -> Parameter, truth: f64| {
         let given = runs.iter().filter_map(|run| read(&run.sensed).ok());
-        let values: Vec<_> =
-            given.map(|Interval { value, u95 }| (f64::from(value) / truth, f64::from(u95) / truth)).collect();
-        column(&values, 1.0)
+        column(given.map(|found| (f64::from(found.value) / truth - 1.0, f64::from(found.u95) / truth)))
     };
     Cell {
-        force: column(&runs.iter().filter_map(|run| found(&run.force)).collect::<Vec<_>>(), device.backlash_m),
-        sensed: column(&runs.iter().filter_map(|run| found(&run.sensed)).collect::<Vec<_>>(), device.backlash_m),
+        force: backlash(|run| &run.force),
+        sensed: backlash(|run| &run.sensed),
         stiffness: contact(|detail| detail.stiffness_n_per_m, device.stiffness_n_per_m),
         damping: contact(|detail| detail.contact_damping_n_s_per_m, device.contact_damping_n_s_per_m),
     }

@@ -10,7 +10,6 @@
 //! is the rig on which nothing repeats).
 
 use crate::grid::{self, Error, Instruments, Motion};
-use crate::linear::Cholesky;
 use inerter_plant::{Inerter, Motion as Screw};
 use std::f64::consts::PI;
 
@@ -55,26 +54,14 @@ pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u
             slipping
         })
         .collect();
-    let mut information = [[0.0; 4]; 4];
-    for n in filter.len()..truths.len().saturating_sub(filter.len()) {
-        if since[n + clearance] <= 2 * clearance {
-            continue;
-        }
-        let filtered: [f64; 4] = std::array::from_fn(|i| {
+    let inner = filter.len()..truths.len().saturating_sub(filter.len());
+    Ok(grid::sigmas(inner.filter(|n| since[n + clearance] > 2 * clearance).map(|n| {
+        std::array::from_fn(|i| {
             let pairs = filter.iter().enumerate().skip(1);
             filter[0] * regressors[n][i]
                 + pairs.map(|(k, tap)| tap * (regressors[n - k][i] + regressors[n + k][i])).sum::<f64>()
-        });
-        for (row, a) in information.iter_mut().zip(filtered) {
-            for (sum, b) in row.iter_mut().zip(filtered) {
-                *sum += a * b;
-            }
-        }
-    }
-    Ok(Cholesky::of(&information, 1e-14).map(|factor| {
-        let [mt, cf, fc, _] = factor.inverse_diagonal().map(f64::sqrt);
-        [mt, cf, fc]
-    }))
+        })
+    })))
 }
 
 #[cfg(test)]

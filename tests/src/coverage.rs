@@ -1,8 +1,8 @@
 //! Width and coverage of the intervals if every stated value is true.
 
-use crate::grid::{Error, Motion, calibrated, each_seed, raw, three, truth};
-use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source, State};
-use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use crate::grid::{Error, Motion, calibrated, each, error, published, raw, seeded, shaken, three, truth};
+use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source};
+use inerter_plant::{Inerter, Sensors};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -104,27 +104,22 @@ pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>;
     let mut pairs = three(parameters).into_iter().zip(truth(device));
     std::array::from_fn(|_| {
         let (parameter, truth) = pairs.next()?;
-        parameter.known().map(|found| (f64::from(found.value) - truth, f64::from(found.u95)))
+        parameter.known().map(|found| error(found, truth))
     })
 }
 
 impl Bench {
     /// All runs of a motion, with seeds from `first` on.
     pub fn runs(&self, motion: &Motion, first: u64, seeds: u64) -> Result<Vec<Outcome>, Error> {
-        each_seed(seeds, |seed| self.run(motion.name, motion.duration_s, first + seed - 1))
+        each(first..first + seeds, |seed| self.run(motion.name, motion.duration_s, seed))
     }
 
     /// One run of `duration_s` seconds with a motion in the plant's notation.
     pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome, Error> {
-        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        let sensors = seeded(self.sensors, seed);
         let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
-        let active = settings.validate()?;
-        let mut state = Box::new(State::new(&active));
-        let plant = Plant::new(self.device, Excitation::parse(motion, seed)?)?;
-        for sample in Simulation::of(plant, sensors)?.lasting(duration_s) {
-            active.step(&mut state, &raw(&sample));
-        }
-        let published = active.publish(&state);
+        let samples = shaken(&self.device, motion, sensors)?.lasting(duration_s).map(|sample| raw(&sample));
+        let published = published(&settings, samples)?;
         let found = errors(&published.estimate.whole_run, &self.device);
         Ok((found, published.law.status == LawStatus::Broken))
     }

@@ -2,29 +2,18 @@
 
 use crate::{
     coverage::stated_true,
-    grid::{Error, Motion, calibrated, raw},
+    data::replayed,
+    grid::{Error, Motion, calibrated, mean, raw, seeded, sensors, shaken},
 };
 use inerter_analysis::diagnose::{Cause, Diagnosis, Encoder, Judged, Kind, diagnose, judged, suspected};
 use inerter_core::{Machine, Settings};
-use inerter_data::{
-    gated::Gated,
-    replay::{Outcome, replay_all},
-    run::Run,
-    series::Series,
-    settings::SettingsInputError,
-};
-use inerter_plant::{Excitation, Inerter, Motion as Screw, Plant, Sensors, Simulation, Truth};
+use inerter_data::{gated::Gated, replay::Outcome, run::Run, series::Series};
+use inerter_plant::{Inerter, Motion as Screw, Sensors, Truth};
 use std::f64::consts::TAU;
 
 /// Number of instants within a sample over which the force is averaged, symmetric about its middle: no load cell
 /// follows a step at once.
 pub const WITHIN: usize = 15;
-
-/// Mean of some values.
-pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = values.len() as f64;
-    values.sum::<f64>() / count
-}
 
 /// Forces besides the law. The terminal's motion is imposed, so they simply add to the measured force.
 #[derive(Clone, Copy, Debug, Default)]
@@ -79,10 +68,10 @@ pub struct Case {
     pub is_rotary: bool,
 }
 
-/// The grid's rig: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+/// The reference device on the grid's first rig.
 fn clean(name: &'static str) -> Case {
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
-    Case { name, kind: None, size: 0.0, device: Inerter::paper(), sensors, added: Added::default(), is_rotary: false }
+    let (device, sensors) = (Inerter::paper(), sensors());
+    Case { name, kind: None, size: 0.0, device, sensors, added: Added::default(), is_rotary: false }
 }
 
 /// Cases with one fault each.
@@ -95,7 +84,7 @@ pub fn cases() -> Vec<Case> {
     let late = |name, delay_s| Case {
         kind: Some(Kind::Skew),
         size: delay_s,
-        sensors: Sensors { delay_s, ..clean(name).sensors },
+        sensors: Sensors { delay_s, ..sensors() },
         ..clean(name)
     };
     let none = Added::default();
@@ -115,7 +104,7 @@ pub fn cases() -> Vec<Case> {
         Case {
             kind: Some(Kind::EncoderError),
             size: 10e-6,
-            sensors: Sensors { encoder_eccentricity_m: 10e-6, ..clean("").sensors },
+            sensors: Sensors { encoder_eccentricity_m: 10e-6, ..sensors() },
             ..clean("eccentricity 10 um")
         },
         device("Stribeck 1.3, 5 mm/s", Kind::Stribeck, rise, stribeck(5.0)),
@@ -124,6 +113,14 @@ pub fn cases() -> Vec<Case> {
         device("presliding 200 um", Kind::Presliding, 200e-6, presliding(200.0)),
         device("cf uneven by 40 %", Kind::Direction, uneven, Inerter { viscous_asymmetry: 0.4, ..paper }),
     ]
+}
+
+/// The case of this name.
+///
+/// # Panics
+/// If there is none.
+pub fn case(name: &str) -> Case {
+    cases().into_iter().find(|case| case.name == name).expect("a case")
 }
 
 /// Other faults of the reference device, without a structure mass.
@@ -141,8 +138,7 @@ pub fn others() -> [Case; 3] {
 
 /// The clean case, with another noise and rate.
 pub fn clean_case(force_noise_n: f64, sample_rate_hz: f64) -> Case {
-    let case = clean("nothing");
-    Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..case.sensors }, ..case }
+    Case { sensors: Sensors { force_noise_n, sample_rate_hz, ..sensors() }, ..clean("nothing") }
 }
 
 /// Noises \[N\] and sample rates \[Hz\] of runs without a fault, and lengths of a count \[m\].
@@ -199,7 +195,7 @@ pub struct Replayed {
 impl Replayed {
     /// Replays any run.
     pub fn of(run: &Run) -> Result<Self, Error> {
-        let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?;
+        let outcome = replayed(run)?;
         let gated = Gated::of(run, &[]);
         let causes = suspected(&gated, &run.settings, &outcome.published());
         let judged = judged(&gated.series, &run.settings, &outcome);
@@ -232,26 +228,22 @@ impl Case {
 
     fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
         let run = self.recorded(motion, seed, with_stiffness)?;
-        let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
+        let outcome = replayed(&run)?;
         Ok((run, outcome))
     }
 
     /// The plant's true states, [`WITHIN`] times per sample.
     pub fn truths(&self, motion: &Motion, seed: u64) -> Result<Vec<Truth>, Error> {
-        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
         let sample_rate_hz = self.sensors.sample_rate_hz * WITHIN as f64;
-        let sensors = Sensors { sample_rate_hz, delay_s: 0.0, ..self.sensors };
-        Ok(Simulation::of(plant, sensors)?.lasting(motion.duration_s).map(|sample| sample.truth).collect())
+        let sensors = Sensors { sample_rate_hz, delay_s: 0.0, seed, ..self.sensors };
+        let simulation = shaken(&self.device, motion.name, sensors)?;
+        Ok(simulation.lasting(motion.duration_s).map(|sample| sample.truth).collect())
     }
 
     /// The recording of one run, with the contact's stiffness stated or not.
     pub fn recorded(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Run, Error> {
-        let sensors = Sensors {
-            encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-            seed,
-            force_drift_n_per_s: self.added.drift_n / motion.duration_s,
-            ..self.sensors
-        };
+        let force_drift_n_per_s = self.added.drift_n / motion.duration_s;
+        let sensors = seeded(Sensors { force_drift_n_per_s, ..self.sensors }, seed);
         let calibrated = calibrated(&self.device, &sensors);
         let stated = f64::from(u8::from(with_stiffness));
         let settings = Settings {
@@ -260,11 +252,11 @@ impl Case {
             skew_s: 0.0,
             ..stated_true(calibrated)
         };
-        let plant = Plant::new(self.device, Excitation::parse(motion.name, seed)?)?;
+        let simulation = shaken(&self.device, motion.name, sensors)?;
         let code_n = settings.newtons_per_code;
         let truths = self.truths(motion, seed)?;
         let mut samples = Vec::new();
-        for (n, sample) in Simulation::of(plant, sensors)?.lasting(motion.duration_s).enumerate() {
+        for (n, sample) in simulation.lasting(motion.duration_s).enumerate() {
             let mut raw = raw(&sample);
             let force_n = f64::from(raw.force_code) * code_n - sensors.force_offset_n;
             let time = sample.truth.t_s / motion.duration_s - 0.5;

@@ -26,7 +26,7 @@ mod shrink;
 pub use corpus::{Expected, Item, corpus, made as made_corpus, write as write_corpus};
 pub use device::{Conditions, End, Link, Played, play, with_probe};
 pub use judge::judge;
-pub use make::{Stream, stream};
+pub use make::{Stream, request, stream};
 pub use outcome::outcome;
 pub use requests::Requests;
 pub use shrink::shrink;

@@ -1,7 +1,7 @@
 //! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
 use crate::linear::Cholesky;
-use inerter_core::{Estimate, Interval, Parameter, Parameters, Settings, State};
+use inerter_core::{Estimate, Interval, Parameter, Parameters, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
@@ -83,6 +83,14 @@ pub const MOTIONS: [Motion; 6] = [
     },
 ];
 
+/// The motion of this name.
+///
+/// # Panics
+/// If the grid has none.
+pub fn motion(name: &str) -> &'static Motion {
+    MOTIONS.iter().find(|motion| motion.name == name).expect("a motion of the grid")
+}
+
 /// Instruments of one rig of the grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Instruments {
@@ -130,29 +138,51 @@ pub struct Run {
     pub last: Estimate,
 }
 
-/// Instruments of this rig. Each seed has its own noise and its own phase within an encoder count.
+/// The first rig: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
+pub fn sensors() -> Sensors {
+    Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
+}
+
+/// The same instruments for one run: each seed has its own noise and its own phase within an encoder count.
+pub fn seeded(sensors: Sensors, seed: u64) -> Sensors {
+    Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..sensors }
+}
+
+/// Instruments of this rig.
 pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
-    Sensors {
-        sample_rate_hz: rig.sample_rate_hz,
-        force_noise_n: rig.force_noise_n,
-        force_offset_n: 3.0,
-        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-        seed,
-        ..Sensors::default()
-    }
+    let Instruments { sample_rate_hz, force_noise_n, .. } = *rig;
+    seeded(Sensors { sample_rate_hz, force_noise_n, ..sensors() }, seed)
+}
+
+/// A device in a motion of the plant's notation; the sensors' seed is also that of the motion.
+pub fn shaken(device: &Inerter, motion: &str, sensors: Sensors) -> Result<Simulation, Error> {
+    Ok(Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, sensors)?)
 }
 
 /// The motion as measured by this rig's instruments.
 pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
-    Ok(Simulation::new(*device, Excitation::parse(motion.name, seed)?, instruments(rig, seed))?)
+    shaken(device, motion.name, instruments(rig, seed))
 }
 
-/// One run for each seed from 1 on, in two threads: first the odd seeds, then the even ones.
-pub fn each_seed<R: Send>(seeds: u64, run: impl Fn(u64) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
-    let part = |from: u64| (from..=seeds).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
+/// What the estimator publishes after these samples.
+pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published, Error> {
+    let active = settings.validate()?;
+    let mut state = Box::new(State::new(&active));
+    for sample in samples {
+        active.step(&mut state, &sample);
+    }
+    Ok(active.publish(&state))
+}
+
+/// One run for each of these, such as seeds, in two threads: first the odd places, then the even ones.
+pub fn each<T, R: Send>(
+    all: impl Iterator<Item = T> + Clone + Sync,
+    run: impl Fn(T) -> Result<R, Error> + Sync,
+) -> Result<Vec<R>, Error> {
+    let part = |skipped| all.clone().skip(skipped).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
     thread::scope(|scope| {
-        let even = scope.spawn(|| part(2));
-        let mut runs = part(1)?;
+        let even = scope.spawn(|| part(1));
+        let mut runs = part(0)?;
         runs.extend(even.join().map_err(|_| "a run panicked")??);
         Ok(runs)
     })
@@ -206,29 +236,56 @@ pub fn least_sigma(
         let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|place| stuck.get(place));
         around.into_iter().all(|stuck| (stuck - t_s).abs() > clearance_s)
     };
-    let mut information = [[0.0; 4]; 4];
-    for truth in truths.iter().filter(|truth| clear(truth.t_s)) {
+    let rows = truths.iter().filter(|truth| clear(truth.t_s)).map(|truth| {
         let (a, v) = if motion.is_slow() {
             (truth.a1_m_per_s2, truth.v1_m_per_s)
         } else {
             (truth.a2_m_per_s2, truth.v2_m_per_s)
         };
-        let regressors = [a, v, v.signum(), 1.0];
+        [a, v, v.signum(), 1.0]
+    });
+    Ok(sigmas(rows).map(|sigmas| sigmas.map(|sigma| rig.force_noise_n * sigma)))
+}
+
+/// Sigma of mt, cf and fc from these rows of the law's regressors in white noise of unit variance; `None` if the rows
+/// do not determine them.
+pub fn sigmas(rows: impl Iterator<Item = [f64; 4]>) -> Option<[f64; 3]> {
+    let mut information = [[0.0; 4]; 4];
+    for regressors in rows {
         for (row, a) in information.iter_mut().zip(regressors) {
             for (sum, b) in row.iter_mut().zip(regressors) {
                 *sum += a * b;
             }
         }
     }
-    Ok(Cholesky::of(&information, 1e-14).map(|factor| {
-        let [mt, cf, fc, _] = factor.inverse_diagonal().map(|variance| rig.force_noise_n * variance.sqrt());
-        [mt, cf, fc]
-    }))
+    let [mt, cf, fc, _] = Cholesky::of(&information, 1e-14)?.inverse_diagonal().map(f64::sqrt);
+    Some([mt, cf, fc])
 }
 
 /// The three parameters of the grid.
 pub fn three(parameters: &Parameters) -> [Parameter; 3] {
     [parameters.inertance_kg, parameters.viscous_n_s_per_m, parameters.coulomb_n]
+}
+
+/// Error of a value, and its half width.
+pub fn error(found: Interval, truth: f64) -> (f64, f64) {
+    (f64::from(found.value) - truth, f64::from(found.u95))
+}
+
+/// Mean of some values.
+pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+/// Mean and standard deviation; NaN for fewer than two values.
+pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
+    if errors.len() < 2 {
+        return (f64::NAN, f64::NAN);
+    }
+    let bias = mean(errors.iter().copied());
+    let variance = errors.iter().map(|error| (error - bias).powi(2)).sum::<f64>() / (errors.len() as f64 - 1.0);
+    (bias, variance.sqrt())
 }
 
 /// Statistics of one cell: one motion on one rig over all seeds.
@@ -257,14 +314,11 @@ pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     let limits = [1e-3 * truth[0], 5.0, 1.0];
     let mut cell = Cell::default();
     for i in 0..3 {
-        let given: Vec<Interval> = runs.iter().filter_map(|run| three(&run.last.whole_run)[i].known()).collect();
-        let errors: Vec<f64> = given.iter().map(|found| f64::from(found.value) - truth[i]).collect();
-        let count = errors.len() as f64;
+        let given = runs.iter().filter_map(|run| three(&run.last.whole_run)[i].known());
+        let (errors, u95): (Vec<f64>, Vec<f64>) = given.map(|found| error(found, truth[i])).unzip();
         cell.given[i] = errors.len();
-        let mean = errors.iter().sum::<f64>() / count;
-        let variance = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        (cell.bias[i], cell.sigma[i]) = if errors.len() < 2 { (f64::NAN, f64::NAN) } else { (mean, variance.sqrt()) };
-        cell.u95[i] = given.iter().map(|found| f64::from(found.u95)).sum::<f64>() / count;
+        (cell.bias[i], cell.sigma[i]) = bias_and_sigma(&errors);
+        cell.u95[i] = mean(u95.into_iter());
         cell.coverage[i] = coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]);
         cell.whole_run_coverage[i] =
             coverage(runs.iter().flat_map(|run| &run.published), truth[i], |e| three(&e.whole_run)[i]);
@@ -282,9 +336,10 @@ fn coverage<'a>(
     parameter: impl Fn(&Estimate) -> Parameter,
 ) -> Option<f64> {
     let (mut covered, mut all) = (0_u32, 0_u32);
-    for Interval { value, u95 } in published.filter_map(|(_, estimate)| parameter(estimate).ok()) {
+    for found in published.filter_map(|(_, estimate)| parameter(estimate).ok()) {
+        let (error, u95) = error(found, truth);
         all += 1;
-        covered += u32::from((f64::from(value) - truth).abs() <= f64::from(u95));
+        covered += u32::from(error.abs() <= u95);
     }
     (all > 0).then(|| f64::from(covered) / f64::from(all))
 }
@@ -292,8 +347,6 @@ fn coverage<'a>(
 /// Time from which every published value is given and within the limit; infinite if there is none.
 fn settling(run: &Run, i: usize, truth: f64, limit: f64) -> f64 {
     let bad = |e: &Estimate| three(&e.recent)[i].value().is_none_or(|value| (f64::from(value) - truth).abs() > limit);
-    match run.published.iter().rposition(|(_, e)| bad(e)) {
-        None => run.published.first().map_or(f64::INFINITY, |(t, _)| *t),
-        Some(last) => run.published.get(last + 1).map_or(f64::INFINITY, |(t, _)| *t),
-    }
+    let from = run.published.iter().rposition(|(_, e)| bad(e)).map_or(0, |last| last + 1);
+    run.published.get(from).map_or(f64::INFINITY, |(t, _)| *t)
 }

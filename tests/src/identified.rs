@@ -8,12 +8,12 @@
 use inerter_analysis::diagnose::Kind;
 use inerter_core::constants::REST_WINDOW_S;
 use inerter_plant::{Motion as Screw, Sensors, Truth};
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, iter::once};
 
 use crate::{
-    diagnose::{Case, WITHIN, mean},
-    grid::{Error, Motion},
-    linear::Cholesky,
+    diagnose::{Case, WITHIN},
+    grid::{Error, Motion, mean},
+    updates::{fit, left},
 };
 
 /// Time after rest during which the filter still remembers it \[s\].
@@ -80,21 +80,13 @@ impl Case {
                     self.sensors;
                 let wobble = |truth: &Truth| encoder_eccentricity_m * (TAU * truth.x2_m / lead_m + phase).sin();
                 let off: Vec<f64> = truths.iter().map(wobble).collect();
-                let mut adds: Vec<f64> = off
-                    .windows(3)
-                    .map(|three| match three {
-                        [before, now, after] => {
-                            let rate = (after - before) / 2.0 * rate_hz;
-                            let second = (after - 2.0 * now + before) * rate_hz * rate_hz;
-                            let mass_kg = device.inertance_kg + device.structure_mass_kg;
-                            -mass_kg * second - device.viscous_n_s_per_m * rate
-                        }
-                        _ => 0.0,
-                    })
-                    .collect();
-                adds.insert(0, 0.0);
-                adds.push(0.0);
-                adds
+                let inner = off.windows(3).map(|off| {
+                    let rate = (off[2] - off[0]) / 2.0 * rate_hz;
+                    let second = (off[2] - 2.0 * off[1] + off[0]) * rate_hz * rate_hz;
+                    let mass_kg = device.inertance_kg + device.structure_mass_kg;
+                    -mass_kg * second - device.viscous_n_s_per_m * rate
+                });
+                once(0.0).chain(inner).chain([0.0]).collect()
             }
             Some(Kind::Stribeck | Kind::Presliding) => {
                 each(&|truth| truth.friction_n - device.coulomb_n * truth.v2_m_per_s.signum())
@@ -125,24 +117,9 @@ fn moving(stands: &[f64], clearance: f64) -> Vec<bool> {
 /// Sum of squares of the fifth column after a fit of the first four, and of the fifth column itself.
 fn left_over(columns: &[Vec<f64>; 5], counts: &[bool]) -> (f64, f64) {
     let rows = || (0..counts.len()).filter(|row| counts[*row]).map(|row| columns.each_ref().map(|column| column[row]));
-    let mut gram = [[0.0; 4]; 4];
-    let mut right = [0.0; 4];
-    let mut all = 0.0;
-    for [a, b, c, d, added] in rows() {
-        let row = [a, b, c, d];
-        for (i, x) in row.iter().enumerate() {
-            row.iter().enumerate().for_each(|(j, y)| gram[i][j] += x * y);
-            right[i] += x * added;
-        }
-        all += added * added;
-    }
-    let Some(factors) = Cholesky::of(&gram, 1e-12) else { return (0.0, all) };
-    let values = factors.solve(&right);
-    let left = rows().map(|[a, b, c, d, added]| {
-        let law: f64 = [a, b, c, d].iter().zip(values).map(|(x, value)| x * value).sum();
-        (added - law).powi(2)
-    });
-    (left.sum(), all)
+    let all = rows().map(|[.., added]| added * added).sum();
+    let Some(values) = fit(rows(), 1e-12) else { return (0.0, all) };
+    (rows().map(|row| left(&values, &row).powi(2)).sum(), all)
 }
 
 /// Second-order Butterworth low-pass with the gain `1 / sqrt(1 + (f / f0)^4)`. It has the same phase for all columns.
@@ -160,17 +137,16 @@ fn whiten(column: &mut [f64], alike: f64) {
 
 #[cfg(test)]
 mod tests {
-    use crate::{diagnose::cases, grid::MOTIONS};
+    use crate::{
+        diagnose::case,
+        grid::{MOTIONS, motion},
+    };
 
     /// Cases with a known answer: load-dependent friction in a slow tone, which is only friction; a late force in a
     /// fast tone, of which the law explains all but the harmonics; a drift of the offset; a force once per turn.
     #[test]
     fn a_motion_tells_what_it_tells() {
-        let told = |fault: &str, motion: &str| {
-            let case = cases().into_iter().find(|case| case.name == fault).unwrap();
-            let motion = MOTIONS.iter().find(|one| one.name == motion).unwrap();
-            case.told_by(motion, 1, 1.0).unwrap()
-        };
+        let told = |fault: &str, name: &str| case(fault).told_by(motion(name), 1, 1.0).unwrap();
         assert!(told("friction of 4 % of the load", "slow").left < 1e-4);
         assert!(told("force 3 ms late", "fast").left < 1e-3);
         let drift = told("offset drifts by 5 N", "random");
@@ -180,7 +156,6 @@ mod tests {
         assert!(told("ripple of 10 N", "two").is_enough() && !told("cf uneven by 40 %", "slow").is_enough());
         // Repeated encoder steps do not average out.
         let once = told("cf uneven by 40 %", "mid").sigmas;
-        let case = cases().into_iter().find(|case| case.name == "cf uneven by 40 %").unwrap();
-        assert!(case.told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);
+        assert!(case("cf uneven by 40 %").told_by(&MOTIONS[1], 1, 32.0).unwrap().sigmas < 0.7 * once);
     }
 }

@@ -3,14 +3,14 @@
 use inerter_analysis::identify::{FoundStatus, Identified, IdentifyError, Options, identify};
 use inerter_core::Settings;
 use inerter_data::run::Run;
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
-use inerter_simulate::calibrated;
+use inerter_plant::{Inerter, Sensors};
+use inerter_simulate::{calibrated, raw};
 use rand_chacha::{
     ChaCha8Rng,
     rand_core::{RngCore, SeedableRng},
 };
 
-use crate::grid::Error;
+use crate::grid::{Error, seeded, sensors, shaken};
 
 /// Motions that excite all parameters.
 pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
@@ -46,20 +46,12 @@ pub fn hidden(seed: u64) -> Inerter {
 
 /// 1 kHz, 1 N, 2.44 um per count, terminal 1 um.
 pub fn instruments(seed: u64) -> Sensors {
-    Sensors {
-        force_noise_n: 1.0,
-        force_offset_n: 3.0,
-        terminal_noise_m: 1e-6,
-        encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-        seed,
-        ..Sensors::default()
-    }
+    seeded(Sensors { terminal_noise_m: 1e-6, ..sensors() }, seed)
 }
 
 /// The run that the instruments record: calibrated without error, with stiffness and damping unknown. The sensors' seed
 /// is also the seed of the motion.
 pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
-    let simulation = Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, *sensors)?;
     let settings = Settings {
         terminal_sensor: true,
         stiffness_n_per_m: 0.0,
@@ -70,7 +62,7 @@ pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f
         timebase_u95: 0.0,
         ..calibrated(device, sensors)?
     };
-    let samples = simulation.lasting(duration_s).map(|sample| inerter_simulate::raw(&sample)).collect();
+    let samples = shaken(device, motion, *sensors)?.lasting(duration_s).map(|sample| raw(&sample)).collect();
     Ok(Run { name: format!("{motion} {}", sensors.seed), settings, samples, ..Run::default() })
 }
 

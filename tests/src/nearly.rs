@@ -3,7 +3,7 @@
 use crate::{
     coverage::{Outcome, cells, errors},
     diagnose::{Added, Case, Replayed, clean_case},
-    grid::{Error, MOTIONS, Motion, each_seed, three},
+    grid::{Error, MOTIONS, Motion, each, three},
     sheet::{self, significant},
 };
 use inerter_analysis::diagnose::Kind;
@@ -120,7 +120,7 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
             let mut points = Vec::new();
             for (wanted, in_u95, size) in violation.sizes(motion, first)? {
                 let case = (violation.case)(clean_case(1.0, 1000.0), size);
-                let runs = each_seed(seeds, |seed| told(violation.kind, &case, motion, first + seed - 1))?;
+                let runs = each(first..first + seeds, |seed| told(violation.kind, &case, motion, seed))?;
                 let left_percent = 100.0 * violation.left(&case, motion, first)?;
                 let row = Row::of(&runs, left_percent);
                 points.extend(row.least_held().map(|held| (in_u95, held)));
@@ -189,10 +189,11 @@ impl Violation {
     /// For each of [`SIZES`] that can be reached: the wanted shift, the shift reached, and the size of the violation.
     fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
         let clean = clean_case(1.0, 1000.0);
-        let without = each_seed(PAIRS, |seed| Ok(clean.estimated(motion, first + seed - 1)?.estimate.whole_run))?;
+        let values =
+            |case: Case| each(first..first + PAIRS, |seed| Ok(case.estimated(motion, seed)?.estimate.whole_run));
+        let without = values(clean)?;
         let moved = |size: f64| -> Result<f64, Error> {
-            let case = (self.case)(clean, size);
-            let with = each_seed(PAIRS, |seed| Ok(case.estimated(motion, first + seed - 1)?.estimate.whole_run))?;
+            let with = values((self.case)(clean, size))?;
             let all = with.iter().zip(&without).map(|(with, without)| moved_most(with, without));
             Ok(all.sum::<f64>() / PAIRS as f64)
         };
@@ -290,7 +291,7 @@ impl Row {
             }
             None => "-".into(),
         });
-        sheet::line(&[
+        sheet::line([
             motion.into(),
             wanted.to_string(),
             format!("{in_u95:.1}"),
@@ -308,6 +309,7 @@ impl Row {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::motion;
 
     #[test]
     fn the_summary_says_where_intervals_hold_least_and_what_is_not_named() {
@@ -332,8 +334,7 @@ mod tests {
     #[test]
     fn sizes_move_a_parameter_by_so_much() {
         let [load, ..] = &VIOLATIONS;
-        let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
-        let sizes = load.sizes(motion, 1).unwrap();
+        let sizes = load.sizes(motion("random"), 1).unwrap();
         assert_eq!(sizes.len(), SIZES.len());
         for (wanted, is, _) in &sizes {
             assert!((is / wanted - 1.0).abs() < 0.2, "{sizes:?}");

@@ -1,11 +1,11 @@
 //! Predictions for motions, and the results of simulated runs.
 
 use crate::{
-    coverage::stated_true,
-    grid::{Error, calibrated, each_seed, raw, three, truth},
+    coverage::{errors, stated_true},
+    grid::{Error, calibrated, each, raw, seeded},
 };
 use inerter_analysis::plan::{Expected, Limits, Peaks};
-use inerter_core::{Interval, Machine, Settings};
+use inerter_core::{Machine, Settings};
 use inerter_data::{csv::motion, replay::Replay};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 
@@ -60,30 +60,21 @@ impl Bench {
     /// Results for inertance, viscous and Coulomb friction over runs with seeds from `first` on.
     pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3], Error> {
         let settings = self.expected().settings;
-        let runs = each_seed(seeds, |number| {
-            let seed = first + number - 1;
-            let phase = (seed as f64 * 0.618) % 1.0;
-            let sensors = Sensors {
-                encoder_phase_count: phase,
-                force_offset_n: 0.02 * self.device.coulomb_n,
-                seed,
-                ..self.sensors
-            };
+        let runs = each(first..first + seeds, |seed| {
+            let sensors = seeded(Sensors { force_offset_n: 0.02 * self.device.coulomb_n, ..self.sensors }, seed);
             let mut replay = Replay::new(&settings, 0.0)?;
             for sample in Simulation::new(self.device, motion.clone(), sensors)?.lasting(duration_s) {
                 replay.step(&raw(&sample)).for_each(drop);
             }
             Ok(replay.outcome())
         })?;
-        let truth = truth(&self.device);
         Ok(std::array::from_fn(|place| {
             let mut found = Reached::default();
             for run in &runs {
-                let Some(Interval { value, u95 }) = three(&run.estimate.whole_run)[place].known() else { continue };
-                let error = f64::from(value) - truth[place];
+                let Some((error, u95)) = errors(&run.estimate.whole_run, &self.device)[place] else { continue };
                 found.given += 1;
-                found.covered += usize::from(error.abs() <= f64::from(u95));
-                found.u95 += f64::from(u95);
+                found.covered += usize::from(error.abs() <= u95);
+                found.u95 += u95;
                 found.u_a += f64::from(run.budgets.whole_run[place].standard_error());
                 found.scatter += error * error;
             }
@@ -116,10 +107,14 @@ impl Bench {
         for sample in Simulation::new(self.device, motion.clone(), self.sensors)?.lasting(duration_s) {
             let truth = sample.truth;
             let force_n = truth.force_n + self.device.structure_mass_kg * truth.a1_m_per_s2;
-            peaks.stroke_m = peaks.stroke_m.max(truth.x1_m.abs());
-            peaks.speed_m_per_s = peaks.speed_m_per_s.max(truth.v1_m_per_s.abs());
-            peaks.force_n = peaks.force_n.max(force_n.abs());
-            peaks.acceleration_m_per_s2 = peaks.acceleration_m_per_s2.max(truth.a2_m_per_s2.abs());
+            for (peak, value) in [
+                (&mut peaks.stroke_m, truth.x1_m),
+                (&mut peaks.speed_m_per_s, truth.v1_m_per_s),
+                (&mut peaks.force_n, force_n),
+                (&mut peaks.acceleration_m_per_s2, truth.a2_m_per_s2),
+            ] {
+                *peak = peak.max(value.abs());
+            }
         }
         Ok(peaks)
     }

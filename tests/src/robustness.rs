@@ -1,9 +1,9 @@
 //! The robustness sheet: one imperfection of rig or device at a time, the estimates, and the faults that the device
 //! reports.
 
-use crate::grid::{Error, calibrated, raw, three, truth};
+use crate::grid::{Error, bias_and_sigma, calibrated, error, mean, raw, seeded, sensors as rig, shaken, three, truth};
 use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
-use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use inerter_plant::{Inerter, Sensors};
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
@@ -32,11 +32,6 @@ pub struct Case {
 const FASTER: &[&str] = &["random", "mid"];
 const WITH_SLOW: &[&str] = &["random", "mid", "slow"];
 const WITH_FAST: &[&str] = &["random", "mid", "slow", "fast"];
-
-/// The grid's rig: 1 kHz, 1 N of noise, 2.44 um per count, an offset of 3 N.
-fn rig() -> Sensors {
-    Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() }
-}
 
 fn case(name: &'static str, motions: &'static [&'static str]) -> Case {
     Case { name, motions, device: Inerter::paper(), sensors: rig(), clipped: false, force_gain_u95: 0.0 }
@@ -103,12 +98,12 @@ pub struct Run {
 impl Case {
     /// The instruments of one run.
     fn sensors(&self, motion: &str, seed: u64) -> Result<Sensors, Error> {
-        let sensors = Sensors { encoder_phase_count: (seed as f64 * 0.618) % 1.0, seed, ..self.sensors };
+        let sensors = seeded(self.sensors, seed);
         if !self.clipped {
             return Ok(sensors);
         }
-        let whole = Simulation::new(self.device, Excitation::parse(motion, seed)?, sensors)?;
-        let peak = whole.lasting(duration_s(motion)).map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
+        let whole = shaken(&self.device, motion, sensors)?.lasting(duration_s(motion));
+        let peak = whole.map(|sample| sample.force_code.unsigned_abs()).max().unwrap_or(0);
         let limit = (CLIPPED * f64::from(peak)).round();
         Ok(Sensors { force_min_code: -limit, force_max_code: limit, ..sensors })
     }
@@ -127,16 +122,15 @@ impl Case {
         let mut state = Box::new(State::new(&active));
         let truth = truth(&self.device);
         let mut covered = [(0, 0); 3];
-        let plant = Plant::new(self.device, Excitation::parse(motion, seed)?)?;
-        for sample in Simulation::of(plant, sensors)?.lasting(duration_s(motion)) {
+        for sample in shaken(&self.device, motion, sensors)?.lasting(duration_s(motion)) {
             let Some(estimate) = active.step(&mut state, &raw(&sample)).estimate() else { continue };
             for parameters in [&estimate.recent, &estimate.whole_run] {
                 let all = three(parameters).into_iter().zip(truth);
                 for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
                     if parameter.status() == Status::Ok {
+                        let (error, u95) = error(parameter.fitted(), truth);
                         *given += 1;
-                        let off = (f64::from(parameter.fitted().value) - truth).abs();
-                        *within += u32::from(off <= f64::from(parameter.u95()));
+                        *within += u32::from(error.abs() <= u95);
                     }
                 }
             }
@@ -146,7 +140,7 @@ impl Case {
         Ok(Run {
             last: std::array::from_fn(|_| {
                 let (parameter, truth) = errors.next().unwrap_or_default();
-                (f64::from(parameter.fitted().value) - truth, parameter)
+                (error(parameter.fitted(), truth).0, parameter)
             }),
             covered,
             counters: state.counters(),
@@ -177,8 +171,7 @@ pub struct Cell {
 
 /// Statistics over the runs; `usual_n` is the residual of the undisturbed rig with this motion \[N\].
 pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
-    let count = runs.len() as f64;
-    let residual_n = runs.iter().map(|run| run.residual_n).sum::<f64>() / count;
+    let residual_n = mean(runs.iter().map(|run| run.residual_n));
     let mut flags = Vec::new();
     let mut flag = |name: &'static str, found: fn(&Run) -> bool| {
         if 2 * runs.iter().filter(|run| found(run)).count() >= runs.len() {
@@ -194,8 +187,8 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
         flags.push("residual");
     }
     let mut cell = Cell {
-        bias: [f64::NAN; 3],
-        sigma: [f64::NAN; 3],
+        bias: [0.0; 3],
+        sigma: [0.0; 3],
         u95: [f64::NAN; 3],
         given: [0; 3],
         coverage: [None; 3],
@@ -205,13 +198,10 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
     for i in 0..3 {
         let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status() != Status::NotIdentifiable);
         let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95()))).unzip();
-        let given = errors.len() as f64;
         cell.given[i] = errors.len();
+        (cell.bias[i], cell.sigma[i]) = bias_and_sigma(&errors);
         if errors.len() >= 2 {
-            cell.bias[i] = errors.iter().sum::<f64>() / given;
-            let squares = errors.iter().map(|error| (error - cell.bias[i]).powi(2)).sum::<f64>();
-            cell.sigma[i] = (squares / (given - 1.0)).sqrt();
-            cell.u95[i] = u95.iter().sum::<f64>() / given;
+            cell.u95[i] = mean(u95.into_iter());
         }
         let (all, within) =
             runs.iter().fold((0, 0), |(all, within), run| (all + run.covered[i].0, within + run.covered[i].1));

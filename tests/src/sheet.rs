@@ -1,7 +1,11 @@
 //! Measured tables: written as Markdown, committed, and compared cell by cell with new measurements.
 
 use crate::grid::Error;
-use std::path::PathBuf;
+use std::{
+    fmt::Display,
+    fs,
+    path::{Path, PathBuf},
+};
 
 /// Maximum relative difference from the committed figure. Mathematical libraries differ in the last digits of a sine,
 /// which moves a few counts of a run.
@@ -21,14 +25,13 @@ pub enum Asked {
 /// Writes `text` as `docs/tables/NAME.md`, or compares it with that file and reports differences. Returns true if
 /// everything measured agrees with the committed table. `keys` is the number of columns that identify a row.
 pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/tables/{name}.md"));
+    let below_docs = format!("tables/{name}.md");
     if asked == Asked::Update {
-        std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
-        std::fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
-        println!("{name}: written {}", path.display());
+        println!("{name}: written {}", write(&below_docs, text)?.display());
         return Ok(true);
     }
-    let committed = std::fs::read_to_string(&path).map_err(|error| {
+    let path = docs().join(below_docs);
+    let committed = fs::read_to_string(&path).map_err(|error| {
         format!("cannot read {}: {error}; make it by `cargo xtask {name} --update`", path.display())
     })?;
     let differences = match asked {
@@ -49,6 +52,18 @@ pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<boo
         );
     }
     Ok(differences.is_empty())
+}
+
+fn docs() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs")
+}
+
+/// Writes a file below `docs`; returns its path.
+pub fn write(below_docs: &str, text: &str) -> Result<PathBuf, Error> {
+    let path = docs().join(below_docs);
+    fs::create_dir_all(path.parent().unwrap_or(&path))?;
+    fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    Ok(path)
 }
 
 /// From errors with their half widths: how many there are, how many are covered, the root mean square of error over
@@ -101,8 +116,8 @@ fn decimals(value: f64) -> usize {
 }
 
 /// One line of a table.
-pub fn line(cells: &[String]) -> String {
-    format!("| {} |\n", cells.join(" | "))
+pub fn line(cells: impl IntoIterator<Item = impl Display>) -> String {
+    cells.into_iter().fold("|".to_owned(), |line, cell| format!("{line} {cell} |")) + "\n"
 }
 
 /// A row of a table.
@@ -254,12 +269,11 @@ mod tests {
 
     #[test]
     fn each_committed_table_agrees_with_itself() {
-        let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/tables");
         let mut tables = 0;
-        for entry in std::fs::read_dir(folder).unwrap() {
+        for entry in fs::read_dir(docs().join("tables")).unwrap() {
             let path = entry.unwrap().path();
             if path.extension().is_some_and(|extension| extension == "md") {
-                let text = std::fs::read_to_string(&path).unwrap();
+                let text = fs::read_to_string(&path).unwrap();
                 for keys in 1..=3 {
                     assert_eq!(differences(&text, &text, keys), [""; 0], "{}", path.display());
                 }

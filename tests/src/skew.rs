@@ -1,12 +1,11 @@
 //! Machines of any size with a delayed force, and the measured delay.
 
-use crate::grid::{Error, raw};
-use inerter_analysis::skew::{Skew, SkewError, skew};
-use inerter_data::{
-    replay::{Outcome, replay},
-    run::Run,
-    settings::{Overrides, SettingsInputError},
+use crate::{
+    data::replayed,
+    grid::{Error, raw},
 };
+use inerter_analysis::skew::{Skew, SkewError, skew};
+use inerter_data::{replay::Outcome, run::Run, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors};
 use rand_chacha::{
@@ -55,21 +54,17 @@ impl Case {
     pub fn found(&self) -> Result<Found, Error> {
         let samples = self.setup.samples()?.map(|sample| raw(&sample)).collect();
         let mut run = Run { settings: self.setup.settings, samples, ..Run::default() };
-        let before = outcome(&run)?;
+        let before = replayed(&run)?;
         let skew = skew(&run, &before);
         let after = match &skew {
             Ok(found) => {
                 (run.settings.skew_s, run.settings.skew_u95_s) = (found.skew_s, found.u95_s);
-                Some(outcome(&run)?)
+                Some(replayed(&run)?)
             }
             Err(_) => None,
         };
         Ok(Found { before, skew, after })
     }
-}
-
-fn outcome(run: &Run) -> Result<Outcome, Error> {
-    Ok(replay(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
 /// A device and its instruments with a motion. The settings are true except for the skew.

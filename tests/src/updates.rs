@@ -6,6 +6,9 @@ use inerter_core::{Bank, RawSample, Settings, State};
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
 pub type Row = [f64; 5];
 
+/// Part of its diagonal within which the matrix of a bank's rows must be positive definite.
+pub const SEPARABLE: f64 = 1e-13;
+
 /// One row for each update of a bank since its memory was last reset.
 pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
     let active = settings.validate()?;
@@ -28,8 +31,9 @@ pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Ve
     Ok(rows)
 }
 
-/// Least squares over rows: mt with the structure \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\].
-pub fn fit<'a>(rows: impl Iterator<Item = &'a Row>) -> Option<[f64; 4]> {
+/// Least squares over rows: mt with the structure \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\]; `None` if the matrix is not
+/// positive definite within `least` of its diagonal.
+pub fn fit(rows: impl Iterator<Item = Row>, least: f64) -> Option<[f64; 4]> {
     let (mut gram, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
     for row in rows {
         for (i, line) in gram.iter_mut().enumerate() {
@@ -39,7 +43,7 @@ pub fn fit<'a>(rows: impl Iterator<Item = &'a Row>) -> Option<[f64; 4]> {
             right[i] += row[i] * row[4];
         }
     }
-    Some(Cholesky::of(&gram, 1e-13)?.solve(&right))
+    Some(Cholesky::of(&gram, least)?.solve(&right))
 }
 
 /// Residual of a row's force with these parameters \[N\].
@@ -68,7 +72,7 @@ mod tests {
         let samples: Vec<RawSample> = simulated.lasting(8.0).map(|sample| raw(&sample)).collect();
         let rows = rows(&settings, &samples, Bank::Fast).unwrap();
         assert!((900..1000).contains(&rows.len()), "{}", rows.len());
-        let values = fit(rows.iter()).unwrap();
+        let values = fit(rows.iter().copied(), SEPARABLE).unwrap();
         assert!((values[0] - device.inertance_kg - device.structure_mass_kg).abs() < 0.02, "{values:?}");
         assert!((values[2] - device.coulomb_n).abs() < 0.2, "{values:?}");
         assert!((0.3..0.6).contains(&rms(rows.iter().map(|row| left(&values, row)))));

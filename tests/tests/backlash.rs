@@ -1,21 +1,16 @@
 //! Backlash with both methods: a reported value is right, and an undetermined one is withheld with the right reason.
 
-use inerter_core::{Contact, Interval, RawSample, Reversal, Route, Settings, State, Status};
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_core::{Contact, Reversal, Route, Settings, Status};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
-use inerter_tests::coverage::{Bench, stated_true};
-use inerter_tests::grid::{Instruments, MOTIONS, RIGS, raw, three, truth};
+use inerter_tests::coverage::{Bench, errors, stated_true};
+use inerter_tests::grid::{Instruments, MOTIONS, RIGS, published, raw, shaken};
 
 const RIG: Instruments = RIGS[0];
 
 fn worn(backlash_m: f64) -> Inerter {
     Inerter { backlash_m, ..Inerter::paper() }
-}
-
-fn shaken(device: &Inerter, motion: &str, duration_s: f64, sensors: &Sensors) -> Vec<RawSample> {
-    let excitation = Excitation::parse(motion, sensors.seed).unwrap();
-    Simulation::new(*device, excitation, *sensors).unwrap().lasting(duration_s).map(|sample| raw(&sample)).collect()
 }
 
 #[test]
@@ -126,17 +121,12 @@ fn a_gap_that_is_not_seen_is_within_the_intervals() {
         for seed in 1..=20 {
             let sensors = Sensors { force_noise_n: 1.0, ..instruments(&RIG, seed) };
             let unknown = Settings { stiffness_n_per_m: 0.0, ..stated_true(settings(&device, &sensors)) };
-            let active = unknown.validate().unwrap();
-            let mut state = Box::new(State::new(&active));
-            for sample in shaken(&device, motion.name, motion.duration_s, &sensors) {
-                active.step(&mut state, &sample);
-            }
-            let published = active.publish(&state);
+            let samples = shaken(&device, motion.name, sensors).unwrap().lasting(motion.duration_s);
+            let published = published(&unknown, samples.map(|sample| raw(&sample))).unwrap();
             assert_eq!(published.detail.contact, Contact::Unknown);
-            let found = three(&published.estimate.whole_run).into_iter().zip(truth(&device));
-            for ((found, truth), beyond) in found.zip(&mut beyond) {
-                let Interval { value, u95 } = found.known().unwrap();
-                *beyond += u32::from((f64::from(value) - truth).abs() > f64::from(u95));
+            for (found, beyond) in errors(&published.estimate.whole_run, &device).into_iter().zip(&mut beyond) {
+                let (error, u95) = found.unwrap();
+                *beyond += u32::from(error.abs() > u95);
             }
         }
         assert!(beyond.iter().all(|runs| *runs <= 3), "{}: {beyond:?}", motion.name);

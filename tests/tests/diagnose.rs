@@ -3,11 +3,12 @@
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Encoder, Kind, assumptions, diagnose, widened};
 use inerter_core::Machine;
-use inerter_data::{replay::replay_all, run::Run, series::Series, settings::SettingsInputError, words::rounded_text};
+use inerter_data::{run::Run, series::Series, words::rounded_text};
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
-    diagnose::{Added, Case, Replayed, WITHIN, cases, clean_case, clean_cases, others},
-    grid::{MOTIONS, Motion},
+    data::replayed,
+    diagnose::{Added, Case, Replayed, WITHIN, case, cases, clean_case, clean_cases, others},
+    grid::{MOTIONS, Motion, error, motion},
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -15,10 +16,10 @@ use std::f64::consts::PI;
 
 #[test]
 fn the_cause_is_named_first_and_its_size_is_right() {
-    let motions: Vec<_> = MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)).collect();
+    let motions = ["multi", "random"].map(motion);
     // Stribeck friction is named only in part of the runs that reveal it (docs/tables/diagnose.md).
     for case in cases().iter().filter(|case| case.kind != Some(Kind::Stribeck)) {
-        for motion in &motions {
+        for motion in motions {
             let found = case.diagnosed(motion, 31).unwrap();
             let cause = found.causes.first().unwrap_or_else(|| panic!("{}, {}: nothing", case.name, motion.name));
             assert_eq!(Some(cause.kind), case.kind, "{}, {}: {cause:?}", case.name, motion.name);
@@ -30,14 +31,13 @@ fn the_cause_is_named_first_and_its_size_is_right() {
 
 #[test]
 fn parameters_are_right_again_with_the_cause_included() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
+    let motion = motion("random");
     for case in cases().iter().filter(|case| ["friction of 4 % of the load", "force 1 ms late"].contains(&case.name)) {
         let corrected = case.diagnosed(motion, 32).unwrap().corrected.unwrap();
-        let inertance = corrected.inertance_kg.fitted().value;
-        assert!((f64::from(inertance) - case.device.inertance_kg).abs() < 0.3, "{}: {corrected:?}", case.name);
-        let viscous = corrected.viscous_n_s_per_m.fitted();
-        let off = (f64::from(viscous.value) - case.device.viscous_n_s_per_m).abs();
-        assert!(off < f64::from(viscous.u95) && viscous.u95 < 60.0, "{}: {corrected:?}", case.name);
+        let (off, _) = error(corrected.inertance_kg.fitted(), case.device.inertance_kg);
+        assert!(off.abs() < 0.3, "{}: {corrected:?}", case.name);
+        let (off, u95) = error(corrected.viscous_n_s_per_m.fitted(), case.device.viscous_n_s_per_m);
+        assert!(off.abs() < u95 && u95 < 60.0, "{}: {corrected:?}", case.name);
     }
 }
 
@@ -45,19 +45,18 @@ fn parameters_are_right_again_with_the_cause_included() {
 /// 8000 and 8192.
 #[test]
 fn a_turn_that_nobody_gave_widens_what_rests_on_it() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
-    let case = cases().into_iter().find(|case| case.name == "ripple of 10 N").unwrap();
+    let motion = motion("mid");
+    let case = case("ripple of 10 N");
     let run = case.recorded(motion, 2, true).unwrap();
-    let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
+    let outcome = replayed(&run).unwrap();
     let told = |counts_per_turn| {
         let encoder = Encoder { counts_per_turn, ..Encoder::default() };
         let found = diagnose(&Series::of(&run), &run.settings, &outcome.published(), encoder, &|| {}).unwrap();
         let cause = found.causes.first().copied().unwrap();
         assert_eq!(cause.kind, Kind::PositionPeriodic);
-        let inertance = found.corrected.unwrap().inertance_kg.fitted();
-        let off = f64::from(inertance.value) - case.device.inertance_kg;
-        assert!((cause.value - case.size).abs() < cause.u95 && off.abs() < f64::from(inertance.u95), "{found:?}");
-        [cause.u95, f64::from(inertance.u95)]
+        let (off, u95) = error(found.corrected.unwrap().inertance_kg.fitted(), case.device.inertance_kg);
+        assert!((cause.value - case.size).abs() < cause.u95 && off.abs() < u95, "{found:?}");
+        [cause.u95, u95]
     };
     let (sought, given) = (told(None), told(Some(case.sensors.lead_m / case.sensors.metres_per_count)));
     assert!(sought.iter().zip(given).all(|(sought, given)| *sought > 2.0 * given), "{sought:?} {given:?}");
@@ -78,7 +77,7 @@ fn runs_without_a_fault_have_no_cause() {
 #[test]
 fn what_happened_once_is_no_cause() {
     for name in ["mid", "multi", "random"] {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         for (seed, knock_n, length) in [(35, 30.0, 40), (36, 30.0, 100), (37, -60.0, 40)] {
             let mut run = clean_case(1.0, 1000.0).recorded(motion, seed, true).unwrap();
             let code_n = run.settings.newtons_per_code;
@@ -100,7 +99,7 @@ fn what_wanders_is_no_cause() {
     const RMS_N: f64 = 3.0;
     let keep = (-1.0 / 300.0_f64).exp();
     for name in ["mid", "fast", "multi", "random"] {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         for seed in 38..=40 {
             let mut run = clean_case(1.0, 1000.0).recorded(motion, seed, true).unwrap();
             let code_n = run.settings.newtons_per_code;
@@ -117,7 +116,7 @@ fn what_wanders_is_no_cause() {
 
 /// The result of `diagnose` for a run, without further information.
 fn diagnosed(run: &Run) -> Diagnosis {
-    let outcome = replay_all(run, |_, _| Ok::<(), SettingsInputError>(())).unwrap();
+    let outcome = replayed(run).unwrap();
     diagnose(&Series::of(run), &run.settings, &outcome.published(), Encoder::default(), &|| {}).unwrap()
 }
 
@@ -125,21 +124,20 @@ fn diagnosed(run: &Run) -> Diagnosis {
 /// covers.
 #[test]
 fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
+    let motion = motion("random");
     let clean = clean_case(1.0, 1000.0);
-    let rippled = Case { added: Added { ripple_n: 0.3, ..clean.added }, ..clean_case(1.0, 1000.0) };
+    let rippled = Case { added: Added { ripple_n: 0.3, ..clean.added }, ..clean };
     let [mut by_device, mut by_samples] = [0; 2];
     let mut wider = [0.0; 3];
     for seed in 41..=46 {
         let Replayed { outcome, causes, judged } = rippled.replayed(motion, seed).unwrap();
         assert_eq!(causes, []);
-        let found = outcome.estimate.whole_run.inertance_kg.fitted();
-        let off = (f64::from(found.value) - rippled.device.inertance_kg).abs();
-        by_device += usize::from(off <= f64::from(found.u95));
-        by_samples += usize::from(off <= f64::from(judged[0].budget.u95()));
+        let (off, device_u95) = error(outcome.estimate.whole_run.inertance_kg.fitted(), rippled.device.inertance_kg);
+        let u95 = f64::from(judged[0].budget.u95());
+        by_device += usize::from(off.abs() <= device_u95);
+        by_samples += usize::from(off.abs() <= u95);
         assert!(judged[0].moved_by.is_some(), "{:?}", judged[0]);
         let words = widened(Machine::Linear, &outcome.estimate.whole_run, &judged).unwrap();
-        let u95 = f64::from(judged[0].budget.u95());
         let inertance = format!(" Effective inertance: {} kg", rounded_text(u95, u95));
         assert!(words.contains(&inertance) && words.contains("moved most by what looks like"), "{words}");
         // Without a fault, the intervals grow only as far as the run cannot exclude one.
@@ -157,15 +155,15 @@ fn what_is_too_small_to_be_named_widens_the_interval_by_the_samples() {
 #[test]
 fn what_is_far_beyond_chance_widens_the_interval_also_where_the_law_leaves_little_of_it() {
     for name in ["random", "multi"] {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         for seed in [47, 48] {
             let off_and_u95 = |load: f64| {
                 let clean = clean_case(1.0, 1000.0);
                 let case = Case { added: Added { load, ..clean.added }, ..clean };
                 let Replayed { outcome, judged: [_, viscous, ..], .. } = case.replayed(motion, seed).unwrap();
                 let found = outcome.estimate.whole_run.viscous_n_s_per_m.fitted();
-                let off = (f64::from(found.value) - case.device.viscous_n_s_per_m).abs();
-                (off, f64::from(found.u95), f64::from(viscous.budget.u95()), viscous.moved_by)
+                let (off, by_device) = error(found, case.device.viscous_n_s_per_m);
+                (off.abs(), by_device, f64::from(viscous.budget.u95()), viscous.moved_by)
             };
             let (off, by_device, by_samples, moved_by) = off_and_u95(0.0025);
             assert!(off > by_device && off < by_samples, "{name}: off {off}, {by_device}, {by_samples}");
@@ -198,14 +196,14 @@ fn runs_without_a_fault_are_not_far_beyond_chance() {
 #[test]
 fn friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on() {
     for name in ["fast", "random", "multi"] {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         let clean = clean_case(1.0, 1000.0);
         let device = Inerter { presliding_m: 0.03e-6, ..clean.device };
         let case = Case { device, ..clean };
         let Replayed { outcome, causes, judged: [inertance, ..] } = case.replayed(motion, 53).unwrap();
         let found = outcome.estimate.whole_run.inertance_kg.fitted();
-        let off = (f64::from(found.value) - device.inertance_kg).abs();
-        assert!(causes.is_empty() && off > f64::from(found.u95), "{name}: {causes:?}, {off} of {found:?}");
+        let (off, u95) = error(found, device.inertance_kg);
+        assert!(causes.is_empty() && off.abs() > u95, "{name}: {causes:?}, {off} of {found:?}");
         assert!(inertance.assumes.contains(&Kind::Presliding), "{name}: {inertance:?}");
     }
 }
@@ -213,7 +211,7 @@ fn friction_that_turns_nearly_at_once_is_what_the_inertance_rests_on() {
 #[test]
 fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
     let assumed = |name: &str| {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         let [inertance, viscous, ..] = clean_case(1.0, 1000.0).replayed(motion, 51).unwrap().judged;
         (inertance.assumes, viscous.assumes)
     };
@@ -230,8 +228,8 @@ fn what_a_motion_cannot_tell_is_named_as_an_assumption() {
 /// Next to a named cause, the report says which parameter the motion cannot separate from it.
 #[test]
 fn a_cause_that_was_found_is_no_mere_assumption() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
-    let case = cases().into_iter().find(|case| case.name == "ripple of 10 N").unwrap();
+    let motion = motion("random");
+    let case = case("ripple of 10 N");
     let Replayed { causes, judged, .. } = case.replayed(motion, 52).unwrap();
     assert_eq!(causes.iter().map(|cause| cause.kind).collect::<Vec<_>>(), [Kind::PositionPeriodic]);
     let words = assumptions(Machine::Linear, &judged, &causes).unwrap();
@@ -247,7 +245,7 @@ fn a_cause_that_was_found_is_no_mere_assumption() {
 #[test]
 fn what_is_beside_the_screw_or_in_the_cell_is_named() {
     for name in ["multi", "random"] {
-        let motion = MOTIONS.iter().find(|motion| motion.name == name).unwrap();
+        let motion = motion(name);
         for case in others() {
             let found = case.diagnosed(motion, 34).unwrap();
             let first = found.causes.first().unwrap_or_else(|| panic!("{name}, {}: nothing", case.name));
@@ -255,8 +253,8 @@ fn what_is_beside_the_screw_or_in_the_cell_is_named() {
             let is_sized = (first.value / case.size - 1.0).abs() < 0.1;
             assert!(case.size.is_nan() || is_sized, "{name}, {}: {first:?}", case.name);
             let inertance = found.corrected.unwrap().inertance_kg.fitted();
-            let off = (f64::from(inertance.value) - case.device.inertance_kg).abs() / case.device.inertance_kg;
-            assert!(off < 1e-3, "{name}, {}: {inertance:?}", case.name);
+            let (off, _) = error(inertance, case.device.inertance_kg);
+            assert!(off.abs() / case.device.inertance_kg < 1e-3, "{name}, {}: {inertance:?}", case.name);
         }
     }
 }
@@ -264,12 +262,12 @@ fn what_is_beside_the_screw_or_in_the_cell_is_named() {
 /// In a tone, a force proportional to the position is indistinguishable from inertance.
 #[test]
 fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
+    let motion = motion("mid");
     let [spring, ..] = others();
     let Replayed { outcome, judged: [inertance, ..], .. } = spring.replayed(motion, 35).unwrap();
     let found = outcome.estimate.whole_run.inertance_kg.fitted();
-    let wrong = f64::from(found.value) - spring.device.inertance_kg;
-    assert!(wrong.abs() > 2.0 * f64::from(found.u95), "{wrong}: {found:?}");
+    let (wrong, u95) = error(found, spring.device.inertance_kg);
+    assert!(wrong.abs() > 2.0 * u95, "{wrong}: {found:?}");
     assert!(inertance.assumes.contains(&Kind::Spring), "{inertance:?}");
 }
 
@@ -277,7 +275,7 @@ fn in_a_tone_inertance_rests_on_the_absence_of_a_spring() {
 #[test]
 fn in_a_tone_inertance_rests_on_a_position_that_does_not_give_way() {
     const COMPLIANCE_M_PER_N: f64 = 4e-9;
-    let motion = MOTIONS.iter().find(|motion| motion.name == "mid").unwrap();
+    let motion = motion("mid");
     let case = clean_case(1.0, 1000.0);
     let mut run = case.recorded(motion, 55, true).unwrap();
     let truths = case.truths(motion, 55).unwrap();
@@ -287,15 +285,15 @@ fn in_a_tone_inertance_rests_on_a_position_that_does_not_give_way() {
     }
     let Replayed { outcome, causes, judged: [inertance, ..] } = Replayed::of(&run).unwrap();
     let found = outcome.estimate.whole_run.inertance_kg.fitted();
-    let off = (f64::from(found.value) - case.device.inertance_kg).abs();
-    assert!(causes.is_empty() && off > 2.0 * f64::from(found.u95), "{causes:?}, {off} of {found:?}");
+    let (off, u95) = error(found, case.device.inertance_kg);
+    assert!(causes.is_empty() && off.abs() > 2.0 * u95, "{causes:?}, {off} of {found:?}");
     assert!(inertance.assumes.contains(&Kind::Compliance), "{inertance:?}");
 }
 
 /// Each cause found is tested again, together with all later ones and against every alternative.
 #[test]
 fn nothing_is_named_beside_the_only_cause() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "two").unwrap();
+    let motion = motion("two");
     let names = ["friction of 4 % of the load", "presliding 200 um", "a spring"];
     for case in cases().into_iter().chain(others()).filter(|case| names.contains(&case.name)) {
         let found = case.diagnosed(motion, 9301).unwrap().causes;
@@ -306,9 +304,9 @@ fn nothing_is_named_beside_the_only_cause() {
 /// A skew is removed before the search for other causes, because they do not show clearly next to it.
 #[test]
 fn what_is_beside_a_skew_is_named_too() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "random").unwrap();
+    let motion = motion("random");
     for name in ["friction of 4 % of the load", "ripple of 10 N"] {
-        let case = cases().into_iter().find(|case| case.name == name).unwrap();
+        let case = case(name);
         let late = Case { sensors: Sensors { delay_s: 1e-3, ..case.sensors }, ..case };
         let found = late.diagnosed(motion, 56).unwrap().causes;
         let size = |kind: Kind| found.iter().find(|cause| cause.kind == kind).map_or(0.0, |cause| cause.value);
@@ -321,7 +319,7 @@ fn what_is_beside_a_skew_is_named_too() {
 /// half.
 #[test]
 fn a_distance_is_right_in_slow_motion() {
-    let case = cases().into_iter().find(|case| case.name == "presliding 50 um").unwrap();
+    let case = case("presliding 50 um");
     for seed in [61, 62] {
         let found = case.diagnosed(&MOTIONS[0], seed).unwrap().causes;
         let is_right = |cause: &Cause| cause.kind == Kind::Presliding && (cause.value / case.size - 1.0).abs() < 0.05;
@@ -342,8 +340,8 @@ fn noise_of_a_slow_motion_is_no_cause() {
 /// would be half as large again.
 #[test]
 fn the_distance_is_right_where_all_of_friction_turns() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
-    let case = cases().into_iter().find(|case| case.name == "presliding 50 um").unwrap();
+    let motion = motion("multi");
+    let case = case("presliding 50 um");
     for seed in [9301, 9302] {
         let found = case.diagnosed(motion, seed).unwrap().causes;
         let is_right = |cause: &Cause| cause.kind == Kind::Presliding && (cause.value / case.size - 1.0).abs() < 0.05;
@@ -355,7 +353,7 @@ fn the_distance_is_right_where_all_of_friction_turns() {
 /// astray.
 #[test]
 fn of_causes_that_explain_alike_the_simplest_is_named() {
-    let motion = MOTIONS.iter().find(|motion| motion.name == "multi").unwrap();
+    let motion = motion("multi");
     let [_, square, _] = others();
     let found = square.diagnosed(motion, 9302).unwrap().causes;
     let told: Vec<_> = found.iter().map(|cause| (cause.kind, cause.rival)).collect();

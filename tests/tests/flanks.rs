@@ -6,7 +6,7 @@ use inerter_data::{
     replay::{Outcome, replay_samples},
     settings::SettingsInputError,
 };
-use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
+use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{coverage::stated_true, grid, sums::part_left};
 use std::f64::consts::{FRAC_2_PI, TAU};
 
@@ -30,20 +30,12 @@ fn device(inertance_kg: f64, backlash_m: f64, structure_mass_kg: f64) -> Inerter
 /// Runs on a rig with true settings.
 fn runs(device: Inerter, sample_rate_hz: f64, motion: &str) -> Vec<Outcome> {
     let run = |seed| {
-        let sensors = Sensors {
-            sample_rate_hz,
-            force_noise_n: 1.0,
-            force_offset_n: 3.0,
-            encoder_phase_count: (seed as f64 * 0.618) % 1.0,
-            seed: 9000 + seed,
-            ..Sensors::default()
-        };
+        let sensors = Sensors { sample_rate_hz, seed: 9000 + seed, ..grid::seeded(grid::sensors(), seed) };
         let settings = stated_true(grid::calibrated(&device, &sensors));
-        let plant = Plant::new(device, Excitation::parse(motion, 9000 + seed)?)?;
-        let samples = Simulation::of(plant, sensors)?.lasting(DURATION_S).map(|sample| Ok(grid::raw(&sample)));
+        let samples = grid::shaken(&device, motion, sensors)?.lasting(DURATION_S).map(|sample| Ok(grid::raw(&sample)));
         Ok(replay_samples::<SettingsInputError>(&settings, 0.0, samples, |_, _| Ok(()))?)
     };
-    grid::each_seed(SEEDS, run).unwrap()
+    grid::each(1..=SEEDS, run).unwrap()
 }
 
 /// Absolute errors of the three whole-run parameters, their intervals, and these intervals without one source.

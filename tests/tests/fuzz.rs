@@ -2,13 +2,10 @@
 
 use inerter_core::Settings;
 use inerter_tests::fuzz::{
-    Conditions, End, Link, Played, Requests, corpus, findings, judge, made_corpus, outcome, play, shrink, stream,
-    with_probe,
+    Conditions, End, Link, Played, Requests, corpus, findings, judge, made_corpus, outcome, play, request, shrink,
+    stream, with_probe,
 };
-use inerter_wire::{
-    Command, Frame, FrameReader, MAX_FRAME, Record, Refusal, Reply, Request, SettingValue, SettingsValues,
-    encode_request,
-};
+use inerter_wire::{Command, Frame, FrameReader, Record, Refusal, Reply, Request, SettingValue, SettingsValues};
 use std::collections::BTreeSet;
 
 /// Number of streams. For a longer search, run `cargo run -p inerter-tests --bin measure -- fuzz`.
@@ -28,7 +25,7 @@ fn the_corpus_leads_to_what_it_says() {
             let name = format!("{} under {conditions:?}", item.name);
             assert_eq!(judge(&item.bytes, &conditions, &played), [""; 0], "{name}");
             let replies: Vec<(u16, String)> =
-                replies(&played).map(|reply| (reply.id, outcome(&reply.result))).collect();
+                played.replies().map(|reply| (reply.id, outcome(&reply.result))).collect();
             let (replies, probe) = replies.split_at(item.expected.replies.len());
             assert_eq!(replies, item.expected.replies, "{name}");
             assert_eq!(probe.len(), 3, "{name}");
@@ -63,7 +60,7 @@ fn the_streams_go_everywhere() {
         bad += requests.bad_frames;
         let played = play(&stream, &Conditions::of(seed));
         restarts += u32::from(matches!(played.end, End::Restarted(_)));
-        for ((_, command), reply) in requests.intact.iter().zip(replies(&played)) {
+        for ((_, command), reply) in requests.intact.iter().zip(played.replies()) {
             match (&reply.result, command) {
                 (Ok(_), Some(command)) => drop(done.insert(command.name())),
                 (Err(Refusal::BadSetting { fault, .. }), _) => drop(refused.insert(short(fault))),
@@ -116,10 +113,6 @@ fn a_request_that_is_whole_is_seen_as_one() {
     assert!(whole > 10_000, "{whole}");
 }
 
-fn replies(played: &Played) -> impl Iterator<Item = &Reply> {
-    played.records.iter().filter_map(|record| if let Record::Reply(reply) = record { Some(reply) } else { None })
-}
-
 /// A stream in which something can go wrong: one change, one refusal, one save, one damaged frame.
 fn sample() -> Vec<u8> {
     let write = |value: f64| {
@@ -128,9 +121,7 @@ fn sample() -> Vec<u8> {
     };
     let mut bytes = vec![1, 2, 3, 0];
     for (id, command) in [(1, write(10.0)), (2, write(-1.0)), (3, Command::SaveSettings), (4, Command::Hello)] {
-        let mut frame = [0; MAX_FRAME];
-        let length = encode_request(&Request { id, command }, id, &mut frame).unwrap();
-        bytes.extend(&frame[..length]);
+        bytes.extend(request(id, command, id));
     }
     bytes
 }
@@ -214,7 +205,5 @@ fn what_fails_is_shrunk_to_what_matters() {
             _ => false,
         })
     });
-    let mut frame = [0; MAX_FRAME];
-    let length = encode_request(&Request { id: 3, command: Command::SaveSettings }, 3, &mut frame).unwrap();
-    assert_eq!(kept, frame[..length]);
+    assert_eq!(kept, request(3, Command::SaveSettings, 3));
 }

@@ -2,9 +2,9 @@
 
 use inerter_core::State;
 use inerter_data::settings::Overrides;
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors};
-use inerter_tests::grid::{MOTIONS, calibrated, raw};
+use inerter_tests::grid::{MOTIONS, calibrated, published, raw, shaken};
 
 #[test]
 fn motions_without_a_fault_are_left_alone() {
@@ -14,8 +14,7 @@ fn motions_without_a_fault_are_left_alone() {
                 let sensors = Sensors { force_noise_n, force_offset_n: 3.0, seed: 31, ..Sensors::default() };
                 let active = calibrated(&device, &sensors).validate().unwrap();
                 let mut state = Box::new(State::new(&active));
-                let excitation = Excitation::parse(motion.name, 31).unwrap();
-                for sample in Simulation::new(device, excitation, sensors).unwrap().lasting(motion.duration_s) {
+                for sample in shaken(&device, motion.name, sensors).unwrap().lasting(motion.duration_s) {
                     let warning = active.step(&mut state, &raw(&sample)).warning;
                     assert_eq!(warning, None, "{}, {force_noise_n} N", motion.name);
                 }
@@ -33,12 +32,8 @@ fn as_many_samples_are_left_out_whatever_the_oversampling() {
         let newtons_per_code = bench.newtons_per_code * oversampling;
         let sensors = Sensors { oversampling, newtons_per_code, seed: 3, ..bench };
         let setup = Setup::new(Inerter::paper(), sensors, "random", None, &Overrides::default()).unwrap();
-        let active = setup.settings.validate().unwrap();
-        let mut state = Box::new(State::new(&active));
-        for sample in setup.samples().unwrap().take(20_000) {
-            active.step(&mut state, &raw(&sample));
-        }
-        active.publish(&state).estimate.updates
+        let samples = setup.samples().unwrap().take(20_000).map(|sample| raw(&sample));
+        published(&setup.settings, samples).unwrap().estimate.updates
     });
     assert_eq!(updates[1], updates[2]);
     assert!(updates[0] > 2_000 && updates[0].abs_diff(updates[1]) <= 2, "{updates:?}");

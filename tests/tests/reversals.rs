@@ -1,21 +1,16 @@
 //! Whether the estimator can distinguish Coulomb friction, which reverses at once, from friction that reverses over a
 //! distance.
 
-use inerter_core::{State, Status};
+use inerter_core::Status;
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
-use inerter_tests::grid::{self, MOTIONS, RIGS, three, truth};
+use inerter_tests::grid::{self, RIGS, error, three, truth};
 
 #[test]
 fn a_real_ball_screw_takes_its_time() {
     let Some(run) = Recording::Emps.run(1) else { return };
     let run = run.unwrap();
-    let active = run.settings.validate().unwrap();
-    let mut state = State::new(&active);
-    for sample in &run.samples {
-        active.step(&mut state, sample);
-    }
-    let ratio = active.publish(&state).detail.friction.reversal_ratio.unwrap();
+    let ratio = grid::published(&run.settings, run.samples).unwrap().detail.friction.reversal_ratio.unwrap();
     assert!((0.15..0.35).contains(&ratio), "{ratio}");
 }
 
@@ -23,14 +18,14 @@ fn a_real_ball_screw_takes_its_time() {
 #[test]
 fn a_reversal_placed_too_early_does_not_break_the_law() {
     let device = Inerter::paper();
-    for motion in MOTIONS.iter().filter(|motion| ["multi", "random"].contains(&motion.name)) {
+    for motion in ["multi", "random"].map(grid::motion) {
         for seed in [1, 13, 18, 19].into_iter().chain(101..=140) {
             let last = grid::run(&device, motion, &RIGS[2], seed).unwrap().last;
             for parameters in [last.recent, last.whole_run] {
                 let found = three(&parameters);
                 let are_right = found.iter().zip(truth(&device)).all(|(found, truth)| {
-                    found.status() == Status::Ok
-                        && (f64::from(found.fitted().value) - truth).abs() < f64::from(found.u95())
+                    let (error, u95) = error(found.fitted(), truth);
+                    found.status() == Status::Ok && error.abs() < u95
                 });
                 assert!(are_right, "{}, {seed}: {found:?}", motion.name);
             }
@@ -42,18 +37,15 @@ fn a_reversal_placed_too_early_does_not_break_the_law() {
 #[test]
 fn samples_lost_anywhere_move_neither_the_reversal_ratio_nor_the_inertance() {
     let sensors = Sensors { force_noise_n: 1.0, seed: 3, ..Sensors::default() };
-    let active = grid::calibrated(&Inerter::paper(), &sensors).validate().unwrap();
+    let settings = grid::calibrated(&Inerter::paper(), &sensors);
     let mut beyond = Vec::new();
     for motion in ["mid", "fast", "multi", "random", "two"] {
         let excitation = Excitation::parse(motion, 11).unwrap();
         let simulation = Simulation::new(Inerter::paper(), excitation, sensors).unwrap();
         let samples: Vec<_> = simulation.lasting(20.0).map(|sample| grid::raw(&sample)).collect();
         let listen = |lost: std::ops::Range<usize>| {
-            let mut state = Box::new(State::new(&active));
-            for sample in samples[..lost.start].iter().chain(&samples[lost.end..]) {
-                active.step(&mut state, sample);
-            }
-            let published = active.publish(&state);
+            let kept = samples[..lost.start].iter().chain(&samples[lost.end..]);
+            let published = grid::published(&settings, kept.copied()).unwrap();
             let inertance = published.estimate.whole_run.inertance_kg.fitted().value;
             (published.detail.friction.reversal_ratio.unwrap(), inertance)
         };

@@ -1,10 +1,11 @@
 //! Machines of any size are measured in the same way: the same counts and codes in other units give the same values in
 //! those units.
 
-use inerter_core::{BacklashSize, Interval, Parameter, Published, RawSample, Settings, State};
+use inerter_core::{BacklashSize, Interval, Parameter, Published, RawSample, Settings};
 use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_tests::grid;
 
 /// The published values if one metre is `metre` units of length and one newton is `newton` units of force.
 fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64) -> Published {
@@ -22,12 +23,7 @@ fn published(samples: &[RawSample], settings: &Settings, metre: f64, newton: f64
         full_scale_acceleration_m_per_s2: settings.full_scale_acceleration_m_per_s2 * metre,
         ..*settings
     };
-    let active = settings.validate().unwrap();
-    let mut state = Box::new(State::new(&active));
-    samples.iter().for_each(|sample| {
-        active.step(&mut state, sample);
-    });
-    active.publish(&state)
+    grid::published(&settings, samples.iter().copied()).unwrap()
 }
 
 /// Maximum difference of a value as a fraction of its interval: scales are rounded to powers of two.

@@ -1,13 +1,16 @@
 //! The effect of the encoder's steps on motions that repeat sample by sample, and on motions that do not.
 
-use inerter_core::{Parameter, Settings, State};
+use inerter_core::Settings;
 use inerter_data::{run::Run, settings::Overrides};
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors};
 use inerter_tests::bound;
 use inerter_tests::coverage::{Bench, stated_true};
 use inerter_tests::data::replayed;
-use inerter_tests::grid::{self, Instruments, MOTIONS, Motion, RIGS, TWO_CLOCKS, calibrated, instruments, raw};
+use inerter_tests::grid::{
+    self, Instruments, Motion, RIGS, TWO_CLOCKS, bias_and_sigma, calibrated, error, instruments, motion, published,
+    raw, shaken, simulation, three, truth,
+};
 use inerter_tests::updates::rms;
 
 /// Number of runs, as in the table: a standard deviation is known to 13 %.
@@ -15,14 +18,10 @@ const SEEDS: u64 = 32;
 /// Readings summed in one sample of the board at 1 kHz.
 const BOARD_OVERSAMPLING: f64 = 64.0;
 
-fn motion(name: &str) -> &'static Motion {
-    MOTIONS.iter().find(|motion| motion.name == name).unwrap()
-}
-
 /// Standard deviations of the estimated viscous and Coulomb friction.
 fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     let device = Inerter::paper();
-    let runs = grid::each_seed(SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
+    let runs = grid::each(1..=SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
     let [_, viscous, coulomb] = grid::cell(&device, &runs).sigma;
     [viscous, coulomb]
 }
@@ -30,7 +29,7 @@ fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
 /// The same if each sample is a sum of readings, as on the board.
 fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     let device = Inerter::paper();
-    let found = grid::each_seed(SEEDS, |seed| {
+    let found = grid::each(1..=SEEDS, |seed| {
         let plain = instruments(rig, seed);
         let sensors = Sensors {
             oversampling: BOARD_OVERSAMPLING,
@@ -38,29 +37,19 @@ fn friction_scatter_of_sums(motion: &Motion, rig: &Instruments) -> [f64; 2] {
             newtons_per_code: plain.newtons_per_code * BOARD_OVERSAMPLING,
             ..plain
         };
-        let active = Settings { memory_s: 100.0, ..calibrated(&device, &sensors) }.validate()?;
-        let mut state = Box::new(State::new(&active));
-        for sample in
-            Simulation::new(device, Excitation::parse(motion.name, seed)?, sensors)?.lasting(motion.duration_s)
-        {
-            active.step(&mut state, &raw(&sample));
-        }
-        let [_, viscous, coulomb] =
-            grid::three(&active.publish(&state).estimate.whole_run).map(|p| f64::from(p.fitted().value));
-        Ok([viscous, coulomb])
+        let settings = Settings { memory_s: 100.0, ..calibrated(&device, &sensors) };
+        let samples = shaken(&device, motion.name, sensors)?.lasting(motion.duration_s);
+        let last = published(&settings, samples.map(|sample| raw(&sample)))?.estimate;
+        Ok(three(&last.whole_run).map(|parameter| f64::from(parameter.fitted().value)))
     })
     .unwrap();
-    std::array::from_fn(|i| {
-        let mean = found.iter().map(|one| one[i]).sum::<f64>() / SEEDS as f64;
-        (found.iter().map(|one| (one[i] - mean).powi(2)).sum::<f64>() / (SEEDS - 1) as f64).sqrt()
-    })
+    [1, 2].map(|i| bias_and_sigma(&found.iter().map(|one| one[i]).collect::<Vec<_>>()).1)
 }
 
 /// Fraction of the samples in the second half of the run that have the same count as `period` samples before.
 fn repeated(motion: &Motion, rig: &Instruments, period: usize) -> f64 {
-    let simulation = Simulation::new(Inerter::paper(), Excitation::parse(motion.name, 1).unwrap(), instruments(rig, 1));
-    let counts: Vec<i32> =
-        simulation.unwrap().lasting(motion.duration_s).map(|sample| raw(&sample).position_count).collect();
+    let samples = simulation(&Inerter::paper(), motion, rig, 1).unwrap().lasting(motion.duration_s);
+    let counts: Vec<i32> = samples.map(|sample| raw(&sample).position_count).collect();
     let later = &counts[counts.len() / 2..];
     let earlier = &counts[counts.len() / 2 - period..];
     let same = later.iter().zip(earlier).filter(|(later, earlier)| later == earlier).count();
@@ -99,7 +88,7 @@ fn the_steps_average_out_where_nothing_repeats() {
 /// Errors of inertance, viscous and Coulomb friction relative to their intervals, in tones on the instrument's own
 /// clock, with a rig stated as perfect. Every run has another amplitude and another phase within a count.
 fn tones([hz, mm]: [f64; 2], backlash_m: f64, rig: Sensors) -> Vec<[f64; 3]> {
-    grid::each_seed(24, |seed| {
+    grid::each(1..=24, |seed| {
         let spread = |step: f64| (seed as f64 * step) % 1.0;
         let sensors = Sensors { seed: 7000 + seed, encoder_phase_count: spread(0.5698), force_offset_n: 3.0, ..rig };
         let device = Inerter { backlash_m, ..Inerter::paper() };
@@ -109,14 +98,11 @@ fn tones([hz, mm]: [f64; 2], backlash_m: f64, rig: Sensors) -> Vec<[f64; 3]> {
             Settings { force_gain_u95: 0.0, lead_u95: 0.0, timebase_u95: 0.0, skew_u95_s: 0.0, ..setup.settings };
         let samples = setup.samples()?.map(|sample| raw(&sample)).collect();
         let found = replayed(&Run { settings: perfect, samples, ..Run::default() })?.estimate.whole_run;
-        let off = |parameter: &Parameter, truth: f64| {
-            (f64::from(parameter.fitted().value) - truth) / f64::from(parameter.fitted().u95)
-        };
-        Ok([
-            off(&found.inertance_kg, device.inertance_kg),
-            off(&found.viscous_n_s_per_m, device.viscous_n_s_per_m),
-            off(&found.coulomb_n, device.coulomb_n),
-        ])
+        let (found, truth) = (three(&found), truth(&device));
+        Ok([0, 1, 2].map(|i| {
+            let (error, u95) = error(found[i].fitted(), truth[i]);
+            error / u95
+        }))
     })
     .unwrap()
 }
@@ -151,7 +137,7 @@ fn a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals() {
         let bench = Bench { name: "tones", device: Inerter::paper(), sensors, wrong: &[] };
         let (mut broken, mut off) = (0, Vec::new());
         for hz in [2.0, 3.0, 4.0, 5.0, 7.0, 8.0] {
-            let runs = grid::each_seed(24, |seed| {
+            let runs = grid::each(1..=24, |seed| {
                 let amplitude_mm = 30.0 / (std::f64::consts::TAU * hz) * (0.85 + 0.3 * (seed as f64 * 0.7549 % 1.0));
                 bench.run(&format!("sine:{hz}Hz:{amplitude_mm}mm"), 20.0, 500 + seed)
             });
@@ -191,16 +177,13 @@ fn a_tone_in_coarse_counts_has_its_inertance_within_its_interval() {
 #[test]
 fn what_slow_steps_take_is_known_to_a_half() {
     let device = Inerter::paper();
-    let off = grid::each_seed(8, |seed| {
+    let off = grid::each(1..=8, |seed| {
         let sensors = Sensors { metres_per_count: 20e-6, ..instruments(&RIGS[0], seed) };
-        let active = stated_true(calibrated(&device, &sensors)).validate()?;
-        let mut state = Box::new(State::new(&active));
         let slow = motion("slow");
-        for sample in Simulation::new(device, Excitation::parse(slow.name, seed)?, sensors)?.lasting(slow.duration_s) {
-            active.step(&mut state, &raw(&sample));
-        }
-        let [inertance, ..] = grid::three(&active.publish(&state).estimate.whole_run);
-        Ok((f64::from(inertance.fitted().value) - device.inertance_kg) / f64::from(inertance.u95()))
+        let samples = shaken(&device, slow.name, sensors)?.lasting(slow.duration_s).map(|sample| raw(&sample));
+        let last = published(&stated_true(calibrated(&device, &sensors)), samples)?.estimate;
+        let (error, u95) = error(last.whole_run.inertance_kg.fitted(), device.inertance_kg);
+        Ok(error / u95)
     })
     .unwrap();
     let rms = rms(off.iter().copied());

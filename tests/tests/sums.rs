@@ -1,23 +1,18 @@
 //! Quantities computed from the sums besides the four parameters: friction by direction and skew.
 
-use inerter_core::{Active, Bank, MoreSums, RawSample, Settings, State, Sums};
+use inerter_core::{Bank, MoreSums, RawSample, Settings, State, Sums};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use inerter_tests::data::Recording;
-use inerter_tests::grid::{calibrated, raw};
+use inerter_tests::grid::{calibrated, raw, shaken};
 use inerter_tests::sums::{Directions, directions, matrix, skew_s};
 use std::f64::consts::TAU;
 
-fn after(settings: &Settings, samples: impl Iterator<Item = RawSample>) -> (Active, Box<State>) {
+fn sums(settings: &Settings, samples: impl Iterator<Item = RawSample>, bank: Bank) -> (Sums, MoreSums) {
     let active = settings.validate().unwrap();
     let mut state = Box::new(State::new(&active));
     samples.for_each(|sample| {
         active.step(&mut state, &sample);
     });
-    (active, state)
-}
-
-fn sums(settings: &Settings, samples: impl Iterator<Item = RawSample>, bank: Bank) -> (Sums, MoreSums) {
-    let (active, state) = after(settings, samples);
     (active.sums(&state, bank), active.more_sums(&state, bank))
 }
 
@@ -102,7 +97,7 @@ fn skew_error_us(device: &Inerter, motion: &str, rate_hz: f64, noisy: bool, dela
         Sensors { sample_rate_hz: rate_hz, force_noise_n, metres_per_count, delay_s, seed, ..Sensors::default() };
     let settings =
         Settings { skew_s: 0.0, full_scale_velocity_m_per_s: 0.5, memory_s: 100.0, ..calibrated(device, &sensors) };
-    let samples = Simulation::new(*device, Excitation::parse(motion, seed).unwrap(), sensors).unwrap();
+    let samples = shaken(device, motion, sensors).unwrap();
     let (sums, more) = sums(&settings, samples.lasting(20.0).map(|sample| raw(&sample)), Bank::Fast);
     (skew_s(&sums, &more).unwrap() - delay_s) * 1e6
 }

@@ -111,15 +111,9 @@ pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
 
 /// Which of mt, cf and fc a cause moves: from the list in the theory (14), by the regressor that it resembles.
 fn reaches(cause: &str) -> [bool; 3] {
-    match cause {
-        // These act like friction.
-        "load_dependent" | "stribeck" => [false, true, true],
-        "direction" | "drift" => [false, true, true],
-        // A creeping screw is a spring, which resembles inertance.
-        "presliding" => [true; 3],
-        "skew" | "encoder_error" => [true, true, true],
-        _ => [true; 3],
-    }
+    // These act like friction. Presliding does not: a creeping screw is a spring, which resembles inertance.
+    let is_friction = ["load_dependent", "stribeck", "direction", "drift"].contains(&cause);
+    [!is_friction, true, true]
 }
 
 /// Distance of a value from the true range; infinite for NaN.

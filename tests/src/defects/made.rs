@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     coverage::stated_true,
-    grid::{Error, calibrated},
+    grid::{Error, calibrated, truth},
 };
 use inerter_core::Settings;
 use inerter_data::run::Run;
@@ -98,15 +98,15 @@ pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error
     let (excitation, duration_s) = excitation(name, seed, &mut draw)?;
     let mut wants_second = draw.happens(0.5);
     let settings = Settings { skew_s: 0.0, ..stated_true(calibrated(&device, &sensors)) };
-    let truth = [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n].map(|value| (value, value));
-    let clean = |wants_second: bool| {
+    let truth = truth(&device).map(|value| (value, value));
+    let traced = |device: &Inerter, body: &Body, wants_second: bool| {
         if wants_second {
-            Ok(trace(&device, &Body::default(), &excitation, duration_s))
+            Ok(trace(device, body, &excitation, duration_s))
         } else {
-            first_trace(&device, &excitation, duration_s)
+            first_trace(device, &excitation, duration_s)
         }
     };
-    let mut seen_trace = clean(wants_second)?;
+    let mut seen_trace = traced(&device, &Body::default(), wants_second)?;
     let instruments = Instruments { sensors, ..Instruments::default() };
     let seen = Seen::of(&seen_trace, duration_s);
     let mut scene = Scene { device, body: Body::default(), instruments, settings, truth, seen, needs_second: false };
@@ -118,11 +118,7 @@ pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error
         (kind.make)(&mut scene, &mut own);
         if kind.place == Place::Device {
             wants_second |= scene.needs_second;
-            seen_trace = if wants_second {
-                trace(&scene.device, &scene.body, &excitation, duration_s)
-            } else {
-                first_trace(&scene.device, &excitation, duration_s)?
-            };
+            seen_trace = traced(&scene.device, &scene.body, wants_second)?;
         }
     }
     let samples = scene.instruments.samples(seen_trace, duration_s, &mut own);

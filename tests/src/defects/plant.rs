@@ -7,7 +7,7 @@
 //! Source: Iwan, "A distributed-element model for hysteresis", J. Appl. Mech. 33 (1966); Al-Bender, Lampaert and
 //! Swevers, "The generalized Maxwell-slip model", IEEE Trans. Automatic Control 50 (2005).
 
-use inerter_plant::{Excitation, Inerter, Point};
+use inerter_plant::{Excitation, Inerter, PlantError, Point, Sensors, Simulation};
 use std::f64::consts::TAU;
 
 /// Step \[s\].
@@ -35,11 +35,6 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Greatest absolute force after the first second \[N\].
-    pub fn peak_n(&self) -> f64 {
-        self.force_n.iter().skip((1.0 / self.step_s) as usize).fold(0.0, |peak, force| f64::max(peak, force.abs()))
-    }
-
     /// A signal at any time, by cubic interpolation through four neighbours; constant beyond the ends.
     pub fn at(&self, signal: &[f64], t_s: f64) -> f64 {
         let place = (t_s / self.step_s).max(0.0);
@@ -361,15 +356,11 @@ pub fn trace(device: &Inerter, body: &Body, excitation: &Excitation, duration_s:
 }
 
 /// The same trace from the first plant, which has its own ways to break the law.
-pub fn first_trace(
-    device: &Inerter,
-    excitation: &Excitation,
-    duration_s: f64,
-) -> Result<Trace, inerter_plant::PlantError> {
+pub fn first_trace(device: &Inerter, excitation: &Excitation, duration_s: f64) -> Result<Trace, PlantError> {
     let step_s = STEP_S * KEPT as f64;
-    let sensors = inerter_plant::Sensors { sample_rate_hz: step_s.recip(), ..inerter_plant::Sensors::default() };
+    let sensors = Sensors { sample_rate_hz: step_s.recip(), ..Sensors::default() };
     let mut trace = Trace { step_s, ..Trace::default() };
-    for sample in inerter_plant::Simulation::new(*device, excitation.clone(), sensors)?.lasting(duration_s) {
+    for sample in Simulation::new(*device, excitation.clone(), sensors)?.lasting(duration_s) {
         trace.position_m.push(sample.truth.x2_m);
         trace.force_n.push(sample.truth.force_n + device.structure_mass_kg * sample.truth.a1_m_per_s2);
     }

@@ -1,10 +1,11 @@
 //! The ingredients of a run: a device and a rig, into which a defect can be put.
 
 use super::{
+    draw::Draw,
     instruments::Instruments,
     plant::{Body, Trace},
 };
-use inerter_core::Settings;
+use inerter_core::{RawSample, Settings};
 use inerter_plant::Inerter;
 
 /// Range of the true values of one parameter in the run; both ends are equal if it is constant.
@@ -21,8 +22,6 @@ pub struct Seen {
     pub speed_rms_m_per_s: f64,
     /// Greatest absolute force \[N\].
     pub peak_n: f64,
-    /// Root mean square of the force \[N\].
-    pub force_rms_n: f64,
     /// Length of the run \[s\].
     pub duration_s: f64,
 }
@@ -33,14 +32,12 @@ impl Seen {
         let from = (1.0 / trace.step_s) as usize;
         let velocities = trace.position_m.windows(2).skip(from).map(|pair| (pair[1] - pair[0]) / trace.step_s);
         let velocities: Vec<f64> = velocities.collect();
-        let rms = |all: &[f64]| (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt();
         let peak = |all: &[f64]| all.iter().fold(0.0, |peak, x| f64::max(peak, x.abs()));
         Self {
             stroke_m: peak(trace.position_m.get(from..).unwrap_or_default()),
             speed_m_per_s: peak(&velocities),
-            speed_rms_m_per_s: rms(&velocities),
-            peak_n: trace.peak_n(),
-            force_rms_n: rms(trace.force_n.get(from..).unwrap_or_default()),
+            speed_rms_m_per_s: (velocities.iter().map(|v| v * v).sum::<f64>() / velocities.len().max(1) as f64).sqrt(),
+            peak_n: peak(trace.force_n.get(from..).unwrap_or_default()),
             duration_s,
         }
     }
@@ -62,4 +59,26 @@ pub struct Scene {
     pub seen: Seen,
     /// Whether only the second plant can simulate the defect.
     pub needs_second: bool,
+}
+
+/// Counts per turn of common encoders.
+const TURN_COUNTS: [f64; 9] = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
+
+impl Scene {
+    /// Adds a defect of the signals before they are sampled.
+    pub fn on_trace(&mut self, change: impl Fn(&mut Trace) + 'static) {
+        self.instruments.on_trace.push(Box::new(change));
+    }
+
+    /// Adds a defect of the samples as sent.
+    pub fn on_samples(&mut self, change: impl Fn(&mut Vec<RawSample>, &mut Draw) + 'static) {
+        self.instruments.on_samples.push(Box::new(change));
+    }
+
+    /// A common number of counts per turn that makes a lead between 4 and 40 mm, if any does.
+    pub fn turn_counts(&self, draw: &mut Draw) -> Option<f64> {
+        let count_m = self.instruments.sensors.metres_per_count;
+        let fitting: Vec<f64> = TURN_COUNTS.into_iter().filter(|n| (4e-3..40e-3).contains(&(n * count_m))).collect();
+        (!fitting.is_empty()).then(|| draw.one_of(&fitting))
+    }
 }

@@ -11,12 +11,12 @@
 use inerter_core::{RawSample, Settings};
 use inerter_needs::Random;
 use inerter_wire::{
-    Command, DELIMITER, MAX_FRAME, MAX_PAYLOAD, MAX_SETTINGS, Record, Samples, SettingValue, SettingsValues, Streams,
+    Command, DELIMITER, MAX_FRAME, MAX_PAYLOAD, MAX_SETTINGS, Samples, SettingValue, SettingsValues, Streams,
 };
 use std::{fs, io, path::PathBuf};
 
 use super::{
-    device::{Conditions, play, with_probe},
+    device::{Conditions, PROBE, play, with_probe},
     judge::judge,
     make::{Stream, frame, payload, records, samples, stream, stuffed, varint},
     outcome::outcome,
@@ -95,18 +95,11 @@ pub fn made() -> Result<Vec<Item>, String> {
         if let Some(finding) = findings.first() {
             return Err(format!("{name}: {finding}"));
         }
-        let replies = played.records.iter().filter_map(|record| match record {
-            Record::Reply(reply) => Some((reply.id, outcome(&reply.result))),
-            _ => None,
-        });
-        let mut expected = Expected {
-            bad_frames: Requests::read(&[&stream.bytes[..], &[DELIMITER]].concat()).bad_frames,
-            replies: replies.collect(),
-        };
+        let mut replies: Vec<_> = played.replies().map(|reply| (reply.id, outcome(&reply.result))).collect();
         // The probe is not part of the item.
-        let probe = Requests::read(&with_probe(&[])).intact.len();
-        expected.replies.truncate(expected.replies.len().saturating_sub(probe));
-        items.push(Item { name, bytes: stream.bytes, expected });
+        replies.truncate(replies.len().saturating_sub(PROBE.len()));
+        let bad_frames = Requests::read(&[&stream.bytes[..], &[DELIMITER]].concat()).bad_frames;
+        items.push(Item { name, bytes: stream.bytes, expected: Expected { bad_frames, replies } });
     }
     items.sort_by(|one, other| one.name.cmp(&other.name));
     Ok(items)
@@ -115,15 +108,16 @@ pub fn made() -> Result<Vec<Item>, String> {
 /// Rewrites the corpus; returns the number of its streams.
 pub fn write() -> Result<usize, String> {
     let items = made()?;
+    let files = |name: &str| ["bin", "txt"].map(|extension| folder().join(name).with_extension(extension));
     let act = || {
         fs::create_dir_all(folder())?;
         for old in corpus()? {
-            fs::remove_file(folder().join(&old.name).with_extension("bin"))?;
-            fs::remove_file(folder().join(&old.name).with_extension("txt"))?;
+            files(&old.name).iter().try_for_each(fs::remove_file)?;
         }
         for item in &items {
-            fs::write(folder().join(&item.name).with_extension("bin"), &item.bytes)?;
-            fs::write(folder().join(&item.name).with_extension("txt"), item.expected.text())?;
+            let [bin, txt] = files(&item.name);
+            fs::write(bin, &item.bytes)?;
+            fs::write(txt, item.expected.text())?;
         }
         Ok(items.len())
     };
@@ -156,17 +150,16 @@ fn shaken(from: u32, count: u32) -> Command {
 
 /// Every stream and its name.
 fn streams() -> Vec<(String, Stream)> {
-    let mut all: Vec<(&str, Stream)> = Vec::new();
-    let mut add = |name, make: &dyn Fn(&mut Stream)| {
+    let mut all = Vec::new();
+    let mut add = |name: &str, make: &dyn Fn(&mut Stream)| {
         let mut stream = Stream::default();
         make(&mut stream);
-        all.push((name, stream));
+        all.push((name.to_string(), stream));
     };
     requests(&mut add);
     settings(&mut add);
     injections(&mut add);
     frames(&mut add);
-    let mut all: Vec<(String, Stream)> = all.into_iter().map(|(name, stream)| (name.to_string(), stream)).collect();
     // Random streams whose outcome does not depend on time or on a second front end, and that contain no restart.
     let front_end = Settings::find("front_end").map(|number| number as u8);
     let steady = |command: &Command| match command {
@@ -183,7 +176,7 @@ fn streams() -> Vec<(String, Stream)> {
     all
 }
 
-type Add<'a> = &'a mut dyn FnMut(&'static str, &dyn Fn(&mut Stream));
+type Add<'a> = &'a mut dyn FnMut(&str, &dyn Fn(&mut Stream));
 
 fn requests(add: Add) {
     add("every-command", &|stream| {

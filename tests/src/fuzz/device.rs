@@ -76,6 +76,13 @@ pub enum Link {
     Second,
 }
 
+impl Played {
+    /// The replies that it sent, in order.
+    pub fn replies(&self) -> impl Iterator<Item = &Reply> {
+        self.records.iter().filter_map(|record| if let Record::Reply(reply) = record { Some(reply) } else { None })
+    }
+}
+
 impl Conditions {
     /// Packets of full-speed USB to a device that is measuring: the conditions of the corpus.
     pub const PLAIN: Self = Self { portion: 64, sampling: true, link: Link::First, deaf: false };
@@ -365,6 +372,13 @@ impl Wake for Woken {
     }
 }
 
+/// Moves what waits and fits; returns how many.
+fn moved<T>(waiting: &mut VecDeque<T>, into: &mut [T]) -> usize {
+    let count = waiting.len().min(into.len());
+    into.iter_mut().zip(waiting.drain(..count)).for_each(|(place, item)| *place = item);
+    count
+}
+
 struct Receiver(Rc<RefCell<VecDeque<u8>>>);
 
 impl ErrorType for Receiver {
@@ -374,15 +388,8 @@ impl ErrorType for Receiver {
 impl Read for Receiver {
     async fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
         poll_fn(|_| {
-            let mut waiting = self.0.borrow_mut();
-            let count = waiting.len().min(into.len());
-            if count == 0 {
-                return Poll::Pending;
-            }
-            for (place, byte) in into.iter_mut().zip(waiting.drain(..count)) {
-                *place = byte;
-            }
-            Poll::Ready(Ok(count))
+            let count = moved(&mut self.0.borrow_mut(), into);
+            if count == 0 { Poll::Pending } else { Poll::Ready(Ok(count)) }
         })
         .await
     }
@@ -464,13 +471,10 @@ impl SampleSource for Script {
         poll_fn(|context| {
             let mut sampler = self.0.borrow_mut();
             sampler.running = true;
-            let count = sampler.waiting.len().min(into.len());
+            let count = moved(&mut sampler.waiting, into);
             if count == 0 {
                 sampler.waker = Some(context.waker().clone());
                 return Poll::Pending;
-            }
-            for (place, sample) in into.iter_mut().zip(sampler.waiting.drain(..count)) {
-                *place = sample;
             }
             Poll::Ready(Ok(count))
         })

@@ -191,12 +191,8 @@ pub fn judge(stream: &[u8], conditions: &Conditions, played: &Played) -> Vec<Str
 
 /// A host that does not read misses replies without knowing which. The device must respond again once the host reads.
 fn judge_deaf(played: &Played, requests: &Requests) -> Option<String> {
-    let replies = played.records.iter().filter_map(|record| match record {
-        Record::Reply(reply) => Some(reply.id),
-        _ => None,
-    });
     let mut due = requests.intact.iter();
-    let replies: Vec<u16> = replies.collect();
+    let replies: Vec<u16> = played.replies().map(|reply| reply.id).collect();
     if let Some(id) = replies.iter().find(|&&id| !due.any(|(expected, _)| *expected == id)) {
         return Some(format!("a reply to {id} that nobody waits for"));
     }

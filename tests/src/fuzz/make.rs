@@ -258,6 +258,12 @@ pub fn stream(seed: u64) -> Stream {
     stream
 }
 
+/// Fewer random bytes than this.
+fn bytes(noise: &mut Random, below: usize) -> Vec<u8> {
+    let length = noise.below(below);
+    noise.bytes(length)
+}
+
 fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
     match noise.below(16) {
         0 | 1 => {
@@ -281,22 +287,17 @@ fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
             stream.sequence = noise.draw() as u16;
         }
         6 => {
-            let length = noise.below(200);
-            stream.raw(&noise.bytes(length));
+            stream.raw(&bytes(noise, 200));
         }
         7 => {
             let (byte, length) = (noise.pick(&[0, 1, 0x55, 0xFF]), noise.below(1_500));
             stream.raw(&vec![byte; length]);
         }
         8 => {
-            let length = noise.below(700);
-            let bytes = noise.bytes(length);
-            stream.raw(&stuffed(&bytes));
+            stream.raw(&stuffed(&bytes(noise, 700)));
         }
         9 => {
-            let length = noise.below(520);
-            let bytes = noise.bytes(length);
-            stream.payload(&bytes);
+            stream.payload(&bytes(noise, 520));
         }
         10 => {
             let mut bytes = payload(id, order);
@@ -320,11 +321,10 @@ fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
             stream.payload(&bytes);
         }
         13 => {
-            let mut bytes = noise.draw().to_le_bytes()[..1 + noise.below(4)].to_vec();
-            bytes.extend(varint(noise.draw() as u32 >> noise.below(32)));
-            let length = noise.below(20);
-            bytes.extend(noise.bytes(length));
-            stream.payload(&bytes);
+            let mut start = noise.draw().to_le_bytes()[..1 + noise.below(4)].to_vec();
+            start.extend(varint(noise.draw() as u32 >> noise.below(32)));
+            start.extend(bytes(noise, 20));
+            stream.payload(&start);
         }
         14 => {
             for frame in records() {

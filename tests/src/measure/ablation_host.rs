@@ -3,10 +3,11 @@
 //! One line per count: its name, a tab, and the count.
 
 use inerter_analysis::diagnose::{Cause, Kind};
-use inerter_core::{LawStatus, Parameter, Parameters};
+use inerter_core::{LawStatus, Parameters};
 use inerter_tests::{
+    coverage::errors,
     diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
-    grid::{Error, MOTIONS, Motion, each_seed, three},
+    grid::{Error, Motion, each, motion},
 };
 
 /// No table has this seed.
@@ -61,9 +62,9 @@ impl Counts {
         }
     }
 
-    fn of_fault(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
+    fn of_fault(case: &Case, motion: &Motion) -> Result<Self, Error> {
         // With one part of the analysis removed, the search may end in rows that it cannot fit. Then nothing is named.
-        let found = case.diagnosed(motion, seed).ok();
+        let found = case.diagnosed(motion, SEED).ok();
         let Some((first, corrected)) = found.and_then(|found| Some((*found.causes.first()?, found.corrected))) else {
             return Ok(Self::default());
         };
@@ -80,8 +81,8 @@ impl Counts {
     }
 
     /// A run in which nothing must be named, with the parameters judged by the samples.
-    fn of_law(case: &Case, motion: &Motion, seed: u64) -> Result<Self, Error> {
-        let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
+    fn of_law(case: &Case, motion: &Motion) -> Result<Self, Error> {
+        let Replayed { outcome, causes, judged } = case.replayed(motion, SEED)?;
         let is_wrong = causes.first().is_some_and(|cause| Some(cause.kind) != case.kind);
         let mut counts = Self { wrong: u32::from(is_wrong), ..Self::default() };
         if !causes.is_empty() || outcome.law.status == LawStatus::Broken {
@@ -102,8 +103,8 @@ impl Counts {
 
     /// A run in which flanks separate, with the contact's stiffness stated or not. If it is not stated, a structure
     /// mass may be named, because the device has one.
-    fn of_flanks(backlash_m: f64, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Self, Error> {
-        let causes = parting(backlash_m).told(motion, seed, with_stiffness)?;
+    fn of_flanks(backlash_m: f64, motion: &Motion, with_stiffness: bool) -> Result<Self, Error> {
+        let causes = parting(backlash_m).told(motion, SEED, with_stiffness)?;
         let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
         Ok(Self { wrong: u32::from(causes.iter().any(is_wrong)), ..Self::default() })
     }
@@ -127,12 +128,7 @@ impl Counts {
 
 /// Error and half width of inertance, viscous and Coulomb friction, if given.
 fn given(case: &Case, parameters: &Parameters) -> [Option<(f64, f64)>; 3] {
-    let device = &case.device;
-    let mut truths = [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n].into_iter();
-    three(parameters).map(|parameter: Parameter| {
-        let (truth, known) = (truths.next()?, parameter.known()?);
-        Some(((f64::from(known.value) - truth).abs(), f64::from(known.u95)))
-    })
+    errors(parameters, &case.device).map(|found| found.map(|(error, u95)| (error.abs(), u95)))
 }
 
 /// Runs of a law that is nearly true.
@@ -145,29 +141,26 @@ fn nearly() -> Vec<Case> {
 }
 
 pub fn run(_: &[&str]) -> Result<bool, Error> {
-    let motions: Vec<&Motion> = MOTIONS.iter().filter(|motion| NAMES.contains(&motion.name)).collect();
     let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
     // A rotary machine gives the same results in other units.
     let clean = clean_cases().into_iter().filter(|case| case.sensors.sample_rate_hz <= FASTEST_HZ && !case.is_rotary);
     let laws: Vec<Case> = clean.chain(nearly()).collect();
-    let of_motion = |place: u64| -> Result<Counts, Error> {
+    let of_motion = |name: &&str| -> Result<Counts, Error> {
+        let motion = motion(name);
         let mut counts = Counts::default();
-        for motion in motions.iter().skip(place as usize - 1).take(1) {
-            for case in &faults {
-                counts = counts.add(Counts::of_fault(case, motion, SEED)?);
-            }
-            for case in &laws {
-                counts = counts.add(Counts::of_law(case, motion, SEED)?);
-            }
-            for backlash_m in BACKLASHES_M {
-                for with_stiffness in [true, false] {
-                    counts = counts.add(Counts::of_flanks(backlash_m, motion, SEED, with_stiffness)?);
-                }
+        for case in &faults {
+            counts = counts.add(Counts::of_fault(case, motion)?);
+        }
+        for case in &laws {
+            counts = counts.add(Counts::of_law(case, motion)?);
+        }
+        for backlash_m in BACKLASHES_M {
+            for with_stiffness in [true, false] {
+                counts = counts.add(Counts::of_flanks(backlash_m, motion, with_stiffness)?);
             }
         }
         Ok(counts)
     };
-    let all = each_seed(motions.len() as u64, of_motion)?.into_iter().fold(Counts::default(), Counts::add);
-    all.print();
+    each(NAMES.iter(), of_motion)?.into_iter().fold(Counts::default(), Counts::add).print();
     Ok(true)
 }

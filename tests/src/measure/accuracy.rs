@@ -65,7 +65,7 @@ fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) 
     for motion in &MOTIONS {
         eprintln!("{name}: {}", motion.name);
         let Cell { bias, sigma, u95, given, coverage, whole_run_coverage, settling_s } =
-            grid::cell(device, &grid::each_seed(SEEDS, |seed| grid::run(device, motion, rig, seed))?);
+            grid::cell(device, &grid::each(1..=SEEDS, |seed| grid::run(device, motion, rig, seed))?);
         let least_sigma = grid::least_sigma(device, motion, rig, 1, 0.0)?;
         let least_with_steps = bound::least_sigma(device, motion, rig, 1)?;
         let kept_sigma = grid::least_sigma(device, motion, rig, 1, motion.kernel_s())?;

@@ -6,7 +6,6 @@ use inerter_tests::{
     grid::{self, Error, Instruments, MOTIONS, Motion, RIGS},
     sheet::{self, Asked},
 };
-use std::thread;
 
 /// Duration of steady motion in which no change may be reported \[s\].
 const STEADY_S: f64 = 3600.0;
@@ -76,19 +75,11 @@ figure left the table, where anything is found in steady motion, or where a step
             text += &format!("\n## {}{worn}\n\n| motion |", rig.name);
             text.extend(STEPS.iter().map(|step| format!(" {} |", step.name)));
             text += " found in steady motion |\n|---|--:|--:|--:|--:|--:|--:|\n";
-            let half = |from: usize| -> Result<Vec<(usize, Row)>, Error> {
-                (from..MOTIONS.len()).step_by(2).map(|n| Ok((n, row(&device, &MOTIONS[n], rig)?))).collect()
-            };
-            let mut rows = thread::scope(|scope| {
-                let other = scope.spawn(|| half(1));
-                let mut rows = half(0)?;
-                rows.extend(other.join().map_err(|_| "a run panicked")??);
-                Ok::<_, Error>(rows)
-            })?;
+            let mut rows = grid::each(MOTIONS.iter().enumerate(), |(n, motion)| Ok((n, row(&device, motion, rig)?)))?;
             rows.sort_by_key(|(n, _)| *n);
             for (_, row) in rows {
                 good &= row.good;
-                text += &sheet::line(&row.cells);
+                text += &sheet::line(row.cells);
             }
         }
     }

@@ -7,14 +7,14 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     backlash,
     coverage::{Bench, Cell, RIGHT, STATED, cells},
-    grid::{Error, MOTIONS, Motion, NAMES, RIGS, each_seed},
+    grid::{Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
     nearly::{WANTED, sections},
     sheet::{self, significant},
 };
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, svg};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use std::{ops::RangeInclusive, path::PathBuf};
+use std::{f64::consts::TAU, ops::RangeInclusive};
 
 /// First seed and number of the runs that count. Runs 1 to 100 on the first bench determined the share of the encoder's
 /// steps.
@@ -34,7 +34,7 @@ const K: f64 = NORMAL_COVERAGE as f64;
 
 /// The benches: the grid's, and others.
 fn benches() -> Vec<Bench> {
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
+    let sensors = sensors();
     let paper = Inerter::paper();
     let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
     let bench = |name, device, sensors| Bench { name, device, sensors, wrong: &[] };
@@ -111,26 +111,21 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
 |--:|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 "
     );
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
     for hz in [2.0, 5.0, 8.0, 10.0, 12.5] {
         for mm_per_s in [30.0, 80.0] {
             for (clock, ppm) in [("its own", 0.0), ("10 ppm", 10.0)] {
                 eprintln!("tone: {hz} Hz, {mm_per_s} mm/s, {clock}");
-                let sample_rate_hz = sensors.sample_rate_hz * (1.0 + 1e-6 * ppm);
-                let sensors = Sensors { sample_rate_hz, ..sensors };
+                let sample_rate_hz = sensors().sample_rate_hz * (1.0 + 1e-6 * ppm);
+                let sensors = Sensors { sample_rate_hz, ..sensors() };
                 let bench = Bench { name: "tones", device: Inerter::paper(), sensors, wrong: &[] };
-                let runs = each_seed(seeds, |seed| {
+                let runs = each(1..=seeds, |seed| {
                     let part = 0.85 + 0.3 * ((seed as f64 * 0.7549) % 1.0);
-                    let motion = format!("sine:{hz}Hz:{}mm", part * mm_per_s / (std::f64::consts::TAU * hz));
+                    let motion = format!("sine:{hz}Hz:{}mm", part * mm_per_s / (TAU * hz));
                     bench.run(&motion, 20.0, first + seed - 1)
                 })?;
-                let figures = cells(&runs).into_iter().flat_map(|cell| {
-                    let covered = format!("{:.0}", covered_percent(&cell));
-                    let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
-                    [significant(cell.u95), format!("{:.2}", cell.rms), bold]
-                });
+                let figures = cells(&runs).into_iter().flat_map(|cell| figures(&cell, 0));
                 let head = [hz.to_string(), mm_per_s.to_string(), clock.to_string()];
-                text += &sheet::line(&head.into_iter().chain(figures).collect::<Vec<String>>());
+                text += &sheet::line(head.into_iter().chain(figures));
             }
         }
     }
@@ -158,12 +153,11 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
             for backlash_m in [0.0, 20e-6, 100e-6] {
                 eprintln!("contact: {} {} {:.0} um", rig.name, motion.name, backlash_m * 1e6);
                 let device = Inerter { backlash_m, ..Inerter::paper() };
-                let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, first + seed - 1);
-                let runs = each_seed(seeds, shaken)?;
+                let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
+                let runs = each(first..first + seeds, shaken)?;
                 let known = |detail: &Detail| detail.backlash.known();
                 let mut of = |found: Vec<Interval>, truth: f64, unit: f64| {
-                    let errors: Vec<(f64, f64)> =
-                        found.iter().map(|found| (f64::from(found.value) - truth, f64::from(found.u95))).collect();
+                    let errors: Vec<(f64, f64)> = found.into_iter().map(|found| error(found, truth)).collect();
                     if errors.is_empty() {
                         return ["-".to_string(), "-".into(), "-".into()];
                     }
@@ -182,7 +176,7 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                     of(contact(|detail| detail.contact_damping_n_s_per_m), damping, 100.0 / damping),
                 ];
                 let head = [motion.name.to_string(), format!("{:.0}", backlash_m * 1e6)];
-                text += &sheet::line(&head.into_iter().chain(figures.into_iter().flatten()).collect::<Vec<_>>());
+                text += &sheet::line(head.into_iter().chain(figures.into_iter().flatten()));
             }
         }
     }
@@ -202,7 +196,6 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
 /// Settings that are wrong by their stated uncertainty.
 fn stated() -> Result<String, Error> {
     let (first, seeds) = SEEDS;
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
     let chance = 196.0 * (0.95 * 0.05 / seeds as f64).sqrt();
     let mut text = format!(
         "
@@ -220,22 +213,16 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
     let (mut by_one, mut by_all) = (Vec::new(), Vec::new());
     let alone = STATED.iter().map(|source| (source_word(*source), std::slice::from_ref(source)));
     for (name, wrong) in alone.chain([("all", &STATED[..])]) {
-        let bench = Bench { name, device: Inerter::paper(), sensors, wrong };
-        for motion in MOTIONS.iter().filter(|motion| ["random", "fast", "two"].contains(&motion.name)) {
+        let bench = Bench { name, device: Inerter::paper(), sensors: sensors(), wrong };
+        for motion in ["fast", "random", "two"].map(motion) {
             eprintln!("{name}: {}", motion.name);
             let runs = bench.runs(motion, first, seeds)?;
             let found = cells(&runs);
             let covered = if wrong.len() == 1 { &mut by_one } else { &mut by_all };
             covered.extend(found.iter().map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
-            let figures = found.iter().flat_map(|cell| {
-                let covered = format!("{:.1}", covered_percent(cell));
-                let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
-                [significant(cell.u95), format!("{:.2}", cell.rms), bold]
-            });
-            text += &sheet::line(
-                &[name.into(), motion.name.into(), broken].into_iter().chain(figures).collect::<Vec<String>>(),
-            );
+            let figures = found.iter().flat_map(|cell| figures(cell, 1));
+            text += &sheet::line([name.into(), motion.name.into(), broken].into_iter().chain(figures));
         }
     }
     for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {
@@ -256,13 +243,20 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
     Ok(text)
 }
 
+/// Half width, rms, and covered runs with this number of decimals \[%\]: bold where they are too few.
+fn figures(cell: &Cell, decimals: usize) -> [String; 3] {
+    let covered = format!("{:.decimals$}", covered_percent(cell));
+    let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
+    [significant(cell.u95), format!("{:.2}", cell.rms), bold]
+}
+
 fn covered_percent(cell: &Cell) -> f64 {
     100.0 * cell.covered as f64 / cell.given as f64
 }
 
 fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
     let bold = |text: String| if cell.is_wrong() { format!("**{text}**") } else { text };
-    sheet::line(&[
+    sheet::line([
         motion.name.into(),
         name.into(),
         significant(cell.u95),
@@ -330,7 +324,7 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
         let alone = draws.least_held(chance, &|[own, _], size| (own + size, K));
         let (ours, width) = draws.replay(chance, 1.0);
         let beside = draws.least_held(chance, &|[own, other], _| (own - chance * other, K * grows));
-        text += &sheet::line(&[
+        text += &sheet::line([
             grows.to_string(),
             format!("{alone:.0}"),
             format!("{ours:.0}"),
@@ -340,7 +334,7 @@ interval holds, over all sizes; *width*: its mean where there is no such cause, 
         ]);
     }
     if update {
-        draw("tables/frontier.svg", &frontier_figure(&draws))?;
+        sheet::write("tables/frontier.svg", &svg(&frontier_figure(&draws)))?;
     }
     Ok(text)
 }
@@ -377,18 +371,12 @@ fn frontier_figure(draws: &Draws) -> Figure {
     }
 }
 
-/// Writes a figure to a path below `docs`.
-fn draw(path: &str, figure: &Figure) -> Result<(), Error> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs").join(path);
-    std::fs::write(&path, svg(figure)).map_err(|error| format!("cannot write {}: {error}", path.display()).into())
-}
-
 /// Table and figure for a law that is nearly true.
 fn nearly(update: bool) -> Result<String, Error> {
     let (first, seeds) = NEARLY;
     let (sections, figure) = sections(first, seeds)?;
     if update {
-        draw("coverage.svg", &figure)?;
+        sheet::write("coverage.svg", &svg(&figure))?;
     }
     Ok(format!(
         "

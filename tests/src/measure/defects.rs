@@ -9,26 +9,15 @@ use inerter_tests::{
         made::{From, MOTIONS},
         tally::Tally,
     },
-    grid::{Error, each_seed},
+    grid::{Error, each},
     roc::{Curve, svg},
     sheet,
 };
-use std::path::PathBuf;
 
 /// Runs per kind and motion.
 const SEEDS: u64 = 2;
 /// Clean runs per motion. Those with the first seeds are the defects' runs without the defect.
 const CLEAN: u64 = 200;
-
-/// Results in the order of their numbers, whatever thread computed them.
-fn each<R: Send>(count: usize, one: impl Fn(usize) -> Result<R, Error> + Sync) -> Result<Vec<R>, Error> {
-    let mut all = each_seed(count as u64, |number| {
-        let place = number as usize - 1;
-        Ok((place, one(place)?))
-    })?;
-    all.sort_by_key(|(place, _)| *place);
-    Ok(all.into_iter().map(|(_, result)| result).collect())
-}
 
 /// One run, with its motion and seed.
 struct Seen {
@@ -37,11 +26,14 @@ struct Seen {
     said: Said,
 }
 
+/// The runs in the order of seeds and motions, whatever thread computed them.
 fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Seen>, Error> {
-    each(MOTIONS.len() * seeds as usize, |place| {
+    let mut all = each(0..MOTIONS.len() * seeds as usize, |place| {
         let (motion, seed) = (place % MOTIONS.len(), DEVELOPMENT + 1 + (place / MOTIONS.len()) as u64);
         Ok(Seen { motion, seed, said: run(kind, motion, seed)? })
-    })
+    })?;
+    all.sort_by_key(|seen| (seen.seed, seen.motion));
+    Ok(all)
 }
 
 pub fn measure(words: &[&str]) -> Result<bool, Error> {
@@ -74,7 +66,7 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
         let percent = |part| format!("{:.1}", all.percent(part));
         let counts = [all.runs, all.harmful, all.told, all.assumed, all.silent].map(|count| count.to_string());
         let parts = [all.silent, all.device, all.silent_twice, all.device_twice].map(percent);
-        text += &sheet::line(&[name.to_string()].into_iter().chain(counts).chain(parts).collect::<Vec<_>>());
+        text += &sheet::line([name.to_string()].into_iter().chain(counts).chain(parts));
     }
     text += &clean_figures(&clean);
     for (group, name) in [(Group::Defect, "Kinds"), (Group::Scale, "Wrong scales")] {
@@ -89,7 +81,7 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
             let by_motion =
                 (0..MOTIONS.len()).map(|motion| tally(&mut runs.iter().filter(|seen| seen.motion == motion)).silent);
             let cells = counts.into_iter().chain(by_motion).map(|count| count.to_string());
-            text += &sheet::line(&[kind.name.to_string()].into_iter().chain(cells).collect::<Vec<_>>());
+            text += &sheet::line([kind.name.to_string()].into_iter().chain(cells));
         }
     }
     print!("{text}");
@@ -99,9 +91,7 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
         .collect();
     let usual: Vec<&Said> = clean.iter().map(|seen| &seen.said).collect();
     if asked == sheet::Asked::Update {
-        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../docs/roc.svg");
-        std::fs::write(&path, characteristic(&usual, &harmful))
-            .map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+        let path = sheet::write("roc.svg", &characteristic(&usual, &harmful))?;
         println!("defects: written {}", path.display());
     }
     sheet::conclude("defects", &text, 1, asked)

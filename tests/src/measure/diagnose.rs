@@ -2,12 +2,12 @@
 //! wrong cause is named.
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
-use inerter_core::{Interval, Parameters};
-use inerter_data::{replay::replay_all, settings::SettingsInputError};
+use inerter_core::Parameters;
 use inerter_plant::Inerter;
 use inerter_tests::{
+    data::replayed,
     diagnose::{Case, cases, clean_cases, parting},
-    grid::{Error, MOTIONS, Motion, each_seed},
+    grid::{Error, MOTIONS, Motion, each, error, mean},
     identified::Told,
     sheet::{self, significant},
 };
@@ -82,8 +82,8 @@ fn within_intervals(case: &Case, found: &Diagnosis) -> [bool; 3] {
     };
     let Inerter { inertance_kg: mass, viscous_n_s_per_m: viscous, coulomb_n: coulomb, .. } = case.device;
     [(inertance_kg, mass), (viscous_n_s_per_m, viscous), (coulomb_n, coulomb)].map(|(parameter, truth)| {
-        let Interval { value, u95 } = parameter.fitted();
-        (f64::from(value) - truth).abs() <= f64::from(u95)
+        let (error, u95) = error(parameter.fitted(), truth);
+        error.abs() <= u95
     })
 }
 
@@ -91,29 +91,18 @@ fn percent(part: u32, of: u32) -> f64 {
     100.0 * f64::from(part) / f64::from(of.max(1))
 }
 
-/// One run for each of these seeds.
-fn each_of<R: Send>(
-    seeds: &RangeInclusive<u64>,
-    run: impl Fn(u64) -> Result<R, Error> + Sync,
-) -> Result<Vec<R>, Error> {
-    let offset = seeds.start() - 1;
-    each_seed(seeds.end() - offset, |seed| run(seed + offset))
-}
-
-fn tally(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
-    let runs = each_of(seeds, |seed| Ok(Tally::of(case, &case.diagnosed(motion, seed)?)))?;
+fn tally(case: &Case, motion: &Motion, seeds: RangeInclusive<u64>) -> Result<Tally, Error> {
+    let runs = each(seeds, |seed| Ok(Tally::of(case, &case.diagnosed(motion, seed)?)))?;
     Ok(runs.into_iter().fold(Tally::default(), Tally::add))
 }
 
 /// How well the motion reveals a fault, averaged over the seeds.
-fn told(case: &Case, motion: &Motion, seeds: &RangeInclusive<u64>) -> Result<Told, Error> {
-    let all = each_of(seeds, |seed| {
-        let run = case.recorded(motion, seed, true)?;
-        let outcome = replay_all(&run, |_, _| Ok::<(), SettingsInputError>(()))?;
+fn told(case: &Case, motion: &Motion) -> Result<Told, Error> {
+    let all = each(SEEDS, |seed| {
+        let outcome = replayed(&case.recorded(motion, seed, true)?)?;
         case.told_by(motion, seed, f64::from(outcome.motion.repeats))
     })?;
-    let mean = |of: fn(&Told) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
-    Ok(Told { left: mean(|told| told.left), sigmas: mean(|told| told.sigmas) })
+    Ok(Told { left: mean(all.iter().map(|told| told.left)), sigmas: mean(all.iter().map(|told| told.sigmas)) })
 }
 
 /// Tallies of all faults, and of those that the motion reveals well enough. Writes a row for each fault and motion.
@@ -121,18 +110,14 @@ fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
     let (mut all, mut told_enough) = (Tally::default(), Tally::default());
     for case in cases() {
         for motion in &MOTIONS {
-            let of_these = tally(&case, motion, &SEEDS)?;
-            let told = told(&case, motion, &SEEDS)?;
+            let of_these = tally(&case, motion, SEEDS)?;
+            let told = told(&case, motion)?;
             let Tally { first, sized, other, nothing, .. } = of_these;
             let told_text = [100.0 * told.left, told.sigmas].map(significant);
             let is_enough = if told.is_enough() { "yes" } else { "no" };
-            *text += &sheet::line(
-                &[case.name, motion.name, &told_text[0], &told_text[1], is_enough]
-                    .map(str::to_owned)
-                    .into_iter()
-                    .chain([first, sized, other, nothing].map(|count| count.to_string()))
-                    .collect::<Vec<String>>(),
-            );
+            let head = [case.name, motion.name, &told_text[0], &told_text[1], is_enough].map(str::to_owned);
+            let counts = [first, sized, other, nothing].map(|count| count.to_string());
+            *text += &sheet::line(head.into_iter().chain(counts));
             all = all.add(of_these);
             if told.is_enough() {
                 told_enough = told_enough.add(of_these);
@@ -147,7 +132,7 @@ fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
     let mut clean = Tally::default();
     for case in clean_cases() {
         for motion in &MOTIONS {
-            clean = clean.add(tally(&case, motion, seeds)?);
+            clean = clean.add(tally(&case, motion, seeds.clone())?);
         }
     }
     Ok(clean)
@@ -159,7 +144,7 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
     for backlash_m in BACKLASHES_M {
         for motion in &MOTIONS {
             for with_stiffness in [true, false] {
-                let causes = each_of(&SEEDS, |seed| parting(backlash_m).told(motion, seed, with_stiffness))?;
+                let causes = each(SEEDS, |seed| parting(backlash_m).told(motion, seed, with_stiffness))?;
                 runs += causes.len();
                 // The device has a structure mass, so naming that is not wrong.
                 let is_wrong = |causes: &&Vec<Cause>| causes.iter().any(|cause| cause.kind != Kind::Structure);

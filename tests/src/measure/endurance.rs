@@ -5,7 +5,7 @@
 //! amount to the sums of the whole run, and the values published at its end must not change.
 
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_plant::{Inerter, Sensors};
 use inerter_tests::grid::{self, Error};
 
 /// Default number of samples.
@@ -59,12 +59,10 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
         Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of samples"))?,
     };
     let device = Inerter { backlash_m: 5e-5, ..Inerter::paper() };
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, seed: 1, ..Sensors::default() };
+    let sensors = Sensors { seed: 1, ..grid::sensors() };
     let settings = Settings { memory_s: 10.0, ..grid::calibrated(&device, &sensors) };
-    let segment: Vec<RawSample> = Simulation::new(device, Excitation::parse(MOTION, 1)?, sensors)?
-        .lasting(DURATION_S)
-        .map(|sample| grid::raw(&sample))
-        .collect();
+    let simulation = grid::shaken(&device, MOTION, sensors)?;
+    let segment: Vec<RawSample> = simulation.lasting(DURATION_S).map(|sample| grid::raw(&sample)).collect();
     let length = segment.len() as u32;
     // Each repetition starts at a different position, so that the encoder wraps many times.
     let [first, .., last] = segment.as_slice() else { return Err("no samples".into()) };

@@ -5,7 +5,7 @@
 //! maintain. Prints the largest differences, and fails if one exceeds its bound.
 
 use inerter_core::Settings;
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_plant::{Excitation, Inerter, Simulation};
 use inerter_tests::{
     grid::{self, Error},
     reference::{BOUNDS, Pair},
@@ -45,12 +45,11 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
 
 fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
     let device = Inerter::paper();
-    let sensors = Sensors { force_noise_n: 1.0, force_offset_n: 3.0, ..Sensors::default() };
-    let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &sensors) };
+    let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &grid::sensors()) };
     let mut pair = Pair::new(&settings)?;
     let mut index = 0_u32;
     for seed in 1.. {
-        let sensors = Sensors { seed, encoder_phase_count: (seed as f64 * 0.618) % 1.0, ..sensors };
+        let sensors = grid::seeded(grid::sensors(), seed);
         let excitation = Excitation::parse(motion, seed)?;
         let duration_s = excitation.duration_s();
         for sample in Simulation::new(device, excitation, sensors)?.lasting(duration_s) {

@@ -7,7 +7,8 @@ use inerter_data::{replay::replay_samples, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_tests::{
-    grid::{Error, NAMES, each_seed, three, truth},
+    coverage::errors,
+    grid::{Error, NAMES, each},
     sheet::{self, significant},
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -99,12 +100,7 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
         };
         if SIZES.contains(&(number + 1)) {
             let merged = both.merged(None)?;
-            let parameters = three(&merged.fit.symmetric);
-            let truth = truth(&paper);
-            let found = array::from_fn(|i| {
-                let known = parameters[i].known()?;
-                Some((f64::from(known.value) - truth[i], f64::from(known.u95)))
-            });
+            let found = errors(&merged.fit.symmetric, &paper);
             told.push(Told { found, differ: merged.differs.contains(&true) });
         }
         all = Some(both);
@@ -139,7 +135,7 @@ interval is that of the device during that run, so rows of one run are not count
     let (mut held, mut told) = ([0; 3], [0; 3]);
     let mut differ_alike = (0, 0);
     for case in &CASES {
-        let groups = each_seed(GROUPS, |seed| group(case, seed))?;
+        let groups = each(1..=GROUPS, |seed| group(case, seed))?;
         for (place, size) in SIZES.into_iter().enumerate() {
             let those: Vec<&Told> = groups.iter().map(|group| &group[place]).collect();
             let mut row = format!("| {} | {size} |", case.name);

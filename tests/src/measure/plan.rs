@@ -185,33 +185,24 @@ fn rows(name: &str, prediction: &Prediction, reached: &[Reached; 3], tallies: &m
         let mut cells = vec![name.to_string(), parameter.to_string()];
         let given = reached.given as f64 / seeds as f64;
         if predicted.is_given() && given >= 0.5 {
-            let pairs = [
+            let mut tallies = tallies.iter_mut();
+            let [by_theory, of_u_a, of_scatter, of_u95] = [
                 (predicted.theory_u_a, reached.u_a),
                 (predicted.u_a(), reached.u_a),
                 (predicted.scatter, reached.scatter),
                 (predicted.u95(), reached.u95),
-            ];
-            let ratios: Vec<String> = pairs
-                .into_iter()
-                .zip(tallies.iter_mut())
-                .map(|((predicted, reached), tally)| tally.add(predicted, reached))
-                .collect();
-            let [by_theory, of_u_a, of_scatter, of_u95] = ratios.as_slice() else { return text };
-            cells.extend([
-                figure(predicted.theory_u_a),
-                figure(predicted.u_a()),
-                figure(reached.u_a),
-                by_theory.clone(),
-                of_u_a.clone(),
-            ]);
-            cells.extend([figure(predicted.scatter), figure(reached.scatter), of_scatter.clone()]);
-            cells.extend([figure(predicted.u95()), figure(reached.u95), of_u95.clone()]);
+            ]
+            .map(|(predicted, reached)| tallies.next().map_or_else(String::new, |tally| tally.add(predicted, reached)));
+            cells.extend([predicted.theory_u_a, predicted.u_a(), reached.u_a].map(figure));
+            cells.extend([by_theory, of_u_a]);
+            cells.extend([figure(predicted.scatter), figure(reached.scatter), of_scatter]);
+            cells.extend([figure(predicted.u95()), figure(reached.u95), of_u95]);
         } else {
             cells.extend(std::iter::repeat_n("-".to_string(), 11));
         }
         let covered = if reached.given == 0 { "-".into() } else { part(reached.covered as f64 / reached.given as f64) };
         cells.extend([part(predicted.given), part(given), covered]);
-        text += &sheet::line(&cells);
+        text += &sheet::line(cells);
     }
     text
 }
@@ -306,10 +297,7 @@ fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, 
     let (first, seeds) = BESIDE;
     let limits = Limits { duration_s: plan.duration_s(), ..case.limits };
     let line = |name: &str, u95: [f64; 3], given: usize| {
-        let mut cells = vec![name.to_string()];
-        cells.extend(u95.map(figure));
-        cells.push(given.to_string());
-        sheet::line(&cells)
+        sheet::line([name.to_string()].into_iter().chain(u95.map(figure)).chain([given.to_string()]))
     };
     let mut text = format!(
         "### {}\n\n| motion | {} | {} | {} | runs with a value |\n|---|--:|--:|--:|--:|\n",

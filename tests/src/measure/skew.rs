@@ -2,7 +2,7 @@
 
 use inerter_analysis::skew::{Skew, SkewError};
 use inerter_tests::{
-    grid::{Error, each_seed},
+    grid::{Error, each},
     sheet::{self, significant},
     skew::{Case, Found, drawn},
 };
@@ -48,14 +48,9 @@ fn counted(all: &[&Told]) -> (usize, usize, f64, f64) {
     sheet::counted(all.iter().filter_map(|one| one.skew.ok()))
 }
 
-fn measured(seeds: &RangeInclusive<u64>) -> Result<Vec<Told>, Error> {
-    let offset = seeds.start() - 1;
-    each_seed(seeds.end() - offset, |seed| told(seed + offset))
-}
-
 pub fn run(words: &[&str]) -> Result<bool, Error> {
     let asked = sheet::asked("skew", words)?;
-    let judging = measured(&JUDGING)?;
+    let judging = each(JUDGING, told)?;
     let mut text = format!(
         "# Skews
 
@@ -83,12 +78,12 @@ Each run has 20 s of motion, and its settings do not state the delay. *Told*: a 
     let all: Vec<&Told> = judging.iter().collect();
     let (told, held, rms, _) = counted(&all);
     let refused = |why: &str| judging.iter().filter(|one| one.skew.err() == Some(why)).count();
-    let mut residuals: Vec<[f64; 2]> = judging.iter().filter_map(|one| one.residual).collect();
-    residuals.sort_by(|[a, _], [b, _]| a.total_cmp(b));
-    let [before, _] = residuals[residuals.len() / 2];
-    residuals.sort_by(|[_, a], [_, b]| a.total_cmp(b));
-    let [_, after] = residuals[residuals.len() / 2];
-    let setting = measured(&SETTING)?;
+    let [before, after] = [0, 1].map(|place| {
+        let mut residuals: Vec<f64> = judging.iter().filter_map(|one| Some(one.residual?[place])).collect();
+        residuals.sort_by(f64::total_cmp);
+        residuals[residuals.len() / 2]
+    });
+    let setting = each(SETTING, self::told)?;
     let (set_told, set_held, set_rms, _) = counted(&setting.iter().collect::<Vec<_>>());
     text += &format!(
         "

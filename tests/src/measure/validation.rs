@@ -4,19 +4,15 @@
 //! The first form writes the data for the comparison, the second the table.
 
 use inerter_core::{Bank, Parameter, Settings, Source};
-use inerter_data::{
-    replay::{Outcome, replay_all},
-    run::Run,
-    settings::SettingsInputError,
-};
-use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
+use inerter_data::{replay::Outcome, run::Run};
+use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     coverage::stated_true,
-    data::Recording,
+    data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, raw, three, truth},
+    grid::{Error, calibrated, error, raw, sensors, shaken, three, truth},
     sheet::{self, Asked, line, significant},
-    updates::{fit, left, rms, rows},
+    updates::{SEPARABLE, fit, left, rms, rows},
 };
 use serde_json::{Value, json};
 use std::{fs, path::Path};
@@ -55,16 +51,9 @@ fn data() -> Result<Vec<Data>, Error> {
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
     let mut all = Vec::new();
     for name in ["mid", "random", "two"] {
-        let sensors = Sensors {
-            force_noise_n: 1.0,
-            force_offset_n: 3.0,
-            encoder_phase_count: 0.4,
-            seed: SEED,
-            ..Sensors::default()
-        };
+        let sensors = Sensors { encoder_phase_count: 0.4, seed: SEED, ..sensors() };
         let settings = stated_true(calibrated(&device, &sensors));
-        let simulated = Simulation::new(device, Excitation::parse(name, SEED)?, sensors)?;
-        let samples = simulated.lasting(20.0).map(|sample| raw(&sample)).collect();
+        let samples = shaken(&device, name, sensors)?.lasting(20.0).map(|sample| raw(&sample)).collect();
         let run = Run { settings, samples, ..Run::default() };
         all.push(Data { name, run, truth: truth(&device), noise_n: sensors.force_noise_n });
     }
@@ -91,10 +80,6 @@ fn write_data(folder: &Path) -> Result<(), Error> {
         list.push(json!({"name": name, "file": file, "count_m": settings.metres_per_count, "noise_n": noise_n}));
     }
     Ok(fs::write(folder.join("data.json"), serde_json::to_string(&list)?)?)
-}
-
-fn replayed(run: &Run) -> Result<Outcome, Error> {
-    Ok(replay_all(run, |_, _| Ok::<(), SettingsInputError>(()))?)
 }
 
 /// Part of a run, by sample numbers.
@@ -138,11 +123,15 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     sheet::conclude("validation", &text, 2, asked)
 }
 
+fn read(folder: &Path, name: &str) -> Result<Vec<Value>, Error> {
+    let path = folder.join(name);
+    let text = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
+    Ok(serde_json::from_str(&text)?)
+}
+
 /// The same data analysed with other methods.
 fn methods(folder: &Path) -> Result<String, Error> {
-    let path = folder.join("rivals.json");
-    let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-    let rivals: Vec<Value> = serde_json::from_str(&found)?;
+    let rivals = read(folder, "rivals.json")?;
     let mut text = String::from(
         "
 ## Identical data through other methods
@@ -167,8 +156,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
                 None => "-".into(),
             });
             let off = off.collect::<Vec<_>>().join(", ");
-            let cells = [name.into(), method.into()].into_iter().chain(shown);
-            text += &line(&cells.chain([off]).collect::<Vec<_>>());
+            text += &line([name.into(), method.into()].into_iter().chain(shown).chain([off]));
         };
         row("`inerter replay`", pairs);
         for rival in rivals.iter().filter(|rival| rival["name"] == name) {
@@ -182,9 +170,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
 
 /// Verdict on the runs of the plant written in Python.
 fn another_plant(folder: &Path) -> Result<String, Error> {
-    let path = folder.join("plant.json");
-    let found = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-    let rows: Vec<Value> = serde_json::from_str(&found)?;
+    let rows = read(folder, "plant.json")?;
     let mut text = String::from(
         "
 ## Another plant
@@ -203,7 +189,7 @@ word that names the defect, with `assumes` alone, or with none; *device*: silent
                 Value::String(text) => text.clone(),
                 number => number.to_string(),
             });
-        text += &line(&cells);
+        text += &line(cells);
     }
     Ok(text)
 }
@@ -232,12 +218,12 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
     let apart = apart.collect::<Vec<_>>().join(", ");
     for (place, (half, name)) in halves.iter().zip(["first", "second"]).enumerate() {
         let rows = rows(&half.settings, &half.samples, Bank::Fast)?;
-        let own = fit(rows.iter()).ok_or("a half that shows nothing")?;
+        let own = fit(rows.iter().copied(), SEPARABLE).ok_or("a half that shows nothing")?;
         let other = values(&outcomes[1 - place], &half.settings);
         let of = |values: &[f64; 4]| significant(rms(rows.iter().map(|row| left(values, row))));
         let shown = found[place].map(|parameter| interval(&parameter));
         let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.clone()];
-        text += &line(&[name.to_string()].into_iter().chain(shown).chain(figures).collect::<Vec<_>>());
+        text += &line([name.to_string()].into_iter().chain(shown).chain(figures));
     }
     Ok(text)
 }
@@ -246,7 +232,7 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
 fn bootstrap(run: &Run) -> Result<String, Error> {
     let outcome = replayed(run)?;
     let rows = rows(&run.settings, &run.samples, Bank::Fast)?;
-    let values = fit(rows.iter()).ok_or("a record that shows nothing")?;
+    let values = fit(rows.iter().copied(), SEPARABLE).ok_or("a record that shows nothing")?;
     let residuals: Vec<f64> = rows.iter().map(|row| left(&values, row)).collect();
     let budgets = outcome.budgets.whole_run;
     let mut text = format!(
@@ -277,7 +263,7 @@ of its budget), and with the law's misfit, and altogether.
                 }
                 place += block;
             }
-            fits.extend(fit(resampled.iter()));
+            fits.extend(fit(resampled.into_iter(), SEPARABLE));
         }
         let widths = (0..3).map(|i| {
             let mut all: Vec<f64> = fits.iter().map(|values| values[i]).collect();
@@ -285,7 +271,7 @@ of its budget), and with the law's misfit, and altogether.
             let at = |part: f64| all[(part * all.len() as f64) as usize];
             significant(0.5 * (at(0.975) - at(0.025)))
         });
-        text += &line(&[format!("blocks of {block_s} s")].into_iter().chain(widths).collect::<Vec<_>>());
+        text += &line([format!("blocks of {block_s} s")].into_iter().chain(widths));
     }
     for (name, sources) in [
         ("estimator, scatter", &[Source::Noise, Source::Encoder][..]),
@@ -296,7 +282,7 @@ of its budget), and with the law's misfit, and altogether.
             let parts = sources.iter().map(|source| f64::from(budget.given_u95(*source)).powi(2));
             significant(parts.sum::<f64>().sqrt())
         });
-        text += &line(&[name.to_string()].into_iter().chain(widths).collect::<Vec<_>>());
+        text += &line([name.to_string()].into_iter().chain(widths));
     }
     Ok(text)
 }
@@ -327,11 +313,12 @@ Each recording in {PARTS} parts of the same length, one after the other; each pa
             let shown = found.map(|parameter| interval(&parameter));
             let off = found.iter().zip(&whole).map(|(found, whole)| match found.known() {
                 Some(interval) if place != "whole" => {
-                    format!("{:.2}", (f64::from(interval.value) - value(whole)).abs() / f64::from(interval.u95))
+                    let (error, u95) = error(interval, value(whole));
+                    format!("{:.2}", error.abs() / u95)
                 }
                 _ => "-".into(),
             });
-            text += &line(&[name.to_string(), place.clone()].into_iter().chain(shown).chain(off).collect::<Vec<_>>());
+            text += &line([name.to_string(), place.clone()].into_iter().chain(shown).chain(off));
         }
     }
     Ok(text)

@@ -12,11 +12,7 @@ const fn kind(name: &'static str, names: &'static [&'static str], make: fn(&mut 
 
 /// A lead that matches a common number of counts per turn, or 10 mm if none matches.
 fn turn_m(scene: &Scene, draw: &mut Draw) -> f64 {
-    let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
-    let count_m = scene.instruments.sensors.metres_per_count;
-    // Leads are between 4 and 40 mm.
-    let fitting: Vec<f64> = counts.iter().map(|n| n * count_m).filter(|lead| (4e-3..40e-3).contains(lead)).collect();
-    if fitting.is_empty() { 0.01 } else { draw.one_of(&fitting) }
+    scene.turn_counts(draw).map_or(0.01, |counts| counts * scene.instruments.sensors.metres_per_count)
 }
 
 fn by_second(scene: &mut Scene, change: impl FnOnce(&mut Body)) {

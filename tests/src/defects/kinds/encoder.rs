@@ -9,12 +9,12 @@ use std::f64::consts::TAU;
 /// Changes the position at the encoder, given the length of a count \[m\].
 fn on_shaft(scene: &mut Scene, change: impl Fn(&mut Trace, f64) + 'static) {
     let count_m = scene.instruments.sensors.metres_per_count;
-    scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(trace, count_m)));
+    scene.on_trace(move |trace| change(trace, count_m));
 }
 
 /// Adds the function's return value to the count of this sample and all later ones.
 fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Draw) -> i32 + 'static) {
-    scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+    scene.on_samples(move |samples, draw| {
         let mut lost = 0_i32;
         for n in 1..samples.len() {
             let (before, here) = (samples[n - 1], samples[n]);
@@ -23,22 +23,19 @@ fn on_counts(scene: &mut Scene, change: impl Fn(&RawSample, &RawSample, &mut Dra
             lost += change(&before, &here, draw);
             samples[n].position_count += lost;
         }
-    }));
+    });
 }
 
 /// A common number of counts per turn.
 fn turn_counts(scene: &Scene, draw: &mut Draw) -> f64 {
-    let count_m = scene.instruments.sensors.metres_per_count;
-    let counts = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
-    let fitting: Vec<f64> = counts.into_iter().filter(|n| (4e-3..40e-3).contains(&(n * count_m))).collect();
-    if fitting.is_empty() { 4096.0 } else { draw.one_of(&fitting) }
+    scene.turn_counts(draw).unwrap_or(4096.0)
 }
 
 pub const KINDS: [Kind; 12] = [
     kind("encoder inverted", &["wrong_sign"], |scene, _| {
-        scene.instruments.on_samples.push(Box::new(|samples: &mut Vec<RawSample>, _: &mut Draw| {
+        scene.on_samples(|samples, _| {
             samples.iter_mut().for_each(|sample| sample.position_count = -sample.position_count);
-        }));
+        });
     }),
     kind("an encoder off its centre", &["encoder_error"], |scene, draw| {
         let (off_m, counts, phase) = (draw.between(2e-6, 50e-6), turn_counts(scene, draw), draw.within(0.0, TAU));
@@ -62,10 +59,10 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("counts that slip once", &["count_slip"], |scene, draw| {
         let (place, by) = (draw.within(0.2, 0.8), (draw.sign() * draw.between(5.0, 500.0)) as i32);
-        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, _: &mut Draw| {
+        scene.on_samples(move |samples, _| {
             let from = (place * samples.len() as f64) as usize;
             samples.iter_mut().skip(from).for_each(|sample| sample.position_count += by);
-        }));
+        });
     }),
     kind("counts that slip again and again", &["count_slip"], |scene, draw| {
         let (by, often) = (draw.between(3.0, 200.0), draw.between(0.3, 5.0) / scene.instruments.sensors.sample_rate_hz);
@@ -83,20 +80,20 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("an encoder whose lowest bits stand still", &[], |scene, draw| {
         let step = draw.one_of(&[2, 4, 8]);
-        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, _: &mut Draw| {
+        scene.on_samples(move |samples, _| {
             samples.iter_mut().for_each(|sample| sample.position_count = sample.position_count.div_euclid(step) * step);
-        }));
+        });
     }),
     kind("positions that are wrong for one sample", &["count_slip"], |scene, draw| {
         let (by, often) =
             (draw.between(5.0, 2000.0), draw.between(0.1, 10.0) / scene.instruments.sensors.sample_rate_hz);
-        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+        scene.on_samples(move |samples, draw| {
             for sample in samples {
                 if draw.happens(often) {
                     sample.position_count += (draw.sign() * by) as i32;
                 }
             }
-        }));
+        });
     }),
     kind("play between screw and encoder", &["encoder_error"], |scene, draw| {
         let width_m = draw.between(5e-6, 100e-6);
@@ -111,10 +108,10 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("an encoder that flickers", &[], |scene, draw| {
         let most = draw.between(1.0, 6.0);
-        scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+        scene.on_samples(move |samples, draw| {
             for sample in samples {
                 sample.position_count += (most * draw.within(-1.0, 1.0)).round() as i32;
             }
-        }));
+        });
     }),
 ];

@@ -1,17 +1,14 @@
 //! Defects of the force channel: load cell, mount, amplifier and converter.
 
 use super::kind::{Kind, kind};
+use crate::defects::instruments::{lag, play, resonance};
 use crate::defects::{draw::Draw, scene::Scene};
-use crate::defects::{
-    instruments::{lag, play, resonance},
-    plant::Trace,
-};
 use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
 /// Changes the force at the load cell.
 fn on_cell(scene: &mut Scene, change: impl Fn(&mut [f64], f64) + 'static) {
-    scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| change(&mut trace.force_n, trace.step_s)));
+    scene.on_trace(move |trace| change(&mut trace.force_n, trace.step_s));
 }
 
 /// Changes the force at the converter, given the time \[s\].
@@ -21,9 +18,15 @@ fn on_force(scene: &mut Scene, change: impl Fn(f64, f64, &mut Draw) -> f64 + 'st
 
 /// Changes the force codes as sent.
 fn on_codes(scene: &mut Scene, change: impl Fn(&mut RawSample, usize, &mut Draw) + 'static) {
-    scene.instruments.on_samples.push(Box::new(move |samples: &mut Vec<RawSample>, draw: &mut Draw| {
+    scene.on_samples(move |samples, draw| {
         samples.iter_mut().enumerate().for_each(|(n, sample)| change(sample, n, draw));
-    }));
+    });
+}
+
+/// Time since the last event \[s\], negative before it. The golden ratio places each event at another phase of its
+/// period, so that events do not follow the motion.
+fn since_s(turns: f64, every_s: f64) -> f64 {
+    (turns.fract() - (turns.floor() * 0.618).fract() * 0.8) * every_s
 }
 
 /// Converts a force to a number of codes.
@@ -41,19 +44,19 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("a skew that nobody stated", &["skew"], |scene, draw| {
         let late_s = draw.sign() * draw.between(0.2e-3, 5e-3);
-        scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| {
+        scene.on_trace(move |trace| {
             let moved =
                 (0..trace.force_n.len()).map(|n| trace.at(&trace.force_n, n as f64 * trace.step_s - late_s)).collect();
             trace.force_n = moved;
-        }));
+        });
     }),
     kind("a skew that comes midway", &["skew"], |scene, draw| {
         let (samples, from) = (draw.within(1.0, 4.0) as usize, draw.within(0.2, 0.8));
-        scene.instruments.on_samples.push(Box::new(move |all: &mut Vec<RawSample>, _: &mut Draw| {
+        scene.on_samples(move |all, _| {
             let codes: Vec<i32> = all.iter().map(|sample| sample.force_code).collect();
             let from = (from * all.len() as f64) as usize;
             all.iter_mut().enumerate().skip(from).for_each(|(n, sample)| sample.force_code = codes[n - samples]);
-        }));
+        });
     }),
     kind("a load cell that sits loose", &["force_nonlinear"], |scene, draw| {
         let dead_n = draw.between(0.01, 0.1) * scene.seen.peak_n;
@@ -89,11 +92,11 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("a force that stands still from some moment on", &["dead_force"], |scene, draw| {
         let from = draw.within(0.1, 0.9);
-        scene.instruments.on_samples.push(Box::new(move |all: &mut Vec<RawSample>, _: &mut Draw| {
+        scene.on_samples(move |all, _| {
             let from = (from * all.len() as f64) as usize;
             let held = all.get(from).map_or(0, |sample| sample.force_code);
             all.iter_mut().skip(from).for_each(|sample| sample.force_code = held);
-        }));
+        });
     }),
     kind("a cable that breaks and leaves noise", &["dead_force"], |scene, draw| {
         let from_s = draw.within(0.1, 0.9) * scene.seen.duration_s;
@@ -103,12 +106,9 @@ pub const KINDS: [Kind; 25] = [
     kind("a contact that fails for moments", &["dead_force"], |scene, draw| {
         let (length_s, every_s) = (draw.between(5e-3, 50e-3), draw.between(0.5, 5.0));
         let offset_s = draw.within(0.0, every_s);
-        // The golden ratio places each failure at another phase of its period, so that failures do not follow the
-        // motion.
         on_force(scene, move |force, t_s, _| {
-            let turns = (t_s + offset_s) / every_s;
-            let place = (turns.floor() * 0.618).fract() * 0.8;
-            if (turns.fract() - place) * every_s < length_s && turns.fract() >= place { 0.0 } else { force }
+            let fails = (0.0..length_s).contains(&since_s((t_s + offset_s) / every_s, every_s));
+            if fails { 0.0 } else { force }
         });
     }),
     kind("an offset that drifts", &["drift"], |scene, draw| {
@@ -143,7 +143,7 @@ pub const KINDS: [Kind; 25] = [
     kind("coloured noise of the force", &[], |scene, draw| {
         let (rms_n, hz) = (draw.between(0.002, 0.05) * scene.seen.peak_n, draw.between(0.5, 20.0));
         let seed = (draw.unit() * 1e9) as u64;
-        scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| {
+        scene.on_trace(move |trace| {
             let mut own = Draw::new(seed, 1);
             let part = TAU * hz * trace.step_s;
             let mut state = 0.0;
@@ -151,7 +151,7 @@ pub const KINDS: [Kind; 25] = [
                 state += -part * state + (2.0 * part).sqrt() * own.noise();
                 *force += rms_n * state;
             });
-        }));
+        });
     }),
     kind("noise that grows with the force", &[], |scene, draw| {
         let part = draw.between(0.01, 0.1);
@@ -165,18 +165,16 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("crosstalk from the position", &["spring"], |scene, draw| {
         let rate = draw.sign() * draw.between(0.003, 0.05) * scene.seen.peak_n / scene.seen.stroke_m;
-        scene.instruments.on_trace.push(Box::new(move |trace: &mut Trace| {
+        scene.on_trace(move |trace| {
             let moved = trace.force_n.iter().zip(&trace.position_m).map(|(force, x)| force + rate * x).collect();
             trace.force_n = moved;
-        }));
+        });
     }),
     kind("knocks against the rig", &[], |scene, draw| {
         let (height_n, every_s) = (draw.between(0.1, 1.0) * scene.seen.peak_n, draw.between(1.0, 8.0));
         let length_s = draw.between(3e-3, 20e-3);
         on_force(scene, move |force, t_s, _| {
-            let turns = t_s / every_s;
-            let place = (turns.floor() * 0.618).fract() * 0.8;
-            let since_s = (turns.fract() - place) * every_s;
+            let since_s = since_s(t_s / every_s, every_s);
             let inside = (0.0..length_s).contains(&since_s);
             if inside { force + height_n * (TAU / 2.0 * since_s / length_s).sin() } else { force }
         });

@@ -1,36 +1,31 @@
 //! Defects of the sampling: lost, repeated or swapped samples, and bad clocks.
 
 use super::kind::{Kind, kind};
-use crate::defects::{draw::Draw, scene::Scene};
 use inerter_core::RawSample;
-
-fn on_samples(scene: &mut Scene, change: impl Fn(&mut Vec<RawSample>, &mut Draw) + 'static) {
-    scene.instruments.on_samples.push(Box::new(change));
-}
 
 pub const KINDS: [Kind; 8] = [
     kind("lost samples, with a gap in the index", &[], |scene, draw| {
         let often = draw.between(0.003, 0.1);
-        on_samples(scene, move |samples, draw| samples.retain(|_| !draw.happens(often)));
+        scene.on_samples(move |samples, draw| samples.retain(|_| !draw.happens(often)));
     }),
     kind("lost bursts, with a gap in the index", &[], |scene, draw| {
         let (length_s, every_s) = (draw.between(0.01, 0.5), draw.between(1.5, 6.0));
         let rate = scene.instruments.sensors.sample_rate_hz;
-        on_samples(scene, move |samples, draw| {
+        scene.on_samples(move |samples, draw| {
             let phase = draw.unit();
             samples.retain(|sample| ((f64::from(sample.index) / rate / every_s + phase).fract()) * every_s > length_s);
         });
     }),
     kind("lost samples, without a gap in the index", &[], |scene, draw| {
         let often = draw.between(0.0003, 0.01);
-        on_samples(scene, move |samples, draw| {
+        scene.on_samples(move |samples, draw| {
             samples.retain(|_| !draw.happens(often));
             samples.iter_mut().zip(0..).for_each(|(sample, index)| sample.index = index);
         });
     }),
     kind("samples that are sent twice", &[], |scene, draw| {
         let often = draw.between(0.001, 0.03);
-        on_samples(scene, move |samples, draw| {
+        scene.on_samples(move |samples, draw| {
             for n in 1..samples.len() {
                 if draw.happens(often) {
                     samples[n] = RawSample { index: samples[n].index, ..samples[n - 1] };
@@ -40,7 +35,7 @@ pub const KINDS: [Kind; 8] = [
     }),
     kind("samples that change places", &[], |scene, draw| {
         let often = draw.between(0.001, 0.03);
-        on_samples(scene, move |samples, draw| {
+        scene.on_samples(move |samples, draw| {
             for n in 1..samples.len() {
                 if draw.happens(often) {
                     let (a, b) = (samples[n - 1], samples[n]);

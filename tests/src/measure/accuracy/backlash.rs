@@ -34,8 +34,8 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
     for motion in &MOTIONS {
         for backlash_m in BACKLASHES_M {
             let device = Inerter { backlash_m, ..Inerter::paper() };
-            let runs =
-                grid::each_seed(seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
+            let run = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
+            let runs = grid::each(1..=seeds, run)?;
             rows.push(Row { motion, backlash_m, cell: backlash::cell(&device, &runs) });
         }
     }
@@ -44,7 +44,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
         rig.name
     );
     for row in &rows {
-        text += &line(&row.cells(&row.cell.force, row.goal()));
+        text += &line(row.cells(&row.cell.force, row.goal()));
     }
     text += &format!(
         "\n## Backlash and contact with the terminal's sensor, {}\n\n{SENSED_HEAD}\n|---|--:|--:|--:|---|---|--:|--:|--:|--:|--:|--:|--:|\n",
@@ -55,7 +55,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
         for Column { bias, sigma, .. } in [row.cell.stiffness, row.cell.damping] {
             cells.extend([mean(100.0 * bias, 100.0 * sigma), significant(100.0 * sigma)]);
         }
-        text += &line(&cells);
+        text += &line(cells);
     }
     let (given, wrong) = rows
         .iter()

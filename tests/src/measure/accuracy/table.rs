@@ -214,7 +214,7 @@ published values lie within their interval of the truth; `--short`, part of `car
             section.name, section.note
         );
         for row in &section.rows {
-            text += &line(&row.cells());
+            text += &line(row.cells());
         }
     }
     text += BACKLASH;

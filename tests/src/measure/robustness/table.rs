@@ -76,7 +76,7 @@ table by more than {} %, either way, or where another flag shows.
     );
     for row in rows {
         for i in 0..NAMES.len() {
-            text += &line(&row.cells(i, seeds));
+            text += &line(row.cells(i, seeds));
         }
     }
     text.push_str("\n## Wrong and not flagged\n\n");
