@@ -325,11 +325,12 @@ mod tests {
     /// Motion is more than 8 counts of travel; before it, no flank is touched.
     #[test]
     fn no_flank_is_touched_before_the_first_motion() {
+        let active = active();
         for (travel, moves) in [(8, false), (-8, false), (9, true), (-9, true)] {
             let mut flanks = Flanks::new();
             for index in 0..300 {
                 let position = 12_345 + if index % 2 == 0 { 0 } else { travel };
-                flanks.push(&active(), &newest(index, position, 40_000));
+                flanks.push(&active, &newest(index, position, 40_000));
             }
             assert_eq!(flanks.side, i8::from(moves), "{travel}");
         }
@@ -339,6 +340,7 @@ mod tests {
     /// both sides. The force's jump in between is no noise. A sample that cannot be trusted touches nothing.
     #[test]
     fn a_flank_is_met_again_after_missing_samples() {
+        let active = active();
         let mut flanks = Flanks::new();
         for index in 0..1200 {
             if index == 1000 {
@@ -347,7 +349,7 @@ mod tests {
             let force = if index < 1000 { 40_000 } else { -6000 };
             let noise = flanks.noise;
             let sample = Newest { good: index != 1100, ..newest(index, index as i32, force) };
-            let touch = flanks.push(&active(), &sample);
+            let touch = flanks.push(&active, &sample);
             assert!(index == 0 || flanks.noise <= noise, "{index}");
             if index < 100 {
                 continue;
@@ -377,12 +379,13 @@ mod tests {
     /// it is not, but for the quarter of a second that still counts as motion.
     #[test]
     fn the_peak_is_forgotten_in_motion_alone() {
+        let active = active();
         for rests in [true, false] {
             let mut flanks = Flanks::new();
             for index in 0..8000 {
-                let position = if rests { index.min(1000) } else { index } as i32;
+                let position = index.min(if rests { 1000 } else { 8000 }) as i32;
                 let force = if index < 1000 { 1_200_000 } else { 100_000 };
-                flanks.push(&active(), &newest(index, position, force));
+                flanks.push(&active, &newest(index, position, force));
                 match index {
                     1010..1390 => assert_eq!(flanks.side, 0, "{index}"),
                     1450.. => assert_eq!(flanks.side, i8::from(!rests), "{index}"),
@@ -396,11 +399,12 @@ mod tests {
     /// more than twice that touches.
     #[test]
     fn the_noise_is_the_bend_and_lowers_the_peak() {
+        let active = active();
         let after = |force: i32, by: i32| {
             let mut flanks = Flanks::new();
             for index in 0..4001 {
                 let code = force + if index % 2 == 0 { by } else { -by };
-                flanks.push(&active(), &newest(index, index as i32, code));
+                flanks.push(&active, &newest(index, index as i32, code));
             }
             (flanks.noise, flanks.peak, flanks.side)
         };
@@ -412,10 +416,11 @@ mod tests {
     /// White noise bends by 1.954 times its rms, on the mean of its magnitude.
     #[test]
     fn white_noise_is_known_by_its_bend() {
+        let active = active();
         let mut random = Random(9);
         let (mut flanks, mut sum) = (Flanks::new(), 0.0);
         for index in 0..21_000 {
-            flanks.push(&active(), &newest(index, index as i32, (500.0 * random.normal()) as i32));
+            flanks.push(&active, &newest(index, index as i32, (500.0 * random.normal()) as i32));
             sum += if index < 1000 { 0.0 } else { f64::from(flanks.noise) / 32.0 };
         }
         let ratio = sum / 20_000.0 / 500.0;
