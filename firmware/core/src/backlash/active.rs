@@ -201,8 +201,8 @@ mod tests {
         }
     }
 
-    /// The integers and factors of three devices, by hand: a guard by the lag, one by the time, and one that a lag of 9.2
-    /// ms exceeds.
+    /// The integers and factors of three devices, by hand: a guard by the lag, one by the time, and one that a lag of
+    /// 9.2 ms exceeds.
     #[test]
     fn settings_become_integers_and_factors() {
         let lagging = Settings {
@@ -236,7 +236,8 @@ mod tests {
             ..Settings::default()
         };
         // Shifts of position, stretch, noise and peak; travel and time that count as motion; guard and block; shortest
-        // flank; count; samples of a one-sided load. The skew within a sample, and the stiffness's relative uncertainty.
+        // flank; count; samples of a one-sided load. The skew within a sample, and the stiffness's relative
+        // uncertainty.
         for (settings, integers, skew_s, stiffness_u95) in [
             (lagging, [-8, 7, 6, 10, 8, 250, 17, 9, 8, 256, 2000], 3e-4, 0.01),
             (fine, [-1, 0, 8, 12, 64, 1000, 16, 16, 32, 16, 8000], 0.0, 0.02),

@@ -375,14 +375,14 @@ mod tests {
         }
     }
 
-    /// In motion the peak is forgotten over 1024 samples, so that a twelfth of it touches after `1024 ln(12 / 8)`. At rest
-    /// it is not, but for the quarter of a second that still counts as motion.
+    /// In motion the peak is forgotten over 1024 samples, so that a twelfth of it touches after `1024 ln(12 / 8)`. At
+    /// rest it is not, but for the quarter of a second that still counts as motion.
     #[test]
     fn the_peak_is_forgotten_in_motion_alone() {
         let active = active();
         for rests in [true, false] {
             let mut flanks = Flanks::new();
-            for index in 0..8000 {
+            for index in 0..8000_u32 {
                 let position = index.min(if rests { 1000 } else { 8000 }) as i32;
                 let force = if index < 1000 { 1_200_000 } else { 100_000 };
                 flanks.push(&active, &newest(index, position, force));
@@ -395,8 +395,8 @@ mod tests {
         }
     }
 
-    /// A force that alternates by `a` around `F` bends by `4 a`. Its peak is `F + a` less twice that, and only a force of
-    /// more than twice that touches.
+    /// A force that alternates by `a` around `F` bends by `4 a`. Its peak is `F + a` less twice that, and only a force
+    /// of more than twice that touches.
     #[test]
     fn the_noise_is_the_bend_and_lowers_the_peak() {
         let active = active();

@@ -213,8 +213,8 @@ pub(super) mod tests {
     use inerter_needs::Random;
     use std::vec::Vec;
 
-    /// Blocks of a contact with 8 codes per unit of rate and 2 per unit of stretch, a side of -7 and a force that scatters
-    /// by so much: rows of `[z', z, s, 1, F]`, and the encoder's travel, a third of which is like the stretch.
+    /// Blocks of a contact with 8 codes per unit of rate and 2 per unit of stretch, a side of -7 and a force that
+    /// scatters by so much: rows of `[z', z, s, 1, F]`, and the encoder's travel, a third of which is like the stretch.
     pub fn blocks(count: usize, scatter: i32) -> (Vec<[i32; 5]>, Vec<i32>) {
         let mut random = Random(6);
         let mut within = |most: i32| random.below(2 * most + 1) - most;
@@ -242,8 +242,8 @@ pub(super) mod tests {
         terminal
     }
 
-    /// Least squares of the targets by the first four columns in f64, with `less` taken from the squares of the first two:
-    /// the unknowns, the diagonal of the inverse, and the residual variance.
+    /// Least squares of the targets by the first four columns in f64, with `less` taken from the squares of the first
+    /// two: the unknowns, the diagonal of the inverse, and the residual variance.
     pub fn reckoned(rows: &[[i32; 5]], targets: &[f64], less: [f64; 2]) -> ([f64; 4], [f64; 4], f64) {
         // The matrix, the right-hand side, and a unit matrix that becomes the inverse.
         let mut all = [[0.0; 9]; 4];
@@ -292,8 +292,8 @@ pub(super) mod tests {
         Settings { terminal_sensor: true, ..Settings::default() }.validate().unwrap().backlash
     }
 
-    /// Unknowns, errors and residual of the force and of the travel are those of the least squares in f64, also with less
-    /// of the squares.
+    /// Unknowns, errors and residual of the force and of the travel are those of the least squares in f64, also with
+    /// less of the squares.
     #[test]
     fn blocks_are_solved_as_in_f64() {
         let blocks = blocks(2000, 80_000_000);
@@ -316,8 +316,8 @@ pub(super) mod tests {
     }
 
     /// What the residual holds beyond the force's own noise is the noise of the stretch, of which a block of four sums
-    /// has four times and its rate twice; a fifth of the residual more is the most that it may be. Where this is half of
-    /// what is left of a regressor, there is no correction.
+    /// has four times and its rate twice; a fifth of the residual more is the most that it may be. Where this is half
+    /// of what is left of a regressor, there is no correction.
     #[test]
     fn the_noise_of_the_stretch_is_taken_from_its_square() {
         let active = sensing();
@@ -422,8 +422,8 @@ pub(super) mod tests {
         near(law.relative, relative, relative, "relative variance");
     }
 
-    /// One reversal by hand: `z + lag z'` goes from 16 to 23 and the force over the stiffness from 3 to 1, so that the jump
-    /// is 9. The other way round it is -9.
+    /// One reversal by hand: `z + lag z'` goes from 16 to 23 and the force over the stiffness from 3 to 1, so that the
+    /// jump is 9. The other way round it is -9.
     #[test]
     fn a_reversal_is_the_jump_from_flank_to_flank() {
         let active = sensing();
@@ -432,7 +432,7 @@ pub(super) mod tests {
         let second = Flank { side: 1, blocks: 16, sums: [16, 320, 32], first: 1021, last: 1500 };
         let unit = f64::from(active.unit_m) / 4.0;
         // A quarter and a sixteenth of the variance, the force's part of 2 units, and 0.08 counts of four samples.
-        let count = 0.08 * 256.0 * 4.0;
+        let count = 0.08 * 256.0 * 4.0_f64;
         let error = (40.0 * 5.0 / 16.0 + 4.0 * 25.0 + count * count).sqrt();
         for (rising, jump) in [(true, 9.0), (false, -9.0)] {
             let turned = if rising { 1 } else { -1 };

@@ -167,9 +167,9 @@ mod tests {
         assert!(Octaves::new().window(62 << 8, 4).is_some());
     }
 
-    /// Each line holds the means of two entries of the line before it, firm where both are on one flank. A window lies in
-    /// the first line with room for it: 64 entries, less one for where it begins and, in the first line, less those not yet
-    /// classified.
+    /// Each line holds the means of two entries of the line before it, firm where both are on one flank. A window lies
+    /// in the first line with room for it: 64 entries, less one for where it begins and, in the first line, less those
+    /// not yet classified.
     #[test]
     fn a_window_holds_the_means_of_its_samples() {
         let mut random = Random(7);

@@ -223,8 +223,8 @@ mod tests {
         assert_eq!(i128::from(sums.origin) * sums.weighted[0] + sums.weighted[2], 10_495_000);
     }
 
-    /// Of five with a median deviation of 10, an outlier's square is over 35 times a hundred, times their weight over its
-    /// own. Four tell no outlier.
+    /// Of five with a median deviation of 10, an outlier's square is over 35 times a hundred, times their weight over
+    /// its own. Four tell no outlier.
     #[test]
     fn an_outlier_deviates_by_four_standard_deviations() {
         let agrees = |waiting: &[i32], value: i32, weight: u32| {

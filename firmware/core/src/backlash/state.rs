@@ -342,8 +342,8 @@ mod tests {
         state
     }
 
-    /// A reversal is fitted over as much of either flank as there is: at its end only if that adds a quarter to the last
-    /// fit, and only if the flight is no longer than both flanks twice.
+    /// A reversal is fitted over as much of either flank as there is: at its end only if that adds a quarter to the
+    /// last fit, and only if the flight is no longer than both flanks twice.
     #[test]
     fn a_look_takes_as_much_of_either_flank() {
         let active = active(2e6);

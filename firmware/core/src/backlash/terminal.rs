@@ -293,8 +293,8 @@ mod tests {
             .collect()
     }
 
-    /// What is learned of the samples: products, products of the travel, blocks on either side, the flanks, and the number
-    /// of blocks whose force is mostly the structure's.
+    /// What is learned of the samples: products, products of the travel, blocks on either side, the flanks, and the
+    /// number of blocks whose force is mostly the structure's.
     #[derive(Default)]
     struct Learned {
         sums: [i128; PRODUCTS],
@@ -417,8 +417,8 @@ mod tests {
         }
     }
 
-    /// Missing samples end the present flank: it is a reversal with the one before it, and none with the one after it. The
-    /// block in progress is lost, and none is learned until the guard has passed again.
+    /// Missing samples end the present flank: it is a reversal with the one before it, and none with the one after it.
+    /// The block in progress is lost, and none is learned until the guard has passed again.
     #[test]
     fn no_flank_reaches_across_missing_samples() {
         let active = active(4, 5, 0.0);
