@@ -94,4 +94,12 @@ mod tests {
         let (memory, near) = fed(1000, (0..3000).map(|n| if n % 2 == 0 { 1 << 28 } else { -(1 << 28) }));
         assert_eq!(near.away(&memory), *memory.averages());
     }
+
+    /// No velocity is under half of an rms of zero.
+    #[test]
+    fn nothing_is_near_rest_without_motion() {
+        let (memory, near) = fed(1000, (0..100).map(|_| 0));
+        assert!(memory.averages()[WEIGHT] > 0);
+        assert_eq!(near.away(&memory), *memory.averages());
+    }
 }

@@ -208,4 +208,55 @@ mod tests {
         assert_eq!(sign.push(-5), -ONE);
         assert_eq!(sign.push(0), -ONE);
     }
+
+    /// A start from zero is no reversal, a stop is none either, and the sign that a zero keeps is that of the velocity
+    /// before it, also if this has just reversed.
+    #[test]
+    fn zero_is_no_reversal() {
+        for direction in [1, -1] {
+            let whole = direction * ONE;
+            let mut sign = Sign::new();
+            for (velocity, wanted) in
+                [(0, 0), (1, whole), (0, whole), (-1, -whole), (0, -whole), (6, whole), (-6, 0), (0, -whole)]
+            {
+                assert_eq!(sign.push(direction * velocity), wanted, "{direction} {velocity}");
+            }
+        }
+    }
+
+    /// A zero exactly at the reach is within it, and what stands still has none.
+    #[test]
+    fn a_zero_is_within_its_reach() {
+        for direction in [1, -1] {
+            let of = |earlier: i32, later: i32, reach| zero(direction * earlier, direction * later, direction, reach);
+            // A rise of 100000 in a sample, which begins half a sample before the middle.
+            assert_eq!(of(-200_000, -100_000, 2), Some(2 * ONE - ONE / 2));
+            assert_eq!(of(200_000, 300_000, 2), Some(-2 * ONE - ONE / 2));
+            assert_eq!(of(-200_001, -100_001, 2), None);
+            assert_eq!(of(200_001, 300_001, 2), None);
+            assert_eq!(of(0, 100_000, 1), Some(-ONE / 2));
+            assert_eq!([of(0, 0, 1), of(7, 7, 9)], [None; 2]);
+        }
+    }
+
+    /// Each of so many equal reversals counts; at 256 of them, half is forgotten, of the count and of both sums.
+    #[test]
+    fn reversals_add_up_and_half_of_256_is_forgotten() {
+        assert_eq!(VelocityReversals::new().seen_and_predicted(), None);
+        for (count, remembered) in
+            [(1, 1), (2, 2), (255, 255), (256, 128), (257, 129), (383, 255), (384, 128), (512, 128), (2000, 208)]
+        {
+            let mut reversals = VelocityReversals::new();
+            (0..count).for_each(|_| reversals.compare(-100, -40, false));
+            assert_eq!(reversals.seen_and_predicted(), Some((4000 * remembered, 10_000 * remembered)), "{count}");
+            // Nothing was predicted, or friction may have held the screw.
+            reversals.compare(0, 99, false);
+            reversals.compare(100, 99, true);
+            assert_eq!(reversals.seen_and_predicted(), Some((4000 * remembered, 10_000 * remembered)), "{count}");
+        }
+        // What is beyond 2^27 counts as that, in either direction.
+        let mut reversals = VelocityReversals::new();
+        reversals.compare(i32::MAX, i32::MIN, false);
+        assert_eq!(reversals.seen_and_predicted(), Some((-(1 << 54), 1 << 54)));
+    }
 }

@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn decay_is_the_exponential() {
-        for x in [1e-6, 0.01, 0.4, 1.75, 7.0, 15.0, 30.0] {
+        for x in [1e-6, 0.01, 0.4, 1.75, 7.0, 15.0, 30.0, 1e3, 1e6] {
             let exact = f32::exp(-x);
             assert!((decay(x) - exact).abs() < 3e-6, "{x}: {} {exact}", decay(x));
         }
@@ -198,6 +198,105 @@ mod tests {
             let (kept, [now, then]) = lag_terms(lag);
             let stretch = (1..200).fold(0.0, |stretch, n| kept * stretch + now * n as f32 + then * (n - 1) as f32);
             assert!((stretch - (199.0 - lag)).abs() < 1e-3, "{lag}: {stretch}");
+        }
+    }
+
+    /// The integers and factors of three devices, by hand: a guard by the lag, one by the time, and one that a lag of
+    /// 9.2 ms exceeds.
+    #[test]
+    fn settings_become_integers_and_factors() {
+        let lagging = Settings {
+            stiffness_n_per_m: 2e6,
+            contact_damping_n_s_per_m: 4800.0,
+            skew_s: 2.3e-3,
+            structure_mass_kg: 10.0,
+            lead_u95: 0.003,
+            ..Settings::default()
+        };
+        let fine = Settings {
+            sample_rate_hz: 4000.0,
+            metres_per_count: -1e-8,
+            oversampling: 8.0,
+            newtons_per_code: -1e-4,
+            force_min_code: -40_000.0,
+            force_max_code: 30_000.0,
+            metres_per_terminal_code: -2e-9,
+            structure_mass_kg: 3.0,
+            stiffness_n_per_m: 5e6,
+            stiffness_u95_n_per_m: 1e5,
+            contact_damping_n_s_per_m: 2500.0,
+            force_gain_u95: 0.02,
+            skew_u95_s: 3e-5,
+            ..Settings::default()
+        };
+        let slow = Settings {
+            sample_rate_hz: 500.0,
+            stiffness_n_per_m: 1e6,
+            contact_damping_n_s_per_m: 9200.0,
+            ..Settings::default()
+        };
+        // Shifts of position, stretch, noise and peak; travel and time that count as motion; guard and block; shortest
+        // flank; count; samples of a one-sided load. The skew within a sample, and the stiffness's relative
+        // uncertainty.
+        for (settings, integers, skew_s, stiffness_u95) in [
+            (lagging, [-8, 7, 6, 10, 8, 250, 17, 9, 8, 256, 2000], 3e-4, 0.01),
+            (fine, [-1, 0, 8, 12, 64, 1000, 16, 16, 32, 16, 8000], 0.0, 0.02),
+            (slow, [-8, 8, 5, 9, 8, 125, 31, 16, 8, 256, 1000], 0.0, 0.01),
+        ] {
+            let BacklashActive { flanks, terminal, least_flank, count_units, unit_m, scales, .. } =
+                settings.validate().unwrap().backlash;
+            let found = [
+                i64::from(flanks.position_shift),
+                i64::from(flanks.stretch_shift),
+                i64::from(flanks.noise_shift),
+                i64::from(flanks.peak_shift),
+                i64::from(flanks.travel),
+                i64::from(flanks.moving),
+                i64::from(flanks.guard),
+                i64::from(terminal.block),
+                i64::from(least_flank),
+                i64::from(count_units),
+                i64::from(scales.one_sided),
+            ];
+            assert_eq!(found, integers);
+            assert_eq!(terminal.guard, flanks.guard);
+            let near = |found: f64, wanted: f64, size: f64, what: &str| {
+                assert!((found - wanted).abs() <= 3e-5 * size.abs(), "{what}: {found} for {wanted}");
+            };
+            let alike = |found: f32, wanted: f64, what: &str| near(f64::from(found), wanted, wanted, what);
+            let factor = |term: Term| f64::from(term.coefficient) * 2_f64.powi(-32 - i32::from(term.shift));
+            let rate = settings.sample_rate_hz;
+            let block = f64::from(terminal.block);
+            let newtons = settings.newtons_per_code.abs();
+            let unit = settings.metres_per_count.abs() / f64::from(count_units);
+            alike(unit_m, unit, "unit");
+            // A steady force stretches by force over stiffness, and a ramp by that of the lag before.
+            let lag = (settings.contact_damping_n_s_per_m / settings.stiffness_n_per_m - skew_s) * rate;
+            let steady = newtons / settings.stiffness_n_per_m / unit * 4096.0;
+            let kept = (-1.0 / lag).exp();
+            let [now, then] = flanks.by_force.map(factor);
+            near(factor(flanks.kept), kept, kept, "kept");
+            near(now + then, (1.0 - kept) * steady, steady, "steady force");
+            near(then, (lag - kept * (1.0 + lag)) * steady, lag * steady, "ramp");
+            let smoothing = 65_536.0 * (1.0 - (-1000.0 / rate).exp());
+            near(f64::from(flanks.smoothing), smoothing, smoothing + 65_536.0, "smoothing");
+            let terminal_units = settings.metres_per_terminal_code / unit / 256.0;
+            near(factor(terminal.units), terminal_units, terminal_units, "terminal");
+            let structure = settings.structure_mass_kg * unit * (rate / block).powi(2) / newtons;
+            near(factor(terminal.structure), structure, structure, "structure");
+            alike(scales.block, block, "block");
+            alike(scales.stretch, 2_f64.powi(i32::from(flanks.stretch_shift)), "stretch");
+            alike(scales.stiffness_u95, stiffness_u95, "stiffness's uncertainty");
+            alike(scales.lead_u95, settings.lead_u95, "lead");
+            alike(scales.gain_u95, settings.force_gain_u95, "gain");
+            // The noise has 5 fraction bits.
+            let noise = 1.0 / 32.0 / (6.0 * 2.0 / core::f64::consts::PI).sqrt();
+            near(f64::from(scales.noise), noise, 10.0 * noise, "noise");
+            alike(scales.stiffness, newtons / unit, "stiffness");
+            // From a block's first sample to its last is one sample less than a block.
+            alike(scales.damping, newtons / unit * (block - 1.0) / block / rate, "damping");
+            near(f64::from(scales.skew_s), skew_s, 1e-3, "skew");
+            alike(scales.skew_u95_s, settings.skew_u95_s, "skew's uncertainty");
         }
     }
 }

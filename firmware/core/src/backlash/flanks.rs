@@ -217,6 +217,7 @@ impl Flanks {
 mod tests {
     use super::*;
     use crate::settings::Settings;
+    use inerter_needs::Random;
     use std::vec::Vec;
 
     const RATE_HZ: f64 = 1000.0;
@@ -288,6 +289,158 @@ mod tests {
                 let (_, offset) = self::told(force, sign * 2_000_000, 4000);
                 assert!(offset.iter().all(|(touch, _)| touch.classified != side), "{low} {sign}");
             }
+        }
+    }
+
+    fn active() -> FlankActive {
+        let settings = Settings { sample_rate_hz: RATE_HZ, stiffness_n_per_m: 2e6, ..Settings::default() };
+        settings.validate().unwrap().backlash.flanks
+    }
+
+    fn newest(index: u32, position: i32, force: i32) -> Newest {
+        Newest { index, position, force, terminal: 0, good: true, broken: false, offset: 0 }
+    }
+
+    /// Before the first motion a force may be an offset, and counts as noise. The noise has an eighth of a second of
+    /// memory, 64 samples: after 64 ln 2 of them half of it is forgotten, and the force exceeds twice of what is left.
+    #[test]
+    fn a_first_force_is_noise_until_half_of_it_is_forgotten() {
+        for sign in [1_i8, -1] {
+            let (_, told) = told(|_| i32::from(sign) * 40_000, 0, 200);
+            let first = told.iter().position(|(_, side)| *side != 0).unwrap();
+            assert!((43..=46).contains(&first), "{first}");
+            assert!(told[first..].iter().all(|(_, side)| *side == sign), "{sign}");
+        }
+    }
+
+    /// A force of one code touches nothing, one of two does.
+    #[test]
+    fn a_force_within_a_code_touches_nothing() {
+        for (code, wanted) in [(1, 0), (-1, 0), (2, 1), (-2, -1)] {
+            let (_, told) = told(|_| code, 0, 400);
+            assert!(told[200..].iter().all(|(_, side)| *side == wanted), "{code}");
+        }
+    }
+
+    /// Motion is more than 8 counts of travel; before it, no flank is touched.
+    #[test]
+    fn no_flank_is_touched_before_the_first_motion() {
+        let active = active();
+        for (travel, moves) in [(8, false), (-8, false), (9, true), (-9, true)] {
+            let mut flanks = Flanks::new();
+            for index in 0..300 {
+                let position = 12_345 + if index % 2 == 0 { 0 } else { travel };
+                flanks.push(&active, &newest(index, position, 40_000));
+            }
+            assert_eq!(flanks.side, i8::from(moves), "{travel}");
+        }
+    }
+
+    /// After missing samples a flank is touched at once, beyond an eighth of the old peak, and firm after the guard on
+    /// both sides. The force's jump in between is no noise. A sample that cannot be trusted touches nothing.
+    #[test]
+    fn a_flank_is_met_again_after_missing_samples() {
+        let active = active();
+        let mut flanks = Flanks::new();
+        for index in 0..1200 {
+            if index == 1000 {
+                flanks.interrupt();
+            }
+            let force = if index < 1000 { 40_000 } else { -6000 };
+            let noise = flanks.noise;
+            let sample = Newest { good: index != 1100, ..newest(index, index as i32, force) };
+            let touch = flanks.push(&active, &sample);
+            assert!(index == 0 || flanks.noise <= noise, "{index}");
+            if index < 100 {
+                continue;
+            }
+            let (side, firm) = match index {
+                ..1000 => (1, true),
+                1000..1008 => (-1, false),
+                1100 => (0, false),
+                1101..1109 => (-1, false),
+                _ => (-1, true),
+            };
+            assert_eq!((flanks.side, touch.classified), (side, if firm { side } else { 0 }), "{index}");
+        }
+    }
+
+    /// A force that is gone touches for two more samples: the time constant is one, and `e^-2` exceeds an eighth.
+    #[test]
+    fn the_force_is_smoothed_over_a_millisecond() {
+        for sign in [1_i8, -1] {
+            let (_, told) = told(|n| if n < 1000 { i32::from(sign) * 1_000_000 } else { 0 }, 0, 1010);
+            let sides: Vec<i8> = told[999..1004].iter().map(|(_, side)| *side).collect();
+            assert_eq!(sides, [sign, sign, sign, 0, 0]);
+        }
+    }
+
+    /// In motion the peak is forgotten over 1024 samples, so that a twelfth of it touches after `1024 ln(12 / 8)`. At
+    /// rest it is not, but for the quarter of a second that still counts as motion.
+    #[test]
+    fn the_peak_is_forgotten_in_motion_alone() {
+        let active = active();
+        for rests in [true, false] {
+            let mut flanks = Flanks::new();
+            for index in 0..8000_u32 {
+                let position = index.min(if rests { 1000 } else { 8000 }) as i32;
+                let force = if index < 1000 { 1_200_000 } else { 100_000 };
+                flanks.push(&active, &newest(index, position, force));
+                match index {
+                    1010..1390 => assert_eq!(flanks.side, 0, "{index}"),
+                    1450.. => assert_eq!(flanks.side, i8::from(!rests), "{index}"),
+                    _ => (),
+                }
+            }
+        }
+    }
+
+    /// A force that alternates by `a` around `F` bends by `4 a`. Its peak is `F + a` less twice that, and only a force
+    /// of more than twice that touches.
+    #[test]
+    fn the_noise_is_the_bend_and_lowers_the_peak() {
+        let active = active();
+        let after = |force: i32, by: i32| {
+            let mut flanks = Flanks::new();
+            for index in 0..4001 {
+                let code = force + if index % 2 == 0 { by } else { -by };
+                flanks.push(&active, &newest(index, index as i32, code));
+            }
+            (flanks.noise, flanks.peak, flanks.side)
+        };
+        assert_eq!(after(1_000_000, 10_000), (40_000 << 5, 930_000 << 5, 1));
+        assert_eq!(after(1_000_000, 100_000).2, 1);
+        assert_eq!(after(1_000_000, 150_000).2, 0);
+    }
+
+    /// White noise bends by 1.954 times its rms, on the mean of its magnitude.
+    #[test]
+    fn white_noise_is_known_by_its_bend() {
+        let active = active();
+        let mut random = Random(9);
+        let (mut flanks, mut sum) = (Flanks::new(), 0.0);
+        for index in 0..21_000 {
+            flanks.push(&active, &newest(index, index as i32, (500.0 * random.normal()) as i32));
+            sum += if index < 1000 { 0.0 } else { f64::from(flanks.noise) / 32.0 };
+        }
+        let ratio = sum / 20_000.0 / 500.0;
+        assert!((ratio / 1.954 - 1.0).abs() < 0.03, "{ratio}");
+    }
+
+    /// The stretch's noise is the force's over the stiffness, by the magnitudes of its two weights: all of it without a
+    /// lag, `1 - e^(-1 / lag)` with one of 0.57 samples, and 1.6 times it with a lead of 0.3.
+    #[test]
+    fn the_stretchs_noise_is_the_forces() {
+        for (contact_damping_n_s_per_m, skew_s, part) in
+            [(0.0, 0.0, 1.0), (1140.0, 0.0, 1.0 - (-1.0 / 0.57_f64).exp()), (0.0, 3e-4, 1.6)]
+        {
+            let settings =
+                Settings { stiffness_n_per_m: 2e6, contact_damping_n_s_per_m, skew_s, ..Settings::default() };
+            let backlash = settings.validate().unwrap().backlash;
+            let units = 20_000.0 * settings.newtons_per_code / 2e6 / f64::from(backlash.unit_m);
+            let of = |noise: i32| Flanks { noise, ..Flanks::new() }.stretch_noise(&backlash.flanks);
+            assert!((f64::from(of(20_000 << 5)) - units * part).abs() < 2.0, "{part}");
+            assert_eq!((of(0), of(i32::MAX)), (0, 1 << 16), "{part}");
         }
     }
 }

@@ -129,6 +129,8 @@ impl Octaves {
 mod tests {
     use super::*;
     use crate::backlash::step::fit;
+    use inerter_needs::Random;
+    use std::{format, vec::Vec};
 
     fn touch(reach: i32, classified: i8) -> Touch {
         Touch { reach, classified, ..Touch::default() }
@@ -163,5 +165,64 @@ mod tests {
     fn what_is_too_long_has_no_window() {
         assert!(Octaves::new().window(63 << 8, 4).is_none());
         assert!(Octaves::new().window(62 << 8, 4).is_some());
+    }
+
+    /// Each line holds the means of two entries of the line before it, firm where both are on one flank. A window lies
+    /// in the first line with room for it: 64 entries, less one for where it begins and, in the first line, less those
+    /// not yet classified.
+    #[test]
+    fn a_window_holds_the_means_of_its_samples() {
+        let mut random = Random(7);
+        let mut windows = [0; LINES];
+        for guard in [2_u8, 5, 31] {
+            let unclassified = usize::from(guard);
+            let mut octaves = Octaves::new();
+            let mut samples: Vec<(i64, i64, i8)> = Vec::new();
+            let mut side = 0_i8;
+            for n in 0..6000 {
+                if random.percent(1) {
+                    side = random.pick(&[-1, 0, 1]);
+                }
+                let (reach, stretch) = (random.below(2_000_001_i32) - 1_000_000, random.below(60_001_i32) - 30_000);
+                samples.push((i64::from(reach), i64::from(stretch), side));
+                let classified = if n < unclassified { 0 } else { samples[n - unclassified].2 };
+                octaves.push(&Touch { reach, stretch: stretch as i16, classified, ..Touch::default() }, guard);
+                if n % 449 != 448 {
+                    continue;
+                }
+                let end = n + 1 - unclassified;
+                for length in [3, 31, 32, 57, 58, 60, 61, 62, 63, 64, 100, 200, 500, 900, 1500, 4000] {
+                    let first_room = 63 - unclassified;
+                    let number = (0..LINES)
+                        .find(|number| (length >> *number) < if *number == 0 { first_room } else { 63 })
+                        .unwrap();
+                    if length > end {
+                        continue;
+                    }
+                    let mut line = samples[..end].to_vec();
+                    for _ in 0..number {
+                        let means = line.chunks_exact(2).map(|pair| {
+                            let [(reach, stretch, side), (other_reach, other_stretch, other_side)] = [pair[0], pair[1]];
+                            let both = if side == other_side { side } else { 0 };
+                            ((reach + other_reach).div_euclid(2), (stretch + other_stretch).div_euclid(2), both)
+                        });
+                        line = means.collect();
+                    }
+                    let mut wanted = Points::new();
+                    for (place, (reach, stretch, side)) in line.iter().enumerate() {
+                        if place << number >= end - length {
+                            wanted.push(*reach as i32, *stretch as i16, *side);
+                        }
+                    }
+                    wanted.scale = number as u8;
+                    let found = octaves.window(length as u32, guard).unwrap();
+                    assert_eq!(format!("{found:?}"), format!("{wanted:?}"), "{length} at {n}");
+                    windows[number] += 1;
+                }
+            }
+            octaves.reset();
+            assert_eq!(format!("{octaves:?}"), format!("{:?}", Octaves::new()));
+        }
+        assert!(windows[..7].iter().all(|count| *count > 0), "{windows:?}");
     }
 }

@@ -168,6 +168,7 @@ impl Outliers {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inerter_needs::Random;
     use std::vec::Vec;
 
     fn fit(value: i32) -> Fit {
@@ -191,5 +192,68 @@ mod tests {
         assert_eq!(whole_product(-3, 5), -15);
         assert_eq!(whole_product(1 << 40, 1 << 40), 1 << 80);
         assert_eq!(whole_product(-(1 << 40), 1 << 40), -(1 << 80));
+    }
+
+    /// Every sum of three reversals, by hand; their median is the origin.
+    #[test]
+    fn sums_are_those_of_their_reversals() {
+        let fits = [
+            Fit { value: 1000, change: -3, by_stretch: 70, variance: 11, weight: 5 },
+            Fit { value: 1020, change: 4, by_stretch: -20, variance: 6, weight: 7 },
+            Fit { value: 990, change: 9, by_stretch: 40, variance: 9, weight: 2 },
+        ];
+        let mut pool = Pool::new();
+        assert!(fits.iter().all(|fit| pool.take(fit)));
+        let sums = pool.sums();
+        assert_eq!((sums.accepted, sums.rejected, sums.origin), (3, 0, 1000));
+        assert_eq!(sums.weighted, [14, 78, 120, 3000, 31, 319, 290, 115]);
+        pool.reset();
+        let sums = pool.sums();
+        assert_eq!((sums.accepted, sums.rejected, sums.origin, sums.weighted), (0, 0, 0, [0; 8]));
+    }
+
+    /// The origin stays while the values drift, so that their sum is whole. It is the median of the first 16.
+    #[test]
+    fn values_that_drift_have_their_mean() {
+        let mut pool = Pool::new();
+        assert!((1000..1100).all(|value| pool.take(&fit(value))));
+        let sums = pool.sums();
+        assert_eq!((sums.accepted, sums.rejected, sums.origin), (100, 0, 1007));
+        // The mean of 1000 to 1099 is 1049.5, and each weighs 100.
+        assert_eq!(i128::from(sums.origin) * sums.weighted[0] + sums.weighted[2], 10_495_000);
+    }
+
+    /// Of five with a median deviation of 10, an outlier's square is over 35 times a hundred, times their weight over
+    /// its own. Four tell no outlier.
+    #[test]
+    fn an_outlier_deviates_by_four_standard_deviations() {
+        let agrees = |waiting: &[i32], value: i32, weight: u32| {
+            let mut pool = Pool::new();
+            for waiting in waiting {
+                pool.take(&fit(*waiting));
+            }
+            pool.take(&Fit { value, weight, ..Fit::default() })
+        };
+        let five = [990, 1010, 1000, 990, 1010];
+        for (weight, most) in [(100, 59), (400, 29), (25, 118)] {
+            for sign in [1, -1] {
+                let [within, beyond] = [most, most + 1].map(|distance| 1000 + sign * distance);
+                assert!(agrees(&five, within, weight) && !agrees(&five, beyond, weight), "{weight} {sign}");
+                assert!(agrees(&five[..4], 1000 + sign * 100_000, weight), "{weight} {sign}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_median_is_the_middle_one_or_the_lower_of_two() {
+        let mut random = Random(5);
+        for round in 0..2000 {
+            let count = round % (WAITING + 1);
+            let values: [i64; WAITING] = core::array::from_fn(|_| random.below(9_i64) - 4);
+            let mut sorted = values[..count].to_vec();
+            sorted.sort_unstable();
+            let wanted = if count > 0 { sorted[(count - 1) / 2] } else { 0 };
+            assert_eq!(median(&values, count), wanted, "{count} of {values:?}");
+        }
     }
 }

@@ -282,7 +282,9 @@ impl BacklashActive {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backlash::law::tests::{blocks, forces, reckoned, seen};
     use crate::settings::Settings;
+    use std::vec::Vec;
 
     fn active(stiffness_n_per_m: f64, contact_damping_n_s_per_m: f64) -> BacklashActive {
         let settings = Settings { stiffness_n_per_m, contact_damping_n_s_per_m, ..Settings::default() };
@@ -307,9 +309,15 @@ mod tests {
         let state = BacklashState::new();
         let of = |sums: Sums| reason(active.by_force(&state, &sums, 1.0));
         // Five standard deviations are 25 variances.
-        for (apart, own_noise, scattered) in
-            [(49, 100, false), (51, 100, true), (4, 1, false), (6, 1, true), (0, 100, false), (499, 10_000, false)]
-        {
+        for (apart, own_noise, scattered) in [
+            (49, 100, false),
+            (50, 100, false),
+            (51, 100, true),
+            (4, 1, false),
+            (6, 1, true),
+            (0, 100, false),
+            (499, 10_000, false),
+        ] {
             let wanted = scattered.then_some(Reason::Scattered);
             assert_eq!(of(sums(20, apart, own_noise)), wanted, "{apart} {own_noise}");
             // Where reversals are told from the others, half as many.
@@ -321,7 +329,7 @@ mod tests {
         }
         // One reversal that outweighs the others is one.
         let mut uneven = sums(20, 10, 100);
-        for (equal, wanted) in [(10, None), (4, None), (2, Some(Reason::TooFewReversals))] {
+        for (equal, wanted) in [(10, None), (4, None), (3, None), (2, Some(Reason::TooFewReversals))] {
             uneven.weighted[1] = uneven.weighted[0] * uneven.weighted[0] / equal;
             assert_eq!(of(uneven), wanted, "{equal}");
         }
@@ -451,5 +459,120 @@ mod tests {
         assert_eq!(unable(0.0, 0.0), Some(Reason::StiffnessUnknown));
         assert_eq!([0.0, 0.0042].map(|lag_s| unable(2e6, lag_s)), [None; 2]);
         assert_eq!(unable(2e6, 0.0047), Some(Reason::FlankTooShort));
+    }
+
+    /// Where a stiffness is known, the force's route names what is missing; else the sensor's does.
+    #[test]
+    fn without_a_stiffness_the_sensor_names_what_is_missing() {
+        let state = BacklashState::new();
+        for (terminal_sensor, stiffness_n_per_m, route, wanted) in [
+            (true, 2e6, Route::Force, Reason::TooFewReversals),
+            (true, 0.0, Route::Terminal, Reason::TooFewReversals),
+            (false, 0.0, Route::Force, Reason::StiffnessUnknown),
+        ] {
+            let settings = Settings { terminal_sensor, stiffness_n_per_m, ..Settings::default() };
+            let active = settings.validate().unwrap().backlash;
+            let found = active.found(&state, 1.0);
+            assert_eq!(found.backlash, Backlash::none(wanted, route, 0));
+            assert_eq!((found.stiffness, found.damping), (Parameter::default(), Parameter::default()));
+            let ContactBudgets { backlash_m, stiffness_n_per_m, damping_n_s_per_m } = active.budgets(&state, 1.0);
+            assert_eq!([backlash_m, stiffness_n_per_m, damping_n_s_per_m], [None; 3]);
+        }
+    }
+
+    /// Values and budgets with the sensor, from the least squares in f64: the jump of the side over the stiffness, in
+    /// blocks of four samples.
+    #[test]
+    fn what_the_sensor_tells_is_the_least_squares_with_its_budget() {
+        let settings = Settings {
+            terminal_sensor: true,
+            skew_s: 2e-4,
+            skew_u95_s: 3e-5,
+            lead_u95: 0.004,
+            force_gain_u95: 0.02,
+            ..Settings::default()
+        };
+        let active = settings.validate().unwrap().backlash;
+        let blocks = blocks(2000, 20_000_000);
+        let (rows, travel) = &blocks;
+        let mut state = std::boxed::Box::new(BacklashState::new());
+        state.terminal = seen(&blocks);
+        // All of the residual is the force's own noise: 4 samples of it in a block.
+        let ([damping, stiffness, side, _], inverse, residual) = reckoned(rows, &forces(rows), [0.0; 2]);
+        state.flanks.noise = (1.01 * (residual / 4.0).sqrt() / f64::from(active.scales.noise)) as i32;
+        let near = |found: f32, wanted: f64, size: f64, what: &str| {
+            assert!((f64::from(found) - wanted).abs() <= 3e-3 * size, "{what}: {found} for {wanted}");
+        };
+        let errors = inverse.map(|inverse| (residual * inverse).sqrt());
+        let travel: Vec<f64> = travel.iter().map(|travel| f64::from(*travel)).collect();
+        let ([false_damping, false_stiffness, false_side, _], ..) = reckoned(rows, &travel, [0.0; 2]);
+        // A fifth of the residual may yet be noise of the stretch.
+        let most = 0.2 * residual / (4.0 * stiffness.powi(2) + 2.0 * damping.powi(2)) * 2000.0;
+        let ([more_damping, more_stiffness, more_side, _], ..) =
+            reckoned(rows, &forces(rows), [2.0 * most, 4.0 * most]);
+        // Of the stretch in code units: newtons per code and metres per unit.
+        let unit = f64::from(active.unit_m);
+        let si = settings.newtons_per_code / unit;
+        let per_side = 2.0 * f64::from(ONE) / (stiffness * 4.0);
+        let backlash = -side * per_side;
+        // The mean stretch by itself is half of the difference between the flanks, less half of the backlash.
+        let of = |wanted: i32| {
+            let own: Vec<f64> = rows.iter().filter(|row| row[2] == wanted).map(|row| f64::from(row[1])).collect();
+            own.iter().sum::<f64>() / own.len() as f64
+        };
+        let apart = 0.5 * (of(ONE) - of(-ONE)) - 0.5 * backlash * 4.0;
+        for (reversals, repeats, share) in [(100, 1.0, 1.0 / 8.0), (4, 1.0, 0.25), (100, 41.0, 0.4), (100, 500.0, 1.0)]
+        {
+            state.counts.reversals = reversals;
+            let Ok(sensed) = active.by_terminal(&state, repeats) else { panic!("{reversals}") };
+            // The encoder's steps, as far as their patterns do not average out, over what is left of the regressor.
+            let count = f64::sqrt(share) * 256.0;
+            let by_count = |i: usize| stiffness * 4.0 * 0.07 * count * (2000.0 * inverse[i]).sqrt();
+
+            let (value, budget) = &sensed.stiffness;
+            near(*value, stiffness * si, stiffness * si, "stiffness");
+            near(budget.standard_error(), errors[1] * si, errors[1] * si, "stiffness's error");
+            let wanted = [
+                (Source::Encoder, by_count(1)),
+                (Source::Model, more_stiffness - stiffness),
+                (Source::Lead, 0.004 * stiffness * false_stiffness),
+                (Source::Gain, 0.02 * stiffness),
+            ];
+            for (source, wanted) in wanted {
+                near(budget.given_u95(source), wanted.abs() * si, wanted.abs() * si, "stiffness");
+            }
+            assert!((budget.scatter_freedom() - 1996.0).abs() < 0.1);
+
+            let (value, budget) = &sensed.damping.unwrap();
+            // A block's ends are three samples apart, its mean is of four; and a late force takes its share.
+            let of_rate = si * 3.0 / 4.0 / settings.sample_rate_hz;
+            near(*value, damping * of_rate + stiffness * si * 2e-4, damping * of_rate, "damping");
+            near(budget.standard_error(), errors[0] * of_rate, errors[0] * of_rate, "damping's error");
+            let wanted = [
+                (Source::Encoder, by_count(0) * of_rate),
+                (Source::Model, (more_damping - damping).hypot(0.005 * damping) * of_rate),
+                (Source::Lead, 0.004 * stiffness * false_damping * of_rate),
+                (Source::Gain, 0.02 * damping * of_rate),
+                (Source::Skew, 3e-5 * stiffness * si),
+            ];
+            for (source, wanted) in wanted {
+                near(budget.given_u95(source), wanted.abs(), wanted.abs(), "damping");
+            }
+
+            let (value, budget) = &sensed.backlash;
+            near(*value, backlash * unit, backlash.abs() * unit, "backlash");
+            let error = (per_side * errors[2]).hypot(errors[1] / stiffness * backlash);
+            near(budget.standard_error(), error * unit, error * unit, "backlash's error");
+            let by_stiffness = 2.0 * apart / (4.0 * stiffness) * by_count(1);
+            let lead = 0.004 * stiffness * (per_side * false_side + backlash * false_stiffness / stiffness);
+            let wanted = [
+                (Source::Model, per_side * (more_side - side)),
+                (Source::Encoder, by_stiffness.hypot(0.3 * count)),
+                (Source::Lead, lead),
+            ];
+            for (source, wanted) in wanted {
+                near(budget.given_u95(source), wanted.abs() * unit, 3.0 * wanted.abs() * unit, "backlash");
+            }
+        }
     }
 }

@@ -286,4 +286,139 @@ mod tests {
         assert_eq!(looks(93), [16, 32, 64, 93]);
         assert_eq!(looks(5640), [16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 5640]);
     }
+
+    fn active(stiffness_n_per_m: f64) -> BacklashActive {
+        Settings { stiffness_n_per_m, ..Settings::default() }.validate().unwrap().backlash
+    }
+
+    /// A second flank begins a reversal that reaches two thirds of the way to the next one, if it has landed once and
+    /// either flank holds the shortest of 8 samples.
+    #[test]
+    fn a_reversal_reaches_two_thirds_of_the_way() {
+        // Side, length and flight before, landings; the pending lengths, and what is counted.
+        for ((side, length, flight, landings), pending, counts) in [
+            ((-1, 90, 30, 1), Some((16, 65)), [1, 0, 0]),
+            ((-1, 90, 30, 0), Some((16, 65)), [1, 0, 0]),
+            ((-1, 90, 30, 2), None, [1, 1, 0]),
+            // The flank itself is shorter than that.
+            ((-1, 20, 60, 1), Some((16, 20)), [1, 0, 0]),
+            ((-1, 12, 1, 1), Some((8, 8)), [1, 0, 0]),
+            ((-1, 10, 1, 1), None, [1, 0, 1]),
+            // No flank before, or the same one: met again after a touch that was too short for a flank, it bounces.
+            ((0, 0, 30, 1), None, [0, 0, 0]),
+            ((1, 90, 30, 1), None, [0, 0, 0]),
+            ((1, 8, 30, 1), None, [0, 0, 0]),
+            ((1, 7, 30, 1), None, [0, 1, 0]),
+            ((1, 7, 30, 0), None, [0, 0, 0]),
+        ] {
+            for turned in [1, -1] {
+                let mut state = Box::new(BacklashState::new());
+                (state.side, state.length, state.flight, state.landings) = (turned * side, length, flight, landings);
+                state.land(&active(2e6), turned);
+                let what = (side, length, flight, landings);
+                assert_eq!(state.pending.map(|pending| (pending.next, pending.last)), pending, "{what:?}");
+                assert!(state.pending.is_none_or(|pending| pending.flight == flight), "{what:?}");
+                let Counts { reversals, bouncing, short, .. } = state.counts;
+                assert_eq!([reversals, bouncing, short], counts, "{what:?}");
+                assert_eq!((state.side, state.length, state.flight), (turned, 1, 0), "{what:?}");
+            }
+        }
+        let mut state = Box::new(BacklashState::new());
+        (state.side, state.length, state.flight) = (-1, 90, 30);
+        state.land(&active(0.0), 1);
+        assert_eq!((state.pending.is_none(), state.counts.short), (true, 1));
+    }
+
+    /// A state in which a step of 500 units has passed, the second flank this long.
+    fn stepped(active: &BacklashActive, length: u32) -> Box<BacklashState> {
+        let mut state = Box::new(BacklashState::new());
+        let guard = u32::from(active.flanks.guard);
+        for n in 0..200 + length + guard {
+            let reach = if n < 200 { 0 } else { -500 };
+            let classified = if n < 200 + guard { -1 } else { 1 };
+            state.octaves.push(&Touch { reach, classified, ..Touch::default() }, active.flanks.guard);
+        }
+        (state.side, state.length) = (1, length);
+        state
+    }
+
+    /// A reversal is fitted over as much of either flank as there is: at its end only if that adds a quarter to the
+    /// last fit, and only if the flight is no longer than both flanks twice.
+    #[test]
+    fn a_look_takes_as_much_of_either_flank() {
+        let active = active(2e6);
+        for (length, (flight, next, last), late, window) in [
+            (16, (6, 16, 65), 0, Some(38)),
+            (64, (6, 64, 50), 0, Some(106)),
+            (20, (80, 16, 65), 0, Some(120)),
+            (20, (81, 16, 65), 0, None),
+            (8, (6, 8, 65), 0, Some(22)),
+            (7, (6, 7, 65), 0, None),
+            (20, (6, 32, 65), 1, Some(47)),
+            (19, (6, 32, 65), 1, None),
+            (19, (6, 32, 65), 0, Some(44)),
+        ] {
+            let what = (length, flight, next, last, late);
+            let mut state = stepped(&active, length);
+            state.pending = Some(Pending { flight, next, last });
+            state.look(&active, late);
+            let wanted = window.and_then(|samples| {
+                let points = state.octaves.window(samples, active.flanks.guard).unwrap();
+                step::fit(&points, active.count_units, 0)
+            });
+            assert_eq!(wanted.is_some(), window.is_some(), "{what:?}");
+            assert_eq!(state.best, wanted, "{what:?}");
+            assert!(wanted.is_none_or(|fit| fit.value.abs_diff(500) <= 2), "{what:?}");
+            // The next look is at twice the length, or at the whole flank where that is hardly longer.
+            let following = match (next, last) {
+                (64, 50) => u32::MAX,
+                (32, 65) => 65,
+                _ => 2 * next,
+            };
+            assert_eq!(state.pending.unwrap().next, following, "{what:?}");
+        }
+    }
+
+    /// Of several looks the one with the least variance counts.
+    #[test]
+    fn the_best_look_counts() {
+        let active = active(2e6);
+        let mut state = stepped(&active, 16);
+        for (variance, stays) in [(0, true), (u32::MAX, false)] {
+            let best = Some(Fit { value: 7, variance, ..Fit::default() });
+            state.best = best;
+            state.pending = Some(Pending { flight: 6, next: 16, last: 65 });
+            state.look(&active, 0);
+            assert_eq!(state.best == best, stays, "{variance}");
+        }
+    }
+
+    /// A reversal ends with its last look or with its flank. Without a fit it was too short.
+    #[test]
+    fn a_reversal_ends_with_its_last_look() {
+        let active = active(2e6);
+        let on = Touch { classified: 1, ..Touch::default() };
+        for (length, next, last, ends) in
+            [(64, 65, 65, true), (63, 65, 65, false), (31, 32, 65, false), (15, 16, 16, true)]
+        {
+            let mut state = stepped(&active, length + 1);
+            state.length = length;
+            state.pending = Some(Pending { flight: 6, next, last });
+            let concluded = state.follow(&active, &on);
+            assert_eq!(concluded.is_some(), ends, "{length} {next} {last}");
+            assert!(concluded.is_none_or(|concluded| concluded.flight == 6));
+            assert_eq!((state.pending.is_none(), state.counts.short, state.length), (ends, 0, length + 1));
+        }
+        // The flank ends first.
+        for (length, short) in [(20, 0), (5, 1)] {
+            let mut state = stepped(&active, length);
+            state.pending = Some(Pending { flight: 6, next: 16, last: 65 });
+            let concluded = state.follow(&active, &Touch::default());
+            assert_eq!((concluded.is_some(), state.counts.short), (short == 0, short), "{length}");
+            assert_eq!((state.pending.is_none(), state.flight, state.landings), (true, 1, 0));
+            // In flight, samples and landings are counted.
+            state.follow(&active, &Touch { landed: true, ..Touch::default() });
+            assert_eq!((state.flight, state.landings), (2, 1));
+        }
+    }
 }

@@ -472,6 +472,59 @@ mod tests {
         assert!(accepted > 100 && bent > 30 && rough > 30, "{accepted} {bent} {rough}");
     }
 
+    #[test]
+    fn products_are_rounded_half_up() {
+        for (halves, wanted) in [(0, 0), (1, 1), (2, 1), (3, 2), (-1, 0), (-2, -1), (-3, -1), (-5, -2)] {
+            assert_eq!(whole(halves << 29), wanted, "{halves}");
+            let below = if halves % 2 == 0 { wanted } else { wanted - 1 };
+            assert_eq!(whole((halves << 29) - 1), below, "{halves}");
+        }
+    }
+
+    /// Fifteen entries are needed, and four of them on either flank.
+    #[test]
+    fn fewer_entries_than_needed_tell_nothing() {
+        let of = |first: u32, second: u32| {
+            let mut points = Points::new();
+            for place in 0..first + second {
+                points.push(0, 0, if place < first { -1 } else { 1 });
+            }
+            fit(&points, 256, 0)
+        };
+        for (first, second, tells) in
+            [(7, 8, true), (8, 7, true), (7, 7, false), (4, 26, true), (26, 4, true), (3, 27, false), (27, 3, false)]
+        {
+            assert_eq!(of(first, second).map(|fit| fit.value), tells.then_some(0), "{first} {second}");
+        }
+    }
+
+    /// The reach gets its bits from the greatest, whatever the others are: here all on one flank are alike.
+    #[test]
+    fn a_pure_step_is_found_at_any_size() {
+        for bits in [0, 5, 13, 19] {
+            for sign in [1, -1] {
+                let jump = sign << bits;
+                let mut points = Points::new();
+                for place in 0..40 {
+                    points.push(if place < 20 { 0 } else { -jump }, 0, if place < 20 { -1 } else { 1 });
+                }
+                let found = fit(&points, 256, 0).unwrap();
+                assert!(found.value.abs_diff(jump) <= 2 + (1 << bits >> 18), "{bits}: {found:?}");
+            }
+        }
+    }
+
+    /// In ten places a polynomial of degree 9 follows any side, so that nothing is left to tell a step by.
+    #[test]
+    fn a_side_that_a_polynomial_follows_tells_nothing() {
+        let mut points = Points::new();
+        for n in 0..60 {
+            points.push(0, 0, if n % 2 == 0 { -1 } else { 1 });
+        }
+        points.places = core::array::from_fn(|n| 30 + n as u8 % 10 * 3);
+        assert_eq!(fit(&points, 256, 0), None);
+    }
+
     /// Entries in few places tell no polynomial of degree 9, and no step beside it.
     #[test]
     fn few_places_tell_nothing() {

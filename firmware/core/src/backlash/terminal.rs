@@ -261,3 +261,186 @@ impl Terminal {
         (self.before, self.flank) = (after, Flank::NONE);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::term;
+    use crate::rls::PRODUCTS;
+    use inerter_needs::Random;
+    use std::{format, vec::Vec};
+
+    /// One sample: terminal, travel, force, and the flank that it turns out to touch.
+    type Sample = (i32, i32, i32, i8);
+
+    /// Blocks and structure, with a code of the terminal for a unit.
+    fn active(block: u16, guard: u8, structure: f64) -> TerminalActive {
+        TerminalActive { present: true, units: term(1.0 / 256.0), block, structure: term(structure), guard }
+    }
+
+    /// Flanks of 3 to 40 samples with flights between, and random displacements and forces.
+    fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
+        let (mut side, mut left) = (0_i8, 0);
+        (0..count)
+            .map(|_| {
+                if left == 0 {
+                    (side, left) = (random.pick(&[-1, 1, 1, 0]), 3 + random.below(38_u32));
+                }
+                left -= 1;
+                let [terminal, travel] = [(); 2].map(|()| random.below(20_001_i32) - 10_000);
+                (terminal, travel, random.below(60_001_i32) - 30_000, side)
+            })
+            .collect()
+    }
+
+    /// What is learned of the samples: products, products of the travel, blocks on either side, the flanks, and the
+    /// number of blocks whose force is mostly the structure's.
+    #[derive(Default)]
+    struct Learned {
+        sums: [i128; PRODUCTS],
+        travel: [i128; 5],
+        sides: [u32; 2],
+        flanks: Vec<Flank>,
+        heavy: u32,
+    }
+
+    impl Learned {
+        fn of(samples: &[Sample], block: usize, structure: f64) -> Self {
+            let mut learned = Self::default();
+            let (first_terminal, first_travel, ..) = samples[0];
+            let blocks: Vec<&[Sample]> = samples.chunks_exact(block).collect();
+            let terminal =
+                |block: &[Sample]| block.iter().map(|sample| i64::from(sample.0 - first_terminal)).sum::<i64>();
+            let travel = |block: &[Sample]| block.iter().map(|sample| i64::from(sample.1 - first_travel)).sum::<i64>();
+            for (n, three) in blocks.windows(3).enumerate() {
+                let [before, here, after] = [three[0], three[1], three[2]];
+                let (first, last) = (here[0], here[block - 1]);
+                let side = first.3;
+                if side == 0 || here.iter().any(|sample| sample.3 != side) {
+                    continue;
+                }
+                let bend = terminal(after) - 2 * terminal(here) + terminal(before);
+                let by_structure = (bend as f64 * structure).floor() as i64;
+                let all_force = here.iter().map(|sample| i64::from(sample.2)).sum::<i64>();
+                if 2 * by_structure.abs() > all_force.abs() {
+                    learned.heavy += 1;
+                    continue;
+                }
+                let stretched = i64::from(last.0 - first.0) - i64::from(last.1 - first.1);
+                let stretch = terminal(here) - travel(here);
+                let force = all_force - by_structure;
+                let one = 1 << 20;
+                let row = [stretched, stretch, i64::from(side) * one, one, force];
+                let mut place = 0;
+                for (i, a) in row.iter().enumerate() {
+                    for b in &row[..=i] {
+                        learned.sums[place] += i128::from(*a) * i128::from(*b);
+                        place += 1;
+                    }
+                }
+                let [a, b, c, d, _] = row;
+                for (sum, other) in learned.travel.iter_mut().zip([a, b, c, d, travel(here)]) {
+                    *sum += i128::from(travel(here)) * i128::from(other);
+                }
+                learned.sides[usize::from(side > 0)] += 1;
+                // The first of the three is block `n`.
+                let first = ((n + 1) * block) as u32;
+                if learned.flanks.last().is_none_or(|flank| flank.side != side) {
+                    learned.flanks.push(Flank { side, first, ..Flank::NONE });
+                }
+                let flank = learned.flanks.last_mut().unwrap();
+                flank.blocks += 1;
+                flank.last = first + block as u32 - 1;
+                for (sum, added) in flank.sums.iter_mut().zip([stretched, stretch, force]) {
+                    *sum += added;
+                }
+            }
+            learned
+        }
+    }
+
+    /// Takes the samples, each with the flank of the one `guard` ago; returns the reversals in order.
+    fn taken(terminal: &mut Terminal, active: &TerminalActive, samples: &[Sample]) -> Vec<Crossing> {
+        let mut crossings = Vec::new();
+        for (n, (code, travel, force, _)) in samples.iter().enumerate() {
+            let classified = n.checked_sub(usize::from(active.guard)).map_or(0, |at| samples[at].3);
+            let touch = Touch { position: *travel, classified, ..Touch::default() };
+            let sample = Newest {
+                index: n as u32,
+                position: 0,
+                force: *force,
+                terminal: *code,
+                good: true,
+                broken: false,
+                offset: 0,
+            };
+            terminal.push(active, &touch, &sample);
+            if terminal.waits {
+                crossings.push(terminal.take());
+                assert!(!terminal.waits);
+            }
+        }
+        crossings
+    }
+
+    /// Every block whose samples all touch one flank is learned with its own force less the structure's, and two flanks
+    /// are a reversal once the second has ended.
+    #[test]
+    fn blocks_of_one_flank_are_learned_and_flanks_are_joined() {
+        let mut random = Random(3);
+        for (block, guard, structure) in
+            [(4, 4, 0.0), (4, 5, 0.25), (4, 7, 0.25), (4, 8, 0.25), (9, 17, 0.25), (2, 3, 0.25)]
+        {
+            let active = active(block, guard, structure);
+            let mut samples = samples(&mut random, 4000);
+            // The first block has no neighbour before it, and the last one none after it.
+            let many = samples.len() - 50;
+            samples[..20].iter_mut().for_each(|sample| sample.3 = 0);
+            samples[many..].iter_mut().for_each(|sample| sample.3 = 0);
+            let mut terminal = Terminal::new();
+            let crossings = taken(&mut terminal, &active, &samples);
+            let wanted = Learned::of(&samples, usize::from(block), structure);
+            let what = format!("{block} {guard} {structure}");
+            assert!(wanted.sides.iter().all(|count| *count > 20), "{what}: {:?}", wanted.sides);
+            assert_eq!(structure > 0.0, wanted.heavy > 10, "{what}: {}", wanted.heavy);
+            assert_eq!(terminal.totals.sums(), &wanted.sums, "{what}");
+            assert_eq!(terminal.totals.updates(), wanted.sides.iter().sum::<u32>(), "{what}");
+            assert_eq!(terminal.travel, wanted.travel, "{what}");
+            assert_eq!(terminal.sides, wanted.sides, "{what}");
+            // The last flank has not ended.
+            let (_, ended) = wanted.flanks.split_last().unwrap();
+            let pairs = ended.windows(2).map(|pair| Crossing { before: pair[0], after: pair[1] });
+            assert_eq!(format!("{crossings:?}"), format!("{:?}", pairs.collect::<Vec<_>>()), "{what}");
+            assert!(crossings.len() > 10, "{what}: {}", crossings.len());
+            terminal.reset();
+            assert_eq!(format!("{terminal:?}"), format!("{:?}", Terminal::new()));
+        }
+    }
+
+    /// Missing samples end the present flank: it is a reversal with the one before it, and none with the one after it.
+    /// The block in progress is lost, and none is learned until the guard has passed again.
+    #[test]
+    fn no_flank_reaches_across_missing_samples() {
+        let active = active(4, 5, 0.0);
+        let run = |sides: &[(usize, i8)]| -> Vec<Sample> {
+            let each = sides.iter().flat_map(|(count, side)| core::iter::repeat_n(*side, *count));
+            each.map(|side| (100, 40, 1000 * i32::from(side), side)).collect()
+        };
+        let mut terminal = Terminal::new();
+        assert_eq!(taken(&mut terminal, &active, &run(&[(20, -1), (23, 1)])).len(), 0);
+        // Of the 43 samples, the last five are not classified: five blocks on the one and four on the other flank.
+        assert_eq!(terminal.sides, [5, 4]);
+        terminal.interrupt();
+        assert!(terminal.waits);
+        let crossing = terminal.take();
+        assert_eq!((crossing.before.side, crossing.before.blocks), (-1, 5));
+        assert_eq!((crossing.after.side, crossing.after.blocks), (1, 4));
+        // Two more flanks: they are a reversal with each other only, once a third one begins.
+        let crossings = taken(&mut terminal, &active, &run(&[(16, -1), (16, 1), (16, -1)]));
+        assert_eq!(terminal.sides, [5 + 4 + 2, 4 + 4]);
+        assert_eq!(crossings.len(), 1);
+        let Crossing { before, after } = crossings[0];
+        assert_eq!((before.side, before.blocks, before.first, before.last), (-1, 4, 0, 15));
+        assert_eq!((after.side, after.blocks, after.first, after.last), (1, 4, 16, 31));
+    }
+}
