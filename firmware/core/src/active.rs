@@ -499,6 +499,9 @@ mod tests {
         // Four counts of four codes in 48 samples, through a kernel of gain 100.
         assert_eq!(signal.creep_limit, (16.0 / 48.0 * 100.0 * f64::from(1 << VELOCITY_BITS)) as u32);
         assert_eq!((signal.position_reversed, signal.force_reversed), (true, true));
+        // Three counts of four codes. Twice 0.01 N on 1 kg for 0.5 ms, at 4e6 codes a metre.
+        assert_eq!(signal.bend.0, 12);
+        assert!((signal.bend.1 / (2.0 * 0.01 * 0.0005 * 0.0005 * 4e6) - 1.0).abs() < 1e-12);
         let wider = Settings { stuck_displacement_m: 5e-6, ..settings };
         assert_eq!(wider.signal().rest_limit, 20);
         let (kink, per_force, per_viscous) = settings.sign_effects();
@@ -517,5 +520,64 @@ mod tests {
         assert_eq!((active.fast.hold_samples, active.slow.hold_samples), (768, 3072));
         let taps: f64 = RATE_TAPS.iter().sum();
         assert_eq!(taps, 24.0);
+    }
+
+    /// At low rates a time is a sample at least, and the kernel that relocates a reversal fits into the delay line.
+    #[test]
+    fn the_long_kernel_fits_into_the_line_at_low_rates() {
+        let widths = |sample_rate_hz: f64| {
+            let signal = Settings { sample_rate_hz, ..Settings::default() }.signal();
+            let [sign, reach, half] = [signal.sign_half_width, signal.reversal_reach, signal.reversal_half_width];
+            (signal.rest_block, signal.delay, sign, reach, half)
+        };
+        // 15 ms are 7 samples, but of ten only 10 - 2 - 1 - 2 wait long enough.
+        assert_eq!(widths(480.0), (1, 10, 2, 1, 5));
+        // Beyond the reach at least.
+        assert_eq!(widths(50.0), (1, 10, 1, 1, 2));
+    }
+
+    /// Each regressor is scaled by a power of two to 31 bits at full scale, and to no more.
+    #[test]
+    fn full_scale_fills_a_regressor() {
+        // The greatest force is 4 million codes, on one side and on the other.
+        for (zero, least, greatest) in [(3e6, -1e6, 4e6), (-3e6, -4e6, 1e6)] {
+            let settings = Settings {
+                force_zero_code: zero,
+                force_min_code: least,
+                force_max_code: greatest,
+                ..Settings::default()
+            };
+            let active = settings.validate().unwrap();
+            let force_n = 4e6 * settings.newtons_per_code;
+            for (bank, box_s) in [(&active.fast, 0.016), (&active.slow, 0.064)] {
+                let Scales { units, more_units, .. } = bank.scales;
+                let [a, v, s, one, force] = units;
+                // Behind a box nothing changes faster than from one end of its range to the other.
+                let steepest = 2.0 / box_s;
+                let curvature = f64::from(bank.scales.curvature_per_force) * force;
+                for (what, full_scale, unit) in [
+                    ("acceleration", settings.full_scale_acceleration_m_per_s2, a),
+                    ("velocity", settings.full_scale_velocity_m_per_s, v),
+                    ("sign", 1.0, s),
+                    ("force", 2.0 * force_n, force),
+                    ("rate", 2.0 * force_n * steepest, more_units[1]),
+                    ("curvature", force_n * steepest * steepest, curvature),
+                    ("jerk", settings.full_scale_acceleration_m_per_s2 * steepest, f64::from(bank.scales.jerk)),
+                ] {
+                    let units = full_scale / unit;
+                    assert!((2_f64.powi(30)..2_f64.powi(31)).contains(&units), "{what}: {units} of {box_s} s");
+                }
+                // What the scales hold twice is the same.
+                let near = |found: f32, wanted: f64| assert!((f64::from(found) / wanted - 1.0).abs() < 1e-6, "{found}");
+                near(bank.scales.force, force);
+                near(bank.scales.rate_per_force, more_units[1] / force);
+                near(bank.scales.box_squared, box_s * box_s);
+                for (found, unit) in bank.scales.force_per.into_iter().zip([a, v, s, one]) {
+                    near(found, force / unit);
+                }
+                assert!((more_units[0] / v - 1.0).abs() < 1e-12);
+                assert!((one * f64::from(crate::kernel::ONE) - 1.0).abs() < 1e-12);
+            }
+        }
     }
 }

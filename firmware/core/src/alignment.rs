@@ -86,4 +86,26 @@ mod tests {
             }
         }
     }
+
+    /// Every third force may not be used, wherever it is paired.
+    #[test]
+    fn whether_a_force_may_be_used_stays_with_it() {
+        for late in [-24, -1, 0, 1, 24] {
+            let mut alignment = Alignment::new();
+            for n in 0..80_i32 {
+                let newest = Newest {
+                    index: n as u32,
+                    position: 1000 + n,
+                    force: n,
+                    terminal: -n,
+                    good: n % 3 != 0,
+                    broken: n == 0,
+                    offset: 7,
+                };
+                let paired = alignment.align(late, newest);
+                assert_eq!(paired.good, paired.force % 3 != 0, "{late}, {n}");
+                assert_eq!((paired.index, paired.offset), (n as u32, 7));
+            }
+        }
+    }
 }

@@ -103,4 +103,28 @@ mod tests {
         assert_eq!(rest_ends((0..48).map(|n| i32::MAX.wrapping_add(n % 2)), 3, 2), 16 - 7);
         assert_eq!(rest_ends((0..480).map(|n| i32::MAX.wrapping_add(n)), 3, 2), 0);
     }
+
+    /// A screw that has travelled further than a difference of 31 bits, and then flickers by one count there.
+    #[test]
+    fn rest_is_found_however_far_the_screw_has_travelled() {
+        let far = |n: i32| if n < 30 { n << 26 } else { i32::MAX.wrapping_add(n % 2) };
+        assert_eq!(rest_ends((0..270).map(far), 3, 2), 240 / 3 - 7);
+    }
+
+    #[test]
+    fn a_window_begins_anew_after_a_reset_and_its_limit_counts_as_rest() {
+        let mut rest = Rest::new();
+        // A span of 3 counts in each window.
+        let mut ends = |n: i32, limit: u32| match n {
+            100 => {
+                rest.reset();
+                0
+            }
+            _ => usize::from(rest.push(50 + 3 * (n % 2), 1, limit) == Some(Block::AtRest)),
+        };
+        assert_eq!((0..100).map(|n| ends(n, 3)).sum::<usize>(), 100 - 7);
+        assert_eq!((100..108).map(|n| ends(n, 3)).sum::<usize>(), 0);
+        assert_eq!((108..118).map(|n| ends(n, 3)).sum::<usize>(), 10);
+        assert_eq!((118..128).map(|n| ends(n, 2)).sum::<usize>(), 0);
+    }
 }

@@ -289,14 +289,21 @@ mod tests {
     /// Error of the place of the reversal according to the signs [samples], for a screw that reverses at `zero` samples
     /// from the middle of its 40th, under a force that falls by 5 N in a sample.
     fn error(zero: f64, direction: i32, phase: f64, relocates: bool) -> f64 {
-        let (mut line, mut sign, feedback) = (DelayLine::new(), sign::Sign::new(), known());
+        error_in_oil(zero, direction, phase, relocates, 0.0)
+    }
+
+    /// The same on the same path, with so much viscous friction \[N s/m\] that the force carries as well.
+    fn error_in_oil(zero: f64, direction: i32, phase: f64, relocates: bool, viscous: f64) -> f64 {
+        let (mut line, mut sign) = (DelayLine::new(), sign::Sign::new());
+        let feedback = Feedback { viscous: term(viscous * RATE_HZ * COUNT_M / CODE_N), ..known() };
         let (force, fall) = (600.0, 5000.0);
         for n in 0..=65 {
             let t = (f64::from(n) - 40.0 - zero) / RATE_HZ;
             let friction = if t > 0.0 { -COULOMB_N } else { COULOMB_N };
             let x = ((force + friction) * t * t / 2.0 - fall * t * t * t / 6.0) / MASS_KG;
             let position = f64::from(direction) * x / COUNT_M + phase;
-            line.push(position.floor() as i32, direction * ((force - fall * t) / CODE_N) as i32, false);
+            let drag = viscous * ((force + friction) * t - fall * t * t / 2.0) / MASS_KG;
+            line.push(position.floor() as i32, direction * ((force - fall * t + drag) / CODE_N) as i32, false);
             let velocity = line.smooth_velocity(0, 5) + line.smoothed_away(0, 5, &feedback);
             // Before the line has filled, its velocities are invalid.
             line.ago(5).sign = if n < 12 { -direction * ONE } else { sign.push(velocity) };
@@ -378,5 +385,110 @@ mod tests {
         assert!(changed(|_| ()));
         assert!(!changed(|sample| sample.bad = true));
         assert!(!changed(|sample| sample.sign = ONE));
+    }
+
+    /// Viscous friction of 4 kN s/m makes the force rise by 8 N in a sample. Taken for a force on the mass, that would
+    /// place a reversal 0.25 samples off, through the long kernel: its mean square width is 37.5 samples squared.
+    #[test]
+    fn viscous_friction_in_the_force_does_not_move_a_reversal() {
+        for direction in [1, -1] {
+            let errors = (0..200).map(|n| {
+                let (zero, phase) = (f64::from(n) / 200.0 - 0.5, f64::from(n) * 0.618);
+                error_in_oil(zero, direction, phase, true, 4000.0)
+            });
+            let mean = errors.sum::<f64>() / 200.0;
+            // By the positions between samples, an eighth of it stays.
+            assert!(mean.abs() < 0.08, "{mean}");
+        }
+    }
+
+    #[test]
+    fn friction_may_hold_what_is_at_most_half_of_a_weak_force() {
+        let feedback = Feedback { weak_force_code: 100, offset_code: 7, ..Feedback::NONE };
+        for (force, may_be_held) in [(57, true), (58, false), (-43, true), (-44, false)] {
+            assert_eq!(Waiting { force, ..Waiting::NONE }.may_be_held(&feedback), may_be_held, "{force}");
+        }
+        for (sign, reverses) in [(ONE, false), (ONE - 1, true), (0, true), (1 - ONE, true), (-ONE, false)] {
+            assert_eq!(Waiting { sign, ..Waiting::NONE }.reverses(), reverses, "{sign}");
+        }
+    }
+
+    #[test]
+    fn samples_are_bad_that_are_saturated_or_under_a_discontinuity() {
+        let mut line = DelayLine::new();
+        (line.tainted, line.resting) = (2, 1);
+        for (saturated, bad, whole) in
+            [(false, true, 1), (false, true, 2), (false, false, 3), (true, true, 0), (false, false, 1)]
+        {
+            line.push(0, 0, saturated);
+            assert_eq!((line.at(0).bad, line.whole), (bad, whole));
+        }
+        assert_eq!((line.filled, line.resting), (5, 0));
+        (0..5).for_each(|_| line.push(0, 0, false));
+        line.spoil(3);
+        assert_eq!([0, 3, 4].map(|ago| line.at(ago).bad), [true, true, false]);
+    }
+
+    /// Positions before a discontinuity are taken to be the one after it: nothing seems to move.
+    #[test]
+    fn a_screw_that_has_jumped_stood_where_it_is() {
+        let mut line = DelayLine::new();
+        (0..300).for_each(|n| line.push(100 * n, 0, false));
+        assert_eq!(line.smooth_velocity(0, 5), (100 * 25) << VELOCITY_BITS);
+        line.break_off(-7000);
+        assert_eq!(line.whole, 0);
+        for _ in 0..12 {
+            line.push(-7000, 0, false);
+            assert_eq!([(0, 5), (3, 60)].map(|(ago, m)| line.smooth_velocity(ago, m)), [0, 0]);
+        }
+        // From there on the velocity is what it is: one of the five newest samples has moved by 2.
+        line.push(-6998, 0, false);
+        assert_eq!(line.smooth_velocity(0, 5), 2 << VELOCITY_BITS);
+    }
+
+    /// Three blocks of five samples: the velocities are five times the steps between them.
+    fn in_steps(first: i32, second: i32) -> DelayLine {
+        let mut line = DelayLine::new();
+        (0..40).for_each(|_| line.push(0, 0, false));
+        (0..5).for_each(|_| line.push(first, 0, false));
+        (0..5).for_each(|_| line.push(first + second, 0, false));
+        line
+    }
+
+    #[test]
+    fn a_velocity_is_clamped_far_from_a_reversal() {
+        for (step, velocity) in
+            [(419_000, 2_095_000), (420_000, 1 << 21), (-419_000, -2_095_000), (-420_000, -(1 << 21))]
+        {
+            assert_eq!(in_steps(0, step).smooth_velocity(0, 5), velocity * 256);
+        }
+    }
+
+    /// With four codes a count, three counts in five samples are a velocity of 60.
+    #[test]
+    fn a_stop_that_friction_can_hold_spoils_both_its_kernels() {
+        let feedback = Feedback { weak_force_code: 200, ..Feedback::NONE };
+        for (first, second, stops) in [
+            // Faster than 60 before it stands.
+            (13, 0, true),
+            (12, 0, false),
+            (-13, 0, true),
+            // It has lost half of its velocity, or more.
+            (20, 10, true),
+            (20, 11, false),
+            (20, -30, true),
+        ] {
+            let mut line = in_steps(first, second);
+            line.hold(5, 4, &feedback);
+            let bad = [0, 10, 11].map(|ago| line.at(ago).bad);
+            assert_eq!(bad, [stops, stops, false], "{first} {second}");
+        }
+        // A force of more than half of a weak one moves the screw on.
+        for (force, stops) in [(100, true), (101, false)] {
+            let mut line = in_steps(13, 0);
+            line.ago(5).force = force;
+            line.hold(5, 4, &feedback);
+            assert_eq!(line.at(0).bad, stops, "{force}");
+        }
     }
 }

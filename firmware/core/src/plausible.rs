@@ -355,5 +355,165 @@ mod tests {
         assert_eq!(dead(&[100; 8]), 2);
         assert_eq!(dead(&[103, 103, 103, 103]), 0);
         assert_eq!(dead(&[100, 108, 100, 108, 100, 108, 100, 108]), 0);
+        // Two codes to and fro are the converter's.
+        assert_eq!(dead(&[100, 102, 100, 102, 100, 102, 100, 102]), 2);
+    }
+
+    /// By hand, for a resolution of 10: nearer than 10 is at the extreme, nearer than 160 is compared with it.
+    #[test]
+    fn codes_are_counted_by_their_distance_from_the_extreme() {
+        let mut extreme = Extreme::NONE;
+        assert_eq!(extreme.rail(), i32::MAX);
+        for (code, near, wide, greatest) in [
+            (1000, 1, 1, 1000),
+            (991, 2, 2, 1000),
+            (990, 2, 3, 1000),
+            (841, 2, 4, 1000),
+            (840, 2, 4, 1000),
+            (-5000, 2, 4, 1000),
+            // A little more is the same extreme; as much as the resolution is another one.
+            (1009, 3, 5, 1009),
+            (1019, 1, 1, 1019),
+        ] {
+            assert!(!extreme.push(code, 10));
+            assert_eq!((extreme.near, extreme.wide, extreme.greatest), (near, wide, greatest), "{code}");
+        }
+    }
+
+    #[test]
+    fn codes_pile_up_from_64_on_that_are_more_than_half() {
+        for (others, enough) in [(0, 64), (63, 64), (64, 65), (100, 101)] {
+            let mut extreme = Extreme::NONE;
+            assert!(!extreme.push(1000, 10));
+            assert!(!(0..others).any(|_| extreme.push(950, 10)));
+            assert_eq!((2..200).find(|_| extreme.push(1000, 10)), Some(enough), "among {others}");
+            // What is nearer than the resolution is clipped; found once.
+            assert_eq!(extreme.rail(), 991);
+            assert!(!extreme.push(1000, 10));
+        }
+        // No force is no extreme.
+        let mut small = Extreme::NONE;
+        assert_eq!((1..200).find(|_| small.push(5, 10)), Some(64));
+        assert_eq!(small.rail(), 1);
+    }
+
+    #[test]
+    fn a_force_at_a_rail_or_beyond_is_left_out_on_that_side() {
+        for (high, low) in [(true, false), (false, true), (true, true)] {
+            let mut plausible = Plausible::new();
+            plausible.high.room = if high { i32::MAX - 991 } else { 0 };
+            plausible.low.room = if low { i32::MAX - 991 } else { 0 };
+            let left_out = [990, 991, -990, -991].map(|force| plausible.push(0, Some(force), false).no_force);
+            assert_eq!(left_out, [false, high, false, low]);
+        }
+    }
+
+    /// Three positions show a bend, and a force that two looks found the same, at every fourth sample, may be dead.
+    #[test]
+    fn a_jump_is_told_from_the_third_sample_on_while_the_force_is_alive() {
+        let slips = |n: i32| {
+            let mut plausible = Plausible::new();
+            plausible.learn(Some((3, Term::default())), None);
+            for i in 1..n {
+                plausible.push(10 * i, Some(100), i == 1);
+            }
+            plausible.push(10 * n + 100, Some(100), n == 1).slipped
+        };
+        for n in 1..=16 {
+            // The first look finds a change, those at samples 8 and 12 find none.
+            assert_eq!(slips(n), (3..12).contains(&n), "{n}");
+        }
+    }
+
+    /// Three codes, and one per 128 codes of the greatest force: more than that is a jump.
+    #[test]
+    fn a_position_bends_by_steps_and_the_strongest_force() {
+        let slips = |bent: i32, before: i32, now: i32| {
+            let mut plausible = Plausible::new();
+            plausible.learn(Some((3, crate::math::term(1.0 / 128.0))), None);
+            for n in 0..4 {
+                plausible.push(0, Some(before), n == 0);
+            }
+            plausible.push(bent, Some(now), false).slipped
+        };
+        for (before, now) in [(0, 1280), (1280, 0), (-1280, 5), (5, -1280)] {
+            assert!(!slips(13, before, now) && slips(14, before, now), "{before} {now}");
+            assert!(!slips(-13, before, now) && slips(-14, before, now), "{before} {now}");
+        }
+        assert!(!slips(3, 0, 0) && slips(4, 0, 0));
+        // A sixteenth of the strongest force is forgotten with each estimate, and at least a code.
+        let mut plausible = Plausible::new();
+        for (before, after) in [(160, 150), (17, 15), (16, 15), (1, 0), (0, 0)] {
+            plausible.strongest = before;
+            plausible.learn(None, None);
+            assert_eq!(plausible.strongest, after);
+        }
+    }
+
+    #[test]
+    fn counts_at_an_extreme_hold_for_about_the_same_noise_and_fade() {
+        // Half of the rms is the resolution.
+        for (before, rms, after) in [
+            (10, Some(38.0), 10),
+            (10, Some(44.0), 22),
+            (10, Some(12.0), 10),
+            (10, Some(8.0), 4),
+            (0, Some(40.0), 20),
+            (0, Some(0.8), 1),
+            (10, None, 0),
+        ] {
+            let mut plausible = Plausible::new();
+            plausible.resolution = before;
+            (plausible.high.near, plausible.high.wide) = (7, 9);
+            (plausible.low.near, plausible.low.wide) = (8, 20);
+            plausible.learn(None, rms);
+            let counts = [&plausible.high, &plausible.low].map(|extreme| (extreme.near, extreme.wide));
+            let kept = if after == before { [(7, 9), (8, 20)] } else { [(0, 0); 2] };
+            assert_eq!((plausible.resolution, counts), (after, kept), "{before} {rms:?}");
+        }
+        // Half is forgotten with every 256th estimate.
+        let mut plausible = Plausible::new();
+        (plausible.high.near, plausible.high.wide) = (7, 9);
+        (plausible.low.near, plausible.low.wide) = (8, 20);
+        (0..255).for_each(|_| plausible.learn(None, None));
+        assert_eq!((plausible.high.near, plausible.low.wide), (7, 20));
+        plausible.learn(None, None);
+        let counts = [&plausible.high, &plausible.low].map(|extreme| (extreme.near, extreme.wide));
+        assert_eq!(counts, [(3, 4), (4, 10)]);
+    }
+
+    #[test]
+    fn a_dead_force_is_told_at_the_sixth_whole_direction_and_has_no_sign() {
+        let mut plausible = Plausible::new();
+        let signs = [ONE / 2, ONE, ONE, 0, -ONE, -ONE / 2, ONE, -ONE, ONE];
+        assert_eq!(signs.map(|sign| plausible.goes(sign)), [false; 9]);
+        assert!(!plausible.push(0, Some(0), false).no_force);
+        assert!(plausible.goes(-ONE));
+        assert_eq!(plausible.take(9), Some(Warning { index: 9, kind: WarningKind::DeadForce }));
+        assert!(plausible.push(0, Some(0), false).no_force);
+        assert!(!plausible.goes(ONE));
+        plausible.backwards();
+        assert_eq!(plausible.take(10), None);
+        for (reversals, told) in [(2, None), (1, Some(Warning { index: 11, kind: WarningKind::WrongSign }))] {
+            plausible.reversals = reversals;
+            plausible.backwards();
+            assert_eq!(plausible.take(11), told);
+        }
+    }
+
+    /// A warning comes again after ten estimates without its cause.
+    #[test]
+    fn a_warning_is_told_once_while_its_cause_lasts() {
+        let mut plausible = Plausible::new();
+        let mut told = |estimates: u32, kind: WarningKind| {
+            (0..estimates).for_each(|_| plausible.learn(None, None));
+            plausible.warn(kind);
+            plausible.take(5).map(|warning| warning.kind)
+        };
+        assert_eq!(told(0, WarningKind::CountSlip), Some(WarningKind::CountSlip));
+        assert_eq!(told(0, WarningKind::CountSlip), None);
+        assert_eq!(told(9, WarningKind::CountSlip), None);
+        assert_eq!(told(0, WarningKind::WrongSign), Some(WarningKind::WrongSign));
+        assert_eq!(told(10, WarningKind::CountSlip), Some(WarningKind::CountSlip));
     }
 }

@@ -369,4 +369,165 @@ mod tests {
         assert_eq!(errors(0.9 * usual), [0.0; 3]);
         assert!((errors(3.0 * usual)[2] / (MOVED * sqrt(8.0) * usual) - 1.0).abs() < 0.01);
     }
+
+    /// The three errors, and half a percent for what single precision and rounded constants lose.
+    #[track_caller]
+    fn are_near(found: [f32; 3], wanted: [f64; 3]) {
+        for (found, wanted) in found.into_iter().zip(wanted) {
+            assert!((f64::from(found) - wanted).abs() <= 0.005 * wanted, "{found} for {wanted}");
+        }
+    }
+
+    /// By hand: all of the unlawful residual would move the parameters by 0.17, 28 and 2.6 per newton. Twice what they
+    /// move by and the part that resembles a regressor add by squares; the spring of a creeping screw moves the
+    /// inertance.
+    #[test]
+    fn errors_are_what_moves_and_what_resembles_a_regressor() {
+        let beyond = |all: f64, away: f64| (all * all - away * away).sqrt();
+        let stribeck = assessed(fit([0.25, -5.9, 0.6], 0.66, 600.0), fit([0.0; 3], 0.39, 370.0));
+        let per_newton = beyond(0.66, 0.39);
+        are_near(
+            stribeck.errors,
+            [0.5, 11.8_f64.hypot(0.35 * 28.0 * per_newton), 1.2_f64.hypot(0.35 * 2.6 * per_newton)],
+        );
+        // Friction of 49.1 N, and an acceleration of 5 m/s^2.
+        let presliding = assessed(fit([-0.3, 7.8, -0.9], 6.46, 600.0), fit([0.0; 3], 3.07, 370.0));
+        let per_newton = beyond(6.46, 3.07);
+        let coulomb = 2.6 * per_newton;
+        let alike = 1.3 * coulomb / 49.1;
+        assert!(alike > 0.35);
+        are_near(
+            presliding.errors,
+            [
+                0.6_f64.hypot(0.6 * coulomb / 5.0),
+                15.6_f64.hypot(alike * 28.0 * per_newton),
+                1.8_f64.hypot(alike * coulomb),
+            ],
+        );
+        // Where the error may be all of friction, and more: 75 of 50 N.
+        let all = assessed(fit([0.0; 3], 35.0, 600.0), fit([0.0; 3], 20.0, 370.0));
+        let per_newton = beyond(35.0, 20.0);
+        assert_eq!(all.regime, Regime::Presliding);
+        are_near(all.errors, [0.6 * 2.6 * per_newton / 5.0, 1.3 * 28.0 * per_newton, 1.3 * 2.6 * per_newton]);
+        // Viscous friction of -68.6 N s/m, at 0.02 m/s over 5 m/s^2.
+        let falling = assessed(fit([0.0, -100.0, 5.0], 0.4, 600.0), fit([0.0, -100.0, 5.0], 0.4, 600.0));
+        assert_eq!((falling.regime, falling.errors[1]), (Regime::Stribeck, f32::INFINITY));
+        assert!((falling.errors[0] / (68.6 * 0.02 / 5.0) - 1.0).abs() < 0.005, "{}", falling.errors[0]);
+        // The same within its interval, or where Coulomb friction is negative, is no falling friction.
+        for moved in [[0.0, -32.0, 0.0], [0.0, -100.0, -60.0]] {
+            let calm = assessed(fit(moved, 0.4, 600.0), fit(moved, 0.4, 600.0));
+            assert_eq!((calm.regime, calm.errors), (Regime::Coulomb, [0.0; 3]), "{moved:?}");
+        }
+    }
+
+    #[test]
+    fn verdicts_on_friction_change_at_their_limits() {
+        // By chance, the variances of 28 and 18 degrees of freedom differ by three times
+        // sqrt(2 / 18 - 2 / 28) = 0.199: up to 1.5 + 0.598 is lawful.
+        let chance = |ratio: f32| assessed(fit([0.0; 3], 0.38 * sqrt(ratio), 32.0), fit([0.0; 3], 0.38, 22.0)).regime;
+        assert_eq!([2.05, 2.15].map(chance), [Regime::Coulomb, Regime::Presliding]);
+        // Where Coulomb friction moves by more than a tenth of what all of the unlawful residual may, it falls.
+        let alike = 2.6 * sqrt(0.66 * 0.66 - 0.39 * 0.39);
+        for (part, regime) in [(0.9, Regime::Presliding), (1.1, Regime::Stribeck)] {
+            let moved = [0.0, 0.0, 0.5 * part * 0.1 * alike];
+            assert_eq!(assessed(fit(moved, 0.66, 600.0), fit([0.0; 3], 0.39, 370.0)).regime, regime, "{part}");
+        }
+        // Friction could hide where its error per residual is above 6.
+        for (error, regime) in [(5.9, Regime::Coulomb), (6.1, Regime::Unknown)] {
+            let mut all = fit([0.0; 3], 0.39, 600.0);
+            all.errors[2] = error * 0.39 / sqrt(600.0);
+            assert_eq!(assessed(all, fit([0.0; 3], 0.39, 370.0)).regime, regime, "{error}");
+        }
+        // 16 observations away from rest suffice, if they leave a residual and the fits know friction.
+        let all = fit([0.0; 3], 0.39, 600.0);
+        let away = |observations: f32, residual: f32| fit([0.0; 3], residual, observations);
+        assert!(assessed(all, away(16.0, 0.39)).judged);
+        assert_eq!(assessed(all, away(15.9, 0.39)), Assessment::default());
+        assert_eq!(assessed(all, away(370.0, 0.0)), Assessment::default());
+        let endless = |mut fit: Fit| {
+            fit.errors[2] = f32::INFINITY;
+            fit
+        };
+        assert_eq!(assessed(endless(all), away(370.0, 0.39)), Assessment::default());
+        assert_eq!(assessed(all, endless(away(370.0, 0.39))), Assessment::default());
+    }
+
+    /// Of 54 observations 50 are free: the residual's variance scatters by `sqrt(2 scatter / 50)`, and three times that
+    /// is chance.
+    #[test]
+    fn what_is_unexplained_counts_from_its_limit_on() {
+        let errors = |ratio: f32, scatter: f32, contact: Contact| {
+            let mut tone = fit([0.0; 3], 2.0, 54.0);
+            tone.errors[2] *= 11.0;
+            let explained = Explained { variance: 4.0 / ratio, scatter };
+            let viscous = Interval { value: 31.4, u95: 1.0 };
+            let away = fit([0.0; 3], 2.0, 40.0);
+            Assessment::of(&tone, &away, [25.0, 4e-4], viscous, &explained, contact, 1.0).errors
+        };
+        for (below, above, scatter, contact) in [
+            // 1.7 + 0.6 and 1.7 + 1.2 where flanks are closed.
+            (2.25, 2.35, 1.0, Contact::Closed),
+            (2.85, 2.95, 4.0, Contact::Closed),
+            // 1.4 + 0.6 and 1.4 + 1.2 where they may part.
+            (1.95, 2.05, 1.0, Contact::Unknown),
+            (2.55, 2.65, 4.0, Contact::Unknown),
+            // 1 where they do.
+            (0.98, 1.02, 1.0, Contact::Backlash),
+            (0.98, 1.02, 1.0, Contact::Bouncing),
+        ] {
+            assert_eq!(errors(below, scatter, contact), [0.0; 3], "{below}, {contact:?}");
+            assert!(errors(above, scatter, contact).into_iter().all(|error| error > 0.0), "{above}, {contact:?}");
+        }
+    }
+
+    /// The square of the limit is 1.7, and three times the chance of residual and noise.
+    #[test]
+    fn the_law_is_judged_by_the_chance_of_residual_and_noise() {
+        let judged = |residual: f32, observations: f32, explained: f32, scatter: f32, differences: u32| {
+            let explained = Explained { variance: explained, scatter };
+            law(&fit([0.0; 3], residual, observations), &explained, differences, Contact::Closed, || 1e4)
+        };
+        for (scatter, differences) in [(1.0_f32, 10_000_u32), (4.0, 100)] {
+            let chance = 2.0 * f64::from(scatter) / 596.0 + 12.8 / f64::from(differences);
+            let limit = (1.7 + 3.0 * chance.sqrt()).sqrt();
+            for (part, status) in [(0.99, LawStatus::Holds), (1.01, LawStatus::Broken)] {
+                // Half a newton is explained.
+                let law = judged((part * 0.5 * limit) as f32, 600.0, 0.25, scatter, differences);
+                let misfit = law.misfit.unwrap();
+                assert_eq!(law.status, status, "{part} of {limit}");
+                assert!((f64::from(misfit.ratio) / (part * limit) - 1.0).abs() < 1e-4, "{misfit:?}");
+                assert!((f64::from(misfit.limit) / limit - 1.0).abs() < 1e-4, "{misfit:?} for {limit}");
+            }
+        }
+        assert_eq!(judged(1.0, 16.0, 1.0, 1.0, 10_000).status, LawStatus::Holds);
+        assert_eq!(judged(1.0, 15.9, 1.0, 1.0, 10_000), Law::default());
+        // Nothing is explained: there is nothing to judge by.
+        assert_eq!(judged(1.0, 600.0, 0.0, 1.0, 10_000), Law::default());
+    }
+
+    /// Three times the lawful residual: eight ninths of the variance are unlawful.
+    #[test]
+    fn what_breaks_the_law_reaches_as_far_as_its_part_of_the_residual() {
+        let misfit = Some(Misfit { ratio: 3.0, limit: 1.4 });
+        let of = |status| reach(&Law { status, misfit, ..Law::default() }, &fit([0.0; 3], 1.0, 450.0));
+        assert!((of(LawStatus::Broken) / (3.1 * 20.0) - 1.0).abs() < 1e-5);
+        assert_eq!([of(LawStatus::Holds), of(LawStatus::Unknown)], [0.0; 2]);
+        let unjudged = Law { status: LawStatus::Broken, misfit: None, ..Law::default() };
+        assert_eq!(reach(&unjudged, &fit([0.0; 3], 1.0, 450.0)), 0.0);
+    }
+
+    /// Where what the fits share recurs, the shifts scatter by as much more.
+    #[test]
+    fn what_recurs_widens_the_chance_of_a_shift() {
+        let (away, all) = (fit([0.0; 3], 0.39, 400.0), fit([0.0; 3], 0.39, 600.0));
+        let usual = sqrt(away.errors[2] * away.errors[2] - all.errors[2] * all.errors[2]);
+        let explained = Explained { variance: f32::INFINITY, scatter: 1.0 };
+        let viscous = Interval { value: 31.4, u95: 1.0 };
+        let error = |moved: f32| {
+            let all = fit([0.0, 0.0, moved * usual], 0.39, 600.0);
+            Assessment::of(&all, &away, [25.0, 4e-4], viscous, &explained, Contact::Closed, 4.0).errors[2]
+        };
+        assert_eq!(error(1.9), 0.0);
+        assert!((error(3.0) / (MOVED * sqrt(9.0 - 4.0) * usual) - 1.0).abs() < 0.01);
+    }
 }

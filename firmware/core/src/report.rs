@@ -491,3 +491,282 @@ impl Parameters {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::boxed::Box;
+
+    use super::*;
+    use crate::detail::Misfit;
+    use crate::rls::{PRODUCTS, place};
+    use crate::sample::RawSample;
+    use crate::settings::Settings;
+    use inerter_needs::Random;
+
+    fn ok(value: f32, u95: f32) -> Parameter {
+        Parameter::Ok(Interval { value, u95 })
+    }
+
+    fn factor(term: Term) -> f64 {
+        f64::from(term.coefficient) * 2_f64.powi(-32 - i32::from(term.shift))
+    }
+
+    #[track_caller]
+    fn is_near(found: f64, wanted: f64, part: f64) {
+        assert!((found - wanted).abs() <= part * wanted.abs(), "{found} for {wanted}");
+    }
+
+    /// Fourth differences of 384 codes, except for this many of ten, which are 0.
+    fn noise(zeros: u32) -> Noise {
+        let mut noise = Noise::new();
+        (0..1000_u32).for_each(|n| noise.push(if n % 10 < zeros { [5; 5] } else { [0, 0, 64, 0, 0] }));
+        noise
+    }
+
+    /// By hand: 384 lies in the octave from 255.5 to 511.5 codes, where a quarter of the differences ends at 319.5.
+    #[test]
+    fn noise_is_the_least_quartile_that_is_clear_of_rounding() {
+        let variance = |noise: &Noise| f64::from(Heard::of(noise).variance);
+        assert_eq!(variance(&Noise::new()), f64::INFINITY);
+        is_near(variance(&noise(0)), (319.5_f64 / 2.666).powi(2), 1e-3);
+        // Rounding to codes is a noise of its own.
+        is_near(variance(&noise(10)), 1.0 / 12.0, 1e-6);
+        let active = Settings::default().validate().unwrap();
+        let beside = |noise: &Noise| active.noise_beside_clipped(noise).map(f64::from);
+        is_near(beside(&noise(0)).unwrap(), 319.5 / 2.666, 1e-3);
+        // Of ten differences three are 0: half of all end after two of the other seven.
+        is_near(beside(&noise(3)).unwrap(), (255.5 + 256.0 * 2.0 / 7.0) / 5.643, 0.01);
+        // Of ten differences six are 0: three quarters of all end after one and a half of the other four.
+        is_near(beside(&noise(6)).unwrap(), (255.5 + 256.0 * 1.5 / 4.0) / 9.624, 0.01);
+        assert_eq!(beside(&noise(10)), None);
+        // Differences of 2 lie from 1.5 to 3.5: a quarter ends at 2, which is a noise of 0.75. Those of 1 are rounding.
+        let mut two = Noise::new();
+        (0..100).for_each(|_| two.push([1, 0, 0, 0, 1]));
+        is_near(beside(&two).unwrap(), 2.0 / 2.666, 1e-3);
+        let mut one = Noise::new();
+        (0..100).for_each(|_| one.push([1, 0, 0, 0, 0]));
+        assert_eq!(beside(&one), None);
+    }
+
+    /// A force of one code on 300 kg, doubled, for 1 ms at 409600 counts a metre.
+    #[test]
+    fn a_position_bends_by_the_force_over_an_inertance_that_is_known() {
+        let active = Settings::default().validate().unwrap();
+        let bend = |inertance_kg| active.bend(&Parameters { inertance_kg, ..Parameters::default() });
+        let (steps, per_code) = bend(ok(300.0, 149.0)).unwrap();
+        assert_eq!(steps, 3);
+        is_near(factor(per_code), 2.0 * 0.002 * 409_600.0 * 1e-6 / 300.0, 1e-6);
+        assert_eq!(bend(ok(300.0, 151.0)), None);
+        assert_eq!(bend(ok(-300.0, 1.0)), None);
+        assert_eq!(bend(Parameter::default()), None);
+        // Whether the law holds or not.
+        let refused = Parameter::new(Interval { value: 300.0, u95: 1.0 }, Status::NotIdentifiable);
+        assert!(bend(refused).is_some());
+    }
+
+    #[test]
+    fn readings_are_counts_in_all_samples_of_the_updates() {
+        let active = Settings { oversampling: 4.0, ..Settings::default() }.validate().unwrap();
+        // 8 and 32 ms from update to update.
+        assert_eq!([Bank::Fast, Bank::Slow].map(|bank| active.readings(bank, 10.0)), [320.0, 1280.0]);
+    }
+
+    /// For an acceleration with so many times the mean square of the fast bank's steps, of which the slow bank sees
+    /// this part.
+    fn chosen(times: f64, part: f64, among: f32, slow_updates: u32) -> Bank {
+        // At 1.1 kHz, the units of the banks differ.
+        let active = Settings { sample_rate_hz: 1100.0, ..Settings::default() }.validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        (0..slow_updates).for_each(|_| state.slow.whole.update(&[0; PRODUCTS]));
+        let fast = &active.fast.scales;
+        let square_si = times * f64::from(fast.quantisation) * fast.units[0] * fast.units[0];
+        let knowledge = |bank: &BankState| {
+            let (scales, seen) =
+                if core::ptr::eq(bank, &state.slow) { (&active.slow.scales, part) } else { (fast, 1.0) };
+            let mut sums = [0_i128; PRODUCTS];
+            sums[place(0, 0)] = (1000.0 * seen * square_si / (scales.units[0] * scales.units[0])) as i128;
+            Knowledge::between(&[0; PRODUCTS], &sums, 1000)
+        };
+        active.choose(&state, knowledge, among).0
+    }
+
+    #[test]
+    fn the_fast_bank_is_published_where_its_steps_are_small() {
+        for (times, part, among, bank) in [
+            (2100.0, 0.5, CLEAR_OF_STEPS, Bank::Fast),
+            (1900.0, 0.05, CLEAR_OF_STEPS, Bank::Slow),
+            (2100.0, 0.5, AMONG_STEPS, Bank::Fast),
+            // Or small enough, where the slow one smooths nearly all away.
+            (1900.0, 0.09, AMONG_STEPS, Bank::Fast),
+            (1900.0, 0.11, AMONG_STEPS, Bank::Slow),
+            (550.0, 0.09, AMONG_STEPS, Bank::Fast),
+            (450.0, 0.09, AMONG_STEPS, Bank::Slow),
+        ] {
+            assert_eq!(chosen(times, part, among, 1), bank, "{times} {part} {among}");
+            assert_eq!(chosen(times, part, among, 0), Bank::Fast, "{times} {part} {among}");
+        }
+    }
+
+    /// By hand, for 300 kg with 30 kg of structure, 30 N s/m, 50 N and 3 N, in codes of 1/512 N: a newton on a kilogram
+    /// moves the encoder by 0.4096 counts in a sample more.
+    #[test]
+    fn friction_is_fed_back_in_counts_and_codes() {
+        let settings = Settings { newtons_per_code: 1.0 / 512.0, structure_mass_kg: 30.0, ..Settings::default() };
+        let active = settings.validate().unwrap();
+        let before = Feedback {
+            offset_code: 7,
+            weak_force_code: 9,
+            viscous: Term { coefficient: 1, shift: 0 },
+            ..Feedback::NONE
+        };
+        let (inertance, viscous, coulomb, offset) = (ok(300.0, 1.0), ok(30.0, 1.0), ok(50.0, 4.9), ok(3.0, 9.0));
+        let fed_back = |[inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]: [Parameter; 4], variance: f32| {
+            let parameters = Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n };
+            active.feedback(&parameters, &Heard { variance, differences: 0 }, before)
+        };
+        // Thrice the friction, 76800 codes, is clear of four standard deviations of the jump up to 76800^2 / 320.
+        let all = fed_back([inertance, viscous, coulomb, offset], 1.84e7);
+        is_near(factor(all.kink), 256.0 * 0.4096 / 3.0 * 50.0 / 300.0, 1e-5);
+        is_near(factor(all.velocity_per_force), 256.0 * 0.4096 / 512.0 / 330.0, 1e-5);
+        // A count in a millisecond is 1/409.6 m/s.
+        is_near(factor(all.viscous), 30.0 / 409.6 * 512.0, 1e-5);
+        assert_eq!((all.offset_code, all.weak_force_code), (1536, 76_800));
+        assert!(all.friction_known && all.jumps_are_clear);
+        assert!(!fed_back([inertance, viscous, coulomb, offset], 1.85e7).jumps_are_clear);
+        assert!(!fed_back([inertance, viscous, ok(50.0, 5.1), offset], 1e7).friction_known);
+        // Without friction nothing is fed back; without another parameter, only what does not need it.
+        for coulomb in [ok(50.0, 25.1), Parameter::Held(Interval { value: 50.0, u95: 1.0 }), Parameter::default()] {
+            let none = fed_back([inertance, viscous, coulomb, offset], 1e7);
+            assert_eq!((none.offset_code, none.weak_force_code, none.viscous), (7, 9, before.viscous));
+            assert_eq!((none.kink, none.velocity_per_force), (Term::default(), Term::default()));
+        }
+        let unknown = fed_back([ok(300.0, 151.0), viscous, coulomb, offset], 1e7);
+        assert_eq!((unknown.kink, unknown.offset_code), (Term::default(), 1536));
+        let smooth = fed_back([inertance, ok(30.0, 15.1), coulomb, offset], 1e7);
+        assert_eq!((smooth.kink, smooth.viscous), (all.kink, Term::default()));
+        let drifts = fed_back([inertance, viscous, coulomb, Parameter::default()], 1e7);
+        assert_eq!((drifts.kink, drifts.offset_code, drifts.weak_force_code), (all.kink, 7, 9));
+        // No force is below a negative friction.
+        let negative = fed_back([inertance, viscous, ok(-50.0, 1.0), offset], 1e7);
+        assert_eq!((negative.weak_force_code, negative.friction_known, negative.jumps_are_clear), (0, false, false));
+    }
+
+    /// At three times the residual that is explained, eight ninths of 450 observations may count 3.1 times: 62 standard
+    /// errors.
+    #[test]
+    fn what_breaks_the_law_widens_every_budget() {
+        let errors = [0.1, 2.0, 0.5, 0.05];
+        let of = |status| {
+            let fit = Fit { values: [300.0, 30.0, 50.0, 3.0], errors, variance: 9.0, observations: 450.0, ..Fit::NONE };
+            let law = Law { status, misfit: Some(Misfit { ratio: 3.0, limit: 1.4 }), ..Law::default() };
+            Told { fit, budgets: errors.map(|error| Budget::of_scatter(error, 446.0)), law }
+        };
+        for status in [LawStatus::Holds, LawStatus::Unknown] {
+            let told = of(status);
+            assert!(told.broken_by().is_none());
+            assert_eq!(told.all_budgets(), told.budgets);
+        }
+        let told = of(LawStatus::Broken);
+        for ((after, before), error) in told.all_budgets().into_iter().zip(told.budgets).zip(errors) {
+            let wanted = f64::from(before.u95()).hypot(62.0 * f64::from(error));
+            is_near(f64::from(after.u95()), wanted, 5e-3);
+        }
+    }
+
+    #[test]
+    fn a_band_is_between_two_mean_frequencies() {
+        use core::f32::consts::TAU;
+        let near = |found: Band, wanted: [f32; 2]| {
+            is_near(f64::from(found.low_hz), f64::from(wanted[0]), 1e-5);
+            is_near(f64::from(found.high_hz), f64::from(wanted[1]), 1e-5);
+        };
+        near(band(0.25, 9.0, 5184.0), [6.0 / TAU, 24.0 / TAU]);
+        // Steps may leave less of the third derivative than any motion has.
+        near(band(0.25, 9.0, 100.0), [6.0 / TAU, 6.0 / TAU]);
+        for (velocity, acceleration) in [(0.0, 1.0), (-1.0, 1.0), (1.0, 0.0), (1.0, -1.0)] {
+            assert_eq!(band(velocity, acceleration, 1.0), Band::default());
+        }
+    }
+
+    #[test]
+    fn parameters_are_withheld_as_their_intervals_demand() {
+        for (value, u95, backwards) in [(-300.0, 299.0, true), (-300.0, 301.0, false), (300.0, 1.0, false)] {
+            for status in [Status::Ok, Status::NotIdentifiable] {
+                let inertance_kg = Parameter::new(Interval { value, u95 }, status);
+                assert_eq!(Parameters { inertance_kg, ..Parameters::default() }.are_backwards(), backwards);
+            }
+        }
+        assert!(!Parameters::default().are_backwards());
+        let statuses = |parameters: &Parameters| {
+            let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = parameters;
+            [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n].map(|parameter| parameter.status())
+        };
+        let all = Parameters {
+            inertance_kg: ok(10.0, 5.0),
+            viscous_n_s_per_m: ok(-10.0, 4.9),
+            coulomb_n: ok(-10.0, 5.1),
+            offset_n: ok(10.0, 5.1),
+        };
+        let mut wide = all;
+        wide.refuse_what_is_wide();
+        let none = Status::NotIdentifiable;
+        assert_eq!(statuses(&wide), [Status::Ok, Status::Ok, none, none]);
+        assert_eq!(wide.coulomb_n.fitted(), all.coulomb_n.fitted());
+        let mut held = wide;
+        held.hold();
+        assert_eq!(statuses(&held), [Status::Held, Status::Held, none, none]);
+        let mut refused = held;
+        refused.refuse();
+        assert_eq!(statuses(&refused), [none; 4]);
+        assert_eq!(refused.inertance_kg.fitted(), all.inertance_kg.fitted());
+    }
+
+    /// After a restart, values come again once the law is judged; at rest, those of the recent memory are held.
+    #[test]
+    fn values_wait_for_the_law_after_a_restart_and_are_held_at_rest() {
+        let active = Settings::default().validate().unwrap();
+        let mut state = Box::new(State::new(&active));
+        let mut random = Random(3);
+        // 300 kg and 50 N, moved by 3000 counts at 5 Hz, with 1 N of noise.
+        let amplitude_m = 3000.0 * 2.44140625e-6;
+        let mut advance = |state: &mut State, until: u32| {
+            for index in state.counters().samples as u32..until {
+                let (sine, cosine) = (core::f64::consts::TAU * f64::from(index) / 200.0).sin_cos();
+                let acceleration = -amplitude_m * (core::f64::consts::TAU * 5.0).powi(2) * sine;
+                let force_n = 300.0 * acceleration + 50.0 * cosine.signum() + random.normal();
+                let (position_count, force_code) = ((3000.0 * sine).round() as i32, (force_n / 0.002).round() as i32);
+                active.step(state, &RawSample { index, position_count, force_code, terminal_code: 0 });
+            }
+        };
+        let inertances = |published: &Published| {
+            let Estimate { recent, whole_run, .. } = published.estimate;
+            [recent, whole_run].map(|parameters| parameters.inertance_kg)
+        };
+        // Some 50 updates are 12 observations: enough for a fit, too few for a verdict.
+        advance(&mut state, 500);
+        let ahead = active.publish(&state);
+        assert_eq!(ahead.law.misfit, None);
+        assert_eq!(inertances(&ahead).map(|inertance| inertance.status()), [Status::Ok; 2]);
+        state.trial = Trial::Open;
+        let open = active.publish(&state);
+        assert_eq!(inertances(&open).map(|inertance| inertance.status()), [Status::NotIdentifiable; 2]);
+        assert_eq!(inertances(&open).map(|inertance| inertance.fitted()), inertances(&ahead).map(|one| one.fitted()));
+        // Judged, it is trusted.
+        state.trial = Trial::Ahead;
+        advance(&mut state, 1500);
+        state.trial = Trial::Open;
+        let judged = active.publish(&state);
+        assert!(judged.law.misfit.is_some());
+        assert_eq!(inertances(&judged).map(|inertance| inertance.status()), [Status::Ok; 2]);
+        for inertance in inertances(&judged) {
+            is_near(f64::from(inertance.fitted().value), 300.0, 0.01);
+        }
+        // 24 boxes of 16 ms without an update are rest; the whole run is not held.
+        for (idle_samples, status) in [(383, Status::Ok), (384, Status::Held)] {
+            state.fast.idle_samples = idle_samples;
+            let published = active.publish(&state);
+            assert_eq!(inertances(&published).map(|inertance| inertance.status()), [status, Status::Ok]);
+            assert_eq!(published.estimate.moving, status == Status::Ok);
+        }
+    }
+}

@@ -57,3 +57,72 @@ impl Trial {
         begins_anew
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detail::{Detail, Friction, Law, Misfit};
+    use crate::estimate::{Estimate, Interval, Parameter, Parameters};
+
+    /// What is published after so many updates, with so many times the residual that is explained: up to 1.5 times are
+    /// lawful.
+    fn published(updates: u32, ratio: f32, contact: Contact, regime: Regime) -> Published {
+        Published {
+            estimate: Estimate { updates, ..Estimate::default() },
+            detail: Detail { contact, friction: Friction { regime, ..Friction::default() }, ..Detail::default() },
+            law: Law { misfit: Some(Misfit { ratio, limit: 1.5 }), ..Law::default() },
+        }
+    }
+
+    #[test]
+    fn the_memories_restart_once_where_the_law_seems_broken_and_nothing_else_explains_it() {
+        use Contact::{Backlash, Closed, OneSided, Unknown};
+        use Regime::{Coulomb, Unknown as Unseen};
+        // Three times the residual has eight times the variance that is explained beside it.
+        let hidden = Trial::Hidden { excess: 8.0 * 200.0 };
+        for (before, of, after) in [
+            // Judged after 200 updates, and not before.
+            (Trial::Ahead, (199, 3.0, Closed, Coulomb), Trial::Ahead),
+            (Trial::Ahead, (200, 3.0, Closed, Coulomb), Trial::Open),
+            (Trial::Ahead, (200, 3.0, OneSided, Coulomb), Trial::Open),
+            // Lawful, or explained by flanks that part.
+            (Trial::Ahead, (200, 1.5, Closed, Coulomb), Trial::Over),
+            (Trial::Ahead, (200, 3.0, Backlash, Coulomb), Trial::Over),
+            // Unknown friction, and for a while unknown flanks, leave it open.
+            (Trial::Ahead, (200, 3.0, Closed, Unseen), hidden),
+            (Trial::Ahead, (200, 3.0, Unknown, Coulomb), hidden),
+            (hidden, (799, 1.7, Unknown, Coulomb), hidden),
+            (hidden, (800, 1.7, Unknown, Coulomb), Trial::Over),
+            (hidden, (800, 1.7, Closed, Unseen), hidden),
+            (hidden, (800, 1.7, Closed, Coulomb), Trial::Open),
+            (hidden, (800, 1.5, Closed, Coulomb), Trial::Over),
+            // What grows to 1.5 times 1600 does not come from the beginning: 3 times 800 is there, 3 times 799 is not.
+            (hidden, (800, 2.0, Closed, Coulomb), Trial::Over),
+            (hidden, (799, 2.0, Closed, Coulomb), Trial::Open),
+            // Only once.
+            (Trial::Open, (1, 3.0, Closed, Coulomb), Trial::Over),
+            (Trial::Over, (200, 3.0, Closed, Coulomb), Trial::Over),
+        ] {
+            let (updates, ratio, contact, regime) = of;
+            let mut trial = before;
+            let restarts = trial.judge(&published(updates, ratio, contact, regime));
+            assert_eq!((trial, restarts), (after, after == Trial::Open), "{before:?} by {of:?}");
+        }
+    }
+
+    #[test]
+    fn a_law_that_is_not_judged_or_backwards_restarts_nothing() {
+        for before in [Trial::Ahead, Trial::Hidden { excess: 1.0 }, Trial::Open] {
+            let mut trial = before;
+            let silent = Published { law: Law::default(), ..published(900, 3.0, Contact::Closed, Regime::Coulomb) };
+            assert!(!trial.judge(&silent));
+            assert_eq!(trial, before);
+        }
+        let mut backwards = published(900, 3.0, Contact::Closed, Regime::Coulomb);
+        let inertance_kg = Parameter::Ok(Interval { value: -300.0, u95: 1.0 });
+        backwards.estimate.recent = Parameters { inertance_kg, ..Parameters::default() };
+        let mut trial = Trial::Ahead;
+        assert!(!trial.judge(&backwards));
+        assert_eq!(trial, Trial::Over);
+    }
+}
