@@ -142,9 +142,27 @@ mod tests {
         }
 
         #[test]
+        fn multiplied_regressors_fit_or_are_refused(value: i64, narrow in 0_u32..64, shift in -63_i8..0) {
+            let value = value >> narrow;
+            let exact = i128::from(value) << shift.unsigned_abs();
+            let fits = exact.unsigned_abs() < 1 << 31;
+            prop_assert_eq!(to_regressor(value, shift).map(i128::from), fits.then_some(exact));
+        }
+
+        #[test]
         fn scale_is_within_one_unit(value in -(1_i64 << 60)..1 << 60, coefficient: i32, shift in 0_i8..30) {
             let exact = (i128::from(value) * i128::from(coefficient)) as f64 / ((1_u64 << (32 + shift)) as f64);
             prop_assert!((scale(value, coefficient, shift) as f64 - exact).abs() <= 1.0 + exact.abs() * 1e-15);
         }
+    }
+
+    /// What a left shift pushes out of 64 bits is not lost without notice.
+    #[test]
+    fn what_leaves_64_bits_is_no_regressor() {
+        for (value, shift) in [(1_i64 << 60, -4), (-1 << 62, -2), (3 << 40, -24), (1 << 24, -40), (i64::MIN, -1)] {
+            assert_eq!(to_regressor(value, shift), None, "{value} {shift}");
+        }
+        assert_eq!(to_regressor(0, -63), Some(0));
+        assert_eq!((to_regressor(-3, -2), to_regressor(7, 0)), (Some(-12), Some(7)));
     }
 }
