@@ -2,7 +2,7 @@
 //!
 //! Glossary: the *matrix* is the symmetric 5 x 5 of averaged products, the force last; a *pivot* is what is left of a
 //! column's own variance when the columns before it have explained what they can. The last pivot is the variance of
-//! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/4, 1).
+//! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/2, 2).
 //! A column whose pivot is under 2^-20 of its own variance cannot be distinguished from the others: it is left out, and
 //! the factorisation shows which others this affects.
 //! Source: Golub and Van Loan, Matrix Computations, 4th ed., 4.1.

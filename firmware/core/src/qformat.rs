@@ -9,7 +9,7 @@
 //! | regressor | `i32`, [`Regressor`] | a power of two, chosen by `Settings::validate` | +-(2^31 - 1) | product of two fits `i64` |
 //! | moment | `i64`, Q62 of the regressors' units | 2^-62 of full scale squared | +-2^62 | slow motion uses 2^-34 of it and keeps 28 bits |
 //! | whole-run sum | `i128` | the product's | 2^64 updates | exact: no rounding at all |
-//! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/4, 1) on the diagonal | see `ldl` |
+//! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/2, 2) on the diagonal | see `ldl` |
 //! | factors, solution | `i64`, Q50 | 2^-50 | +-2^12 | a pivot above 2^-20 bounds them by 2^11 |
 //!
 //! Right shifts round half up; [`mul_shift`] and [`scale`] round down. Regressors are rounded half to even, except those
