@@ -229,7 +229,7 @@ mod tests {
     /// A square of any size is shifted by an even number of bits to between a half and two.
     #[test]
     fn diagonals_of_any_size_are_brought_near_one() {
-        for bit in 1..62 {
+        for bit in 1..62_u32 {
             for square in [1_i64 << bit, 3 << (bit - 1), (2 << bit) - 1] {
                 let mut matrix = [0; PRODUCTS];
                 (0..REGRESSORS).for_each(|i| matrix[place(i, i)] = square);

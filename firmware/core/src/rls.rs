@@ -245,13 +245,13 @@ mod tests {
     /// Where two sums of squares are the widest, and as wide as each other, too.
     #[test]
     fn sums_of_any_width_keep_62_bits() {
-        for bits in [1, 40, 61, 62, 63, 64, 94, 124, 125, 126, 127] {
+        for bits in [1_u32, 40, 61, 62, 63, 64, 94, 124, 125, 126, 127] {
             let wide = i128::MAX >> (127 - bits);
             let mut sums = [-(wide / 3); PRODUCTS];
             (0..REGRESSORS).for_each(|i| sums[place(i, i)] = wide >> 5);
             (sums[place(0, 0)], sums[place(3, 3)]) = (wide, wide);
             let (scaled, shift) = scaled(&sums);
-            assert_eq!(shift, u32::saturating_sub(bits, 62));
+            assert_eq!(shift, bits.saturating_sub(62));
             assert_eq!(scaled.map(i128::from), sums.map(|sum| sum >> shift), "{bits} bits");
         }
     }
