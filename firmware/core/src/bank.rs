@@ -118,3 +118,43 @@ impl BankState {
         true
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Settings;
+
+    /// Half of the way towards each product.
+    #[test]
+    fn an_aside_averages_its_products_and_its_square() {
+        let mut aside = Aside::NONE;
+        aside.update(3 << 20, &[1 << 20, -(2 << 20), 1 << 30, -(1 << 30), 5], 1 << 31);
+        assert_eq!(aside.products, [3 << 39, -(6 << 39), 3 << 49, -(3 << 49)]);
+        assert_eq!(aside.square, 9 << 39);
+    }
+
+    /// An update comes every so many samples, as soon as every sample under the kernel is good.
+    #[test]
+    fn updates_come_at_their_spacing_with_the_first_good_kernel() {
+        let active = Settings::default().validate().unwrap();
+        for config in [&active.fast, &active.slow] {
+            let (mut bank, cascades) = (BankState::new(), Cascades::new());
+            assert!(bank.advance(config, &cascades, config.support - 1));
+            assert_eq!((bank.whole.updates(), bank.idle_samples), (0, 1));
+            for updates in 0..3 {
+                for _ in 1..config.spacing {
+                    assert!(bank.advance(config, &cascades, config.support));
+                    assert_eq!(bank.whole.updates(), updates);
+                }
+                assert!(bank.advance(config, &cascades, config.support));
+                assert_eq!((bank.whole.updates(), bank.more.updates()), (updates + 1, updates + 1));
+                assert_eq!((bank.recent.updates(), bank.idle_samples), (updates + 1, 0));
+            }
+            bank.reset();
+            assert_eq!((bank.whole.updates(), bank.recent.updates(), bank.idle_samples), (0, 0, 0));
+            // Its next sample is an update again.
+            assert!(bank.advance(config, &cascades, config.support));
+            assert_eq!(bank.whole.updates(), 1);
+        }
+    }
+}

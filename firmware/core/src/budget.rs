@@ -222,4 +222,13 @@ mod tests {
         assert_eq!(Budget::of_scatter(f32::INFINITY, 20.0).u95(), f32::INFINITY);
         assert_eq!((Budget::of_scatter(0.0, 20.0).u95(), Budget::of_scatter(0.0, 0.0).freedom()), (0.0, f32::INFINITY));
     }
+
+    /// In another unit, both what scatters and what is stated are by as much greater; its degrees of freedom stay.
+    #[test]
+    fn a_budget_in_another_unit_is_the_same_budget() {
+        let budget = Budget::of_scatter(0.3, 8.0).and(Source::Model, 0.7).times(4.0);
+        assert!((budget.standard_error() / 1.2 - 1.0).abs() < 1e-6, "{}", budget.standard_error());
+        assert!((budget.given_u95(Source::Model) / 2.8 - 1.0).abs() < 1e-6, "{}", budget.given_u95(Source::Model));
+        assert_eq!((budget.scatter_freedom(), budget.given_u95(Source::Gain)), (8.0, 0.0));
+    }
 }

@@ -256,8 +256,14 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use crate::{RawSample, Settings, State};
+    use crate::{Active, RawSample, Settings, State};
     use std::boxed::Box;
+
+    fn fresh(settings: &Settings) -> (Active, Box<State>) {
+        let active = settings.validate().unwrap();
+        let state = Box::new(State::new(&active));
+        (active, state)
+    }
 
     /// Strokes and the sum of their squares, for a motion that begins at a position and nearly repeats, with a sample
     /// lost now and then.
@@ -280,6 +286,134 @@ mod tests {
         assert!(all > 100 && squares > u64::from(all), "{squares} in {all} strokes");
         for start in [1, -77_777, 1 << 30] {
             assert_eq!(strokes(start), (all, squares), "from {start}");
+        }
+    }
+
+    /// An index that is ahead by less than half of its range has skipped samples; any other is a restart.
+    #[test]
+    fn an_index_ahead_by_half_of_its_range_is_a_restart() {
+        const HALF: u32 = 1 << 31;
+        for (next, lost, jumps) in [(1, 0, 0), (3, 2, 1), (HALF, u64::from(HALF) - 1, 1), (HALF + 1, 0, 1), (0, 0, 1)] {
+            let (active, mut state) = fresh(&Settings::default());
+            for index in [0, next] {
+                active.step(&mut state, &RawSample { index, position_count: 0, force_code: 0, terminal_code: 0 });
+            }
+            let counters = state.counters();
+            assert_eq!((counters.lost_samples, counters.discontinuities), (lost, jumps), "{next}");
+        }
+    }
+
+    #[test]
+    fn codes_at_the_limits_and_beyond_are_saturated() {
+        let settings = Settings { force_min_code: -1000.0, force_max_code: 1500.0, ..Settings::default() };
+        for (force_code, saturated) in
+            [(-1001, 1), (-1000, 1), (-999, 0), (0, 0), (1499, 0), (1500, 1), (i32::MAX, 1), (i32::MIN, 1)]
+        {
+            let (active, mut state) = fresh(&settings);
+            active.step(&mut state, &RawSample { index: 0, position_count: 0, force_code, terminal_code: 0 });
+            assert_eq!(state.counters().saturated, saturated, "{force_code}");
+        }
+    }
+
+    /// At a hundred times full scale each output is refused and counted: one in 8 samples and one in 32, from when the
+    /// kernels of 66 and 258 samples are filled.
+    #[test]
+    fn outputs_beyond_full_scale_are_counted_and_teach_nothing() {
+        let (active, mut state) =
+            fresh(&Settings { full_scale_velocity_m_per_s: 1e-3, metres_per_count: 2.44e-6, ..Settings::default() });
+        for index in 0..2000_u32 {
+            let position_count = 41 * index as i32;
+            active.step(&mut state, &RawSample { index, position_count, force_code: 0, terminal_code: 0 });
+        }
+        let outputs = (2000 - 66) / 8 + (2000 - 258) / 32;
+        let saturated = state.counters().saturated;
+        assert!((outputs - 20..=outputs).contains(&saturated), "{saturated} of {outputs}");
+        assert_eq!((state.fast.whole.updates(), state.slow.whole.updates()), (0, 0));
+    }
+
+    /// The force's noise is measured once at each update, whether of one bank or of both.
+    #[test]
+    fn noise_is_measured_once_at_each_update() {
+        let (active, mut state) = fresh(&Settings::default());
+        // Before the second estimate, nothing is forgotten.
+        for index in 0..395_u32 {
+            let phase = core::f64::consts::TAU * f64::from(index) / 100.0;
+            let position_count = (3_000.0 * phase.sin()) as i32;
+            let force_code = (50_000.0 * phase.cos() - 80_000.0 * phase.sin()) as i32;
+            active.step(&mut state, &RawSample { index, position_count, force_code, terminal_code: 0 });
+        }
+        // Each difference forgets 1/2048 of those before it.
+        let (updates, differences) = (state.fast.whole.updates(), state.noise.differences());
+        assert!(updates > 30 && differences.abs_diff(updates) <= 2, "{differences} at {updates} updates");
+    }
+
+    /// Signs are found within 5 samples on either side, and between samples.
+    #[test]
+    fn signs_across_a_jump_are_bad() {
+        let (active, mut state) = fresh(&Settings::default());
+        for n in 0..60_u32 {
+            let index = if n < 40 { n } else { n + 5 };
+            let sample = RawSample { index, position_count: 40 * n as i32, force_code: 1000, terminal_code: 0 };
+            state.receive(&active.signal, &sample);
+        }
+        // Samples 34 to 45.
+        assert!((0..50_u8).filter(|&ago| state.line.at(ago).bad).eq(14..=25));
+    }
+
+    /// In 24 samples a reversal moves by four counts at most, under a force that is weak beside its offset.
+    #[test]
+    fn weak_reversals_graze() {
+        for (travel, force, is_bad) in [
+            (4, 10, true),
+            (5, 10, false),
+            (-4, 10, true),
+            (-5, 10, false),
+            (4, 109, true),
+            (4, 110, false),
+            (4, -89, true),
+            (4, -90, false),
+        ] {
+            let (active, mut state) = fresh(&Settings::default());
+            (state.feedback.weak_force_code, state.feedback.offset_code) = (100, 10);
+            (0..60).for_each(|n| state.line.push(if n < 40 { 0 } else { travel }, force, false));
+            state.gate(&active.signal, travel);
+            let bad = (0..60_u8).filter(|&ago| state.line.at(ago).bad);
+            // In the middle of the window.
+            assert!(bad.eq((12..13).filter(|_| is_bad)), "{travel} {force}");
+        }
+    }
+
+    /// The first window ends with the 24th sample. All that wait are then at rest, and the next block's samples too.
+    #[test]
+    fn a_window_without_motion_is_rest() {
+        let (active, mut state) = fresh(&Settings::default());
+        for n in 1..=26 {
+            state.line.push(7, 0, false);
+            state.gate(&active.signal, 7);
+            let resting = if n < 24 { 0 } else { 30 + 3 - (n - 24) };
+            assert_eq!(state.line.resting, resting, "{n}");
+        }
+    }
+
+    /// Where a screw stops under a force that friction can hold, it may stick, if friction has shown to be Coulomb
+    /// friction.
+    #[test]
+    fn stops_are_bad_where_coulomb_friction_has_shown() {
+        for (coulomb_like, have_told) in [(true, true), (true, false), (false, true), (false, false)] {
+            let (active, mut state) = fresh(&Settings::default());
+            state.feedback.weak_force_code = 100;
+            if have_told {
+                state.velocity_reversals.compare(100, 95, true);
+            }
+            for n in 0..60_i32 {
+                // Two counts a sample, then none.
+                let position = 2 * n.min(49);
+                state.line.push(position, 0, false);
+                state.feedback.coulomb_like = coulomb_like && n == 59;
+                state.gate(&active.signal, position);
+            }
+            let bad = (0..60_u8).filter(|&ago| state.line.at(ago).bad).count();
+            assert_eq!(bad, if coulomb_like && have_told { 11 } else { 0 }, "{coulomb_like} {have_told}");
         }
     }
 }

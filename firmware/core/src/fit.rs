@@ -268,3 +268,158 @@ fn rounding(fit: &Fit, scales: &Scales) -> Option<f32> {
     }
     Some((scales.half_code + ROOT_3 * sqrt(steps) + 0.5 * units * scales.force) / NORMAL_COVERAGE)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::{ONE, REGRESSORS};
+    use crate::qformat::Regressor;
+    use crate::rls::{more_products, products};
+    use crate::settings::Settings;
+
+    /// One of eight functions of the update that are 1 or -1, and orthogonal over eight updates.
+    fn walsh(n: i32, bits: i32) -> i32 {
+        if (n & bits).count_ones().is_multiple_of(2) { 1 } else { -1 }
+    }
+
+    const ACCELERATION: i32 = 1 << 24;
+    const VELOCITY: i32 = 1 << 26;
+    const RESIDUAL: i32 = 1 << 20;
+
+    /// Force is 5 times acceleration, a quarter of velocity, minus 2^-10 of the sign and 2^-12 of the constant, and a
+    /// residual of its own.
+    fn regressors(n: i32, acceleration: i32, velocity: i32) -> [Regressor; REGRESSORS] {
+        let (a, v, s) = (acceleration * walsh(n, 1), velocity * walsh(n, 2), ONE * walsh(n, 4));
+        [a, v, s, ONE, 5 * a + v / 4 - s / 1024 + ONE / 4096 + RESIDUAL * walsh(n, 7)]
+    }
+
+    fn take(bank: &mut BankState, regressors: &[Regressor; REGRESSORS], rate: Regressor, curvature: Regressor) {
+        const MEMORY: u32 = 100_000;
+        let products = products(regressors);
+        bank.recent.update(&products, MEMORY);
+        bank.near_rest.update(&products, &bank.recent, MEMORY);
+        let gain = bank.recent.gain(MEMORY);
+        bank.rate.update(rate, regressors, gain);
+        bank.curvature.update(curvature, regressors, gain);
+        bank.whole.update(&products);
+        bank.more.update(&more_products(regressors, &[7, rate]));
+    }
+
+    fn near(found: f32, wanted: f64, what: &str) {
+        assert!((f64::from(found) - wanted).abs() <= 1e-4 * wanted.abs(), "{what}: {found} for {wanted}");
+    }
+
+    /// The force's rate is a multiple of the acceleration and something else; its second derivative, of velocity and
+    /// sign and something else. All of it is orthogonal, so each result is by hand.
+    #[test]
+    fn a_fit_takes_its_part_and_leaves_the_rest() {
+        let scales = Scales { quantisation: 0.0, ..Settings::default().validate().unwrap().fast.scales };
+        let mut bank = BankState::new();
+        for n in 0..80 {
+            let rate = (3 << 20) * walsh(n, 1) + (5 << 20) * walsh(n, 3);
+            let curvature = (3 << 22) * walsh(n, 2) - (1 << 22) * walsh(n, 4) + (5 << 19) * walsh(n, 5);
+            take(&mut bank, &regressors(n, ACCELERATION, VELOCITY), rate, curvature);
+        }
+        let observations = 80.0 / (2.0 * 2.09);
+        let force_per = scales.force_per.map(f64::from);
+        let [rate_unit, curvature_unit] = [scales.rate_per_force, scales.curvature_per_force].map(f64::from);
+        let force = f64::from(scales.force);
+        for (knowledge, is_recent) in [(Knowledge::recent(&bank), true), (Knowledge::whole_run(&bank), false)] {
+            near(knowledge.updates(), 80.0, "updates");
+            near(knowledge.mean_square(1), f64::from(VELOCITY).powi(2), "velocity");
+            let fit = fit(&knowledge, &scales).unwrap();
+            near(fit.observations, observations, "observations");
+            near(fit.freedom(), observations - 4.0, "freedom");
+            let residual = f64::from(RESIDUAL) / (observations - 4.0).sqrt();
+            near(fit.variance, (residual * force).powi(2) * observations, "variance");
+            let sizes = [ACCELERATION, VELOCITY, ONE, ONE].map(f64::from);
+            for (i, part) in [5.0, 0.25, -1.0 / 1024.0, 1.0 / 4096.0].into_iter().enumerate() {
+                near(fit.values[i], part * force_per[i], "value");
+                near(fit.errors[i], residual / sizes[i] * force_per[i], "error");
+            }
+            assert_eq!((fit.inertance_error, fit.is_exact, fit.steps), (fit.errors[0], false, [0.0; UNKNOWNS]));
+            near(fit.per_skew[0], 3.0 / 16.0 * force_per[0] * rate_unit, "skew");
+            near(fit.late, (f64::from(5 << 20) * force * rate_unit).powi(2), "late");
+            let [viscous, coulomb] = fit.friction_in_curvature;
+            let there = f64::from(u8::from(is_recent));
+            near(viscous, there * 3.0 / 16.0 * force_per[1] * curvature_unit, "viscous");
+            near(coulomb, there / -256.0 * force_per[2] * curvature_unit, "coulomb");
+            near(fit.curved, there * (f64::from(5 << 19) * force * curvature_unit).powi(2), "curved");
+        }
+    }
+
+    #[test]
+    fn fewer_than_eight_observations_are_no_fit() {
+        let scales = Settings::default().validate().unwrap().fast.scales;
+        let mut bank = BankState::new();
+        assert!(fit(&Knowledge::recent(&bank), &scales).is_none());
+        for n in 0..40 {
+            take(&mut bank, &regressors(n, ACCELERATION, VELOCITY), 0, 0);
+            // Of 33 updates there are 7.9, of 34 there are 8.1.
+            assert_eq!(fit(&Knowledge::recent(&bank), &scales).is_some(), n >= 33, "{n}");
+            assert_eq!(fit(&Knowledge::whole_run(&bank), &scales).is_some(), n >= 33, "{n}");
+        }
+    }
+
+    /// Every other eight updates are near rest, at an eighth of the velocity.
+    #[test]
+    fn what_is_away_from_rest_is_the_rest() {
+        let mut bank = BankState::new();
+        for n in 0..160 {
+            let is_slow = n & 8 != 0;
+            let (a, v) = if is_slow { (3 * ACCELERATION, VELOCITY / 8) } else { (ACCELERATION, VELOCITY) };
+            take(&mut bank, &regressors(n, a, v), 0, 0);
+        }
+        let away = Knowledge::away(&bank);
+        near(away.updates(), 80.0, "updates");
+        near(away.mean_square(0), f64::from(ACCELERATION).powi(2), "acceleration");
+        near(away.mean_square(1), f64::from(VELOCITY).powi(2), "velocity");
+        near(Knowledge::recent(&bank).mean_square(0), 5.0 * f64::from(ACCELERATION).powi(2), "all");
+    }
+
+    /// Steps take a fifth of the inertance: its fit has 4 of 5 parts. Of what is missing, half of the part that the
+    /// readings keep and half of all is restored, and half of all is uncertain.
+    #[test]
+    fn what_steps_take_is_restored() {
+        let found = Fit { values: [100.0, 10.0, 5.0, 1.0], ..Fit::NONE };
+        let mut fit = found;
+        fit.correct_for_steps([0.2, 0.01, -0.02, 0.0], 0.25);
+        for (i, (value, steps)) in
+            [(115.625, 12.5), (10.781_25, 0.625), (3.4375, 1.25), (1.0, 0.0)].into_iter().enumerate()
+        {
+            near(fit.values[i], value, "value");
+            near(fit.steps[i], steps, "steps");
+        }
+        for (of_itself, is_known) in [(0.49, true), (0.51, false)] {
+            let mut fit = found;
+            fit.correct_for_steps([of_itself, 0.0, 0.0, 0.0], 0.25);
+            assert_eq!((fit.errors[0].is_finite(), fit.values[0] > 100.0), (is_known, is_known), "{of_itself}");
+        }
+    }
+
+    /// A quarter of what rounding to codes, `1/12` of their square, and independent steps leave behind the kernel.
+    #[test]
+    fn a_residual_under_a_quarter_of_the_rounding_is_exact() {
+        let settings = Settings {
+            newtons_per_code: 3.0,
+            oversampling: 4.0,
+            full_scale_acceleration_m_per_s2: 1e6,
+            full_scale_velocity_m_per_s: 1e4,
+            ..Settings::default()
+        };
+        let scales = settings.validate().unwrap().fast.scales;
+        let values: [f32; UNKNOWNS] = [300.0, -2000.0, 50.0, 7.0];
+        let [per_a, .., per_force] = scales.units;
+        let steps = (300.0 * per_a).powi(2) * f64::from(scales.quantisation);
+        // Boxes of 16 samples.
+        let limit = 0.25 * (151.0 / 315.0 / 16.0 * 9.0 / 12.0 + steps / 4.0);
+        let of = |variance: f64| rounding(&Fit { values, variance: variance as f32, ..Fit::NONE }, &scales);
+        assert_eq!((of(1.01 * limit), of(f64::NAN)), (None, None));
+        // Half a code, the greatest step, and half a unit of the force and of each regressor.
+        let of_units: f64 = values.iter().zip(scales.units).map(|(value, unit)| f64::from(value.abs()) * unit).sum();
+        let wanted = (1.5 + (3.0 * steps).sqrt() + 0.5 * (per_force + of_units)) / 1.959_964;
+        near(of(0.99 * limit).unwrap(), wanted, "rounding");
+        // Each part is seen: the least is a hundredth of all.
+        assert!(0.5 * per_force > 0.005 * wanted && 0.5 * of_units > 0.005 * wanted && steps > 1e-4, "{of_units}");
+    }
+}

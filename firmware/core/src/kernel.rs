@@ -398,4 +398,38 @@ pub(crate) mod tests {
             assert!((velocity / force - 1.0).abs() < bound, "{omega}: {}", velocity / force - 1.0);
         }
     }
+
+    #[test]
+    fn a_comb_that_was_reset_is_a_new_one() {
+        let mut cascades = Cascades::new();
+        let (mut used, mut fresh) = (Comb::new(), Comb::new());
+        for n in 1..30 {
+            cascades.force.push(n);
+            used.push(&cascades);
+        }
+        used.reset();
+        for n in 1..30 {
+            cascades.force.push(n * n);
+            assert_eq!(used.push(&cascades).force, fresh.push(&cascades).force, "{n}");
+        }
+    }
+
+    /// Full scale in either direction is `2^31 - 1`.
+    #[test]
+    fn what_is_held_ends_at_full_scale() {
+        const FULL: Regressor = Regressor::MAX;
+        for (value, shift, wanted) in [
+            (40, 3, 5),
+            (-20, 2, -5),
+            (6, 2, 2),
+            (3, -2, 12),
+            (i64::from(FULL), 0, FULL),
+            (1 << 40, 8, FULL),
+            (-(1 << 40), 8, -FULL),
+            (i64::from(i32::MIN), 0, -FULL),
+            (i64::MIN, 1, -FULL),
+        ] {
+            assert_eq!(held(value, shift), wanted, "{value} {shift}");
+        }
+    }
 }

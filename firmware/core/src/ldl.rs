@@ -2,7 +2,7 @@
 //!
 //! Glossary: the *matrix* is the symmetric 5 x 5 of averaged products, the force last; a *pivot* is what is left of a
 //! column's own variance when the columns before it have explained what they can. The last pivot is the variance of
-//! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/4, 1).
+//! the residual. Each row and column is first scaled by a power of two so that the diagonal lies in [1/2, 2).
 //! A column whose pivot is under 2^-20 of its own variance cannot be distinguished from the others: it is left out, and
 //! the factorisation shows which others this affects.
 //! Source: Golub and Van Loan, Matrix Computations, 4th ed., 4.1.
@@ -159,6 +159,25 @@ mod tests {
             }
         }
 
+        /// From pivots of any size, quotients of any size: exact, or the limit.
+        #[test]
+        fn reciprocal_of_any_pivot_divides_up_to_the_limit(
+            pivot in 1_i64 << 60..i64::MAX,
+            value in -(1_i64 << 62)..1 << 62,
+            narrow in 0_u32..60,
+            small in 0_u32..60,
+        ) {
+            let (pivot, value) = (pivot >> narrow, value >> small);
+            let quotient = i128::from(Reciprocal::of(pivot).times(value));
+            let exact = (i128::from(value) << 50) / i128::from(pivot);
+            let limit = 1_i128 << 62;
+            if exact.abs() > limit + 256 {
+                prop_assert_eq!(quotient, limit * exact.signum());
+            } else if exact.abs() < limit - 256 {
+                prop_assert!((quotient - exact).abs() <= 2 + (exact.abs() >> 56), "{quotient} {exact}");
+            }
+        }
+
         #[test]
         fn nothing_panics(matrix: [i64; PRODUCTS]) {
             solve(&matrix);
@@ -205,5 +224,57 @@ mod tests {
             solution.pivots.iter().filter(|&&pivot| pivot == 0).count(),
             2 + usize::from(solution.pivots[4] == 0)
         );
+    }
+
+    /// A square of any size is shifted by an even number of bits to between a half and two.
+    #[test]
+    fn diagonals_of_any_size_are_brought_near_one() {
+        for bit in 1..62_u32 {
+            for square in [1_i64 << bit, 3 << (bit - 1), (2 << bit) - 1] {
+                let mut matrix = [0; PRODUCTS];
+                (0..REGRESSORS).for_each(|i| matrix[place(i, i)] = square);
+                let solution = solve(&matrix);
+                for (pivot, shift) in solution.pivots.into_iter().zip(solution.shifts) {
+                    assert_eq!(i128::from(pivot), i128::from(square) << (2 * shift), "{square}");
+                    assert!(pivot >= 1 << 61, "{square}: {pivot}");
+                }
+                assert_eq!((solution.factors, solution.unknowns), ([[0; REGRESSORS]; REGRESSORS], [0; UNKNOWNS]));
+            }
+        }
+    }
+
+    /// A matrix that was multiplied from its factors comes apart into them, and its unknowns are the last row through
+    /// the transposed factor, by hand.
+    #[test]
+    fn a_product_of_factors_comes_apart_into_them() {
+        let lower = [
+            [1.0, 0.0, 0.0, 0.0, 0.0],
+            [0.5, 1.0, 0.0, 0.0, 0.0],
+            [-0.5, 0.25, 1.0, 0.0, 0.0],
+            [0.25, 0.0, 0.5, 1.0, 0.0],
+            [0.5, -0.25, 0.125, 0.5, 1.0],
+        ];
+        let pivots = [1.0, 0.5, 0.5, 0.5, 0.25];
+        let mut matrix = [0; PRODUCTS];
+        for row in 0..REGRESSORS {
+            for column in 0..=row {
+                let sum: f64 = (0..=column).map(|k| lower[row][k] * lower[column][k] * pivots[k]).sum();
+                matrix[place(row, column)] = (sum * 2_f64.powi(62)) as i64;
+            }
+        }
+        let solution = solve(&matrix);
+        let near = |found: i64, bits: u32, wanted: f64| (found as f64 / 2_f64.powi(bits as i32) - wanted).abs() < 1e-12;
+        for (row, (pivot, wanted)) in solution.pivots.into_iter().zip(pivots).enumerate() {
+            assert!(near(pivot, MATRIX_BITS, wanted), "{row}: {pivot} for {wanted}");
+            for column in 0..REGRESSORS {
+                let factor = solution.factors[row][column];
+                let wanted = if column < row { lower[row][column] } else { 0.0 };
+                assert!(near(factor, FACTOR_BITS, wanted), "{row} {column}: {factor}");
+            }
+        }
+        assert_eq!(solution.shifts, [0; REGRESSORS]);
+        for (found, wanted) in solution.unknowns.into_iter().zip([0.421_875, -0.218_75, -0.125, 0.5]) {
+            assert!(near(found, FACTOR_BITS, wanted), "{found} for {wanted}");
+        }
     }
 }

@@ -136,4 +136,17 @@ mod tests {
         // Noise that cannot be distinguished from none.
         assert!(few.quantile(1).unwrap() < 128);
     }
+
+    /// An octave holds the magnitudes that round to its codes: 8 to 15 and 16 to 31 in the fourth and fifth. Of 40
+    /// differences in each, every quarter is half an octave.
+    #[test]
+    fn quarters_of_two_octaves_are_their_middles_and_what_lies_between() {
+        let mut noise = Noise::new();
+        (noise.octaves[4], noise.octaves[5]) = (40 * ONE, 40 * ONE);
+        for (quarters, codes) in [(1, 11.5), (2, 15.5), (3, 23.5)] {
+            let found = noise.quantile(quarters).unwrap() as f64 / f64::from(1 << Noise::FRACTION);
+            assert!((found - codes).abs() < 0.01, "{quarters}: {found}");
+        }
+        assert_eq!(noise.differences(), 80);
+    }
 }

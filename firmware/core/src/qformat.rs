@@ -9,7 +9,7 @@
 //! | regressor | `i32`, [`Regressor`] | a power of two, chosen by `Settings::validate` | +-(2^31 - 1) | product of two fits `i64` |
 //! | moment | `i64`, Q62 of the regressors' units | 2^-62 of full scale squared | +-2^62 | slow motion uses 2^-34 of it and keeps 28 bits |
 //! | whole-run sum | `i128` | the product's | 2^64 updates | exact: no rounding at all |
-//! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/4, 1) on the diagonal | see `ldl` |
+//! | equilibrated matrix, pivots | `i64`, Q62 | 2^-62 | [1/2, 2) on the diagonal | see `ldl` |
 //! | factors, solution | `i64`, Q50 | 2^-50 | +-2^12 | a pivot above 2^-20 bounds them by 2^11 |
 //!
 //! Right shifts round half up; [`mul_shift`] and [`scale`] round down. Regressors are rounded half to even, except those
@@ -142,9 +142,27 @@ mod tests {
         }
 
         #[test]
+        fn multiplied_regressors_fit_or_are_refused(value: i64, narrow in 0_u32..64, shift in -63_i8..0) {
+            let value = value >> narrow;
+            let exact = i128::from(value) << shift.unsigned_abs();
+            let fits = exact.unsigned_abs() < 1 << 31;
+            prop_assert_eq!(to_regressor(value, shift).map(i128::from), fits.then_some(exact));
+        }
+
+        #[test]
         fn scale_is_within_one_unit(value in -(1_i64 << 60)..1 << 60, coefficient: i32, shift in 0_i8..30) {
             let exact = (i128::from(value) * i128::from(coefficient)) as f64 / ((1_u64 << (32 + shift)) as f64);
             prop_assert!((scale(value, coefficient, shift) as f64 - exact).abs() <= 1.0 + exact.abs() * 1e-15);
         }
+    }
+
+    /// What a left shift pushes out of 64 bits is not lost without notice.
+    #[test]
+    fn what_leaves_64_bits_is_no_regressor() {
+        for (value, shift) in [(1_i64 << 60, -4), (-1 << 62, -2), (3 << 40, -24), (1 << 24, -40), (i64::MIN, -1)] {
+            assert_eq!(to_regressor(value, shift), None, "{value} {shift}");
+        }
+        assert_eq!(to_regressor(0, -63), Some(0));
+        assert_eq!((to_regressor(-3, -2), to_regressor(7, 0)), (Some(-12), Some(7)));
     }
 }

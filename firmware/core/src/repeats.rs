@@ -154,4 +154,96 @@ mod tests {
             assert!(part(shaken(40, period, swelling)) < 0.2, "{}", part(shaken(40, period, swelling)));
         }
     }
+
+    /// Strokes of given samples, travel and area, one after another.
+    struct Strokes {
+        repeats: Repeats,
+        index: i32,
+        position: i32,
+        sum: i32,
+    }
+
+    impl Strokes {
+        const CODES: u32 = 10;
+
+        fn new() -> Self {
+            let mut strokes = Self { repeats: Repeats::new(), index: 0, position: 300, sum: 0 };
+            strokes.reverse();
+            strokes
+        }
+
+        fn reverse(&mut self) {
+            self.repeats.push(self.index as u32, self.position, self.sum, Self::CODES);
+        }
+
+        /// Its area is the sum of the positions from where it began.
+        fn push(&mut self, samples: i32, travel: i32, area: i32) {
+            self.sum += area + samples * self.position;
+            self.index += samples;
+            self.position += travel;
+            self.reverse();
+        }
+    }
+
+    #[test]
+    fn less_than_eight_counts_are_no_stroke() {
+        for (travel, is_stroke) in [(79, 0), (80, 1), (-79, 0), (-80, 1), (200, 1)] {
+            let mut strokes = Strokes::new();
+            strokes.push(48, travel, 1000);
+            assert_eq!(strokes.repeats.strokes_and_squares(), (is_stroke, u64::from(is_stroke)), "{travel}");
+        }
+    }
+
+    #[test]
+    fn strokes_within_two_counts_are_of_one_length() {
+        let mut strokes = Strokes::new();
+        for (travel, steady) in [(100, 0), (120, 1), (141, 1), (-121, 2), (121, 3), (100, 3)] {
+            strokes.push(48, travel, 1000);
+            assert_eq!(strokes.repeats.steady(), steady, "{travel}");
+        }
+    }
+
+    /// Of 48 samples, three may lie in another count, and one more is the width of a cell: four counts of ten codes.
+    /// What lies in the half of a neighbouring cell that is nearer is the same, too.
+    #[test]
+    fn areas_are_the_same_within_a_cell_and_the_nearer_half_of_its_neighbours() {
+        for (first, second, is_same) in [
+            (1000, 1000, true),
+            (1000, 1039, true),
+            (1000, 1059, true),
+            (1000, 1060, false),
+            (1000, 980, true),
+            (1000, 979, false),
+            (-1000, -961, true),
+            (-1000, -1020, true),
+            (-1000, -1021, false),
+        ] {
+            let mut strokes = Strokes::new();
+            strokes.push(48, 400, first);
+            strokes.push(48, -400, second);
+            let squares = if is_same { 4 } else { 2 };
+            assert_eq!(strokes.repeats.strokes_and_squares(), (2, squares), "{first} {second}");
+            // The same area in another number of samples is another stroke.
+            strokes.push(47, 400, second);
+            assert_eq!(strokes.repeats.strokes_and_squares(), (3, squares + 1), "{first} {second}");
+        }
+    }
+
+    /// Strokes of similar lengths and areas are spread over all places, 32 to each on average, and have fingerprints of
+    /// their own.
+    #[test]
+    fn fingerprints_are_spread_over_all_places() {
+        let mut prints = std::vec::Vec::new();
+        let mut used = [0; PLACES];
+        for samples in 20..84 {
+            for cell in -32..32 {
+                prints.push(print(samples, cell));
+                used[place(print(samples, cell))] += 1;
+            }
+        }
+        assert!(used.iter().all(|times| (16..64).contains(times)), "{used:?}");
+        prints.sort_unstable();
+        prints.dedup();
+        assert_eq!(prints.len(), 64 * 64);
+    }
 }

@@ -203,3 +203,56 @@ pub fn scaled(sums: &[i128; PRODUCTS]) -> ([i64; PRODUCTS], u32) {
     });
     (scaled, shift)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn part_rounds_half_up(value: i64, narrow in 0_u32..63, gain: u32) {
+            let value = value >> narrow;
+            let exact = (i128::from(value) * i128::from(gain) + (1 << 31)) >> 32;
+            prop_assert_eq!(i128::from(part(value, gain)), exact);
+        }
+    }
+
+    /// Plain averages over what has come, then exponential ones; the squared weights add up to `1 / n`, in the end to
+    /// `1 / (2 memory - 1)`.
+    #[test]
+    fn averages_and_weights_are_those_of_the_memory() {
+        const MEMORY: u32 = 50;
+        let mut moments = Moments::new();
+        let mut wanted = 0.0;
+        for n in 1..=1000_u32 {
+            let product = i64::from(n * n % 97) << 40;
+            moments.update(&[product; PRODUCTS], MEMORY);
+            wanted += (product as f64 - wanted) / f64::from(n.min(MEMORY));
+            for average in moments.averages() {
+                assert!((*average as f64 / wanted - 1.0).abs() < 1e-6, "{n}: {average} for {wanted}");
+            }
+            let weight = moments.weight() as f64 / 2_f64.powi(62);
+            if n <= MEMORY {
+                assert!((weight * f64::from(n) - 1.0).abs() < 1e-6, "{n}: {weight}");
+            }
+            assert_eq!(moments.updates(), n);
+        }
+        let weight = moments.weight() as f64 / 2_f64.powi(62);
+        assert!((weight * f64::from(2 * MEMORY - 1) - 1.0).abs() < 1e-6, "{weight}");
+    }
+
+    /// Where two sums of squares are the widest, and as wide as each other, too.
+    #[test]
+    fn sums_of_any_width_keep_62_bits() {
+        for bits in [1_u32, 40, 61, 62, 63, 64, 94, 124, 125, 126, 127] {
+            let wide = i128::MAX >> (127 - bits);
+            let mut sums = [-(wide / 3); PRODUCTS];
+            (0..REGRESSORS).for_each(|i| sums[place(i, i)] = wide >> 5);
+            (sums[place(0, 0)], sums[place(3, 3)]) = (wide, wide);
+            let (scaled, shift) = scaled(&sums);
+            assert_eq!(shift, bits.saturating_sub(62));
+            assert_eq!(scaled.map(i128::from), sums.map(|sum| sum >> shift), "{bits} bits");
+        }
+    }
+}

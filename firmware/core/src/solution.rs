@@ -76,3 +76,51 @@ impl Inverse {
         (product, square)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::REGRESSORS;
+
+    /// Pivots 1/2, 1/4, none and 1/8. The inverse of the factor has the rows `[1, 0, 0, 0]`, `[-1/2, 1, 0, 0]`,
+    /// `[-touch, 0, 1, 0]` and `[1, -2, 0, 1]`.
+    fn factorised(touch: f64) -> Solution {
+        let pivots = [0.5, 0.25, 0.0, 0.125, 0.0].map(|pivot: f64| (pivot * 2_f64.powi(62)) as i64);
+        let mut factors = [[0; REGRESSORS]; REGRESSORS];
+        for (row, column, factor) in [(1, 0, 0.5), (2, 0, touch), (3, 1, 2.0)] {
+            factors[row][column] = (factor * 2_f64.powi(50)) as i64;
+        }
+        Solution { pivots, factors, ..Solution::default() }
+    }
+
+    /// Of the three directions, the sum of their squares over their pivots: `2 [1, 0]`, `4 [1/4, 1]` and `8 [1, 4]` for
+    /// the first two unknowns, and 8 for the last.
+    #[test]
+    fn errors_are_the_roots_of_the_inverse_where_nothing_unobservable_touches() {
+        for (touch, is_touched) in [(0.0, false), (0.018, false), (-0.018, false), (0.022, true), (-0.022, true)] {
+            let [first, second, third, fourth] = Inverse::of(&factorised(touch)).errors(4.0);
+            assert_eq!((first.is_none(), third), (is_touched, None), "{touch}");
+            for (found, squared) in [(first, 44.0), (second, 144.0), (fourth, 32.0)] {
+                let Some(found) = found else { continue };
+                assert!((found * found / squared - 1.0).abs() < 1e-6, "{touch}: {found} for the root of {squared}");
+            }
+            assert!(second.is_some() && fourth.is_some());
+        }
+    }
+
+    /// By hand from the same directions: each times its product with the right-hand side, over its pivot.
+    #[test]
+    fn columns_and_products_are_those_of_the_inverse() {
+        let inverse = Inverse::of(&factorised(0.0));
+        assert_eq!(inverse.column(0), [11.0, -18.0, 0.0, 8.0]);
+        assert_eq!(inverse.column(1), [-18.0, 36.0, 0.0, -16.0]);
+        assert_eq!(inverse.column(2), [0.0; UNKNOWNS]);
+        assert_eq!(inverse.times([1.0, 2.0, 3.0, 4.0]), ([7.0, -10.0, 0.0, 8.0], 19.0));
+    }
+
+    #[test]
+    fn a_pivot_is_its_fraction_of_one() {
+        let solution = factorised(0.0);
+        assert_eq!([0, 1, 2, 3].map(|i| pivot(&solution, i)), [0.5, 0.25, 0.0, 0.125]);
+    }
+}

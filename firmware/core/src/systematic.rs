@@ -408,3 +408,95 @@ pub fn apart(gap_m: f32, frequency_squared: f32, acceleration_squared: f32) -> f
         STRUCTURE_MODEL_U95
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A structure of 30 kg behind a contact of 2 MN/m, known to 0.1 MN/m: 25 nm/N of its compliance. Its lag is 0.6 ms.
+    fn settings() -> Settings {
+        Settings {
+            skew_u95_s: 2e-5,
+            structure_mass_kg: 30.0,
+            structure_mass_u95_kg: 2.0,
+            stiffness_n_per_m: 2e6,
+            stiffness_u95_n_per_m: 1e5,
+            contact_damping_n_s_per_m: 1200.0,
+            ..Settings::default()
+        }
+    }
+
+    fn motion(frequency_squared: f32) -> Motion {
+        Motion {
+            repeats: 1.0,
+            apart: 0.03,
+            frequency_squared,
+            low_squared: frequency_squared,
+            acceleration_squared: f32::INFINITY,
+            readings: f32::INFINITY,
+            steady: 0.0,
+            reversals_again: 0.0,
+            friction_in_curvature: [500.0, -300.0],
+        }
+    }
+
+    fn near(found: f32, wanted: f64, what: &str) {
+        assert!((f64::from(found) - wanted).abs() <= 1e-5 * wanted.abs(), "{what}: {found} for {wanted}");
+    }
+
+    /// `skew^2 late + (m u(1/k))^2 curved`.
+    #[test]
+    fn a_skew_and_a_stiffness_within_their_intervals_are_forgiven() {
+        let of = |settings: &Settings| Systematic::of(settings).forgiven(4e6, 9e8);
+        near(of(&settings()), 4e-10 * 4e6 + 5.625e-13 * 9e8, "both");
+        near(of(&Settings { stiffness_n_per_m: 0.0, ..settings() }), 1.6e-3, "skew alone");
+        near(of(&Settings { stiffness_n_per_m: 0.0, structure_mass_kg: 0.0, ..settings() }), 1.6e-3, "no structure");
+        // 1 % where it is not stated: 5 nm/N.
+        near(of(&Settings { stiffness_u95_n_per_m: 0.0, ..settings() }), 1.6e-3 + 2.25e-14 * 9e8, "not stated");
+    }
+
+    /// `m (curvature's + 2 lag w^2 skew's) u(1/k)` for friction, where the compliance is no less known than by a natural
+    /// frequency of 5 Hz, or of the motion: 1.5 over `mt w0^2`.
+    #[test]
+    fn a_wrong_compliance_is_in_the_friction_by_the_structure() {
+        let found = Found { value: 40.0, error: 0.4, per_skew: 2e3, steps: 0.0 };
+        let parts = |settings: &Settings, frequency_squared: f32| {
+            let (systematic, motion) = (Systematic::of(settings), motion(frequency_squared));
+            let spread = Scatter::white(-300.0, 55.0).in_motion(&motion);
+            [systematic.viscous(&found, &spread, &motion), systematic.coulomb(&found, &spread, &motion)]
+                .map(|budget| budget.given_u95(Source::Stiffness))
+        };
+        let [viscous, coulomb] = parts(&settings(), 500.0);
+        near(viscous, 30.0 * (500.0 + 2.0 * 6e-4 * 500.0 * 2e3) * 2.5e-8, "viscous");
+        near(coulomb, 30.0 * (-300.0 + 2.0 * 6e-4 * 500.0 * 2e3) * 2.5e-8, "coulomb");
+        let unknown = Settings { stiffness_n_per_m: 0.0, ..settings() };
+        for (frequency_squared, own) in [(500.0, 987.0), (2000.0, 2000.0)] {
+            let [viscous, coulomb] = parts(&unknown, frequency_squared);
+            near(viscous, 30.0 * 500.0 * 1.5 / (300.0 * own), "viscous of an unknown contact");
+            near(coulomb, 30.0 * 300.0 * 1.5 / (300.0 * own), "coulomb of an unknown contact");
+        }
+        assert_eq!(parts(&Settings { structure_mass_kg: 0.0, ..unknown }, 500.0), [0.0; 2]);
+    }
+
+    /// The structure's mass where it follows the screw and where flanks hide it; and what the contact's stretch makes of
+    /// it, at most 1.5 times that mass.
+    #[test]
+    fn a_structure_is_in_the_inertance_as_it_moves() {
+        let found = Found { value: -300.0, error: 0.4, per_skew: 0.0, steps: 0.0 };
+        let parts = |settings: &Settings, frequency_squared: f32| {
+            let motion = motion(frequency_squared);
+            let spread = Scatter::white(-300.0, 55.0).in_motion(&motion);
+            let budget = Systematic::of(settings).inertance(&found, &spread, &motion);
+            [Source::Structure, Source::Stiffness].map(|source| budget.given_u95(source))
+        };
+        // The stretch is 300 kg times 500 /s^2 over 2 MN/m: 7.5 % of the motion.
+        let [structure, stiffness] = parts(&settings(), 500.0);
+        near(structure, ((0.925_f64 * 2.0).powi(2) + (0.03_f64 * 30.0).powi(2)).sqrt(), "structure");
+        near(stiffness, 30.0 * 300.0 * 500.0 * 2.5e-8, "stiffness");
+        // Above the natural frequency: the stretch is 1.5 times the motion, and the structure moves against the screw.
+        let loose = Settings { stiffness_n_per_m: 1e5, stiffness_u95_n_per_m: 1e6, ..settings() };
+        let [structure, stiffness] = parts(&loose, 500.0);
+        near(structure, ((0.5_f64 * 2.0).powi(2) + (0.03_f64 * 30.0).powi(2)).sqrt(), "structure of a loose contact");
+        near(stiffness, 45.0, "stiffness of a loose contact");
+    }
+}
