@@ -178,6 +178,9 @@ fn a_foreign_version_is_named_whatever_follows() {
     }
 }
 
+const CORRUPTIONS: [Corruption; 5] =
+    [Corruption::TooLong, Corruption::TooShort, Corruption::Stuffing, Corruption::Checksum, Corruption::Malformed];
+
 #[test]
 fn damage_is_counted_by_kind() {
     let cut = |bytes: &[u8]| {
@@ -208,14 +211,7 @@ fn damage_is_counted_by_kind() {
         let (found, counts) = read_all(&[health(0), damaged.clone(), health(2)]);
         assert_eq!(found[1], Frame::Corrupt(corruption), "{damaged:02x?}");
         let kinds = [counts.too_long, counts.too_short, counts.stuffing, counts.checksum, counts.malformed];
-        let expected = [
-            Corruption::TooLong,
-            Corruption::TooShort,
-            Corruption::Stuffing,
-            Corruption::Checksum,
-            Corruption::Malformed,
-        ]
-        .map(|kind| u32::from(kind == corruption));
+        let expected = CORRUPTIONS.map(|kind| u32::from(kind == corruption));
         assert_eq!((kinds, counts.corrupt()), (expected, 1));
         if corruption == Corruption::Malformed {
             // The CRC also covers its sequence number.
@@ -409,9 +405,7 @@ proptest! {
 
 #[test]
 fn faults_are_told_in_words() {
-    for corruption in
-        [Corruption::TooLong, Corruption::TooShort, Corruption::Stuffing, Corruption::Checksum, Corruption::Malformed]
-    {
+    for corruption in CORRUPTIONS {
         assert!(corruption.to_string().contains("frame"));
     }
     assert!(EncodeError::BufferTooSmall.to_string().contains(&MAX_FRAME.to_string()));
