@@ -99,13 +99,13 @@ impl Chip {
 
     /// STATUS as it is now.
     pub fn status(&self) -> Status {
-        let mode = self.at(Register::Mode.address() as usize);
+        let mode = self.read(Register::Mode);
         let mut status = self.events | mode & (Status::CRC_TYPE | Status::RESET | Status::WLENGTH);
         if self.locked {
             status |= Status::LOCK;
         }
         if self.waiting > 0 {
-            status |= self.at(Register::Clock.address() as usize) >> 8 & Status::DRDY;
+            status |= self.read(Register::Clock) >> 8 & Status::DRDY;
         }
         Status(status)
     }
@@ -118,12 +118,12 @@ impl Chip {
 
     /// Oversampling ratio set.
     pub fn osr(&self) -> Osr {
-        Osr::ALL[(self.at(Register::Clock.address() as usize) >> clock::OSR_SHIFT & 7) as usize]
+        Osr::ALL[(self.read(Register::Clock) >> clock::OSR_SHIFT & 7) as usize]
     }
 
     /// Full scale of a channel \[V\].
     pub fn full_scale_v(&self, channel: usize) -> f64 {
-        let gain = self.at(Register::Gain.address() as usize) >> (4 * channel) & 7;
+        let gain = self.read(Register::Gain) >> (4 * channel) & 7;
         1.2 / f64::from(1_u16 << gain)
     }
 
@@ -162,7 +162,7 @@ impl Chip {
         if self.standby || self.low_since.is_some() {
             return;
         }
-        let enabled = self.at(Register::Clock.address() as usize) >> 8;
+        let enabled = self.read(Register::Clock) >> 8;
         for (channel, code) in codes.into_iter().enumerate() {
             let wide = |high: usize| {
                 let base = high + 5 * channel;
@@ -207,8 +207,12 @@ impl Chip {
         self.registers.get(address).copied().unwrap_or(0)
     }
 
+    fn read(&self, register: Register) -> u16 {
+        self.at(register.address() as usize)
+    }
+
     fn map_changed(&mut self) {
-        if self.at(Register::Mode.address() as usize) & mode::REGCRC_EN != 0 {
+        if self.read(Register::Mode) & mode::REGCRC_EN != 0 {
             self.events |= Status::REG_MAP;
         }
     }
@@ -267,7 +271,7 @@ impl Chip {
         let (address, number) = ((command >> 7 & 0x3F) as usize, (command & 0x7F) as usize + 1);
         let is_write = command & 0xE000 == word::WRITE;
         let body = if is_write { (1 + number) * WORD_BYTES } else { WORD_BYTES };
-        let checked = self.at(Register::Mode.address() as usize) & mode::RX_CRC_EN != 0;
+        let checked = self.read(Register::Mode) & mode::RX_CRC_EN != 0;
         let sound = match self.input.get(body..body + 2) {
             Some(check) => u16::from_be_bytes([check[0], check[1]]) == crc(&self.input[..body]),
             None => false,
@@ -289,10 +293,7 @@ impl Chip {
             return;
         }
         match command {
-            word::UNLOCK => {
-                self.locked = false;
-                self.response = Some(command);
-            }
+            word::UNLOCK => self.locked = false,
             _ if command & 0xE000 == word::READ => {
                 if number == 1 {
                     self.response = Some(self.register(address as u8));
@@ -300,24 +301,22 @@ impl Chip {
                     self.response = Some(command | 0x4000);
                     self.listing = Some((address, number));
                 }
+                return;
             }
-            _ if self.locked => {}
-            word::RESET if self.shifted >= FRAME_BYTES => *self = Self::new(),
+            _ if self.locked => return,
+            word::RESET if self.shifted >= FRAME_BYTES => {
+                *self = Self::new();
+                return;
+            }
             word::STANDBY => {
                 self.standby = true;
                 self.waiting = 0;
-                self.response = Some(command);
             }
-            word::WAKEUP => {
-                self.standby = false;
-                self.response = Some(command);
-            }
-            word::LOCK => {
-                self.locked = true;
-                self.response = Some(command);
-            }
-            _ => {}
+            word::WAKEUP => self.standby = false,
+            word::LOCK => self.locked = true,
+            _ => return,
         }
+        self.response = Some(command);
     }
 
     fn write(&mut self, address: usize, number: usize) -> usize {

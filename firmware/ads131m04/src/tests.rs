@@ -13,7 +13,7 @@ use embedded_hal_async::delay::DelayNs;
 use embedded_hal_async::spi::{Operation, SpiDevice};
 use inerter_needs::Random;
 
-use crate::frame::FRAME_BYTES;
+use crate::frame::{Command, FRAME_BYTES};
 use crate::mock::Chip;
 use crate::registers::{Channel, Register};
 use crate::{Ads131m04, Config, Conversion, Error, Gain, Osr, Recovery};
@@ -23,7 +23,8 @@ type AnyError = Error<Infallible, Infallible>;
 /// The wires, and their faults.
 struct Wires {
     chip: Chip,
-    present: Option<bool>,
+    /// Level of a line that nothing drives.
+    stuck: Option<bool>,
     /// CLKIN periods.
     now: u64,
     clkin_hz: u64,
@@ -38,6 +39,24 @@ struct Wires {
     sample: i32,
 }
 
+impl Wires {
+    /// The chip converts: channel 0 counts up.
+    fn convert(&mut self) -> i32 {
+        self.sample += 1;
+        self.chip.convert([self.sample, -self.sample, 5, -5]);
+        self.sample
+    }
+
+    /// One frame, from somebody else than the driver.
+    fn send(&mut self, bytes: impl IntoIterator<Item = u8>) {
+        self.chip.cs(true);
+        for byte in bytes {
+            self.chip.shift(byte);
+        }
+        self.chip.cs(false);
+    }
+}
+
 #[derive(Clone)]
 struct Bus(Rc<RefCell<Wires>>);
 
@@ -45,7 +64,7 @@ impl Bus {
     fn new() -> Self {
         Self(Rc::new(RefCell::new(Wires {
             chip: Chip::new(),
-            present: None,
+            stuck: None,
             now: 0,
             clkin_hz: 8_000_000,
             frames: 0,
@@ -61,13 +80,13 @@ impl Bus {
         Ads131m04::new(self.clone(), self.clone(), config)
     }
 
-    /// The chip converts: channel 0 counts up.
     fn convert(&self) -> i32 {
-        let mut wires = self.0.borrow_mut();
-        wires.sample += 1;
-        let sample = wires.sample;
-        wires.chip.convert([sample, -sample, 5, -5]);
-        sample
+        self.with(Wires::convert)
+    }
+
+    /// Channel 0 of the latest conversion.
+    fn latest(&self) -> i32 {
+        self.with(|wires| wires.sample)
     }
 
     fn with<T>(&self, change: impl FnOnce(&mut Wires) -> T) -> T {
@@ -97,22 +116,14 @@ impl SpiDevice for Bus {
             wires.chip.cs(true);
             for (index, byte) in bytes.iter_mut().enumerate().take(stall.unwrap_or(usize::MAX)) {
                 let answer = wires.chip.shift(*byte ^ flipped(mosi, index));
-                *byte = match wires.present {
+                *byte = match wires.stuck {
                     None => answer ^ flipped(miso, index),
-                    Some(high) => {
-                        if high {
-                            0xFF
-                        } else {
-                            0
-                        }
-                    }
+                    Some(high) => 0xFF * u8::from(high),
                 };
             }
             wires.chip.cs(false);
             for _ in 0..wires.convert_in_frame {
-                wires.sample += 1;
-                let sample = wires.sample;
-                wires.chip.convert([sample, -sample, 5, -5]);
+                wires.convert();
             }
             stall.is_some()
         });
@@ -164,9 +175,7 @@ fn config() -> Config {
 
 /// A running converter whose filter has settled.
 fn running() -> (Bus, Ads131m04<Bus, Bus>) {
-    let bus = Bus::new();
-    let mut adc = bus.driver(config());
-    run(adc.init(&mut bus.clone())).expect("starts");
+    let (bus, mut adc) = set_up(config());
     for _ in 0..Osr::SETTLING {
         bus.convert();
         assert!(!run(adc.read()).expect("sound").settled);
@@ -174,8 +183,26 @@ fn running() -> (Bus, Ads131m04<Bus, Bus>) {
     (bus, adc)
 }
 
-fn next(bus: &Bus, adc: &mut Ads131m04<Bus, Bus>) -> (i32, Result<Conversion, AnyError>) {
-    (bus.convert(), run(adc.read()))
+fn next(bus: &Bus, adc: &mut Ads131m04<Bus, Bus>) -> Result<Conversion, AnyError> {
+    bus.convert();
+    run(adc.read())
+}
+
+/// The next conversion, which must be sound and of its own DRDY edge.
+#[track_caller]
+fn sound<S: SpiDevice<Error = Infallible>>(bus: &Bus, adc: &mut Ads131m04<S, Bus>) -> Conversion {
+    let sample = bus.convert();
+    let conversion = run(adc.read()).expect("sound");
+    assert_eq!(conversion.channels[0], sample);
+    conversion
+}
+
+/// A driver whose set-up is done.
+fn set_up(config: Config) -> (Bus, Ads131m04<Bus, Bus>) {
+    let bus = Bus::new();
+    let mut adc = bus.driver(config);
+    run(adc.init(&mut bus.clone())).expect("starts");
+    (bus, adc)
 }
 
 #[test]
@@ -200,8 +227,8 @@ fn set_up_writes_every_register_and_locks() {
 fn conversions_come_in_order_and_settled() {
     let (bus, mut adc) = running();
     for _ in 0..10 {
-        let (sample, conversion) = next(&bus, &mut adc);
-        let conversion = conversion.expect("sound");
+        let conversion = sound(&bus, &mut adc);
+        let sample = conversion.channels[0];
         assert_eq!(conversion.channels, [sample, -sample, 5, -5]);
         assert!(conversion.settled && conversion.status.all_ready());
         assert!(bus.with(|wires| wires.chip.drdy()));
@@ -210,10 +237,8 @@ fn conversions_come_in_order_and_settled() {
 
 #[test]
 fn offset_and_trim_act_in_the_chip() {
-    let bus = Bus::new();
-    let mut adc =
-        bus.driver(Config { offsets: [-7, 0, 0, 0], trims: [0x40_0000, 0x80_0000, 0, 0x80_0000], ..config() });
-    run(adc.init(&mut bus.clone())).expect("starts");
+    let (bus, mut adc) =
+        set_up(Config { offsets: [-7, 0, 0, 0], trims: [0x40_0000, 0x80_0000, 0, 0x80_0000], ..config() });
     bus.with(|wires| wires.chip.convert([1001, 8_388_607, 9, -8_388_608]));
     assert_eq!(run(adc.read()).expect("sound").channels, [504, 8_388_607, 0, -8_388_608]);
 }
@@ -226,19 +251,18 @@ fn a_new_configuration_reaches_a_locked_chip() {
     assert_eq!(bus.with(|wires| (wires.chip.osr(), wires.chip.register(0x04))), (Osr::X1024, 0x6666));
     assert!(bus.with(|wires| wires.chip.status().locked()));
     for index in 0..=Osr::SETTLING {
-        let (_, conversion) = next(&bus, &mut adc);
-        assert_eq!(conversion.expect("sound").settled, index == Osr::SETTLING);
+        assert_eq!(next(&bus, &mut adc).expect("sound").settled, index == Osr::SETTLING);
     }
     let impossible = Config { clkin_hz: 50_000_000, ..other };
     assert!(matches!(run(adc.configure(impossible)), Err(Error::Config(_))));
-    assert!(next(&bus, &mut adc).1.is_ok(), "a refused configuration leaves the chip running");
+    assert!(next(&bus, &mut adc).is_ok(), "a refused configuration leaves the chip running");
 }
 
 #[test]
 fn nobody_there() {
     for high in [false, true] {
         let bus = Bus::new();
-        bus.with(|wires| wires.present = Some(high));
+        bus.with(|wires| wires.stuck = Some(high));
         let error = run(bus.driver(config()).init(&mut bus.clone())).expect_err("nobody");
         assert_eq!(error, Error::NoChip { high });
         assert_eq!(error.recovery(), Recovery::Person);
@@ -249,10 +273,10 @@ fn nobody_there() {
 #[test]
 fn a_chip_that_falls_off_is_noticed() {
     let (bus, mut adc) = running();
-    bus.with(|wires| wires.present = Some(true));
-    assert_eq!(next(&bus, &mut adc).1, Err(Error::NoChip { high: true }));
+    bus.with(|wires| wires.stuck = Some(true));
+    assert_eq!(next(&bus, &mut adc), Err(Error::NoChip { high: true }));
     assert_eq!(run(adc.resynchronise(&mut bus.clone())), Err(Error::NoChip { high: true }));
-    bus.with(|wires| wires.present = None);
+    bus.with(|wires| wires.stuck = None);
     assert!(run(adc.init(&mut bus.clone())).is_ok(), "and when it is back, it starts");
 }
 
@@ -281,10 +305,10 @@ fn each_bit_flipped_on_the_way_in_is_found() {
     let (bus, mut adc) = running();
     for bit in 0..FRAME_BYTES * 8 {
         bus.with(|wires| wires.flip_miso = Some(bit));
-        let (_, result) = next(&bus, &mut adc);
+        let result = next(&bus, &mut adc);
         assert!(matches!(result, Err(Error::FrameCrc { .. })), "bit {bit}: {result:?}");
-        let (sample, result) = next(&bus, &mut adc);
-        assert_eq!(result.expect("the next is sound").channels[0], sample, "bit {bit}");
+        let conversion = next(&bus, &mut adc).expect("the next is sound");
+        assert_eq!(conversion.channels[0], bus.latest(), "bit {bit}");
     }
 }
 
@@ -294,12 +318,12 @@ fn each_bit_flipped_on_the_way_out_is_found() {
     // The command's word with its padding, and the CRC: the chip checks no more.
     for bit in 0..40 {
         bus.with(|wires| wires.flip_mosi = Some(bit));
-        assert!(next(&bus, &mut adc).1.is_ok(), "the damaged frame itself brings a good conversion");
-        let (_, result) = next(&bus, &mut adc);
+        assert!(next(&bus, &mut adc).is_ok(), "the damaged frame itself brings a good conversion");
+        let result = next(&bus, &mut adc);
         assert_eq!(result, Err(Error::CommandCrc), "bit {bit}");
         assert_eq!(Error::<(), ()>::CommandCrc.recovery(), Recovery::Continue);
-        let (sample, result) = next(&bus, &mut adc);
-        assert_eq!(result.expect("the one after is sound").channels[0], sample, "bit {bit}");
+        let conversion = next(&bus, &mut adc).expect("the one after is sound");
+        assert_eq!(conversion.channels[0], bus.latest(), "bit {bit}");
     }
     bus.with(|wires| assert!(wires.chip.status().locked()));
 }
@@ -310,28 +334,29 @@ fn each_bit_flipped_in_a_write_is_found() {
     // Bits 24, 28, 32 and 36 are reserved in GAIN.
     for bit in (0..16).chain(24..40).filter(|bit| *bit < 16 || bit % 4 != 0) {
         let bus = Bus::new();
-        let mut adc = Ads131m04::new(Flipping { bus: bus.clone(), frame: 3, bit }, bus.clone(), config());
+        let fault = |wires: &mut Wires| wires.flip_mosi = Some(bit);
+        let mut adc = Ads131m04::new(Faulty { bus: bus.clone(), frame: 3, fault }, bus.clone(), config());
         let result = run(adc.init(&mut bus.clone()));
         assert!(matches!(result, Err(Error::Refused { .. } | Error::NotKept { .. })), "bit {bit}: {result:?}");
     }
 }
 
-/// Flips one bit of one frame to the chip.
-struct Flipping {
+/// Causes a fault in one frame.
+struct Faulty<F> {
     bus: Bus,
     frame: usize,
-    bit: usize,
+    fault: F,
 }
 
-impl embedded_hal::spi::ErrorType for Flipping {
+impl<F> embedded_hal::spi::ErrorType for Faulty<F> {
     type Error = Infallible;
 }
 
-impl SpiDevice for Flipping {
+impl<F: FnMut(&mut Wires)> SpiDevice for Faulty<F> {
     async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
         self.bus.with(|wires| {
             if wires.frames == self.frame {
-                wires.flip_mosi = Some(self.bit);
+                (self.fault)(wires);
             }
         });
         self.bus.transaction(operations).await
@@ -342,15 +367,12 @@ impl SpiDevice for Flipping {
 fn a_reset_behind_our_back_is_noticed_and_repaired() {
     let (bus, mut adc) = running();
     bus.with(|wires| wires.chip.power_cycle());
-    let (_, result) = next(&bus, &mut adc);
+    let result = next(&bus, &mut adc);
     assert!(matches!(result, Err(Error::WasReset { .. })), "{result:?}");
     assert_eq!(result.expect_err("reset").recovery(), Recovery::Initialise);
     run(adc.resynchronise(&mut bus.clone())).expect("repaired");
     assert_eq!(bus.with(|wires| wires.chip.osr()), Osr::X4096);
-    let (sample, conversion) = next(&bus, &mut adc);
-    let conversion = conversion.expect("sound");
-    assert!(!conversion.settled);
-    assert_eq!(conversion.channels[0], sample);
+    assert!(!sound(&bus, &mut adc).settled);
 }
 
 #[test]
@@ -360,15 +382,15 @@ fn a_reset_whose_acknowledge_was_lost_is_noticed() {
         wires.chip.power_cycle();
         wires.flip_miso = Some(20);
     });
-    assert!(matches!(next(&bus, &mut adc).1, Err(Error::FrameCrc { .. })));
-    assert!(matches!(next(&bus, &mut adc).1, Err(Error::WasReset { .. })));
+    assert!(matches!(next(&bus, &mut adc), Err(Error::FrameCrc { .. })));
+    assert!(matches!(next(&bus, &mut adc), Err(Error::WasReset { .. })));
 }
 
 #[test]
 fn a_changed_register_is_noticed() {
     let (bus, mut adc) = running();
     bus.with(|wires| wires.chip.disturb_register(0x04, 0));
-    let (_, result) = next(&bus, &mut adc);
+    let result = next(&bus, &mut adc);
     assert!(matches!(result, Err(Error::SetupChanged { .. })), "{result:?}");
     run(adc.resynchronise(&mut bus.clone())).expect("repaired");
     assert_eq!(bus.with(|wires| wires.chip.register(0x04)), 0x7105);
@@ -379,7 +401,7 @@ fn a_register_that_changes_while_a_frame_is_on_the_wire_is_told_by_the_next() {
     let (bus, mut adc) = running();
     bus.with(|wires| {
         wires.chip.cs(true);
-        for (place, byte) in crate::frame::Command::Null.frame().into_iter().enumerate() {
+        for (place, byte) in Command::Null.frame().into_iter().enumerate() {
             if place == FRAME_BYTES / 2 {
                 wires.chip.disturb_register(0x04, 0);
             }
@@ -387,33 +409,25 @@ fn a_register_that_changes_while_a_frame_is_on_the_wire_is_told_by_the_next() {
         }
         wires.chip.cs(false);
     });
-    let (_, result) = next(&bus, &mut adc);
+    let result = next(&bus, &mut adc);
     assert!(matches!(result, Err(Error::SetupChanged { .. })), "{result:?}");
 }
 
 #[test]
 fn a_lost_lock_is_noticed() {
     let (bus, mut adc) = running();
-    bus.with(|wires| {
-        let frame = crate::frame::Command::Unlock.frame();
-        wires.chip.cs(true);
-        let _ = frame.map(|byte| wires.chip.shift(byte));
-        wires.chip.cs(false);
-    });
-    assert!(matches!(next(&bus, &mut adc).1, Err(Error::SetupChanged { .. })));
+    bus.with(|wires| wires.send(Command::Unlock.frame()));
+    assert!(matches!(next(&bus, &mut adc), Err(Error::SetupChanged { .. })));
 }
 
 #[test]
 fn a_locked_chip_ignores_writes() {
     let (bus, mut adc) = running();
     bus.with(|wires| {
-        let frame = crate::frame::Command::Write(Register::ChannelCfg(Channel::Zero), 0xFFC0).frame();
-        wires.chip.cs(true);
-        let _ = frame.map(|byte| wires.chip.shift(byte));
-        wires.chip.cs(false);
+        wires.send(Command::Write(Register::ChannelCfg(Channel::Zero), 0xFFC0).frame());
         assert_eq!(wires.chip.register(0x09), 0);
     });
-    assert!(next(&bus, &mut adc).1.is_ok());
+    assert!(next(&bus, &mut adc).is_ok());
 }
 
 #[test]
@@ -430,11 +444,10 @@ fn after_a_pause_frames_are_late_until_drained() {
     bus.convert();
     bus.convert();
     // The trap: this frame's conversion is one period old, and so would be each after it.
-    let (sample, conversion) = next(&bus, &mut adc);
-    assert_eq!(conversion.expect("sound").channels[0], sample - 1);
+    let sample = bus.convert();
+    assert_eq!(run(adc.read()).expect("sound").channels[0], sample - 1);
     assert_eq!(run(adc.drain()).expect("sound"), 1);
-    let (sample, conversion) = next(&bus, &mut adc);
-    assert_eq!(conversion.expect("sound").channels[0], sample);
+    sound(&bus, &mut adc);
     assert_eq!(run(adc.drain()).expect("sound"), 0);
 }
 
@@ -445,10 +458,7 @@ fn resynchronise_throws_away_what_lay_there() {
         bus.convert();
     }
     assert_eq!(run(adc.resynchronise(&mut bus.clone())).expect("sound"), 2);
-    let (sample, conversion) = next(&bus, &mut adc);
-    let conversion = conversion.expect("sound");
-    assert_eq!(conversion.channels[0], sample);
-    assert!(conversion.settled, "the filter was never disturbed");
+    assert!(sound(&bus, &mut adc).settled, "the filter was never disturbed");
 }
 
 #[test]
@@ -458,8 +468,7 @@ fn resynchronise_survives_damage() {
         bus.convert();
         bus.with(|wires| wires.flip_miso = Some(bit));
         assert_eq!(run(adc.resynchronise(&mut bus.clone())).expect("sound"), 1);
-        let (sample, conversion) = next(&bus, &mut adc);
-        assert_eq!(conversion.expect("sound").channels[0], sample);
+        sound(&bus, &mut adc);
     }
 }
 
@@ -471,10 +480,10 @@ fn a_pulse_on_sync_is_noticed_and_settles_again() {
         wires.now += 100;
         wires.chip.sync_reset(true, wires.now);
     });
-    let (_, result) = next(&bus, &mut adc);
+    let result = next(&bus, &mut adc);
     assert!(matches!(result, Err(Error::Resynchronised { .. })), "{result:?}");
     for index in 0..=Osr::SETTLING {
-        assert_eq!(next(&bus, &mut adc).1.expect("sound").settled, index == Osr::SETTLING);
+        assert_eq!(next(&bus, &mut adc).expect("sound").settled, index == Osr::SETTLING);
     }
 }
 
@@ -494,8 +503,8 @@ fn a_dropped_read_costs_one_conversion() {
         bus.with(|wires| wires.stall_after = Some(bytes));
         assert!(poll(adc.read()).is_pending());
         run(adc.drain()).expect("sound");
-        let (sample, conversion) = next(&bus, &mut adc);
-        assert_eq!(conversion.expect("sound").channels[0], sample, "dropped after {bytes} bytes");
+        let conversion = next(&bus, &mut adc).expect("sound");
+        assert_eq!(conversion.channels[0], bus.latest(), "dropped after {bytes} bytes");
     }
 }
 
@@ -503,33 +512,12 @@ fn a_dropped_read_costs_one_conversion() {
 fn a_dropped_set_up_can_be_repeated() {
     for frame in 0..60 {
         let bus = Bus::new();
-        let mut adc = Ads131m04::new(Stalling { bus: bus.clone(), frame }, bus.clone(), config());
+        let fault = |wires: &mut Wires| wires.stall_after = Some(9);
+        let mut adc = Ads131m04::new(Faulty { bus: bus.clone(), frame, fault }, bus.clone(), config());
         assert!(poll(adc.init(&mut bus.clone())).is_pending(), "frame {frame}");
         assert_eq!(run(adc.read()), Err(Error::NotRunning));
         run(adc.init(&mut bus.clone())).expect("starts");
-        let sample = bus.convert();
-        assert_eq!(run(adc.read()).expect("sound").channels[0], sample);
-    }
-}
-
-/// Never completes one frame.
-struct Stalling {
-    bus: Bus,
-    frame: usize,
-}
-
-impl embedded_hal::spi::ErrorType for Stalling {
-    type Error = Infallible;
-}
-
-impl SpiDevice for Stalling {
-    async fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        self.bus.with(|wires| {
-            if wires.frames == self.frame {
-                wires.stall_after = Some(9);
-            }
-        });
-        self.bus.transaction(operations).await
+        sound(&bus, &mut adc);
     }
 }
 
@@ -542,10 +530,7 @@ fn standby_and_back() {
     assert_eq!(run(adc.resynchronise(&mut bus.clone())), Err(Error::NotRunning));
     run(adc.wake_up()).expect("wakes");
     assert!(bus.with(|wires| wires.chip.status().locked()));
-    let (sample, conversion) = next(&bus, &mut adc);
-    let conversion = conversion.expect("sound");
-    assert!(!conversion.settled);
-    assert_eq!(conversion.channels[0], sample);
+    assert!(!sound(&bus, &mut adc).settled);
     assert_eq!(run(adc.wake_up()), Err(Error::NotRunning));
 }
 
@@ -604,9 +589,7 @@ fn an_acknowledge_that_somebody_else_took_is_not_missed() {
     bus.with(|wires| {
         // The clock is stopped, so that the pin does not cause a new acknowledge.
         wires.clkin_hz = 0;
-        wires.chip.cs(true);
-        let _ = crate::frame::Command::Null.frame().map(|byte| wires.chip.shift(byte));
-        wires.chip.cs(false);
+        wires.send(Command::Null.frame());
     });
     run(bus.driver(config()).init(&mut bus.clone())).expect("starts");
 }
@@ -648,18 +631,13 @@ fn garbage_on_the_wire_leaves_the_chip_usable() {
     for round in 0..2_000 {
         bus.with(|wires| {
             for _ in 0..4 {
-                wires.chip.cs(true);
                 let count = 3 + noise.below(256);
-                for byte in noise.bytes(count) {
-                    wires.chip.shift(byte);
-                }
-                wires.chip.cs(false);
+                wires.send(noise.bytes(count));
                 wires.chip.convert([0x7F_FFFF, -0x80_0000, i32::MAX, i32::MIN]);
             }
         });
         let mut adc = bus.driver(config());
         run(adc.init(&mut bus.clone())).unwrap_or_else(|error| panic!("round {round}: {error}"));
-        let sample = bus.convert();
-        assert_eq!(run(adc.read()).expect("sound").channels[0], sample);
+        sound(&bus, &mut adc);
     }
 }

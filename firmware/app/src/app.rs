@@ -46,7 +46,7 @@ pub struct App {
     pub(crate) heartbeats: Heartbeats,
     streams: Mutex<CriticalSectionRawMutex, Cell<Streams>>,
     health: Mutex<CriticalSectionRawMutex, RefCell<Health>>,
-    sampler_waits: Mutex<CriticalSectionRawMutex, Cell<bool>>,
+    sampler_waits: AtomicBool,
     saves: Mutex<CriticalSectionRawMutex, Cell<Allowance>>,
 }
 
@@ -85,7 +85,7 @@ impl App {
                 stack_free_bytes: None,
                 temperature_c: None,
             })),
-            sampler_waits: Mutex::new(Cell::new(false)),
+            sampler_waits: AtomicBool::new(false),
             saves: Mutex::new(Cell::new(Allowance::FULL)),
         }
     }
@@ -139,7 +139,7 @@ impl App {
     }
 
     pub(crate) fn set_sampler_waits(&self, waits: bool) {
-        self.sampler_waits.lock(|cell| cell.set(waits));
+        self.sampler_waits.store(waits, Ordering::Relaxed);
     }
 
     pub(crate) fn source_is_ready(&self) -> bool {
@@ -160,7 +160,7 @@ impl App {
 
     /// Whether the source in use can wait for the link.
     pub(crate) fn source_waits(&self) -> bool {
-        self.queue.source() == Source::Link || self.sampler_waits.lock(Cell::get)
+        self.queue.source() == Source::Link || self.sampler_waits.load(Ordering::Relaxed)
     }
 
     pub(crate) fn note_dropped_frame(&self) {

@@ -169,13 +169,9 @@ impl Estimating<'_> {
                 _ => Outgoing::MoreSums(self.active.more_sums(self.state, bank)),
             });
         }
-        if let Some(warning) = due.warning.take() {
-            let index = self.state.last_index();
-            return Some(Outgoing::Event(Event { index, kind: EventKind::Warned(warning) }));
-        }
-        if let Some(change) = due.change.take() {
-            let index = self.state.last_index();
-            return Some(Outgoing::Event(Event { index, kind: EventKind::Changed(change) }));
+        let warned = due.warning.take().map(EventKind::Warned);
+        if let Some(kind) = warned.or_else(|| due.change.take().map(EventKind::Changed)) {
+            return Some(Outgoing::Event(Event { index: self.state.last_index(), kind }));
         }
         if let Some(estimate) = due.estimate.take() {
             return Some(Outgoing::Estimate(estimate));
@@ -189,14 +185,25 @@ impl Estimating<'_> {
         core::mem::take(&mut due.ended).then(|| self.app.event(EventKind::SourceEnded))
     }
 
-    /// Copies the estimator's counters to the health record.
-    fn count(&self) {
+    /// Counts since the start, whatever was reset.
+    fn counters(&self) -> Counters {
         let (before, now) = (self.before, self.state.counters());
+        Counters {
+            discontinuities: before.discontinuities.saturating_add(now.discontinuities),
+            lost_samples: before.lost_samples.saturating_add(now.lost_samples),
+            saturated: before.saturated.saturating_add(now.saturated),
+            ..before
+        }
+    }
+
+    /// Copies the counters to the health record.
+    fn count(&self) {
+        let counters = self.counters();
         self.app.note(|health| {
             health.index = self.state.last_index();
-            health.discontinuities = before.discontinuities.saturating_add(now.discontinuities);
-            health.lost_samples = before.lost_samples.saturating_add(now.lost_samples);
-            health.saturated = before.saturated.saturating_add(now.saturated);
+            health.discontinuities = counters.discontinuities;
+            health.lost_samples = counters.lost_samples;
+            health.saturated = counters.saturated;
         });
     }
 
@@ -240,10 +247,7 @@ impl Estimating<'_> {
     }
 
     fn reset(&mut self) {
-        let now = self.state.counters();
-        self.before.discontinuities = self.before.discontinuities.saturating_add(now.discontinuities);
-        self.before.lost_samples = self.before.lost_samples.saturating_add(now.lost_samples);
-        self.before.saturated = self.before.saturated.saturating_add(now.saturated);
+        self.before = self.counters();
         self.state.reset(self.active);
         self.until_sums = self.samples_per_second();
         self.next_sums = Bank::Fast;

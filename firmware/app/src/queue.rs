@@ -131,40 +131,39 @@ impl<const N: usize> SampleQueue<N> {
         .await
     }
 
+    /// Waits until `act`, which is tried again whenever room is made, returns true; only the source in use may wait.
+    fn when(
+        &self,
+        source: Source,
+        mut act: impl FnMut(&mut Inner<N>) -> bool,
+    ) -> impl Future<Output = Result<(), NotInUse>> {
+        poll_fn(move |context| {
+            self.with(|inner| {
+                if inner.source != source {
+                    return Poll::Ready(Err(NotInUse));
+                }
+                if act(inner) {
+                    return Poll::Ready(Ok(()));
+                }
+                inner.giver.register(context.waker());
+                Poll::Pending
+            })
+        })
+    }
+
     /// Queues all of `samples`, waiting for room; only the source in use may wait.
     pub async fn give(&self, source: Source, samples: &[RawSample]) -> Result<(), NotInUse> {
         let mut left = samples;
-        poll_fn(|context| {
-            self.with(|inner| {
-                if inner.source != source {
-                    return Poll::Ready(Err(NotInUse));
-                }
-                left = left.get(inner.put(left)..).unwrap_or_default();
-                if left.is_empty() {
-                    return Poll::Ready(Ok(()));
-                }
-                inner.giver.register(context.waker());
-                Poll::Pending
-            })
-        })
-        .await
+        let give = |inner: &mut Inner<N>| {
+            left = left.get(inner.put(left)..).unwrap_or_default();
+            left.is_empty()
+        };
+        self.when(source, give).await
     }
 
     /// Waits until there is room for `count` samples of the source in use.
-    pub async fn room(&self, source: Source, count: usize) -> Result<(), NotInUse> {
-        poll_fn(|context| {
-            self.with(|inner| {
-                if inner.source != source {
-                    return Poll::Ready(Err(NotInUse));
-                }
-                if inner.free() >= count {
-                    return Poll::Ready(Ok(()));
-                }
-                inner.giver.register(context.waker());
-                Poll::Pending
-            })
-        })
-        .await
+    pub fn room(&self, source: Source, count: usize) -> impl Future<Output = Result<(), NotInUse>> {
+        self.when(source, move |inner| inner.free() >= count)
     }
 
     /// Queues as many as there is room for, and returns how many did not fit.

@@ -1,6 +1,7 @@
 //! The converter's clock: TIM1 divides the core's clock to 8 MHz, on demand.
 
 use crate::boards::clock::CORE_HZ;
+use crate::pins;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Speed};
 use embassy_stm32::pac::timer::vals::Ocm;
 use embassy_stm32::pac::{RCC, TIM1};
@@ -25,10 +26,7 @@ impl Clkin {
         pin: Peri<'static, impl TimerPin<peripherals::TIM1, Ch1>>,
     ) -> Self {
         let function = pin.af_num();
-        let mut pin = Flex::new(pin);
-        pin.set_as_af_unchecked(function, AfType::output(OutputType::PushPull, Speed::VeryHigh));
-        // The pin stays connected.
-        core::mem::forget(pin);
+        pins::connect(Flex::new(pin), function, AfType::output(OutputType::PushPull, Speed::VeryHigh));
         critical_section::with(|_| RCC.apb2enr().modify(|w| w.set_tim1en(true)));
         TIM1.arr().write(|w| w.set_arr(PERIOD - 1));
         TIM1.ccr(0).write(|w| w.set_ccr(PERIOD / 2));

@@ -18,7 +18,7 @@ use cortex_m_rt::exception;
 use embassy_stm32::pac::flash::regs::Sr;
 use embassy_stm32::pac::{FLASH, RCC};
 use embassy_time::{Duration, Instant, Timer};
-use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
 /// Address of the first page.
 const START: usize = 0x0807_C000;
@@ -49,28 +49,6 @@ static DAMAGED: AtomicBool = AtomicBool::new(false);
 /// Whether its flag was found before its NMI arrived.
 static LATE: AtomicBool = AtomicBool::new(false);
 
-/// Why the pages cannot be read or written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Failed {
-    /// The chip has no such pages, or a single bank.
-    Missing,
-    /// Outside the pages, or not aligned to a double word or page.
-    Place,
-    /// The content is damaged.
-    Content,
-    /// The flash refused, or took too long.
-    Operation,
-}
-
-impl NorFlashError for Failed {
-    fn kind(&self) -> NorFlashErrorKind {
-        match self {
-            Self::Place => NorFlashErrorKind::OutOfBounds,
-            Self::Missing | Self::Content | Self::Operation => NorFlashErrorKind::Other,
-        }
-    }
-}
-
 /// The pages. There is only one instance.
 pub struct Pages {
     _private: (),
@@ -83,24 +61,20 @@ impl Pages {
     }
 
     /// Waits for an operation that an abandoned future may have left behind, and prepares the next one.
-    async fn begin(&mut self) -> Result<(), Failed> {
+    async fn begin(&mut self) -> Result<(), NorFlashErrorKind> {
         wait(WRITE_POLL).await?;
         FLASH.cr().modify(|w| {
             w.set_pg(false);
             w.set_per(false);
         });
         clear_errors();
-        if FLASH.cr().read().lock() {
-            for key in KEYS {
-                FLASH.keyr().write_value(key);
-            }
-        }
+        unlock();
         FLASH.acr().modify(|w| w.set_dcen(false));
         Ok(())
     }
 
     /// Ends an operation, whatever its result.
-    async fn end(&mut self, poll: Duration) -> Result<(), Failed> {
+    async fn end(&mut self, poll: Duration) -> Result<(), NorFlashErrorKind> {
         let waited = wait(poll).await;
         let errors = clear_errors();
         FLASH.cr().modify(|w| {
@@ -113,20 +87,29 @@ impl Pages {
         FLASH.acr().modify(|w| w.set_dcrst(false));
         FLASH.acr().modify(|w| w.set_dcen(true));
         waited?;
-        if errors.0 == 0 { Ok(()) } else { Err(Failed::Operation) }
+        if errors.0 == 0 { Ok(()) } else { Err(NorFlashErrorKind::Other) }
     }
 }
 
 /// Waits until the flash is idle.
-async fn wait(poll: Duration) -> Result<(), Failed> {
+async fn wait(poll: Duration) -> Result<(), NorFlashErrorKind> {
     let begun = Instant::now();
     while FLASH.sr().read().bsy() {
         if begun.elapsed() > LIMIT {
-            return Err(Failed::Operation);
+            return Err(NorFlashErrorKind::Other);
         }
         Timer::after(poll).await;
     }
     Ok(())
+}
+
+/// Unlocks the control register, if it is locked: writing a key to an unlocked register is a bus fault.
+pub fn unlock() {
+    if FLASH.cr().read().lock() {
+        for key in KEYS {
+            FLASH.keyr().write_value(key);
+        }
+    }
 }
 
 /// Clears the errors of operations, by writing 1 to each; returns them.
@@ -157,27 +140,27 @@ pub fn is_there() -> bool {
 }
 
 /// The address of `offset`, if the chip has the pages and `length` bytes lie within them, aligned to `unit`.
-fn check(offset: u32, length: usize, unit: usize) -> Result<usize, Failed> {
+fn check(offset: u32, length: usize, unit: usize) -> Result<usize, NorFlashErrorKind> {
     if !is_there() {
-        return Err(Failed::Missing);
+        return Err(NorFlashErrorKind::Other);
     }
     let offset = offset as usize;
-    let end = offset.checked_add(length).ok_or(Failed::Place)?;
+    let end = offset.checked_add(length).ok_or(NorFlashErrorKind::OutOfBounds)?;
     if end <= SIZE as usize && offset.is_multiple_of(unit) && length.is_multiple_of(unit) {
         Ok(START + offset)
     } else {
-        Err(Failed::Place)
+        Err(NorFlashErrorKind::OutOfBounds)
     }
 }
 
 impl ErrorType for Pages {
-    type Error = Failed;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for Pages {
     const READ_SIZE: usize = 1;
 
-    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+    async fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let start = check(offset, bytes.len(), Self::READ_SIZE)? as *const u8;
         // It is already off, and must stay off, if an abandoned future has left an operation behind.
         let cached = FLASH.acr().read().dcen();
@@ -196,7 +179,7 @@ impl ReadNorFlash for Pages {
         }
         READING.store(false, Ordering::SeqCst);
         FLASH.acr().modify(|w| w.set_dcen(cached));
-        if DAMAGED.load(Ordering::SeqCst) { Err(Failed::Content) } else { Ok(()) }
+        if DAMAGED.load(Ordering::SeqCst) { Err(NorFlashErrorKind::Other) } else { Ok(()) }
     }
 
     fn capacity(&self) -> usize {
@@ -208,8 +191,8 @@ impl NorFlash for Pages {
     const WRITE_SIZE: usize = DOUBLE_WORD;
     const ERASE_SIZE: usize = PAGE;
 
-    async fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
-        let length = to.checked_sub(from).ok_or(Failed::Place)? as usize;
+    async fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        let length = to.checked_sub(from).ok_or(NorFlashErrorKind::OutOfBounds)? as usize;
         check(from, length, PAGE)?;
         for page in from / PAGE as u32..to / PAGE as u32 {
             self.begin().await?;
@@ -224,7 +207,7 @@ impl NorFlash for Pages {
         Ok(())
     }
 
-    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+    async fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let start = check(offset, bytes.len(), DOUBLE_WORD)? as *mut u32;
         let (words, _) = bytes.as_chunks::<{ mem::size_of::<u32>() }>();
         let (pairs, _) = words.as_chunks::<2>();

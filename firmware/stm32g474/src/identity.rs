@@ -7,7 +7,8 @@ use embassy_stm32::pac::UID;
 use heapless::String;
 use static_cell::StaticCell;
 
-const TEXTS: [&str; 4] =
+/// The first word, firmware name and version, the commit that it was built from, and the board.
+pub const TEXTS: [&str; 4] =
     ["inerter-identity", concat!("inerter ", env!("CARGO_PKG_VERSION")), env!("INERTER_GIT"), boards::NAME];
 const LENGTH: usize = {
     let mut length = 0;
@@ -19,7 +20,7 @@ const LENGTH: usize = {
     length
 };
 
-/// The first word, firmware, commit and board, each followed by a zero.
+/// The same, each followed by a zero.
 #[used]
 static IDENTITY: [u8; LENGTH] = {
     let mut joined = [0; LENGTH];
@@ -37,21 +38,6 @@ static IDENTITY: [u8; LENGTH] = {
     }
     joined
 };
-
-/// Firmware name and version.
-pub fn firmware() -> &'static str {
-    TEXTS[1]
-}
-
-/// Commit that the firmware was built from.
-pub fn git() -> &'static str {
-    TEXTS[2]
-}
-
-/// Board.
-pub fn board() -> &'static str {
-    TEXTS[3]
-}
 
 /// Digits of the serial number.
 const DIGITS: usize = 12;

@@ -120,11 +120,13 @@ fn set_up(spawner: Spawner, started: Started) {
     let Parts { led, usb, vbus, uart, source, player } = boards::wire(peripherals);
     player::start(player);
     let app: &'static App = APP.init_with(App::new);
+    let [_, firmware, git, board] = identity::TEXTS;
+    let serial = identity::serial();
     let identity: &Identity = IDENTITY.init(Identity {
-        firmware: identity::firmware(),
-        git: identity::git(),
-        board: identity::board(),
-        serial: identity::serial(),
+        firmware,
+        git,
+        board,
+        serial,
         clock,
         capabilities: Capabilities::SAMPLER
             .with(Capabilities::INJECT)
@@ -139,7 +141,6 @@ fn set_up(spawner: Spawner, started: Started) {
         play: player::play,
         start,
     });
-    let Identity { firmware, git, board, serial, .. } = *identity;
     defmt::info!("{=str}, commit {=str}, {=str} {=str}", firmware, git, board, serial);
     let port = usb::start(usb, vbus, serial);
     let (receiver, transmitter) = app.link_state().join((port.receiver, port.transmitter), uart);

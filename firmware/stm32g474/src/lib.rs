@@ -36,6 +36,7 @@ mod lpuart;
 mod measure;
 mod options;
 mod panic;
+mod pins;
 mod platform;
 mod player;
 mod ready;

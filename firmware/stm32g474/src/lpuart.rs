@@ -4,6 +4,7 @@
 //! lost, which the frames' checks detect. Source: RM0440 38.
 
 use crate::boards::clock::CORE_HZ;
+use crate::pins;
 use core::convert::Infallible;
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt, LPUART1 as LpuartInterrupt};
@@ -70,15 +71,8 @@ pub fn start(
     transmit: Peri<'static, impl TxPin<peripherals::LPUART1>>,
 ) -> Uart {
     let (receive_function, transmit_function) = (receive.af_num(), transmit.af_num());
-    for (pin, function, kind) in [
-        (Flex::new(receive), receive_function, AfType::input(Pull::Up)),
-        (Flex::new(transmit), transmit_function, AfType::output(OutputType::PushPull, Speed::Medium)),
-    ] {
-        let mut pin = pin;
-        pin.set_as_af_unchecked(function, kind);
-        // The pin stays connected.
-        core::mem::forget(pin);
-    }
+    pins::connect(Flex::new(receive), receive_function, AfType::input(Pull::Up));
+    pins::connect(Flex::new(transmit), transmit_function, AfType::output(OutputType::PushPull, Speed::Medium));
     critical_section::with(|_| RCC.apb1enr2().modify(|w| w.set_lpuart1en(true)));
     LPUART1.brr().write(|w| w.0 = DIVIDER);
     LPUART1.cr1().write(|w| {

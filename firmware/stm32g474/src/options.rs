@@ -13,8 +13,7 @@ use inerter_wire::ResetCause;
 /// measurement, differs from that at calibration: a missing measurement is better than a wrong one. A supply of 3.3 V
 /// is 0.4 V above.
 const BROWN_OUT_LEVEL: u8 = 4;
-/// Keys (RM0440, 3.3.5 and 3.4.2).
-const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
+/// Keys of the option bytes (RM0440, 3.4.2).
 const OPTION_KEYS: [u32; 2] = [0x0819_2A3B, 0x4C5D_6E7F];
 
 /// Polls of the flash, for 50 ms: at least 8 cycles each of the 16 MHz clock that the core has here. Option bytes take
@@ -61,12 +60,8 @@ pub fn check(cause: ResetCause) {
     }
     // An earlier error would prevent the operation.
     flash::clear_errors();
-    // The ROM may have left both unlocked, and writing a key to an unlocked register is a bus fault.
-    if FLASH.cr().read().lock() {
-        for key in KEYS {
-            FLASH.keyr().write_value(key);
-        }
-    }
+    // The ROM may have left both unlocked.
+    flash::unlock();
     if FLASH.cr().read().optlock() {
         for key in OPTION_KEYS {
             FLASH.optkeyr().write_value(key);

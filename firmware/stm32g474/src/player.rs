@@ -244,7 +244,7 @@ impl Outputs {
         }
         self.fill(0);
         self.fill(HALF);
-        prepare(PINS, REQUEST_TIM7_UPDATE, self.wires.bsrr, MEMORY.pins.get() as u32, Size::BITS32, true);
+        self.prepare_pins(true);
         for (dac, channel, request, ring) in [
             (DAC1, FORCES, REQUEST_DAC1_CH1, MEMORY.forces.get() as u32),
             (DAC2, TERMINALS, REQUEST_DAC2_CH1, MEMORY.terminals.get() as u32),
@@ -330,14 +330,14 @@ impl Outputs {
             self.state = State::Stands;
             self.fill(0);
             self.fill(HALF);
-            prepare(PINS, REQUEST_TIM7_UPDATE, self.wires.bsrr, MEMORY.pins.get() as u32, Size::BITS32, true);
+            self.prepare_pins(true);
             start_timer(TICKS);
             TIM7.dier().write(|w| w.set_ude(true));
             return;
         };
         self.state = State::Burst(left - 1);
         TIM7.cnt().write(|w| w.set_cnt(0));
-        prepare(PINS, REQUEST_TIM7_UPDATE, self.wires.bsrr, MEMORY.pins.get() as u32, Size::BITS32, false);
+        self.prepare_pins(false);
         TIM7.dier().write(|w| w.set_ude(true));
         TIM7.cr1().write(|w| {
             w.set_urs(Urs::COUNTER_ONLY);
@@ -383,6 +383,11 @@ impl Outputs {
         if self.heard.elapsed() > PATIENCE {
             self.end();
         }
+    }
+
+    fn prepare_pins(&self, circular: bool) {
+        let from = MEMORY.pins.get() as u32;
+        prepare(PINS, REQUEST_TIM7_UPDATE, self.wires.bsrr, from, Size::BITS32, circular);
     }
 
     fn fill(&mut self, start: usize) {

@@ -15,6 +15,7 @@
 
 use crate::{clocks, options};
 use core::arch::global_asm;
+use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 use core::ptr;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -170,46 +171,63 @@ enum Note {
     Update = 0x4446_5521,
 }
 
-/// Not touched by start-up, so it survives a reset; arbitrary after power-on.
-#[unsafe(link_section = ".uninit.note")]
-static mut NOTE: MaybeUninit<u32> = MaybeUninit::uninit();
+/// A word of RAM that start-up does not touch, so it survives a reset; arbitrary after power-on.
+struct Word(UnsafeCell<MaybeUninit<u32>>);
 
-/// [`STARTS_MAGIC`] and, in the low byte, how many consecutive runs have ended too early; not touched by start-up.
+// SAFETY: read and written whole, from thread mode, or where nothing else runs any more.
+unsafe impl Sync for Word {}
+
+impl Word {
+    const fn new() -> Self {
+        Self(UnsafeCell::new(MaybeUninit::uninit()))
+    }
+
+    fn get(&self) -> u32 {
+        // SAFETY: a word for which every content is valid; volatile, because the previous run wrote it.
+        unsafe { ptr::read_volatile(self.0.get().cast()) }
+    }
+
+    fn set(&self, value: u32) {
+        // SAFETY: as above; volatile, because the next run reads it.
+        unsafe { ptr::write_volatile(self.0.get().cast(), value) };
+    }
+
+    /// The low byte, if the rest is this.
+    fn byte_after(&self, magic: u32) -> Option<u8> {
+        let word = self.get();
+        (word & !0xFF == magic).then_some(word as u8)
+    }
+}
+
+/// A [`Note`].
+#[unsafe(link_section = ".uninit.note")]
+static NOTE: Word = Word::new();
+
+/// [`STARTS_MAGIC`] and, in the low byte, how many consecutive runs have ended too early.
 #[unsafe(link_section = ".uninit.starts")]
-static mut STARTS: MaybeUninit<u32> = MaybeUninit::uninit();
+static STARTS: Word = Word::new();
 const STARTS_MAGIC: u32 = 0x5354_5200;
 
-/// [`SAVES_MAGIC`] and, in the low byte, how many saves a run has left; not touched by start-up.
+/// [`SAVES_MAGIC`] and, in the low byte, how many saves a run has left.
 #[unsafe(link_section = ".uninit.saves")]
-static mut SAVES_LEFT: MaybeUninit<u32> = MaybeUninit::uninit();
+static SAVES_LEFT: Word = Word::new();
 const SAVES_MAGIC: u32 = 0x5341_5600;
-
-fn set_saves_left(number: u8) {
-    // SAFETY: one word, written whole, from thread mode only.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(SAVES_LEFT).cast(), SAVES_MAGIC | u32::from(number)) };
-}
 
 /// The saves left by the previous run, if it ended by a request; returned once.
 fn take_saves_left(cause: ResetCause) -> u8 {
-    let place = ptr::addr_of_mut!(SAVES_LEFT).cast::<u32>();
-    // SAFETY: one word of RAM, any content of which is valid; volatile, because the previous run wrote it. Thread mode
-    // only.
-    let word = unsafe { ptr::read_volatile(place) };
-    // SAFETY: as above. Cleared, so that a later start that nobody requested does not find it.
-    unsafe { ptr::write_volatile(place, 0) };
+    let left = SAVES_LEFT.byte_after(SAVES_MAGIC);
+    // Cleared, so that a later start that nobody requested does not find it.
+    SAVES_LEFT.set(0);
     let asked = matches!(cause, ResetCause::Software | ResetCause::Watchdog);
-    if asked && word & !0xFF == SAVES_MAGIC { (word & 0xFF) as u8 } else { SAVES }
+    left.filter(|_| asked).unwrap_or(SAVES)
 }
 
 fn set_failed_starts(number: u32) {
-    // SAFETY: one word, written whole, from thread mode, or where nothing else runs any more.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(STARTS).cast(), STARTS_MAGIC | number.min(0xFF)) };
+    STARTS.set(STARTS_MAGIC | number.min(0xFF));
 }
 
 fn failed_starts() -> u32 {
-    // SAFETY: one word of RAM, for which every content is valid; volatile, because the previous run wrote it.
-    let word = unsafe { ptr::read_volatile(ptr::addr_of!(STARTS).cast::<u32>()) };
-    if word & !0xFF == STARTS_MAGIC { word & 0xFF } else { 0 }
+    STARTS.byte_after(STARTS_MAGIC).unwrap_or(0).into()
 }
 
 /// Notes that this run ends by a panic or a fault.
@@ -229,13 +247,11 @@ pub struct Started {
 }
 
 fn set_note(note: Note) {
-    // SAFETY: one word, written whole, from thread mode only.
-    unsafe { ptr::write_volatile(ptr::addr_of_mut!(NOTE).cast(), note as u32) };
+    NOTE.set(note as u32);
 }
 
 fn note_is(note: Note) -> bool {
-    // SAFETY: one word of RAM, for which every content is valid; volatile, because the previous run wrote it.
-    note as u32 == unsafe { ptr::read_volatile(ptr::addr_of!(NOTE).cast()) }
+    NOTE.get() == note as u32
 }
 
 /// Finds out why the device started. Must be called first of all; may not return.
@@ -301,20 +317,23 @@ pub async fn forget() {
     set_failed_starts(0);
 }
 
+/// Leaves a message to the next run, which was requested: not a failed start.
+fn leave(note: Note, saves_left: u8) {
+    SAVES_LEFT.set(SAVES_MAGIC | u32::from(saves_left));
+    set_note(note);
+    set_failed_starts(0);
+}
+
 /// Restarts, with this many saves left.
 pub fn restart(saves_left: u8) -> ! {
-    set_saves_left(saves_left);
-    set_note(Note::Nothing);
-    set_failed_starts(0);
+    leave(Note::Nothing, saves_left);
     SCB::sys_reset()
 }
 
 /// Does nothing more, with this many saves left, until the watchdog resets the chip. For the watchdog's test, so not a
 /// failed start.
 pub fn hang(saves_left: u8) -> ! {
-    set_saves_left(saves_left);
-    set_note(Note::Nothing);
-    set_failed_starts(0);
+    leave(Note::Nothing, saves_left);
     loop {
         cortex_m::asm::nop();
     }
@@ -322,9 +341,7 @@ pub fn hang(saves_left: u8) -> ! {
 
 /// Restarts into the ROM's update mode.
 pub fn update(saves_left: u8) -> ! {
-    set_saves_left(saves_left);
-    set_note(Note::Update);
-    set_failed_starts(0);
+    leave(Note::Update, saves_left);
     SCB::sys_reset()
 }
 

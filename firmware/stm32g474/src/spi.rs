@@ -3,6 +3,7 @@
 //! Bytes go through a buffer that outlives every future, so the DMA never accesses memory of a dropped future.
 //! Source: RM0440 39.5.9 (communication using DMA), 13 table 91 (requests).
 
+use crate::pins;
 use core::cell::UnsafeCell;
 use core::future::poll_fn;
 use core::ptr;
@@ -79,16 +80,9 @@ impl Device {
     ) -> Self {
         let driven = AfType::output(OutputType::PushPull, Speed::VeryHigh);
         let (clock_function, out_function, back_function) = (clock.af_num(), out.af_num(), back.af_num());
-        for (pin, function, kind) in [
-            (Flex::new(clock), clock_function, driven),
-            (Flex::new(out), out_function, driven),
-            (Flex::new(back), back_function, AfType::input(Pull::Down)),
-        ] {
-            let mut pin = pin;
-            pin.set_as_af_unchecked(function, kind);
-            // The pin stays connected.
-            core::mem::forget(pin);
-        }
+        pins::connect(Flex::new(clock), clock_function, driven);
+        pins::connect(Flex::new(out), out_function, driven);
+        pins::connect(Flex::new(back), back_function, AfType::input(Pull::Down));
         critical_section::with(|_| RCC.apb1enr1().modify(|w| w.set_spi2en(true)));
         SPI2.cr2().write(|w| {
             w.set_ds(Ds::BITS8);

@@ -130,12 +130,17 @@ impl LinkPair {
 
     /// Sends a whole frame as telemetry does; an error if that was impossible.
     fn send(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
+        block_on(self.send_from(frame))
+    }
+
+    /// As [`send`](Self::send), but to be polled.
+    async fn send_from(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
         let mut left = frame;
         while !left.is_empty() {
-            let count = block_on(self.transmitter.write(left))?;
+            let count = self.transmitter.write(left).await?;
             left = &left[count..];
         }
-        block_on(self.transmitter.flush())
+        self.transmitter.flush().await
     }
 }
 
@@ -349,18 +354,6 @@ fn a_change_in_the_middle_of_a_frame_tears_that_one_only() {
             assert_eq!(bytes.starts_with(&[DELIMITER]), !begun_before);
             assert_eq!(before.all(), []);
         }
-    }
-}
-
-impl LinkPair {
-    /// As [`send`](Self::send), but to be polled.
-    async fn send_from(&mut self, frame: &[u8]) -> Result<(), ErrorKind> {
-        let mut left = frame;
-        while !left.is_empty() {
-            let count = self.transmitter.write(left).await?;
-            left = &left[count..];
-        }
-        self.transmitter.flush().await
     }
 }
 

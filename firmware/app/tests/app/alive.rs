@@ -40,7 +40,7 @@ fn a_sampler_in_use_that_gets_no_samples_is_not() {
 #[test]
 fn a_host_that_does_not_read_is_no_reason() {
     let mut rig = TestDevice::with(live());
-    rig.tell(Command::Streams(Streams::ALL));
+    rig.stream(Streams::ALL);
     rig.set_room(10);
     let samples = shaken(10_000);
     for (place, sample) in samples.iter().enumerate() {
@@ -55,7 +55,7 @@ fn a_host_that_does_not_read_is_no_reason() {
 #[test]
 fn nor_is_one_that_injects_and_does_not_read() {
     let mut rig = TestDevice::with(live());
-    rig.tell(Command::Streams(Streams::ALL));
+    rig.stream(Streams::ALL);
     rig.inject(&shaken(32));
     rig.set_room(10);
     let samples = shaken(4_000);

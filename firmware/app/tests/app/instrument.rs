@@ -1,8 +1,8 @@
 //! The whole instrument on mock parts, as seen by a host over the link.
 
 use crate::rig::{
-    IDENTITY, MemoryStore, Options, TestDevice, by_core, estimates, events, lighter, live, number, raw_samples, shaken,
-    write,
+    IDENTITY, MemoryStore, Options, TestDevice, able_to, all_by_core, begun, by_core, done, estimates, events, lighter,
+    live, message, number, raw_samples, shaken, write,
 };
 use inerter_app::{Restart, SourceError, Start, StoreError, wear::SAVES};
 use inerter_core::{Bank, Published, RawSample, Settings, State, Status};
@@ -89,27 +89,23 @@ fn only_settings_that_change_what_was_gathered_forget_it() {
     }
 }
 
+/// Whether the source ends with this record.
+fn is_end(record: &Record) -> bool {
+    matches!(record, Record::Event(Event { kind: EventKind::SourceEnded, .. }))
+}
+
 #[test]
 fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() {
     let mut rig = TestDevice::new();
     let samples = shaken(20_000);
-    rig.script.push(samples.iter().copied().map(Ok));
-    rig.script.push([Err(SourceError::Ended)]);
+    rig.script.push_all(&samples);
     // The link has room for less than one estimate, and the host reads slowly.
     rig.set_room(100);
     let start = rig.send(Command::Start);
-    let mut records = Vec::new();
-    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
-        rig.pass(5);
-        for frame in rig.read_bytes(70) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
-            records.push(message);
-        }
-    }
-    assert!(records.contains(&Record::Reply(Reply { id: start, result: Ok(Done::Plain) })));
-    let (mut expected, end) = by_core(&Settings::default(), &samples);
-    expected.push(end);
-    assert_eq!(estimates(&records), expected);
+    let records = rig.read_until(5, 70, is_end);
+    assert!(records.contains(&done(start)));
+    assert_eq!(estimates(&records), all_by_core(&Settings::default(), &samples));
+    let (_, end) = by_core(&Settings::default(), &samples);
     assert_eq!(end.recent.inertance_kg.status(), Status::Ok);
     assert!((end.recent.inertance_kg.fitted().value - 100.0).abs() < 0.5, "{end:?}");
 }
@@ -118,17 +114,17 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
 fn raw_samples_are_streamed_when_asked_for() {
     let mut rig = TestDevice::with(live());
     let samples = shaken(400);
-    rig.script.push(samples[..100].iter().copied().map(Ok));
+    rig.script.push_samples(&samples[..100]);
     assert_eq!(raw_samples(&rig.records()), []);
-    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
-    rig.script.push(samples[100..110].iter().copied().map(Ok));
+    rig.stream(Streams { samples: true, ..Streams::NONE });
+    rig.script.push_samples(&samples[100..110]);
     rig.pass(49);
     assert_eq!(rig.records(), [], "a batch waits for more");
     rig.pass(1);
     assert_eq!(raw_samples(&rig.records()), samples[100..110], "but not for ever");
     let mut streamed = Vec::new();
     for part in samples[110..].chunks(7) {
-        rig.script.push(part.iter().copied().map(Ok));
+        rig.script.push_samples(part);
         rig.pass(7);
         streamed.extend(raw_samples(&rig.records()));
     }
@@ -137,29 +133,15 @@ fn raw_samples_are_streamed_when_asked_for() {
     assert_eq!(streamed, samples[110..]);
 }
 
-/// Every record until the source ends, read a few bytes at a time.
-fn up_to_the_end(rig: &mut TestDevice) -> Vec<Record> {
-    let mut records = Vec::new();
-    while !matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. }))) {
-        rig.pass(1);
-        for frame in rig.read_bytes(50) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
-            records.push(message);
-        }
-    }
-    records
-}
-
 #[test]
 fn a_source_that_waits_streams_every_sample() {
     let mut rig = TestDevice::new();
-    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    rig.stream(Streams { samples: true, ..Streams::NONE });
     let samples = shaken(5_000);
-    rig.script.push(samples.iter().copied().map(Ok));
-    rig.script.push([Err(SourceError::Ended)]);
+    rig.script.push_all(&samples);
     rig.set_room(50);
     rig.send(Command::Start);
-    let records = up_to_the_end(&mut rig);
+    let records = rig.read_until(1, 50, is_end);
     // The device reports the end of the source after its last sample.
     assert_eq!(raw_samples(&records), samples);
 }
@@ -167,7 +149,7 @@ fn a_source_that_waits_streams_every_sample() {
 #[test]
 fn sums_come_once_a_second_and_at_the_end() {
     let mut rig = TestDevice::new();
-    rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
+    rig.stream(Streams { estimates: true, sums: true, ..Streams::NONE });
     let samples = shaken(3_500);
     let active = Settings::default().validate().unwrap();
     let mut state = State::new(&active);
@@ -186,12 +168,11 @@ fn sums_come_once_a_second_and_at_the_end() {
     expected.extend([Bank::Fast, Bank::Slow].map(|bank| sums(&state, bank)).into_iter().flatten());
     expected.push(Record::Estimate(active.publish(&state).estimate));
 
-    rig.script.push(samples.iter().copied().map(Ok));
-    rig.script.push([Err(SourceError::Ended)]);
+    rig.script.push_all(&samples);
     // The link has room for less than the sums of one bank: the source waits, and no sum is lost.
     rig.set_room(100);
     rig.send(Command::Start);
-    let mut records = up_to_the_end(&mut rig);
+    let mut records = rig.read_until(1, 50, is_end);
     records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_) | Record::MoreSums(_)));
     assert_eq!(records, expected);
 
@@ -200,7 +181,7 @@ fn sums_come_once_a_second_and_at_the_end() {
     let is_sums = |record: &&Record| matches!(record, Record::Sums(_) | Record::MoreSums(_));
     let again = rig.inject(&samples[..1_000]);
     assert!(again.iter().filter(is_sums).eq(expected.iter().filter(is_sums).take(2)));
-    rig.tell(Command::Streams(Streams { estimates: true, ..Streams::NONE }));
+    rig.stream(Streams { estimates: true, ..Streams::NONE });
     let mut none = rig.inject(&samples[1_000..]);
     none.extend(rig.tell(Command::InjectEnd));
     assert_eq!(none.iter().find(is_sums), None);
@@ -216,7 +197,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     }
     let stiff = ("stiffness_n_per_m", 2.1e6);
     rig.tell(write(&[stiff]));
-    rig.tell(Command::Streams(Streams { estimates: true, sums: true, ..Streams::NONE }));
+    rig.stream(Streams { estimates: true, sums: true, ..Streams::NONE });
     let active = Settings { stiffness_n_per_m: stiff.1, ..Settings::default() }.validate().unwrap();
     let mut state = State::new(&active);
     let mut expected = Vec::new();
@@ -248,10 +229,9 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
         Record::Sums(sums) => expected.contains(&Record::Sums(*sums)),
         _ => false,
     };
-    rig.script.push(samples.iter().copied().map(Ok));
-    rig.script.push([Err(SourceError::Ended)]);
+    rig.script.push_all(&samples);
     rig.send(Command::Start);
-    let mut records = up_to_the_end(&mut rig);
+    let mut records = rig.read_until(1, 50, is_end);
     records.retain(is_ours);
     assert_eq!(records, expected);
     let published = records.windows(3).filter_map(|three| match three {
@@ -264,7 +244,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     assert!({ published }.all(|[estimate, law, detail]| estimate == law && law == detail));
 
     // Without the stream, none of this is sent or kept for later.
-    rig.tell(Command::Streams(Streams::NONE));
+    rig.stream(Streams::NONE);
     let without = rig.inject(&samples[..5_000]);
     assert!(!without.iter().any(|record| matches!(
         record,
@@ -284,7 +264,7 @@ fn health_comes_every_second_with_the_boards_figures() {
     assert_eq!(reports.iter().map(|health| health.uptime_s).collect::<Vec<_>>(), [1, 2, 3]);
     let figures = (reports[0].cpu_load_permille, reports[0].stack_free_bytes, reports[0].temperature_c);
     assert_eq!(figures, (Some(123), Some(4567), Some(30.5)));
-    rig.tell(Command::Streams(Streams::NONE));
+    rig.stream(Streams::NONE);
     rig.pass(2_000);
     assert_eq!(rig.records(), []);
 }
@@ -292,11 +272,11 @@ fn health_comes_every_second_with_the_boards_figures() {
 #[test]
 fn frames_that_a_stalled_link_does_not_take_are_counted_by_both_ends() {
     let mut rig = TestDevice::with(live());
-    rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
+    rig.stream(Streams { samples: true, estimates: true, ..Streams::NONE });
     // The reader stops in the middle of a frame.
     rig.set_room(30);
     for part in shaken(10_000).chunks(10) {
-        rig.script.push(part.iter().copied().map(Ok));
+        rig.script.push_samples(part);
         rig.pass(10);
     }
     rig.set_room(usize::MAX);
@@ -311,13 +291,13 @@ fn frames_that_a_stalled_link_does_not_take_are_counted_by_both_ends() {
 #[test]
 fn estimates_go_before_raw_samples() {
     let mut rig = TestDevice::with(live());
-    rig.tell(Command::Streams(Streams { samples: true, estimates: true, ..Streams::NONE }));
+    rig.stream(Streams { samples: true, estimates: true, ..Streams::NONE });
     rig.set_room(100);
     // 1 kHz of raw samples is 6 KB/s; the host reads 3 KB/s.
     let samples = shaken(20_000);
     let (mut seen, mut streamed) = (Vec::new(), 0);
     for part in samples.chunks(10) {
-        rig.script.push(part.iter().copied().map(Ok));
+        rig.script.push_samples(part);
         rig.pass(10);
         for frame in rig.read_bytes(30) {
             match frame {
@@ -343,22 +323,18 @@ fn injected_samples_give_cores_estimates() {
     assert_eq!((result, after), (Ok(Done::Injected { accepted: 20_000, free: 256 }), vec![]));
     assert_eq!(events(&last), [EventKind::SourceEnded]);
     records.extend(last);
-    let (mut expected, end) = by_core(&Settings::default(), &samples);
-    expected.push(end);
-    assert_eq!(estimates(&records), expected);
+    assert_eq!(estimates(&records), all_by_core(&Settings::default(), &samples));
     assert_eq!(rig.result(Command::InjectEnd), Err(Refusal::NotInjecting));
     // The next injection starts afresh.
     let mut records = rig.inject(&samples[..5_000]);
     records.extend(rig.tell(Command::InjectEnd));
-    let (mut expected, end) = by_core(&Settings::default(), &samples[..5_000]);
-    expected.push(end);
-    assert_eq!(estimates(&records), expected);
+    assert_eq!(estimates(&records), all_by_core(&Settings::default(), &samples[..5_000]));
 }
 
 #[test]
 fn the_final_estimate_of_an_injection_comes_without_the_stream() {
     let mut rig = TestDevice::new();
-    rig.tell(Command::Streams(Streams::NONE));
+    rig.stream(Streams::NONE);
     let samples = shaken(3_000);
     assert_eq!(estimates(&rig.inject(&samples)), []);
     let records = rig.tell(Command::InjectEnd);
@@ -379,8 +355,7 @@ fn credit_holds_when_the_host_sends_ahead() {
             sent += taken;
         }
         rig.settle();
-        for frame in rig.read_bytes(60) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
+        for message in rig.read_bytes(60).into_iter().map(message) {
             if let Record::Reply(Reply { id, result }) = message {
                 assert_eq!(id, ids.remove(0));
                 let Ok(Done::Injected { accepted: now, free: room }) = result else { panic!("{result:?}") };
@@ -392,9 +367,7 @@ fn credit_holds_when_the_host_sends_ahead() {
     }
     rig.set_room(usize::MAX);
     records.extend(rig.tell(Command::InjectEnd));
-    let (mut expected, end) = by_core(&Settings::default(), &samples);
-    expected.push(end);
-    assert_eq!(estimates(&records), expected);
+    assert_eq!(estimates(&records), all_by_core(&Settings::default(), &samples));
 }
 
 #[test]
@@ -438,8 +411,7 @@ fn injection_takes_the_samplers_place_until_the_next_start() {
     assert_eq!(rig.script.left(), 200);
     records.extend(rig.inject(&samples[1_000..2_000]));
     records.extend(rig.tell(Command::InjectEnd));
-    let (mut expected, end) = by_core(&Settings::default(), &samples[..2_000]);
-    expected.push(end);
+    let expected = all_by_core(&Settings::default(), &samples[..2_000]);
     assert_eq!(estimates(&records), expected, "not one of the sampler's samples among them");
     // The sampler's samples in the meantime are not defined here; in this test it waited.
     let (records, _, _) = rig.ask(Command::Start);
@@ -454,7 +426,7 @@ fn injection_takes_the_samplers_place_until_the_next_start() {
 fn stop_halts_the_sampler_and_start_goes_on() {
     let mut rig = TestDevice::new();
     let samples = shaken(3_000);
-    rig.script.push(samples[..1_000].iter().copied().map(Ok));
+    rig.script.push_samples(&samples[..1_000]);
     rig.settle();
     assert_eq!(rig.script.left(), 1_000, "not before Start");
     let (mut records, _, after) = rig.ask(Command::Start);
@@ -462,7 +434,7 @@ fn stop_halts_the_sampler_and_start_goes_on() {
     records.extend(after);
     assert_eq!(rig.tell(Command::Start), [], "once is enough");
     assert_eq!(events(&rig.tell(Command::Stop)), [EventKind::SourceChanged(Source::Stopped)]);
-    rig.script.push(samples[1_000..].iter().copied().map(Ok));
+    rig.script.push_samples(&samples[1_000..]);
     rig.settle();
     assert_eq!(rig.script.left(), 2_000);
     let (before, _, after) = rig.ask(Command::Start);
@@ -503,7 +475,7 @@ fn what_a_live_source_loses_is_counted_and_goes_on() {
 #[test]
 fn a_burst_from_a_live_source_is_taken_whole() {
     let mut rig = TestDevice::with(live());
-    rig.script.push(shaken(5_000).into_iter().map(Ok));
+    rig.script.push_samples(&shaken(5_000));
     let health = rig.health();
     assert_eq!((health.index, health.overruns, health.discontinuities), (4_999, 0, 0));
 }
@@ -537,7 +509,7 @@ fn tare_takes_the_present_force_as_zero() {
     rig.script.push((600..700).map(|index| Ok(RawSample { index, force_code: -1_235, ..RawSample::default() })));
     let records = rig.records();
     assert_eq!(events(&records), [EventKind::EstimatorReset, EventKind::SettingsChanged]);
-    assert!(records.contains(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
+    assert!(records.contains(&done(id)));
     assert_eq!(rig.settings().force_zero_code, -1_235.0);
 }
 
@@ -553,7 +525,7 @@ fn tare_without_samples_is_refused() {
     let records = rig.records();
     assert!(records.contains(&Record::Reply(Reply { id, result: Err(Refusal::NoSamples) })), "{records:?}");
     // The abandoned tare has no later effect.
-    rig.script.push(shaken(2_000).into_iter().map(Ok));
+    rig.script.push_samples(&shaken(2_000));
     rig.records();
     assert_eq!(rig.settings(), Settings::default());
 }
@@ -591,15 +563,13 @@ fn a_flood_of_saves_is_refused_and_a_restart_does_not_help() {
     assert_eq!(rig.result(Command::Reboot), Ok(Done::Plain));
     let start = Start { saves_left: rig.app.saves_left(), ..Start::SOFTWARE };
     drop(rig);
-    let identity = inerter_app::Identity { start, ..IDENTITY };
-    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    let mut rig = TestDevice::with(begun(start));
     assert_eq!(rig.result(Command::SaveSettings), Err(Refusal::Worn { wait_s: 120 }));
 }
 
 #[test]
 fn what_the_board_cannot_do_is_refused() {
-    let identity = inerter_app::Identity { capabilities: Capabilities::NONE, ..IDENTITY };
-    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    let mut rig = TestDevice::with(able_to(Capabilities::NONE));
     let samples = Samples::from_slice(&shaken(1)).0;
     for command in [
         Command::EnterDfu,
@@ -621,22 +591,20 @@ fn what_the_board_cannot_do_is_refused() {
 /// A board that says it has one.
 #[test]
 fn a_player_that_is_not_there_is_refused() {
-    let identity = inerter_app::Identity { capabilities: Capabilities::PLAYER, ..IDENTITY };
-    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    let mut rig = TestDevice::with(able_to(Capabilities::PLAYER));
     assert_eq!(rig.ask(Command::Play(Play::End)), (vec![], Err(Refusal::Unsupported), vec![]));
 }
 
 #[test]
 fn the_reply_to_a_restart_is_sent_before_it() {
-    let identity = inerter_app::Identity { capabilities: Capabilities::DFU.with(Capabilities::REBOOT), ..IDENTITY };
     for (command, restart) in [(Command::Reboot, Restart::Reboot), (Command::EnterDfu, Restart::Dfu)] {
-        let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+        let mut rig = TestDevice::with(able_to(Capabilities::DFU.with(Capabilities::REBOOT)));
         rig.set_room(3);
         let id = rig.send(command);
         rig.pass(100);
         assert_eq!(rig.ended, None);
         rig.set_room(usize::MAX);
-        assert_eq!(rig.records(), [Record::Reply(Reply { id, result: Ok(Done::Plain) })]);
+        assert_eq!(rig.records(), [done(id)]);
         assert_eq!(rig.ended, Some(Ok(restart)));
     }
 }
@@ -653,7 +621,7 @@ fn nothing_behind_a_restart_is_obeyed() {
     rig.send_bytes(&bytes);
     rig.pass(100);
     rig.set_room(usize::MAX);
-    assert_eq!(rig.records(), [Record::Reply(Reply { id, result: Ok(Done::Plain) })]);
+    assert_eq!(rig.records(), [done(id)]);
     assert_eq!(rig.ended, Some(Ok(Restart::Reboot)));
     assert_eq!(*rig.store.saved.borrow(), None);
 }
@@ -728,7 +696,7 @@ fn two_hosts_at_once_spoil_each_others_frames_and_nothing_else() {
 fn a_link_that_comes_back_is_used_again() {
     let mut rig = TestDevice::with(live());
     rig.unplug(true);
-    rig.script.push(shaken(3_000).into_iter().map(Ok));
+    rig.script.push_samples(&shaken(3_000));
     rig.pass(5_000);
     rig.unplug(false);
     rig.pass(100);
@@ -749,15 +717,12 @@ fn invalid_default_settings_are_the_programmers_mistake_and_named() {
 
 #[test]
 fn what_the_board_measures_comes_before_the_reply() {
-    let capabilities = IDENTITY.capabilities.with(Capabilities::MEASURE);
-    let identity = inerter_app::Identity { capabilities, ..IDENTITY };
-    let mut rig = TestDevice::with(Options { identity, ..Options::default() });
+    let mut rig = TestDevice::with(able_to(IDENTITY.capabilities.with(Capabilities::MEASURE)));
     let id = rig.send(Command::Measure(Measure::Chip));
     let mut measured = Measured::new(Measure::Chip);
     measured.push(Quantity::FlashKb, 512);
-    measured.push(Quantity::SavesLeft, u32::from(inerter_app::wear::SAVES));
-    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
-    assert_eq!(rig.records(), [Record::Measured(measured), reply]);
+    measured.push(Quantity::SavesLeft, SAVES.into());
+    assert_eq!(rig.records(), [Record::Measured(measured), done(id)]);
     assert_eq!(rig.result(Command::Measure(Measure::Hang)), Ok(Done::Plain));
     assert_eq!(rig.ended, Some(Ok(Restart::Hang)));
 }

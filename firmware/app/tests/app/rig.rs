@@ -10,7 +10,7 @@ use inerter_core::{Estimate, FrontEnd, RawSample, Settings, SettingsError, State
 use inerter_wire::{
     Capabilities, ClockSource, Command, Done, Event, EventKind, Frame, FrameReader, Health, MAX_FRAME, Measure,
     Measured, Quantity, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingValue, SettingsValues,
-    encode_request,
+    Streams, encode_request,
 };
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -36,23 +36,6 @@ pub struct Wire {
 
 #[derive(Clone)]
 pub struct WireEnd(Rc<RefCell<Wire>>);
-
-#[derive(Debug)]
-pub struct Unplugged;
-
-impl std::fmt::Display for Unplugged {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("unplugged")
-    }
-}
-
-impl std::error::Error for Unplugged {}
-
-impl embedded_io_async::Error for Unplugged {
-    fn kind(&self) -> ErrorKind {
-        ErrorKind::NotConnected
-    }
-}
 
 impl WireEnd {
     pub fn new() -> Self {
@@ -92,52 +75,51 @@ impl WireEnd {
         }
         result
     }
-}
 
-impl ErrorType for WireEnd {
-    type Error = Unplugged;
-}
-
-impl Read for WireEnd {
-    async fn read(&mut self, into: &mut [u8]) -> Result<usize, Unplugged> {
+    /// Waits until `act` has moved a byte, and returns how many it moved; an error while the wire is broken.
+    async fn moved(&self, mut act: impl FnMut(&mut Wire) -> usize) -> Result<usize, ErrorKind> {
         poll_fn(|context| {
             let mut wire = self.0.borrow_mut();
             if wire.broken {
-                return Poll::Ready(Err(Unplugged));
+                return Poll::Ready(Err(ErrorKind::NotConnected));
             }
+            let count = act(&mut wire);
+            if count > 0 {
+                return Poll::Ready(Ok(count));
+            }
+            wire.waker = Some(context.waker().clone());
+            Poll::Pending
+        })
+        .await
+    }
+}
+
+impl ErrorType for WireEnd {
+    type Error = ErrorKind;
+}
+
+impl Read for WireEnd {
+    async fn read(&mut self, into: &mut [u8]) -> Result<usize, ErrorKind> {
+        self.moved(|wire| {
             let count = wire.bytes.len().min(into.len());
-            if count == 0 {
-                wire.waker = Some(context.waker().clone());
-                return Poll::Pending;
-            }
-            for (place, byte) in into.iter_mut().zip(wire.bytes.drain(..count)) {
-                *place = byte;
-            }
-            Poll::Ready(Ok(count))
+            into.iter_mut().zip(wire.bytes.drain(..count)).for_each(|(place, byte)| *place = byte);
+            count
         })
         .await
     }
 }
 
 impl Write for WireEnd {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Unplugged> {
-        poll_fn(|context| {
-            let mut wire = self.0.borrow_mut();
-            if wire.broken {
-                return Poll::Ready(Err(Unplugged));
-            }
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, ErrorKind> {
+        self.moved(|wire| {
             let count = bytes.len().min(wire.capacity.saturating_sub(wire.bytes.len()));
-            if count == 0 {
-                wire.waker = Some(context.waker().clone());
-                return Poll::Pending;
-            }
             wire.bytes.extend(&bytes[..count]);
-            Poll::Ready(Ok(count))
+            count
         })
         .await
     }
 
-    async fn flush(&mut self) -> Result<(), Unplugged> {
+    async fn flush(&mut self) -> Result<(), ErrorKind> {
         Ok(())
     }
 }
@@ -176,6 +158,17 @@ impl Script {
         }
     }
 
+    /// These samples.
+    pub fn push_samples(&self, samples: &[RawSample]) {
+        self.push(samples.iter().copied().map(Ok));
+    }
+
+    /// These samples, and no more.
+    pub fn push_all(&self, samples: &[RawSample]) {
+        self.push_samples(samples);
+        self.push([Err(SourceError::Ended)]);
+    }
+
     /// Sets the results of the next calls of `configure`.
     pub fn answer(&self, answers: impl IntoIterator<Item = Result<(), SourceError>>) {
         self.parts.borrow_mut().answers.extend(answers);
@@ -186,9 +179,9 @@ impl Script {
         std::mem::take(&mut self.parts.borrow_mut().asked)
     }
 
-    /// From the next settings that the sampler applies, it finds these parts and nothing else.
-    pub fn push_with_next_settings(&self, parts: impl IntoIterator<Item = Result<RawSample, SourceError>>) {
-        self.parts.borrow_mut().with_next_settings = Some(parts.into_iter().collect());
+    /// From the next settings that the sampler applies, it finds these samples and nothing else.
+    pub fn push_with_next_settings(&self, samples: &[RawSample]) {
+        self.parts.borrow_mut().with_next_settings = Some(samples.iter().copied().map(Ok).collect());
     }
 
     /// Number of parts that the sampler has not taken.
@@ -343,6 +336,16 @@ impl Default for Options {
     }
 }
 
+/// A device with these capabilities.
+pub fn able_to(capabilities: Capabilities) -> Options {
+    Options { identity: Identity { capabilities, ..IDENTITY }, ..Options::default() }
+}
+
+/// A device that began its run like this.
+pub fn begun(start: Start<'static>) -> Options {
+    Options { identity: Identity { start, ..IDENTITY }, ..Options::default() }
+}
+
 /// A device whose samples do not wait, and which measures from the start.
 pub fn live() -> Options {
     Options { pace: Pace::Live, autostart: true, ..Options::default() }
@@ -362,10 +365,26 @@ pub fn write(pairs: &[(&str, f64)]) -> Command {
     Command::WriteSettings(values)
 }
 
+/// The device's tasks.
+type Running = Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>;
+
+/// Puts the device on this link.
+fn running(
+    app: &'static App,
+    (receiver, transmitter): (impl Read + 'static, impl Write + 'static),
+    source: Script,
+    options: Options,
+) -> Running {
+    let state: &'static mut State = Box::leak(Box::default());
+    let Options { identity, store, defaults, autostart, .. } = options;
+    let board = Board { source, receiver, transmitter, store, platform: FixedFigures, identity, defaults, autostart };
+    Box::pin(run(app, state, board))
+}
+
 /// The device, and the host's end of its link.
 pub struct TestDevice {
     pub app: &'static App,
-    device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
+    device: Running,
     woken: Arc<Woken>,
     pub ended: Option<Result<Restart, SettingsError>>,
     pub script: Script,
@@ -401,22 +420,13 @@ impl TestDevice {
         let uart = (WireEnd::new(), WireEnd::new());
         let script = Script { pace: options.pace, parts: Rc::default() };
         script.answer([options.configured]);
-        let Options { identity, store, defaults, autostart, two_links, .. } = options;
         let app: &'static App = Box::leak(Box::default());
-        let state: &'static mut State = Box::leak(Box::default());
-        let (source, memory) = (script.clone(), store.clone());
+        let (store, source) = (options.store.clone(), script.clone());
         let usb = (to_device.clone(), from_device.clone());
-        let device: Pin<Box<dyn Future<Output = _>>> = if two_links {
-            let (receiver, transmitter) = app.link_state().join(usb, uart.clone());
-            let store = memory;
-            let board =
-                Board { source, receiver, transmitter, store, platform: FixedFigures, identity, defaults, autostart };
-            Box::pin(run(app, state, board))
+        let device = if options.two_links {
+            running(app, app.link_state().join(usb, uart.clone()), source, options)
         } else {
-            let ((receiver, transmitter), store) = (usb, memory);
-            let board =
-                Board { source, receiver, transmitter, store, platform: FixedFigures, identity, defaults, autostart };
-            Box::pin(run(app, state, board))
+            running(app, usb, source, options)
         };
         let woken = Arc::new(Woken(AtomicBool::new(true)));
         Self {
@@ -470,6 +480,11 @@ impl TestDevice {
         self.to_device.set_broken(unplugged);
     }
 
+    /// Opens or closes the port of the first link.
+    pub fn set_open(&self, open: bool) {
+        self.app.link_state().set_open(open);
+    }
+
     /// Sends raw bytes to the device.
     pub fn send_bytes(&mut self, bytes: &[u8]) {
         self.to_device.put(bytes);
@@ -500,13 +515,18 @@ impl TestDevice {
 
     /// [`frames`](Self::frames), none of which may be lost or damaged.
     pub fn records(&mut self) -> Vec<Record> {
-        self.frames()
-            .into_iter()
-            .map(|frame| match frame {
-                Frame::Message { message, .. } => message,
-                other => panic!("{other:?}"),
-            })
-            .collect()
+        self.frames().into_iter().map(message).collect()
+    }
+
+    /// The records up to one of this kind, for a host that reads `count` bytes each time that some milliseconds have
+    /// passed.
+    pub fn read_until(&mut self, milliseconds: u64, count: usize, is_last: impl Fn(&Record) -> bool) -> Vec<Record> {
+        let mut records = Vec::new();
+        while !records.iter().any(&is_last) {
+            self.pass(milliseconds);
+            records.extend(self.read_bytes(count).into_iter().map(message));
+        }
+        records
     }
 
     /// The frame of a request, and its ID.
@@ -550,6 +570,11 @@ impl TestDevice {
         before
     }
 
+    /// Chooses the records that come unasked.
+    pub fn stream(&mut self, streams: Streams) {
+        self.tell(Command::Streams(streams));
+    }
+
     /// Feeds samples to the sampler, no more at once than a live source would deliver.
     pub fn feed<'a>(&mut self, samples: impl IntoIterator<Item = &'a RawSample>) {
         for sample in samples {
@@ -567,10 +592,7 @@ impl TestDevice {
             let (before, result, after) = self.ask(Command::Inject(batch));
             records.extend(before);
             records.extend(after);
-            match result {
-                Ok(Done::Injected { .. }) => {}
-                other => panic!("{other:?}"),
-            }
+            assert!(matches!(result, Ok(Done::Injected { .. })), "{result:?}");
         }
         records
     }
@@ -586,9 +608,8 @@ impl TestDevice {
     /// [`tell`](Self::tell) if frames may be missing.
     pub fn tell_through_loss(&mut self, command: Command) {
         let id = self.send(command);
-        let done = Record::Reply(Reply { id, result: Ok(Done::Plain) });
         let frames = self.frames();
-        assert!(frames.iter().any(|frame| matches!(frame, Frame::Message { message, .. } if *message == done)));
+        assert!(frames.iter().any(|frame| matches!(frame, Frame::Message { message, .. } if *message == done(id))));
     }
 
     /// Number of frames missing so far, from their sequence numbers.
@@ -610,6 +631,19 @@ impl TestDevice {
         });
         health.expect("a report every second")
     }
+}
+
+/// The record in a frame that must be whole.
+pub fn message(frame: Frame<Record>) -> Record {
+    match frame {
+        Frame::Message { message, .. } => message,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The reply to a request that was executed.
+pub fn done(id: u16) -> Record {
+    Record::Reply(Reply { id, result: Ok(Done::Plain) })
 }
 
 /// The estimates among records.
@@ -671,4 +705,11 @@ pub fn by_core(settings: &Settings, samples: &[RawSample]) -> (Vec<Estimate>, Es
     let mut state = State::new(&active);
     let estimates = samples.iter().filter_map(|sample| active.step(&mut state, sample).estimate()).collect();
     (estimates, active.publish(&state).estimate)
+}
+
+/// The same, the final one last.
+pub fn all_by_core(settings: &Settings, samples: &[RawSample]) -> Vec<Estimate> {
+    let (mut estimates, end) = by_core(settings, samples);
+    estimates.push(end);
+    estimates
 }

@@ -1,9 +1,11 @@
 //! The board's source of samples: applying settings, halting, and losses.
 
-use crate::rig::{Asked, Options, TestDevice, by_core, estimates, events, live, raw_samples, shaken, write};
+use crate::rig::{
+    Asked, Options, TestDevice, all_by_core, by_core, done, estimates, events, live, raw_samples, shaken, write,
+};
 use inerter_app::{Pace, SourceError};
 use inerter_core::{FrontEnd, RawSample, Settings};
-use inerter_wire::{Command, Done, EventKind, Fault, Frame, Record, Refusal, Reply, SettingsValues, Source, Streams};
+use inerter_wire::{Command, EventKind, Fault, Record, Refusal, SettingsValues, Source, Streams};
 
 /// Motion at the given rate, from `index` on.
 fn at_rate(rate_hz: f64, index: u32, count: u32) -> Vec<RawSample> {
@@ -48,25 +50,17 @@ fn the_source_takes_over_settings_before_its_first_sample_and_whenever_they_conc
 #[test]
 fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
     let mut rig = TestDevice::with(Options { pace: Pace::OnDemand, ..live() });
-    rig.tell(Command::Streams(Streams { estimates: true, samples: true, ..Streams::NONE }));
+    rig.stream(Streams { estimates: true, samples: true, ..Streams::NONE });
     let (old, new) = (at_rate(1000.0, 0, 4_000), at_rate(4000.0, 5_000, 12_000));
     // The host reads slowly: the estimator waits, the queue is full, and a batch is about to enter it.
     rig.set_room(60);
-    rig.script.push(old.iter().copied().map(Ok));
+    rig.script.push_samples(&old);
     rig.pass(10);
     let waiting = rig.script.left();
     assert!((100..3_700).contains(&waiting), "{waiting}");
-    rig.script.push_with_next_settings(new.iter().copied().map(Ok));
+    rig.script.push_with_next_settings(&new);
     let id = rig.send(write(&[("sample_rate_hz", 4000.0)]));
-    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
-    let mut records = Vec::new();
-    while !records.contains(&reply) {
-        rig.pass(1);
-        for frame in rig.read_bytes(50) {
-            let Frame::Message { message, .. } = frame else { panic!("{frame:?}") };
-            records.push(message);
-        }
-    }
+    let mut records = rig.read_until(1, 50, |record| *record == done(id));
     rig.set_room(usize::MAX);
     records.extend(rig.records());
     rig.pass(50);
@@ -87,7 +81,7 @@ fn no_sample_of_the_old_rate_is_fed_under_the_new_settings() {
 #[test]
 fn no_batch_holds_samples_of_both_rates() {
     let mut rig = TestDevice::with(live());
-    rig.tell(Command::Streams(Streams { samples: true, ..Streams::NONE }));
+    rig.stream(Streams { samples: true, ..Streams::NONE });
     let samples = shaken(20);
     rig.feed(&samples[..10]);
     let (mut records, result, _) = rig.ask(write(&[("sample_rate_hz", 2000.0)]));
@@ -151,9 +145,7 @@ fn the_rate_may_change_while_samples_are_injected() {
     let mut records = rig.inject(&samples[32..]);
     records.extend(rig.tell(Command::InjectEnd));
     let settings = Settings { sample_rate_hz: 4000.0, ..Settings::default() };
-    let (mut expected, end) = by_core(&settings, &samples[32..]);
-    expected.push(end);
-    assert_eq!(estimates(&records), expected);
+    assert_eq!(estimates(&records), all_by_core(&settings, &samples[32..]));
 }
 
 #[test]

@@ -1,14 +1,14 @@
 //! The start of a run: saved settings, the end of the previous run, and which host is told about it.
 
 use crate::flash::{Flash, RANGE};
-use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, events, live, shaken};
+use crate::rig::{IDENTITY, MemoryStore, Options, TestDevice, able_to, begun, done, events, live, shaken};
 use embassy_futures::block_on;
 use embassy_time::{Duration, MockDriver};
 use inerter_app::{FlashStore, Identity, Pace, SourceError, Start, Store, StoreError};
 use inerter_core::{Settings, SettingsError};
 use inerter_wire::{
-    Capabilities, Command, Done, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, Reply,
-    ResetCause, SettingFault, SettingValue, SettingsValues, Source, encode_record,
+    Capabilities, Command, Event, EventKind, Fault, Frame, FrameReader, Hello, MAX_FRAME, Record, Refusal, ResetCause,
+    SettingFault, SettingValue, SettingsValues, Source, encode_record,
 };
 
 fn with_store(store: &MemoryStore) -> Options {
@@ -163,8 +163,7 @@ fn what_is_saved_can_be_looked_at_without_its_use() {
         assert_eq!(rig.ask(Command::ReadSaved), (vec![], Err(Refusal::SavedUnreadable), vec![]));
     }
     drop(rig);
-    let without = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
-    let mut rig = TestDevice::with(Options { identity: without, ..Options::default() });
+    let mut rig = TestDevice::with(able_to(Capabilities::NONE));
     assert_eq!(rig.ask(Command::ReadSaved), (vec![], Err(Refusal::Unsupported), vec![]));
 }
 
@@ -196,8 +195,7 @@ fn a_factory_reset_forgets_what_was_saved_and_uses_the_boards_defaults() {
 #[test]
 fn what_ended_the_run_before_is_told() {
     let told = |start| {
-        let identity = Identity { start, ..IDENTITY };
-        let mut records = TestDevice::cold(Options { identity, ..Options::default() }).records();
+        let mut records = TestDevice::cold(begun(start)).records();
         assert!(matches!(records.remove(1), Record::Hello(_)));
         let mut kinds = events(&records);
         assert_eq!(kinds.remove(0), EventKind::Started);
@@ -221,10 +219,9 @@ fn what_ended_the_run_before_is_told() {
 /// A device after a panic, with USB and a UART.
 fn crashed() -> Options {
     let start = Start { cause: ResetCause::Panic, panic: Some("at src/main.rs:1"), ..Start::POWER_ON };
-    let identity = Identity { start, ..IDENTITY };
     let store = MemoryStore::default();
     *store.error.borrow_mut() = Some(StoreError::Newer);
-    Options { identity, two_links: true, autostart: true, pace: Pace::Live, ..with_store(&store) }
+    Options { store, two_links: true, autostart: true, pace: Pace::Live, ..begun(start) }
 }
 
 /// The events that it must report.
@@ -254,7 +251,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
         }
     };
     pass(&mut rig);
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     pass(&mut rig);
     assert!(rig.app.link_state().is_mute());
     assert_eq!((rig.from_device.waiting(), rig.uart.1.waiting()), (0, 0));
@@ -276,7 +273,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
     let records = messages(frames);
     assert_eq!(events(&records), events_of_a_panic());
     assert!(matches!(records[1], Record::Hello(_)));
-    assert_eq!(records.last(), Some(&Record::Reply(Reply { id, result: Ok(Done::Plain) })));
+    assert_eq!(records.last(), Some(&done(id)));
     let health = rig.health();
     assert_eq!((health.dropped_frames, health.bad_frames), (0, 3), "nobody was there to miss anything");
 }
@@ -285,7 +282,7 @@ fn a_device_is_mute_until_a_host_says_something_valid() {
 #[test]
 fn what_is_dropped_as_the_stream_begins_is_missing_after_its_first_frame() {
     let mut rig = TestDevice::cold(Options { two_links: true, ..live() });
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     rig.settle();
     let samples = shaken(1_000);
     let (last, before) = samples.split_last().unwrap();
@@ -311,12 +308,12 @@ fn what_is_dropped_as_the_stream_begins_is_missing_after_its_first_frame() {
 #[test]
 fn the_next_host_is_told_nothing_old() {
     let mut rig = TestDevice::cold(crashed());
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     assert_eq!(events(&rig.tell(Command::Hello)), events_of_a_panic());
     for _ in 0..3 {
-        rig.app.link_state().set_open(false);
+        rig.set_open(false);
         rig.pass(100);
-        rig.app.link_state().set_open(true);
+        rig.set_open(true);
         rig.pass(2_000);
         assert_eq!(rig.from_device.waiting(), 0, "mute again");
         rig.send_bytes(&[0]);
@@ -331,16 +328,16 @@ fn the_next_host_is_told_nothing_old() {
 #[test]
 fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
     let mut rig = TestDevice::cold(crashed());
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     // A few of the bytes fit, then the host disappears.
     rig.set_room(20);
     rig.send(Command::Hello);
     rig.pass(10);
-    rig.app.link_state().set_open(false);
+    rig.set_open(false);
     rig.pass(2_000);
     rig.from_device.take();
     rig.set_room(usize::MAX);
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     rig.send_bytes(&[0]);
     rig.send(Command::Hello);
     assert_eq!(events(&messages(rig.frames())), events_of_a_panic());
@@ -349,20 +346,19 @@ fn a_host_that_leaves_before_it_was_told_leaves_the_story_to_the_next() {
 #[test]
 fn a_host_after_one_that_did_not_read_has_its_time() {
     let mut rig = TestDevice::cold(crashed());
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     rig.tell(Command::Hello);
     rig.set_room(0);
     rig.pass(3_000);
-    rig.app.link_state().set_open(false);
+    rig.set_open(false);
     rig.pass(10);
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     rig.send_bytes(&[0]);
     let id = rig.send(Command::Hello);
     // Longer than the time limit for a frame on a link that is known not to be read.
     rig.pass(500);
     rig.set_room(usize::MAX);
-    let reply = Record::Reply(Reply { id, result: Ok(Done::Plain) });
-    assert!(matches!(messages(rig.frames()).as_slice(), [Record::Hello(_), last] if *last == reply));
+    assert!(matches!(messages(rig.frames()).as_slice(), [Record::Hello(_), last] if *last == done(id)));
 }
 
 #[test]
@@ -375,12 +371,12 @@ fn a_request_on_the_uart_is_obeyed_while_usb_is_away_and_only_then() {
     assert_eq!(rig.from_device.waiting(), 0);
     rig.pass(1_000);
     rig.uart.1.take();
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     let (_, stop) = rig.request(Command::Stop);
     rig.uart.0.put(&stop);
     rig.pass(3_000);
     assert_eq!((rig.uart.0.waiting(), rig.uart.1.waiting()), (0, 0), "taken and dropped");
-    rig.app.link_state().set_open(false);
+    rig.set_open(false);
     rig.pass(2_000);
     // The host spoke to the UART before, so output continues there, and nothing has stopped.
     let bytes = rig.uart.1.take();
@@ -396,14 +392,13 @@ fn a_source_that_does_not_come_up_is_told_with_the_start() {
     let options = Options { configured: Err(SourceError::Unreadable), autostart: true, ..crashed() };
     let mut rig = TestDevice::cold(options);
     rig.pass(1_000);
-    rig.app.link_state().set_open(true);
+    rig.set_open(true);
     let mut expected = events_of_a_panic();
     expected.push(EventKind::Fault(Fault::SourceUnreadable));
     assert_eq!(events(&rig.tell(Command::Hello)), expected);
     drop(rig);
     // A board without a sampler has no source that could fail.
-    let identity = Identity { capabilities: Capabilities::NONE, ..IDENTITY };
     let configured = Err(SourceError::Unreadable);
-    let mut rig = TestDevice::cold(Options { identity, configured, ..Options::default() });
+    let mut rig = TestDevice::cold(Options { configured, ..able_to(Capabilities::NONE) });
     assert_eq!(events(&rig.records()), [EventKind::Started, EventKind::ResetBy(ResetCause::PowerOn)]);
 }

@@ -156,12 +156,23 @@ fn cut_everywhere(
     operations
 }
 
+/// The store accepts this set and loads it.
+#[track_caller]
+fn assert_keeps(flash: &Flash, number: u32, cut: &str) {
+    assert_eq!(save(flash, &settings(number)), Ok(()), "{cut}");
+    assert_eq!(load(flash), Ok(Some(settings(number))), "{cut}");
+}
+
 /// The store accepts further sets and loads each of them.
 fn assert_usable(flash: &Flash, cut: &str) {
-    for number in 1_000..1_002 {
-        assert_eq!(save(flash, &settings(number)), Ok(()), "{cut}");
-        assert_eq!(load(flash), Ok(Some(settings(number))), "{cut}");
-    }
+    (1_000..1_002).for_each(|number| assert_keeps(flash, number, cut));
+}
+
+/// The store forgets everything.
+#[track_caller]
+fn assert_forgets(flash: &Flash, cut: &str) {
+    assert_eq!(erase(flash), Ok(()), "{cut}");
+    assert_eq!(load(flash), Ok(None), "{cut}");
 }
 
 #[test]
@@ -216,8 +227,7 @@ fn power_may_fail_again_while_the_store_recovers() {
                     let loaded = load(&flash).unwrap().unwrap();
                     let again = format!("{saves}: {cut}, again at {operation}, left {left:?}");
                     assert!(loaded == first || loaded == next, "{again}");
-                    assert_eq!(save(&flash, &settings(7)), Ok(()), "{again}");
-                    assert_eq!(load(&flash), Ok(Some(settings(7))), "{again}");
+                    assert_keeps(&flash, 7, &again);
                     second += 1;
                 }
             },
@@ -247,8 +257,7 @@ fn power_failing_always_loses_nothing() {
 fn a_factory_reset_forgets() {
     for saves in [0, 1, 5, ROUNDS] {
         let flash = used(saves);
-        erase(&flash).unwrap();
-        assert_eq!(load(&flash), Ok(None));
+        assert_forgets(&flash, "");
         let operations = flash.operations();
         erase(&flash).unwrap();
         assert_eq!(flash.operations(), operations, "once is enough");
@@ -256,8 +265,7 @@ fn a_factory_reset_forgets() {
         let written = flash.inner().words.iter().filter(|&&word| word != Word::Blank).count();
         assert!(written <= 4, "{written} words");
         assert_usable(&flash, "");
-        erase(&flash).unwrap();
-        assert_eq!(load(&flash), Ok(None));
+        assert_forgets(&flash, "");
     }
 }
 
@@ -270,8 +278,7 @@ fn power_failure_in_a_factory_reset_leaves_the_old_set_or_none() {
             let loaded = load(flash);
             assert!(loaded == old || loaded == Ok(None), "{saves}: {cut}: {loaded:?}");
             let again = flash.copy();
-            assert_eq!(erase(&again), Ok(()), "{cut}");
-            assert_eq!(load(&again), Ok(None), "{cut}");
+            assert_forgets(&again, cut);
             assert_usable(&again, cut);
             assert_usable(flash, cut);
         });
@@ -299,8 +306,7 @@ fn a_newer_firmwares_settings_are_kept_until_others_are_saved() {
             },
         );
         let other = flash.copy();
-        erase(&other).unwrap();
-        assert_eq!(load(&other), Ok(None));
+        assert_forgets(&other, "");
     }
     let flash = Flash::blank();
     plant(&flash, 2, &entry(9, 77, &[]));
@@ -343,8 +349,7 @@ fn what_is_not_ours_is_foreign_and_kept_until_the_user_saves() {
         assert_eq!(flash.inner().words, image, "image {number}");
         let other = flash.copy();
         assert_usable(&flash, "");
-        erase(&other).unwrap();
-        assert_eq!(load(&other), Ok(None), "image {number}");
+        assert_forgets(&other, &format!("image {number}"));
         assert_usable(&other, "");
     }
     // Entries that are ours by the checksum alone.
@@ -365,8 +370,7 @@ fn flash_that_cannot_be_read_at_all_is_left_alone() {
     assert_eq!(load(&flash), Err(StoreError::Unreadable));
     assert_eq!(save(&flash, &settings(1)), Err(StoreError::Unreadable));
     assert_eq!(flash.operations(), 0);
-    erase(&flash).unwrap();
-    assert_eq!(load(&flash), Ok(None));
+    assert_forgets(&flash, "");
     assert_usable(&flash, "");
 }
 
@@ -533,12 +537,8 @@ proptest! {
             prop_assert_eq!(loaded, Ok((saves > 0).then(|| settings(saves))));
         }
         if reset {
-            prop_assert_eq!(erase(&flash), Ok(()));
-            prop_assert_eq!(load(&flash), Ok(None));
+            assert_forgets(&flash, "");
         }
-        prop_assert_eq!(save(&flash, &settings(500)), Ok(()));
-        prop_assert_eq!(load(&flash), Ok(Some(settings(500))));
-        prop_assert_eq!(save(&flash, &settings(501)), Ok(()));
-        prop_assert_eq!(load(&flash), Ok(Some(settings(501))));
+        assert_usable(&flash, "");
     }
 }

@@ -58,7 +58,7 @@ pub fn wire(p: Peripherals) -> Parts {
     );
     Parts {
         led: Output::new(p.PA5, Level::High, Speed::Low),
-        usb: usb::peripheral(p.USB, Interrupts, p.PA12, p.PA11),
+        usb: usb::Peripheral::new(p.USB, Interrupts, p.PA12, p.PA11),
         vbus: Some(ExtiInput::new(p.PA9, p.EXTI9, Pull::Down, Interrupts)),
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),
         source: Source::new(sampler, converter),

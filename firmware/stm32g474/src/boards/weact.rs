@@ -56,7 +56,7 @@ pub fn wire(p: Peripherals) -> Parts {
     );
     Parts {
         led: Output::new(p.PC6, Level::High, Speed::Low),
-        usb: usb::peripheral(p.USB, Interrupts, p.PA12, p.PA11),
+        usb: usb::Peripheral::new(p.USB, Interrupts, p.PA12, p.PA11),
         // The board is powered by its USB socket: without a host there is no power.
         vbus: None,
         uart: lpuart::start(p.LPUART1, p.PA3, p.PA2),

@@ -21,6 +21,7 @@ use embassy_stm32::exti::ExtiInput;
 use embassy_stm32::interrupt::typelevel::{Handler, USB_LP};
 use embassy_stm32::mode::Async;
 use embassy_stm32::pac::USB;
+use embassy_stm32::pac::usb::regs::Epr;
 use embassy_stm32::pac::usb::vals::Stat;
 use embassy_stm32::{peripherals, usb};
 use embassy_sync::waitqueue::AtomicWaker;
@@ -226,15 +227,24 @@ fn status(address: EndpointAddress) -> Stat {
     }
 }
 
-/// Restarts with DATA0. Writing 1 to a toggle bit toggles it; writing 1 to a transfer flag leaves it unchanged.
-fn reset_toggle(address: EndpointAddress) {
-    let register = USB.epr(address.index());
-    let now = register.read();
+/// What leaves the register as it is when written: writing 1 to a toggle bit toggles it, and writing 1 to a transfer
+/// flag leaves it unchanged.
+fn unchanged(now: Epr) -> Epr {
     let mut change = now;
     change.set_ctr_rx(true);
     change.set_ctr_tx(true);
+    change.set_dtog_rx(false);
+    change.set_dtog_tx(false);
     change.set_stat_rx(Stat::from_bits(0));
     change.set_stat_tx(Stat::from_bits(0));
+    change
+}
+
+/// Restarts with DATA0.
+fn reset_toggle(address: EndpointAddress) {
+    let register = USB.epr(address.index());
+    let now = register.read();
+    let mut change = unchanged(now);
     change.set_dtog_rx(now.dtog_rx() && address.direction() == Direction::Out);
     change.set_dtog_tx(now.dtog_tx() && address.direction() == Direction::In);
     register.write_value(change);
@@ -253,12 +263,7 @@ pub fn drop_sent() {
         if !is_sending() {
             return;
         }
-        let mut change = register.read();
-        change.set_ctr_rx(true);
-        change.set_ctr_tx(true);
-        change.set_dtog_rx(false);
-        change.set_dtog_tx(false);
-        change.set_stat_rx(Stat::from_bits(0));
+        let mut change = unchanged(register.read());
         change.set_stat_tx(Stat::from_bits(Stat::VALID.to_bits() ^ Stat::NAK.to_bits()));
         register.write_value(change);
     }

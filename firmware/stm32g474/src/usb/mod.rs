@@ -13,13 +13,11 @@ pub use driver::DisturbanceHandler;
 use driver::Driver;
 use embassy_futures::select::select;
 use embassy_stm32::exti::ExtiInput;
-use embassy_stm32::interrupt::typelevel::{Binding, USB_LP};
 use embassy_stm32::mode::Async;
-use embassy_stm32::usb::{DmPin, DpPin, InterruptHandler};
-use embassy_stm32::{Peri, peripherals};
+use embassy_stm32::peripherals;
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, State};
 use embassy_usb::{Builder, Config, UsbDevice};
-pub use link::{Receiver, Transmitter};
+pub use link::{Receiver, Transmitter, drain};
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// pid.codes, range for tests.
@@ -37,16 +35,6 @@ static LINES: StaticCell<ControlChanged<'static>> = StaticCell::new();
 
 /// The peripheral, not started yet.
 pub type Peripheral = embassy_stm32::usb::Driver<'static, peripherals::USB>;
-
-/// Takes the peripheral and its pins.
-pub fn peripheral(
-    usb: Peri<'static, peripherals::USB>,
-    interrupts: impl Binding<USB_LP, InterruptHandler<peripherals::USB>> + 'static,
-    plus: Peri<'static, impl DpPin<peripherals::USB>>,
-    minus: Peri<'static, impl DmPin<peripherals::USB>>,
-) -> Peripheral {
-    embassy_stm32::usb::Driver::new(usb, interrupts, plus, minus)
-}
 
 /// The device and the port that it offers.
 pub struct Port {
@@ -97,9 +85,4 @@ impl Device {
         select(self.device.run(), link::watch(self.lines, opened)).await;
         unreachable!("neither ends")
     }
-}
-
-/// Waits until the host has fetched what was sent, for a limited time.
-pub async fn drain() {
-    link::drain().await
 }

@@ -2,7 +2,7 @@
 
 use crate::specification::fields_of;
 use crate::values::{detail, estimate, health};
-use inerter_core::{Detail, Estimate, Machine, Parameters, RawSample, Settings};
+use inerter_core::{Detail, Estimate, Machine, Parameter, Parameters, RawSample, Settings};
 use inerter_wire::catalogue::{FIELDS, Field, Group, fields, find, unit};
 use inerter_wire::{Figure, Health, MAX_FIGURES, Measure, Measured, Quantity, catalogue};
 use std::collections::BTreeSet;
@@ -63,13 +63,16 @@ fn words_are_fit_to_show() {
     assert_eq!(shared.map(|field| field.path).collect::<Vec<_>>(), ["stiffness_n_per_m", "contact_damping_n_s_per_m"]);
 }
 
+/// Values beside the paths of their fields.
+fn shown<T>(values: impl Iterator<Item = (&'static Field, T)>) -> Vec<(&'static str, T)> {
+    values.map(|(field, value)| (field.path, value)).collect()
+}
+
 #[test]
 fn values_stand_beside_their_fields() {
-    let shown: Vec<_> = catalogue::parameters(Machine::Linear, &estimate().recent)
-        .map(|(field, value)| (field.path, value.value()))
-        .collect();
+    let fitted = |(field, value): (&'static Field, Parameter)| (field, value.value());
     assert_eq!(
-        shown,
+        shown(catalogue::parameters(Machine::Linear, &estimate().recent).map(fitted)),
         [
             ("inertance_kg", Some(299.5)),
             ("viscous_n_s_per_m", Some(31.25)),
@@ -78,10 +81,8 @@ fn values_stand_beside_their_fields() {
         ]
     );
 
-    let shown: Vec<_> =
-        catalogue::estimate(Machine::Linear, &estimate()).map(|(field, value)| (field.path, value)).collect();
     assert_eq!(
-        shown,
+        shown(catalogue::estimate(Machine::Linear, &estimate())),
         [
             ("index", 20_000.0),
             ("elapsed_samples", 5e9),
@@ -92,17 +93,15 @@ fn values_stand_beside_their_fields() {
         ]
     );
 
-    let shown: Vec<_> =
-        catalogue::contact(Machine::Linear, &detail()).map(|(field, value)| (field.path, value.value())).collect();
-    assert_eq!(shown, [("stiffness_n_per_m", Some(2.1e6)), ("contact_damping_n_s_per_m", Some(1200.0))]);
+    let contact = shown(catalogue::contact(Machine::Linear, &detail()).map(fitted));
+    assert_eq!(contact, [("stiffness_n_per_m", Some(2.1e6)), ("contact_damping_n_s_per_m", Some(1200.0))]);
 
     let raw = RawSample { index: 1, position_count: -2, force_code: 3, terminal_code: -4 };
-    let shown: Vec<_> = catalogue::sample(&raw).map(|(field, value)| (field.path, value)).collect();
-    assert_eq!(shown, [("index", 1.0), ("position_count", -2.0), ("force_code", 3.0), ("terminal_code", -4.0)]);
+    let sample = shown(catalogue::sample(&raw));
+    assert_eq!(sample, [("index", 1.0), ("position_count", -2.0), ("force_code", 3.0), ("terminal_code", -4.0)]);
 
-    let shown: Vec<_> = catalogue::health(&health()).map(|(field, value)| (field.path, value)).collect();
     assert_eq!(
-        shown,
+        shown(catalogue::health(&health())),
         [
             ("index", Some(20_000.0)),
             ("uptime_s", Some(20.0)),
@@ -187,8 +186,7 @@ fn figures_stand_beside_their_fields() {
     let mut measured = Measured::new(Measure::Chip);
     measured.push(Quantity::FlashKb, 512);
     let _ = measured.figures.push(Figure { quantity: u8::MAX, value: 7 });
-    let shown: Vec<_> = catalogue::measured(&measured).map(|(field, value)| (field.path, value)).collect();
-    assert_eq!(shown, [("flash_kb", 512)]);
+    assert_eq!(shown(catalogue::measured(&measured)), [("flash_kb", 512)]);
     assert_eq!((measured.get(Quantity::FlashKb), measured.get(Quantity::Package)), (Some(512), None));
     measured.push(Quantity::FlashKb, 512);
     assert_eq!(measured.get(Quantity::FlashKb), None, "two figures of one quantity say nothing");

@@ -5,6 +5,7 @@
 //! record sent under that number, in order. Undamaged frames must arrive. Messages and reported losses together must
 //! account for every frame.
 
+use crate::frames::{framed, read, read_all};
 use crate::reference::line_bytes;
 use crate::values::{records, requests, some_record};
 use inerter_needs::Random;
@@ -24,10 +25,9 @@ impl<T: Message + PartialEq + Debug> Stream<T> {
         let mut bytes = Vec::new();
         let mut frames = Vec::new();
         for (place, message) in messages.into_iter().enumerate() {
-            let mut out = [0; MAX_FRAME];
-            let length = encode(&message, first.wrapping_add(place as u16), &mut out).unwrap();
-            frames.push((message, bytes.len()..bytes.len() + length));
-            bytes.extend(&out[..length]);
+            let start = bytes.len();
+            bytes.extend(framed(&message, first.wrapping_add(place as u16)));
+            frames.push((message, start..bytes.len()));
         }
         Self { bytes, frames, first }
     }
@@ -35,11 +35,9 @@ impl<T: Message + PartialEq + Debug> Stream<T> {
     /// Reads `damaged` and checks all these properties; `touched` is the changed part of the original. Returns the
     /// number of frames that were not delivered.
     fn check(&self, damaged: &[u8], touched: Range<usize>) -> usize {
-        let mut reader = FrameReader::<T>::new();
-        let mut input = damaged;
         let mut delivered = vec![false; self.frames.len()];
         let (mut next, mut started) = (0, false);
-        while let Some(frame) = reader.read(&mut input) {
+        for frame in read_all::<T>(damaged) {
             match frame {
                 Frame::Message { sequence, message } => {
                     let place = usize::from(sequence.wrapping_sub(self.first));
@@ -99,15 +97,12 @@ fn every_single_byte() {
 #[test]
 fn every_single_byte_of_a_hello() {
     let hello = Record::Hello(crate::values::hello());
-    let mut out = [0; MAX_FRAME];
-    let length = encode_record(&hello, 9, &mut out).unwrap();
-    for at in 0..length {
+    let sent = framed(&hello, 9);
+    for at in 0..sent.len() {
         for change in 1..=255 {
-            let mut damaged = out;
+            let mut damaged = sent.clone();
             damaged[at] ^= change;
-            let mut reader = FrameReader::<Record>::new();
-            let mut input = &damaged[..length];
-            while let Some(frame) = reader.read(&mut input) {
+            for frame in read_all::<Record>(&damaged) {
                 match frame {
                     Frame::Corrupt(_) => {}
                     Frame::Message { sequence: 9, message } if message == hello => {}
@@ -204,12 +199,10 @@ fn garbage_holds_nothing() {
     let mut requests = FrameReader::<Request>::new();
     for _ in 0..100_000 {
         let garbage = line_bytes(&mut numbers, 100);
-        let mut input = &garbage[..];
-        while let Some(frame) = records.read(&mut input) {
+        for frame in read(&mut records, &garbage) {
             assert!(matches!(frame, Frame::Corrupt(_)), "{frame:?}");
         }
-        let mut input = &garbage[..];
-        while let Some(frame) = requests.read(&mut input) {
+        for frame in read(&mut requests, &garbage) {
             assert!(matches!(frame, Frame::Corrupt(_)), "{frame:?}");
         }
     }

@@ -2,6 +2,7 @@
 
 use inerter_wire::*;
 use std::collections::BTreeSet;
+use std::fmt::Display;
 
 #[test]
 fn texts_are_cut_at_the_edge_of_a_character() {
@@ -18,10 +19,17 @@ fn sets_of_capabilities_hold_what_was_put_in_once_or_twice() {
     assert!(!Capabilities::DFU.contains(set));
 }
 
+/// Their texts, each of its own.
+fn texts<T: Display, const N: usize>(all: [T; N]) -> [String; N] {
+    let texts = all.map(|one| one.to_string());
+    assert_eq!(BTreeSet::from(texts.clone()).len(), N);
+    texts
+}
+
 /// Every cause and fault has its own text, and each fault says what to do or what applies in the meantime.
 #[test]
 fn causes_and_faults_are_told_apart() {
-    let causes = [
+    let causes = texts([
         ResetCause::PowerOn,
         ResetCause::Pin,
         ResetCause::Software,
@@ -31,11 +39,9 @@ fn causes_and_faults_are_told_apart() {
         ResetCause::OptionBytes,
         ResetCause::Panic,
         ResetCause::Unknown,
-    ]
-    .map(|cause| cause.to_string());
-    assert_eq!(BTreeSet::from(causes.clone()).len(), causes.len());
+    ]);
     assert!(causes.iter().all(|text| !text.is_empty()), "{causes:?}");
-    let faults = [
+    let faults = texts([
         Fault::SamplerOverrun,
         Fault::SourceUnreadable,
         Fault::Store,
@@ -45,9 +51,7 @@ fn causes_and_faults_are_told_apart() {
         Fault::ForeignSettings,
         Fault::SamplerMisaligned,
         Fault::SettingsLeft,
-    ]
-    .map(|fault| fault.to_string());
-    assert_eq!(BTreeSet::from(faults.clone()).len(), faults.len());
+    ]);
     assert!(faults.iter().all(|text| text.contains([':', ','])), "{faults:?}");
 }
 

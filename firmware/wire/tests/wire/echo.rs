@@ -3,24 +3,13 @@
 //! A newly opened terminal echoes, so a device receives its own records, complete or truncated. A loop-back returns a
 //! host's own requests.
 
+use crate::frames::{framed, intact, read_all};
 use crate::reference;
 use crate::values::{records, requests, some_record};
 use inerter_needs::Random;
 use inerter_wire::*;
 use proptest::prelude::*;
 use std::fmt::Debug;
-
-pub fn read_all<T: Message>(bytes: &[u8]) -> Vec<Frame<T>> {
-    let mut reader = FrameReader::new();
-    let mut input = bytes;
-    std::iter::from_fn(|| reader.read(&mut input)).collect()
-}
-
-fn framed<T: Message>(message: &T, sequence: u16) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let length = encode(message, sequence, &mut out).unwrap();
-    out[..length].to_vec()
-}
 
 fn is_refused<T: Message + Debug>(bytes: &[u8]) {
     for frame in read_all::<T>(bytes) {
@@ -57,8 +46,8 @@ fn a_payload_that_is_both_a_record_and_a_request_is_told_apart() {
     assert_eq!(postcard::from_bytes(&both), Ok(record.clone()));
     assert_eq!(postcard::from_bytes(&both), Ok(request.clone()));
     let (sent_record, sent_request) = (framed(&record, 9), framed(&request, 9));
-    assert_eq!(read_all(&sent_record), [Frame::Message { sequence: 9, message: record }]);
-    assert_eq!(read_all(&sent_request), [Frame::Message { sequence: 9, message: request }]);
+    assert_eq!(read_all(&sent_record), [intact(record, 9)]);
+    assert_eq!(read_all(&sent_request), [intact(request, 9)]);
     is_refused::<Request>(&sent_record);
     is_refused::<Record>(&sent_request);
 }

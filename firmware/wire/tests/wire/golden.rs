@@ -4,7 +4,7 @@
 //! versions must always decode what a device sent in that form. New lines are appended; the test prints a missing one
 //! in full.
 
-use crate::echo::read_all;
+use crate::frames::{framed, hex, intact, payload, read_all};
 use crate::reference;
 use crate::values::{
     longest_detail, longest_measured, longest_more_sums, longest_samples, longest_sums, most_settings, records,
@@ -20,10 +20,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
 
 const SEQUENCE: u16 = 0x0102;
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
-}
 
 fn unhex(text: &str) -> Vec<u8> {
     text.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
@@ -45,14 +41,12 @@ fn check<T: Message + PartialEq + Debug + Clone>(
         .collect();
     let mut missing = String::new();
     for (name, value) in values {
-        let mut out = [0; MAX_FRAME];
-        let length = encode(value, SEQUENCE, &mut out).unwrap();
-        let bytes = &out[..length];
+        let bytes = hex(&framed(value, SEQUENCE));
         match golden.remove(name) {
-            None => missing += &format!("{name}: {}\n", hex(bytes)),
+            None => missing += &format!("{name}: {bytes}\n"),
             Some(expected) => {
-                assert_eq!(hex(bytes), hex(&expected), "{file}: {name} is sent otherwise than before");
-                let frame = Frame::Message { sequence: SEQUENCE, message: value.clone() };
+                assert_eq!(bytes, hex(&expected), "{file}: {name} is sent otherwise than before");
+                let frame = intact(value.clone(), SEQUENCE);
                 assert_eq!(read_all(&expected), [frame], "{file}: {name} is read otherwise than before");
             }
         }
@@ -85,11 +79,9 @@ fn commands_both_ways() {
 #[test]
 fn zeros_before_the_first_fit_are_nothing() {
     let zeros = format!("02 02{} 07 02 01 fc f9 fa 85 00", " 01".repeat(80));
-    let message = Record::Estimate(Estimate::default());
-    assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+    assert_eq!(read_all(&unhex(&zeros)), [intact(Record::Estimate(Estimate::default()), SEQUENCE)]);
     let zeros = format!("02 09{} 03 80 7f 02{} 07 02 01 23 85 05 54 00", " 01".repeat(14), " 01".repeat(24));
-    let message = Record::Detail(Detail::default());
-    assert_eq!(read_all(&unhex(&zeros)), [Frame::Message { sequence: SEQUENCE, message }]);
+    assert_eq!(read_all(&unhex(&zeros)), [intact(Record::Detail(Detail::default()), SEQUENCE)]);
 }
 
 /// A value that the motion cannot identify is sent as fitted; a value with zero half width is a valid value.
@@ -98,9 +90,7 @@ fn parameters_keep_value_and_half_width() {
     let parameter = |value, u95, status| Parameter::new(Interval { value, u95 }, status);
     for sent in [parameter(12.0, 3.0, Status::NotIdentifiable), parameter(12.0, 0.0, Status::Ok)] {
         let message = Record::Detail(Detail { stiffness_n_per_m: sent, ..Detail::default() });
-        let mut out = [0; MAX_FRAME];
-        let length = encode(&message, SEQUENCE, &mut out).unwrap();
-        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }]);
+        assert_eq!(read_all(&framed(&message, SEQUENCE)), [intact(message, SEQUENCE)]);
     }
 }
 
@@ -115,10 +105,8 @@ fn a_backlash_without_a_number_is_not_known() {
     ] {
         for size in [BacklashSize::Ok(interval), BacklashSize::BelowU95(interval)] {
             let sent = Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() };
-            let mut out = [0; MAX_FRAME];
-            let length = encode(&Record::Detail(sent), SEQUENCE, &mut out).unwrap();
-            let message = Record::Detail(Detail::default());
-            assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }], "{size:?}");
+            let found = read_all(&framed(&Record::Detail(sent), SEQUENCE));
+            assert_eq!(found, [intact(Record::Detail(Detail::default()), SEQUENCE)], "{size:?}");
         }
     }
 }
@@ -132,10 +120,8 @@ fn a_misfit_without_a_number_is_not_known() {
         Misfit { ratio: 3.0, limit: f32::NAN },
     ] {
         let sent = Law { index: 7, status: LawStatus::Broken, misfit: Some(misfit) };
-        let mut out = [0; MAX_FRAME];
-        let length = encode(&Record::Law(sent), SEQUENCE, &mut out).unwrap();
-        let message = Record::Law(Law { index: 7, ..Law::default() });
-        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: SEQUENCE, message }], "{misfit:?}");
+        let found = read_all(&framed(&Record::Law(sent), SEQUENCE));
+        assert_eq!(found, [intact(Record::Law(Law { index: 7, ..Law::default() }), SEQUENCE)], "{misfit:?}");
     }
 }
 
@@ -156,53 +142,36 @@ fn through_json<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) ->
     serde_json::from_str(&serde_json::to_string(value).unwrap()).unwrap()
 }
 
-/// The numbers as literals, in matches that do not compile if a variant is missing.
+/// Number and name of a message, in a match that does not compile if a variant is missing.
+macro_rules! pinned {
+    ($message:expr, $kind:ident: $($number:literal $variant:ident),+ $(,)?) => {
+        match $message {
+            $($kind::$variant { .. } => ($number, stringify!($variant)),)+
+        }
+    };
+}
+
+/// The numbers as literals.
 #[test]
 fn numbers_are_pinned() {
     for (_, record) in records() {
-        let (number, name) = match record {
-            Record::Hello(_) => (0, "Hello"),
-            Record::Samples(_) => (1, "Samples"),
-            Record::Estimate(_) => (2, "Estimate"),
-            Record::Health(_) => (3, "Health"),
-            Record::Event(_) => (4, "Event"),
-            Record::Reply(_) => (5, "Reply"),
-            Record::Settings(_) => (6, "Settings"),
-            Record::Sums(_) => (7, "Sums"),
-            Record::Reversal(_) => (8, "Reversal"),
-            Record::Detail(_) => (9, "Detail"),
-            Record::MoreSums(_) => (10, "MoreSums"),
-            Record::Law(_) => (11, "Law"),
-            Record::Saved(_) => (12, "Saved"),
-            Record::Measured(_) => (13, "Measured"),
-        };
+        let (number, name) = pinned!(
+            record,
+            Record: 0 Hello, 1 Samples, 2 Estimate, 3 Health, 4 Event, 5 Reply, 6 Settings, 7 Sums, 8 Reversal,
+            9 Detail, 10 MoreSums, 11 Law, 12 Saved, 13 Measured,
+        );
         assert_eq!((record.number(), record.name()), (number, name));
-        let mut payload = [0; MAX_PAYLOAD];
-        assert_eq!(u32::from(postcard::to_slice(&record, &mut payload).unwrap()[0]), number);
+        assert_eq!(u32::from(payload(&record)[0]), number);
     }
     for (_, request) in requests() {
-        let (number, name) = match request.command {
-            Command::Hello => (0, "Hello"),
-            Command::ReadSettings => (1, "ReadSettings"),
-            Command::WriteSettings(_) => (2, "WriteSettings"),
-            Command::SaveSettings => (3, "SaveSettings"),
-            Command::Tare => (4, "Tare"),
-            Command::Streams(_) => (5, "Streams"),
-            Command::ResetEstimator => (6, "ResetEstimator"),
-            Command::Start => (7, "Start"),
-            Command::Stop => (8, "Stop"),
-            Command::Inject(_) => (9, "Inject"),
-            Command::InjectEnd => (10, "InjectEnd"),
-            Command::EnterDfu => (11, "EnterDfu"),
-            Command::Reboot => (12, "Reboot"),
-            Command::FactoryReset => (13, "FactoryReset"),
-            Command::ReadSaved => (14, "ReadSaved"),
-            Command::Measure(_) => (15, "Measure"),
-            Command::Play(_) => (16, "Play"),
-        };
+        let (number, name) = pinned!(
+            request.command,
+            Command: 0 Hello, 1 ReadSettings, 2 WriteSettings, 3 SaveSettings, 4 Tare, 5 Streams, 6 ResetEstimator,
+            7 Start, 8 Stop, 9 Inject, 10 InjectEnd, 11 EnterDfu, 12 Reboot, 13 FactoryReset, 14 ReadSaved, 15 Measure,
+            16 Play,
+        );
         assert_eq!((request.command.number(), request.command.name()), (number, name));
-        let mut payload = [0; MAX_PAYLOAD];
-        assert_eq!(u32::from(postcard::to_slice(&request, &mut payload).unwrap()[2]), number);
+        assert_eq!(u32::from(payload(&request)[2]), number);
     }
     let bits = [
         Capabilities::SAMPLER,
@@ -404,22 +373,16 @@ impl Message for Raw {
 #[test]
 fn frames_agree_with_the_reference() {
     let mut numbers = Random(11);
-    let mut out = [0; MAX_FRAME];
-    let mut payload = [0; MAX_PAYLOAD];
     for _ in 0..20_000 {
         let record = crate::values::some_record(&mut numbers);
         let sequence = numbers.draw() as u16;
-        let length = encode_record(&record, sequence, &mut out).unwrap();
-        let payload = postcard::to_slice(&record, &mut payload).unwrap();
-        assert_eq!(out[..length], reference::frame(payload, sequence));
+        assert_eq!(framed(&record, sequence), reference::frame(&payload(&record), sequence));
     }
     for length in 0..=MAX_PAYLOAD - 2 {
         // Lengths 128 to 255 make a varint of two bytes whose last is 1: no zero until the sequence number.
         for sequence in [0x0101, 0x0100, 0x0001, 0x0000] {
             let message = Raw(vec![0x77; length]);
-            let length = encode(&message, sequence, &mut out).unwrap();
-            let payload = postcard::to_slice(&message, &mut payload).unwrap();
-            assert_eq!(out[..length], reference::frame(payload, sequence));
+            assert_eq!(framed(&message, sequence), reference::frame(&payload(&message), sequence));
         }
     }
 }
@@ -438,7 +401,6 @@ fn the_longest_fit() {
         clock: ClockSource::Simulated,
         capabilities: Capabilities(u32::MAX),
     };
-    let mut out = [0; MAX_FRAME];
     for record in [
         Record::Hello(hello),
         Record::Samples(longest_samples()),
@@ -450,17 +412,14 @@ fn the_longest_fit() {
         Record::Measured(longest_measured()),
         Record::Event(Event { index: u32::MAX, kind: EventKind::Panicked(Hello::text(&text)) }),
     ] {
-        let length = encode_record(&record, u16::MAX, &mut out).unwrap();
-        let message = Frame::Message { sequence: u16::MAX, message: record };
-        assert_eq!(read_all(&out[..length]), [message]);
+        assert_eq!(read_all(&framed(&record, u16::MAX)), [intact(record, u16::MAX)]);
     }
     let longest_play = requests().into_iter().find(|(name, _)| *name == "Play.Knots.longest").map(|(_, it)| it.command);
     for command in
         [Command::Inject(longest_samples()), Command::WriteSettings(most_settings())].into_iter().chain(longest_play)
     {
         let request = Request { id: u16::MAX, command };
-        let length = encode_request(&request, u16::MAX, &mut out).unwrap();
-        assert_eq!(read_all(&out[..length]), [Frame::Message { sequence: u16::MAX, message: request }]);
+        assert_eq!(read_all(&framed(&request, u16::MAX)), [intact(request, u16::MAX)]);
     }
     assert!(std::mem::size_of::<Record>() <= 784, "{}", std::mem::size_of::<Record>());
     assert!(std::mem::size_of::<FrameReader<Record>>() <= 600);
@@ -470,15 +429,15 @@ fn the_longest_fit() {
 #[test]
 fn frames_take_another_number() {
     fn passes<T: Message>(message: &T) {
-        let [mut first, mut wanted, mut out] = [[0; MAX_FRAME]; 3];
-        let length = encode(message, SEQUENCE, &mut first).unwrap();
-        let stuffed = &first[..length - 1];
+        let mut out = [0; MAX_FRAME];
+        let first = framed(message, SEQUENCE);
+        let stuffed = &first[..first.len() - 1];
         for sequence in [0, 1, SEQUENCE, u16::MAX] {
-            let length = encode(message, sequence, &mut wanted).unwrap();
-            assert_eq!(renumber::<T>(stuffed, sequence, &mut out), Some(length));
-            assert_eq!(out[..length], wanted[..length]);
+            let wanted = framed(message, sequence);
+            assert_eq!(renumber::<T>(stuffed, sequence, &mut out), Some(wanted.len()));
+            assert_eq!(out[..wanted.len()], wanted);
         }
-        assert_eq!(renumber::<T>(stuffed, 0, &mut out[..length / 2]), None);
+        assert_eq!(renumber::<T>(stuffed, 0, &mut out[..first.len() / 2]), None);
     }
     records().iter().for_each(|(_, record)| passes(record));
     requests().iter().for_each(|(_, request)| passes(request));
@@ -493,8 +452,7 @@ fn frames_take_another_number() {
 #[test]
 fn small_buffers_are_refused() {
     for (name, record) in records() {
-        let mut whole = [0; MAX_FRAME];
-        let length = encode_record(&record, SEQUENCE, &mut whole).unwrap();
+        let length = framed(&record, SEQUENCE).len();
         for size in 0..length {
             let mut out = [0xA5; MAX_FRAME];
             assert_eq!(

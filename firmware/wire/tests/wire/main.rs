@@ -4,6 +4,7 @@ mod catalogue;
 mod corruption;
 mod device;
 mod echo;
+mod frames;
 mod golden;
 mod reader;
 mod reference;

@@ -1,34 +1,18 @@
 //! The reader's results: losses, restarts, other versions, kinds of damage.
 
+use crate::frames::{self, framed, intact, read};
 use crate::reference::{self, line_bytes};
 use crate::values::{hello, longest_samples, records, requests, some_record};
 use inerter_needs::Random;
 use inerter_wire::*;
 use proptest::prelude::*;
 
-fn sent(record: &Record, sequence: u16) -> Vec<u8> {
-    let mut out = [0; MAX_FRAME];
-    let length = encode_record(record, sequence, &mut out).unwrap();
-    out[..length].to_vec()
-}
-
 fn health(sequence: u16) -> Vec<u8> {
-    sent(&Record::Health(Health::default()), sequence)
-}
-
-fn message(record: Record, sequence: u16) -> Frame<Record> {
-    Frame::Message { sequence, message: record }
+    framed(&Record::Health(Health::default()), sequence)
 }
 
 fn healthy(sequence: u16) -> Frame<Record> {
-    message(Record::Health(Health::default()), sequence)
-}
-
-fn read<T: Message>(reader: &mut FrameReader<T>, bytes: &[u8]) -> Vec<Frame<T>> {
-    let mut input = bytes;
-    let found = std::iter::from_fn(|| reader.read(&mut input)).collect();
-    assert!(input.is_empty());
-    found
+    intact(Record::Health(Health::default()), sequence)
 }
 
 fn read_all(parts: &[Vec<u8>]) -> (Vec<Frame<Record>>, Counts) {
@@ -86,37 +70,31 @@ fn a_start_is_no_loss() {
     let started = Record::Event(Event { index: 0, kind: EventKind::Started });
     let greeting = Record::Hello(hello());
     // Counted forwards, 65 000 to 0 would be 535 frames lost.
-    let (found, counts) = read_all(&[health(65_000), sent(&greeting, 0), sent(&started, 1)]);
-    assert_eq!(found, [healthy(65_000), Frame::Restarted, message(greeting.clone(), 0), message(started.clone(), 1)]);
+    let (found, counts) = read_all(&[health(65_000), framed(&greeting, 0), framed(&started, 1)]);
+    assert_eq!(found, [healthy(65_000), Frame::Restarted, intact(greeting.clone(), 0), intact(started.clone(), 1)]);
     assert_eq!((counts.restarts, counts.lost), (1, 0));
 
     // The Hello itself was lost.
-    let (found, _) = read_all(&[health(65_000), sent(&started, 1)]);
-    assert_eq!(found, [healthy(65_000), Frame::Restarted, message(started, 1)]);
+    let (found, _) = read_all(&[health(65_000), framed(&started, 1)]);
+    assert_eq!(found, [healthy(65_000), Frame::Restarted, intact(started, 1)]);
 
     // A Hello in the middle of a stream is like any other record, even at the wrap of the sequence number.
-    let (found, counts) = read_all(&[health(9), sent(&greeting, 11), health(12)]);
-    assert_eq!(found, [healthy(9), Frame::Lost { frames: 1 }, message(greeting.clone(), 11), healthy(12)]);
+    let (found, counts) = read_all(&[health(9), framed(&greeting, 11), health(12)]);
+    assert_eq!(found, [healthy(9), Frame::Lost { frames: 1 }, intact(greeting.clone(), 11), healthy(12)]);
     assert_eq!(counts.restarts, 0);
-    let (found, counts) = read_all(&[health(65_535), sent(&greeting, 0)]);
-    assert_eq!((found, counts.restarts), (vec![healthy(65_535), message(greeting, 0)], 0));
+    let (found, counts) = read_all(&[health(65_535), framed(&greeting, 0)]);
+    assert_eq!((found, counts.restarts), (vec![healthy(65_535), intact(greeting, 0)], 0));
 
     // A host that restarts begins with Command::Hello.
-    let request = |sequence, command| {
-        let mut out = [0; MAX_FRAME];
-        let length = encode_request(&Request { id: 1, command }, sequence, &mut out).unwrap();
-        out[..length].to_vec()
-    };
-    let mut reader = FrameReader::<Request>::new();
+    let request = |sequence, command| framed(&Request { id: 1, command }, sequence);
     let bytes = [request(65_000, Command::Tare), request(0, Command::Hello), request(1, Command::Tare)].concat();
-    let found = read(&mut reader, &bytes);
+    let found = frames::read_all::<Request>(&bytes);
     assert_eq!(found.len(), 4);
     assert_eq!(found[1], Frame::Restarted);
     // Another command with number 0, or a Hello with another number, is an ordinary frame after a loss.
     for (sequence, command) in [(0_u16, Command::Tare), (9, Command::Hello)] {
-        let mut reader = FrameReader::<Request>::new();
-        let before = sequence.wrapping_sub(3);
-        let found = read(&mut reader, &[request(before, Command::Tare), request(sequence, command)].concat());
+        let bytes = [request(sequence.wrapping_sub(3), Command::Tare), request(sequence, command)].concat();
+        let found = frames::read_all::<Request>(&bytes);
         assert_eq!(found[1], Frame::Lost { frames: 2 }, "{sequence}");
     }
 }
@@ -140,7 +118,7 @@ fn frame_bytes_are_the_frame_as_received() {
     let mut reader = FrameReader::<Record>::new();
     assert!(reader.frame_bytes().is_empty());
     for sequence in 0..500 {
-        let bytes = sent(&some_record(&mut numbers), sequence);
+        let bytes = framed(&some_record(&mut numbers), sequence);
         let mut input = &bytes[..];
         assert!(matches!(reader.read(&mut input), Some(Frame::Message { .. })));
         assert_eq!(reader.frame_bytes(), &bytes[..bytes.len() - 1]);
@@ -164,8 +142,7 @@ fn unknown_variants_are_named_and_left_out() {
     assert_eq!(found, [Frame::Unknown { sequence: 1, number: 4, request: None }]);
 
     // A newer host's command can be refused by its ID.
-    let mut reader = FrameReader::<Request>::new();
-    let found = read(&mut reader, &reference::request_frame(&[0x81, 0x04, 99, 7], 5));
+    let found = frames::read_all::<Request>(&reference::request_frame(&[0x81, 0x04, 99, 7], 5));
     assert_eq!(found, [Frame::Unknown { sequence: 5, number: 99, request: Some(513) }]);
 
     // Unknown frames count in the sequence, so losses next to them are detected.
@@ -189,8 +166,8 @@ fn a_foreign_version_is_named_whatever_follows() {
 
         // After an update and a restart, the device is understood.
         let greeting = Record::Hello(hello());
-        let (found, _) = read_all(&[foreign.clone(), health(1), sent(&greeting, 0), health(1)]);
-        assert_eq!(found, [stranger(0), stranger(1), Frame::Restarted, message(greeting, 0), healthy(1)]);
+        let (found, _) = read_all(&[foreign.clone(), health(1), framed(&greeting, 0), health(1)]);
+        assert_eq!(found, [stranger(0), stranger(1), Frame::Restarted, intact(greeting, 0), healthy(1)]);
 
         // The same applies to a reopened link.
         let mut reader = FrameReader::<Record>::new();
@@ -200,6 +177,9 @@ fn a_foreign_version_is_named_whatever_follows() {
         assert_eq!((reader.counts().foreign, reader.counts().messages), (1, 1));
     }
 }
+
+const CORRUPTIONS: [Corruption; 5] =
+    [Corruption::TooLong, Corruption::TooShort, Corruption::Stuffing, Corruption::Checksum, Corruption::Malformed];
 
 #[test]
 fn damage_is_counted_by_kind() {
@@ -231,14 +211,7 @@ fn damage_is_counted_by_kind() {
         let (found, counts) = read_all(&[health(0), damaged.clone(), health(2)]);
         assert_eq!(found[1], Frame::Corrupt(corruption), "{damaged:02x?}");
         let kinds = [counts.too_long, counts.too_short, counts.stuffing, counts.checksum, counts.malformed];
-        let expected = [
-            Corruption::TooLong,
-            Corruption::TooShort,
-            Corruption::Stuffing,
-            Corruption::Checksum,
-            Corruption::Malformed,
-        ]
-        .map(|kind| u32::from(kind == corruption));
+        let expected = CORRUPTIONS.map(|kind| u32::from(kind == corruption));
         assert_eq!((kinds, counts.corrupt()), (expected, 1));
         if corruption == Corruption::Malformed {
             // The CRC also covers its sequence number.
@@ -253,15 +226,15 @@ fn damage_is_counted_by_kind() {
 #[test]
 fn bytes_left_over_in_a_payload_are_malformed() {
     for (name, record) in records() {
-        let mut payload = postcard_bytes(&record);
+        let mut payload = frames::payload(&record);
         payload.push(0);
         let (found, _) = read_all(&[reference::frame(&payload, 1)]);
         assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name}");
     }
     for (name, request) in requests() {
-        let mut payload = postcard_bytes(&request);
+        let mut payload = frames::payload(&request);
         payload.push(0);
-        let found = read(&mut FrameReader::<Request>::new(), &reference::request_frame(&payload, 1));
+        let found = frames::read_all::<Request>(&reference::request_frame(&payload, 1));
         assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name}");
     }
 }
@@ -269,7 +242,7 @@ fn bytes_left_over_in_a_payload_are_malformed() {
 #[test]
 fn payloads_that_end_early_are_malformed() {
     for (name, record) in records() {
-        let payload = postcard_bytes(&record);
+        let payload = frames::payload(&record);
         for length in 1..payload.len() {
             let (found, _) = read_all(&[reference::frame(&payload[..length], 1)]);
             assert_eq!(found, [Frame::Corrupt(Corruption::Malformed)], "{name} cut to {length}");
@@ -309,13 +282,8 @@ fn one_byte_more_than_the_longest_is_too_long() {
 #[test]
 fn the_longest_frame_passes() {
     let record = Record::Samples(longest_samples());
-    let (found, _) = read_all(&[sent(&record, 0), health(1)]);
-    assert_eq!(found, [message(record, 0), healthy(1)]);
-}
-
-fn postcard_bytes<T: serde::Serialize>(value: &T) -> Vec<u8> {
-    let mut out = [0; MAX_PAYLOAD];
-    postcard::to_slice(value, &mut out).unwrap().to_vec()
+    let (found, _) = read_all(&[framed(&record, 0), health(1)]);
+    assert_eq!(found, [intact(record, 0), healthy(1)]);
 }
 
 /// Intact frames with any payload: never a panic, and never a message from part of a payload.
@@ -328,12 +296,11 @@ fn any_payload_is_survived() {
         if case % 2 == 0 {
             // A known record with one changed byte gets further into the decoder.
             let all = records();
-            payload = postcard_bytes(&all[numbers.below(all.len())].1);
+            payload = frames::payload(&all[numbers.below(all.len())].1);
             let place = numbers.below(payload.len());
             payload[place] = numbers.draw() as u8;
         }
-        let mut record_reader = FrameReader::<Record>::new();
-        for frame in read(&mut record_reader, &reference::frame(&payload, 1)) {
+        for frame in frames::read_all::<Record>(&reference::frame(&payload, 1)) {
             match frame {
                 Frame::Message { message, .. } => {
                     messages += 1;
@@ -349,8 +316,7 @@ fn any_payload_is_survived() {
                 other => panic!("{other:?}"),
             }
         }
-        let mut request_reader = FrameReader::<Request>::new();
-        for frame in read(&mut request_reader, &reference::request_frame(&payload, 1)) {
+        for frame in frames::read_all::<Request>(&reference::request_frame(&payload, 1)) {
             match frame {
                 Frame::Message { message: Request { command, .. }, .. } => {
                     if let Command::Inject(samples) = &command {
@@ -376,7 +342,7 @@ fn rough_stream(seed: u64) -> Vec<u8> {
     let mut stream = line_bytes(&mut numbers, 5);
     let mut sequence = numbers.draw() as u16;
     for _ in 0..numbers.below(12) {
-        let mut frame = sent(&some_record(&mut numbers), sequence);
+        let mut frame = framed(&some_record(&mut numbers), sequence);
         sequence = sequence.wrapping_add(1);
         match numbers.below(8) {
             0 => frame.truncate(numbers.below(frame.len())),
@@ -430,8 +396,7 @@ proptest! {
     #[test]
     fn single_bytes_make_no_difference(seed: u64) {
         let stream = rough_stream(seed);
-        let mut whole = FrameReader::<Request>::new();
-        let expected = read(&mut whole, &stream);
+        let expected = frames::read_all::<Request>(&stream);
         let mut reader = FrameReader::<Request>::new();
         let found: Vec<_> = stream.iter().flat_map(|byte| read(&mut reader, &[*byte])).collect();
         prop_assert_eq!(found, expected);
@@ -440,9 +405,7 @@ proptest! {
 
 #[test]
 fn faults_are_told_in_words() {
-    for corruption in
-        [Corruption::TooLong, Corruption::TooShort, Corruption::Stuffing, Corruption::Checksum, Corruption::Malformed]
-    {
+    for corruption in CORRUPTIONS {
         assert!(corruption.to_string().contains("frame"));
     }
     assert!(EncodeError::BufferTooSmall.to_string().contains(&MAX_FRAME.to_string()));

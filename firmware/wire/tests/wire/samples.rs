@@ -1,5 +1,6 @@
 //! Batches of samples decode to exactly what was encoded.
 
+use crate::frames;
 use crate::reference::step;
 use crate::values::{few_samples, longest_samples};
 use inerter_core::RawSample;
@@ -37,15 +38,12 @@ proptest! {
     fn any_samples_come_back(samples in prop::collection::vec(sample(), 0..100)) {
         let mut back = Vec::new();
         let mut left = &samples[..];
-        let mut out = [0; MAX_FRAME];
         while !left.is_empty() {
             let (batch, taken) = Samples::from_slice(left);
             prop_assert!(taken >= left.len().min(20), "20 samples always fit");
             prop_assert_eq!(batch.len(), taken);
             left = &left[taken..];
-            let length = encode_record(&Record::Samples(batch), 0, &mut out).unwrap();
-            let mut reader = FrameReader::<Record>::new();
-            match reader.read(&mut &out[..length]) {
+            match frames::read_all::<Record>(&frames::framed(&Record::Samples(batch), 0)).pop() {
                 Some(Frame::Message { message: Record::Samples(batch), .. }) => {
                     for sample in &batch {
                         back.push(sample.unwrap());
@@ -60,11 +58,8 @@ proptest! {
     /// Decoding any content ends, after as many samples as it claims or after one error.
     #[test]
     fn any_content_ends(count: u8, data in prop::collection::vec(any::<u8>(), 0..=400)) {
-        let mut payload = vec![count];
-        let mut length = [0; 5];
-        payload.extend(&*postcard::to_slice(&(data.len() as u32), &mut length).unwrap());
-        payload.extend(&data);
-        let samples = batch(&payload);
+        let length = frames::payload(&(data.len() as u32));
+        let samples = batch(&[&[count][..], &length, &data].concat());
         let items = all(&samples);
         let good = items.iter().filter(|item| item.is_ok()).count();
         prop_assert!(good <= usize::from(count).min(32));
@@ -81,11 +76,9 @@ proptest! {
 
 #[test]
 fn bytes_are_as_described() {
-    let samples = few_samples();
-    let mut out = [0; 64];
     // Three samples, thirteen bytes: 3, -1, 0, 0; 0, +64, 0, 0; 1 missing, 0, 0, 0.
     let expected = [3, 13, 6, 1, 0, 0, 0, 0x80, 1, 0, 0, 2, 0, 0, 0];
-    assert_eq!(postcard::to_slice(&samples, &mut out).unwrap(), expected);
+    assert_eq!(frames::payload(&few_samples()), expected);
 }
 
 #[test]
@@ -192,8 +185,7 @@ fn real_motion_takes_few_bytes() {
     for part in motion.chunks(32) {
         let (samples, taken) = Samples::from_slice(part);
         assert_eq!(taken, 32);
-        let mut out = [0; MAX_FRAME];
-        bytes += encode_record(&Record::Samples(samples), 0, &mut out).unwrap();
+        bytes += frames::framed(&Record::Samples(samples), 0).len();
     }
     let per_sample = bytes as f64 / motion.len() as f64;
     assert!((4.0..6.2).contains(&per_sample), "{per_sample} bytes a sample, framing included");

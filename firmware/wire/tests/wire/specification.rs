@@ -1,5 +1,6 @@
 //! `docs/PROTOCOL.md` compared with the code: this test generates its tables, layouts and worked example.
 
+use crate::frames::{framed, hex, payload};
 use crate::reference;
 use crate::values::{detail, estimate, few_samples, law, reversal};
 use inerter_core::{
@@ -18,50 +19,48 @@ const BEGIN: &str =
     "<!-- Made from the code from here on: UPDATE_PROTOCOL=1 cargo test -p inerter-wire specification -->";
 const END: &str = "<!-- Made from the code up to here. -->";
 
+/// The layouts of these types. Enums are traced one by one, so that every variant is covered.
+macro_rules! traced {
+    ($($traced:ty),+ $(,)?) => {{
+        let mut tracer = Tracer::new(TracerConfig::default());
+        $(tracer.trace_type::<$traced>(&Traces::new()).unwrap();)+
+        tracer.registry().unwrap()
+    }};
+}
+
 fn registry() -> Registry {
-    let mut tracer = Tracer::new(TracerConfig::default());
-    let traces = Traces::new();
-    // Trace enums one by one, so that every variant is covered.
-    tracer.trace_type::<Status>(&traces).unwrap();
-    tracer.trace_type::<Bank>(&traces).unwrap();
-    tracer.trace_type::<Reason>(&traces).unwrap();
-    tracer.trace_type::<BacklashStatus>(&traces).unwrap();
-    tracer.trace_type::<Route>(&traces).unwrap();
-    tracer.trace_type::<Contact>(&traces).unwrap();
-    tracer.trace_type::<Regime>(&traces).unwrap();
-    tracer.trace_type::<LawStatus>(&traces).unwrap();
-    tracer.trace_type::<Changed>(&traces).unwrap();
-    tracer.trace_type::<WarningKind>(&traces).unwrap();
-    tracer.trace_type::<ClockSource>(&traces).unwrap();
-    tracer.trace_type::<Source>(&traces).unwrap();
-    tracer.trace_type::<Fault>(&traces).unwrap();
-    tracer.trace_type::<ResetCause>(&traces).unwrap();
-    tracer.trace_type::<EventKind>(&traces).unwrap();
-    tracer.trace_type::<SettingFault>(&traces).unwrap();
-    tracer.trace_type::<Refusal>(&traces).unwrap();
-    tracer.trace_type::<Measure>(&traces).unwrap();
-    tracer.trace_type::<Play>(&traces).unwrap();
-    tracer.trace_type::<Done>(&traces).unwrap();
-    tracer.trace_type::<Result<Done, Refusal>>(&traces).unwrap();
-    tracer.trace_type::<Command>(&traces).unwrap();
-    tracer.trace_type::<Request>(&traces).unwrap();
-    tracer.trace_type::<Record>(&traces).unwrap();
-    tracer.registry().unwrap()
+    traced!(
+        Status,
+        Bank,
+        Reason,
+        BacklashStatus,
+        Route,
+        Contact,
+        Regime,
+        LawStatus,
+        Changed,
+        WarningKind,
+        ClockSource,
+        Source,
+        Fault,
+        ResetCause,
+        EventKind,
+        SettingFault,
+        Refusal,
+        Measure,
+        Play,
+        Done,
+        Result<Done, Refusal>,
+        Command,
+        Request,
+        Record,
+    )
 }
 
 /// Names of a struct's fields, in order.
 pub fn fields_of<T: DeserializeOwned>(name: &str) -> Vec<String> {
-    let mut tracer = Tracer::new(TracerConfig::default());
-    tracer.trace_type::<Parameter>(&Traces::new()).unwrap();
-    tracer.trace_type::<Bank>(&Traces::new()).unwrap();
-    tracer.trace_type::<Reason>(&Traces::new()).unwrap();
-    tracer.trace_type::<BacklashSize>(&Traces::new()).unwrap();
-    tracer.trace_type::<Route>(&Traces::new()).unwrap();
-    tracer.trace_type::<Contact>(&Traces::new()).unwrap();
-    tracer.trace_type::<Regime>(&Traces::new()).unwrap();
-    tracer.trace_type::<LawStatus>(&Traces::new()).unwrap();
-    tracer.trace_type::<T>(&Traces::new()).unwrap();
-    match tracer.registry().unwrap().remove(name) {
+    let mut registry = traced!(Parameter, Bank, Reason, BacklashSize, Route, Contact, Regime, LawStatus, T);
+    match registry.remove(name) {
         Some(ContainerFormat::Struct(fields)) => fields.into_iter().map(|field| field.name).collect(),
         other => panic!("{name} is {other:?}"),
     }
@@ -169,25 +168,16 @@ fn table(out: &mut String, title: &str, entries: &[Entry], variants: &ContainerF
     out.push('\n');
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
-}
-
 fn example<T: Message>(out: &mut String, title: &str, message: &T, sequence: u16) {
-    let mut payload = [0; MAX_PAYLOAD];
-    let payload = postcard::to_slice(message, &mut payload).unwrap();
-    let mut summed = payload.to_vec();
-    summed.extend(sequence.to_le_bytes());
-    let crc = reference::crc32(&summed) ^ T::SALT;
-    let mut frame = [0; MAX_FRAME];
-    let length = encode(message, sequence, &mut frame).unwrap();
+    let payload = payload(message);
+    let crc = reference::crc32(&[&payload[..], &sequence.to_le_bytes()].concat()) ^ T::SALT;
     writeln!(
         out,
         "{title}\n\n```text\npayload   {}\nsequence  {}\nCRC-32    {}  (0x{crc:08X})\nframe     {}\n```\n",
-        hex(payload),
+        hex(&payload),
         hex(&sequence.to_le_bytes()),
         hex(&crc.to_le_bytes()),
-        hex(&frame[..length])
+        hex(&framed(message, sequence))
     )
     .unwrap();
 }

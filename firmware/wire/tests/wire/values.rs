@@ -175,14 +175,6 @@ pub fn detail() -> Detail {
     }
 }
 
-fn change(parameter: Changed) -> Change {
-    Change { index: 290, parameter, before: 300.0, after: 250.5 }
-}
-
-fn warned(kind: WarningKind) -> Record {
-    event(EventKind::Warned(Warning { index: 290, kind }))
-}
-
 /// A detail with the longest encoding.
 pub fn longest_detail() -> Detail {
     Detail {
@@ -225,79 +217,65 @@ fn reply(result: Result<Done, Refusal>) -> Record {
     Record::Reply(Reply { id: 513, result })
 }
 
+/// Variants of an enum, each with its name after a prefix and as the value that `$of` makes of it.
+macro_rules! each {
+    ($prefix:literal, $of:expr, $kind:ident: $($variant:ident $(($content:expr))?),+ $(,)?) => {
+        [$((concat!($prefix, stringify!($variant)), $of($kind::$variant $(($content))?)),)+]
+    };
+}
+
 /// Names and records for the goldens.
 pub fn records() -> Vec<(&'static str, Record)> {
+    let by = |clock| Record::Hello(Hello { clock, ..hello() });
+    let source = |source| event(EventKind::SourceChanged(source));
+    let fault = |fault| event(EventKind::Fault(fault));
+    let reset = |cause| event(EventKind::ResetBy(cause));
+    let changed = |parameter| event(EventKind::Changed(Change { index: 290, parameter, before: 300.0, after: 250.5 }));
+    let warned = |kind| event(EventKind::Warned(Warning { index: 290, kind }));
+    let refused = |refusal| reply(Err(refusal));
+    let bad = |fault| refused(Refusal::BadSetting { number: 8, fault });
     let backlash = |backlash, contact| Record::Detail(Detail { backlash, contact, ..detail() });
     let regime = |regime| Record::Detail(Detail { friction: Friction { reversal_ratio: None, regime }, ..detail() });
-    let bad = |fault| reply(Err(Refusal::BadSetting { number: 8, fault }));
-    vec![
-        ("Hello", Record::Hello(hello())),
-        ("Hello.Internal", Record::Hello(Hello { clock: ClockSource::Internal, ..hello() })),
-        ("Hello.Crystal", Record::Hello(Hello { clock: ClockSource::Crystal, ..hello() })),
-        ("Hello.External", Record::Hello(Hello { clock: ClockSource::External, ..hello() })),
+    let mut all = vec![("Hello", Record::Hello(hello()))];
+    all.extend(each!("Hello.", by, ClockSource: Internal, Crystal, External));
+    all.extend([
         ("Samples", Record::Samples(samples())),
         ("Samples.empty", Record::Samples(Samples::default())),
         ("Estimate", Record::Estimate(estimate())),
         ("Estimate.default", Record::Estimate(Estimate::default())),
         ("Health", Record::Health(health())),
         ("Health.default", Record::Health(Health::default())),
-        ("Event.Started", event(EventKind::Started)),
-        ("Event.SourceEnded", event(EventKind::SourceEnded)),
-        ("Event.EstimatorReset", event(EventKind::EstimatorReset)),
-        ("Event.SettingsChanged", event(EventKind::SettingsChanged)),
-        ("Event.SourceChanged.Stopped", event(EventKind::SourceChanged(Source::Stopped))),
-        ("Event.SourceChanged.Sampler", event(EventKind::SourceChanged(Source::Sampler))),
-        ("Event.SourceChanged.Link", event(EventKind::SourceChanged(Source::Link))),
-        ("Event.Fault.SamplerOverrun", event(EventKind::Fault(Fault::SamplerOverrun))),
-        ("Event.Fault.SourceUnreadable", event(EventKind::Fault(Fault::SourceUnreadable))),
-        ("Event.Fault.Store", event(EventKind::Fault(Fault::Store))),
-        ("Event.Fault.SavedSettings", event(EventKind::Fault(Fault::SavedSettings))),
-        ("Event.Fault.Watchdog", event(EventKind::Fault(Fault::Watchdog))),
-        ("Event.Fault.NewerSettings", event(EventKind::Fault(Fault::NewerSettings))),
-        ("Event.Fault.ForeignSettings", event(EventKind::Fault(Fault::ForeignSettings))),
-        ("Event.Fault.SamplerMisaligned", event(EventKind::Fault(Fault::SamplerMisaligned))),
-        ("Event.Fault.SettingsLeft", event(EventKind::Fault(Fault::SettingsLeft))),
-        ("Event.Panicked", event(EventKind::Panicked(Hello::text("at src/main.rs:1")))),
-        ("Event.ResetBy.PowerOn", event(EventKind::ResetBy(ResetCause::PowerOn))),
-        ("Event.ResetBy.Pin", event(EventKind::ResetBy(ResetCause::Pin))),
-        ("Event.ResetBy.Software", event(EventKind::ResetBy(ResetCause::Software))),
-        ("Event.ResetBy.Watchdog", event(EventKind::ResetBy(ResetCause::Watchdog))),
-        ("Event.ResetBy.WindowWatchdog", event(EventKind::ResetBy(ResetCause::WindowWatchdog))),
-        ("Event.ResetBy.LowPower", event(EventKind::ResetBy(ResetCause::LowPower))),
-        ("Event.ResetBy.OptionBytes", event(EventKind::ResetBy(ResetCause::OptionBytes))),
-        ("Event.ResetBy.Panic", event(EventKind::ResetBy(ResetCause::Panic))),
-        ("Event.ResetBy.Unknown", event(EventKind::ResetBy(ResetCause::Unknown))),
-        ("Event.Changed.Inertance", event(EventKind::Changed(change(Changed::Inertance)))),
-        ("Event.Changed.Viscous", event(EventKind::Changed(change(Changed::Viscous)))),
-        ("Event.Changed.Coulomb", event(EventKind::Changed(change(Changed::Coulomb)))),
-        ("Event.Changed.Offset", event(EventKind::Changed(change(Changed::Offset)))),
-        ("Event.Warned.WrongSign", warned(WarningKind::WrongSign)),
-        ("Event.Warned.CountSlip", warned(WarningKind::CountSlip)),
-        ("Event.Warned.ClippedForce", warned(WarningKind::ClippedForce)),
-        ("Event.Warned.DeadForce", warned(WarningKind::DeadForce)),
+    ]);
+    all.extend(each!("Event.", event, EventKind: Started, SourceEnded, EstimatorReset, SettingsChanged));
+    all.extend(each!("Event.SourceChanged.", source, Source: Stopped, Sampler, Link));
+    all.extend(each!(
+        "Event.Fault.", fault, Fault: SamplerOverrun, SourceUnreadable, Store, SavedSettings, Watchdog, NewerSettings,
+        ForeignSettings, SamplerMisaligned, SettingsLeft
+    ));
+    all.push(("Event.Panicked", event(EventKind::Panicked(Hello::text("at src/main.rs:1")))));
+    all.extend(each!(
+        "Event.ResetBy.", reset, ResetCause: PowerOn, Pin, Software, Watchdog, WindowWatchdog, LowPower, OptionBytes,
+        Panic, Unknown
+    ));
+    all.extend(each!("Event.Changed.", changed, Changed: Inertance, Viscous, Coulomb, Offset));
+    all.extend(each!("Event.Warned.", warned, WarningKind: WrongSign, CountSlip, ClippedForce, DeadForce));
+    all.extend([
         ("Reply.Plain", reply(Ok(Done::Plain))),
         ("Reply.Injected", reply(Ok(Done::Injected { accepted: 320, free: 96 }))),
         ("Reply.Played", reply(Ok(Done::Played { answer: 128_000, free: 208 }))),
-        ("Reply.Unsupported", reply(Err(Refusal::Unsupported))),
-        ("Reply.Busy", reply(Err(Refusal::Busy))),
-        ("Reply.QueueFull", reply(Err(Refusal::QueueFull { accepted: 320, free: 0 }))),
-        ("Reply.BadSetting.Unknown", bad(SettingFault::Unknown)),
-        ("Reply.BadSetting.NotFinite", bad(SettingFault::NotFinite)),
-        ("Reply.BadSetting.OutOfRange", bad(SettingFault::OutOfRange)),
-        ("Reply.BadSetting.NotWhole", bad(SettingFault::NotWhole)),
-        ("Reply.BadSetting.Zero", bad(SettingFault::Zero)),
-        ("Reply.BadSetting.Conflict", bad(SettingFault::Conflict(9))),
-        ("Reply.BadSetting.Repeated", bad(SettingFault::Repeated)),
-        ("Reply.BadSetting.NotOffered", bad(SettingFault::NotOffered)),
-        ("Reply.BadSamples", reply(Err(Refusal::BadSamples))),
-        ("Reply.NotInjecting", reply(Err(Refusal::NotInjecting))),
-        ("Reply.Store", reply(Err(Refusal::Store))),
-        ("Reply.NoSamples", reply(Err(Refusal::NoSamples))),
-        ("Reply.Source", reply(Err(Refusal::Source))),
-        ("Reply.NothingSaved", reply(Err(Refusal::NothingSaved))),
-        ("Reply.SavedUnreadable", reply(Err(Refusal::SavedUnreadable))),
-        ("Reply.Worn", reply(Err(Refusal::Worn { wait_s: 119 }))),
-        ("Reply.NotPlaying", reply(Err(Refusal::NotPlaying))),
+    ]);
+    all.extend(each!("Reply.", refused, Refusal: Unsupported, Busy));
+    all.push(("Reply.QueueFull", refused(Refusal::QueueFull { accepted: 320, free: 0 })));
+    all.extend(each!(
+        "Reply.BadSetting.", bad, SettingFault: Unknown, NotFinite, OutOfRange, NotWhole, Zero, Conflict(9), Repeated,
+        NotOffered
+    ));
+    all.extend(each!(
+        "Reply.", refused, Refusal: BadSamples, NotInjecting, Store, NoSamples, Source, NothingSaved, SavedUnreadable
+    ));
+    all.extend([
+        ("Reply.Worn", refused(Refusal::Worn { wait_s: 119 })),
+        ("Reply.NotPlaying", refused(Refusal::NotPlaying)),
         ("Settings", Record::Settings(few_settings())),
         ("Saved", Record::Saved(few_settings())),
         ("Measured", Record::Measured(measured(Measure::Chip))),
@@ -329,9 +307,9 @@ pub fn records() -> Vec<(&'static str, Record)> {
                 Contact::Closed,
             ),
         ),
-        ("Detail.Unknown", regime(Regime::Unknown)),
-        ("Detail.Presliding", regime(Regime::Presliding)),
-        ("Detail.Stribeck", regime(Regime::Stribeck)),
+    ]);
+    all.extend(each!("Detail.", regime, Regime: Unknown, Presliding, Stribeck));
+    all.extend([
         ("Law", Record::Law(law())),
         ("Law.default", Record::Law(Law::default())),
         ("Law.holds", Record::Law(Law { status: LawStatus::Holds, ..law() })),
@@ -340,7 +318,8 @@ pub fn records() -> Vec<(&'static str, Record)> {
         ("MoreSums.slow", Record::MoreSums(MoreSums { bank: Bank::Slow, ..more_sums() })),
         ("MoreSums.empty", Record::MoreSums(MoreSums { updates: 0, units: [1.0; 2], sums: [0; 13], ..more_sums() })),
         ("MoreSums.least", Record::MoreSums(longest_more_sums())),
-    ]
+    ]);
+    all
 }
 
 /// As many knots as one command can hold, the longest first.
@@ -351,41 +330,33 @@ fn knots() -> heapless::Vec<Knot, { Knot::MAX_KNOTS }> {
 
 /// Names and requests for the goldens.
 pub fn requests() -> Vec<(&'static str, Request)> {
-    let streams = |samples, estimates, sums, health| Command::Streams(Streams { samples, estimates, sums, health });
-    [
-        ("Hello", Command::Hello),
-        ("ReadSettings", Command::ReadSettings),
-        ("WriteSettings", Command::WriteSettings(few_settings())),
-        ("SaveSettings", Command::SaveSettings),
-        ("Tare", Command::Tare),
+    let request = |command| Request { id: 513, command };
+    let streams =
+        |samples, estimates, sums, health| request(Command::Streams(Streams { samples, estimates, sums, health }));
+    let measure = |what| request(Command::Measure(what));
+    let play = |play| request(Command::Play(play));
+    let mut all = Vec::from(each!(
+        "", request, Command: Hello, ReadSettings, WriteSettings(few_settings()), SaveSettings, Tare, ResetEstimator,
+        Start, Stop, Inject(samples()), InjectEnd, EnterDfu, Reboot, FactoryReset, ReadSaved
+    ));
+    all.extend([
         ("Streams.samples", streams(true, false, false, false)),
         ("Streams.estimates", streams(false, true, false, false)),
         ("Streams.sums", streams(false, false, true, false)),
         ("Streams.health", streams(false, false, false, true)),
-        ("ResetEstimator", Command::ResetEstimator),
-        ("Start", Command::Start),
-        ("Stop", Command::Stop),
-        ("Inject", Command::Inject(samples())),
-        ("InjectEnd", Command::InjectEnd),
-        ("EnterDfu", Command::EnterDfu),
-        ("Reboot", Command::Reboot),
-        ("FactoryReset", Command::FactoryReset),
-        ("ReadSaved", Command::ReadSaved),
-        ("Measure.chip", Command::Measure(Measure::Chip)),
-        ("Measure.clocks", Command::Measure(Measure::Clocks)),
-        ("Measure.supply", Command::Measure(Measure::Supply)),
-        ("Measure.work", Command::Measure(Measure::Work)),
-        ("Measure.hang", Command::Measure(Measure::Hang)),
-        ("Play.Begin", Command::Play(Play::Begin { phase_ticks: 1312 })),
-        ("Play.Knots", Command::Play(Play::Knots(knots().iter().take(3).copied().collect()))),
-        ("Play.Knots.longest", Command::Play(Play::Knots(knots()))),
-        ("Play.Burst", Command::Play(Play::Burst { edge_ticks: 28, blocks: 1000 })),
-        ("Play.End", Command::Play(Play::End)),
-        ("Play.Progress", Command::Play(Play::Progress)),
-    ]
-    .into_iter()
-    .map(|(name, command)| (name, Request { id: 513, command }))
-    .collect()
+        ("Measure.chip", measure(Measure::Chip)),
+        ("Measure.clocks", measure(Measure::Clocks)),
+        ("Measure.supply", measure(Measure::Supply)),
+        ("Measure.work", measure(Measure::Work)),
+        ("Measure.hang", measure(Measure::Hang)),
+        ("Play.Begin", play(Play::Begin { phase_ticks: 1312 })),
+        ("Play.Knots", play(Play::Knots(knots().iter().take(3).copied().collect()))),
+        ("Play.Knots.longest", play(Play::Knots(knots()))),
+        ("Play.Burst", play(Play::Burst { edge_ticks: 28, blocks: 1000 })),
+        ("Play.End", play(Play::End)),
+        ("Play.Progress", play(Play::Progress)),
+    ]);
+    all
 }
 
 /// A batch with the longest encoding.
