@@ -266,8 +266,7 @@ mod tests {
         let near = |found: i64, bits: u32, wanted: f64| (found as f64 / 2_f64.powi(bits as i32) - wanted).abs() < 1e-12;
         for (row, (pivot, wanted)) in solution.pivots.into_iter().zip(pivots).enumerate() {
             assert!(near(pivot, MATRIX_BITS, wanted), "{row}: {pivot} for {wanted}");
-            for column in 0..REGRESSORS {
-                let factor = solution.factors[row][column];
+            for (column, factor) in solution.factors[row].into_iter().enumerate() {
                 let wanted = if column < row { lower[row][column] } else { 0.0 };
                 assert!(near(factor, FACTOR_BITS, wanted), "{row} {column}: {factor}");
             }

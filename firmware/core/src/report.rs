@@ -539,10 +539,11 @@ mod tests {
         // Of ten differences six are 0: three quarters of all end after one and a half of the other four.
         is_near(beside(&noise(6)).unwrap(), (255.5 + 256.0 * 1.5 / 4.0) / 9.624, 0.01);
         assert_eq!(beside(&noise(10)), None);
-        // Differences of 2 lie from 1.5 to 3.5: a quarter ends at 2, which is a noise of 0.75. Those of 1 are rounding.
+        // Differences of 2 lie from 1.5 to 3.5: a quarter ends at 2, to 1/256, which is a noise of 0.75. Those
+        // of 1 are rounding.
         let mut two = Noise::new();
         (0..100).for_each(|_| two.push([1, 0, 0, 0, 1]));
-        is_near(beside(&two).unwrap(), 2.0 / 2.666, 1e-3);
+        is_near(beside(&two).unwrap(), 2.0 / 2.666, 0.003);
         let mut one = Noise::new();
         (0..100).for_each(|_| one.push([1, 0, 0, 0, 0]));
         assert_eq!(beside(&one), None);
