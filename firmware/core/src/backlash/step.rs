@@ -25,6 +25,9 @@ const REACH_BITS: i32 = 25;
 const SIDE_BITS: u32 = 24;
 /// Smallest divisor: the square of the side [2^-48]. Below it there is no value.
 const LEAST_SIDE: i64 = 1 << 34;
+/// Largest variance of the residual [units^2 as scaled], for the same reason: a noise of a 32nd to a 16th of the
+/// greatest reach. Above it there is no value.
+const MOST_VARIANCE: u64 = 1 << 40;
 /// Fraction bits of the polynomials.
 const Q: u32 = 30;
 
@@ -254,7 +257,10 @@ pub(crate) fn fit(points: &Points, count_units: u32, noise_units: u32) -> Option
     let inverse = Inverse::of(value.side);
     // Variance of the value: four times the residual's over the square of the side.
     let variance = value.residual / u64::from((firm - DEGREE - 2).max(1));
-    let variance = inverse.times((variance.min(1 << 40) as i64) << 2, 2 * SIDE_BITS);
+    if variance > MOST_VARIANCE {
+        return None;
+    }
+    let variance = inverse.times((variance as i64) << 2, 2 * SIDE_BITS);
     Some(Fit {
         value: shift_right(-2 * value.half, up) as i32,
         change: shift_right(2 * (check.half - value.half), up) as i32,
@@ -393,6 +399,23 @@ mod tests {
         let mut left = values.to_vec();
         free(&mut left, &basis);
         left
+    }
+
+    /// Of a reach of 17 bits the residual may have 4096 units. This one has `noise^2` times the 50 entries over their 41
+    /// degrees of freedom: 3709 units is the limit.
+    #[test]
+    fn a_residual_too_large_for_its_variance_is_refused() {
+        let variance = |noise: i32| {
+            let mut points = Points::new();
+            for place in 0..50 {
+                let side = if place < 25 { -1 } else { 1 };
+                points.push(2000 * place + if place % 2 == 0 { noise } else { -noise }, 0, side);
+            }
+            Some(fit(&points, 20_000, 0)?.variance)
+        };
+        let [less, more] = [1800, 3600].map(|noise| f64::from(variance(noise).unwrap()));
+        assert!((more / less - 4.0).abs() < 0.01, "{less}, {more}");
+        assert_eq!(variance(3800), None);
     }
 
     /// Every figure of a window is that of the least squares in f64, and a window is refused where the check's two degrees
