@@ -37,7 +37,11 @@ pub struct Options {
     /// Do not show comparisons to libFuzzer: more inputs a second, for long runs from a corpus that already has them
     #[arg(long)]
     fast: bool,
-    /// Merge what was found, and the seeds, into the committed corpus, and add the run to docs/tables/fuzz.md
+    /// Count the edges of our own crates alone, and look for new ones there: no library's edges draw time away
+    #[arg(long)]
+    ours: bool,
+    /// Merge what was found, and the seeds, into the committed corpus, and add the run to docs/tables/fuzz.md. With
+    /// `--ours` the row is one of its own, and the corpus stays as it is
     #[arg(long)]
     keep: bool,
     /// Run the target on this input alone, to reproduce a finding
@@ -47,7 +51,8 @@ pub struct Options {
 
 impl Options {
     /// All targets from the committed corpora.
-    pub const USUAL: Self = Self { target: None, seconds: 30, seed: None, fast: false, keep: false, input: None };
+    pub const USUAL: Self =
+        Self { target: None, seconds: 30, seed: None, fast: false, ours: false, keep: false, input: None };
 }
 
 /// A fuzz target: a program of `tests/fuzz`.
@@ -97,7 +102,7 @@ pub fn run(options: &Options) -> Result<()> {
             format!("there is no target `{name}`; the targets are {}", names.join(", "))
         })?],
     };
-    let programs = build(&chosen, options.fast)?;
+    let programs = build(&chosen, options)?;
     let folder = workspace::target()?.join("fuzz");
     if let (Some(input), [target]) = (&options.input, &chosen[..]) {
         return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
@@ -111,9 +116,11 @@ pub fn run(options: &Options) -> Result<()> {
         if options.keep {
             // Without time nothing is fuzzed.
             if options.seconds > 0 {
-                kept::add(target.name, session.total(&commit))?;
+                let of = if options.ours { ", our crates" } else { "" };
+                kept::add(&format!("{}{of}", target.name), session.total(&commit))?;
             }
-            if session.finding.is_none() {
+            // Judged by our edges, inputs that reach those of libraries would be dropped.
+            if session.finding.is_none() && !options.ours {
                 place.keep()?;
             }
         }
@@ -134,15 +141,25 @@ fn folder_of_targets() -> PathBuf {
 
 /// Compiles the targets with counters and returns their folder. Build scripts get no counters because a target triple
 /// is given.
-fn build(targets: &[&Target], fast: bool) -> Result<PathBuf> {
+fn build(targets: &[&Target], options: &Options) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
     command.args(["build", "--profile", "fuzz", "--locked", "--target", &host]);
     command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);
     command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
-    let flags: Vec<&str> = FLAGS.iter().copied().chain((!fast).then_some(COMPARES)).collect();
-    process::run(command.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1f")))?;
-    Ok(workspace::target()?.join(host).join("fuzz"))
+    let flags: Vec<&str> = FLAGS.iter().copied().chain((!options.fast).then_some(COMPARES)).collect();
+    let mut folder = workspace::target()?;
+    if options.ours {
+        // Cargo gives flags to some packages only as an unstable option, which this variable allows.
+        command.env("RUSTC_BOOTSTRAP", "1").arg("-Zprofile-rustflags");
+        command.arg("--config").arg(format!("profile.fuzz.rustflags={flags:?}"));
+        command.args(["--config", "profile.fuzz.package.'*'.rustflags=[]"]);
+        folder.push("ours");
+        process::run(command.env("CARGO_TARGET_DIR", &folder))?;
+    } else {
+        process::run(command.env("CARGO_ENCODED_RUSTFLAGS", flags.join("\x1f")))?;
+    }
+    Ok(folder.join(host).join("fuzz"))
 }
 
 /// Result of a run.

@@ -67,7 +67,7 @@ impl Kept {
     fn markdown(&self) -> String {
         let mut text = format!(
             "# Fuzzed so far\n\nWritten by `cargo xtask fuzz --keep`, which adds each run to the row of its target. *edges* are those of the \
-             last run, after half of its time and at its end; *findings* counts the runs that ended with one; *commit* is the tree of the \
+             last run, after half of its time and at its end, in a row *our crates* (`--ours`) those of our crates alone; *findings* counts the runs that ended with one; *commit* is the tree of the \
              last run; with `-dirty` it had changes besides.\n\n{} inputs in all.\n\n\
              | target | inputs | samples | time s | edges at half time | at the end | findings | commit |\n\
              |---|--:|--:|--:|--:|--:|--:|---|\n",
