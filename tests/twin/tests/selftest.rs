@@ -8,6 +8,7 @@
 //!
 //! Slow: about a minute each. Skipped if the image or the program is missing.
 
+use crate::common::carried_by;
 use inerter_core::Settings;
 use inerter_twin::chip::adc::Quality;
 use inerter_twin::chip::errata::Errata;
@@ -59,15 +60,9 @@ impl Kept {
     fn of(link: &mut UsbLink<Machine>) -> Self {
         let records = ask(link, [Request::Hello, Request::ReadSettings, Request::ReadSaved]);
         let read = |values: &SettingsValues| values.read(&Settings::default()).settings;
-        let mut in_use = records.iter().filter_map(|record| match record {
-            Record::Settings(values) => Some(read(values)),
-            _ => None,
-        });
-        let mut saved = records.iter().filter_map(|record| match record {
-            Record::Saved(values) => Some(read(values)),
-            _ => None,
-        });
-        Self { in_use: in_use.next_back().expect("settings"), saved: saved.next_back() }
+        let in_use = records.iter().rev().find_map(carried_by!(Record::Settings)).map(read);
+        let saved = records.iter().rev().find_map(carried_by!(Record::Saved)).map(read);
+        Self { in_use: in_use.expect("settings"), saved }
     }
 
     /// The same settings with the skew of `other`.
@@ -84,8 +79,7 @@ impl Kept {
 
 /// Plugs the board in, sends it these requests, and returns the records it sends.
 fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>) -> Vec<Record> {
-    link.connect().expect("enumerates");
-    link.open().expect("opens");
+    link.plug_in().expect("opens");
     for request in requests {
         link.request(request, REPLY_S).expect("a reply");
     }
@@ -168,8 +162,7 @@ fn serve(link: &mut UsbLink<Machine>, listener: &TcpListener, over: &AtomicBool)
 fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStream> {
     let (stream, _) = listener.accept().ok()?;
     stream.set_nonblocking(true).expect("can be");
-    link.connect().ok()?;
-    link.open().ok()?;
+    link.plug_in().ok()?;
     Some(stream)
 }
 
@@ -237,18 +230,17 @@ struct Outcome {
 }
 
 impl Outcome {
+    fn checks(&self) -> impl Iterator<Item = &Value> {
+        self.json["checks"].as_array().expect("checks").iter()
+    }
+
     fn names(&self, verdict: &str) -> Vec<&str> {
-        let checks = self.json["checks"].as_array().expect("checks");
-        checks
-            .iter()
-            .filter(|check| check["verdict"] == verdict)
-            .map(|check| check["name"].as_str().expect("a name"))
-            .collect()
+        let of_verdict = self.checks().filter(|check| check["verdict"] == verdict);
+        of_verdict.map(|check| check["name"].as_str().expect("a name")).collect()
     }
 
     fn check(&self, name: &str) -> &Value {
-        let checks = self.json["checks"].as_array().expect("checks");
-        checks.iter().find(|check| check["name"] == name).expect("the check")
+        self.checks().find(|check| check["name"] == name).expect("the check")
     }
 
     fn reason(&self, name: &str) -> &str {
@@ -305,15 +297,16 @@ fn selftest(
     Some(Outcome { code: output.status.code(), json, page, errors, changed })
 }
 
+fn board(image: &[u8]) -> Machine {
+    Machine::new(image, Box::new(Still)).expect("the image")
+}
+
 const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
 const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged", "--write"], "no");
 
 #[test]
 fn a_sound_board_passes() {
-    let Some(outcome) = selftest("sound", WITHOUT, |image| Machine::new(image, Box::new(Still)).expect("the image"))
-    else {
-        return;
-    };
+    let Some(outcome) = selftest("sound", WITHOUT, board) else { return };
     assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
     assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
@@ -357,7 +350,7 @@ fn half_the_sample_rate_is_named() {
     const AUTO_RELOAD: u32 = 0x2C;
     const TWICE: u32 = 2 * 2625 - 1;
     let machine = |image: &[u8]| {
-        let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+        let mut machine = board(image);
         machine.run_for(START_S).expect("starts");
         let now = machine.now();
         let timer = &mut machine.chip_mut().tim6;
@@ -374,7 +367,7 @@ fn half_the_sample_rate_is_named() {
 #[test]
 fn noise_that_is_too_high_is_named() {
     let machine = |image: &[u8]| {
-        let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+        let mut machine = board(image);
         machine.chip_mut().adc.set_quality(Quality { noise_lsb: 6.0, ..Quality::default() });
         machine
     };
@@ -389,8 +382,7 @@ fn noise_that_is_too_high_is_named() {
 fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) {
     let (Some(image), Some(program)) = (shipping_image(), program()) else { return };
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let machine = move || Machine::new(&image, Box::new(Still)).expect("the image");
-    let served = Served::new(machine, is_new);
+    let served = Served::new(move || board(&image), is_new);
     let (tell, told) = mpsc::channel();
     let (terminal, seen) = terminal(prompt, move |_| tell.send(()).expect("somebody waits"));
     let (mut command, page) = command(program, name, served.address, terminal);
