@@ -69,7 +69,7 @@ impl Socket for Machine {
 impl<S: Socket> UsbLink<S> {
     /// A device with its cable disconnected.
     pub fn new(socket: S) -> Self {
-        Self { socket, host: UsbHost::new(), talk: Talk::new(), port: None }
+        Self { socket, host: UsbHost::default(), talk: Talk::default(), port: None }
     }
 
     /// Connects and enumerates.
@@ -87,7 +87,7 @@ impl<S: Socket> UsbLink<S> {
     /// Opens the port. The protocol state starts fresh, as in a program that has just been started.
     pub fn open(&mut self) -> Result<(), UsbError> {
         self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
-        self.talk = Talk::new();
+        self.talk = Talk::default();
         Ok(())
     }
 

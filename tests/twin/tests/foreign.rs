@@ -6,6 +6,7 @@ use crate::common::{causes, chip_with, image_of_others, run};
 use inerter_twin::World;
 use inerter_twin::chip::{Pin, adc, flash, gpio::Mode, rcc::Reset};
 use inerter_twin::cpu::Stop;
+use inerter_twin::cycles::timing::halves;
 use inerter_twin::machine::Machine;
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
@@ -63,7 +64,7 @@ fn stm32g4xx_hal_adc_dma_fills_its_ring() {
     let now = machine.now();
     let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
     let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
-    let codes: Vec<f64> = bytes.chunks_exact(2).map(|code| f64::from(u16::from_le_bytes([code[0], code[1]]))).collect();
+    let codes: Vec<f64> = halves(bytes).map(f64::from).collect();
     let volts = [STEADY.force_v, adc::sensor_volts(25.0), adc::internal_reference_volts()];
     for (n, code) in codes.iter().enumerate() {
         let expected = volts[n % 3] / adc::REFERENCE_V * adc::CODES;

@@ -16,6 +16,7 @@ use inerter_twin::{
     chip::rom::Left,
     chip::syscfg::Kept,
     cpu::{Faults, SRAM_CUTS, Stop},
+    cycles::timing::halves,
     elf::Elf,
     machine::{Machine, Options, Usage, image, shipping_image},
     serial_link::{SerialError, SerialLink},
@@ -872,8 +873,7 @@ fn nothing_loads_the_stack_pointer_from_memory() {
     let mut functions = 0;
     for (name, code) in elf.functions() {
         functions += 1;
-        let halves: Vec<u16> = code.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-        assert!(!loads_the_stack_pointer(&halves), "{name}");
+        assert!(!loads_the_stack_pointer(&halves(code).collect::<Vec<_>>()), "{name}");
     }
     assert!(functions > 300, "{functions}");
     // LDR SP, [R0]; NOP, LDR SP, [R0], #4. Not LDR R12, [R0] or STR SP, [R0].

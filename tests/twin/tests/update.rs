@@ -46,7 +46,7 @@ struct Loader<'a> {
 
 impl<'a> Loader<'a> {
     fn connect(machine: &'a mut Machine) -> Self {
-        let mut host = UsbHost::new();
+        let mut host = UsbHost::default();
         let seen = host.connect(machine).expect("a device");
         assert_eq!((seen.vendor, seen.product_number), (0x0483, 0xdf11));
         assert_eq!(seen.serial.text, serial());

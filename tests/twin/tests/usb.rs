@@ -266,7 +266,7 @@ fn full_packets(seed: u64) -> Option<(usize, usize)> {
     let (to_device, to_host) = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port");
     let UsbLink { socket, host, .. } = &mut link;
     set_control_lines(host, socket, true, true).expect("taken");
-    let mut talk = Talk::new();
+    let mut talk = Talk::default();
     for command in [Command::Hello, Command::Streams(Streams::ALL)] {
         let (_, bytes) = talk.request(command);
         host.write(socket, to_device, &bytes, 1.0).1.expect("taken");

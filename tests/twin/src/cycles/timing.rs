@@ -176,13 +176,18 @@ fn floating(first: u16, second: u16) -> Instruction {
     }
 }
 
+/// The halfwords of a block of instructions.
+pub fn halves(code: &[u8]) -> impl Iterator<Item = u16> {
+    code.as_chunks().0.iter().copied().map(u16::from_le_bytes)
+}
+
 /// Execution cycles of a block of instructions at this address.
 pub fn cost(address: u32, code: &[u8]) -> Range {
     let mut total = Range::default();
     let (mut at, mut across_words) = (address, 0);
     let mut before: Option<Instruction> = None;
     let mut conditional = 0;
-    let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+    let mut halves = halves(code);
     while let Some(half) = halves.next() {
         // A halfword of 0xe800 or more starts a 32-bit instruction (DDI 0403, A5.1).
         let is_narrow = half < 0xe800;
