@@ -4,7 +4,7 @@
 //! use inerter_twin::{machine::Machine, world::Still};
 //!
 //! let image = std::fs::read("inerter-stm32g474")?;
-//! let mut machine = Machine::new(&image, Box::new(Still))?;
+//! let mut machine = Machine::new(&image, Still)?;
 //! machine.run_for(0.1)?;
 //! println!("{} instructions in 100 ms", machine.usage().instructions);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -175,14 +175,14 @@ pub struct Machine {
 
 impl Machine {
     /// A NUCLEO board with the image in flash, just powered on.
-    pub fn new(image: &[u8], world: Box<dyn World>) -> Result<Self, StartError> {
+    pub fn new(image: &[u8], world: impl World + 'static) -> Result<Self, StartError> {
         Self::with(image, Options::default(), world)
     }
 
     /// A board with the image in flash, just powered on.
-    pub fn with(image: &[u8], options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
+    pub fn with(image: &[u8], options: Options, world: impl World + 'static) -> Result<Self, StartError> {
         let elf = Elf::parse(image)?;
-        let mut chip = Chip::new(options.board, world);
+        let mut chip = Chip::new(options.board, Box::new(world));
         chip.set_errata(options.errata);
         chip.set_rules(options.rules);
         for (address, bytes) in elf.segments() {

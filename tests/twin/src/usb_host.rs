@@ -114,7 +114,8 @@ impl Setup {
         Self { kind, request, value: word(v0, v1), index: word(i0, i1), length: word(l0, l1) }
     }
 
-    fn to_host(self) -> bool {
+    /// Whether its data, if any, goes to the host.
+    pub fn to_host(self) -> bool {
         self.kind & 0x80 != 0
     }
 }

@@ -28,7 +28,7 @@ fn hello(link: &mut SerialLink) -> Hello {
 
 /// One value of the option bytes: from a new chip to an update, through each way into update mode.
 fn a_life_with(image: &[u8], options: u32) {
-    let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+    let mut machine = Machine::new(image, Still).expect("the image");
     machine.chip_mut().flash.set_options(options);
     let started = machine.power_cut();
     match machine.chip().flash.boots(false) {
@@ -107,7 +107,7 @@ fn the_roms_jump_starts_a_board_whose_every_reset_leads_into_the_rom() {
             // have set them, or setting them may be what went wrong.
             for cause in [Reset::Power, Reset::Pin, Reset::Software, Reset::OptionBytes, Reset::Watchdog] {
                 eprintln!("option bytes {options:#010x}, {left:?}, {cause:?}");
-                let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+                let mut machine = Machine::new(&image, Still).expect("the image");
                 // Let the firmware read the flags of power-on first.
                 run(&mut machine, START_S);
                 machine.chip_mut().flash.set_options(options);
@@ -137,7 +137,7 @@ fn a_chip_with_less_flash_says_so_and_keeps_no_settings() {
     let Some(image) = shipping_image() else { return };
     for flash_kb in [128, 256, 512] {
         let options = Options { flash_kb, ..Options::default() };
-        let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+        let mut machine = Machine::with(&image, options, Still).expect("the image");
         run(&mut machine, START_S);
         let mut link = SerialLink::new(machine);
         let capabilities = hello(&mut link).capabilities;

@@ -80,7 +80,7 @@ const UNDISTURBED: Errata = Errata { adc_concurrent: false, ..Errata::ALL };
 
 /// A board with jumpers and a planted fault. `None` if there is no image, after reporting the skip.
 fn lab(options: Options, prepare: impl FnOnce(&mut Machine)) -> Option<Lab> {
-    let mut machine = Machine::with(&shipping_image()?, options, Box::new(Still)).expect("the image");
+    let mut machine = Machine::with(&shipping_image()?, options, Still).expect("the image");
     machine.chip_mut().jumpers = Some(Jumpers::RIGHT);
     prepare(&mut machine);
     common::run(&mut machine, STARTED_S);

@@ -721,7 +721,7 @@ fn a_chip_that_is_too_small_is_refused_whatever_the_rom_describes(linux: &mut Li
         let firmware = firmware.to_vec();
         let twin = Twin::serve(move || {
             let options = Options { flash_kb, ..Options::default() };
-            let mut machine = Machine::with(&firmware, options, Box::new(Still)).expect("the binary");
+            let mut machine = Machine::with(&firmware, options, Still).expect("the binary");
             machine.serve_rom(Left::Running);
             if one_bank {
                 let options = machine.chip().flash.options();

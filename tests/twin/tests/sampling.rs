@@ -55,7 +55,7 @@ impl Lab {
         settings: Settings,
         prepare: impl FnOnce(&mut Machine),
     ) -> Result<Self, Box<dyn Error>> {
-        let mut machine = Machine::new(image, Box::new(Bench::new(rig)?))?;
+        let mut machine = Machine::new(image, Bench::new(rig)?)?;
         prepare(&mut machine);
         machine.run_until(BOOTED_S)?;
         let mut lab = Self { link: UsbLink::new(machine), settings };
@@ -770,7 +770,7 @@ fn the_serial_link_brings_the_same() -> Outcome {
     let Some(image) = shipping_image() else { return Ok(()) };
     let rig = mid_rig();
     let settings = rig.settings(4000.0);
-    let mut link = SerialLink::new(Machine::new(&image, Box::new(Bench::new(rig)?))?);
+    let mut link = SerialLink::new(Machine::new(&image, Bench::new(rig)?)?);
     link.listen_until(BOOTED_S)?;
     for command in set_up(&settings) {
         link.order(command, REPLY_S)?;

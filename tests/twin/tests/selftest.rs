@@ -298,7 +298,7 @@ fn selftest(
 }
 
 fn board(image: &[u8]) -> Machine {
-    Machine::new(image, Box::new(Still)).expect("the image")
+    Machine::new(image, Still).expect("the image")
 }
 
 const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
@@ -335,7 +335,7 @@ fn a_wrong_clock_is_named() {
     let board = Board { hse_hz: 24.24e6, ..Board::NUCLEO };
     let machine = move |image: &[u8]| {
         let options = Options { board, ..Options::default() };
-        Machine::with(image, options, Box::new(Still)).expect("the image")
+        Machine::with(image, options, Still).expect("the image")
     };
     let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
     assert_eq!(outcome.names("fail"), ["clock_usb"], "{}", outcome.errors);
@@ -420,7 +420,7 @@ fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + 
         // Converters that do not start together disturb each other. That would hide a late converter.
         let errata = Errata { adc_concurrent: planted.late == [0; 2], ..Errata::ALL };
         let options = Options { errata, ..Options::default() };
-        let mut machine = Machine::with(image, options, Box::new(Still)).expect("the image");
+        let mut machine = Machine::with(image, options, Still).expect("the image");
         machine.chip_mut().jumpers = Some(jumpers);
         machine.chip_mut().planted = planted;
         machine

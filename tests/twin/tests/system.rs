@@ -36,7 +36,7 @@ const REPLY_S: f64 = 0.5;
 const SAVE_S: f64 = 2.0;
 
 fn machine(options: Options, world: impl World + 'static) -> Option<Machine> {
-    Some(Machine::with(&shipping_image()?, options, Box::new(world)).expect("the image"))
+    Some(Machine::with(&shipping_image()?, options, world).expect("the image"))
 }
 
 /// The board after its first start, in which it sets the brown-out level and restarts.
@@ -310,7 +310,7 @@ fn the_image_of_one_board_is_stopped_or_mute_on_the_other() {
 fn the_other_boards_image_runs_on_its_board() {
     let Some(image) = image("INERTER_STM32_WEACT_ELF", "release/inerter-stm32g474-weact") else { return };
     let options = Options { board: Board::WEACT, ..Options::default() };
-    let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+    let mut machine = Machine::with(&image, options, Still).expect("the image");
     run(&mut machine, START_S);
     assert_eq!(machine.clock_hz(), 168e6);
     let (hello, _) = greet(&mut SerialLink::new(machine));
@@ -586,7 +586,7 @@ fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
 #[test]
 fn the_watchdog_restarts_a_device_whose_task_hangs() {
     let Some(image) = image("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
-    let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+    let mut machine = Machine::new(&image, Still).expect("the image");
     // It hangs five seconds after its start, and the watchdog timeout is four seconds.
     run(&mut machine, 12.0);
     let &(time_s, reset) = machine.resets().last().expect("power-on");

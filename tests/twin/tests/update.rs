@@ -352,7 +352,7 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
 fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
     let Some(image) = shipping_image() else { return };
     let in_rom = |way: Option<Way>| {
-        let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+        let mut machine = Machine::new(&image, Still).expect("the image");
         run(&mut machine, 0.5);
         let mut link = UsbLink::new(machine);
         link.plug_in().expect("opens");

@@ -46,6 +46,12 @@ fn done(link: &mut UsbLink<Machine>, command: Command) {
     assert_eq!(reply.result, Ok(Done::Plain), "{command:?}");
 }
 
+/// Sends Hello and switches all streams on.
+fn streaming(link: &mut UsbLink<Machine>) {
+    hello(link);
+    done(link, Command::Streams(Streams::ALL));
+}
+
 fn settings(link: &mut UsbLink<Machine>) -> Settings {
     done(link, Command::ReadSettings);
     let values = link.records().into_iter().find_map(carried_by!(Record::Settings));
@@ -238,8 +244,7 @@ fn nothing_comes_before_the_host_has_spoken() {
         [0_u8; 0],
         "a fresh terminal echoes: the device must wait"
     );
-    hello(&mut link);
-    done(&mut link, Command::Streams(Streams::ALL));
+    streaming(&mut link);
     assert!(link.receive(1.0).expect("the port is open").len() > 1000);
     link.close().expect("closes");
     link.open().expect("opens");
@@ -325,14 +330,12 @@ fn begin_anew(link: &mut UsbLink<Machine>) {
 #[test]
 fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
     let Some(mut link) = opened(Still) else { return };
-    hello(&mut link);
-    done(&mut link, Command::Streams(Streams::ALL));
+    streaming(&mut link);
     for listen_s in [0.0, 0.0101, 0.2] {
         link.listen(listen_s).expect("the port is open");
         begin_anew(&mut link);
         assert_eq!(link.receive(0.1).expect("the port is open"), [0_u8; 0]);
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
+        streaming(&mut link);
     }
     // A suspended device too.
     link.host.suspend(&mut link.socket).expect("runs");
@@ -346,8 +349,7 @@ fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
     let mut random = Random(11);
     for _ in 0..25 {
         link.plug_in().expect("enumeration");
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
+        streaming(&mut link);
         // With a request and the stream in progress, at any moment between two packets.
         let (_, bytes) = link.talk.request(Command::ReadSettings);
         let to_device = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port").0;
@@ -517,8 +519,7 @@ fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
     // With a packet in transit, and with one that a full terminal did not fetch.
     for (closed_s, full) in [(0.0, false), (0.0, true), (0.001, false), (0.001, true), (0.05, true), (2.0, true)] {
         link.open().expect("opens");
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
+        streaming(&mut link);
         link.listen(0.25).expect("the port is open");
         if full {
             link.stop_reading();

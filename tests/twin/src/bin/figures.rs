@@ -53,7 +53,7 @@ fn measure() -> Result<String, Box<dyn Error>> {
         ("ADS131M04", digital(Osr::X1024)),
         ("ADS131M04, terminal sensor", terminal(digital(Osr::X1024))),
     ];
-    let mut machine = Machine::new(&image, Box::new(Bench::new(rig)?))?;
+    let mut machine = Machine::new(&image, Bench::new(rig)?)?;
     machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.4e-6, 3e-6, 3e-6, 0.0], 3));
     machine.run_for(START_S)?;
     let mut link = UsbLink::new(machine);

@@ -30,7 +30,7 @@ pub(crate) use carried_by;
 
 /// The board, powered and started, with nothing plugged in. `None` if there is no image, after reporting the skip.
 pub fn board(world: impl World + 'static) -> Option<UsbLink<Machine>> {
-    let mut machine = Machine::new(&shipping_image()?, Box::new(world)).expect("the image");
+    let mut machine = Machine::new(&shipping_image()?, world).expect("the image");
     run(&mut machine, START_S);
     Some(UsbLink::new(machine))
 }
@@ -42,7 +42,7 @@ pub fn rig() -> Rig {
 
 /// A board that has saved these settings and whose boot loader leaves in this way.
 pub fn configured(image: &[u8], left: Left, world: impl World + 'static, settings: &Settings) -> UsbLink<Machine> {
-    let mut machine = Machine::new(image, Box::new(world)).expect("the image");
+    let mut machine = Machine::new(image, world).expect("the image");
     machine.serve_rom(left);
     run(&mut machine, 0.5);
     let mut link = UsbLink::new(machine);
@@ -116,7 +116,7 @@ pub fn image_of_others(name: &str) -> Option<Vec<u8>> {
 pub fn chip_with(image: &[u8], world: impl World + 'static) -> Machine {
     // No errata: the twin models each one at its worst, and no real chip is that bad.
     let options = Options { errata: Errata::NONE, rules: Rules::AsOnTheChip, ..Options::default() };
-    Machine::with(image, options, Box::new(world)).expect("the image")
+    Machine::with(image, options, world).expect("the image")
 }
 
 /// The host program at the other end of the serial link.
