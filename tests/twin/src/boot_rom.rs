@@ -28,7 +28,7 @@ const PACKET: usize = 64;
 
 /// Bits of USB_EP0R: RECEIVED and SENT are cleared by writing 0, CONTROL_TYPE is read-write, the status fields toggle.
 const RECEIVED: u32 = 1 << 15;
-const IS_SETUP: u32 = 1 << 11;
+const SETUP: u32 = 1 << 11;
 const CONTROL_TYPE: u32 = 1 << 9;
 const SENT: u32 = 1 << 7;
 const STALL: u32 = 1;
@@ -101,7 +101,7 @@ impl BootRom {
             let data = received(chip, now);
             write(chip, ENDPOINT, CONTROL_TYPE | SENT, now);
             match data.as_slice().try_into() {
-                Ok(setup) if endpoint & IS_SETUP != 0 => self.set_up(chip, Setup::from_bytes(setup), now),
+                Ok(setup) if endpoint & SETUP != 0 => self.set_up(chip, Setup::from_bytes(setup), now),
                 _ => self.take(chip, &data, now),
             }
         }

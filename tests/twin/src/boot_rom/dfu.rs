@@ -114,7 +114,7 @@ impl Dfu {
         }
     }
 
-    fn refuse<T>(&mut self) -> Option<T> {
+    fn refuse(&mut self) -> Option<Vec<u8>> {
         self.fail(ERR_STALLED);
         None
     }
