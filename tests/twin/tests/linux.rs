@@ -572,13 +572,23 @@ fn is_erased(flash: &flash::Flash, page: usize) -> bool {
     flash.bytes()[page * flash::PAGE..][..flash::PAGE].iter().all(|byte| *byte == 0xFF)
 }
 
-/// Cuts the power during an update. Without vectors, or with half an image, the chip cannot start from flash. The BOOT0
-/// pin brings it back into the ROM.
-fn cut_power(server: &mut Server<Machine>) {
-    server.socket.set_boot0(true);
-    server.socket.power_cut().expect("starts again");
-    server.socket.set_boot0(false);
-    server.unplug();
+/// Cuts the power as soon as this holds, during an update. Without vectors, or with half an image, the chip cannot start
+/// from flash. The BOOT0 pin brings it back into the ROM.
+fn cut_once(linux: &mut Linux, twin: &Twin, holds: impl Fn(&Machine) -> bool + Copy + Send + 'static) {
+    let cut = move |server: &mut Server<Machine>| {
+        let is_now = holds(&server.socket);
+        if is_now {
+            server.socket.set_boot0(true);
+            server.socket.power_cut().expect("starts again");
+            server.socket.set_boot0(false);
+            server.unplug();
+        }
+        is_now
+    };
+    while !twin.order(cut) {
+        let ended = linux.run("cat /tmp/ended 2>/dev/null || true");
+        assert!(ended.is_empty(), "it ended before the cut: {}", linux.run("cat /tmp/said"));
+    }
 }
 
 /// dfu-util erases all pages and then writes in address order. If it is interrupted, it leaves the new vectors in front
@@ -591,21 +601,10 @@ fn a_dfu_util_that_is_cut_has_written_the_vectors_first(linux: &mut Linux, twin:
     press_twice(linux, twin);
     linux.run(&format!("rm -f /tmp/ended; ({DFU_UTIL} >/tmp/said 2>&1; echo $? >/tmp/ended) >/dev/null 2>&1 &"));
     let before = twin.erased();
-    loop {
-        let is_cut = twin.order(move |server| {
-            let flash = &server.socket.chip().flash;
-            let is_now = flash.erased > before && !is_erased(flash, 0) && is_erased(flash, last);
-            if is_now {
-                cut_power(server);
-            }
-            is_now
-        });
-        if is_cut {
-            break;
-        }
-        let ended = linux.run("cat /tmp/ended 2>/dev/null || true");
-        assert!(ended.is_empty(), "vectors last? {}", linux.run("cat /tmp/said"));
-    }
+    cut_once(linux, twin, move |machine| {
+        let flash = &machine.chip().flash;
+        flash.erased > before && !is_erased(flash, 0) && is_erased(flash, last)
+    });
     linux.until("[ -s /tmp/ended ]");
     linux.until(LOADER);
     update(linux, "dfu-util was cut");
@@ -639,24 +638,13 @@ fn an_update_that_is_cut_is_completed_by_the_next(linux: &mut Linux, twin: &Twin
             "rm -f /tmp/ended; (inerter update /tmp/new.elf >/tmp/said 2>&1; echo $? >/tmp/ended) >/dev/null 2>&1 &",
         );
         let before = twin.erased();
-        loop {
-            let is_cut = twin.order(move |server| {
-                let flash = &server.socket.chip().flash;
-                let done = flash.erased - before;
-                // At the last stage, the last page is written and the vectors are not.
-                let is_staged = is_erased(flash, 0) && (part < 1.0 || !is_erased(flash, last));
-                let is_now = server.socket.is_in_rom() && done >= wanted && is_staged;
-                if is_now {
-                    cut_power(server);
-                }
-                is_now.then_some(done)
-            });
-            if let Some(done) = is_cut {
-                stages.push((done, wanted, written.len() as u64));
-                break;
-            }
-            assert!(linux.run("cat /tmp/ended 2>/dev/null || true").is_empty(), "{}", linux.run("cat /tmp/said"));
-        }
+        cut_once(linux, twin, move |machine| {
+            let flash = &machine.chip().flash;
+            // At the last stage, the last page is written and the vectors are not.
+            let is_staged = is_erased(flash, 0) && (part < 1.0 || !is_erased(flash, last));
+            machine.is_in_rom() && flash.erased - before >= wanted && is_staged
+        });
+        stages.push((twin.erased() - before, wanted, written.len() as u64));
         linux.until("[ -s /tmp/ended ]");
         assert_eq!(linux.run("cat /tmp/ended").trim(), "6", "{}", linux.run("cat /tmp/said"));
         linux.until(LOADER);

@@ -230,6 +230,13 @@ struct Outcome {
 }
 
 impl Outcome {
+    /// The checks with these names failed and no other, and the program's exit code says so.
+    #[track_caller]
+    fn fails(&self, names: &[&str]) {
+        assert_eq!(self.names("fail"), names, "{}", self.errors);
+        assert_eq!(self.code, Some(if names.is_empty() { 0 } else { 10 }), "{}", self.errors);
+    }
+
     fn checks(&self) -> impl Iterator<Item = &Value> {
         self.json["checks"].as_array().expect("checks").iter()
     }
@@ -307,9 +314,8 @@ const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged", "--write"], "no");
 #[test]
 fn a_sound_board_passes() {
     let Some(outcome) = selftest("sound", WITHOUT, board) else { return };
-    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    outcome.fails(&[]);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
-    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
     // The twin's values in the table of expected work agree with what the twin measures.
     let number = |text: &Value, before: &str| {
@@ -338,9 +344,8 @@ fn a_wrong_clock_is_named() {
         Machine::with(image, options, Still).expect("the image")
     };
     let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["clock_usb"], "{}", outcome.errors);
+    outcome.fails(&["clock_usb"]);
     assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
-    assert_eq!(outcome.code, Some(10));
     assert!(outcome.page.contains("its crystal is not the one"));
 }
 
@@ -359,9 +364,8 @@ fn half_the_sample_rate_is_named() {
         machine
     };
     let Some(outcome) = selftest("half", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["sample_rate"], "{}", outcome.errors);
+    outcome.fails(&["sample_rate"]);
     assert!(outcome.reason("sample_rate").starts_with("the sampling timer runs at a wrong rate"));
-    assert_eq!(outcome.code, Some(10));
 }
 
 #[test]
@@ -372,9 +376,8 @@ fn noise_that_is_too_high_is_named() {
         machine
     };
     let Some(outcome) = selftest("noise", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["noise_force", "noise_terminal"], "{}", outcome.errors);
+    outcome.fails(&["noise_force", "noise_terminal"]);
     assert!(outcome.reason("noise_force").starts_with("the noise is too high"));
-    assert_eq!(outcome.code, Some(10));
 }
 
 /// Sends Ctrl-C some time after the program prints `prompt`. Afterwards the board must have its settings again. A new
@@ -452,9 +455,8 @@ fn a_sound_board_passes_through_jumpers() {
         return;
     };
     assert!(outcome.errors.contains(QUESTION));
-    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    outcome.fails(&[]);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
-    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
     let passed = outcome.names("pass");
     for name in
@@ -482,9 +484,8 @@ fn a_sound_board_passes_through_jumpers() {
 fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) {
     let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
     assert!(!outcome.errors.contains(QUESTION));
-    assert_eq!(outcome.names("fail"), [check], "{}", outcome.errors);
+    outcome.fails(&[check]);
     assert!(outcome.reason(check).contains(cause), "{}", outcome.reason(check));
-    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
     assert!(outcome.page.contains(cause));
     assert!(!outcome.names("pass").contains(&"inertance"));
     is_not_written(&outcome);
