@@ -8,7 +8,8 @@
 
 mod dfu;
 
-use crate::chip::{Chip, rom};
+use crate::chip::{Chip, flash, rom};
+use crate::usb_host::Setup;
 use crate::{Cycles, Width};
 use dfu::{BLOCK, Dfu};
 
@@ -53,7 +54,7 @@ enum Stage {
     /// Data to the host: the rest of it, and whether an empty packet ends it.
     ToHost { data: Vec<u8>, ends_empty: bool },
     /// Data from the host: the request, and the data received so far.
-    FromHost { setup: [u8; 8], data: Vec<u8> },
+    FromHost { setup: Setup, data: Vec<u8> },
     /// The status stage of a request to the device, and the address that takes effect after it.
     Status { address: Option<u8> },
 }
@@ -100,15 +101,14 @@ impl BootRom {
             let data = received(chip, now);
             write(chip, ENDPOINT, CONTROL_TYPE | SENT, now);
             match data.as_slice().try_into() {
-                Ok(setup) if endpoint & SETUP != 0 => self.set_up(chip, setup, now),
+                Ok(setup) if endpoint & SETUP != 0 => self.set_up(chip, Setup::from_bytes(setup), now),
                 _ => self.take(chip, &data, now),
             }
         }
     }
 
-    fn set_up(&mut self, chip: &mut Chip, setup: [u8; 8], now: Cycles) {
-        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
-        if setup[0] & 0x80 == 0 && length > 0 {
+    fn set_up(&mut self, chip: &mut Chip, setup: Setup, now: Cycles) {
+        if !setup.to_host() && setup.length > 0 {
             self.stage = Stage::FromHost { setup, data: Vec::new() };
             return set_status(chip, Some(VALID), None, now);
         }
@@ -121,8 +121,7 @@ impl BootRom {
             return set_status(chip, Some(VALID), Some(NAK), now);
         };
         data.extend_from_slice(packet);
-        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
-        if data.len() < length && packet.len() == PACKET {
+        if data.len() < usize::from(setup.length) && packet.len() == PACKET {
             return set_status(chip, Some(VALID), None, now);
         }
         let (setup, data) = (*setup, std::mem::take(data));
@@ -130,10 +129,9 @@ impl BootRom {
     }
 
     /// Executes a request whose data is complete.
-    fn answer(&mut self, chip: &mut Chip, setup: [u8; 8], data: &[u8], now: Cycles) {
-        let [kind, request, value_low, value_high, ..] = setup;
-        let length = usize::from(u16::from_le_bytes([setup[6], setup[7]]));
-        let block = u16::from_le_bytes([value_low, value_high]);
+    fn answer(&mut self, chip: &mut Chip, setup: Setup, data: &[u8], now: Cycles) {
+        let Setup { kind, request, value, .. } = setup;
+        let ([value_low, value_high], length) = (value.to_le_bytes(), usize::from(setup.length));
         let answer = match (kind & 0x60, request) {
             (0, 6) => descriptor(value_high, value_low),
             (0, 0) => Some(vec![0, 0]),
@@ -142,7 +140,7 @@ impl BootRom {
             // SET_ADDRESS, SET_CONFIGURATION, and SET_INTERFACE to the only setting.
             (0, 5 | 9) => Some(Vec::new()),
             (0, 11) if value_low == 0 => Some(Vec::new()),
-            (0x20, _) => self.dfu.request(request, block, data, length.min(BLOCK), &mut chip.flash, now).ok(),
+            (0x20, _) => self.dfu.request(request, value, data, length.min(BLOCK), &mut chip.flash, now),
             _ => None,
         };
         match answer {
@@ -150,7 +148,7 @@ impl BootRom {
                 self.stage = Stage::None;
                 set_status(chip, Some(STALL), Some(STALL), now);
             }
-            Some(mut data) if kind & 0x80 != 0 => {
+            Some(mut data) if setup.to_host() => {
                 let ends_empty = data.len() < length && data.len().is_multiple_of(PACKET);
                 data.truncate(length);
                 self.stage = Stage::ToHost { data, ends_empty };
@@ -192,7 +190,6 @@ impl BootRom {
 
 fn descriptor(kind: u8, index: u8) -> Option<Vec<u8>> {
     let uid = rom::UID;
-    let layout = format!("@Internal Flash   /0x08000000/{}*02Kg", crate::chip::flash::LEN / crate::chip::flash::PAGE);
     let text = match (kind, index) {
         (1, _) => return Some(DEVICE.to_vec()),
         (2, _) => return Some(CONFIGURATION.to_vec()),
@@ -200,7 +197,7 @@ fn descriptor(kind: u8, index: u8) -> Option<Vec<u8>> {
         (3, 1) => "STMicroelectronics".into(),
         (3, 2) => "STM32  BOOTLOADER".into(),
         (3, 3) => format!("{:08X}{:04X}", uid[0].wrapping_add(uid[2]), uid[1] >> 16),
-        (3, 4) => layout,
+        (3, 4) => format!("@Internal Flash   /0x08000000/{}*02Kg", flash::LEN / flash::PAGE),
         _ => return None,
     };
     let units: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();

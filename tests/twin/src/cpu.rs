@@ -17,7 +17,7 @@
 use crate::{
     Cycles, Width,
     chip::{BadAccess, CCM_LEN, CCM_START, Chip, RAM_LEN, RAM_START, flash, rcc::Reset, rom},
-    cycles::{Model, Range},
+    cycles::{Model, Range, timing},
     nvic::{HARD_FAULT, Masks, NMI, Nvic, Region, SV_CALL},
 };
 use unicorn_engine::{Arch, ArmCpuModel, HookType, MemType, Mode, Prot, RegisterARM as R, UcHookId, Unicorn, uc_error};
@@ -130,7 +130,7 @@ impl Block {
     /// Decodes instruction lengths only: a halfword of 0xe800 or more starts a 32-bit instruction (DDI 0403, A5.1).
     fn decode(code: &[u8]) -> Self {
         let mut block = Self { bytes: code.len() as u32, ..Self::default() };
-        let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+        let mut halves = timing::halves(code);
         while let Some(half) = halves.next() {
             block.instructions += 1;
             block.sends_event |= half == SEV;
@@ -245,7 +245,7 @@ impl Core {
 
     fn read(&mut self, address: u32, bytes: usize) -> u32 {
         let Some(width) = Width::of(bytes) else { return 0 };
-        let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
+        let outcome = if is_private(address) {
             self.nvic.read(address, width, self.now).map_err(|unknown| private(address, width, None, unknown.what))
         } else {
             self.chip.read(address, width, self.now)
@@ -262,7 +262,7 @@ impl Core {
     fn write(&mut self, address: u32, bytes: usize, value: u32) {
         let Some(width) = Width::of(bytes) else { return };
         let mut changes_regions = false;
-        let outcome = if address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address) {
+        let outcome = if is_private(address) {
             let outcome = self.nvic.write(address, value, width, self.now);
             changes_regions = (MPU..MPU + 0x30).contains(&address);
             outcome.map_err(|unknown| private(address, width, Some(value), unknown.what))
@@ -288,7 +288,7 @@ impl Core {
     fn vector(&self, address: u32) -> Option<u32> {
         let from_flash = address < flash::LEN as u32 && self.chip.syscfg.mem_mode() == 0;
         let word = self.code(if from_flash { flash::START + address } else { address }, 4)?;
-        Some(u32::from_le_bytes([word[0], word[1], word[2], word[3]]))
+        word.first_chunk().copied().map(u32::from_le_bytes)
     }
 
     fn code(&self, address: u32, len: u32) -> Option<&[u8]> {
@@ -328,6 +328,10 @@ const DEBUG: u32 = 0xe004_2000;
 /// The MPU.
 const MPU: u32 = 0xe000_ed90;
 
+fn is_private(address: u32) -> bool {
+    address >= PRIVATE && !(DEBUG..DEBUG + 0x400).contains(&address)
+}
+
 fn private(address: u32, width: Width, value: Option<u32>, what: &'static str) -> BadAccess {
     BadAccess { address, peripheral: "core", offset: address - PRIVATE, width, value, what }
 }
@@ -365,8 +369,10 @@ const FLOATS: [R; 16] = [
     R::S15,
 ];
 
-fn emulator(error: uc_error) -> Stop {
-    Stop::Emulator(format!("{error:?}"))
+impl From<uc_error> for Stop {
+    fn from(error: uc_error) -> Self {
+        Self::Emulator(format!("{error:?}"))
+    }
 }
 
 impl Cpu {
@@ -396,10 +402,10 @@ impl Cpu {
             deepest: 0,
             model: None,
         };
-        let mut uc = Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, core).map_err(emulator)?;
-        uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32).map_err(emulator)?;
-        map(&mut uc).map_err(emulator)?;
-        hook(&mut uc).map_err(emulator)?;
+        let mut uc = Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, core)?;
+        uc.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32)?;
+        map(&mut uc)?;
+        hook(&mut uc)?;
         Ok(Self { uc, faults: Faults::default(), regions: Vec::new(), writes: None, accesses: None })
     }
 
@@ -421,8 +427,7 @@ impl Cpu {
             status & IT == 0 || uc.reg_write(R::XPSR, status & !IT).is_ok()
         };
         let (accesses, end) = (HookType::MEM_READ | HookType::MEM_WRITE, RAM_START + RAM_LEN as u32 - 1);
-        let id = self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen).map_err(emulator)?;
-        self.accesses = Some(id);
+        self.accesses = Some(self.uc.add_mem_hook(accesses, flash::START.into(), end.into(), seen)?);
         // Translated code does not call a newly added hook.
         self.forget_code()
     }
@@ -431,7 +436,7 @@ impl Cpu {
     pub fn count_no_cycles(&mut self) -> Result<(), Stop> {
         self.core_mut().model = None;
         let Some(hook) = self.accesses.take() else { return Ok(()) };
-        self.uc.remove_hook(hook).map_err(emulator)?;
+        self.uc.remove_hook(hook)?;
         self.forget_code()
     }
 
@@ -457,12 +462,12 @@ impl Cpu {
 
     /// Changes a register between runs.
     pub fn set(&mut self, register: R, value: u32) -> Result<(), Stop> {
-        self.uc.reg_write(register, u64::from(value)).map_err(emulator)
+        Ok(self.uc.reg_write(register, u64::from(value))?)
     }
 
     /// Sets the flash size that the chip reports \[KB\].
     pub fn set_flash_kb(&mut self, kb: u16) -> Result<(), Stop> {
-        self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes()).map_err(emulator)
+        Ok(self.uc.mem_write(rom::FLASH_KB_AT.into(), &kb.to_le_bytes())?)
     }
 
     /// Location of the program; after an access that no model handles, the start of the block that made it.
@@ -499,8 +504,7 @@ impl Cpu {
                 }
                 true
             };
-            let id = self.uc.add_mem_hook(HookType::MEM_WRITE, RAM_START.into(), end, hook).map_err(emulator)?;
-            self.writes = Some(id);
+            self.writes = Some(self.uc.add_mem_hook(HookType::MEM_WRITE, RAM_START.into(), end, hook)?);
         }
         Ok(())
     }
@@ -519,7 +523,7 @@ impl Cpu {
         if core.untouched == [false; SRAM_CUTS.len()]
             && let Some(hook) = self.writes.take()
         {
-            self.uc.remove_hook(hook).map_err(emulator)?;
+            self.uc.remove_hook(hook)?;
         }
         Ok(())
     }
@@ -529,17 +533,14 @@ impl Cpu {
         self.lose_first_writes()?;
         let core = self.core_mut();
         core.nvic = Nvic::default();
-        (core.asleep, core.stop, core.failed, core.unmapped, core.pause) = (None, None, None, None, Pause::Itself);
-        let vector = |at: u32| core.vector(flash::START + at).unwrap_or(0);
-        let (stack, start) = (vector(0), vector(4));
+        core.pause = Pause::Itself;
         // Thread mode first: the other registers depend on it.
         self.set(R::XPSR, 1 << 24)?;
         for register in [R::CONTROL, R::PRIMASK, R::FAULTMASK, R::BASEPRI, R::FPSCR] {
             self.set(register, 0)?;
         }
-        self.set(R::SP, stack)?;
         self.set(R::LR, u32::MAX)?;
-        self.set(R::PC, start | 1)
+        self.jump(flash::START)
     }
 
     /// Starts at the ROM's boot loader vectors, after a start that selects the ROM.
@@ -563,7 +564,7 @@ impl Cpu {
         let core = self.core_mut();
         core.blocks.fill(Block::default());
         core.model(|model, _| model.forget_code());
-        self.uc.ctl_flush_tb().map_err(emulator)
+        Ok(self.uc.ctl_flush_tb()?)
     }
 
     /// Enters a program as a boot loader does: SP and PC come from its vectors, everything else stays.
@@ -644,7 +645,7 @@ impl Cpu {
             }
             let allowed = [(region.read, Prot::READ), (region.write, Prot::WRITE), (region.execute, Prot::EXEC)];
             let allowed = allowed.into_iter().filter(|(may, _)| *may).fold(Prot::NONE, |all, (_, one)| all | one);
-            self.uc.mem_protect(region.start.into(), region.len.into(), allowed).map_err(emulator)?;
+            self.uc.mem_protect(region.start.into(), region.len.into(), allowed)?;
         }
         self.regions = regions;
         Ok(())
@@ -668,26 +669,18 @@ impl Cpu {
         if pc >= EXC_RETURN || pause == Pause::Exception(EXCP_EXCEPTION_EXIT) {
             return self.leave(pc | 1);
         }
-        match (outcome, pause) {
-            (Err(error), _) => self.fault(error),
-            (Ok(()), Pause::Attention) => Ok(()),
-            (Ok(()), Pause::Event) => {
-                if !core.nvic.take_event() {
-                    core.asleep = Some(Sleep::Event);
-                }
-                Ok(())
-            }
-            (Ok(()), Pause::Itself) => {
-                core.asleep = Some(Sleep::Interrupt);
-                Ok(())
-            }
-            (Ok(()), Pause::Exception(EXCP_SWI)) => {
-                core.nvic.pend_system(SV_CALL);
-                Ok(())
-            }
-            (Ok(()), Pause::Exception(EXCP_BKPT)) => Err(Stop::Breakpoint),
-            (Ok(()), Pause::Exception(number)) => Err(Stop::Emulator(format!("exception {number}"))),
+        if let Err(error) = outcome {
+            return self.fault(error);
         }
+        match pause {
+            Pause::Attention => {}
+            Pause::Event => core.asleep = (!core.nvic.take_event()).then_some(Sleep::Event),
+            Pause::Itself => core.asleep = Some(Sleep::Interrupt),
+            Pause::Exception(EXCP_SWI) => core.nvic.pend_system(SV_CALL),
+            Pause::Exception(EXCP_BKPT) => return Err(Stop::Breakpoint),
+            Pause::Exception(number) => return Err(Stop::Emulator(format!("exception {number}"))),
+        }
+        Ok(())
     }
 
     fn fault(&mut self, error: uc_error) -> Result<(), Stop> {
@@ -707,7 +700,7 @@ impl Cpu {
                 core.nvic.undefined_instruction();
                 Stop::Undefined
             }
-            (None, error) => return Err(emulator(error)),
+            (None, error) => return Err(error.into()),
         };
         let masks = Self::masks(&self.uc);
         match taken {
@@ -784,8 +777,7 @@ impl Cpu {
         let stack = self.register(if process { R::PSP } else { R::SP });
         let words = if floats { 26 } else { 8 };
         let Some(bytes) = self.core().chip.bytes(stack, 4 * words) else { return Err(Stop::Stack(stack)) };
-        let frame: Vec<u32> =
-            bytes.chunks_exact(4).map(|word| u32::from_le_bytes([word[0], word[1], word[2], word[3]])).collect();
+        let frame: Vec<u32> = bytes.as_chunks().0.iter().copied().map(u32::from_le_bytes).collect();
         let (pc, status) = (frame[6], frame[7]);
         let after = stack.wrapping_add(4 * words as u32 + if status & 1 << 9 != 0 { 4 } else { 0 });
         for (&register, &value) in FRAME.iter().zip(&frame) {
@@ -897,7 +889,7 @@ fn hook(uc: &mut Unicorn<'static, Core>) -> Result<(), uc_error> {
     // counter on it.
     uc.add_insn_invalid_hook(|uc: &mut Unicorn<Core>| {
         let pc = uc.reg_read(R::PC).unwrap_or(0) as u32;
-        let half = |core: &Core, at: u32| core.code(at, 2).map(|code| u16::from_le_bytes([code[0], code[1]]));
+        let half = |core: &Core, at: u32| core.code(at, 2).and_then(|code| timing::halves(code).next());
         let core = uc.get_data();
         let undefined = half(core, pc).is_some_and(|half| half >> 8 == 0xde);
         if half(core, pc.wrapping_sub(2)) != Some(WFE) || undefined {

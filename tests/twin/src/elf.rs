@@ -1,6 +1,6 @@
 //! The image: its segments and symbols.
 
-use object::{Object, ObjectSection, ObjectSymbol, SymbolKind, read::elf::ElfFile32};
+use object::{Object, ObjectSymbol, SymbolKind, read::elf::ElfFile32};
 use std::collections::BTreeMap;
 
 /// The image is not usable.
@@ -15,7 +15,6 @@ pub struct Elf {
     symbols: BTreeMap<String, u32>,
     /// Start and end of each function, by start.
     functions: Vec<(u32, u32, String)>,
-    sections: BTreeMap<String, (u32, u32)>,
 }
 
 impl Elf {
@@ -43,11 +42,6 @@ impl Elf {
             }
         }
         elf.functions.sort();
-        for section in file.sections() {
-            if let Ok(name) = section.name() {
-                elf.sections.insert(name.to_owned(), (section.address() as u32, section.size() as u32));
-            }
-        }
         Ok(elf)
     }
 
@@ -64,11 +58,6 @@ impl Elf {
     /// Names of all symbols.
     pub fn symbols(&self) -> impl Iterator<Item = &str> {
         self.symbols.keys().map(String::as_str)
-    }
-
-    /// Address and length of a section.
-    pub fn section(&self, name: &str) -> Option<(u32, u32)> {
-        self.sections.get(name).copied()
     }
 
     /// Code of the function that starts at an address.

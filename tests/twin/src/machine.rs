@@ -4,7 +4,7 @@
 //! use inerter_twin::{machine::Machine, world::Still};
 //!
 //! let image = std::fs::read("inerter-stm32g474")?;
-//! let mut machine = Machine::new(&image, Box::new(Still))?;
+//! let mut machine = Machine::new(&image, Still)?;
 //! machine.run_for(0.1)?;
 //! println!("{} instructions in 100 ms", machine.usage().instructions);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -175,18 +175,14 @@ pub struct Machine {
 
 impl Machine {
     /// A NUCLEO board with the image in flash, just powered on.
-    pub fn new(image: &[u8], world: Box<dyn World>) -> Result<Self, StartError> {
+    pub fn new(image: &[u8], world: impl World + 'static) -> Result<Self, StartError> {
         Self::with(image, Options::default(), world)
     }
 
     /// A board with the image in flash, just powered on.
-    pub fn with(image: &[u8], options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
+    pub fn with(image: &[u8], options: Options, world: impl World + 'static) -> Result<Self, StartError> {
         let elf = Elf::parse(image)?;
-        Self::with_segments(elf, options, world)
-    }
-
-    fn with_segments(elf: Elf, options: Options, world: Box<dyn World>) -> Result<Self, StartError> {
-        let mut chip = Chip::new(options.board, world);
+        let mut chip = Chip::new(options.board, Box::new(world));
         chip.set_errata(options.errata);
         chip.set_rules(options.rules);
         for (address, bytes) in elf.segments() {
@@ -402,11 +398,6 @@ impl Machine {
         }
     }
 
-    /// Instructions executed since power was first applied.
-    pub fn instructions(&self) -> u64 {
-        self.cpu.core().instructions
-    }
-
     /// Core frequency set in the registers \[Hz\].
     pub fn clock_hz(&self) -> f64 {
         self.chip().clocks.hclk_hz
@@ -424,12 +415,6 @@ impl Machine {
         self.chip_mut().serial_take(now)
     }
 
-    /// A word of RAM or flash; none for other addresses.
-    pub fn word(&self, address: u32) -> Option<u32> {
-        let bytes = self.chip().bytes(address, 4)?;
-        Some(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
-    }
-
     /// Peak stack usage since the last start, from the stack paint of cortex-m-rt.
     ///
     /// None for an image without cortex-m-rt's stack symbols.
@@ -442,24 +427,9 @@ impl Machine {
         Some(StackUse { used: len - untouched, available: len })
     }
 
-    /// Names of the storage registers that were read but never written.
-    pub fn unwritten_reads(&mut self) -> Vec<String> {
-        self.chip_mut().unwritten_reads()
-    }
-
     /// A copy of the flash's non-volatile contents.
     pub fn flash(&self) -> flash::Contents {
         self.chip().flash.contents()
-    }
-
-    /// Restores such a copy; restart the chip afterwards.
-    pub fn set_flash(&mut self, contents: &flash::Contents) {
-        self.chip_mut().flash.set_contents(contents);
-    }
-
-    /// Value of a core register.
-    pub fn register(&self, register: RegisterARM) -> u32 {
-        self.cpu.register(register)
     }
 }
 

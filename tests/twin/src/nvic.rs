@@ -25,6 +25,9 @@ pub const SV_CALL: usize = 11;
 const PEND_SV: usize = 14;
 const SYS_TICK: usize = 15;
 const FIRST_INTERRUPT: usize = 16;
+/// The exceptions below the interrupts, which are always enabled, and all that exist, as bits.
+const SYSTEM: u128 = (1 << FIRST_INTERRUPT) - 1;
+const EXISTING: u128 = (1 << (FIRST_INTERRUPT + INTERRUPTS)) - 1;
 
 /// The four implemented priority bits.
 const PRIORITY_BITS: u8 = 0xf0;
@@ -36,6 +39,11 @@ const SYSRESETREQ: u32 = 1 << 2;
 /// CPACR: full access to the FPU.
 const FPU_ACCESS: u32 = 0xf << 20;
 
+/// Interrupt priorities, and those of the exceptions 4 to 15, each a byte.
+const IPR: u32 = 0x400;
+const IPR_END: u32 = 0x468;
+const SHPR: u32 = 0xd18;
+const SHPR_END: u32 = 0xd24;
 const SCR: u32 = 0xd10;
 const CPACR: u32 = 0xd88;
 const CFSR: u32 = 0xd28;
@@ -162,16 +170,14 @@ impl SysTick {
 /// The registers on the private peripheral bus.
 #[derive(Clone, Debug)]
 pub struct Nvic {
+    /// Bits by exception number: enabled, pending, and requests that are high.
     enabled: u128,
     pending: u128,
     lines: u128,
     nmi_line: bool,
-    /// Pending exceptions with numbers below 16, as a bit mask.
-    pending_system: u32,
     active: Vec<Active>,
-    priorities: [u8; INTERRUPTS],
-    /// Priorities of the exceptions 4 to 15.
-    system_priorities: [u8; 12],
+    /// By exception number.
+    priorities: [u8; FIRST_INTERRUPT + INTERRUPTS],
     group: u32,
     vector_table: u32,
     storage: Storage,
@@ -183,7 +189,7 @@ pub struct Nvic {
     cycle_counter_lag: u32,
     event: bool,
     /// What was pending at the last check; anything else that is pending is new.
-    seen: (u128, u32),
+    seen: u128,
     reset: bool,
 }
 
@@ -191,14 +197,12 @@ impl Default for Nvic {
     fn default() -> Self {
         let plain = |offset| (offset, 0, u32::MAX);
         Self {
-            enabled: 0,
+            enabled: SYSTEM,
             pending: 0,
             lines: 0,
             nmi_line: false,
-            pending_system: 0,
             active: Vec::new(),
-            priorities: [0; INTERRUPTS],
-            system_priorities: [0; 12],
+            priorities: [0; FIRST_INTERRUPT + INTERRUPTS],
             group: 0,
             vector_table: 0,
             storage: Storage::new(&[
@@ -231,7 +235,7 @@ impl Default for Nvic {
             cycle_counter_on: false,
             cycle_counter_lag: 0,
             event: false,
-            seen: (0, 0),
+            seen: 0,
             reset: false,
         }
     }
@@ -243,8 +247,7 @@ impl Nvic {
         match exception {
             NMI => -2,
             HARD_FAULT => -1,
-            0..FIRST_INTERRUPT => self.group_priority(self.system_priorities[exception.saturating_sub(4)]),
-            _ => self.group_priority(self.priorities[exception - FIRST_INTERRUPT]),
+            _ => self.group_priority(self.priorities[exception]),
         }
     }
 
@@ -254,41 +257,27 @@ impl Nvic {
 
     /// Order of pending exceptions of equal group priority: subpriority, then exception number.
     fn order(&self, exception: usize) -> (i32, i32, usize) {
-        let whole = match exception {
-            NMI | HARD_FAULT => 0,
-            0..FIRST_INTERRUPT => self.system_priorities[exception.saturating_sub(4)],
-            _ => self.priorities[exception - FIRST_INTERRUPT],
-        };
-        (self.priority(exception), i32::from(whole), exception)
+        (self.priority(exception), i32::from(self.priorities[exception]), exception)
     }
 
-    /// Pending interrupts. One whose request is still high becomes pending again when its handler ends.
-    fn pending_interrupts(&self) -> u128 {
-        let active = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
-        let active = active.fold(0u128, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT));
-        self.pending | self.lines & !active
+    fn active_exceptions(&self) -> u128 {
+        self.active.iter().fold(0, |bits, active| bits | 1 << active.exception)
+    }
+
+    /// Pending exceptions. An interrupt whose request is still high becomes pending again when its handler ends.
+    fn pending_exceptions(&self) -> u128 {
+        self.pending | self.lines & !self.active_exceptions()
     }
 
     /// The most urgent exception that is pending and enabled, regardless of active exceptions and masks.
     fn candidate(&self) -> Option<usize> {
-        let mut system = self.pending_system;
-        let mut best = None;
-        let mut consider = |exception: usize| {
-            let order = self.order(exception);
-            if best.is_none_or(|(least, _)| order < least) {
-                best = Some((order, exception));
-            }
-        };
-        while system != 0 {
-            consider(system.trailing_zeros() as usize);
-            system &= system - 1;
-        }
-        let mut interrupts = self.pending_interrupts() & self.enabled;
-        while interrupts != 0 {
-            consider(interrupts.trailing_zeros() as usize + FIRST_INTERRUPT);
-            interrupts &= interrupts - 1;
-        }
-        best.map(|(_, exception)| exception)
+        let mut bits = self.pending_exceptions() & self.enabled;
+        let numbers = std::iter::from_fn(|| {
+            let number = (bits != 0).then(|| bits.trailing_zeros() as usize)?;
+            bits &= bits - 1;
+            Some(number)
+        });
+        numbers.min_by_key(|&exception| self.order(exception))
     }
 
     /// Execution priority of the core (B1.5.4).
@@ -317,25 +306,25 @@ impl Nvic {
 
     /// Sets the levels of the interrupt requests and of the NMI request.
     pub fn set_lines(&mut self, lines: u128, nmi: bool) {
+        let lines = lines << FIRST_INTERRUPT;
         self.pending |= lines & !self.lines;
         self.lines = lines;
         if nmi && !self.nmi_line {
-            self.pending_system |= 1 << NMI;
+            self.pend_system(NMI);
         }
         self.nmi_line = nmi;
     }
 
     /// Makes an exception below 16 pending, for example one that an instruction causes.
     pub fn pend_system(&mut self, exception: usize) {
-        self.pending_system |= 1 << exception;
+        self.pending |= 1 << exception;
     }
 
     /// Records a bus fault at this address. It escalates to HardFault, as BusFault is never enabled here.
     pub fn bus_fault(&mut self, address: u32) {
         self.storage.set(BFAR, address);
         // PRECISERR, BFARVALID.
-        self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 9 | 1 << 15);
-        self.hard_fault();
+        self.hard_fault(1 << 9 | 1 << 15);
     }
 
     /// Records an access that the MPU forbids. It escalates to HardFault, as MemManage is never enabled here.
@@ -345,8 +334,7 @@ impl Nvic {
         if !executing {
             self.storage.set(MMFAR, address);
         }
-        self.storage.set(CFSR, self.storage.get(CFSR) | status);
-        self.hard_fault();
+        self.hard_fault(status);
     }
 
     /// The regions that the MPU currently enforces, in ascending precedence. Empty while the MPU is off, and in fault
@@ -363,11 +351,12 @@ impl Nvic {
 
     /// Records an undefined instruction, which escalates to HardFault.
     pub fn undefined_instruction(&mut self) {
-        self.storage.set(CFSR, self.storage.get(CFSR) | 1 << 16);
-        self.hard_fault();
+        self.hard_fault(1 << 16);
     }
 
-    fn hard_fault(&mut self) {
+    /// Records a fault's bits in CFSR, and its escalation.
+    fn hard_fault(&mut self, status: u32) {
+        self.storage.set(CFSR, self.storage.get(CFSR) | status);
         // FORCED.
         self.storage.set(HFSR, self.storage.get(HFSR) | 1 << 30);
         self.pend_system(HARD_FAULT);
@@ -376,12 +365,9 @@ impl Nvic {
     /// Makes an exception active; returns the address of its vector.
     pub fn enter(&mut self, exception: usize) -> u32 {
         self.active.push(Active { exception, priority: self.priority(exception) });
-        match exception {
-            0..FIRST_INTERRUPT => self.pending_system &= !(1 << exception),
-            _ => self.pending &= !(1 << (exception - FIRST_INTERRUPT)),
-        }
+        self.pending &= !(1 << exception);
         // Forget what is no longer pending: if it becomes pending again, it is new.
-        self.seen = (self.seen.0 & self.pending_interrupts(), self.seen.1 & self.pending_system);
+        self.seen &= self.pending_exceptions();
         self.event = true;
         self.vector_table + 4 * exception as u32
     }
@@ -390,11 +376,6 @@ impl Nvic {
     pub fn leave(&mut self) -> Option<usize> {
         self.event = true;
         self.active.pop().map(|active| active.exception)
-    }
-
-    /// Number of the active exception, as in IPSR; 0 in thread mode.
-    pub fn running(&self) -> usize {
-        self.active.last().map_or(0, |active| active.exception)
     }
 
     /// Number of active exceptions.
@@ -417,11 +398,6 @@ impl Nvic {
         self.reset
     }
 
-    /// Address of the vector table (VTOR).
-    pub fn vector_table(&self) -> u32 {
-        self.vector_table
-    }
-
     /// Whether CPACR grants full access to the FPU.
     pub fn fpu_is_on(&self) -> bool {
         self.storage.get(CPACR) & FPU_ACCESS == FPU_ACCESS
@@ -430,10 +406,10 @@ impl Nvic {
     /// Advances SysTick to `now` and detects newly pending exceptions.
     pub fn advance(&mut self, now: Cycles) {
         if self.systick.advance(now) && self.systick.control & 2 != 0 {
-            self.pending_system |= 1 << SYS_TICK;
+            self.pend_system(SYS_TICK);
         }
-        let pending = (self.pending_interrupts(), self.pending_system);
-        let new = pending.0 & !self.seen.0 != 0 || pending.1 & !self.seen.1 != 0;
+        let pending = self.pending_exceptions();
+        let new = pending & !self.seen != 0;
         self.seen = pending;
         if new && self.storage.get(SCR) & SEVONPEND != 0 {
             self.event = true;
@@ -445,28 +421,14 @@ impl Nvic {
         (self.systick.runs() && self.systick.control & 2 != 0).then(|| self.systick.since + self.systick.period())
     }
 
-    /// Word `number` of a set of interrupts, 32 bits each.
-    fn word(set: u128, number: u32) -> u32 {
-        (set >> (32 * number)) as u32
-    }
-
-    fn active_interrupts(&self) -> u128 {
-        let bits = self.active.iter().filter(|active| active.exception >= FIRST_INTERRUPT);
-        bits.fold(0, |bits, active| bits | 1 << (active.exception - FIRST_INTERRUPT))
-    }
-
     fn control_state(&self) -> u32 {
+        // As in IPSR; 0 in thread mode.
+        let running = self.active.last().map_or(0, |active| active.exception) as u32;
         let pending = self.candidate().unwrap_or(0) as u32;
-        let interrupt = u32::from(self.pending_interrupts() != 0);
-        let bit = |exception: usize, at: u32| (self.pending_system >> exception & 1) << at;
+        let interrupt = u32::from(self.pending_exceptions() & !SYSTEM != 0);
+        let bit = |exception: usize, at: u32| ((self.pending >> exception) as u32 & 1) << at;
         let base = u32::from(self.active.len() <= 1) << 11;
-        self.running() as u32
-            | base
-            | pending << 12
-            | interrupt << 22
-            | bit(SYS_TICK, 26)
-            | bit(PEND_SV, 28)
-            | bit(NMI, 31)
+        running | base | pending << 12 | interrupt << 22 | bit(SYS_TICK, 26) | bit(PEND_SV, 28) | bit(NMI, 31)
     }
 
     /// A read on the private peripheral bus, 0xE000_0000 and up.
@@ -485,25 +447,25 @@ impl Nvic {
     }
 
     fn read_scs(&mut self, register: u32, now: Cycles) -> Result<u32, Unknown> {
-        let bytes = |bytes: &[u8], at: u32| {
-            let at = at as usize & !3;
-            (0..4).fold(0, |word, n| word | u32::from(bytes.get(at + n).copied().unwrap_or(0)) << (8 * n))
-        };
+        // The word of a set of interrupts, 32 bits each.
+        let word = |set: u128| (set >> shift(register)) as u32;
         Ok(match register {
             0x004 => 3,
             0x010 => self.systick.control | u32::from(std::mem::take(&mut self.systick.counted)) << 16,
             0x014 => self.systick.reload,
             0x018 => self.systick.current(now),
             0x01c => 0x8000_0000,
-            0x100..0x110 | 0x180..0x190 => Self::word(self.enabled, (register & 0xf) / 4),
-            0x200..0x210 | 0x280..0x290 => Self::word(self.pending_interrupts(), (register & 0xf) / 4),
-            0x300..0x310 => Self::word(self.active_interrupts(), (register & 0xf) / 4),
-            0x400..0x468 => bytes(&self.priorities, register - 0x400),
+            0x100..0x110 | 0x180..0x190 => word(self.enabled),
+            0x200..0x210 | 0x280..0x290 => word(self.pending_exceptions()),
+            0x300..0x310 => word(self.active_exceptions()),
+            IPR..IPR_END | SHPR..SHPR_END => {
+                let priorities = self.priorities.iter().skip(first_priority(register)).take(4);
+                priorities.zip([0, 8, 16, 24]).fold(0, |word, (byte, at)| word | u32::from(*byte) << at)
+            }
             0xd00 => 0x410f_c241,
             0xd04 => self.control_state(),
             0xd08 => self.vector_table,
             0xd0c => 0xfa05_0000 | self.group << 8,
-            0xd18..0xd24 => bytes(&self.system_priorities, register - 0xd18),
             MPU_RBAR..MPU_END => {
                 let number = self.region();
                 let (base, attributes) = self.regions[number];
@@ -550,7 +512,8 @@ impl Nvic {
         if is_base && value & 1 << 4 != 0 {
             self.storage.set(MPU_RNR, value & 0xf);
         }
-        let region = &mut self.regions[self.storage.get(MPU_RNR) as usize % REGIONS];
+        let number = self.region();
+        let region = &mut self.regions[number];
         if is_base {
             region.0 = value & !0x1f;
         } else {
@@ -564,9 +527,8 @@ impl Nvic {
     }
 
     fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
-        let set = |register: u32| u128::from(value) << (32 * ((register & 0xf) / 4));
-        let existing = (1u128 << INTERRUPTS) - 1;
-        let by_byte = matches!(register, 0x400..0x468 | 0xd18..0xd24);
+        let set = u128::from(value) << shift(register);
+        let by_byte = matches!(register, IPR..IPR_END | SHPR..SHPR_END);
         if width != Width::Word && !by_byte {
             return Err(Unknown::WIDTH);
         }
@@ -582,28 +544,20 @@ impl Nvic {
                 self.systick.since = now;
                 self.systick.counted = false;
             }
-            0x100..0x110 => self.enabled |= set(register) & existing,
-            0x180..0x190 => self.enabled &= !set(register),
-            0x200..0x210 => self.pending |= set(register) & existing,
-            0x280..0x290 => self.pending &= !set(register),
-            0x400..0x468 => {
-                for n in 0..width.bytes() {
-                    if let Some(priority) = self.priorities.get_mut((register - 0x400 + n) as usize) {
-                        *priority = (value >> (8 * n)) as u8 & PRIORITY_BITS;
-                    }
+            0x100..0x110 => self.enabled |= set & EXISTING,
+            0x180..0x190 => self.enabled &= !set,
+            0x200..0x210 => self.pending |= set & EXISTING,
+            0x280..0x290 => self.pending &= !set,
+            IPR..IPR_END | SHPR..SHPR_END => {
+                let priorities = self.priorities.iter_mut().skip(first_priority(register));
+                for (priority, byte) in priorities.zip(value.to_le_bytes()).take(width.bytes() as usize) {
+                    *priority = byte & PRIORITY_BITS;
                 }
             }
             0xd04 => {
-                for (bit, exception, on) in [(31, NMI, true), (28, PEND_SV, true), (26, SYS_TICK, true)]
-                    .into_iter()
-                    .chain([(27, PEND_SV, false), (25, SYS_TICK, false)])
-                {
-                    match value >> bit & 1 {
-                        1 if on => self.pending_system |= 1 << exception,
-                        1 => self.pending_system &= !(1 << exception),
-                        _ => {}
-                    }
-                }
+                let bit = |at: u32, exception: usize| u128::from(value >> at & 1) << exception;
+                self.pending |= bit(31, NMI) | bit(28, PEND_SV) | bit(26, SYS_TICK);
+                self.pending &= !(bit(27, PEND_SV) | bit(25, SYS_TICK));
             }
             0xd08 => self.vector_table = value & !0x7f,
             0xd0c => {
@@ -613,16 +567,9 @@ impl Nvic {
                 self.group = value >> 8 & 7;
                 self.reset |= value & SYSRESETREQ != 0;
             }
-            0xd18..0xd24 => {
-                for n in 0..width.bytes() {
-                    if let Some(priority) = self.system_priorities.get_mut((register - 0xd18 + n) as usize) {
-                        *priority = (value >> (8 * n)) as u8 & PRIORITY_BITS;
-                    }
-                }
-            }
             // Writing 1 clears a bit.
             CFSR | HFSR => self.storage.set(register, self.storage.get(register) & !value),
-            0xf00 => self.pending |= 1 << (value & 0x7f) & existing,
+            0xf00 => self.pending |= 1_u128 << (value & 0x7f) << FIRST_INTERRUPT & EXISTING,
             // Cache and branch predictor maintenance. An M4 has neither.
             0xf50..=0xf78 => {}
             MPU_CTRL if value & MPU_ENABLE != 0 && value & MPU_BACKGROUND == 0 => {
@@ -633,6 +580,16 @@ impl Nvic {
         }
         Ok(())
     }
+}
+
+/// Place, in a set of exceptions, of the interrupts that a register holds.
+fn shift(register: u32) -> u32 {
+    FIRST_INTERRUPT as u32 + 32 * ((register & 0xf) / 4)
+}
+
+/// The exception whose priority is at this place of NVIC_IPR or of SHPR, which begins with exception 4.
+fn first_priority(register: u32) -> usize {
+    if register < SHPR { FIRST_INTERRUPT + (register - IPR) as usize } else { 4 + (register - SHPR) as usize }
 }
 
 #[cfg(test)]
@@ -653,9 +610,13 @@ mod tests {
     fn two() -> Nvic {
         let mut nvic = Nvic::default();
         write(&mut nvic, 0x100, 3 << 5);
-        nvic.write(0xe000_e405, 0x6f, Width::Byte, 0).expect("modelled access");
-        nvic.write(0xe000_e406, 0x20, Width::Byte, 0).expect("modelled access");
+        prioritise(&mut nvic, 5, 0x6f);
+        prioritise(&mut nvic, 6, 0x20);
         nvic
+    }
+
+    fn prioritise(nvic: &mut Nvic, interrupt: u32, priority: u32) {
+        nvic.write(0xe000_e000 + IPR + interrupt, priority, Width::Byte, 0).expect("modelled access");
     }
 
     #[test]
@@ -691,7 +652,7 @@ mod tests {
         let mut nvic = two();
         // PRIGROUP leaves two bits for the group: 0x60 and 0x40 are in the same group.
         write(&mut nvic, 0xd0c, VECTKEY << 16 | 5 << 8);
-        nvic.write(0xe000_e406, 0x40, Width::Byte, 0).expect("modelled access");
+        prioritise(&mut nvic, 6, 0x40);
         write(&mut nvic, 0x200, 3 << 5);
         assert_eq!(nvic.takeable(OPEN), Some(22));
         write(&mut nvic, 0x280, 2 << 5);

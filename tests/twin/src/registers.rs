@@ -6,11 +6,11 @@ use crate::chip::clocks::{Clocks, Cycles};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Width {
     /// 8 bits.
-    Byte,
+    Byte = 1,
     /// 16 bits.
-    Half,
+    Half = 2,
     /// 32 bits.
-    Word,
+    Word = 4,
 }
 
 impl Width {
@@ -26,20 +26,12 @@ impl Width {
 
     /// Number of bytes: 1, 2 or 4.
     pub const fn bytes(self) -> u32 {
-        match self {
-            Self::Byte => 1,
-            Self::Half => 2,
-            Self::Word => 4,
-        }
+        self as u32
     }
 
     /// A mask of the bits of the access.
     pub const fn mask(self) -> u32 {
-        match self {
-            Self::Byte => 0xff,
-            Self::Half => 0xffff,
-            Self::Word => u32::MAX,
-        }
+        u32::MAX >> (32 - 8 * self.bytes())
     }
 
     /// The part of a register's word that a read at this offset returns.

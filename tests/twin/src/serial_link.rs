@@ -44,7 +44,7 @@ pub struct SerialLink {
 impl SerialLink {
     /// A link with nothing sent yet.
     pub fn new(machine: Machine) -> Self {
-        Self { machine, talk: Talk::new() }
+        Self { machine, talk: Talk::default() }
     }
 
     /// Receives until a time in seconds since power-on; the records go to [`talk`](Self::talk).

@@ -8,42 +8,26 @@ use inerter_wire::{
 };
 use std::collections::VecDeque;
 
-/// Encodes requests and decodes records.
+/// Encodes requests and decodes records. By default at the start of both streams.
+#[derive(Default)]
 pub struct Talk {
     reader: FrameReader<Record>,
     sequence: SequenceCounter,
-    next_id: u16,
+    last_id: u16,
     records: VecDeque<Record>,
     /// Frames that are missing according to the device's sequence numbers.
     lost: u64,
 }
 
-impl Default for Talk {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Talk {
-    /// The state at the start of both streams.
-    pub fn new() -> Self {
-        Self {
-            reader: FrameReader::new(),
-            sequence: SequenceCounter::new(),
-            next_id: 1,
-            records: VecDeque::new(),
-            lost: 0,
-        }
-    }
-
     /// Encodes a request; returns its id, which the reply carries, and the bytes. `Hello` restarts the stream and is
     /// sent after a delimiter.
     pub fn request(&mut self, command: Command) -> (u16, Vec<u8>) {
-        let id = self.next_id;
-        self.next_id = id.wrapping_add(1).max(1);
+        let id = self.last_id.wrapping_add(1).max(1);
+        self.last_id = id;
         let mut bytes = Vec::new();
         if command == Command::Hello {
-            self.sequence = SequenceCounter::new();
+            self.sequence = SequenceCounter::default();
             bytes.push(DELIMITER);
         }
         let mut frame = [0; MAX_FRAME];
@@ -96,7 +80,7 @@ mod tests {
 
     #[test]
     fn replies_find_their_requests_and_losses_are_counted() {
-        let mut talk = Talk::new();
+        let mut talk = Talk::default();
         let (first, bytes) = talk.request(Command::Hello);
         assert_eq!((first, bytes[0]), (1, DELIMITER));
         let (second, _) = talk.request(Command::ReadSettings);

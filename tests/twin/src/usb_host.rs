@@ -33,6 +33,8 @@ pub trait Socket {
 
 /// Maximum packet size of bulk endpoints at full speed, and upper limit for control endpoints.
 const FULL_PACKET: usize = 64;
+/// Interval of the SOF packets.
+const FRAME_S: f64 = 1e-3;
 /// Address that the host assigns.
 const ADDRESS: u8 = 9;
 /// Time from connection to bus reset (USB 2.0 7.1.7.3).
@@ -112,7 +114,8 @@ impl Setup {
         Self { kind, request, value: word(v0, v1), index: word(i0, i1), length: word(l0, l1) }
     }
 
-    fn to_host(self) -> bool {
+    /// Whether its data, if any, goes to the host.
+    pub fn to_host(self) -> bool {
         self.kind & 0x80 != 0
     }
 }
@@ -189,8 +192,6 @@ pub struct UsbHost {
     address: u8,
     supplied: bool,
     frames: bool,
-    /// Frame length by the device's clock \[s\]; nominally 1 ms.
-    frame_s: f64,
     description: Option<Description>,
     pause_s: f64,
     /// Maximum packet size of endpoint 0, from the device descriptor.
@@ -198,14 +199,8 @@ pub struct UsbHost {
 }
 
 impl Default for UsbHost {
+    /// A host with nothing connected.
     fn default() -> Self {
-        Self::new()
-    }
-}
-
-impl UsbHost {
-    /// A host with nothing connected and an exact clock.
-    pub fn new() -> Self {
         Self {
             pipes: std::array::from_fn(|_| Pipe::default()),
             done: VecDeque::new(),
@@ -213,18 +208,14 @@ impl UsbHost {
             address: 0,
             supplied: false,
             frames: false,
-            frame_s: 1e-3,
             description: None,
             pause_s: PAUSE_S,
             control_packet: FULL_PACKET,
         }
     }
+}
 
-    /// The same with a clock that is `ppm` parts per million slow.
-    pub fn with_slow_clock(ppm: f64) -> Self {
-        Self { frame_s: 1e-3 * (1.0 + ppm * 1e-6), ..Self::new() }
-    }
-
+impl UsbHost {
     /// The descriptors of the last enumeration.
     pub fn description(&self) -> Option<&Description> {
         self.description.as_ref()
@@ -269,7 +260,7 @@ impl UsbHost {
         self.description = None;
         self.check_attached(socket)?;
         socket.usb().bus_reset();
-        socket.usb().start_frames(self.frame_s);
+        socket.usb().start_frames(FRAME_S);
         self.frames = true;
         run(socket, RESET_S)
     }
@@ -285,7 +276,7 @@ impl UsbHost {
     pub fn resume(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
         self.check_attached(socket)?;
         socket.usb().resume();
-        socket.usb().start_frames(self.frame_s);
+        socket.usb().start_frames(FRAME_S);
         self.frames = true;
         run(socket, RESUME_S)
     }
@@ -328,21 +319,31 @@ impl UsbHost {
 
     /// SET_ADDRESS.
     pub fn set_address(&mut self, socket: &mut impl Socket) -> Result<(), UsbError> {
-        self.control(socket, Setup { kind: 0, request: 5, value: ADDRESS.into(), index: 0, length: 0 }, &[])?;
+        self.order(socket, 0, 5, ADDRESS.into(), 0)?;
         self.address = ADDRESS;
         run(socket, SET_ADDRESS_S)
     }
 
     /// SET_CONFIGURATION.
     pub fn configure(&mut self, socket: &mut impl Socket, configuration: u8) -> Result<(), UsbError> {
-        let setup = Setup { kind: 0, request: 9, value: configuration.into(), index: 0, length: 0 };
-        self.control(socket, setup, &[]).map(|_| ())
+        self.order(socket, 0, 9, configuration.into(), 0)
     }
 
     /// CLEAR_FEATURE(ENDPOINT_HALT). The top bit of `endpoint` is set for an IN endpoint.
     pub fn clear_halt(&mut self, socket: &mut impl Socket, endpoint: u8) -> Result<(), UsbError> {
-        let setup = Setup { kind: 2, request: 1, value: 0, index: endpoint.into(), length: 0 };
-        self.control(socket, setup, &[]).map(|_| ())
+        self.order(socket, 2, 1, 0, endpoint.into())
+    }
+
+    /// A control request without data.
+    fn order(
+        &mut self,
+        socket: &mut impl Socket,
+        kind: u8,
+        request: u8,
+        value: u16,
+        index: u16,
+    ) -> Result<(), UsbError> {
+        self.control(socket, Setup { kind, request, value, index, length: 0 }, &[]).map(|_| ())
     }
 
     /// GET_DESCRIPTOR.
@@ -654,8 +655,7 @@ impl Running {
                 if self.received.len() > length {
                     return Step::Ends(Err(UsbError::TooMuch));
                 }
-                let over = if setup.to_host() { short } else { false };
-                if over || self.received.len() + self.sent >= length {
+                if setup.to_host() && short || self.received.len() + self.sent >= length {
                     self.stage = Stage::Status;
                 }
             }

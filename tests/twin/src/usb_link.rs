@@ -10,7 +10,7 @@ use crate::talk::Talk;
 use crate::usb_host::serial::SerialPort;
 use crate::usb_host::{Description, Socket, UsbError, UsbHost};
 use inerter_core::Settings;
-use inerter_wire::{Command, Record, Refusal, Reply, SettingsValues};
+use inerter_wire::{Command, Record, Refusal, Reply};
 
 /// Timeout for a reply; saving settings may have to erase a page.
 const REPLY_S: f64 = 2.0;
@@ -69,7 +69,7 @@ impl Socket for Machine {
 impl<S: Socket> UsbLink<S> {
     /// A device with its cable disconnected.
     pub fn new(socket: S) -> Self {
-        Self { socket, host: UsbHost::new(), talk: Talk::new(), port: None }
+        Self { socket, host: UsbHost::default(), talk: Talk::default(), port: None }
     }
 
     /// Connects and enumerates.
@@ -77,10 +77,17 @@ impl<S: Socket> UsbLink<S> {
         self.host.connect(&mut self.socket)
     }
 
+    /// Connects, enumerates and opens the port.
+    pub fn plug_in(&mut self) -> Result<Description, UsbError> {
+        let description = self.connect()?;
+        self.open()?;
+        Ok(description)
+    }
+
     /// Opens the port. The protocol state starts fresh, as in a program that has just been started.
     pub fn open(&mut self) -> Result<(), UsbError> {
         self.port = Some(SerialPort::open(&mut self.host, &mut self.socket)?);
-        self.talk = Talk::new();
+        self.talk = Talk::default();
         Ok(())
     }
 
@@ -145,10 +152,8 @@ impl<S: Socket> UsbLink<S> {
 
     /// Connects, applies and saves settings, and disconnects, as a user does once with a new board.
     pub fn set_up(&mut self, settings: &Settings) -> Result<(), LinkError> {
-        self.connect()?;
-        self.open()?;
-        let values = SettingsValues::from(settings);
-        for command in [Command::Hello, Command::WriteSettings(values), Command::SaveSettings] {
+        self.plug_in()?;
+        for command in [Command::Hello, Command::WriteSettings(settings.into()), Command::SaveSettings] {
             self.request(command, REPLY_S)?.result.map_err(LinkError::Refused)?;
         }
         self.unplug();

@@ -101,7 +101,7 @@ impl<S: Socket> Server<S> {
         Ok(Self {
             socket,
             counts: Counts::default(),
-            host: UsbHost::new(),
+            host: UsbHost::default(),
             listener,
             clients: Vec::new(),
             transfers: BTreeMap::new(),

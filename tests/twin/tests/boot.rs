@@ -1,5 +1,6 @@
 //! The board starts, and can be updated, with any value of the option bits that select where the chip boots.
 
+use crate::common::{carried_by, causes, enters_update_mode, press, run};
 use inerter_twin::chip::flash::{Boot, OPTIONS_DELIVERED};
 use inerter_twin::chip::rcc::Reset;
 use inerter_twin::chip::rom::Left;
@@ -18,37 +19,23 @@ const NBOOT0: u32 = 1 << 27;
 /// From power-on, or from the ROM's jump, until the firmware answers.
 const START_S: f64 = 0.2;
 
-fn run(machine: &mut Machine, length_s: f64) {
-    machine.run_for(length_s).unwrap_or_else(|ended| panic!("{ended}"));
-}
-
 fn hello(link: &mut SerialLink) -> Hello {
     link.talk = Default::default();
     link.order(Command::Hello, 0.5).unwrap_or_else(|error| panic!("{error}"));
     link.listen_until(link.machine.time_s() + 0.05).unwrap_or_else(|ended| panic!("{ended}"));
-    let hello = link.records().into_iter().find_map(|record| match record {
-        Record::Hello(hello) => Some(hello),
-        _ => None,
-    });
-    hello.expect("a Hello")
-}
-
-/// The machine ends up in the boot loader.
-fn enters_update_mode(machine: &mut Machine) {
-    let ended = machine.run_for(1.0).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    link.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello")
 }
 
 /// One value of the option bytes: from a new chip to an update, through each way into update mode.
 fn a_life_with(image: &[u8], options: u32) {
-    let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+    let mut machine = Machine::new(image, Still).expect("the image");
     machine.chip_mut().flash.set_options(options);
     let started = machine.power_cut();
     match machine.chip().flash.boots(false) {
         Boot::Flash | Boot::EitherBank => started.expect("starts"),
         // An update leads out of the ROM.
         Boot::Rom => {
-            enters_update_mode(&mut machine);
+            enters_update_mode(&mut machine, 1.0);
             machine.leave_rom(Left::Unlocked).expect("jumps");
         }
         // Only a debug probe leads out of RAM.
@@ -68,29 +55,27 @@ fn a_life_with(image: &[u8], options: u32) {
     assert_eq!((kept ^ options) & (DBANK | NSWBOOT0), 0, "not the firmware's to change");
     // Into update mode by command, and back by the ROM's jump.
     link.order(Command::EnterDfu, 0.5).unwrap_or_else(|error| panic!("{error}"));
-    enters_update_mode(&mut link.machine);
+    enters_update_mode(&mut link.machine, 1.0);
     link.machine.leave_rom(Left::Running).expect("jumps");
     run(&mut link.machine, START_S);
     hello(&mut link);
     // Into update mode by the button, and back by the button.
+    press(&mut link.machine, 0.1);
     link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.1);
-    link.machine.reset().expect("starts");
-    enters_update_mode(&mut link.machine);
-    link.machine.reset().expect("starts");
-    run(&mut link.machine, 1.0);
+    enters_update_mode(&mut link.machine, 1.0);
+    press(&mut link.machine, 1.0);
     hello(&mut link);
     // Into update mode by the BOOT0 pin, where the option bytes let it count.
     link.machine.set_boot0(true);
     link.machine.reset().expect("starts");
     if options & NSWBOOT0 != 0 {
-        enters_update_mode(&mut link.machine);
+        enters_update_mode(&mut link.machine, 1.0);
     } else {
         run(&mut link.machine, 1.0);
         hello(&mut link);
     }
     // The firmware set the option bytes exactly once.
-    let of_options = link.machine.resets().iter().filter(|reset| reset.1 == Reset::OptionBytes);
+    let of_options = causes(&link.machine).into_iter().filter(|cause| *cause == Reset::OptionBytes);
     assert_eq!(of_options.count(), 1, "{resets} resets until the first Hello");
 }
 
@@ -122,12 +107,12 @@ fn the_roms_jump_starts_a_board_whose_every_reset_leads_into_the_rom() {
             // have set them, or setting them may be what went wrong.
             for cause in [Reset::Power, Reset::Pin, Reset::Software, Reset::OptionBytes, Reset::Watchdog] {
                 eprintln!("option bytes {options:#010x}, {left:?}, {cause:?}");
-                let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+                let mut machine = Machine::new(&image, Still).expect("the image");
                 // Let the firmware read the flags of power-on first.
                 run(&mut machine, START_S);
                 machine.chip_mut().flash.set_options(options);
                 machine.reset_by(cause).expect("starts");
-                enters_update_mode(&mut machine);
+                enters_update_mode(&mut machine, 1.0);
                 machine.leave_rom(left).expect("jumps");
                 run(&mut machine, START_S);
                 let are_mended = machine.chip().flash.options() & NBOOT0 != 0;
@@ -136,7 +121,7 @@ fn the_roms_jump_starts_a_board_whose_every_reset_leads_into_the_rom() {
                 hello(&mut link);
                 link.machine.power_cut().expect("starts");
                 if !are_mended {
-                    enters_update_mode(&mut link.machine);
+                    enters_update_mode(&mut link.machine, 1.0);
                     link.machine.leave_rom(left).expect("jumps");
                 }
                 run(&mut link.machine, START_S);
@@ -152,7 +137,7 @@ fn a_chip_with_less_flash_says_so_and_keeps_no_settings() {
     let Some(image) = shipping_image() else { return };
     for flash_kb in [128, 256, 512] {
         let options = Options { flash_kb, ..Options::default() };
-        let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+        let mut machine = Machine::with(&image, options, Still).expect("the image");
         run(&mut machine, START_S);
         let mut link = SerialLink::new(machine);
         let capabilities = hello(&mut link).capabilities;

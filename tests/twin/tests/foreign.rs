@@ -2,10 +2,11 @@
 //! programs on `stm32-hal2`, `stm32-usbd` and `usbd-serial` (`foreign/`). They have run on real boards. If one behaves
 //! differently here, the twin or the program is wrong.
 
-use crate::common::{chip_with, image_of_others};
+use crate::common::{causes, chip_with, image_of_others, run};
 use inerter_twin::World;
 use inerter_twin::chip::{Pin, adc, flash, gpio::Mode, rcc::Reset};
 use inerter_twin::cpu::Stop;
+use inerter_twin::cycles::timing::halves;
 use inerter_twin::machine::Machine;
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
@@ -14,10 +15,6 @@ use inerter_twin::{Registers, Width};
 /// A chip running a program of the folder `foreign`. `None` if it is not built, after reporting the skip.
 fn foreign(name: &str, world: impl World + 'static) -> Option<Machine> {
     Some(chip_with(&image_of_others(name)?, world))
-}
-
-fn run(machine: &mut Machine, time_s: f64) {
-    machine.run_for(time_s).unwrap_or_else(|ended| panic!("{ended}"));
 }
 
 /// Constant inputs of the converters, and a constant speed of the encoder.
@@ -49,10 +46,9 @@ const STEADY: Steady = Steady { force_v: 1.1, terminal_v: 2.2, edges_per_s: -10_
 fn stm32g4xx_hal_usb_serial_gives_back_in_capitals() {
     let Some(machine) = foreign("usb-serial", Still) else { return };
     let mut link = UsbLink::new(machine);
-    let description = link.connect().expect("enumerated");
-    let texts = [&description.manufacturer, &description.product, &description.serial].map(|text| text.text.clone());
+    let description = link.plug_in().expect("a serial port");
+    let texts = [description.manufacturer, description.product, description.serial].map(|text| text.text);
     assert_eq!(texts, ["Fake company", "Serial port", "TEST"]);
-    link.open().expect("a serial port");
     for text in ["hello", "World 42", &"x".repeat(63)] {
         assert_eq!(link.send(text.as_bytes(), 1.0), Ok(text.len()));
         let answer = link.receive(0.05).expect("open");
@@ -68,7 +64,7 @@ fn stm32g4xx_hal_adc_dma_fills_its_ring() {
     let now = machine.now();
     let ring = machine.chip_mut().dma1.read(0x14, Width::Word, now).expect("DMA_CMAR1");
     let bytes = machine.chip().bytes(ring, 30).expect("in RAM");
-    let codes: Vec<f64> = bytes.chunks_exact(2).map(|code| f64::from(u16::from_le_bytes([code[0], code[1]]))).collect();
+    let codes: Vec<f64> = halves(bytes).map(f64::from).collect();
     let volts = [STEADY.force_v, adc::sensor_volts(25.0), adc::internal_reference_volts()];
     for (n, code) in codes.iter().enumerate() {
         let expected = volts[n % 3] / adc::REFERENCE_V * adc::CODES;
@@ -103,10 +99,17 @@ fn stm32g4xx_hal_button_panics_as_on_a_board() {
 fn stm32g4xx_hal_watchdog_bites_after_its_32_seconds() {
     let Some(mut machine) = foreign("watchdog", Still) else { return };
     run(&mut machine, 33.0);
-    let resets: Vec<Reset> = machine.resets().iter().map(|(_, cause)| *cause).collect();
-    assert_eq!(resets, [Reset::Power, Reset::Watchdog]);
+    assert_eq!(causes(&machine), [Reset::Power, Reset::Watchdog]);
     let at_s = machine.resets()[1].0;
     assert!((32.7..32.8).contains(&at_s), "{at_s} s");
+}
+
+/// The instrument on `stm32-hal2`, started.
+fn hal2() -> Option<Machine> {
+    let mut machine = foreign("hal2", STEADY)?;
+    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
+    run(&mut machine, 0.05);
+    Some(machine)
 }
 
 /// The program's answer to a one-letter command.
@@ -118,9 +121,7 @@ fn ask(machine: &mut Machine, letter: u8) -> String {
 
 #[test]
 fn stm32_hal2_measures_counts_and_keeps() {
-    let Some(mut machine) = foreign("hal2", STEADY) else { return };
-    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
-    run(&mut machine, 0.05);
+    let Some(mut machine) = hal2() else { return };
     assert_eq!(machine.clock_hz(), 170e6);
     assert_eq!(ask(&mut machine, b'c'), "170000000\n");
     let volts = ask(&mut machine, b'a');
@@ -140,9 +141,7 @@ fn stm32_hal2_measures_counts_and_keeps() {
 /// The driver's `erase_page` omits the bank selection ("PAC error" in its source), so it would erase its own program.
 #[test]
 fn stm32_hal2_erases_the_first_bank_where_it_is_asked_for_the_second() {
-    let Some(mut machine) = foreign("hal2", STEADY) else { return };
-    machine.chip_mut().lpuart1.set_far_baud(115_200.0);
-    run(&mut machine, 0.05);
+    let Some(mut machine) = hal2() else { return };
     machine.serial_send(b"F");
     let ended = machine.run_for(0.1).expect_err("an end");
     assert!(matches!(&ended.stop, Stop::Bus(bad) if bad.what.contains("bank 1")), "{ended}");
@@ -152,9 +151,8 @@ fn stm32_hal2_erases_the_first_bank_where_it_is_asked_for_the_second() {
 fn stm32_hal2_usb_gives_back_one_higher() {
     let Some(machine) = foreign("hal2-usb", Still) else { return };
     let mut link = UsbLink::new(machine);
-    let description = link.connect().expect("enumerated");
+    let description = link.plug_in().expect("a serial port");
     assert_eq!((description.manufacturer.text.as_str(), description.product.text.as_str()), ("Others", "Echo"));
-    link.open().expect("a serial port");
     assert_eq!(link.send(b"HAL-9000", 1.0), Ok(8));
     assert_eq!(link.receive(0.05).expect("open"), b"IBM.:111");
     assert!(link.socket.clock_hz() == 170e6);

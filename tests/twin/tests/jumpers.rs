@@ -1,5 +1,6 @@
 //! The self-test with jumpers, against the shipping image: it passes on a sound board and names each planted fault.
 
+use crate::common::{self, carried_by};
 use inerter_jumpers::{Board as Keeper, JumperError, Report, run, run_with, truth};
 use inerter_plant::Inerter;
 use inerter_twin::Board;
@@ -9,7 +10,7 @@ use inerter_twin::chip::dac;
 use inerter_twin::chip::dmamux::Request;
 use inerter_twin::chip::errata::Errata;
 use inerter_twin::chip::gpio::Mode;
-use inerter_twin::chip::jumpers::{Jumpers, Planted};
+use inerter_twin::chip::jumpers::Jumpers;
 use inerter_twin::machine::{Machine, Options, shipping_image};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
@@ -32,7 +33,7 @@ impl Lab {
         self.request(Command::ReadSettings).expect("a reply");
         self.listen(0.05).expect("listens");
         let last = self.records().into_iter().rev();
-        last.filter_map(|(_, record)| if let Record::Settings(values) = record { Some(values) } else { None }).next()
+        last.map(|(_, record)| record).find_map(carried_by!(Record::Settings))
     }
 
     /// Runs the whole test, then checks that it restored the settings and released the pins.
@@ -79,13 +80,12 @@ const UNDISTURBED: Errata = Errata { adc_concurrent: false, ..Errata::ALL };
 
 /// A board with jumpers and a planted fault. `None` if there is no image, after reporting the skip.
 fn lab(options: Options, prepare: impl FnOnce(&mut Machine)) -> Option<Lab> {
-    let mut machine = Machine::with(&shipping_image()?, options, Box::new(Still)).expect("the image");
+    let mut machine = Machine::with(&shipping_image()?, options, Still).expect("the image");
     machine.chip_mut().jumpers = Some(Jumpers::RIGHT);
     prepare(&mut machine);
-    machine.run_for(STARTED_S).unwrap_or_else(|ended| panic!("{ended}"));
+    common::run(&mut machine, STARTED_S);
     let mut link = UsbLink::new(machine);
-    link.connect().expect("enumerates");
-    link.open().expect("opens");
+    link.plug_in().expect("opens");
     Some(Lab { link, records: Vec::new() })
 }
 
@@ -158,22 +158,22 @@ const CASES: &[Case] = &[
         wires(machine, |jumpers| std::mem::swap(&mut jumpers.force, &mut jumpers.terminal));
     }),
     case("wrong trigger, half a period late", "sampling", "another trigger", |machine| {
-        machine.chip_mut().planted = Planted { late: [HALF; 2], ..Planted::default() };
+        machine.chip_mut().planted.late = [HALF; 2];
     }),
     case("wrong trigger, 1.2 us late", "timing", "a trigger other than", |machine| {
-        machine.chip_mut().planted = Planted { late: [6 * US / 5; 2], ..Planted::default() };
+        machine.chip_mut().planted.late = [6 * US / 5; 2];
     }),
     case("ADC1 2 us late", "timing", "the force's converter samples", |machine| {
-        machine.chip_mut().planted = Planted { late: [2 * US, 0], ..Planted::default() };
+        machine.chip_mut().planted.late = [2 * US, 0];
     }),
     case("ADC2 2 us late", "timing", "the terminal's converter samples", |machine| {
-        machine.chip_mut().planted = Planted { late: [0, 2 * US], ..Planted::default() };
+        machine.chip_mut().planted.late = [0, 2 * US];
     }),
     case("a lost DMA request", "sampling", "a DMA transfer was lost", |machine| {
-        machine.chip_mut().planted = Planted { lost: Some((Request::Tim6Update, 1.0)), ..Planted::default() };
+        machine.chip_mut().planted.lost = Some((Request::Tim6Update, 1.0));
     }),
     case("half the count rate", "encoder wires", "every other edge", |machine| {
-        machine.chip_mut().planted = Planted { half_counts: true, ..Planted::default() };
+        machine.chip_mut().planted.half_counts = true;
     }),
     Case {
         // A crystal 2 % slower than the firmware expects.
@@ -187,7 +187,7 @@ const CASES: &[Case] = &[
         machine.chip_mut().dac[1].set_quality(dac::Quality { gain: 1.05, ..dac::Quality::default() });
     }),
     case("an edge lost in the burst", "fast edges", "edges are lost at the highest rate", |machine| {
-        machine.chip_mut().planted = Planted { lost_edge: Some(100_000), ..Planted::default() };
+        machine.chip_mut().planted.lost_edge = Some(100_000);
     }),
     case("force wire missing", "force wire", "PA4 to PA0 is missing", |machine| {
         wires(machine, |jumpers| jumpers.force = None);

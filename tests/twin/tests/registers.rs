@@ -240,92 +240,61 @@ fn reset_value<S: Resettable + RegisterSpec<Ux: Into<u64>>>(_: &Reg<S>) -> u32 {
 }
 
 macro_rules! described {
-    ($($peripheral:ident: $($($part:ident $(($n:literal))?).+)*;)*) => {{
+    ($($($peripheral:ident)+: $registers:tt;)*) => {{
         let mut list = Vec::new();
-        $({
-            let base = stm32g4::stm32g474::$peripheral::PTR;
-            let block = block(base);
-            $({
-                let register = block.$($part($($n)?)).+;
-                let offset = register.as_ptr() as usize - &raw const *block as usize;
-                let name = concat!(stringify!($peripheral), $(".", stringify!($part) $(, stringify!($n))?),+);
-                list.push(Described { name, address: (base as usize + offset) as u32, reset: reset_value(register) });
-            })*
-        })*
+        $($(described!(list, $peripheral, $registers);)+)*
         list
+    }};
+    ($list:ident, $peripheral:ident, [$($($part:ident $(($n:literal))?).+)*]) => {{
+        let base = stm32g4::stm32g474::$peripheral::PTR;
+        let block = block(base);
+        $({
+            let register = block.$($part($($n)?)).+;
+            let offset = register.as_ptr() as usize - &raw const *block as usize;
+            let name = concat!(stringify!($peripheral), $(".", stringify!($part) $(, stringify!($n))?),+);
+            $list.push(Described { name, address: (base as usize + offset) as u32, reset: reset_value(register) });
+        })*
     }};
 }
 
 fn svd() -> Vec<Described> {
     described! {
-        TIM1: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM2: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM3: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM4: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM5: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM6: cr1 cr2 dier sr egr cnt psc arr;
-        TIM7: cr1 cr2 dier sr egr cnt psc arr;
-        TIM8: cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr ccr1 ccr2 ccr3 ccr4 bdtr
-    ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar;
-        TIM15: cr1 cr2 smcr dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 ccr2 bdtr dtr2 tisel af1 af2
-    dcr dmar;
-        TIM16: cr1 cr2 dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 bdtr dtr2 tisel af1 af2 or1 dcr
-    dmar;
-        TIM17: cr1 cr2 dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 bdtr dtr2 tisel af1 af2 or1 dcr
-    dmar;
-        DAC1: cr swtrgr dhr12r(0) dhr12r(1) dhr12l(0) dhr12l(1) dhr8r(0) dhr8r(1) dhr12rd dhr12ld dhr8rd dor(0) dor(1)
-    sr ccr mcr shsr(0) shsr(1) shhr shrr str(0) str(1) stmodr;
-        DAC2: cr swtrgr dhr12r(0) dhr12r(1) dhr12l(0) dhr12l(1) dhr8r(0) dhr8r(1) dhr12rd dhr12ld dhr8rd dor(0) dor(1)
-    sr ccr mcr shsr(0) shsr(1) shhr shrr str(0) str(1) stmodr;
-        CRS: cr cfgr isr icr;
-        TAMP: cr1 cr2 fltcr ier sr misr scr bkp0r bkp1r bkp2r bkp3r bkp4r bkp5r bkp6r bkp7r bkp8r bkp9r bkp10r
-    bkp11r bkp12r bkp13r bkp14r bkp15r bkp16r bkp17r bkp18r bkp19r bkp20r bkp21r bkp22r bkp23r bkp24r bkp25r
-    bkp26r bkp27r bkp28r bkp29r bkp30r bkp31r;
-        IWDG: kr pr rlr sr winr;
-        SPI2: cr1 cr2 sr dr crcpr rxcrcr txcrcr i2scfgr i2spr;
-        USB: ep0r ep1r ep2r ep3r ep4r ep5r ep6r ep7r cntr istr fnr daddr btable bcdr;
-        PWR: cr1 cr2 cr3 cr4 sr1 sr2 scr pucra pdcra pucrb pdcrb pucrc pdcrc pucrd pdcrd pucre pdcre pucrf
-    pdcrf pucrg pdcrg cr5;
-        LPUART1: cr1 cr2 cr3 brr rqr isr icr rdr tdr presc;
-        SYSCFG: memrmp cfgr1 exticr1 exticr2 exticr3 exticr4 scsr cfgr2 swpr skr;
-        EXTI: imr1 emr1 rtsr1 ftsr1 swier1 pr1 imr2 emr2 rtsr2 ftsr2 swier2 pr2;
-        DMA1: isr ifcr ch1.cr ch1.ndtr ch1.par ch1.mar ch2.cr ch2.ndtr ch2.par ch2.mar ch3.cr ch3.ndtr ch3.par
-    ch3.mar ch4.cr ch4.ndtr ch4.par ch4.mar ch5.cr ch5.ndtr ch5.par ch5.mar ch6.cr ch6.ndtr ch6.par ch6.mar
-    ch7.cr ch7.ndtr ch7.par ch7.mar ch8.cr ch8.ndtr ch8.par ch8.mar;
-        DMA2: isr ifcr ch1.cr ch1.ndtr ch1.par ch1.mar ch2.cr ch2.ndtr ch2.par ch2.mar ch3.cr ch3.ndtr ch3.par
-    ch3.mar ch4.cr ch4.ndtr ch4.par ch4.mar ch5.cr ch5.ndtr ch5.par ch5.mar ch6.cr ch6.ndtr ch6.par ch6.mar
-    ch7.cr ch7.ndtr ch7.par ch7.mar ch8.cr ch8.ndtr ch8.par ch8.mar;
-        DMAMUX: ccr(0) ccr(1) ccr(2) ccr(3) ccr(4) ccr(5) ccr(6) ccr(7) ccr(8) ccr(9) ccr(10) ccr(11) ccr(12)
-    ccr(13) ccr(14) ccr(15) csr cfr rgsr rgcfr rgcr(0) rgcr(1) rgcr(2) rgcr(3);
-        RCC: cr icscr cfgr pllcfgr cier cifr cicr ahb1rstr ahb2rstr ahb3rstr apb1rstr1 apb1rstr2 apb2rstr
-    ahb1enr ahb2enr ahb3enr apb1enr1 apb1enr2 apb2enr ahb1smenr ahb2smenr ahb3smenr apb1smenr1 apb1smenr2
-    apb2smenr ccipr bdcr csr crrcr ccipr2;
-        FLASH: acr pdkeyr keyr optkeyr sr cr eccr optr pcrop1sr pcrop1er wrp1ar wrp1br sec1r;
-        GPIOA: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOB: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOC: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOD: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOE: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOF: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        GPIOG: moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr;
-        ADC1: isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1 ofr2 ofr3 ofr4
-    jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp;
-        ADC2: isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1 ofr2 ofr3 ofr4
-    jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp;
-        ADC3: isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1 ofr2 ofr3 ofr4
-    jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp;
-        ADC4: isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1 ofr2 ofr3 ofr4
-    jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp;
-        ADC5: isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1 ofr2 ofr3 ofr4
-    jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp;
-        ADC12_COMMON: csr ccr cdr;
-        ADC345_COMMON: csr ccr cdr;
-        DBGMCU: idcode cr apb1l_fz apb1h_fz apb2_fz;    }
+        TIM1 TIM2 TIM3 TIM4 TIM5 TIM8: [cr1 cr2 smcr dier sr egr ccmr1_output ccmr2_output ccer cnt psc arr rcr
+            ccr1 ccr2 ccr3 ccr4 bdtr ccr5 ccr6 ccmr3_output dtr2 ecr tisel af1 af2 dcr dmar];
+        TIM6 TIM7: [cr1 cr2 dier sr egr cnt psc arr];
+        TIM15: [cr1 cr2 smcr dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 ccr2 bdtr dtr2 tisel af1 af2 dcr
+            dmar];
+        TIM16 TIM17: [cr1 cr2 dier sr egr ccmr1_output ccer cnt psc arr rcr ccr1 bdtr dtr2 tisel af1 af2 or1 dcr
+            dmar];
+        DAC1 DAC2: [cr swtrgr dhr12r(0) dhr12r(1) dhr12l(0) dhr12l(1) dhr8r(0) dhr8r(1) dhr12rd dhr12ld dhr8rd
+            dor(0) dor(1) sr ccr mcr shsr(0) shsr(1) shhr shrr str(0) str(1) stmodr];
+        CRS: [cr cfgr isr icr];
+        TAMP: [cr1 cr2 fltcr ier sr misr scr bkp0r bkp1r bkp2r bkp3r bkp4r bkp5r bkp6r bkp7r bkp8r bkp9r bkp10r
+            bkp11r bkp12r bkp13r bkp14r bkp15r bkp16r bkp17r bkp18r bkp19r bkp20r bkp21r bkp22r bkp23r bkp24r bkp25r
+            bkp26r bkp27r bkp28r bkp29r bkp30r bkp31r];
+        IWDG: [kr pr rlr sr winr];
+        SPI2: [cr1 cr2 sr dr crcpr rxcrcr txcrcr i2scfgr i2spr];
+        USB: [ep0r ep1r ep2r ep3r ep4r ep5r ep6r ep7r cntr istr fnr daddr btable bcdr];
+        PWR: [cr1 cr2 cr3 cr4 sr1 sr2 scr pucra pdcra pucrb pdcrb pucrc pdcrc pucrd pdcrd pucre pdcre pucrf pdcrf
+            pucrg pdcrg cr5];
+        LPUART1: [cr1 cr2 cr3 brr rqr isr icr rdr tdr presc];
+        SYSCFG: [memrmp cfgr1 exticr1 exticr2 exticr3 exticr4 scsr cfgr2 swpr skr];
+        EXTI: [imr1 emr1 rtsr1 ftsr1 swier1 pr1 imr2 emr2 rtsr2 ftsr2 swier2 pr2];
+        DMA1 DMA2: [isr ifcr ch1.cr ch1.ndtr ch1.par ch1.mar ch2.cr ch2.ndtr ch2.par ch2.mar ch3.cr ch3.ndtr
+            ch3.par ch3.mar ch4.cr ch4.ndtr ch4.par ch4.mar ch5.cr ch5.ndtr ch5.par ch5.mar ch6.cr ch6.ndtr ch6.par
+            ch6.mar ch7.cr ch7.ndtr ch7.par ch7.mar ch8.cr ch8.ndtr ch8.par ch8.mar];
+        DMAMUX: [ccr(0) ccr(1) ccr(2) ccr(3) ccr(4) ccr(5) ccr(6) ccr(7) ccr(8) ccr(9) ccr(10) ccr(11) ccr(12)
+            ccr(13) ccr(14) ccr(15) csr cfr rgsr rgcfr rgcr(0) rgcr(1) rgcr(2) rgcr(3)];
+        RCC: [cr icscr cfgr pllcfgr cier cifr cicr ahb1rstr ahb2rstr ahb3rstr apb1rstr1 apb1rstr2 apb2rstr ahb1enr
+            ahb2enr ahb3enr apb1enr1 apb1enr2 apb2enr ahb1smenr ahb2smenr ahb3smenr apb1smenr1 apb1smenr2 apb2smenr
+            ccipr bdcr csr crrcr ccipr2];
+        FLASH: [acr pdkeyr keyr optkeyr sr cr eccr optr pcrop1sr pcrop1er wrp1ar wrp1br sec1r];
+        GPIOA GPIOB GPIOC GPIOD GPIOE GPIOF GPIOG: [moder otyper ospeedr pupdr idr odr bsrr lckr afrl afrh brr];
+        ADC1 ADC2 ADC3 ADC4 ADC5: [isr ier cr cfgr cfgr2 smpr1 smpr2 tr1 tr2 tr3 sqr1 sqr2 sqr3 sqr4 dr jsqr ofr1
+            ofr2 ofr3 ofr4 jdr1 jdr2 jdr3 jdr4 awd2cr awd3cr difsel calfact gcomp];
+        ADC12_COMMON ADC345_COMMON: [csr ccr cdr];
+        DBGMCU: [idcode cr apb1l_fz apb1h_fz apb2_fz];
+    }
 }
 
 fn chip() -> Chip {

@@ -8,6 +8,7 @@
 //!
 //! Slow: about a minute each. Skipped if the image or the program is missing.
 
+use crate::common::carried_by;
 use inerter_core::Settings;
 use inerter_twin::chip::adc::Quality;
 use inerter_twin::chip::dmamux::Request as DmaRequest;
@@ -60,15 +61,9 @@ impl Kept {
     fn of(link: &mut UsbLink<Machine>) -> Self {
         let records = ask(link, [Request::Hello, Request::ReadSettings, Request::ReadSaved]);
         let read = |values: &SettingsValues| values.read(&Settings::default()).settings;
-        let mut in_use = records.iter().filter_map(|record| match record {
-            Record::Settings(values) => Some(read(values)),
-            _ => None,
-        });
-        let mut saved = records.iter().filter_map(|record| match record {
-            Record::Saved(values) => Some(read(values)),
-            _ => None,
-        });
-        Self { in_use: in_use.next_back().expect("settings"), saved: saved.next_back() }
+        let in_use = records.iter().rev().find_map(carried_by!(Record::Settings)).map(read);
+        let saved = records.iter().rev().find_map(carried_by!(Record::Saved)).map(read);
+        Self { in_use: in_use.expect("settings"), saved }
     }
 
     /// The same settings with the skew of `other`.
@@ -85,8 +80,7 @@ impl Kept {
 
 /// Plugs the board in, sends it these requests, and returns the records it sends.
 fn ask(link: &mut UsbLink<Machine>, requests: impl IntoIterator<Item = Request>) -> Vec<Record> {
-    link.connect().expect("enumerates");
-    link.open().expect("opens");
+    link.plug_in().expect("opens");
     for request in requests {
         link.request(request, REPLY_S).expect("a reply");
     }
@@ -169,8 +163,7 @@ fn serve(link: &mut UsbLink<Machine>, listener: &TcpListener, over: &AtomicBool)
 fn accept(link: &mut UsbLink<Machine>, listener: &TcpListener) -> Option<TcpStream> {
     let (stream, _) = listener.accept().ok()?;
     stream.set_nonblocking(true).expect("can be");
-    link.connect().ok()?;
-    link.open().ok()?;
+    link.plug_in().ok()?;
     Some(stream)
 }
 
@@ -238,18 +231,24 @@ struct Outcome {
 }
 
 impl Outcome {
+    /// The checks with these names failed and no other, and the program's exit code says so.
+    #[track_caller]
+    fn fails(&self, names: &[&str]) {
+        assert_eq!(self.names("fail"), names, "{}", self.errors);
+        assert_eq!(self.code, Some(if names.is_empty() { 0 } else { 10 }), "{}", self.errors);
+    }
+
+    fn checks(&self) -> impl Iterator<Item = &Value> {
+        self.json["checks"].as_array().expect("checks").iter()
+    }
+
     fn names(&self, verdict: &str) -> Vec<&str> {
-        let checks = self.json["checks"].as_array().expect("checks");
-        checks
-            .iter()
-            .filter(|check| check["verdict"] == verdict)
-            .map(|check| check["name"].as_str().expect("a name"))
-            .collect()
+        let of_verdict = self.checks().filter(|check| check["verdict"] == verdict);
+        of_verdict.map(|check| check["name"].as_str().expect("a name")).collect()
     }
 
     fn check(&self, name: &str) -> &Value {
-        let checks = self.json["checks"].as_array().expect("checks");
-        checks.iter().find(|check| check["name"] == name).expect("the check")
+        self.checks().find(|check| check["name"] == name).expect("the check")
     }
 
     fn reason(&self, name: &str) -> &str {
@@ -306,18 +305,18 @@ fn selftest(
     Some(Outcome { code: output.status.code(), json, page, errors, changed })
 }
 
+fn board(image: &[u8]) -> Machine {
+    Machine::new(image, Still).expect("the image")
+}
+
 const WITHOUT: (&[&str], &str) = (&["--without-jumpers"], "no");
 const UNPLUGGED: (&[&str], &str) = (&["--rig-unplugged", "--write"], "no");
 
 #[test]
 fn a_sound_board_passes() {
-    let Some(outcome) = selftest("sound", WITHOUT, |image| Machine::new(image, Box::new(Still)).expect("the image"))
-    else {
-        return;
-    };
-    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    let Some(outcome) = selftest("sound", WITHOUT, board) else { return };
+    outcome.fails(&[]);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
-    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
     // The twin's values in the table of expected work agree with what the twin measures.
     let number = |text: &Value, before: &str| {
@@ -343,12 +342,11 @@ fn a_wrong_clock_is_named() {
     let board = Board { hse_hz: 24.24e6, ..Board::NUCLEO };
     let machine = move |image: &[u8]| {
         let options = Options { board, ..Options::default() };
-        Machine::with(image, options, Box::new(Still)).expect("the image")
+        Machine::with(image, options, Still).expect("the image")
     };
     let Some(outcome) = selftest("clock", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["clock_usb"], "{}", outcome.errors);
+    outcome.fails(&["clock_usb"]);
     assert!(outcome.reason("clock_usb").contains("1.00 % fast: its crystal"), "{}", outcome.reason("clock_usb"));
-    assert_eq!(outcome.code, Some(10));
     assert!(outcome.page.contains("its crystal is not the one"));
 }
 
@@ -358,7 +356,7 @@ fn half_the_sample_rate_is_named() {
     const AUTO_RELOAD: u32 = 0x2C;
     const TWICE: u32 = 2 * 2625 - 1;
     let machine = |image: &[u8]| {
-        let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+        let mut machine = board(image);
         machine.run_for(START_S).expect("starts");
         let now = machine.now();
         let timer = &mut machine.chip_mut().tim6;
@@ -367,22 +365,20 @@ fn half_the_sample_rate_is_named() {
         machine
     };
     let Some(outcome) = selftest("half", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["sample_rate"], "{}", outcome.errors);
+    outcome.fails(&["sample_rate"]);
     assert!(outcome.reason("sample_rate").starts_with("the sampling timer runs at a wrong rate"));
-    assert_eq!(outcome.code, Some(10));
 }
 
 #[test]
 fn noise_that_is_too_high_is_named() {
     let machine = |image: &[u8]| {
-        let mut machine = Machine::new(image, Box::new(Still)).expect("the image");
+        let mut machine = board(image);
         machine.chip_mut().adc.set_quality(Quality { noise_lsb: 6.0, ..Quality::default() });
         machine
     };
     let Some(outcome) = selftest("noise", WITHOUT, machine) else { return };
-    assert_eq!(outcome.names("fail"), ["noise_force", "noise_terminal"], "{}", outcome.errors);
+    outcome.fails(&["noise_force", "noise_terminal"]);
     assert!(outcome.reason("noise_force").starts_with("the noise is too high"));
-    assert_eq!(outcome.code, Some(10));
 }
 
 /// Sends Ctrl-C some time after the program prints `prompt`. Afterwards the board must have its settings again. A new
@@ -390,8 +386,7 @@ fn noise_that_is_too_high_is_named() {
 fn interrupted(name: &str, prompt: &'static str, pause: Duration, is_new: bool) {
     let (Some(image), Some(program)) = (shipping_image(), program()) else { return };
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let machine = move || Machine::new(&image, Box::new(Still)).expect("the image");
-    let served = Served::new(machine, is_new);
+    let served = Served::new(move || board(&image), is_new);
     let (tell, told) = mpsc::channel();
     let (terminal, seen) = terminal(prompt, move |_| tell.send(()).expect("somebody waits"));
     let (mut command, page) = command(program, name, served.address, terminal);
@@ -429,7 +424,7 @@ fn wired(jumpers: Jumpers, planted: Planted) -> impl FnOnce(&[u8]) -> Machine + 
         // Converters that do not start together disturb each other. That would hide a late converter.
         let errata = Errata { adc_concurrent: planted.late == [0; 2], ..Errata::ALL };
         let options = Options { errata, ..Options::default() };
-        let mut machine = Machine::with(image, options, Box::new(Still)).expect("the image");
+        let mut machine = Machine::with(image, options, Still).expect("the image");
         machine.chip_mut().jumpers = Some(jumpers);
         machine.chip_mut().planted = planted;
         machine
@@ -461,9 +456,8 @@ fn a_sound_board_passes_through_jumpers() {
         return;
     };
     assert!(outcome.errors.contains(QUESTION));
-    assert_eq!(outcome.names("fail"), [""; 0], "{}", outcome.errors);
+    outcome.fails(&[]);
     assert_eq!(outcome.names("skipped"), ["dfu", "double_reset"]);
-    assert_eq!(outcome.code, Some(0), "{}", outcome.errors);
     assert!(outcome.page.contains("Passed"));
     let passed = outcome.names("pass");
     for name in
@@ -491,9 +485,8 @@ fn a_sound_board_passes_through_jumpers() {
 fn is_named(name: &str, check: &str, cause: &str, machine: impl FnOnce(&[u8]) -> Machine + Send + 'static) {
     let Some(outcome) = selftest(name, UNPLUGGED, machine) else { return };
     assert!(!outcome.errors.contains(QUESTION));
-    assert_eq!(outcome.names("fail"), [check], "{}", outcome.errors);
+    outcome.fails(&[check]);
     assert!(outcome.reason(check).contains(cause), "{}", outcome.reason(check));
-    assert_eq!(outcome.code, Some(10), "{}", outcome.errors);
     assert!(outcome.page.contains(cause));
     assert!(!outcome.names("pass").contains(&"inertance"));
     is_not_written(&outcome);

@@ -4,10 +4,11 @@
 //! `INERTER_STM32_ELF`, `INERTER_STM32_HANG_ELF` for the image whose task hangs, `INERTER_STM32_WEACT_ELF` for the
 //! image of the other board.
 
+use crate::common::{carried_by, causes, enters_update_mode, last_reset, press, run};
 use inerter_core::{Settings, Status};
 use inerter_plant::Excitation;
 use inerter_twin::{
-    Board,
+    Board, Width,
     bench::{APERTURE_S, Bench, Rig},
     chip::adc::{Broken, Unit},
     chip::flash::{Contents, Torn},
@@ -15,12 +16,15 @@ use inerter_twin::{
     chip::rom::Left,
     chip::syscfg::Kept,
     cpu::{Faults, SRAM_CUTS, Stop},
+    cycles::timing::halves,
     elf::Elf,
     machine::{Machine, Options, Usage, image, shipping_image},
     serial_link::{SerialError, SerialLink},
     world::{Still, World},
 };
-use inerter_wire::{ClockSource, Command, Event, EventKind, Fault, Hello, Record, ResetCause, SettingsValues, Streams};
+use inerter_wire::{
+    ClockSource, Command, Event, EventKind, Fault, Health, Hello, Record, ResetCause, SettingsValues, Streams,
+};
 use std::collections::BTreeSet;
 use unicorn_engine::RegisterARM;
 
@@ -32,18 +36,25 @@ const REPLY_S: f64 = 0.5;
 const SAVE_S: f64 = 2.0;
 
 fn machine(options: Options, world: impl World + 'static) -> Option<Machine> {
-    Some(Machine::with(&shipping_image()?, options, Box::new(world)).expect("the image"))
+    Some(Machine::with(&shipping_image()?, options, world).expect("the image"))
 }
 
 /// The board after its first start, in which it sets the brown-out level and restarts.
-fn board(world: impl World + 'static) -> Option<SerialLink> {
-    let mut machine = machine(Options::default(), world)?;
+fn board_with(options: Options, world: impl World + 'static) -> Option<SerialLink> {
+    let mut machine = machine(options, world)?;
     run(&mut machine, START_S);
     Some(SerialLink::new(machine))
 }
 
-fn run(machine: &mut Machine, length_s: f64) {
-    machine.run_for(length_s).unwrap_or_else(|ended| panic!("{ended}"));
+fn board(world: impl World + 'static) -> Option<SerialLink> {
+    board_with(Options::default(), world)
+}
+
+/// A board at rest that has answered Hello.
+fn greeted() -> Option<SerialLink> {
+    let mut link = board(Still)?;
+    greet(&mut link);
+    Some(link)
 }
 
 fn done(link: &mut SerialLink, command: Command, within_s: f64) {
@@ -55,10 +66,10 @@ fn listen(link: &mut SerialLink, length_s: f64) {
 }
 
 /// Listens until a record matches, and drops the records before it.
-fn wait_for<T>(link: &mut SerialLink, limit_s: f64, mut wanted: impl FnMut(&Record) -> Option<T>) -> T {
+fn wait_for<T>(link: &mut SerialLink, limit_s: f64, mut wanted: impl FnMut(Record) -> Option<T>) -> T {
     let end_s = link.machine.time_s() + limit_s;
     loop {
-        if let Some(found) = link.records().iter().find_map(&mut wanted) {
+        if let Some(found) = link.records().into_iter().find_map(&mut wanted) {
             return found;
         }
         assert!(link.machine.time_s() < end_s, "it did not come within {limit_s} s");
@@ -71,37 +82,35 @@ fn greet(link: &mut SerialLink) -> (Hello, Vec<EventKind>) {
     done(link, Command::Hello, REPLY_S);
     listen(link, 0.05);
     let records = link.records();
-    let hello = records.iter().find_map(|record| if let Record::Hello(hello) = record { Some(hello) } else { None });
+    let hello = records.iter().find_map(carried_by!(Record::Hello));
     let hello = hello.unwrap_or_else(|| panic!("no Hello among {records:?}")).clone();
-    let events = records.into_iter().filter_map(|record| match record {
-        Record::Event(Event { kind, .. }) => Some(kind),
-        _ => None,
-    });
-    (hello, events.collect())
+    (hello, events(records).collect())
+}
+
+fn events(records: Vec<Record>) -> impl Iterator<Item = EventKind> {
+    records.into_iter().filter_map(carried_by!(Record::Event)).map(|event: Event| event.kind)
+}
+
+/// After a restart: the host starts anew too, and returns the events of the start.
+fn greet_anew(link: &mut SerialLink) -> Vec<EventKind> {
+    link.talk = Default::default();
+    greet(link).1
 }
 
 /// The message of the reported panic.
-fn panicked(events: &[EventKind]) -> &str {
-    let text = events.iter().find_map(|event| if let EventKind::Panicked(text) = event { Some(text) } else { None });
-    text.expect("the message")
+fn panicked(events: &[EventKind]) -> Option<&str> {
+    events.iter().find_map(carried_by!(EventKind::Panicked)).map(|text| text.as_str())
 }
 
 fn cause(events: &[EventKind]) -> ResetCause {
-    let causes: Vec<_> = events
-        .iter()
-        .filter_map(|event| if let EventKind::ResetBy(cause) = event { Some(*cause) } else { None })
-        .collect();
+    let causes: Vec<_> = events.iter().filter_map(carried_by!(EventKind::ResetBy)).collect();
     assert_eq!(causes.len(), 1, "{events:?}");
-    causes[0]
+    *causes[0]
 }
 
 fn settings(link: &mut SerialLink) -> Settings {
     done(link, Command::ReadSettings, REPLY_S);
-    let records = link.records();
-    let values = records.iter().find_map(|record| match record {
-        Record::Settings(values) => Some(values),
-        _ => None,
-    });
+    let values = link.records().into_iter().find_map(carried_by!(Record::Settings));
     let reading = values.expect("settings").read(&Settings::default());
     assert_eq!((reading.unknown, reading.impossible, reading.missing), (0, 0, 0));
     reading.settings
@@ -110,14 +119,13 @@ fn settings(link: &mut SerialLink) -> Settings {
 /// The saved settings, which may differ from those in use.
 fn saved(link: &mut SerialLink) -> Settings {
     done(link, Command::ReadSaved, REPLY_S);
-    let records = link.records();
-    let values = records.iter().find_map(|record| if let Record::Saved(values) = record { Some(values) } else { None });
+    let values = link.records().into_iter().find_map(carried_by!(Record::Saved));
     values.expect("what is saved").read(&Settings::default()).settings
 }
 
-fn health(link: &mut SerialLink) -> inerter_wire::Health {
+fn health(link: &mut SerialLink) -> Health {
     done(link, Command::Streams(Streams { health: true, ..Streams::NONE }), REPLY_S);
-    wait_for(link, 3.0, |record| if let Record::Health(health) = record { Some(*health) } else { None })
+    wait_for(link, 3.0, carried_by!(Record::Health))
 }
 
 /// A rig whose motion excites all parameters.
@@ -141,7 +149,7 @@ fn from_power_to_the_first_estimate() {
     done(&mut link, Command::Streams(Streams { estimates: true, ..Streams::NONE }), REPLY_S);
     let start_s = link.machine.time_s();
     let estimate = wait_for(&mut link, 10.0, |record| match record {
-        Record::Estimate(estimate) if estimate.recent.inertance_kg.status() == Status::Ok => Some(*estimate),
+        Record::Estimate(estimate) if estimate.recent.inertance_kg.status() == Status::Ok => Some(estimate),
         _ => None,
     });
     let after_s = link.machine.time_s() - start_s;
@@ -149,20 +157,18 @@ fn from_power_to_the_first_estimate() {
     let inertance_kg = f64::from(estimate.recent.inertance_kg.fitted().value);
     assert!((inertance_kg / 299.4906 - 1.0).abs() < 0.02, "{inertance_kg} kg");
     assert_eq!(link.talk.lost(), 0);
-    assert_eq!(link.machine.unwritten_reads(), Vec::<String>::new());
+    assert_eq!(link.machine.chip_mut().unwritten_reads(), Vec::<String>::new());
     // Once set, the option bytes are not written again.
     link.machine.power_cut().expect("starts");
     run(&mut link.machine, 0.2);
-    let causes: Vec<Reset> = link.machine.resets().iter().map(|&(_, cause)| cause).collect();
-    assert_eq!(causes, [Reset::Power, Reset::OptionBytes, Reset::Power]);
+    assert_eq!(causes(&link.machine), [Reset::Power, Reset::OptionBytes, Reset::Power]);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::PowerOn);
 }
 
 #[test]
 fn the_first_write_to_each_memory_may_be_lost() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     done(&mut link, Command::Reboot, REPLY_S);
     run(&mut link.machine, 0.3);
     assert_eq!(link.machine.resets().len(), 3);
@@ -175,8 +181,7 @@ fn the_first_write_to_each_memory_may_be_lost() {
 
 #[test]
 fn the_default_skew_is_what_the_board_takes() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     // The encoder's filter: 6 samples at 84 MHz, 5 clocks of 168 MHz, less 8 until the fetch
     // (firmware/stm32g474/src/defaults.rs).
     let filter_s = 6.0 / 84e6 + (5.0 - 8.0) / 168e6;
@@ -191,7 +196,7 @@ fn the_same_run_twice_is_the_same_to_the_bit() {
         done(&mut link, Command::Hello, REPLY_S);
         done(&mut link, Command::Streams(Streams::ALL), REPLY_S);
         listen(&mut link, 0.5);
-        Some((link.records(), link.machine.instructions(), link.machine.usage().slept))
+        Some((link.records(), link.machine.usage().instructions, link.machine.usage().slept))
     };
     let Some(first) = record() else { return };
     assert!(first.0.len() > 15, "{} records", first.0.len());
@@ -208,21 +213,20 @@ fn a_board_without_its_crystal_says_so() {
     assert_eq!(hello.clock, ClockSource::Internal);
 }
 
+fn break_crystal(machine: &mut Machine) {
+    let now = machine.now();
+    machine.chip_mut().break_crystal(now);
+}
+
 #[test]
 fn a_crystal_that_breaks_is_a_restart_without_it() {
     let Some(mut link) = board(Still) else { return };
     assert_eq!(greet(&mut link).0.clock, ClockSource::Crystal);
-    let now = link.machine.now();
-    link.machine.chip_mut().break_crystal(now);
+    break_crystal(&mut link.machine);
     run(&mut link.machine, 0.5);
     let (hello, events) = greet(&mut link);
     assert_eq!((hello.clock, cause(&events)), (ClockSource::Internal, ResetCause::Panic));
-    assert!(
-        events
-            .iter()
-            .any(|event| matches!(event, EventKind::Panicked(text) if text.ends_with("the crystal has stopped"))),
-        "{events:?}"
-    );
+    assert!(panicked(&events).is_some_and(|text| text.ends_with("the crystal has stopped")), "{events:?}");
 }
 
 #[test]
@@ -231,10 +235,8 @@ fn the_crystal_may_break_at_any_moment_of_the_start() {
     // The firmware sets up memory in the first milliseconds, and the crystal needs two more.
     for moment_us in (4_000..14_000).step_by(200) {
         let Some(mut link) = board(Still) else { return };
-        link.machine.reset().expect("starts");
-        run(&mut link.machine, f64::from(moment_us) * 1e-6);
-        let now = link.machine.now();
-        link.machine.chip_mut().break_crystal(now);
+        press(&mut link.machine, f64::from(moment_us) * 1e-6);
+        break_crystal(&mut link.machine);
         run(&mut link.machine, 0.3);
         let hello = greet(&mut link).0;
         assert_eq!(hello.clock, ClockSource::Internal, "broken {moment_us} us after the reset");
@@ -248,11 +250,10 @@ fn the_crystal_may_break_at_any_moment_of_the_start() {
     const READY: u32 = 1 << 17;
     let is_ready = |machine: &mut Machine| {
         let now = machine.now();
-        machine.chip_mut().read(0x4002_1000, inerter_twin::Width::Word, now).expect("RCC_CR") & READY != 0
+        machine.chip_mut().read(0x4002_1000, Width::Word, now).expect("RCC_CR") & READY != 0
     };
     assert!(link.machine.run_until_that(0.02, 1e-7, is_ready).expect("runs"));
-    let now = link.machine.now();
-    link.machine.chip_mut().break_crystal(now);
+    break_crystal(&mut link.machine);
     run(&mut link.machine, 1.0);
     let (hello, events) = greet(&mut link);
     assert_eq!((hello.clock, cause(&events)), (ClockSource::Internal, ResetCause::Watchdog));
@@ -277,18 +278,15 @@ fn a_converter_that_does_not_start_is_told() {
             run(&mut machine, 0.5);
             assert_eq!(machine.resets().len(), 2, "{unit:?}, {at:?}: {:?}", machine.resets());
             let mut link = SerialLink::new(machine);
-            let (_, mut events) = greet(&mut link);
+            let (_, mut told) = greet(&mut link);
             let health = health(&mut link);
-            events.extend(link.records().into_iter().filter_map(|record| match record {
-                Record::Event(Event { kind, .. }) => Some(kind),
-                _ => None,
-            }));
+            told.extend(events(link.records()));
             let of_samples = unit != Unit::Five;
-            let told = events.contains(&EventKind::Fault(Fault::SourceUnreadable));
+            let unreadable = told.contains(&EventKind::Fault(Fault::SourceUnreadable));
             assert_eq!(
-                (told, health.temperature_c.is_none()),
+                (unreadable, health.temperature_c.is_none()),
                 (of_samples, !of_samples),
-                "{unit:?}, {at:?}: {events:?}"
+                "{unit:?}, {at:?}: {told:?}"
             );
         }
     }
@@ -312,7 +310,7 @@ fn the_image_of_one_board_is_stopped_or_mute_on_the_other() {
 fn the_other_boards_image_runs_on_its_board() {
     let Some(image) = image("INERTER_STM32_WEACT_ELF", "release/inerter-stm32g474-weact") else { return };
     let options = Options { board: Board::WEACT, ..Options::default() };
-    let mut machine = Machine::with(&image, options, Box::new(Still)).expect("the image");
+    let mut machine = Machine::with(&image, options, Still).expect("the image");
     run(&mut machine, START_S);
     assert_eq!(machine.clock_hz(), 168e6);
     let (hello, _) = greet(&mut SerialLink::new(machine));
@@ -321,43 +319,35 @@ fn the_other_boards_image_runs_on_its_board() {
 
 #[test]
 fn a_command_restarts() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     done(&mut link, Command::Reboot, REPLY_S);
     run(&mut link.machine, 0.3);
-    assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
+    assert_eq!(last_reset(&link.machine), Reset::Software);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Software);
 }
 
 #[test]
 fn a_command_leads_into_the_roms_update_mode() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     done(&mut link, Command::EnterDfu, REPLY_S);
     // It may get there within the same millisecond.
-    let ended = link.machine.run_for(1.0).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    enters_update_mode(&mut link.machine, 1.0);
     // Press the button.
-    link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.2);
+    press(&mut link.machine, 0.2);
     greet(&mut link);
 }
 
 #[test]
 fn the_roms_update_mode_starts_new_firmware_by_a_jump() {
     for left in Left::ALL {
-        let Some(mut link) = board(Still) else { return };
-        greet(&mut link);
+        let Some(mut link) = greeted() else { return };
         done(&mut link, Command::EnterDfu, REPLY_S);
-        let ended = link.machine.run_for(1.0).expect_err("the boot loader");
-        assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+        enters_update_mode(&mut link.machine, 1.0);
         link.machine.leave_rom(left).expect("jumps");
         link.machine.run_for(0.3).unwrap_or_else(|ended| panic!("{left:?}: {ended}"));
-        link.talk = Default::default();
-        let (_, events) = greet(&mut link);
-        let panicked = |event: &EventKind| matches!(event, EventKind::Panicked(_));
-        assert!(!events.iter().any(panicked), "{left:?}: {events:?}");
+        let events = greet_anew(&mut link);
+        assert_eq!(panicked(&events), None, "{left:?}: {events:?}");
         let health = health(&mut link);
         assert!(health.index > 100, "{left:?}: {} samples", health.index);
     }
@@ -370,8 +360,7 @@ fn a_reset_that_leaves_the_rom_at_address_0_is_tried_once() {
         link.machine.chip_mut().syscfg.keep(Kept::MemMode);
         greet(&mut link);
         done(&mut link, Command::EnterDfu, REPLY_S);
-        let ended = link.machine.run_for(1.0).expect_err("the boot loader");
-        assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+        enters_update_mode(&mut link.machine, 1.0);
         let resets = link.machine.resets().len();
         link.machine.leave_rom(left).expect("jumps");
         run(&mut link.machine, 0.3);
@@ -379,26 +368,28 @@ fn a_reset_that_leaves_the_rom_at_address_0_is_tried_once() {
         // These two look like a reset already, so there is nothing to try.
         let expected = usize::from(!matches!(left, Left::Restored | Left::Masked));
         assert_eq!(tried, expected, "{left:?}");
-        link.talk = Default::default();
-        let (_, events) = greet(&mut link);
-        assert!(!events.iter().any(|event| matches!(event, EventKind::Panicked(_))), "{left:?}: {events:?}");
+        let events = greet_anew(&mut link);
+        assert_eq!(panicked(&events), None, "{left:?}: {events:?}");
     }
+}
+
+/// Makes the core execute these instructions, in empty flash.
+fn execute(machine: &mut Machine, code: &[u16]) {
+    const PLACE: u32 = 0x0803_f000;
+    let code: Vec<u8> = code.iter().flat_map(|half| half.to_le_bytes()).collect();
+    assert!(machine.chip_mut().flash.load(PLACE, &code));
+    machine.cpu_mut().set(RegisterARM::PC, PLACE | 1).expect("a register");
 }
 
 #[test]
 fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
-    let Some(mut machine) = machine(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
-    run(&mut machine, START_S);
-    let mut link = SerialLink::new(machine);
+    let Some(mut link) = board_with(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
     greet(&mut link);
     // push {r0} in an endless loop.
-    const PUSH: u32 = 0x0803_f000;
-    let code: Vec<u8> = [0xb401, 0xe7fd].into_iter().flat_map(u16::to_le_bytes).collect();
-    assert!(link.machine.chip_mut().flash.load(PUSH, &code));
-    link.machine.cpu_mut().set(RegisterARM::PC, PUSH | 1).expect("a register");
+    execute(&mut link.machine, &[0xb401, 0xe7fd]);
     run(&mut link.machine, 0.3);
     let (_, events) = greet(&mut link);
-    let text = panicked(&events);
+    let text = panicked(&events).expect("the message");
     assert!(text.starts_with("hard fault at ") && text.contains("CFSR 00000082"), "{text}");
 }
 
@@ -406,19 +397,15 @@ fn a_stack_that_grows_into_its_guard_is_a_fault_with_a_message() {
 fn two_presses_of_the_button_lead_into_update_mode_and_slow_ones_do_not() {
     let Some(mut link) = board(Still) else { return };
     for pause_s in [1.0, 0.7] {
-        link.machine.reset().expect("starts");
-        run(&mut link.machine, pause_s);
+        press(&mut link.machine, pause_s);
     }
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Pin);
+    press(&mut link.machine, 0.3);
     link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.3);
-    link.machine.reset().expect("starts");
-    let ended = link.machine.run_for(1.0).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    enters_update_mode(&mut link.machine, 1.0);
     // A third press leads back to the firmware.
-    link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.3);
+    press(&mut link.machine, 0.3);
     greet(&mut link);
 }
 
@@ -432,30 +419,36 @@ fn power_that_comes_back_at_once_is_no_press_of_the_button() {
     greet(&mut link);
 }
 
+/// Writes a register of the core, which a probe can write as well as the program.
+fn write_core(machine: &mut Machine, register: u32, value: u32) {
+    machine.cpu_mut().core_mut().nvic.write(register, value, Width::Word, 0).expect("a register");
+}
+
 /// Raises an interrupt without a handler: number 0, enabled and pending as if a bit had flipped.
 fn disturb(machine: &mut Machine) {
-    let nvic = &mut machine.cpu_mut().core_mut().nvic;
     for register in [0xe000_e100, 0xe000_e200] {
-        nvic.write(register, 1, inerter_twin::Width::Word, 0).expect("a register");
+        write_core(machine, register, 1);
     }
+}
+
+/// The same, and what follows.
+fn crash(machine: &mut Machine, then_s: f64) {
+    disturb(machine);
+    run(machine, then_s);
 }
 
 #[test]
 fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     let defaults = settings(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    keep(&mut link, &numbered(1));
     let kept = link.machine.flash();
     // A run of more than ten seconds after two failures clears the count.
     for failures in [2, 2, 3] {
         for _ in 0..failures {
-            disturb(&mut link.machine);
-            run(&mut link.machine, 0.2);
+            crash(&mut link.machine, 0.2);
         }
-        link.talk = Default::default();
-        let (_, events) = greet(&mut link);
+        let events = greet_anew(&mut link);
         let ignored = failures == 3;
         let faults = events.iter().filter(|event| matches!(event, EventKind::Fault(_)));
         let expected = ignored.then_some(&EventKind::Fault(Fault::SettingsLeft));
@@ -466,17 +459,13 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
     }
     assert_eq!(link.machine.flash(), kept);
     for _ in 0..2 {
-        disturb(&mut link.machine);
-        run(&mut link.machine, 0.2);
+        crash(&mut link.machine, 0.2);
     }
     disturb(&mut link.machine);
-    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    enters_update_mode(&mut link.machine, 0.2);
     // The button leads back to the firmware, which uses the settings again.
-    link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.3);
-    link.talk = Default::default();
-    greet(&mut link);
+    press(&mut link.machine, 0.3);
+    greet_anew(&mut link);
     assert_eq!(settings(&mut link), numbered(1));
 }
 
@@ -484,45 +473,33 @@ fn a_firmware_that_cannot_start_leaves_the_settings_alone_and_then_wants_another
 fn starts_that_the_watchdog_ends_have_failed() {
     /// CPSID i; 1: WFE; B 1b.
     const HANG: [u16; 3] = [0xb672, 0xbf20, 0xe7fd];
-    const HANG_AT: u32 = 0x0803_f000;
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
-    let code: Vec<u8> = HANG.into_iter().flat_map(u16::to_le_bytes).collect();
-    assert!(link.machine.chip_mut().flash.load(HANG_AT, &code));
-    let hang = |link: &mut SerialLink| link.machine.cpu_mut().set(RegisterARM::PC, HANG_AT | 1).expect("a register");
+    let Some(mut link) = greeted() else { return };
+    keep(&mut link, &numbered(1));
     for bites in 1..6 {
-        hang(&mut link);
+        execute(&mut link.machine, &HANG);
         run(&mut link.machine, 5.0);
         assert_eq!(link.machine.resets().iter().filter(|reset| reset.1 == Reset::Watchdog).count(), bites);
-        link.talk = Default::default();
-        let (_, events) = greet(&mut link);
+        let events = greet_anew(&mut link);
         assert_eq!(cause(&events), ResetCause::Watchdog);
         let left = bites >= 3;
         assert_eq!(events.contains(&EventKind::Fault(Fault::SettingsLeft)), left, "{bites}: {events:?}");
         assert_eq!(settings(&mut link) == numbered(1), !left);
     }
-    hang(&mut link);
-    let ended = link.machine.run_for(5.0).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    execute(&mut link.machine, &HANG);
+    enters_update_mode(&mut link.machine, 5.0);
 }
 
 #[test]
 fn resets_by_a_probe_are_no_failed_starts() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    let Some(mut link) = greeted() else { return };
+    keep(&mut link, &numbered(1));
     for _ in 0..8 {
-        // AIRCR.SYSRESETREQ, which a probe can write as well as the program.
-        let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
-        nvic.write(0xe000_ed0c, 0x05fa_0004, inerter_twin::Width::Word, 0).expect("a register");
+        // AIRCR.SYSRESETREQ.
+        write_core(&mut link.machine, 0xe000_ed0c, 0x05fa_0004);
         run(&mut link.machine, 0.2);
     }
     assert_eq!(link.machine.resets().iter().filter(|reset| reset.1 == Reset::Software).count(), 8);
-    link.talk = Default::default();
-    let (_, events) = greet(&mut link);
+    let events = greet_anew(&mut link);
     assert!(!events.iter().any(|event| matches!(event, EventKind::Fault(_))), "{events:?}");
     assert_eq!(settings(&mut link), numbered(1));
 }
@@ -532,12 +509,10 @@ fn a_run_of_ten_seconds_has_not_failed_at_its_start() {
     for (length_s, fails) in [(9.8, true), (10.2, false)] {
         let Some(mut link) = board(Still) else { return };
         for _ in 0..2 {
-            disturb(&mut link.machine);
-            run(&mut link.machine, 0.2);
+            crash(&mut link.machine, 0.2);
         }
         run(&mut link.machine, length_s - 0.2);
-        disturb(&mut link.machine);
-        run(&mut link.machine, 0.2);
+        crash(&mut link.machine, 0.2);
         let (_, events) = greet(&mut link);
         assert_eq!(events.contains(&EventKind::Fault(Fault::SettingsLeft)), fails, "{length_s} s: {events:?}");
     }
@@ -547,54 +522,45 @@ fn a_run_of_ten_seconds_has_not_failed_at_its_start() {
 fn two_presses_lead_out_of_an_endless_row_of_restarts() {
     let Some(mut link) = board(Still) else { return };
     run(&mut link.machine, 1.0);
+    press(&mut link.machine, 0.1);
+    crash(&mut link.machine, 0.1);
+    assert_eq!(last_reset(&link.machine), Reset::Software);
     link.machine.reset().expect("starts");
-    run(&mut link.machine, 0.1);
-    disturb(&mut link.machine);
-    run(&mut link.machine, 0.1);
-    assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
-    link.machine.reset().expect("starts");
-    let ended = link.machine.run_for(0.2).expect_err("the boot loader");
-    assert_eq!(ended.stop, Stop::Bootloader, "{ended}");
+    enters_update_mode(&mut link.machine, 0.2);
 }
 
 #[test]
 fn a_panic_restarts_and_the_next_host_reads_it() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
-    disturb(&mut link.machine);
-    run(&mut link.machine, 0.3);
-    assert_eq!(link.machine.resets().last().map(|reset| reset.1), Some(Reset::Software));
+    let Some(mut link) = greeted() else { return };
+    crash(&mut link.machine, 0.3);
+    assert_eq!(last_reset(&link.machine), Reset::Software);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Panic);
-    let text = panicked(&events);
+    let text = panicked(&events).expect("the message");
     assert!(text.contains("panic.rs") && text.ends_with("interrupt 0 has no handler"), "{text}");
     // The panic is reported once.
-    link.machine.reset().expect("starts");
-    run(&mut link.machine, 1.0);
+    press(&mut link.machine, 1.0);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Pin);
-    assert!(!events.iter().any(|event| matches!(event, EventKind::Panicked(_))), "{events:?}");
+    assert_eq!(panicked(&events), None, "{events:?}");
 }
 
 #[test]
 fn a_fault_restarts_and_the_next_host_reads_where_it_was() {
-    let Some(mut machine) = machine(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
-    run(&mut machine, START_S);
-    let mut link = SerialLink::new(machine);
+    let Some(mut link) = board_with(Options { faults: Faults::Taken, ..Options::default() }, Still) else { return };
     greet(&mut link);
     // The program counter jumps to an address without memory.
     link.machine.cpu_mut().set(RegisterARM::PC, 0x0900_0001).expect("a register");
     run(&mut link.machine, 0.3);
     let (_, events) = greet(&mut link);
     assert_eq!(cause(&events), ResetCause::Panic);
-    let text = panicked(&events);
+    let text = panicked(&events).expect("the message");
     assert!(text.starts_with("hard fault at 09000000"), "{text}");
 }
 
 #[test]
 fn the_watchdog_is_fed_while_all_goes_well() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     run(&mut link.machine, 20.0);
     let timeout_s = link.machine.chip().iwdg.timeout_s().expect("it runs");
     assert!((3.9..4.1).contains(&timeout_s), "{timeout_s} s");
@@ -603,16 +569,12 @@ fn the_watchdog_is_fed_while_all_goes_well() {
 
 #[test]
 fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     // Let the firmware feed the watchdog once: the timeout is not in effect before that.
     run(&mut link.machine, 1.0);
-    // In empty flash: 254 NOPs and a branch back. Interrupts are masked, as the core was asleep.
-    const CIRCLE: u32 = 0x0803_f000;
-    let code: Vec<u8> = [0xbf00u16; 254].into_iter().chain([0xe700]).flat_map(u16::to_le_bytes).collect();
-    assert!(link.machine.chip_mut().flash.load(CIRCLE, &code));
     let start_s = link.machine.time_s();
-    link.machine.cpu_mut().set(RegisterARM::PC, CIRCLE | 1).expect("a register");
+    // 254 NOPs and a branch back. Interrupts are masked, as the core was asleep.
+    execute(&mut link.machine, &[&[0xbf00_u16; 254][..], &[0xe700]].concat());
     run(&mut link.machine, 4.5);
     let &(time_s, reset) = link.machine.resets().last().expect("power-on");
     assert_eq!(reset, Reset::Watchdog, "{:?}", link.machine.resets());
@@ -624,7 +586,7 @@ fn the_watchdog_restarts_a_processor_that_goes_in_circles() {
 #[test]
 fn the_watchdog_restarts_a_device_whose_task_hangs() {
     let Some(image) = image("INERTER_STM32_HANG_ELF", "release/inerter-stm32g474-hang") else { return };
-    let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
+    let mut machine = Machine::new(&image, Still).expect("the image");
     // It hangs five seconds after its start, and the watchdog timeout is four seconds.
     run(&mut machine, 12.0);
     let &(time_s, reset) = machine.resets().last().expect("power-on");
@@ -654,9 +616,15 @@ fn save(link: &mut SerialLink) -> Result<(), SerialError> {
     link.order(Command::SaveSettings, SAVE_S)
 }
 
+/// Writes settings and saves them.
+fn keep(link: &mut SerialLink, settings: &Settings) {
+    write(link, settings);
+    save(link).expect("saved");
+}
+
 /// Starts with this content of the flash.
 fn start_from(link: &mut SerialLink, contents: &Contents) {
-    link.machine.set_flash(contents);
+    link.machine.chip_mut().flash.set_contents(contents);
     link.machine.power_cut().expect("starts");
     run(&mut link.machine, START_S);
     link.talk = Default::default();
@@ -665,11 +633,9 @@ fn start_from(link: &mut SerialLink, contents: &Contents) {
 
 #[test]
 fn settings_are_kept_without_power_and_forgotten_when_asked() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     let defaults = settings(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    keep(&mut link, &numbered(1));
     let stalls = link.machine.chip().flash.stalls;
     assert_eq!(stalls, 0, "the core waited for the flash");
     let kept = link.machine.flash();
@@ -705,8 +671,7 @@ fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new:
             let what = format!("power lost in operation {operation}, {torn:?}");
             link.machine.power_cut().expect("starts");
             link.machine.run_for(START_S).unwrap_or_else(|ended| panic!("{what}: {ended}"));
-            link.talk = Default::default();
-            let (_, events) = greet(link);
+            let events = greet_anew(link);
             let found = settings(link);
             assert!(found == *old || found == *new, "{what}: {found:?}");
             assert!(!events.iter().any(|event| matches!(event, EventKind::Fault(_))), "{what}: {events:?}");
@@ -725,10 +690,8 @@ fn cut_everywhere(link: &mut SerialLink, before: &Contents, old: &Settings, new:
 
 #[test]
 fn power_that_fails_at_any_word_of_a_save_keeps_the_old_or_the_new_settings() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    let Some(mut link) = greeted() else { return };
+    keep(&mut link, &numbered(1));
     let before = link.machine.flash();
     let (cuts, kept_old) = cut_everywhere(&mut link, &before, &numbered(1), &numbered(2));
     assert!((60..400).contains(&cuts), "{cuts} cuts");
@@ -737,10 +700,8 @@ fn power_that_fails_at_any_word_of_a_save_keeps_the_old_or_the_new_settings() {
 
 #[test]
 fn damage_whose_interrupt_is_late_is_still_the_settings() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    let Some(mut link) = greeted() else { return };
+    keep(&mut link, &numbered(1));
     let before = link.machine.flash();
     for delay in [1, 30, 300, 3_000, 30_000] {
         start_from(&mut link, &before);
@@ -751,8 +712,7 @@ fn damage_whose_interrupt_is_late_is_still_the_settings() {
         link.machine.chip_mut().flash.delay_nmi(delay);
         link.machine.power_cut().expect("starts");
         link.machine.run_for(START_S).unwrap_or_else(|ended| panic!("{delay} cycles late: {ended}"));
-        link.talk = Default::default();
-        let (_, events) = greet(&mut link);
+        let events = greet_anew(&mut link);
         assert_eq!((settings(&mut link), cause(&events)), (numbered(1), ResetCause::PowerOn), "{delay} cycles late");
         link.machine.chip_mut().flash.delay_nmi(0);
     }
@@ -760,8 +720,7 @@ fn damage_whose_interrupt_is_late_is_still_the_settings() {
 
 #[test]
 fn power_that_fails_while_pages_are_erased_keeps_the_old_or_the_new_settings() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     // Save until a save has to erase a page.
     let (mut number, mut before) = (0, link.machine.flash());
     let erased = link.machine.chip().flash.erased;
@@ -769,8 +728,7 @@ fn power_that_fails_while_pages_are_erased_keeps_the_old_or_the_new_settings() {
         before = link.machine.flash();
         number += 1;
         assert!(number < 100, "no page is ever erased");
-        write(&mut link, &numbered(number));
-        save(&mut link).expect("saved");
+        keep(&mut link, &numbered(number));
     }
     let (cuts, _) = cut_everywhere(&mut link, &before, &numbered(number - 1), &numbered(number));
     assert!((60..400).contains(&cuts), "{cuts} cuts");
@@ -792,18 +750,15 @@ fn power_that_fails_while_the_brown_out_level_is_set_does_no_harm() {
 
 #[test]
 fn flash_that_holds_anything_else_gives_defaults_and_says_so() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     let defaults = settings(&mut link);
-    write(&mut link, &numbered(1));
-    save(&mut link).expect("saved");
+    keep(&mut link, &numbered(1));
     // All pages of settings contain something else, as if they were being programmed with it.
     let flash = &mut link.machine.chip_mut().flash;
     assert!(flash.load(0x0807_c000, &[0x5a; 16 << 10]));
     link.machine.power_cut().expect("starts");
     run(&mut link.machine, START_S);
-    link.talk = Default::default();
-    let (_, events) = greet(&mut link);
+    let events = greet_anew(&mut link);
     assert!(events.contains(&EventKind::Fault(Fault::ForeignSettings)), "{events:?}");
     assert_eq!(settings(&mut link), defaults);
     let kept = link.machine.flash();
@@ -812,12 +767,10 @@ fn flash_that_holds_anything_else_gives_defaults_and_says_so() {
 
 #[test]
 fn sampling_goes_on_while_the_settings_are_saved() {
-    let Some(mut link) = board(Still) else { return };
-    greet(&mut link);
+    let Some(mut link) = greeted() else { return };
     let erased = link.machine.chip().flash.erased;
     for number in 1.. {
-        write(&mut link, &numbered(number));
-        save(&mut link).expect("saved");
+        keep(&mut link, &numbered(number));
         if link.machine.chip().flash.erased > erased {
             break;
         }
@@ -871,8 +824,7 @@ fn the_processor_has_time_left() {
 fn the_stack_keeps_its_bound() {
     let Some((_, mut link)) = usage(4000.0, Excitation::random(0.5, 15.0, 0.02, 3)) else { return };
     for number in 1..20 {
-        write(&mut link, &numbered(number));
-        save(&mut link).expect("saved");
+        keep(&mut link, &numbered(number));
     }
     done(&mut link, Command::FactoryReset, SAVE_S);
     let health = health(&mut link);
@@ -921,8 +873,7 @@ fn nothing_loads_the_stack_pointer_from_memory() {
     let mut functions = 0;
     for (name, code) in elf.functions() {
         functions += 1;
-        let halves: Vec<u16> = code.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
-        assert!(!loads_the_stack_pointer(&halves), "{name}");
+        assert!(!loads_the_stack_pointer(&halves(code).collect::<Vec<_>>()), "{name}");
     }
     assert!(functions > 300, "{functions}");
     // LDR SP, [R0]; NOP, LDR SP, [R0], #4. Not LDR R12, [R0] or STR SP, [R0].
@@ -953,9 +904,7 @@ fn a_handler_that_is_run_for_nothing_does_no_harm() {
     for pause in 1..200u32 {
         // DMA1_CHANNEL3, DMA1_CHANNEL5, USB_LP, EXTI9_5, TIM15, TIM2, UART4, LPUART1.
         for interrupt in [13, 15, 20, 23, 24, 28, 52, 91] {
-            let nvic = &mut link.machine.cpu_mut().core_mut().nvic;
-            let (register, bit) = (ISPR + interrupt / 32 * 4, 1 << (interrupt % 32));
-            nvic.write(register, bit, inerter_twin::Width::Word, 0).expect("a register");
+            write_core(&mut link.machine, ISPR + interrupt / 32 * 4, 1 << (interrupt % 32));
             run(&mut link.machine, f64::from(pause) * 3.7e-6);
         }
     }

@@ -3,12 +3,12 @@
 //! The host here sends what `inerter update` sends: it erases the page of the vectors first and writes it last, with
 //! the vectors themselves after the rest of that page.
 
+use crate::common::{another, carried_by, configured, press, rig, run, serial};
 use inerter_app::wear::SAVES;
-use inerter_plant::Excitation;
 use inerter_twin::Width;
-use inerter_twin::bench::{Bench, Rig};
+use inerter_twin::bench::Bench;
 use inerter_twin::chip::flash::{PAGE, START, Torn};
-use inerter_twin::chip::rom::{Left, UID};
+use inerter_twin::chip::rom::Left;
 use inerter_twin::cpu::Stop;
 use inerter_twin::elf::Elf;
 use inerter_twin::machine::{Machine, image, shipping_image};
@@ -19,24 +19,11 @@ use inerter_wire::{Command, Measure, Quantity, Record, SettingsValues, Streams};
 use std::collections::BTreeMap;
 use unicorn_engine::RegisterARM;
 
-const NAME: &[u8] = b"inerter 0.";
 const DNLOAD: u8 = 1;
 const UPLOAD: u8 = 2;
 const GETSTATUS: u8 = 3;
 const ABORT: u8 = 6;
 const DOWNLOAD_IDLE: u8 = 5;
-
-/// The same program under another version: 9 replaces the 0 of every `inerter 0.`.
-fn another(image: &[u8]) -> Vec<u8> {
-    let mut image = image.to_vec();
-    let places = (0..image.len() - NAME.len()).filter(|at| image[*at..].starts_with(NAME)).collect::<Vec<_>>();
-    // One in the reply to Hello, one for the program that reads the version from the image.
-    assert!(places.len() >= 2, "{places:?}");
-    for at in places {
-        image[at + NAME.len() - 2] = b'9';
-    }
-    image
-}
 
 /// Content of the flash, page by page.
 fn pages(image: &[u8]) -> BTreeMap<u32, Vec<u8>> {
@@ -59,10 +46,10 @@ struct Loader<'a> {
 
 impl<'a> Loader<'a> {
     fn connect(machine: &'a mut Machine) -> Self {
-        let mut host = UsbHost::new();
+        let mut host = UsbHost::default();
         let seen = host.connect(machine).expect("a device");
         assert_eq!((seen.vendor, seen.product_number), (0x0483, 0xdf11));
-        assert_eq!(seen.serial.text, format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16));
+        assert_eq!(seen.serial.text, serial());
         Self { host, machine }
     }
 
@@ -129,33 +116,32 @@ impl<'a> Loader<'a> {
 
 /// The firmware version that the device reports.
 fn firmware(link: &mut UsbLink<Machine>) -> String {
-    link.connect().expect("a device");
-    link.open().expect("a port");
+    link.plug_in().expect("a port");
     link.request(Command::Hello, 1.0).expect("a reply").result.expect("done");
     link.listen(0.05).expect("listens");
-    let found = link.records().into_iter().find_map(|record| match record {
-        Record::Hello(hello) => Some(hello.firmware.to_string()),
-        _ => None,
-    });
-    found.expect("a Hello")
+    let hello = link.records().into_iter().find_map(carried_by!(Record::Hello)).expect("a Hello");
+    hello.firmware.to_string()
 }
 
 /// A configured board on its rig, in update mode by command.
 fn in_update_mode(image: &[u8], left: Left) -> Machine {
-    let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5);
+    let rig = rig();
     let settings = rig.settings(1000.0);
-    let mut machine = Machine::new(image, Box::new(Bench::new(rig).expect("a rig that can be"))).expect("the image");
-    machine.serve_rom(left);
-    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
-    let mut link = UsbLink::new(machine);
-    link.set_up(&settings).expect("takes its settings");
+    let link = configured(image, left, Bench::new(rig).expect("a rig that can be"), &settings);
+    into_update_mode(link)
+}
+
+/// Our firmware enters update mode by command.
+fn into_update_mode(mut link: UsbLink<Machine>) -> Machine {
     assert!(firmware(&mut link).starts_with("inerter 0."));
-    // The device may disconnect before it replies.
-    let _ = link.request(Command::EnterDfu, 0.2);
-    link.unplug();
-    link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
-    assert!(link.socket.is_in_rom());
+    go(&mut link, Way::Command);
     link.socket
+}
+
+/// Installs an image and starts it; `what` names the case.
+fn install(machine: &mut Machine, image: &[u8], what: &str) {
+    Loader::connect(machine).update(image).unwrap_or_else(|error| panic!("{what}: {error}"));
+    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{what}: {ended}"));
 }
 
 /// The other firmware runs, with the saved settings.
@@ -164,10 +150,7 @@ fn measures(machine: Machine, what: &str) {
     assert!(firmware(&mut link).starts_with("inerter 9."), "{what}");
     link.request(Command::Streams(Streams { estimates: true, ..Streams::NONE }), 1.0).expect("a reply");
     link.listen(3.0).expect("listens");
-    let estimate = link.records().into_iter().rev().find_map(|record| match record {
-        Record::Estimate(estimate) => Some(estimate),
-        _ => None,
-    });
+    let estimate = link.records().into_iter().rev().find_map(carried_by!(Record::Estimate));
     let fitted = estimate.expect("an estimate").whole_run.inertance_kg.fitted();
     let off = (fitted.value / 299.4906 - 1.0).abs();
     assert!(off < 0.02, "{what}: {} kg, so the settings were lost", fitted.value);
@@ -178,8 +161,7 @@ fn another_firmware_measures_after_its_update_with_the_settings_kept() {
     let Some(image) = shipping_image() else { return };
     for left in Left::ALL {
         let mut machine = in_update_mode(&image, left);
-        Loader::connect(&mut machine).update(&another(&image)).unwrap_or_else(|error| panic!("{left:?}: {error}"));
-        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{left:?}: {ended}"));
+        install(&mut machine, &another(&image, b'9'), &format!("{left:?}"));
         assert!(!machine.is_in_rom());
         measures(machine, &format!("{left:?}"));
     }
@@ -196,24 +178,16 @@ fn a_really_different_build_goes_there_and_back() {
     let differing = pages(&ours).iter().filter(|(address, page)| pages(&other).get(address) != Some(page)).count();
     assert!(differing > pages(&ours).len() / 2, "{differing} pages differ");
     let mut machine = in_update_mode(&ours, Left::Running);
-    Loader::connect(&mut machine).update(&other).unwrap_or_else(|error| panic!("there: {error}"));
-    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
-    let mut link = UsbLink::new(machine);
-    assert!(firmware(&mut link).starts_with("inerter 0."));
-    let _ = link.request(Command::EnterDfu, 0.2);
-    link.unplug();
-    let mut machine = link.socket;
-    machine.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
-    assert!(machine.is_in_rom());
-    Loader::connect(&mut machine).update(&another(&ours)).unwrap_or_else(|error| panic!("back: {error}"));
-    machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+    install(&mut machine, &other, "there");
+    let mut machine = into_update_mode(UsbLink::new(machine));
+    install(&mut machine, &another(&ours, b'9'), "back");
     measures(machine, "there and back");
 }
 
 #[test]
 fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
     let Some(image) = shipping_image() else { return };
-    let new = another(&image);
+    let new = another(&image, b'9');
     let operations = pages(&image).len() as u32 * (1 + PAGE as u32 / 8);
     // The first erase, among the pages, and the last words.
     for (number, cut) in
@@ -231,11 +205,10 @@ fn an_update_whose_power_fails_at_any_stage_is_completed_by_the_next() {
         // Without vectors the chip cannot start from flash. The BOOT0 pin brings it back into the ROM.
         machine.set_boot0(true);
         machine.power_cut().expect("starts");
-        machine.run_for(0.01).unwrap_or_else(|ended| panic!("{ended}"));
+        run(&mut machine, 0.01);
         assert!(machine.is_in_rom(), "cut after {cut}");
         machine.set_boot0(false);
-        Loader::connect(&mut machine).update(&new).unwrap_or_else(|error| panic!("after a cut at {cut}: {error}"));
-        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+        install(&mut machine, &new, &format!("after a cut at {cut}"));
         measures(machine, &format!("cut after {cut}"));
     }
 }
@@ -274,13 +247,12 @@ fn go(link: &mut UsbLink<Machine>, way: Way) {
         }
         Way::TwoPresses => {
             link.unplug();
-            link.socket.reset().expect("starts");
-            link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+            press(&mut link.socket, 0.2);
             assert!(!link.socket.is_in_rom(), "one press");
             link.socket.reset().expect("starts");
         }
     }
-    link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
+    run(&mut link.socket, 0.2);
     assert!(link.socket.is_in_rom(), "{way:?}");
 }
 
@@ -288,14 +260,9 @@ fn go(link: &mut UsbLink<Machine>, way: Way) {
 #[test]
 fn a_visit_to_update_mode_leaves_flash_and_settings_alone() {
     let Some(image) = shipping_image() else { return };
-    let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), 0.5);
-    let settings = rig.settings(1000.0);
+    let settings = rig().settings(1000.0);
     for (left, way) in Left::ALL.into_iter().flat_map(|left| [(left, Way::Command), (left, Way::TwoPresses)]) {
-        let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
-        machine.serve_rom(left);
-        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
-        let mut link = UsbLink::new(machine);
-        link.set_up(&settings).expect("takes its settings");
+        let mut link = configured(&image, left, Still, &settings);
         let running = firmware(&mut link);
         let (before, saves_before) = settings_and_saves(&mut link);
         let flash = link.socket.flash();
@@ -375,7 +342,7 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
         ("FAULTMASK", R::FAULTMASK),
         ("CONTROL", R::CONTROL),
     ] {
-        found.push((name.to_owned(), machine.register(register)));
+        found.push((name.to_owned(), machine.cpu().register(register)));
     }
     found
 }
@@ -385,29 +352,26 @@ fn found_by_rom(machine: &mut Machine) -> Vec<(String, u32)> {
 fn the_rom_finds_the_chip_as_after_a_start_by_the_boot_pin() {
     let Some(image) = shipping_image() else { return };
     let in_rom = |way: Option<Way>| {
-        let mut machine = Machine::new(&image, Box::new(Still)).expect("the image");
-        machine.run_for(0.5).unwrap_or_else(|ended| panic!("{ended}"));
+        let mut machine = Machine::new(&image, Still).expect("the image");
+        run(&mut machine, 0.5);
         let mut link = UsbLink::new(machine);
-        link.connect().expect("enumerates");
-        link.open().expect("opens");
+        link.plug_in().expect("opens");
         link.request(Command::Streams(Streams::ALL), 1.0).expect("a reply");
-        let mut machine = match way {
-            Some(Way::Command) => {
-                let _ = link.request(Command::EnterDfu, 0.2);
-                link.socket
-            }
+        if way == Some(Way::Command) {
+            let _ = link.request(Command::EnterDfu, 0.2);
+        }
+        let mut machine = link.socket;
+        match way {
+            Some(Way::Command) => {}
             Some(Way::TwoPresses) => {
-                link.socket.reset().expect("starts");
-                link.socket.run_for(0.2).unwrap_or_else(|ended| panic!("{ended}"));
-                link.socket.reset().expect("starts");
-                link.socket
+                press(&mut machine, 0.2);
+                machine.reset().expect("starts");
             }
             None => {
-                link.socket.set_boot0(true);
-                link.socket.reset().expect("starts");
-                link.socket
+                machine.set_boot0(true);
+                machine.reset().expect("starts");
             }
-        };
+        }
         let ended = machine.run_for(1.0).expect_err("the boot loader");
         assert_eq!(ended.stop, Stop::Bootloader, "{way:?}: {ended}");
         assert_eq!(machine.chip().iwdg.timeout_s(), None, "{way:?}: nobody would feed the watchdog");

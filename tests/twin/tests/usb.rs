@@ -6,30 +6,26 @@
 #[path = "../../src/fuzz/outcome.rs"]
 mod outcome;
 
-use crate::common::{self, Item, board, corpus};
+use crate::common::{self, Item, board, carried_by, causes, corpus, last_reset, opened, serial};
 use inerter_app::wear::SAVES;
 use inerter_core::Settings;
 use inerter_needs::Random;
 use inerter_plant::Excitation;
 use inerter_twin::bench::{Bench, Rig};
 use inerter_twin::chip::rcc::Reset;
-use inerter_twin::chip::rom::UID;
 use inerter_twin::machine::{Machine, shipping_image};
 use inerter_twin::talk::Talk;
 use inerter_twin::usb_host::serial::{line_coding, set_control_lines, set_line_coding};
 use inerter_twin::usb_host::{EndpointKind, Setup, Socket, Transfer, UsbError};
 use inerter_twin::usb_link::UsbLink;
 use inerter_twin::world::Still;
-use inerter_wire::{Command, Done, Event, EventKind, Hello, Measure, Record, Refusal, Reply, SettingsValues, Streams};
+use inerter_wire::{
+    Command, Done, Event, EventKind, Health, Hello, Measure, Record, Refusal, Reply, SettingsValues, Streams,
+};
 use outcome::outcome;
 
 /// Time limit for a reply.
 const REPLY_S: f64 = 0.5;
-
-/// The serial number that the ROM boot loader derives from the chip's unique ID.
-fn serial() -> String {
-    format!("{:08X}{:04X}", UID[0].wrapping_add(UID[2]), UID[1] >> 16)
-}
 
 /// A moving rig, so that the encoded samples vary in length.
 fn moving(seed: u64) -> Bench {
@@ -41,7 +37,7 @@ fn hello(link: &mut UsbLink<Machine>) -> Hello {
     let reply = link.request(Command::Hello, REPLY_S).expect("a reply to Hello");
     assert_eq!(reply.result, Ok(Done::Plain));
     let records = link.records();
-    let hello = records.iter().find_map(|record| if let Record::Hello(hello) = record { Some(hello) } else { None });
+    let hello = records.iter().find_map(carried_by!(Record::Hello));
     hello.unwrap_or_else(|| panic!("no Hello among {records:?}")).clone()
 }
 
@@ -50,25 +46,27 @@ fn done(link: &mut UsbLink<Machine>, command: Command) {
     assert_eq!(reply.result, Ok(Done::Plain), "{command:?}");
 }
 
+/// Sends Hello and switches all streams on.
+fn streaming(link: &mut UsbLink<Machine>) {
+    hello(link);
+    done(link, Command::Streams(Streams::ALL));
+}
+
 fn settings(link: &mut UsbLink<Machine>) -> Settings {
     done(link, Command::ReadSettings);
-    let records = link.records();
-    let values =
-        records.iter().find_map(|record| if let Record::Settings(values) = record { Some(values) } else { None });
+    let values = link.records().into_iter().find_map(carried_by!(Record::Settings));
     let reading = values.expect("settings").read(&Settings::default());
     assert_eq!((reading.unknown, reading.impossible, reading.missing), (0, 0, 0));
     reading.settings
 }
 
 /// The next `Health`, which comes once a second.
-fn health(link: &mut UsbLink<Machine>) -> inerter_wire::Health {
+fn health(link: &mut UsbLink<Machine>) -> Health {
     done(link, Command::Streams(Streams { health: true, ..Streams::NONE }));
     for _ in 0..30 {
         link.listen(0.1).expect("the port is open");
-        for record in link.records() {
-            if let Record::Health(health) = record {
-                return health;
-            }
+        if let Some(health) = link.records().into_iter().find_map(carried_by!(Record::Health)) {
+            return health;
         }
     }
     panic!("no Health within three seconds");
@@ -76,8 +74,7 @@ fn health(link: &mut UsbLink<Machine>) -> inerter_wire::Health {
 
 /// The device has not restarted since [`board`] started it, by the chip's resets and by its own uptime.
 fn has_run_through(link: &mut UsbLink<Machine>) {
-    let resets: Vec<Reset> = link.socket.resets().iter().map(|&(_, cause)| cause).collect();
-    assert_eq!(resets, [Reset::Power, Reset::OptionBytes], "it started anew");
+    assert_eq!(causes(&link.socket), [Reset::Power, Reset::OptionBytes], "it started anew");
     let time_s = link.socket.time_s();
     let uptime_s = f64::from(health(link).uptime_s);
     assert!((uptime_s - time_s).abs() < 4.0, "up for {uptime_s} s of {time_s} s: it started anew");
@@ -215,8 +212,7 @@ fn random_requests_do_not_stop_the_device() {
         host.cancel(number);
     }
     link.unplug();
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    link.plug_in().expect("enumeration");
     has_run_through(&mut link);
 }
 
@@ -242,16 +238,13 @@ fn a_configuration_set_again_and_halts_cleared_lose_nothing() {
 
 #[test]
 fn nothing_comes_before_the_host_has_spoken() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     assert_eq!(
         link.receive(3.0).expect("the port is open"),
         [0_u8; 0],
         "a fresh terminal echoes: the device must wait"
     );
-    hello(&mut link);
-    done(&mut link, Command::Streams(Streams::ALL));
+    streaming(&mut link);
     assert!(link.receive(1.0).expect("the port is open").len() > 1000);
     link.close().expect("closes");
     link.open().expect("opens");
@@ -278,7 +271,7 @@ fn full_packets(seed: u64) -> Option<(usize, usize)> {
     let (to_device, to_host) = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port");
     let UsbLink { socket, host, .. } = &mut link;
     set_control_lines(host, socket, true, true).expect("taken");
-    let mut talk = Talk::new();
+    let mut talk = Talk::default();
     for command in [Command::Hello, Command::Streams(Streams::ALL)] {
         let (_, bytes) = talk.request(command);
         host.write(socket, to_device, &bytes, 1.0).1.expect("taken");
@@ -310,9 +303,7 @@ fn full_packets(seed: u64) -> Option<(usize, usize)> {
 
 #[test]
 fn a_suspended_device_sleeps_and_goes_on() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     hello(&mut link);
     done(&mut link, Command::Streams(Streams { samples: true, ..Streams::NONE }));
     for seconds in [0.0, 5.0] {
@@ -329,27 +320,26 @@ fn a_suspended_device_sleeps_and_goes_on() {
     has_run_through(&mut link);
 }
 
-#[test]
-fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
-    hello(&mut link);
-    done(&mut link, Command::Streams(Streams::ALL));
-    for listen_s in [0.0, 0.0101, 0.2] {
-        link.listen(listen_s).expect("the port is open");
-        link.host.reset(&mut link.socket).expect("attached");
-        link.host.enumerate(&mut link.socket).expect("enumeration");
-        link.open().expect("opens");
-        assert_eq!(link.receive(0.1).expect("the port is open"), [0_u8; 0]);
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
-    }
-    // A suspended device too.
-    link.host.suspend(&mut link.socket).expect("runs");
+/// Resets the bus and opens the port again.
+fn begin_anew(link: &mut UsbLink<Machine>) {
     link.host.reset(&mut link.socket).expect("attached");
     link.host.enumerate(&mut link.socket).expect("enumeration");
     link.open().expect("opens");
+}
+
+#[test]
+fn a_reset_of_the_bus_takes_the_device_back_to_its_beginning() {
+    let Some(mut link) = opened(Still) else { return };
+    streaming(&mut link);
+    for listen_s in [0.0, 0.0101, 0.2] {
+        link.listen(listen_s).expect("the port is open");
+        begin_anew(&mut link);
+        assert_eq!(link.receive(0.1).expect("the port is open"), [0_u8; 0]);
+        streaming(&mut link);
+    }
+    // A suspended device too.
+    link.host.suspend(&mut link.socket).expect("runs");
+    begin_anew(&mut link);
     has_run_through(&mut link);
 }
 
@@ -358,10 +348,8 @@ fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
     let Some(mut link) = board(Still) else { return };
     let mut random = Random(11);
     for _ in 0..25 {
-        link.connect().expect("enumeration");
-        link.open().expect("opens");
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
+        link.plug_in().expect("enumeration");
+        streaming(&mut link);
         // With a request and the stream in progress, at any moment between two packets.
         let (_, bytes) = link.talk.request(Command::ReadSettings);
         let to_device = link.host.description().expect("enumerated").serial_endpoints().expect("a serial port").0;
@@ -372,8 +360,7 @@ fn a_cable_pulled_out_at_any_moment_can_be_put_back() {
         link.unplug();
         link.socket.run_for(random.below(300) as f64 * 1e-3).expect("runs");
     }
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    link.plug_in().expect("enumeration");
     has_run_through(&mut link);
 }
 
@@ -397,16 +384,13 @@ fn an_enumeration_cut_short_can_be_done_again() {
             }
         }
     }
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    link.plug_in().expect("enumeration");
     hello(&mut link);
 }
 
 #[test]
 fn a_host_that_stops_reading_costs_frames_and_nothing_else() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     hello(&mut link);
     let before = health(&mut link).dropped_frames;
     done(&mut link, Command::Streams(Streams::ALL));
@@ -440,9 +424,7 @@ fn samples_missing(records: &[Record]) -> u32 {
 
 #[test]
 fn noise_is_counted_and_obeyed_by_nobody() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let before = settings(&mut link);
     let mut random = Random(23);
     for _ in 0..400 {
@@ -473,9 +455,7 @@ fn the_corpus_leads_to_the_same_replies_as_on_the_host() {
 
 /// A new device receives the stream and must give the bad frames and replies listed in the corpus.
 fn leads_to_its_replies(item: &Item) {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let mut replies = String::new();
     let mut hear = |link: &mut UsbLink<Machine>, for_s| {
         let heard = link.listen(for_s).is_ok();
@@ -507,9 +487,7 @@ fn leads_to_its_replies(item: &Item) {
 
 #[test]
 fn a_terminal_that_echoes_changes_nothing() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let before = settings(&mut link);
     done(&mut link, Command::Streams(Streams::ALL));
     let mut echoed = 0;
@@ -541,8 +519,7 @@ fn a_port_opened_again_finds_no_end_of_the_conversation_before() {
     // With a packet in transit, and with one that a full terminal did not fetch.
     for (closed_s, full) in [(0.0, false), (0.0, true), (0.001, false), (0.001, true), (0.05, true), (2.0, true)] {
         link.open().expect("opens");
-        hello(&mut link);
-        done(&mut link, Command::Streams(Streams::ALL));
+        streaming(&mut link);
         link.listen(0.25).expect("the port is open");
         if full {
             link.stop_reading();
@@ -588,16 +565,13 @@ fn the_serial_link_lives_while_usb_is_closed() {
 
 #[test]
 fn settings_written_over_usb_hold() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let before = settings(&mut link);
     let wanted = Settings { memory_s: before.memory_s * 2.0, ..before };
     done(&mut link, Command::WriteSettings(SettingsValues::difference(&wanted, &before)));
     assert_eq!(settings(&mut link), wanted);
     link.unplug();
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    link.plug_in().expect("enumeration");
     hello(&mut link);
     assert_eq!(settings(&mut link), wanted, "plugged in again");
 }
@@ -626,21 +600,14 @@ fn after(link: &mut UsbLink<Machine>, go: impl FnOnce(&mut UsbLink<Machine>)) {
     go(link);
     link.unplug();
     link.socket.run_for(BACK_S).unwrap_or_else(|ended| panic!("{ended}"));
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
-}
-
-fn last_reset(link: &UsbLink<Machine>) -> Reset {
-    link.socket.resets().last().expect("power-on").1
+    link.plug_in().expect("enumeration");
 }
 
 /// A host can restart the device by command as often as it likes, so a restart must not renew the saves.
 #[test]
 fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
     let all = u32::from(SAVES);
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let (taken, wait_s) = flood(&mut link);
     assert!((all..all + 2).contains(&taken) && (60..=120).contains(&wait_s), "{taken} saves, {wait_s} s to wait");
     let kept = link.socket.flash();
@@ -653,7 +620,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
             // The device may disconnect before it replies.
             let _ = link.request(command.clone(), 0.2);
         });
-        assert_eq!(last_reset(&link), cause, "{command:?}");
+        assert_eq!(last_reset(&link.socket), cause, "{command:?}");
         let (taken, wait_s) = flood(&mut link);
         assert!(taken == 0 && (100..=120).contains(&wait_s), "{command:?}: {taken} saves, {wait_s} s to wait");
     }
@@ -669,9 +636,7 @@ fn a_flood_of_saves_is_refused_and_no_restart_that_a_host_orders_helps() {
 /// Power-on, the button and a probe's reset renew all saves: nobody does those by the hundred.
 #[test]
 fn other_starts_begin_with_all_saves() {
-    let Some(mut link) = board(Still) else { return };
-    link.connect().expect("enumeration");
-    link.open().expect("opens");
+    let Some(mut link) = opened(Still) else { return };
     let all = u32::from(SAVES);
     type Start = fn(&mut Machine);
     let starts: [(&str, Start); 3] = [

@@ -53,21 +53,19 @@ fn measure() -> Result<String, Box<dyn Error>> {
         ("ADS131M04", digital(Osr::X1024)),
         ("ADS131M04, terminal sensor", terminal(digital(Osr::X1024))),
     ];
-    let mut machine = Machine::new(&image, Box::new(Bench::new(rig)?))?;
+    let mut machine = Machine::new(&image, Bench::new(rig)?)?;
     machine.chip_mut().ads131m04 = Some(Ads131m04::new([0.4e-6, 3e-6, 3e-6, 0.0], 3));
     machine.run_for(START_S)?;
     let mut link = UsbLink::new(machine);
-    link.connect()?;
-    link.open()?;
+    link.plug_in()?;
     ask(&mut link, Command::Hello)?;
     ask(&mut link, Command::Streams(Streams::ALL))?;
     let mut loads = Vec::new();
     for (with, settings) in &cases {
-        ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
-        ask(&mut link, Command::SaveSettings)?;
-        ask(&mut link, Command::Tare)?;
-        ask(&mut link, Command::WriteSettings(SettingsValues::from(settings)))?;
-        ask(&mut link, Command::ResetEstimator)?;
+        let write = Command::WriteSettings(SettingsValues::from(settings));
+        for command in [write.clone(), Command::SaveSettings, Command::Tare, write, Command::ResetEstimator] {
+            ask(&mut link, command)?;
+        }
         link.listen(SETTLE_S)?;
         link.socket.cpu_mut().count_cycles()?;
         let before = link.socket.usage();
@@ -81,8 +79,7 @@ fn measure() -> Result<String, Box<dyn Error>> {
             settings.sample_rate_hz,
             usage.instructions_per_s()
         ));
-        let estimates = link.records().iter().filter(|record| matches!(record, Record::Estimate(_))).count();
-        if estimates == 0 {
+        if !link.records().iter().any(|record| matches!(record, Record::Estimate(_))) {
             return Err("no estimate received: nothing was measured".into());
         }
     }

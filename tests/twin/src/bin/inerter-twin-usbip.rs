@@ -25,7 +25,7 @@ fn serve(path: &str) -> Result<(), Box<dyn Error>> {
         std::fs::read(path).map_err(|error| format!("{path}: {error}; make it with `cargo xtask build-firmware`"))?;
     let rig = Rig::new(Excitation::random(0.5, 15.0, 0.02, 1), START_S);
     let settings = rig.settings(1000.0);
-    let mut machine = Machine::new(&elf, Box::new(Bench::new(rig)?))?;
+    let mut machine = Machine::new(&elf, Bench::new(rig)?)?;
     machine.run_for(START_S)?;
     let mut link = UsbLink::new(machine);
     link.set_up(&settings)?;

@@ -51,10 +51,6 @@ enum Job {
     Write(u32, Vec<u8>),
 }
 
-/// The request is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Refused;
-
 /// The state between two requests.
 #[derive(Clone, Debug)]
 pub struct Dfu {
@@ -79,7 +75,7 @@ impl Dfu {
         self.state == State::Manifest
     }
 
-    /// A request with its data for the device; returns the data for the host.
+    /// A request with its data for the device; returns the data for the host. `None` if it is refused.
     pub fn request(
         &mut self,
         request: u8,
@@ -88,17 +84,17 @@ impl Dfu {
         length: usize,
         flash: &mut Flash,
         now: Cycles,
-    ) -> Result<Vec<u8>, Refused> {
+    ) -> Option<Vec<u8>> {
         match (request, self.state) {
-            (GETSTATUS, _) => Ok(self.status(flash, now)),
-            (GETSTATE, state) => Ok(vec![state as u8]),
+            (GETSTATUS, _) => Some(self.status(flash, now)),
+            (GETSTATE, state) => Some(vec![state as u8]),
             (CLRSTATUS, State::Error) => {
                 (self.state, self.status) = (State::Idle, 0);
-                Ok(Vec::new())
+                Some(Vec::new())
             }
             (ABORT, State::Idle | State::DownloadSync | State::DownloadIdle | State::UploadIdle) => {
                 (self.state, self.job) = (State::Idle, None);
-                Ok(Vec::new())
+                Some(Vec::new())
             }
             (DNLOAD, State::Idle | State::DownloadIdle) => self.download(block, data),
             (UPLOAD, State::Idle | State::UploadIdle) => self.upload(block, length, flash),
@@ -118,9 +114,9 @@ impl Dfu {
         }
     }
 
-    fn refuse<T>(&mut self) -> Result<T, Refused> {
+    fn refuse(&mut self) -> Option<Vec<u8>> {
         self.fail(ERR_STALLED);
-        Err(Refused)
+        None
     }
 
     fn fail(&mut self, status: u8) {
@@ -132,11 +128,11 @@ impl Dfu {
         self.pointer.wrapping_add(u32::from(block - FIRST_BLOCK) * BLOCK as u32)
     }
 
-    fn download(&mut self, block: u16, data: &[u8]) -> Result<Vec<u8>, Refused> {
+    fn download(&mut self, block: u16, data: &[u8]) -> Option<Vec<u8>> {
         self.job = match (block, data) {
             (_, []) => {
                 self.state = State::ManifestSync;
-                return Ok(Vec::new());
+                return Some(Vec::new());
             }
             (0, [SET_ADDRESS, a, b, c, d]) => Some(Job::Point(u32::from_le_bytes([*a, *b, *c, *d]))),
             (0, [ERASE, a, b, c, d]) => Some(Job::Erase(u32::from_le_bytes([*a, *b, *c, *d]))),
@@ -144,18 +140,18 @@ impl Dfu {
             _ => return self.refuse(),
         };
         self.state = State::DownloadSync;
-        Ok(Vec::new())
+        Some(Vec::new())
     }
 
-    fn upload(&mut self, block: u16, length: usize, flash: &Flash) -> Result<Vec<u8>, Refused> {
+    fn upload(&mut self, block: u16, length: usize, flash: &Flash) -> Option<Vec<u8>> {
         if block == 0 {
-            return Ok(COMMANDS.to_vec());
+            return Some(COMMANDS.to_vec());
         }
         let address = (block >= FIRST_BLOCK).then(|| self.block_address(block));
         match address.and_then(|address| flash.rom_read(address, length)) {
             Some(bytes) => {
                 self.state = State::UploadIdle;
-                Ok(bytes)
+                Some(bytes)
             }
             None => self.refuse(),
         }

@@ -62,26 +62,24 @@ enum Kind {
 
 const ONE: Kind = Kind::Plain(Range::exactly(1));
 
-impl Instruction {
-    const fn plain(least: u64, most: u64) -> Self {
-        Self { kind: Kind::Plain(Range::new(least, most)), writes: 0, address: 0 }
-    }
+const fn plain(least: u64, most: u64) -> Instruction {
+    Instruction { kind: Kind::Plain(Range::new(least, most)), writes: 0, address: 0 }
+}
 
-    const fn one(register: u16) -> Self {
-        Self { kind: ONE, writes: 1 << register, address: 0 }
-    }
+const fn one(register: u16) -> Instruction {
+    Instruction { kind: ONE, writes: 1 << register, address: 0 }
+}
 
-    const fn access(load: bool, register: u16, address: u16) -> Self {
-        match load {
-            true => Self { kind: Kind::Load, writes: 1 << register, address },
-            false => Self { kind: Kind::Store, writes: 0, address },
-        }
+const fn access(load: bool, register: u16, address: u16) -> Instruction {
+    match load {
+        true => Instruction { kind: Kind::Load, writes: 1 << register, address },
+        false => Instruction { kind: Kind::Store, writes: 0, address },
     }
+}
 
-    /// A load or store of several words: one cycle plus one per word.
-    fn several(words: u32, base: u16) -> Self {
-        Self { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
-    }
+/// A load or store of several words: one cycle plus one per word.
+fn several(words: u32, base: u16) -> Instruction {
+    Instruction { kind: Kind::Plain(Range::exactly(1 + u64::from(words))), writes: 0, address: 1 << base }
 }
 
 const SP: u16 = 13;
@@ -90,90 +88,93 @@ const PC: u16 = 15;
 fn narrow(half: u16) -> Instruction {
     let low = |at: u32| half >> at & 7;
     match half >> 12 {
-        0x2 | 0x3 | 0xa => Instruction::one(low(8)),
-        0x4 if half & 0x0800 != 0 => Instruction::access(true, low(8), 0),
-        0x4 if half & 0x0400 != 0 => Instruction::one(half >> 4 & 8 | low(0)),
-        0x5 => Instruction::access(half >> 9 & 7 >= 3, low(0), 1 << low(3) | 1 << low(6)),
-        0x6..=0x8 => Instruction::access(half & 0x0800 != 0, low(0), 1 << low(3)),
-        0x9 => Instruction::access(half & 0x0800 != 0, low(8), 1 << SP),
+        0x2 | 0x3 | 0xa => one(low(8)),
+        0x4 if half & 0x0800 != 0 => access(true, low(8), 0),
+        0x4 if half & 0x0400 != 0 => one(half >> 4 & 8 | low(0)),
+        0x5 => access(half >> 9 & 7 >= 3, low(0), 1 << low(3) | 1 << low(6)),
+        0x6..=0x8 => access(half & 0x0800 != 0, low(0), 1 << low(3)),
+        0x9 => access(half & 0x0800 != 0, low(8), 1 << SP),
         0xb => match half & 0x0f00 {
-            0x0000 => Instruction::one(SP),
-            0x0400 | 0x0500 | 0x0c00 | 0x0d00 => Instruction::several((half & 0x1ff).count_ones(), SP),
-            0x0600 => Instruction::plain(1, 2),
+            0x0000 => one(SP),
+            0x0400 | 0x0500 | 0x0c00 | 0x0d00 => several((half & 0x1ff).count_ones(), SP),
+            0x0600 => plain(1, 2),
             0x0f00 if half & 0xf != 0 => {
-                Instruction { kind: Kind::IfThen(4 - (half & 0xf).trailing_zeros()), ..Instruction::plain(0, 1) }
+                Instruction { kind: Kind::IfThen(4 - (half & 0xf).trailing_zeros()), ..plain(0, 1) }
             }
-            0x0200 | 0x0a00 => Instruction::one(low(0)),
-            _ => Instruction::plain(1, 1),
+            0x0200 | 0x0a00 => one(low(0)),
+            _ => plain(1, 1),
         },
-        0xc => Instruction::several((half & 0xff).count_ones(), low(8)),
-        0xd | 0xe => Instruction::plain(1, 1),
-        _ => Instruction::one(low(0)),
+        0xc => several((half & 0xff).count_ones(), low(8)),
+        0xd | 0xe => plain(1, 1),
+        _ => one(low(0)),
     }
 }
 
 fn wide(first: u16, second: u16) -> Instruction {
     let (base, destination, target) = (first & 0xf, second >> 8 & 0xf, second >> 12);
     match first >> 8 & 0x1f {
-        0x08 | 0x09 if first & 0x40 == 0 => Instruction::several(second.count_ones(), base),
+        0x08 | 0x09 if first & 0x40 == 0 => several(second.count_ones(), base),
         // TBB and TBH: "at least six"; the caller counts one of them as the branch's refill.
-        0x08 if first & 0xfff0 == 0xe8d0 && second & 0xffe0 == 0xf000 => Instruction::plain(5, 5),
+        0x08 if first & 0xfff0 == 0xe8d0 && second & 0xffe0 == 0xf000 => plain(5, 5),
         // Exclusive access.
         0x08 if first & 0x01e0 == 0x0040 || first & 0xffe0 == 0xe8c0 => {
-            Instruction { address: 1 << base, ..Instruction::plain(2, 2) }
+            Instruction { address: 1 << base, ..plain(2, 2) }
         }
-        0x08 | 0x09 => Instruction::several(2, base),
+        0x08 | 0x09 => several(2, base),
         0x0c..=0x0f | 0x1c..=0x1f => floating(first, second),
-        0x10..=0x17 if second & 0x8000 == 0 => Instruction::one(destination),
+        0x10..=0x17 if second & 0x8000 == 0 => one(destination),
         0x10..=0x17 if second & 0xd000 == 0x8000 && first & 0x0380 == 0x0380 => match first & 0xfff0 {
             // DSB, DMB, ISB: may wait for writes, or refill the pipeline.
-            0xf3b0 => Instruction::plain(1, 5),
-            0xf3a0 => Instruction::plain(1, 1),
-            _ => Instruction::plain(1, 2),
+            0xf3b0 => plain(1, 5),
+            0xf3a0 => plain(1, 1),
+            _ => plain(1, 2),
         },
-        0x10..=0x17 => Instruction::plain(1, 1),
+        0x10..=0x17 => plain(1, 1),
         0x18 | 0x19 => {
             let load = first & 0x10 != 0;
             let index = if first & 0x80 == 0 && second & 0x0fc0 == 0 { 1 << (second & 0xf) } else { 0 };
             let address = if base == PC { 0 } else { 1 << base };
             match (load && target == PC, first >> 5 & 3) {
                 // A load to PC: "at least five", counted as above.
-                (true, 2) => Instruction { address: address | index, ..Instruction::plain(4, 4) },
+                (true, 2) => Instruction { address: address | index, ..plain(4, 4) },
                 // A preload hint.
-                (true, _) => Instruction::plain(1, 1),
-                (false, _) => Instruction::access(load, target, address | index),
+                (true, _) => plain(1, 1),
+                (false, _) => access(load, target, address | index),
             }
         }
-        0x1b if first & 0x00d0 == 0x0090 => Instruction { writes: 1 << destination, ..Instruction::plain(2, 12) },
-        0x1b if first & 0x0080 != 0 => {
-            Instruction { writes: 1 << destination | 1 << target, ..Instruction::plain(1, 1) }
-        }
-        _ => Instruction::one(destination),
+        0x1b if first & 0x00d0 == 0x0090 => Instruction { writes: 1 << destination, ..plain(2, 12) },
+        0x1b if first & 0x0080 != 0 => Instruction { writes: 1 << destination | 1 << target, ..plain(1, 1) },
+        _ => one(destination),
     }
 }
 
 fn floating(first: u16, second: u16) -> Instruction {
     let base = first & 0xf;
     if first & 0xffe0 == 0xec40 {
-        return Instruction::plain(2, 2);
+        return plain(2, 2);
     }
     if first & 0xfe00 == 0xec00 {
         let words = match first & 0x0120 {
             0x0100 => 1 + u32::from(second >> 8 & 1),
             _ => u32::from(second & 0xff),
         };
-        return Instruction::several(words, base);
+        return several(words, base);
     }
     if second & 0x10 != 0 {
-        return Instruction::plain(1, 2);
+        return plain(1, 2);
     }
     // The next instruction may wait a cycle for the result.
     match first >> 4 & 0xb {
-        0x0 | 0x1 | 0x9 | 0xa => Instruction::plain(3, 4),
-        0x8 => Instruction::plain(1, 14),
-        0xb if base == 1 && second >> 6 & 3 == 3 => Instruction::plain(1, 14),
-        _ => Instruction::plain(1, 2),
+        0x0 | 0x1 | 0x9 | 0xa => plain(3, 4),
+        0x8 => plain(1, 14),
+        0xb if base == 1 && second >> 6 & 3 == 3 => plain(1, 14),
+        _ => plain(1, 2),
     }
+}
+
+/// The halfwords of a block of instructions.
+pub fn halves(code: &[u8]) -> impl Iterator<Item = u16> {
+    code.as_chunks().0.iter().copied().map(u16::from_le_bytes)
 }
 
 /// Execution cycles of a block of instructions at this address.
@@ -182,7 +183,7 @@ pub fn cost(address: u32, code: &[u8]) -> Range {
     let (mut at, mut across_words) = (address, 0);
     let mut before: Option<Instruction> = None;
     let mut conditional = 0;
-    let mut halves = code.chunks_exact(2).map(|half| u16::from_le_bytes([half[0], half[1]]));
+    let mut halves = halves(code);
     while let Some(half) = halves.next() {
         // A halfword of 0xe800 or more starts a 32-bit instruction (DDI 0403, A5.1).
         let is_narrow = half < 0xe800;

@@ -63,8 +63,6 @@ pub struct Text {
 /// The contents of a device's descriptors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// USB version, BCD.
-    pub usb: u16,
     /// Vendor ID.
     pub vendor: u16,
     /// Product ID.
@@ -83,8 +81,6 @@ pub struct Description {
     pub serial: Text,
     /// Value of the first configuration.
     pub configuration: u8,
-    /// Attributes of the configuration: bit 6 self-powered, bit 5 remote wake-up.
-    pub attributes: u8,
     /// Maximum bus current \[mA\].
     pub current_ma: u16,
     /// Number, class, subclass and protocol of each interface.
@@ -103,7 +99,6 @@ impl Description {
         let word = |at: usize| u16::from_le_bytes([device[at], device[at + 1]]);
         let text = |index| Text { index, text: String::new() };
         let mut description = Self {
-            usb: word(2),
             class: [device[4], device[5], device[6]],
             control_packet: device[7],
             vendor: word(8),
@@ -113,7 +108,6 @@ impl Description {
             product: text(device[15]),
             serial: text(device[16]),
             configuration: 0,
-            attributes: 0,
             current_ma: 0,
             interfaces: Vec::new(),
             endpoints: Vec::new(),
@@ -136,9 +130,9 @@ impl Description {
             let one = rest.get(..length).filter(|_| length >= 2).ok_or(DescriptorError::Short)?;
             rest = &rest[length..];
             match *one {
-                [9, 2, _, _, interfaces, number, _, attributes, current] => {
+                [9, 2, _, _, interfaces, number, _, _, current] => {
                     promised = usize::from(interfaces);
-                    (self.configuration, self.attributes) = (number, attributes);
+                    self.configuration = number;
                     self.current_ma = u16::from(current) * 2;
                 }
                 [9, 4, number, _, _, class, subclass, protocol, _] => {
@@ -213,7 +207,7 @@ pub fn string(bytes: &[u8]) -> Result<String, DescriptorError> {
     if usize::from(*length) != bytes.len() || text.len() % 2 != 0 {
         return Err(DescriptorError::Short);
     }
-    let units: Vec<u16> = text.chunks_exact(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect();
+    let units: Vec<u16> = text.as_chunks().0.iter().copied().map(u16::from_le_bytes).collect();
     String::from_utf16(&units).map_err(|_| DescriptorError::Text)
 }
 

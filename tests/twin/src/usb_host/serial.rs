@@ -119,6 +119,5 @@ pub fn set_control_lines(
     request_to_send: bool,
 ) -> Result<(), UsbError> {
     let value = u16::from(terminal_ready) | u16::from(request_to_send) << 1;
-    let setup = Setup { kind: 0x21, request: SET_CONTROL_LINE_STATE, value, index: 0, length: 0 };
-    host.control(socket, setup, &[]).map(|_| ())
+    host.order(socket, 0x21, SET_CONTROL_LINE_STATE, value, 0)
 }

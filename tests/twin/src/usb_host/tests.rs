@@ -246,7 +246,7 @@ impl Socket for Puppet {
 }
 
 fn connected() -> (UsbHost, Puppet) {
-    let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
+    let (mut host, mut puppet) = (UsbHost::default(), Puppet::new());
     host.connect(&mut puppet).expect("the device enumerates");
     // Between connection and bus reset there is no traffic, so the device suspends, as a real one does.
     assert_eq!(std::mem::take(&mut puppet.naps), (1, 1));
@@ -255,7 +255,7 @@ fn connected() -> (UsbHost, Puppet) {
 
 #[test]
 fn a_device_is_enumerated() {
-    let (mut host, mut puppet) = (UsbHost::new(), Puppet::new());
+    let (mut host, mut puppet) = (UsbHost::default(), Puppet::new());
     let description = host.connect(&mut puppet).expect("the device enumerates");
     assert_eq!((description.vendor, description.product.text.as_str()), (0x1209, "hi"));
     assert!(puppet.supply);
