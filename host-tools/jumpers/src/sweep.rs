@@ -28,8 +28,8 @@ const NEAR_US: f64 = 0.5;
 /// Maximum settling time constant of a good output \[us\]: 3 us to half a code from end to end (DS12288) correspond to
 /// a third of it.
 const SETTLING_US: f64 = 1.0;
-/// 95 % uncertainty of the sampling instant: the latencies of both DMA controllers, the phase as set, the shape of the
-/// settling \[us\].
+/// 95 % uncertainty of a sampling instant between close phases: the latencies of both DMA controllers, the phase as
+/// set, the shape of the settling \[us\].
 const U95_US: f64 = 0.15;
 
 fn tape() -> Tape {
@@ -116,6 +116,12 @@ impl Look {
         (-since_us / self.settling_us).exp() - if phase_us < self.at_us { 1.0 } else { 0.0 }
     }
 
+    /// 95 % uncertainty of the instant \[us\]: where the phases around it are far apart, half their distance.
+    fn u95_us(&self) -> f64 {
+        let around = PHASES.windows(2).find(|around| self.at_us * TICKS_PER_US < f64::from(around[1]));
+        around.map_or(U95_US, |around| U95_US.max(f64::from(around[1] - around[0]) / TICKS_PER_US / 2.0))
+    }
+
     /// The best fit to the lags found at each phase \[us, steps\].
     pub fn fit(found: &[(f64, f64)]) -> Self {
         let misfit =
@@ -159,25 +165,26 @@ pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64,
         }
     }
     let looks = found.map(|found| Look::fit(&found));
-    Ok(judge(looks, report).then_some((-looks[0].at_us * 1e-6, U95_US * 1e-6)))
+    Ok(judge(looks, report).then_some((-looks[0].at_us * 1e-6, looks[0].u95_us() * 1e-6)))
 }
 
 /// Checks that both converters sample when they should.
 fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let [force, terminal] = looks.map(|look| look.at_us - LOOK_US);
+    let [force_u95, terminal_u95] = looks.map(|look| look.u95_us());
     let [force_is_off, terminal_is_off] = [force, terminal].map(|off| off.abs() > NEAR_US);
-    let late = |converter: &str, off: f64| {
+    let late = |converter: &str, off: f64, u95: f64| {
         let word = if off > 0.0 { "late" } else { "early" };
-        format!("{converter} samples {:.1} us too {word}: force and position are not simultaneous", off.abs())
+        let off = off.abs();
+        format!("{converter} samples {off:.1} +- {u95:.1} us too {word}: force and position are not simultaneous")
     };
     let cause = match (force_is_off, terminal_is_off) {
         (false, false) => None,
         (true, true) if (force - terminal).abs() < NEAR_US => Some(format!(
-            "both converters sample {:.1} us off: a trigger other than the sampling clock starts them",
-            force
+            "both converters sample {force:.1} +- {force_u95:.1} us off: a trigger other than the sampling clock starts them"
         )),
-        (true, _) => Some(late("the force's converter", force)),
-        (false, true) => Some(late("the terminal's converter", terminal)),
+        (true, _) => Some(late("the force's converter", force, force_u95)),
+        (false, true) => Some(late("the terminal's converter", terminal, terminal_u95)),
     };
     let expected = format!("{LOOK_US} us after the count, within {NEAR_US} us");
     let found = format!("force {:.2} us, terminal {:.2} us", looks[0].at_us, looks[1].at_us);
@@ -221,7 +228,9 @@ mod tests {
         };
         assert_eq!(judged(0.63, 0.7), None);
         assert!(judged(8.4, 8.4).is_some_and(|cause| cause.contains("a trigger other than")));
-        assert!(judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter samples 2.0 us too late")));
+        assert!(
+            judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter samples 2.0 +- 0.4 us too late"))
+        );
         assert!(judged(0.63, 2.6).is_some_and(|cause| cause.contains("terminal's converter")));
         let mut report = Report::default();
         assert!(!judge([Look { at_us: 0.63, settling_us: 3.0 }; 2], &mut report));
