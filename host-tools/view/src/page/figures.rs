@@ -41,25 +41,22 @@ impl Kind {
 
     /// Its name on the command line and in file names.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Force => "force",
-            Self::Loop => "loop",
-            Self::Residual => "residual",
-            Self::Parameters => "parameters",
-            Self::Backlash => "backlash",
-            Self::Bode => "bode",
-        }
+        self.words().0
     }
 
     /// Its heading.
     pub const fn heading(self) -> &'static str {
+        self.words().1
+    }
+
+    const fn words(self) -> (&'static str, &'static str) {
         match self {
-            Self::Force => "Force against the law",
-            Self::Loop => "Force over displacement",
-            Self::Residual => "Residual of the law",
-            Self::Parameters => "Parameters over time",
-            Self::Backlash => "Backlash by reversal",
-            Self::Bode => "Frequency response",
+            Self::Force => ("force", "Force against the law"),
+            Self::Loop => ("loop", "Force over displacement"),
+            Self::Residual => ("residual", "Residual of the law"),
+            Self::Parameters => ("parameters", "Parameters over time"),
+            Self::Backlash => ("backlash", "Backlash by reversal"),
+            Self::Bode => ("bode", "Frequency response"),
         }
     }
 }
@@ -79,21 +76,18 @@ pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
         Kind::Backlash => backlash(content),
         Kind::Bode => bode(content),
     };
-    let file = || content.run.name.clone();
-    let machine = content.run.settings.machine;
-    let words = |text: String| description(machine, &text);
+    let (name, heading) = kind.words();
+    let file = &content.run.name;
+    let words = |text: &str| description(content.run.settings.machine, text);
     let (caption, mut panels) =
-        made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason: words(reason) })?;
+        made.map_err(|reason| PageError::NotShown { file: file.clone(), figure: name, reason: words(&reason) })?;
     for panel in &mut panels {
-        for axis in [&mut panel.x, &mut panel.y] {
-            axis.label = description(machine, &axis.label);
-        }
-        for label in panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut()) {
-            *label = description(machine, label);
+        let layers = panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut());
+        for label in layers.chain([&mut panel.x.label, &mut panel.y.label]) {
+            *label = words(label);
         }
     }
-    let title = format!("{}: {}", words(kind.heading().into()), file());
-    Ok(Figure { name: kind.name(), title, caption: words(caption), panels })
+    Ok(Figure { name, title: format!("{}: {file}", words(heading)), caption: words(&caption), panels })
 }
 
 fn needs_rows(rows: &[Row]) -> Result<(), String> {
@@ -335,11 +329,12 @@ fn parameters(content: &Content) -> Made {
 /// The true value of a simulated device over time, converted by `factor` to the unit shown; empty if unknown.
 fn truth_line(content: &Content, name: &str, factor: f64) -> Vec<(f64, f64)> {
     let (start_s, end_s) = (content.run.start_s, content.run.start_s + content.duration_s);
-    let Some(first) = content.first_truth(name).map(|value| value * factor) else { return Vec::new() };
-    match content.later_truth(name).map(|(at_s, value)| (at_s, value * factor)) {
+    let Some(first) = content.first_truth(name) else { return Vec::new() };
+    let points = match content.later_truth(name) {
         Some((at_s, later)) => vec![(start_s, first), (at_s, first), (at_s, later), (end_s, later)],
         None => vec![(start_s, first), (end_s, first)],
-    }
+    };
+    points.into_iter().map(|(t_s, value)| (t_s, value * factor)).collect()
 }
 
 /// A value with its interval over time; the axis fits the settled value, not its first uncertain moments.
