@@ -45,7 +45,8 @@ fn deviation(device: Inerter, frequency_hz: f64) -> f64 {
 #[test]
 fn force_per_displacement_is_the_closed_form() {
     let linear = Inerter { coulomb_n: 0.0, ..Inerter::paper() };
-    // Ten times the paper's viscous friction, so that transients decay sooner. The device is linear, so any value will do.
+    // Ten times the paper's viscous friction, so that transients decay sooner. The device is linear, so any value will
+    // do.
     let damped = Inerter { viscous_n_s_per_m: 314.0, ..linear };
     let stiff = Inerter { stiffness_n_per_m: 1e9, contact_damping_n_s_per_m: 1e5, viscous_n_s_per_m: 1e3, ..linear };
     let soft = Inerter { stiffness_n_per_m: 2e4, inertance_kg: 2.0, ..linear };

@@ -45,28 +45,31 @@ impl Probes for Attached {
         let unknown = |error: &dyn Error| FlashError::Chip { chip: chip.into(), reason: reason(error) };
         Registry::from_builtin_families().get_target_by_name(chip).map_err(|error| unknown(&error))?;
         let mut session = attach(probe, chip)?;
-        let failed = |error: &dyn Error| FlashError::Program { reason: reason(error) };
         if chip == CHIP {
-            let mut core = session.core(0).map_err(|error| failed(&error))?;
-            let mut word = |address| core.read_word_32(address).map_err(|error| failed(&error));
+            let mut core = session.core(0).map_err(failed)?;
+            let mut word = |address| core.read_word_32(address).map_err(failed);
             let device = word(CHIP_DEVICE_ID_ADDRESS)? & 0xFFF;
             let (flash_kb, options) = (word(FLASH_KB_ADDRESS)? as u16, word(OPTIONS_ADDRESS)?);
             ChipFacts { device, flash_kb, options }.check()?;
         }
         let mut loader = session.target().flash_loader();
         for (address, bytes) in image.pages() {
-            loader.add_data(address.into(), bytes).map_err(|error| failed(&error))?;
+            loader.add_data(address.into(), bytes).map_err(failed)?;
         }
         let mut options = DownloadOptions::new();
         options.verify = true;
         options.progress = bars(progress);
-        loader.commit(&mut session, options).map_err(|error| failed(&error))?;
-        let mut core = session.core(0).map_err(|error| failed(&error))?;
+        loader.commit(&mut session, options).map_err(failed)?;
+        let mut core = session.core(0).map_err(failed)?;
         let mut uid = [0; 3];
-        core.read_32(UID_ADDRESS, &mut uid).map_err(|error| failed(&error))?;
-        core.reset().map_err(|error| failed(&error))?;
+        core.read_32(UID_ADDRESS, &mut uid).map_err(failed)?;
+        core.reset().map_err(failed)?;
         Ok(serial_number(uid))
     }
+}
+
+fn failed(error: impl Error) -> FlashError {
+    FlashError::Program { reason: reason(&error) }
 }
 
 fn attach(probe: &Probe, chip: &str) -> Result<Session, FlashError> {

@@ -127,7 +127,8 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             self.erase(*address)?;
             self.write(*address, bytes)?;
         }
-        if self.io.functional_descriptor().can_upload {
+        let can_check = self.io.functional_descriptor().can_upload;
+        if can_check {
             for (done, (address, bytes)) in rest.iter().enumerate() {
                 going(Stage::Checking, done)?;
                 self.check(*address, bytes)?;
@@ -137,7 +138,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             let (vectors, code) = bytes.split_at(VECTORS);
             self.write(*address + VECTORS as u32, code)?;
             self.write(*address, vectors)?;
-            if self.io.functional_descriptor().can_upload {
+            if can_check {
                 self.check(*address, bytes)?;
             }
         }

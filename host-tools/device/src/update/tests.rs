@@ -170,12 +170,8 @@ fn a_running_device_is_updated_and_says_so_under_its_new_port() {
 
 #[test]
 fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
-    run(&mut bench, None, &mut Vec::new()).unwrap();
+    let mut bench = before_visit();
     let flash = bench.chip.borrow().flash.clone();
-    bench.chip.borrow_mut().restart();
-    bench.in_dfu.clear();
-    (bench.running, bench.answers_after) = (Some(hello(SERIAL, NEW)), 4);
     let back = visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
     assert_eq!((back.serial.as_str(), back.identity.firmware.as_str()), (SERIAL, NEW));
     assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
