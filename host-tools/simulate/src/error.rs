@@ -11,7 +11,10 @@ pub enum SimulateError {
     /// Device, motion or instruments are invalid.
     #[error("the simulation cannot be set up: {source}")]
     #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
-    Setup { source: PlantError },
+    Setup {
+        #[from]
+        source: PlantError,
+    },
 
     /// The settings have another sample rate than the instruments.
     #[error("the setting sample_rate_hz = {set_hz} contradicts the {rate_hz} Hz of the simulated instruments")]
@@ -92,11 +95,5 @@ impl From<SettingsInputError> for SimulateError {
 impl From<OutputError> for SimulateError {
     fn from(error: OutputError) -> Self {
         Self::Data(error.into())
-    }
-}
-
-impl From<PlantError> for SimulateError {
-    fn from(source: PlantError) -> Self {
-        Self::Setup { source }
     }
 }
