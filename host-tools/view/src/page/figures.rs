@@ -249,26 +249,29 @@ fn hysteresis(content: &Content) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
-/// A parameter over a run, by its index: time, value and half width of the interval, NaN if unknown.
-pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
+/// Time \[s\], value and half width of the interval, NaN if unknown.
+pub(crate) type Timed = (f64, f64, f64);
+
+/// A parameter over a run, by its index.
+pub(crate) fn over_run(content: &Content, number: usize) -> Vec<Timed> {
     let machine = content.run.settings.machine;
     let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
     content.moments.iter().filter_map(|moment| Some(timed(moment.t_s, of(moment)?.1.known(), 1.0))).collect()
 }
 
-/// Time, value and half width of the interval, converted by `factor` to the unit shown.
-fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> (f64, f64, f64) {
+/// A value at a time, converted by `factor` to the unit shown.
+fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> Timed {
     let [value, u95] = known.map_or([f32::NAN; 2], |known| [known.value, known.u95]).map(f64::from);
     (t_s, value * factor, u95 * factor)
 }
 
 /// Points with a value and an interval.
-pub(crate) fn known(points: &[(f64, f64, f64)]) -> impl Iterator<Item = &(f64, f64, f64)> {
+pub(crate) fn known(points: &[Timed]) -> impl Iterator<Item = &Timed> {
     points.iter().filter(|point| point.1.is_finite() && point.2.is_finite())
 }
 
 /// The range of the values once they have settled, including their intervals.
-pub(crate) fn settled(points: &[(f64, f64, f64)]) -> (f64, f64) {
+pub(crate) fn settled(points: &[Timed]) -> (f64, f64) {
     let values = sorted(known(points).map(|point| point.1));
     let u95 = quantile(&sorted(known(points).map(|point| point.2)), 0.5);
     (quantile(&values, 0.03) - 2.2 * u95, quantile(&values, 0.97) + 2.2 * u95)
@@ -291,7 +294,7 @@ fn parameters(content: &Content) -> Made {
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
         panels.push(over_time(content, label, title, &points, Colour::Blue, truth));
     }
-    let widths: Vec<(f64, f64, f64)> = content
+    let widths: Vec<Timed> = content
         .moments
         .iter()
         .filter_map(|moment| Some(timed(moment.t_s, moment.detail?.backlash.known(), 1e6)))
@@ -342,7 +345,7 @@ fn over_time(
     content: &Content,
     label: String,
     title: String,
-    points: &[(f64, f64, f64)],
+    points: &[Timed],
     colour: Colour,
     truth: Vec<(f64, f64)>,
 ) -> Panel {
@@ -375,7 +378,7 @@ fn backlash(content: &Content) -> Made {
             backlash_text(estimate)
         ));
     }
-    let micrometres: Vec<(f64, f64, f64)> = content
+    let micrometres: Vec<Timed> = content
         .reversals
         .iter()
         .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))
