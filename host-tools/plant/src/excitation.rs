@@ -323,7 +323,7 @@ impl Excitation {
     pub fn table(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
         let table = Table::new(period_s, displacements_m)?;
         let duration_s = table.duration_s();
-        Ok(Self { segments: vec![Segment::new(Shape::Table(table), duration_s)] })
+        Ok(Self::single(Shape::Table(table), duration_s))
     }
 
     /// The same motion with its displacement multiplied by a factor.

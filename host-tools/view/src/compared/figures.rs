@@ -68,8 +68,8 @@ fn intervals(comparison: &Comparison) -> Figure {
         let mut layers = Vec::new();
         for (number, (content, run)) in comparison.runs.iter().zip(&row.runs).enumerate() {
             let Some(found) = run.found else { continue };
-            let (value, u95) =
-                (factor * f64::from(found.value), factor * f64::from(comparison.shown_rig(number).u95(&found.budget)));
+            let u95 = comparison.shown_rig(number).u95(&found.budget);
+            let [value, u95] = [found.value, u95].map(|one| factor * f64::from(one));
             let points = Shape::Points(vec![(number as f64 + 1.0, value, value - u95, value + u95)]);
             let colour = COLOURS[number % DRAWN];
             let is_named = panels.is_empty() && comparison.runs.len() <= DRAWN;
