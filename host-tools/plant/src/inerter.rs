@@ -259,13 +259,13 @@ mod tests {
         let mut device = Inerter::paper();
         assert_eq!(device.set("coulomb_n", f64::NAN), Err(PlantError::NotFinite { field: "coulomb_n" }));
         assert!(matches!(device.set("weight", 1.0), Err(PlantError::UnknownField { .. })));
-        device.backlash_m = -1.0;
-        assert!(device.validate().unwrap_err().to_string().contains("backlash_m: -1 is outside"));
-        let device = Inerter { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("stiffness_n_per_m"));
-        let device = Inerter { presliding_m: 1e-12, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("presliding_m"));
-        let device = Inerter { unilateral: 0.5, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("unilateral: 0.5 is not a whole"));
+        for (device, words) in [
+            (Inerter { backlash_m: -1.0, ..device }, "backlash_m: -1 is outside"),
+            (Inerter { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..device }, "stiffness_n_per_m"),
+            (Inerter { presliding_m: 1e-12, ..device }, "presliding_m"),
+            (Inerter { unilateral: 0.5, ..device }, "unilateral: 0.5 is not a whole"),
+        ] {
+            assert!(device.validate().unwrap_err().to_string().contains(words), "{words}");
+        }
     }
 }

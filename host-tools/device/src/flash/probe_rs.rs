@@ -159,12 +159,17 @@ mod tests {
         let mut progress = |work, done, all| heard.push((work, done, all));
         let mut bars = bars(&mut progress);
         let time = std::time::Duration::ZERO;
-        bars.emit(ProgressEvent::AddProgressBar { operation: ProgressOperation::Erase, total: Some(4096) });
-        bars.emit(ProgressEvent::AddProgressBar { operation: ProgressOperation::Program, total: None });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Erase, size: 2048, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Fill, size: 2048, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Program, size: 1024, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Erase, size: 2048, time });
+        for (operation, total) in [(ProgressOperation::Erase, Some(4096)), (ProgressOperation::Program, None)] {
+            bars.emit(ProgressEvent::AddProgressBar { operation, total });
+        }
+        for (operation, size) in [
+            (ProgressOperation::Erase, 2048),
+            (ProgressOperation::Fill, 2048),
+            (ProgressOperation::Program, 1024),
+            (ProgressOperation::Erase, 2048),
+        ] {
+            bars.emit(ProgressEvent::Progress { operation, size, time });
+        }
         drop(bars);
         assert_eq!(heard, [(Work::Erasing, 2048, 4096), (Work::Writing, 1024, 1024), (Work::Erasing, 4096, 4096)]);
     }

@@ -62,6 +62,11 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
     }
 }
 
+/// A bench whose device runs the old firmware.
+fn running(in_dfu: &[&str]) -> FakeMachine {
+    bench(Some(hello(SERIAL, OLD)), in_dfu)
+}
+
 fn dfu_device(serial: &str) -> DfuDevice {
     DfuDevice { product: None, serial: serial.into(), vid: 0x0483, pid: 0xDF11 }
 }
@@ -164,7 +169,7 @@ fn failure(bench: &mut FakeMachine, serial: Option<&str>) -> UpdateError {
 
 #[test]
 fn a_running_device_is_updated_and_says_so_under_its_new_port() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    let mut bench = running(&["0000"]);
     let mut told = Vec::new();
     let back = run_told(&mut bench, None, &mut told).unwrap();
     assert_eq!((back.identity.firmware.as_str(), back.port.as_str()), (NEW, "/dev/ttyACM1"));
@@ -188,7 +193,7 @@ fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
 
 /// A bench for a visit, whose device runs the firmware in its flash.
 fn before_visit() -> FakeMachine {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    let mut bench = running(&[]);
     run(&mut bench, None).unwrap();
     bench.chip.borrow_mut().restart();
     bench.in_dfu.clear();
@@ -257,7 +262,7 @@ fn one_of_several_in_update_mode_is_chosen_by_its_serial_number() {
 
 #[test]
 fn a_device_that_does_not_appear_in_update_mode_is_told_apart_from_others_that_do() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    let mut bench = running(&["0000"]);
     bench.appears_after = None;
     let error = failure(&mut bench, None);
     let words =
@@ -315,7 +320,7 @@ fn what_runs_afterwards_is_compared_with_what_was_written() {
 
 #[test]
 fn an_update_whose_cable_was_pulled_is_completed_by_the_same_command() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    let mut bench = running(&[]);
     bench.chip.borrow_mut().transfers_left = 60;
     assert!(matches!(failure(&mut bench, None), UpdateError::Lost { .. }));
     bench.chip.borrow_mut().restart();
@@ -347,7 +352,7 @@ fn ctrl_c_ends_every_wait_of_an_update_and_leaves_no_whole_firmware_in_update_mo
         ("for the firmware", |bench| bench.answers_after = u32::MAX),
     ];
     for (what, hold_up) in waits {
-        let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+        let mut bench = running(&[]);
         hold_up(&mut bench);
         bench.interrupted_at = told;
         let error = failure(&mut bench, None);

@@ -13,10 +13,13 @@ const RANDOM: &str = "random:0.5-15Hz:20mm/s";
 const CHIRP: &str = "chirp:0.1-20Hz:5mm/s:60s";
 const MOVES: &str = "moves:0.25m:0.3m/s:2m/s2:0.2s";
 
-const FREQUENCY: &[(&str, f64)] = &[("Hz", 1.0), ("mHz", 1e-3)];
-const LENGTH: &[(&str, f64)] =
+/// Units, each with its factor to the SI unit.
+type Units = &'static [(&'static str, f64)];
+
+const FREQUENCY: Units = &[("Hz", 1.0), ("mHz", 1e-3)];
+const LENGTH: Units =
     &[("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0), ("rad", 1.0), ("mrad", 1e-3), ("deg", DEGREE)];
-const SPEED: &[(&str, f64)] = &[
+const SPEED: Units = &[
     ("mm/s", 1e-3),
     ("um/s", 1e-6),
     ("µm/s", 1e-6),
@@ -26,9 +29,9 @@ const SPEED: &[(&str, f64)] = &[
     ("deg/s", DEGREE),
     ("rpm", 6.0 * DEGREE),
 ];
-const ACCELERATION: &[(&str, f64)] = &[("m/s2", 1.0), ("mm/s2", 1e-3), ("rad/s2", 1.0), ("deg/s2", DEGREE)];
-const TIME: &[(&str, f64)] = &[("ms", 1e-3), ("min", 60.0), ("s", 1.0)];
-const ANGLE: &[(&str, f64)] = &[("deg", 1.0)];
+const ACCELERATION: Units = &[("m/s2", 1.0), ("mm/s2", 1e-3), ("rad/s2", 1.0), ("deg/s2", DEGREE)];
+const TIME: Units = &[("ms", 1e-3), ("min", 60.0), ("s", 1.0)];
+const ANGLE: Units = &[("deg", 1.0)];
 /// One degree \[rad\].
 const DEGREE: f64 = PI / 180.0;
 
@@ -186,7 +189,7 @@ fn range(text: &str, example: &'static str) -> Result<(f64, f64), PlantError> {
 }
 
 /// A number with its unit.
-fn quantity(text: &str, units: &[(&str, f64)], what: &str, example: &'static str) -> Result<f64, PlantError> {
+fn quantity(text: &str, units: Units, what: &str, example: &'static str) -> Result<f64, PlantError> {
     let text = text.trim();
     let names = || units.iter().map(|unit| unit.0).collect::<Vec<_>>().join(", ");
     // Longest unit first: "mm" also ends in "m".

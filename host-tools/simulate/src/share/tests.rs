@@ -73,6 +73,12 @@ impl Board {
         share.relay(&out[..length]);
     }
 
+    /// Sends the next batch of samples.
+    fn stream(&mut self, share: &mut Share, batches: &mut u32) {
+        self.says(share, &batch(20 * *batches));
+        *batches += 1;
+    }
+
     fn start(&mut self, share: &mut Share) {
         self.says(share, &Record::Event(Event { index: 0, kind: EventKind::Started }));
         self.says(share, &Record::Hello(hello()));
@@ -197,15 +203,13 @@ fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
     let (mut batches, mut most) = (0, 0);
     // Until much is dropped: the system's own buffers are full as well.
     while batches < 1000 || share.readers.iter().all(|reader| reader.waiting.len() + MAX_FRAME <= MOST_WAITING) {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
         assert!(!share.is_full());
         other.read();
         most = most.max(share.readers.iter().map(|reader| reader.waiting.len()).max().unwrap());
     }
     for _ in 0..100 {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
         other.read();
     }
     while other.seen.len() < batches as usize {
@@ -218,8 +222,7 @@ fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
     while stuck.lost == 0 {
         share.turn();
         stuck.read();
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
     }
     stuck.command(&mut share, 2, Command::ReadSettings);
     assert!(share.controller.is_none(), "nobody controls what is only watched");
@@ -232,8 +235,7 @@ fn a_reader_alone_holds_the_device_up() {
     host.command(&mut share, 1, Command::Streams(SAMPLES));
     let mut batches = 0;
     while !share.is_full() {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
     }
     while host.seen.len() < batches as usize {
         share.turn();
