@@ -1,5 +1,7 @@
 //! Why a simulation cannot be set up or run.
 
+use std::io;
+
 use inerter_data::{output::OutputError, settings::SettingsInputError};
 use inerter_plant::PlantError;
 use miette::Diagnostic;
@@ -35,7 +37,7 @@ pub enum SimulateError {
     /// The pseudo-terminal or TCP port cannot be opened.
     #[error("{what} cannot be opened: {source}")]
     #[diagnostic(code(inerter::simulate::endpoint), help("choose another port number, or 0 for any free one"))]
-    Endpoint { what: String, source: std::io::Error },
+    Endpoint { what: String, source: io::Error },
 
     /// The output's name does not determine a format.
     #[error("{path} has neither the ending .mcap nor .csv")]
@@ -70,7 +72,7 @@ pub enum SimulateError {
         code(inerter::simulate::qemu),
         help("install it (Debian: sudo apt-get install qemu-system-arm); without --qemu it is not needed")
     )]
-    NoQemu { source: std::io::Error },
+    NoQemu { source: io::Error },
 
     /// QEMU ended unexpectedly.
     #[error("QEMU ended unexpectedly ({status}): {message}")]
