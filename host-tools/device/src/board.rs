@@ -59,11 +59,6 @@ pub const ST_VID: u16 = 0x0483;
 pub const DFU_PID: u16 = 0xDF11;
 /// USB products of ST-Link probes that also have a serial port: V2-1, V3 (probe-rs and OpenOCD list the same).
 pub const ST_LINK_PIDS: [u16; 7] = [0x374B, 0x3752, 0x374E, 0x374F, 0x3753, 0x3754, 0x3757];
-/// Baud rate of the board's UART, which an ST-Link's serial port carries.
-pub const UART_BAUD: u32 = 921_600;
-
-/// Prefix of the name of the ROM's DFU alternate setting for flash (UM0424).
-pub const DFU_FLASH: &str = "@Internal Flash";
 
 /// The USB serial number, the same in the firmware and the ROM (the ROM's rule, AN2606): derived from the chip's unique
 /// ID.

@@ -22,8 +22,7 @@ pub struct DfuDevice {
 
 /// Devices in update mode; other STM32 chips look the same.
 pub fn list() -> Result<Vec<DfuDevice>, UpdateError> {
-    let devices = found()?;
-    let mut devices: Vec<DfuDevice> = devices.iter().map(DfuDevice::from).collect();
+    let mut devices: Vec<DfuDevice> = found()?.iter().map(DfuDevice::from).collect();
     devices.sort_by(|a, b| a.serial.cmp(&b.serial));
     Ok(devices)
 }

@@ -152,7 +152,9 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
             }
         }
         let done = self.device.request_within("to end the injection", Command::InjectEnd, END_TIME);
-        self.drain()?;
+        while let Some(received) = self.device.pending() {
+            self.take(&received)?;
+        }
         if let Some(event) = self.pairing.flush() {
             self.hold(event)?;
         }
@@ -181,13 +183,6 @@ impl<E: From<DeviceError>, P: FnMut(f64, &EstimatorEvent) -> Result<(), E>, G: F
             }
             self.take(&received)?;
         }
-    }
-
-    fn drain(&mut self) -> Result<(), E> {
-        while let Some(received) = self.device.pending() {
-            self.take(&received)?;
-        }
-        Ok(())
     }
 
     fn take(&mut self, received: &Received) -> Result<(), E> {

@@ -11,8 +11,8 @@ use serialport::SerialPort;
 
 use crate::{error::DeviceError, ports};
 
-/// Baud rate of real UARTs such as the ST-Link's; USB and pseudo-terminals ignore it.
-pub const DEFAULT_BAUD: u32 = crate::board::UART_BAUD;
+/// Baud rate of the board's UART, which an ST-Link's serial port carries; USB and pseudo-terminals ignore it.
+pub const DEFAULT_BAUD: u32 = 921_600;
 /// A write that takes longer means that the device does not read.
 const WRITE_TIME: Duration = Duration::from_secs(2);
 /// A read that takes longer returns control to the caller.

@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// A serial port.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Port {
     /// Name to open it with.
     pub port: String,
@@ -30,15 +30,7 @@ pub struct Port {
 
 impl From<SerialPortInfo> for Port {
     fn from(info: SerialPortInfo) -> Self {
-        let plain = Self {
-            port: info.port_name,
-            inerter: false,
-            stlink: false,
-            product: None,
-            serial: None,
-            vid: None,
-            pid: None,
-        };
+        let plain = Self { port: info.port_name, ..Self::default() };
         let SerialPortType::UsbPort(usb) = info.port_type else { return plain };
         // Linux writes the product with underscores if it comes from a file name.
         let named = usb.product.as_deref().is_some_and(|product| product.replace('_', " ").trim() == PRODUCT);

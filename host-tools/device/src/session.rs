@@ -237,10 +237,9 @@ impl Device {
         let mut seen = self.talk.queue.len();
         loop {
             self.poll()?;
-            for received in self.talk.queue.range(seen.min(self.talk.queue.len())..) {
-                if let Some(result) = received.reply_to(id) {
-                    return result.map_err(|refusal| DeviceError::Refused { name: self.name.clone(), what, refusal });
-                }
+            let mut new = self.talk.queue.range(seen.min(self.talk.queue.len())..);
+            if let Some(result) = new.find_map(|received| received.reply_to(id)) {
+                return result.map_err(|refusal| DeviceError::Refused { name: self.name.clone(), what, refusal });
             }
             seen = self.talk.queue.len();
             if !cleans_up {

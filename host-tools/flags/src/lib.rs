@@ -338,6 +338,10 @@ mod tests {
         },
     }
 
+    fn line(words: &[&str]) -> Vec<OsString> {
+        words.iter().map(OsString::from).collect()
+    }
+
     fn read(text: &str, typed: &[&str]) -> Result<Verb, String> {
         read_file(text, typed, true)
     }
@@ -346,7 +350,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("inerter.toml");
         std::fs::write(&path, text).unwrap();
-        let typed: Vec<OsString> = ["inerter", "record"].iter().chain(typed).map(OsString::from).collect();
+        let typed = line(&[&["inerter", "record"][..], typed].concat());
         let rules = Rules {
             grave: &["force", "output"],
             is_here: |place| !place.contains("10.") && !place.contains("example"),
@@ -400,7 +404,6 @@ mod tests {
 
     #[test]
     fn a_file_is_found_by_its_flag_first() {
-        let line = |words: &[&str]| words.iter().map(OsString::from).collect::<Vec<_>>();
         let named = |name: &str| Some(FlagsFile { path: name.into(), is_named: true });
         assert_eq!(file(&line(&["inerter", "ports", "--config", "a.toml"])), named("a.toml"));
         assert_eq!(file(&line(&["inerter", "--config=b.toml", "ports"])), named("b.toml"));
@@ -412,13 +415,12 @@ mod tests {
             &["inerter", "info", "--", "--config=evil.toml", "run.mcap"][..],
             &["inerter", "info", "--", "--config", "evil.toml"],
         ] {
-            let words: Vec<OsString> = words.iter().map(OsString::from).collect();
-            assert_ne!(file(&words).map(|file| file.path), Some(PathBuf::from("evil.toml")));
+            assert_ne!(file(&line(words)).map(|file| file.path), Some(PathBuf::from("evil.toml")));
         }
-        let words: Vec<OsString> = ["inerter", "--config=a.toml", "info", "--", "x"].map(OsString::from).to_vec();
+        let words = line(&["inerter", "--config=a.toml", "info", "--", "x"]);
         assert_eq!(file(&words).map(|file| file.path), Some(PathBuf::from("a.toml")));
         // Nor does a file with the name of a flag keep the flag file from setting that flag.
-        let typed = ["inerter", "record", "-o", "x", "--", "--duration=1"].map(OsString::from);
+        let typed = line(&["inerter", "record", "-o", "x", "--", "--duration=1"]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("inerter.toml");
         std::fs::write(&path, "duration = 60\n").unwrap();

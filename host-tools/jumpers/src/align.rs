@@ -1,5 +1,7 @@
 //! Aligns samples with steps, using the counts, which have no noise.
 
+use std::ops::Range;
+
 use crate::recording::Recording;
 use crate::tape::Tape;
 
@@ -23,7 +25,7 @@ pub struct Aligned {
 
 impl Aligned {
     /// The steps of a sample.
-    pub fn steps(&self, sample: usize) -> std::ops::Range<i64> {
+    pub fn steps(&self, sample: usize) -> Range<i64> {
         let first = self.lag + (sample * ENTRIES) as i64;
         first..first + ENTRIES as i64
     }
@@ -57,7 +59,7 @@ impl Sums {
     }
 
     /// Mean over steps.
-    pub fn mean(&self, steps: std::ops::Range<i64>) -> f64 {
+    pub fn mean(&self, steps: Range<i64>) -> f64 {
         (self.before(steps.end) - self.before(steps.start)) / (steps.end - steps.start) as f64
     }
 }
@@ -81,7 +83,7 @@ pub fn align(tape: &Tape, recording: &Recording) -> Option<Aligned> {
         .map(|lag| {
             let trial = Aligned { lag, ratio: 0.0, residual_counts: 0.0 };
             // At the edges, when the pins begin and cease to be driven, the pull-ups' levels may be counted.
-            let inside = |steps: &std::ops::Range<i64>| steps.start >= 0 && steps.end <= tape.steps().len() as i64;
+            let inside = |steps: &Range<i64>| steps.start >= 0 && steps.end <= tape.steps().len() as i64;
             let samples = positions.iter().enumerate().map(|(sample, position)| (trial.steps(sample), *position));
             let pairs = samples.filter(|(steps, _)| inside(steps)).map(|(steps, seen)| (counts.mean(steps), seen));
             let line = Line::fit(pairs);

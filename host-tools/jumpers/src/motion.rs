@@ -182,6 +182,7 @@ pub fn backlash(detail: &Detail, route: Route, report: &mut Report) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use inerter_app::player::Step;
     use inerter_core::{Active, Backlash, BacklashSize, Published, RawSample, State};
 
     /// The best that wires and converters can deliver: the codes as they were put out.
@@ -195,7 +196,7 @@ mod tests {
         let active: Active = settings(0.0, route).validate().unwrap();
         let mut state = Box::new(State::new(&active));
         for (index, steps) in tape.steps().chunks_exact(64).enumerate() {
-            let sum = |of: fn(&inerter_app::player::Step) -> i32| steps.iter().map(of).sum();
+            let sum = |of: fn(&Step) -> i32| steps.iter().map(of).sum();
             active.step(
                 &mut state,
                 &RawSample {
@@ -241,9 +242,7 @@ mod tests {
     fn the_tape_alone_gives_the_truth() {
         for device in [truth(), worn()] {
             let tape = at_best(device);
-            let all = |of: fn(&inerter_app::player::Step) -> u16| {
-                tape.steps().iter().all(|step| (300..3800).contains(&of(step)))
-            };
+            let all = |of: fn(&Step) -> u16| tape.steps().iter().all(|step| (300..3800).contains(&of(step)));
             assert!(all(|step| step.force) && all(|step| step.terminal), "the outputs do not reach the rails");
             assert!(tape.knots().iter().all(|knot| knot.advance.abs() < Knot::MAX_ADVANCE), "too fast for the outputs");
         }

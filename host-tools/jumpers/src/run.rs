@@ -7,7 +7,7 @@ use crate::motion;
 use crate::recording::{record, record_from_rest};
 use crate::sweep::sweep;
 use crate::tape::Tape;
-use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, played, sampled};
+use crate::wires::{Chain, Levels, SETTLED_TICKS, chain, encoder, played, sampled, sound};
 use inerter_core::{Route, Settings};
 use inerter_plant::Inerter;
 use inerter_wire::{Capabilities, Command, Play, Record, Refusal, SettingsValues, Streams};
@@ -132,27 +132,18 @@ fn wires(board: &mut impl Board, report: &mut Report) -> Result<Option<Chain>, J
     let recording = played(record(board, &levels.tape, SETTLED_TICKS, None), report)?;
     let Some(recording) = recording else { return Ok(None) };
     let (check, aligned) = encoder(&levels.tape, &recording);
-    if !report.take(sampled(board, &levels.tape, &recording, check.passed())?) {
-        return Ok(None);
-    }
-    if !report.take(check) {
-        return Ok(None);
-    }
-    Ok(aligned.and_then(|aligned| chain(&levels, &recording, &aligned, report)))
+    let passed = report.take(sampled(board, &levels.tape, &recording, check.passed())?) && report.take(check);
+    Ok(aligned.filter(|_| passed).and_then(|aligned| chain(&levels, &recording, &aligned, report)))
 }
 
 /// Checks that no edge is lost at the maximum rate.
 fn burst(board: &mut impl Board, report: &mut Report) -> Result<bool, JumperError> {
     let tape = Tape::new();
-    let recording = played(record(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS))), report)?;
-    let Some(recording) = recording else { return Ok(false) };
-    let (wired, aligned) = encoder(&tape, &recording);
-    if !(report.holds(sampled(board, &tape, &recording, wired.passed())?) && report.holds(wired)) {
-        return Ok(false);
-    }
+    let sound = sound(board, &tape, SETTLED_TICKS, Some((EDGE_TICKS, BLOCKS)), report)?;
+    let Some((recording, aligned)) = sound else { return Ok(false) };
     let positions = positions(&recording);
     // Before the burst, where the tape ends; and after it, before the pins were let go.
-    let ended = aligned.map_or(0, |aligned| (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64) - 1;
+    let ended = (tape.steps().len() as i64 - aligned.lag) / ENTRIES as i64 - 1;
     let at = |place: usize| positions.get(place).copied().unwrap_or(0.0);
     let counted = (at(recording.driven.saturating_sub(1)) - at(ended.max(0) as usize)).round();
     let played = f64::from(recording.edges);

@@ -7,9 +7,9 @@
 use crate::align::{Aligned, Sums};
 use crate::board::{Board, JumperError};
 use crate::check::{Check, Report};
-use crate::recording::{Recording, record};
+use crate::recording::Recording;
 use crate::tape::Tape;
-use crate::wires::{encoder, played, sampled};
+use crate::wires::sound;
 use inerter_core::RawSample;
 
 /// Ticks of the core's clock per step, and per microsecond.
@@ -153,12 +153,7 @@ pub fn sweep(board: &mut impl Board, report: &mut Report) -> Result<Option<(f64,
     let tape = tape();
     let mut found = [Vec::new(), Vec::new()];
     for phase in PHASES {
-        let Some(recording) = played(record(board, &tape, phase, None), report)? else { return Ok(None) };
-        let (check, aligned) = encoder(&tape, &recording);
-        if !(report.holds(sampled(board, &tape, &recording, check.passed())?) && report.holds(check)) {
-            return Ok(None);
-        }
-        let Some(aligned) = aligned else { return Ok(None) };
+        let Some((recording, aligned)) = sound(board, &tape, phase, None, report)? else { return Ok(None) };
         let phase_us = f64::from(recording.phase_ticks) / TICKS_PER_US;
         for (list, terminal) in found.iter_mut().zip([false, true]) {
             list.push((phase_us, behind(&tape, &recording, &aligned, terminal)));

@@ -1,5 +1,7 @@
 //! The signals to play, and the resulting outputs.
 
+use std::ops::Range;
+
 use inerter_app::player::{Player, Step};
 use inerter_wire::Knot;
 
@@ -57,12 +59,12 @@ impl Tape {
     }
 
     /// Holds for this many knots; returns their range.
-    pub fn hold(&mut self, knots: usize) -> std::ops::Range<usize> {
+    pub fn hold(&mut self, knots: usize) -> Range<usize> {
         self.turn(0, knots)
     }
 
     /// Moves the encoder uniformly.
-    pub fn turn(&mut self, advance: i16, knots: usize) -> std::ops::Range<usize> {
+    pub fn turn(&mut self, advance: i16, knots: usize) -> Range<usize> {
         let first = self.knots.len();
         for _ in 0..knots {
             self.push(Knot { advance, ..self.last });
@@ -72,7 +74,7 @@ impl Tape {
 
     /// Goes to these voltages in one knot, and holds them; returns the range of the held knots \[sixteenths of a
     /// code\].
-    pub fn go(&mut self, force: u16, terminal: u16, knots: usize) -> std::ops::Range<usize> {
+    pub fn go(&mut self, force: u16, terminal: u16, knots: usize) -> Range<usize> {
         self.push(Knot { force, terminal, advance: 0 });
         self.hold(knots)
     }

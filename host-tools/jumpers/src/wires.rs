@@ -3,7 +3,7 @@
 use crate::align::{Aligned, ENTRIES, Line, align, positions};
 use crate::board::{Board, JumperError};
 use crate::check::{Check, Report};
-use crate::recording::Recording;
+use crate::recording::{Recording, record};
 use crate::tape::Tape;
 use inerter_core::RawSample;
 use inerter_wire::{Fault, Knot, Record, Refusal};
@@ -79,6 +79,21 @@ pub fn played(outcome: Result<Recording, JumperError>, report: &mut Report) -> R
         }
         other => other.map(Some),
     }
+}
+
+/// Plays a tape, and optionally a burst; a recording without a fault, aligned by its counts. `None` after a failed
+/// check.
+pub fn sound(
+    board: &mut impl Board,
+    tape: &Tape,
+    phase_ticks: u16,
+    burst: Option<(u16, u16)>,
+    report: &mut Report,
+) -> Result<Option<(Recording, Aligned)>, JumperError> {
+    let Some(recording) = played(record(board, tape, phase_ticks, burst), report)? else { return Ok(None) };
+    let (check, aligned) = encoder(tape, &recording);
+    let holds = report.holds(sampled(board, tape, &recording, check.passed())?) && report.holds(check);
+    Ok(aligned.filter(|_| holds).map(|aligned| (recording, aligned)))
 }
 
 /// Checks that the board lost nothing; done for any recording before it is evaluated. `is_credible` means that the

@@ -43,13 +43,14 @@ const TAIL: f64 = 1e-12;
 const MOST_CHANGES: u32 = 1000;
 
 /// State of the screw.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Motion {
     /// Turns with `x2' > 0`.
     Forward,
     /// Turns with `x2' < 0`.
     Backward,
     /// At rest, held by friction.
+    #[default]
     Stuck,
 }
 
@@ -61,13 +62,14 @@ impl Motion {
 }
 
 /// State of the flanks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Flank {
     /// They touch with `x1 - x2 > eps/2`: the terminal pushes the screw forward.
     Positive,
     /// They touch with `x1 - x2 < -eps/2`.
     Negative,
     /// They do not touch; the force is zero.
+    #[default]
     Flight,
     /// There is no backlash, and the flanks can pull as well as push: they always touch.
     Closed,
@@ -84,8 +86,8 @@ impl Flank {
     }
 }
 
-/// The true state at one time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The true state at one time; by default at rest, with the flanks apart.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Truth {
     /// Time \[s\].
     pub t_s: f64,
@@ -144,7 +146,7 @@ impl Segment {
 
     /// End \[s\].
     pub fn end_s(&self) -> f64 {
-        self.start_s + self.unit_s * self.end
+        self.start_s + self.duration_s()
     }
 
     /// Length \[s\], free of the rounding of `end - start`.
@@ -337,19 +339,8 @@ impl Plant {
 
     /// The state before time zero: at rest in the middle of the backlash.
     pub(crate) fn rest_at(&self, t_s: f64) -> Truth {
-        Truth {
-            t_s,
-            x1_m: 0.0,
-            v1_m_per_s: 0.0,
-            a1_m_per_s2: 0.0,
-            x2_m: 0.0,
-            v2_m_per_s: 0.0,
-            a2_m_per_s2: 0.0,
-            force_n: 0.0,
-            friction_n: 0.0,
-            motion: Motion::Stuck,
-            contact: if self.device.is_closed() { Flank::Closed } else { Flank::Flight },
-        }
+        let contact = if self.device.is_closed() { Flank::Closed } else { Flank::Flight };
+        Truth { t_s, contact, ..Truth::default() }
     }
 
     /// The next segment.

@@ -100,13 +100,11 @@ impl Shape {
     fn at(&self, t_s: f64) -> Point {
         match self {
             Self::Hold => Point::default(),
-            Self::Tones(tones) => tones.iter().fold(Point::default(), |sum, tone| {
-                let p = tone.at(t_s);
-                Point {
-                    x_m: sum.x_m + p.x_m,
-                    v_m_per_s: sum.v_m_per_s + p.v_m_per_s,
-                    a_m_per_s2: sum.a_m_per_s2 + p.a_m_per_s2,
-                }
+            Self::Tones(tones) => tones.iter().map(|tone| tone.at(t_s)).fold(Point::default(), |mut sum, p| {
+                sum.x_m += p.x_m;
+                sum.v_m_per_s += p.v_m_per_s;
+                sum.a_m_per_s2 += p.a_m_per_s2;
+                sum
             }),
             Self::Moves(moves) => {
                 let [x_m, v_m_per_s, a_m_per_s2] = moves.at(t_s);
@@ -325,7 +323,7 @@ impl Excitation {
     pub fn table(period_s: f64, displacements_m: &[f64]) -> Result<Self, PlantError> {
         let table = Table::new(period_s, displacements_m)?;
         let duration_s = table.duration_s();
-        Ok(Self { segments: vec![Segment::new(Shape::Table(table), duration_s)] })
+        Ok(Self::single(Shape::Table(table), duration_s))
     }
 
     /// The same motion with its displacement multiplied by a factor.
@@ -386,11 +384,6 @@ impl Excitation {
         self.segments.last().map_or(0.0, Segment::end_s)
     }
 
-    /// Times at which one part of a sequence passes to the next \[s\].
-    pub fn starts_s(&self) -> impl Iterator<Item = f64> + '_ {
-        self.segments.iter().map(|segment| segment.start_s)
-    }
-
     /// Highest frequency in the motion \[Hz\], without the ramps.
     pub fn highest_hz(&self) -> f64 {
         self.segments.iter().map(|s| s.shape.highest_rad_per_s(s.duration_s) / TAU).fold(0.0, f64::max)
@@ -427,20 +420,14 @@ impl Excitation {
     }
 }
 
-/// Degrees to radians, for the parser.
-fn radians(degrees: f64) -> f64 {
-    degrees * PI / 180.0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn all() -> Vec<Excitation> {
-        let mut list: Vec<_> = Excitation::PRESETS.iter().map(|name| Excitation::preset(name, 3).unwrap()).collect();
-        list.push(Excitation::chirp(0.1, 20.0, 5e-3, 60.0));
-        list.push(Excitation::parse("mid@2s;hold@0.5s;random@2s;chirp:1-10Hz:5mm/s:3s", 5).unwrap());
-        list
+        let presets = Excitation::PRESETS.iter().map(|name| Excitation::preset(name, 3).unwrap());
+        let sequence = Excitation::parse("mid@2s;hold@0.5s;random@2s;chirp:1-10Hz:5mm/s:3s", 5).unwrap();
+        presets.chain([Excitation::chirp(0.1, 20.0, 5e-3, 60.0), sequence]).collect()
     }
 
     #[test]

@@ -113,17 +113,13 @@ impl Inerter {
     /// Checks every single value, and that the device is slow enough to be simulated.
     pub fn validate(&self) -> Result<(), PlantError> {
         self.check_fields()?;
-        let by_spring = (self.stiffness_n_per_m / self.inertance_kg).sqrt();
-        let by_presliding = (self.presliding_n_per_m() / self.inertance_kg).sqrt();
-        let by_contact = self.contact_damping_n_s_per_m / self.inertance_kg;
-        let by_viscous = (1.0 + self.viscous_asymmetry.abs()) * self.viscous_n_s_per_m / self.inertance_kg;
-        let by_stribeck = self.stribeck_n_s_per_m() / self.inertance_kg;
+        let inertance_kg = self.inertance_kg;
         let (field, rate) = [
-            ("stiffness_n_per_m", by_spring),
-            ("presliding_m", by_presliding),
-            ("contact_damping_n_s_per_m", by_contact),
-            ("viscous_n_s_per_m", by_viscous),
-            ("stribeck_velocity_m_per_s", by_stribeck),
+            ("stiffness_n_per_m", (self.stiffness_n_per_m / inertance_kg).sqrt()),
+            ("presliding_m", (self.presliding_n_per_m() / inertance_kg).sqrt()),
+            ("contact_damping_n_s_per_m", self.contact_damping_n_s_per_m / inertance_kg),
+            ("viscous_n_s_per_m", self.viscous(self.viscous_asymmetry.signum()) / inertance_kg),
+            ("stribeck_velocity_m_per_s", self.stribeck_n_s_per_m() / inertance_kg),
         ]
         .into_iter()
         .fold(("", 0.0), |worst, each| if each.1 > worst.1 { each } else { worst });
@@ -135,7 +131,7 @@ impl Inerter {
 
     /// An upper bound of the rates of all modes of the device \[rad/s\]; sets the length of a step.
     pub(crate) fn fastest_rad_per_s(&self) -> f64 {
-        let viscous = (1.0 + self.viscous_asymmetry.abs()) * self.viscous_n_s_per_m + self.stribeck_n_s_per_m();
+        let viscous = self.viscous(self.viscous_asymmetry.signum()) + self.stribeck_n_s_per_m();
         let stiffness = self.stiffness_n_per_m + self.presliding_n_per_m();
         let damping = (self.contact_damping_n_s_per_m + viscous) / self.inertance_kg;
         damping.max((stiffness / self.inertance_kg).sqrt())
@@ -263,13 +259,13 @@ mod tests {
         let mut device = Inerter::paper();
         assert_eq!(device.set("coulomb_n", f64::NAN), Err(PlantError::NotFinite { field: "coulomb_n" }));
         assert!(matches!(device.set("weight", 1.0), Err(PlantError::UnknownField { .. })));
-        device.backlash_m = -1.0;
-        assert!(device.validate().unwrap_err().to_string().contains("backlash_m: -1 is outside"));
-        let device = Inerter { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("stiffness_n_per_m"));
-        let device = Inerter { presliding_m: 1e-12, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("presliding_m"));
-        let device = Inerter { unilateral: 0.5, ..Inerter::paper() };
-        assert!(device.validate().unwrap_err().to_string().contains("unilateral: 0.5 is not a whole"));
+        for (device, words) in [
+            (Inerter { backlash_m: -1.0, ..device }, "backlash_m: -1 is outside"),
+            (Inerter { inertance_kg: 0.01, stiffness_n_per_m: 1e12, ..device }, "stiffness_n_per_m"),
+            (Inerter { presliding_m: 1e-12, ..device }, "presliding_m"),
+            (Inerter { unilateral: 0.5, ..device }, "unilateral: 0.5 is not a whole"),
+        ] {
+            assert!(device.validate().unwrap_err().to_string().contains(words), "{words}");
+        }
     }
 }

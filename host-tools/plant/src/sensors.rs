@@ -185,13 +185,15 @@ mod tests {
 
     #[test]
     fn refusals_name_the_field() {
-        let refused = |sensors: Sensors| sensors.validate().unwrap_err().to_string();
-        assert!(refused(Sensors { metres_per_count: 0.0, ..Sensors::default() }).contains("metres_per_count"));
-        assert!(
-            refused(Sensors { oversampling: 1.5, ..Sensors::default() }).contains("oversampling: 1.5 is not a whole")
-        );
-        assert!(refused(Sensors { force_min_code: 5.0, ..Sensors::default() }).contains("force_min_code"));
-        assert!(refused(Sensors { lost_probability: f64::NAN, ..Sensors::default() }).contains("lost_probability"));
+        let usual = Sensors::default();
+        for (sensors, words) in [
+            (Sensors { metres_per_count: 0.0, ..usual }, "metres_per_count"),
+            (Sensors { oversampling: 1.5, ..usual }, "oversampling: 1.5 is not a whole"),
+            (Sensors { force_min_code: 5.0, ..usual }, "force_min_code"),
+            (Sensors { lost_probability: f64::NAN, ..usual }, "lost_probability"),
+        ] {
+            assert!(sensors.validate().unwrap_err().to_string().contains(words), "{words}");
+        }
     }
 
     #[test]

@@ -2,6 +2,11 @@
 
 use inerter_plant::{Excitation, Flank, Inerter, Motion, Plant, Segment, Tone, Truth};
 
+const PAPER: Inerter = Inerter::paper();
+const WORN: Inerter = Inerter::worn();
+const PRESLIDING: Inerter = Inerter::presliding();
+const STRIBECK: Inerter = Inerter::stribeck();
+
 fn segments(device: Inerter, motion: Excitation, duration_s: f64) -> impl Iterator<Item = Segment> {
     let mut plant = Plant::new(device, motion).unwrap();
     std::iter::from_fn(move || {
@@ -13,23 +18,22 @@ fn segments(device: Inerter, motion: Excitation, duration_s: f64) -> impl Iterat
 
 fn runs() -> Vec<(&'static str, Inerter, Excitation, f64)> {
     let preset = |name| Excitation::preset(name, 5).unwrap();
-    let bouncing =
-        Inerter { contact_damping_n_s_per_m: 20.0, viscous_n_s_per_m: 1.0, coulomb_n: 1.0, ..Inerter::worn() };
-    let frictionless = Inerter { coulomb_n: 0.0, ..Inerter::worn() };
-    let sticky = Inerter { coulomb_n: 300.0, ..Inerter::paper() };
-    let light = Inerter { inertance_kg: 0.05, ..Inerter::worn() };
-    let uneven = Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: -0.3, ..Inerter::paper() };
-    let viscous_uneven = Inerter { coulomb_n: 0.0, viscous_asymmetry: 0.5, ..Inerter::paper() };
-    let weight = Inerter { constant_force_n: -200.0, ..Inerter::worn() };
-    let slow_stribeck = Inerter { stribeck_velocity_m_per_s: 0.02, backlash_m: 1e-4, ..Inerter::stribeck() };
-    let both = Inerter { stribeck_ratio: 1.3, coulomb_asymmetry: 0.2, ..Inerter::presliding() };
+    let bouncing = Inerter { contact_damping_n_s_per_m: 20.0, viscous_n_s_per_m: 1.0, coulomb_n: 1.0, ..WORN };
+    let frictionless = Inerter { coulomb_n: 0.0, ..WORN };
+    let sticky = Inerter { coulomb_n: 300.0, ..PAPER };
+    let light = Inerter { inertance_kg: 0.05, ..WORN };
+    let uneven = Inerter { coulomb_asymmetry: 0.4, viscous_asymmetry: -0.3, ..PAPER };
+    let viscous_uneven = Inerter { coulomb_n: 0.0, viscous_asymmetry: 0.5, ..PAPER };
+    let weight = Inerter { constant_force_n: -200.0, ..WORN };
+    let slow_stribeck = Inerter { stribeck_velocity_m_per_s: 0.02, backlash_m: 1e-4, ..STRIBECK };
+    let both = Inerter { stribeck_ratio: 1.3, coulomb_asymmetry: 0.2, ..PRESLIDING };
     vec![
-        ("paper slow", Inerter::paper(), preset("slow"), 40.0),
-        ("paper random", Inerter::paper(), preset("random"), 20.0),
-        ("worn slow", Inerter::worn(), preset("slow"), 40.0),
-        ("worn mid", Inerter::worn(), preset("mid"), 20.0),
-        ("worn fast", Inerter::worn(), preset("fast"), 20.0),
-        ("worn random", Inerter::worn(), preset("random"), 20.0),
+        ("paper slow", PAPER, preset("slow"), 40.0),
+        ("paper random", PAPER, preset("random"), 20.0),
+        ("worn slow", WORN, preset("slow"), 40.0),
+        ("worn mid", WORN, preset("mid"), 20.0),
+        ("worn fast", WORN, preset("fast"), 20.0),
+        ("worn random", WORN, preset("random"), 20.0),
         ("bouncing two", bouncing, preset("two"), 20.0),
         ("frictionless multi", frictionless, preset("multi"), 20.0),
         ("sticky multi", sticky, preset("multi"), 20.0),
@@ -37,12 +41,12 @@ fn runs() -> Vec<(&'static str, Inerter, Excitation, f64)> {
         ("uneven random", uneven, preset("random"), 20.0),
         ("viscous uneven mid", viscous_uneven, preset("mid"), 10.0),
         ("weight mid", weight, preset("mid"), 10.0),
-        ("stribeck random", Inerter::stribeck(), preset("random"), 20.0),
-        ("stribeck slow", Inerter::stribeck(), preset("slow"), 40.0),
+        ("stribeck random", STRIBECK, preset("random"), 20.0),
+        ("stribeck slow", STRIBECK, preset("slow"), 40.0),
         ("wide stribeck two", slow_stribeck, preset("two"), 10.0),
-        ("presliding random", Inerter::presliding(), preset("random"), 20.0),
-        ("presliding slow", Inerter::presliding(), preset("slow"), 40.0),
-        ("presliding and rest", Inerter::presliding(), Excitation::parse("mid@3s;hold@2s;mid", 1).unwrap(), 10.0),
+        ("presliding random", PRESLIDING, preset("random"), 20.0),
+        ("presliding slow", PRESLIDING, preset("slow"), 40.0),
+        ("presliding and rest", PRESLIDING, Excitation::parse("mid@3s;hold@2s;mid", 1).unwrap(), 10.0),
         ("presliding with stribeck mid", both, preset("mid"), 10.0),
     ]
 }
@@ -62,7 +66,7 @@ fn friction_below_rounding_cannot_hold_time() {
         coulomb_asymmetry: -0.7068460201350302,
         viscous_asymmetry: 0.5070554322996483,
         presliding_m: 5.189300149989968e-6,
-        ..Inerter::paper()
+        ..PAPER
     };
     for seed in [3, 9, 20] {
         let motion = Excitation::multisine(0.5, 30.0, 20e-3, seed);
@@ -105,6 +109,42 @@ fn sliding_n(p: &Inerter, t: &Truth) -> f64 {
     direction * p.coulomb_n * (1.0 + direction * p.coulomb_asymmetry) * (1.0 + surplus)
 }
 
+/// Power lost in all kinds of friction and in the damper, less that of the constant force \[W\].
+fn lost_w(p: &Inerter, t: &Truth) -> f64 {
+    let rate = if t.contact == Flank::Flight { 0.0 } else { t.v1_m_per_s - t.v2_m_per_s };
+    viscous(p, t) * t.v2_m_per_s.powi(2)
+        + (t.friction_n - p.constant_force_n) * t.v2_m_per_s
+        + p.contact_damping_n_s_per_m * rate.powi(2)
+}
+
+/// What the equation of motion leaves over while the screw moves \[N\].
+fn left_over_n(p: &Inerter, t: &Truth) -> f64 {
+    p.inertance_kg * t.a2_m_per_s2 + viscous(p, t) * t.v2_m_per_s + t.friction_n - t.force_n - p.constant_force_n
+}
+
+/// The states at these times with a fixed step, and how often the mode changed.
+fn states(device: Inerter, motion: Excitation, step_s: f64, times: impl Iterator<Item = f64>) -> (Vec<Truth>, usize) {
+    let mut plant = Plant::with_step(device, motion, step_s).unwrap();
+    let (mut states, mut changes, mut mode) = (Vec::new(), 0, None);
+    let mut times = times.peekable();
+    while times.peek().is_some() {
+        let segment = plant.next_segment();
+        let here = segment.at_fraction(0.5);
+        let now = Some((here.motion, here.contact));
+        changes += usize::from(std::mem::replace(&mut mode, now) != now);
+        while let Some(t) = times.next_if(|t| *t < segment.end_s()) {
+            states.push(segment.at(t));
+        }
+    }
+    (states, changes)
+}
+
+/// Greatest distance of the screw between two series of states \[m\].
+fn apart_m(some: &[Truth], others: &[Truth]) -> f64 {
+    assert_eq!(some.len(), others.len());
+    some.iter().zip(others).fold(0.0, |top, (a, b)| f64::max(top, (a.x2_m - b.x2_m).abs()))
+}
+
 #[test]
 fn energy_is_kept_through_every_event() {
     for (name, device, motion, duration_s) in runs() {
@@ -114,13 +154,9 @@ fn energy_is_kept_through_every_event() {
             for (place, weight) in GAUSS {
                 let t = segment.at_fraction(place);
                 let dt = weight * segment.duration_s();
-                let rate = if t.contact == Flank::Flight { 0.0 } else { t.v1_m_per_s - t.v2_m_per_s };
                 work += t.force_n * t.v1_m_per_s * dt;
                 traffic += (t.force_n * t.v1_m_per_s).abs() * dt;
-                taken += dt
-                    * (viscous(&device, &t) * t.v2_m_per_s.powi(2)
-                        + (t.friction_n - device.constant_force_n) * t.v2_m_per_s
-                        + device.contact_damping_n_s_per_m * rate.powi(2));
+                taken += dt * lost_w(&device, &t);
             }
             let (first, last) = (segment.at_fraction(0.0), segment.at_fraction(1.0));
             // No jump between segments either.
@@ -185,9 +221,7 @@ fn every_state_is_what_its_mode_says() {
                 if t.motion == Motion::Stuck {
                     continue;
                 }
-                let rest = device.inertance_kg * t.a2_m_per_s2 + viscous(&device, &t) * t.v2_m_per_s + t.friction_n
-                    - t.force_n
-                    - device.constant_force_n;
+                let rest = left_over_n(&device, &t);
                 let scale = device.coulomb_n + t.force_n.abs() + device.inertance_kg * t.a2_m_per_s2.abs();
                 assert!(rest.abs() <= 1e-6 * scale, "{name}: {rest:.1e} of {scale}");
                 if device.presliding_m == 0.0 {
@@ -214,23 +248,25 @@ fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[test]
 fn the_first_slip_and_the_first_contact_are_on_time() {
     // Stuck at zero, the force is ks x1 + cs x1': it frees the screw at fc.
-    let device = Inerter::paper();
+    let device = PAPER;
     let motion = Excitation::sine(3.2, 4.16e-3);
     let expected = bisect(0.0, 0.1, |t| {
         let x1 = motion.at(t);
         device.stiffness_n_per_m * x1.x_m + device.contact_damping_n_s_per_m * x1.v_m_per_s - device.coulomb_n
     });
-    let slip = segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).motion != Motion::Stuck);
-    let slip = slip.unwrap().start_s();
+    let mut slips = segments(device, motion.clone(), 1.0);
+    let slip = slips.find(|segment| segment.at_fraction(0.5).motion != Motion::Stuck).unwrap().start_s();
     println!("first slip at {expected} s, off by {:.1e} s", slip - expected);
     assert!((slip - expected).abs() < 1e-12);
 
     // Stuck at zero in the middle of the backlash, the flanks meet at half of it.
-    let device = Inerter { coulomb_n: 1000.0, ..Inerter::worn() };
+    let device = Inerter { coulomb_n: 1000.0, ..WORN };
     let expected = bisect(0.0, 0.1, |t| motion.at(t).x_m - 0.5e-4);
-    let meeting =
-        segments(device, motion.clone(), 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
-    let meeting = meeting.unwrap();
+    let met = |device| {
+        let mut all = segments(device, motion.clone(), 1.0);
+        all.find(|segment| segment.at_fraction(0.5).contact == Flank::Positive).unwrap()
+    };
+    let meeting = met(device);
     println!("first contact at {expected} s, off by {:.1e} s", meeting.start_s() - expected);
     assert!((meeting.start_s() - expected).abs() < 1e-12);
     // The force starts with the damper's.
@@ -240,13 +276,12 @@ fn the_first_slip_and_the_first_contact_are_on_time() {
 
     // The same meeting frees the screw at once if friction is less than the jump.
     let device = Inerter { coulomb_n: 0.5 * jump, ..device };
-    let meeting = segments(device, motion, 1.0).find(|segment| segment.at_fraction(0.5).contact == Flank::Positive);
-    assert_eq!(meeting.unwrap().at_fraction(0.5).motion, Motion::Forward);
+    assert_eq!(met(device).at_fraction(0.5).motion, Motion::Forward);
 }
 
 #[test]
 fn coasting_through_the_backlash_follows_its_formula() {
-    let device = Inerter::worn();
+    let device = WORN;
     let (m, cf, fc) = (device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n);
     let mut seen = 0;
     for segment in segments(device, Excitation::preset("mid", 0).unwrap(), 10.0) {
@@ -264,43 +299,12 @@ fn coasting_through_the_backlash_follows_its_formula() {
 fn the_error_falls_with_the_sixth_power_of_the_step() {
     // Coarser steps than the plant would choose: with its own, the error is dominated by rounding.
     let motion = || Excitation::tones(vec![Tone::new(0.8, 8e-3), Tone::new(6.4, 0.8e-3)]).with_ramp(1.0);
-    for (name, device) in
-        [("stick and slip", Inerter { coulomb_n: 400.0, ..Inerter::paper() }), ("contact and flight", Inerter::worn())]
-    {
-        let at = |step_s: f64| -> (Vec<Truth>, usize) {
-            let mut plant = Plant::with_step(device, motion(), step_s).unwrap();
-            let mut states = Vec::new();
-            let (mut changes, mut mode) = (0, None);
-            // Times that coincide with no step.
-            let mut times = (1..40).map(|k| 0.104_7 * f64::from(k)).peekable();
-            while let Some(&t) = times.peek() {
-                let segment = plant.next_segment();
-                let here = segment.at_fraction(0.5);
-                if mode.replace((here.motion, here.contact)) != Some((here.motion, here.contact)) {
-                    changes += 1;
-                }
-                let mut t = t;
-                while t < segment.end_s() {
-                    states.push(segment.at(t));
-                    times.next();
-                    match times.peek() {
-                        Some(&next) => t = next,
-                        None => break,
-                    }
-                }
-            }
-            (states, changes)
-        };
+    for (name, device) in [("stick and slip", Inerter { coulomb_n: 400.0, ..PAPER }), ("contact and flight", WORN)] {
+        // Times that coincide with no step.
+        let at = |step_s| states(device, motion(), step_s, (1..40).map(|k| 0.104_7 * f64::from(k)));
         let (exact, changes) = at(2.5e-4);
         let size = exact.iter().fold(0.0f64, |top, t| top.max(t.x2_m.abs()));
-        let errors: Vec<f64> = [16e-3, 8e-3, 4e-3, 2e-3, 1e-3]
-            .into_iter()
-            .map(|step_s| {
-                let (states, _) = at(step_s);
-                assert_eq!(states.len(), exact.len());
-                states.iter().zip(&exact).fold(0.0f64, |top, (a, b)| top.max((a.x2_m - b.x2_m).abs())) / size
-            })
-            .collect();
+        let errors = [16e-3, 8e-3, 4e-3, 2e-3, 1e-3].map(|step_s| apart_m(&at(step_s).0, &exact) / size);
         let orders: Vec<f64> = errors.windows(2).map(|pair| (pair[0] / pair[1]).log2()).collect();
         let shown: Vec<String> = errors.iter().map(|error| format!("{error:.1e}")).collect();
         println!("{name}: {changes} changes of mode, errors {shown:?}, orders {orders:.1?}");
@@ -351,10 +355,9 @@ fn brute_force(p: &Inerter, motion: &Excitation, duration_s: f64, step_s: f64, m
 
 #[test]
 fn an_unrelated_solver_comes_closer_with_its_step() {
-    for (name, device, motion) in [
-        ("paper", Inerter::paper(), Excitation::sine(0.5, 5e-3)),
-        ("worn", Inerter::worn(), Excitation::preset("two", 0).unwrap()),
-    ] {
+    for (name, device, motion) in
+        [("paper", PAPER, Excitation::sine(0.5, 5e-3)), ("worn", WORN, Excitation::preset("two", 0).unwrap())]
+    {
         let apart = |step_s: f64| {
             let mut rows = segments(device, motion.clone(), 3.0);
             let mut current = rows.next().unwrap();
@@ -381,10 +384,10 @@ fn grazing_is_neither_missed_nor_repeated() {
     let amplitude_m = 1e-4;
     for scale in [1.0 - 1e-9, 1.0 - 1e-15, 1.0, 1.0 + 1e-15, 1.0 + 1e-9] {
         // The force just reaches the Coulomb force and decreases again.
-        let force_n = Inerter::paper().stiffness_n_per_m * amplitude_m;
-        let at_slip = Inerter { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..Inerter::paper() };
+        let force_n = PAPER.stiffness_n_per_m * amplitude_m;
+        let at_slip = Inerter { coulomb_n: force_n * scale, contact_damping_n_s_per_m: 0.0, ..PAPER };
         // The flanks just touch and separate again.
-        let at_contact = Inerter { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..Inerter::paper() };
+        let at_contact = Inerter { backlash_m: 2.0 * amplitude_m * scale, coulomb_n: 1e3, ..PAPER };
         for device in [at_slip, at_contact] {
             let rows: Vec<Segment> = segments(device, Excitation::sine(3.2, amplitude_m), 5.0).collect();
             assert!(rows.len() < 5500, "{}", rows.len());
@@ -401,7 +404,7 @@ fn grazing_is_neither_missed_nor_repeated() {
 #[test]
 fn presliding_follows_its_formula() {
     // With one direction and one level, friction over travel is an exponential.
-    let device = Inerter { coulomb_asymmetry: 0.3, presliding_m: 1e-4, ..Inerter::worn() };
+    let device = Inerter { coulomb_asymmetry: 0.3, presliding_m: 1e-4, ..WORN };
     let (mut last, mut worst, mut greatest) = (0.0, 0.0f64, 0.0f64);
     for segment in segments(device, Excitation::preset("two", 0).unwrap(), 10.0) {
         let [first, end] = [0.0, 1.0].map(|place| segment.at_fraction(place));
@@ -422,24 +425,13 @@ fn presliding_follows_its_formula() {
 #[test]
 fn curved_friction_does_not_depend_on_the_step() {
     for (name, device) in [
-        ("stribeck", Inerter { stribeck_velocity_m_per_s: 5e-4, ..Inerter::stribeck() }),
-        ("presliding", Inerter { presliding_m: 5e-6, ..Inerter::worn() }),
+        ("stribeck", Inerter { stribeck_velocity_m_per_s: 5e-4, ..STRIBECK }),
+        ("presliding", Inerter { presliding_m: 5e-6, ..WORN }),
     ] {
-        let at = |step_s: f64| {
-            let mut plant = Plant::with_step(device, Excitation::preset("two", 0).unwrap(), step_s).unwrap();
-            let mut times = (1..100).map(|k| 0.051_7 * f64::from(k)).peekable();
-            let mut states = Vec::new();
-            while let Some(&t) = times.peek() {
-                let segment = plant.next_segment();
-                if segment.end_s() > t {
-                    states.push(segment.at(t).x2_m);
-                    times.next();
-                }
-            }
-            states
-        };
+        let motion = || Excitation::preset("two", 0).unwrap();
+        let at = |step_s| states(device, motion(), step_s, (1..100).map(|k| 0.051_7 * f64::from(k))).0;
         let [coarse, fine] = [1e-3, 0.5e-3].map(at);
-        let worst = coarse.iter().zip(&fine).fold(0.0f64, |top, (a, b)| top.max((a - b).abs()));
+        let worst = apart_m(&coarse, &fine);
         println!("{name}: {worst:.1e} m between 1 and 0.5 ms");
         assert!(coarse.len() > 90 && worst < 1e-11, "{name}: {worst:.1e}");
     }
@@ -447,14 +439,14 @@ fn curved_friction_does_not_depend_on_the_step() {
 
 #[test]
 fn unilateral_contact_never_pulls_and_makes_no_energy() {
-    let springy = Inerter { contact_damping_n_s_per_m: 10_000.0, ..Inerter::worn() };
+    let springy = Inerter { contact_damping_n_s_per_m: 10_000.0, ..WORN };
     for (name, device, motion) in [
-        ("worn mid", Inerter::worn(), "mid"),
-        ("worn random", Inerter::worn(), "random"),
-        ("no backlash", Inerter::paper(), "random"),
+        ("worn mid", WORN, "mid"),
+        ("worn random", WORN, "random"),
+        ("no backlash", PAPER, "random"),
         ("damped", springy, "two"),
-        ("no damping", Inerter { contact_damping_n_s_per_m: 0.0, ..Inerter::worn() }, "mid"),
-        ("weight", Inerter { constant_force_n: 300.0, ..Inerter::worn() }, "mid"),
+        ("no damping", Inerter { contact_damping_n_s_per_m: 0.0, ..WORN }, "mid"),
+        ("weight", Inerter { constant_force_n: 300.0, ..WORN }, "mid"),
     ] {
         let half_backlash = 0.5 * device.backlash_m;
         let pulls = |t: &Truth| {
@@ -471,12 +463,7 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
                 let t = segment.at_fraction(place);
                 let dt = weight * segment.duration_s();
                 assert!(!pulls(&t), "{name}: {t:?}");
-                let rate = t.v1_m_per_s - t.v2_m_per_s;
-                let damped =
-                    if t.contact == Flank::Flight { 0.0 } else { device.contact_damping_n_s_per_m * rate.powi(2) };
-                let rubbed = device.viscous_n_s_per_m * t.v2_m_per_s.powi(2)
-                    + (t.friction_n - device.constant_force_n) * t.v2_m_per_s;
-                balance += dt * (t.force_n * t.v1_m_per_s - rubbed - damped);
+                balance += dt * (t.force_n * t.v1_m_per_s - lost_w(&device, &t));
             }
             let last = segment.at_fraction(1.0);
             // The stored energy if a separated flank relaxed at once.
@@ -506,23 +493,23 @@ fn unilateral_contact_never_pulls_and_makes_no_energy() {
 
 #[test]
 fn a_device_changes_in_time_and_goes_on_moving() {
-    let swapped = Inerter { inertance_kg: 150.0, structure_mass_kg: 3.0, ..Inerter::paper() };
-    let dry = Inerter { coulomb_n: 120.0, viscous_n_s_per_m: 60.0, ..Inerter::paper() };
-    let free = Inerter { coulomb_n: 0.0, ..Inerter::paper() };
+    let swapped = Inerter { inertance_kg: 150.0, structure_mass_kg: 3.0, ..PAPER };
+    let dry = Inerter { coulomb_n: 120.0, viscous_n_s_per_m: 60.0, ..PAPER };
+    let free = Inerter { coulomb_n: 0.0, ..PAPER };
     for (name, after) in [
         ("flywheel", swapped),
         ("lubricant", dry),
         ("frictionless", free),
-        ("play", Inerter { backlash_m: 2e-4, ..Inerter::paper() }),
-        ("presliding", Inerter::presliding()),
-        ("unilateral", Inerter { unilateral: 1.0, ..Inerter::worn() }),
+        ("play", Inerter { backlash_m: 2e-4, ..PAPER }),
+        ("presliding", PRESLIDING),
+        ("unilateral", Inerter { unilateral: 1.0, ..WORN }),
     ] {
         // Coincides with no step.
         let at_s = 3.000_37;
         let motion = || Excitation::preset("mid", 3).unwrap();
-        let mut alone = Plant::new(Inerter::paper(), motion()).unwrap();
-        let later = vec![(5.0, Inerter::paper()), (at_s, after)];
-        let mut plant = Plant::changing(Inerter::paper(), later, motion()).unwrap();
+        let mut alone = Plant::new(PAPER, motion()).unwrap();
+        let later = vec![(5.0, PAPER), (at_s, after)];
+        let mut plant = Plant::changing(PAPER, later, motion()).unwrap();
         let (mut before, mut seen) = (alone.clone().next_segment().at_fraction(0.0), 0);
         loop {
             let segment = plant.next_segment();
@@ -532,24 +519,21 @@ fn a_device_changes_in_time_and_goes_on_moving() {
             }
             let jump = (first.x2_m - before.x2_m).abs() + 1e-3 * (first.v2_m_per_s - before.v2_m_per_s).abs();
             assert!(jump < 1e-14, "{name}: {jump:.1e} at {}", first.t_s);
-            let device = if (at_s..5.0).contains(&middle.t_s) { after } else { Inerter::paper() };
+            let device = if (at_s..5.0).contains(&middle.t_s) { after } else { PAPER };
             if last.t_s < at_s {
                 let same = alone.next_segment();
                 assert_eq!(same.at_fraction(0.5), middle);
             }
             if middle.motion != Motion::Stuck {
-                let rest = device.inertance_kg * middle.a2_m_per_s2
-                    + viscous(&device, &middle) * middle.v2_m_per_s
-                    + middle.friction_n
-                    - middle.force_n;
+                let rest = left_over_n(&device, &middle);
                 assert!(rest.abs() < 1e-6 * (100.0 + middle.force_n.abs()), "{name} at {}: {rest:.1e}", middle.t_s);
             }
             seen += u32::from((first.t_s - at_s).abs() < 1e-12 || (first.t_s - 5.0).abs() < 1e-12);
             before = last;
         }
         assert!(seen >= 2, "{name}: a segment starts at each change");
-        assert_eq!((plant.forced_steps(), plant.device()), (0, &Inerter::paper()), "{name}");
+        assert_eq!((plant.forced_steps(), plant.device()), (0, &PAPER), "{name}");
     }
-    let refused = Plant::changing(Inerter::paper(), vec![(-1.0, Inerter::paper())], Excitation::hold());
+    let refused = Plant::changing(PAPER, vec![(-1.0, PAPER)], Excitation::hold());
     assert!(refused.unwrap_err().to_string().contains("change_at_s"));
 }

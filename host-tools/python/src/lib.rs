@@ -25,22 +25,25 @@ fn _inerter(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<store::Store>()?;
     module.add_class::<sums::Sums>()?;
     module.add_class::<table::Table>()?;
-    let functions = [
-        wrap_pyfunction!(device::connect, module)?,
-        wrap_pyfunction!(run::open, module)?,
-        wrap_pyfunction!(run::from_columns, module)?,
-        wrap_pyfunction!(run::with_settings, module)?,
-        wrap_pyfunction!(results::interval_text, module)?,
-        wrap_pyfunction!(results::printable, module)?,
-        wrap_pyfunction!(results::replay, module)?,
-        wrap_pyfunction!(results::compare, module)?,
-        wrap_pyfunction!(results::diagnose, module)?,
-        wrap_pyfunction!(results::identify, module)?,
-        wrap_pyfunction!(results::plan, module)?,
-        wrap_pyfunction!(results::plot, module)?,
-        wrap_pyfunction!(results::report, module)?,
-        wrap_pyfunction!(simulate::simulate, module)?,
-        wrap_pyfunction!(sums::merge, module)?,
-    ];
-    functions.into_iter().try_for_each(|function| module.add_function(function))
+    macro_rules! add {
+        ($($room:ident::$function:ident,)+) => {$(module.add_function(wrap_pyfunction!($room::$function, module)?)?;)+};
+    }
+    add! {
+        device::connect,
+        run::open,
+        run::from_columns,
+        run::with_settings,
+        results::interval_text,
+        results::printable,
+        results::replay,
+        results::compare,
+        results::diagnose,
+        results::identify,
+        results::plan,
+        results::plot,
+        results::report,
+        simulate::simulate,
+        sums::merge,
+    }
+    Ok(())
 }

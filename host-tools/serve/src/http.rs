@@ -253,14 +253,10 @@ mod tests {
 
     #[test]
     fn only_this_machine_is_let_in() {
-        let headers = |list: &[(header::HeaderName, &str)]| {
-            let pair =
-                |(name, value): &(header::HeaderName, &str)| (name.clone(), HeaderValue::from_str(value).unwrap());
-            let mut map = HeaderMap::new();
-            list.iter().map(pair).for_each(|(name, value)| {
-                map.append(name, value);
-            });
-            map
+        let headers = |list: &[(HeaderName, &str)]| {
+            list.iter()
+                .map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap()))
+                .collect::<HeaderMap>()
         };
         let host = (header::HOST, "127.0.0.1:9");
         assert!(from_here(&headers(std::slice::from_ref(&host))));

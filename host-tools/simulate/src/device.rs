@@ -192,23 +192,22 @@ impl PlantSource {
         self.started = Some(Instant::from_micros(now.as_micros().saturating_sub(after.as_micros())));
         now
     }
+}
 
-    /// The plant's instruments follow the settings; a sample already waiting has the former rate.
-    fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
-        let simulation = self.samples.simulation();
-        let sensors = simulation.sensors();
-        if (sensors.sample_rate_hz, sensors.oversampling) == (settings.sample_rate_hz, settings.oversampling) {
-            return Ok(());
-        }
-        self.next = None;
-        simulation.sample_at(settings.sample_rate_hz, settings.oversampling).map_err(|_| SourceError::Unreadable)
+/// The sampler survives a reboot.
+struct Shared(Rc<RefCell<PlantSource>>);
+
+impl SampleSource for Shared {
+    /// The plant waits on a busy machine, so that the simulation itself loses no sample.
+    fn pace(&self) -> Pace {
+        Pace::OnDemand
     }
 
-    async fn read(source: &RefCell<Self>, into: &mut [RawSample]) -> Result<usize, SourceError> {
+    async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
         let mut count = 0;
         while count < into.len() {
             let wait = {
-                let mut source = source.borrow_mut();
+                let mut source = self.0.borrow_mut();
                 if source.next.is_none() {
                     source.next = source.samples.next();
                 }
@@ -234,23 +233,17 @@ impl PlantSource {
         }
         Ok(count)
     }
-}
 
-/// The sampler survives a reboot.
-struct Shared(Rc<RefCell<PlantSource>>);
-
-impl SampleSource for Shared {
-    /// The plant waits on a busy machine, so that the simulation itself loses no sample.
-    fn pace(&self) -> Pace {
-        Pace::OnDemand
-    }
-
-    async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
-        PlantSource::read(&self.0, into).await
-    }
-
+    /// The plant's instruments follow the settings; a sample already waiting has the former rate.
     async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
-        self.0.borrow_mut().configure(settings)
+        let source = &mut *self.0.borrow_mut();
+        let simulation = source.samples.simulation();
+        let sensors = simulation.sensors();
+        if (sensors.sample_rate_hz, sensors.oversampling) == (settings.sample_rate_hz, settings.oversampling) {
+            return Ok(());
+        }
+        source.next = None;
+        simulation.sample_at(settings.sample_rate_hz, settings.oversampling).map_err(|_| SourceError::Unreadable)
     }
 }
 

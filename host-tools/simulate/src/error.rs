@@ -1,5 +1,7 @@
 //! Why a simulation cannot be set up or run.
 
+use std::io;
+
 use inerter_data::{output::OutputError, settings::SettingsInputError};
 use inerter_plant::PlantError;
 use miette::Diagnostic;
@@ -11,7 +13,10 @@ pub enum SimulateError {
     /// Device, motion or instruments are invalid.
     #[error("the simulation cannot be set up: {source}")]
     #[diagnostic(code(inerter::simulate::setup), help("`inerter simulate --help` lists every parameter and motion"))]
-    Setup { source: PlantError },
+    Setup {
+        #[from]
+        source: PlantError,
+    },
 
     /// The settings have another sample rate than the instruments.
     #[error("the setting sample_rate_hz = {set_hz} contradicts the {rate_hz} Hz of the simulated instruments")]
@@ -32,7 +37,7 @@ pub enum SimulateError {
     /// The pseudo-terminal or TCP port cannot be opened.
     #[error("{what} cannot be opened: {source}")]
     #[diagnostic(code(inerter::simulate::endpoint), help("choose another port number, or 0 for any free one"))]
-    Endpoint { what: String, source: std::io::Error },
+    Endpoint { what: String, source: io::Error },
 
     /// The output's name does not determine a format.
     #[error("{path} has neither the ending .mcap nor .csv")]
@@ -67,7 +72,7 @@ pub enum SimulateError {
         code(inerter::simulate::qemu),
         help("install it (Debian: sudo apt-get install qemu-system-arm); without --qemu it is not needed")
     )]
-    NoQemu { source: std::io::Error },
+    NoQemu { source: io::Error },
 
     /// QEMU ended unexpectedly.
     #[error("QEMU ended unexpectedly ({status}): {message}")]
@@ -92,11 +97,5 @@ impl From<SettingsInputError> for SimulateError {
 impl From<OutputError> for SimulateError {
     fn from(error: OutputError) -> Self {
         Self::Data(error.into())
-    }
-}
-
-impl From<PlantError> for SimulateError {
-    fn from(source: PlantError) -> Self {
-        Self::Setup { source }
     }
 }

@@ -113,7 +113,8 @@ impl Share {
             }
         }
         self.readers.iter_mut().for_each(Reader::flush);
-        self.dismiss();
+        self.dismiss_controller();
+        self.readers.retain(|reader| !reader.is_gone);
         // A host that reconnects again and again must not delay the device.
         for _ in 0..MOST_READERS {
             let Ok((stream, _)) = self.listener.accept() else { break };
@@ -292,11 +293,6 @@ impl Share {
             let next = self.readers.iter().find(|reader| reader.has_spoken && !reader.is_gone);
             self.controller = next.map(|reader| reader.number);
         }
-    }
-
-    fn dismiss(&mut self) {
-        self.dismiss_controller();
-        self.readers.retain(|reader| !reader.is_gone);
     }
 }
 

@@ -45,28 +45,31 @@ impl Probes for Attached {
         let unknown = |error: &dyn Error| FlashError::Chip { chip: chip.into(), reason: reason(error) };
         Registry::from_builtin_families().get_target_by_name(chip).map_err(|error| unknown(&error))?;
         let mut session = attach(probe, chip)?;
-        let failed = |error: &dyn Error| FlashError::Program { reason: reason(error) };
         if chip == CHIP {
-            let mut core = session.core(0).map_err(|error| failed(&error))?;
-            let mut word = |address| core.read_word_32(address).map_err(|error| failed(&error));
+            let mut core = session.core(0).map_err(failed)?;
+            let mut word = |address| core.read_word_32(address).map_err(failed);
             let device = word(CHIP_DEVICE_ID_ADDRESS)? & 0xFFF;
             let (flash_kb, options) = (word(FLASH_KB_ADDRESS)? as u16, word(OPTIONS_ADDRESS)?);
             ChipFacts { device, flash_kb, options }.check()?;
         }
         let mut loader = session.target().flash_loader();
         for (address, bytes) in image.pages() {
-            loader.add_data(address.into(), bytes).map_err(|error| failed(&error))?;
+            loader.add_data(address.into(), bytes).map_err(failed)?;
         }
         let mut options = DownloadOptions::new();
         options.verify = true;
         options.progress = bars(progress);
-        loader.commit(&mut session, options).map_err(|error| failed(&error))?;
-        let mut core = session.core(0).map_err(|error| failed(&error))?;
+        loader.commit(&mut session, options).map_err(failed)?;
+        let mut core = session.core(0).map_err(failed)?;
         let mut uid = [0; 3];
-        core.read_32(UID_ADDRESS, &mut uid).map_err(|error| failed(&error))?;
-        core.reset().map_err(|error| failed(&error))?;
+        core.read_32(UID_ADDRESS, &mut uid).map_err(failed)?;
+        core.reset().map_err(failed)?;
         Ok(serial_number(uid))
     }
+}
+
+fn failed(error: impl Error) -> FlashError {
+    FlashError::Program { reason: reason(&error) }
 }
 
 fn attach(probe: &Probe, chip: &str) -> Result<Session, FlashError> {
@@ -156,12 +159,17 @@ mod tests {
         let mut progress = |work, done, all| heard.push((work, done, all));
         let mut bars = bars(&mut progress);
         let time = std::time::Duration::ZERO;
-        bars.emit(ProgressEvent::AddProgressBar { operation: ProgressOperation::Erase, total: Some(4096) });
-        bars.emit(ProgressEvent::AddProgressBar { operation: ProgressOperation::Program, total: None });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Erase, size: 2048, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Fill, size: 2048, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Program, size: 1024, time });
-        bars.emit(ProgressEvent::Progress { operation: ProgressOperation::Erase, size: 2048, time });
+        for (operation, total) in [(ProgressOperation::Erase, Some(4096)), (ProgressOperation::Program, None)] {
+            bars.emit(ProgressEvent::AddProgressBar { operation, total });
+        }
+        for (operation, size) in [
+            (ProgressOperation::Erase, 2048),
+            (ProgressOperation::Fill, 2048),
+            (ProgressOperation::Program, 1024),
+            (ProgressOperation::Erase, 2048),
+        ] {
+            bars.emit(ProgressEvent::Progress { operation, size, time });
+        }
         drop(bars);
         assert_eq!(heard, [(Work::Erasing, 2048, 4096), (Work::Writing, 1024, 1024), (Work::Erasing, 4096, 4096)]);
     }

@@ -10,8 +10,12 @@ pub(crate) fn sample(length: usize, firmware: &str) -> Image {
     Image::parse("sample.elf".into(), &elf_file::image(length, firmware, "c8a2d5a")).unwrap()
 }
 
+fn parse(bytes: &[u8]) -> Result<Image, ImageError> {
+    Image::parse("f".into(), bytes)
+}
+
 fn refused(bytes: &[u8]) -> ImageError {
-    Image::parse("f".into(), bytes).unwrap_err()
+    parse(bytes).unwrap_err()
 }
 
 fn good() -> Vec<u8> {
@@ -20,7 +24,7 @@ fn good() -> Vec<u8> {
 
 #[test]
 fn an_elf_gives_its_bytes_by_physical_address_in_whole_pages_and_says_who_it_is() {
-    let image = Image::parse("f".into(), &elf(ARM, &[(0x0800_0000, &good()), (0x0802_0004, &[7; 100])])).unwrap();
+    let image = parse(&elf(ARM, &[(0x0800_0000, &good()), (0x0802_0004, &[7; 100])])).unwrap();
     assert_eq!(image.identity.to_string(), "inerter 0.1.0 (c8a2d5a) for nucleo-g474re");
     assert_eq!(image.length(), 5100);
     let pages: Vec<u32> = image.pages().map(|(address, _)| address).collect();
@@ -36,15 +40,15 @@ fn an_elf_gives_its_bytes_by_physical_address_in_whole_pages_and_says_who_it_is(
 
 #[test]
 fn plain_bytes_are_the_same_image() {
-    let plain = Image::parse("f".into(), &good()).unwrap();
-    assert_eq!(plain, Image::parse("f".into(), &elf(ARM, &[(0x0800_0000, &good())])).unwrap());
+    let plain = parse(&good()).unwrap();
+    assert_eq!(plain, parse(&elf(ARM, &[(0x0800_0000, &good())])).unwrap());
 }
 
 #[test]
 fn bank_1_can_be_filled_to_its_last_byte_and_no_further() {
     let mut bytes = good();
     bytes.resize(CODE.len(), 0);
-    assert_eq!(Image::parse("f".into(), &bytes).unwrap().page_count(), 128);
+    assert_eq!(parse(&bytes).unwrap().page_count(), 128);
     bytes.push(0);
     assert!(refused(&bytes).to_string().contains("0x08000000 to 0x08040001"), "{}", refused(&bytes));
 }
@@ -113,7 +117,7 @@ fn an_image_that_does_not_say_who_it_is_or_says_it_twice_is_refused() {
     }
     // It ends with the file.
     let cut = code(0, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re");
-    assert!(Image::parse("f".into(), &cut).is_ok());
+    assert!(parse(&cut).is_ok());
     let mut without_end = cut.get(..cut.len() - 1).unwrap().to_vec();
     without_end.resize(CODE.len(), 0xFF);
     assert!(matches!(refused(&without_end), ImageError::BadIdentity { .. }));
@@ -144,13 +148,13 @@ fn other_kinds_of_files_are_named() {
 fn a_damaged_elf_is_an_error_or_an_image_but_never_more() {
     let whole = elf_file::image(3000, "inerter 0.1.0", "c8a2d5a");
     for length in 0..whole.len() {
-        assert!(Image::parse("f".into(), whole.get(..length).unwrap()).is_err(), "{length}");
+        assert!(parse(whole.get(..length).unwrap()).is_err(), "{length}");
     }
     for place in 0..120 {
         for value in [0, 1, 0x7F, 0x80, 0xFF] {
             let mut bytes = whole.clone();
             *bytes.get_mut(place).unwrap() = value;
-            if let Ok(image) = Image::parse("f".into(), &bytes) {
+            if let Ok(image) = parse(&bytes) {
                 assert!(image.pages().all(|(address, bytes)| CODE.contains(&address) && bytes.len() == 2048));
             }
         }

@@ -127,7 +127,8 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             self.erase(*address)?;
             self.write(*address, bytes)?;
         }
-        if self.io.functional_descriptor().can_upload {
+        let can_check = self.io.functional_descriptor().can_upload;
+        if can_check {
             for (done, (address, bytes)) in rest.iter().enumerate() {
                 going(Stage::Checking, done)?;
                 self.check(*address, bytes)?;
@@ -137,7 +138,7 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
             let (vectors, code) = bytes.split_at(VECTORS);
             self.write(*address + VECTORS as u32, code)?;
             self.write(*address, vectors)?;
-            if self.io.functional_descriptor().can_upload {
+            if can_check {
                 self.check(*address, bytes)?;
             }
         }
@@ -162,15 +163,19 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         let sizes: &[u32] = memory_layout.as_ref();
         let kb = sizes.iter().fold(0u32, |sum, size| sum.saturating_add(*size)) / 1024;
         let mut page_start = *address;
-        let mut sizes = sizes.iter();
+        let mut sizes = sizes.iter().copied();
+        let mut page_after = |start: u32| {
+            check_page(sizes.next().unwrap_or(0), start, kb)?;
+            Ok::<_, UpdateError>(start.saturating_add(PAGE))
+        };
         for (wanted, _) in image.pages() {
             while page_start < wanted {
-                page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start, kb)?);
+                page_start = page_after(page_start)?;
             }
             if page_start != wanted {
                 return Err(UpdateError::SingleBank { address: wanted, size: page_start - wanted });
             }
-            page_start = page_start.saturating_add(self.page_size(&mut sizes, page_start, kb)?);
+            page_start = page_after(page_start)?;
         }
         if kb < FLASH_KB.into() { Err(UpdateError::SmallFlash { kb }) } else { Ok(()) }
     }
@@ -211,22 +216,6 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
         // If the ROM is gone, this call reports it.
         self.idle(action)?;
         Ok(read.ok().filter(|count| *count == bytes.len()).map(|_| bytes))
-    }
-
-    fn page_size<'s>(
-        &self,
-        sizes: &mut impl Iterator<Item = &'s u32>,
-        start: u32,
-        kb: u32,
-    ) -> Result<u32, UpdateError> {
-        let size = sizes.next().copied().unwrap_or(0);
-        match size {
-            PAGE => Ok(size),
-            0 => Err(UpdateError::SmallFlash { kb }),
-            // Our chip in single-bank mode has pages of 4 KB.
-            _ if size == 2 * PAGE => Err(UpdateError::SingleBank { address: start, size }),
-            _ => Err(UpdateError::OtherChip { what: format!("it erases {size} bytes at 0x{start:08X} at once") }),
-        }
     }
 
     fn erase(&mut self, address: u32) -> Result<(), UpdateError> {
@@ -357,6 +346,17 @@ impl<'a, Io: DfuIo<Read = usize, Write = usize, Error: Display>> Rom<'a, Io> {
 
     fn out(&mut self, request: u8, value: u16, bytes: &[u8], action: &str) -> Result<(), UpdateError> {
         self.io.write_control(OUT, request, value, bytes).map(drop).map_err(|error| lost(action, &error))
+    }
+}
+
+/// Checks the size of the page at an address; 0 beyond the end of the flash, which has this many KB.
+fn check_page(size: u32, start: u32, kb: u32) -> Result<(), UpdateError> {
+    match size {
+        PAGE => Ok(()),
+        0 => Err(UpdateError::SmallFlash { kb }),
+        // Our chip in single-bank mode has pages of 4 KB.
+        _ if size == 2 * PAGE => Err(UpdateError::SingleBank { address: start, size }),
+        _ => Err(UpdateError::OtherChip { what: format!("it erases {size} bytes at 0x{start:08X} at once") }),
     }
 }
 

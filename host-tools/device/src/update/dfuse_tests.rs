@@ -7,11 +7,19 @@ use crate::{
     update::mock::{Chip, LAYOUT, MockIo},
 };
 
-fn program(chip: &Rc<RefCell<Chip>>, image: &Image) -> Result<(), UpdateError> {
-    program_over(chip, image, &MockIo::new(chip, LAYOUT), &mut |_, _, _| Going::On)
+fn image(length: usize) -> Image {
+    sample(length, "inerter 0.1.0")
 }
 
-fn program_over(
+fn program(chip: &Rc<RefCell<Chip>>, image: &Image) -> Result<(), UpdateError> {
+    program_over(chip, image, &MockIo::new(chip, LAYOUT))
+}
+
+fn program_over(chip: &Rc<RefCell<Chip>>, image: &Image, io: &MockIo) -> Result<(), UpdateError> {
+    program_told(chip, image, io, &mut |_, _, _| Going::On)
+}
+
+fn program_told(
     chip: &Rc<RefCell<Chip>>,
     image: &Image,
     io: &MockIo,
@@ -23,6 +31,11 @@ fn program_over(
         if chip.clock < chip.interrupted_at { Going::On } else { Going::Stop }
     };
     Rom::new(io, &mut sleep).program(image, progress)
+}
+
+/// Whether the vectors are erased, so that nothing starts.
+fn is_blank(chip: &RefCell<Chip>) -> bool {
+    chip.borrow().bytes(CODE.start, 8) == [0xFF; 8]
 }
 
 fn holds(chip: &Chip, image: &Image) -> bool {
@@ -45,7 +58,7 @@ fn the_image_arrives_bit_for_bit_and_only_its_pages_are_erased() {
     for (transfer_size, length) in [(2048, 70_001), (1024, 5000), (64, 2048), (2048, 100)] {
         let chip = Chip::new();
         chip.borrow_mut().transfer_size = transfer_size;
-        let image = sample(length, "inerter 0.1.0");
+        let image = image(length);
         program(&chip, &image).unwrap();
         let chip = chip.borrow();
         assert!(chip.left && holds(&chip, &image) && rest_untouched(&chip, &image));
@@ -58,14 +71,14 @@ fn the_image_arrives_bit_for_bit_and_only_its_pages_are_erased() {
 
 #[test]
 fn what_the_chip_says_of_itself_counts_more_than_what_the_rom_says_of_the_die() {
-    let image = sample(20_000, "inerter 0.1.0");
+    let image = image(20_000);
     let outcome = |told: Option<(u16, u32)>, can_upload: bool| {
         let chip = Chip::new();
         chip.borrow_mut().told = told;
         // The layout is that of 512 KB in two banks, whatever the chip is.
         let mut io = MockIo::new(&chip, LAYOUT);
         io.descriptor.can_upload = can_upload;
-        let result = program_over(&chip, &image, &io, &mut |_, _, _| Going::On);
+        let result = program_over(&chip, &image, &io);
         let untouched = chip.borrow().erased.is_empty() && rest_untouched(&chip.borrow(), &image);
         (result, untouched)
     };
@@ -89,7 +102,7 @@ fn what_the_chip_says_of_itself_counts_more_than_what_the_rom_says_of_the_die() 
 #[test]
 fn the_rom_is_given_the_time_that_it_asks_for() {
     let chip = Chip::new();
-    let image = sample(20_000, "inerter 0.1.0");
+    let image = image(20_000);
     program(&chip, &image).unwrap();
     let waited = chip.borrow().clock;
     let least = chip.borrow().busy * image.page_count() as u32;
@@ -98,7 +111,7 @@ fn the_rom_is_given_the_time_that_it_asks_for() {
 
 #[test]
 fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_completed_by_the_next() {
-    let image = sample(7000, "inerter 0.1.0");
+    let image = image(7000);
     let all = {
         let chip = Chip::new();
         chip.borrow_mut().transfers_left = 100_000;
@@ -117,7 +130,7 @@ fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_complete
             assert!(rest_untouched(&chip, &image));
             (vectors == fresh.borrow().bytes(CODE.start, 8), holds(&chip, &image), !chip.erased.is_empty())
         };
-        let blank = chip.borrow().bytes(CODE.start, 8) == [0xFF; 8];
+        let blank = is_blank(&chip);
         assert!(blank || whole || (old && !begun), "after {transfers} transfers half an image would run");
         match result {
             // A failure after the last byte does no harm.
@@ -142,14 +155,14 @@ fn an_update_that_is_cut_off_anywhere_never_leaves_half_an_image_and_is_complete
 #[test]
 fn an_update_that_loses_power_within_a_transfer_leaves_no_half_an_image() {
     for transfer_size in [256, 2048] {
-        let image = sample(3000, "inerter 0.1.0");
+        let image = image(3000);
         let words = image.page_count() * 2048 / 8;
         for words_left in 0..words {
             let chip = Chip::new();
             (chip.borrow_mut().transfer_size, chip.borrow_mut().words_left) = (transfer_size, words_left);
             let result = program(&chip, &image);
             assert!(matches!(result, Err(UpdateError::Lost { .. })), "{result:?}");
-            let blank = chip.borrow().bytes(CODE.start, 8) == [0xFF; 8];
+            let blank = is_blank(&chip);
             assert!(blank, "after {words_left} of {words} double words half an image would run");
             chip.borrow_mut().restart();
             program(&chip, &image).unwrap();
@@ -161,16 +174,16 @@ fn an_update_that_loses_power_within_a_transfer_leaves_no_half_an_image() {
 #[test]
 fn ctrl_c_ends_between_two_pages_and_the_next_run_completes() {
     let chip = Chip::new();
-    let image = sample(20_000, "inerter 0.1.0");
+    let image = image(20_000);
     let mut heard = 0;
     let mut progress = |_, _, all| {
         assert_eq!(all, image.page_count());
         heard += 1;
         if heard == 5 { Going::Stop } else { Going::On }
     };
-    let result = program_over(&chip, &image, &MockIo::new(&chip, LAYOUT), &mut progress);
+    let result = program_told(&chip, &image, &MockIo::new(&chip, LAYOUT), &mut progress);
     assert!(matches!(result, Err(UpdateError::Interrupted)));
-    assert_eq!(chip.borrow().bytes(CODE.start, 8), [0xFF; 8]);
+    assert!(is_blank(&chip));
     program(&chip, &image).unwrap();
     assert!(holds(&chip.borrow(), &image));
 }
@@ -178,13 +191,13 @@ fn ctrl_c_ends_between_two_pages_and_the_next_run_completes() {
 #[test]
 fn progress_counts_every_page_of_either_stage_once() {
     let chip = Chip::new();
-    let image = sample(20_000, "inerter 0.1.0");
+    let image = image(20_000);
     let mut heard = Vec::new();
     let mut progress = |stage, done, _| {
         heard.push((stage, done));
         Going::On
     };
-    program_over(&chip, &image, &MockIo::new(&chip, LAYOUT), &mut progress).unwrap();
+    program_told(&chip, &image, &MockIo::new(&chip, LAYOUT), &mut progress).unwrap();
     let count = image.page_count() - 1;
     let expected = (0..count).map(|done| (Stage::Writing, done)).chain((0..count).map(|done| (Stage::Checking, done)));
     assert_eq!(heard, expected.chain([(Stage::Checking, count + 1)]).collect::<Vec<_>>());
@@ -194,19 +207,19 @@ fn progress_counts_every_page_of_either_stage_once() {
 fn protected_flash_is_named() {
     let chip = Chip::new();
     chip.borrow_mut().protected = 0x0800_1000..0x0800_1800;
-    let error = program(&chip, &sample(20_000, "inerter 0.1.0")).unwrap_err();
+    let error = program(&chip, &image(20_000)).unwrap_err();
     assert_eq!(error.to_string(), "the chip refuses erasing 0x08001000: the address is protected (errVENDOR)");
     let help = miette::Diagnostic::help(&error).unwrap().to_string();
     assert!(help.contains("remove read and write protection with STM32CubeProgrammer"), "{help}");
     // The error state is cleared by the next run.
     chip.borrow_mut().protected = 0..0;
-    program(&chip, &sample(20_000, "inerter 0.1.0")).unwrap();
+    program(&chip, &image(20_000)).unwrap();
 }
 
 #[test]
 fn worn_out_flash_is_found_before_the_vectors_are_written() {
     let chip = Chip::new();
-    let image = sample(20_000, "inerter 0.1.0");
+    let image = image(20_000);
     let (address, wanted) = image
         .pages()
         .flat_map(|(page, bytes)| (page..).zip(bytes.iter().copied()))
@@ -220,14 +233,14 @@ fn worn_out_flash_is_found_before_the_vectors_are_written() {
         // A worn cell that is programmed twice is refused earlier.
         error => assert!(matches!(error, UpdateError::Refused { .. }), "{error}"),
     }
-    assert_eq!(chip.borrow().bytes(CODE.start, 8), [0xFF; 8]);
+    assert!(is_blank(&chip));
 }
 
 #[test]
 fn a_rom_that_hangs_is_given_up_after_a_while() {
     let chip = Chip::new();
     chip.borrow_mut().hangs = true;
-    let error = program(&chip, &sample(3000, "inerter 0.1.0")).unwrap_err();
+    let error = program(&chip, &image(3000)).unwrap_err();
     assert!(matches!(error, UpdateError::Stuck { .. }), "{error}");
     let waited = chip.borrow().clock;
     assert!(waited >= PATIENCE && waited < PATIENCE * 2, "{waited:?}");
@@ -236,7 +249,7 @@ fn a_rom_that_hangs_is_given_up_after_a_while() {
 #[test]
 fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
     let chip = Chip::new();
-    let image = sample(3000, "inerter 0.1.0");
+    let image = image(3000);
     let told = Duration::from_millis(900);
     chip.borrow_mut().hangs = true;
     chip.borrow_mut().busy = Duration::from_secs(60);
@@ -244,7 +257,7 @@ fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
     // If nothing can be read, it hangs at the first erase.
     let mut io = MockIo::new(&chip, LAYOUT);
     io.descriptor.can_upload = false;
-    let error = program_over(&chip, &image, &io, &mut |_, _, _| Going::On).unwrap_err();
+    let error = program_over(&chip, &image, &io).unwrap_err();
     assert!(matches!(error, UpdateError::Interrupted), "{error}");
     let clock = chip.borrow().clock;
     assert!(clock >= told && clock < told + SLICE * 2, "{clock:?}");
@@ -259,7 +272,7 @@ fn ctrl_c_ends_the_wait_for_a_rom_that_hangs() {
 fn a_rom_that_leaves_without_an_answer_has_left() {
     let chip = Chip::new();
     chip.borrow_mut().leaves_at_once = true;
-    program(&chip, &sample(3000, "inerter 0.1.0")).unwrap();
+    program(&chip, &image(3000)).unwrap();
     assert!(chip.borrow().left);
 }
 
@@ -274,16 +287,16 @@ fn other_chips_are_refused_before_anything_is_erased() {
         ("@Internal Flash  /0x08000000/128*04Kg", "its flash is set to a single bank"),
     ] {
         let chip = Chip::new();
-        let image = sample(20_000, "inerter 0.1.0");
-        let error = program_over(&chip, &image, &MockIo::new(&chip, layout), &mut |_, _, _| Going::On).unwrap_err();
+        let image = image(20_000);
+        let error = program_over(&chip, &image, &MockIo::new(&chip, layout)).unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
         assert!(chip.borrow().erased.is_empty());
     }
     let chip = Chip::new();
     let mut io = MockIo::new(&chip, LAYOUT);
     io.protocol = DfuProtocol::Dfu;
-    let image = sample(3000, "inerter 0.1.0");
-    let error = program_over(&chip, &image, &io, &mut |_, _, _| Going::On).unwrap_err();
+    let image = image(3000);
+    let error = program_over(&chip, &image, &io).unwrap_err();
     assert!(error.to_string().contains("does not speak ST's form of DFU"), "{error}");
     assert!(chip.borrow().erased.is_empty());
 }

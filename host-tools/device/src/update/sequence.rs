@@ -43,8 +43,8 @@ pub enum UpdateEvent<'a> {
 }
 
 /// Installs the image on the device. `serial` chooses one; `other_board` allows an image for another board.
-pub fn update<M: Machine>(
-    machine: &mut M,
+pub fn update(
+    machine: &mut impl Machine,
     image: &Image,
     serial: Option<&str>,
     other_board: bool,
@@ -94,8 +94,8 @@ fn check_running(running: &Running, image: &Image, other_board: bool) -> Result<
 
 /// Writes the image to a device in update mode and starts it. On failure `is_whole` says whether the previous firmware
 /// is still complete.
-fn write<M: Machine>(
-    machine: &mut M,
+fn write(
+    machine: &mut impl Machine,
     image: &Image,
     device: DfuDevice,
     is_whole: &mut bool,
@@ -116,7 +116,7 @@ fn write<M: Machine>(
 
 /// Gets a device out of update mode when nothing of its firmware was erased: the user interrupted, or the chip turned
 /// out to be another. Returns the error to report.
-fn given_up<M: Machine>(machine: &mut M, serial: &str, error: UpdateError) -> UpdateError {
+fn given_up(machine: &mut impl Machine, serial: &str, error: UpdateError) -> UpdateError {
     match error {
         UpdateError::Device(DeviceError::Interrupted) => {
             let device = wait_for_dfu(machine, serial, Heeds::Nothing, SOON_S);
@@ -146,7 +146,7 @@ fn stays(serial: &str, reason: &UpdateError) -> UpdateError {
 ///
 /// An interrupt ends the wait for the user. It does not end anything else until the device was told to leave, because
 /// the device would stay in update mode.
-pub fn visit<M: Machine>(machine: &mut M, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
+pub fn visit(machine: &mut impl Machine, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
     let stays = |error| stays(&running.serial, &error);
     if enter {
         machine.running()?;
@@ -213,7 +213,7 @@ enum Heeds {
 }
 
 impl Heeds {
-    fn check<M: Machine>(self, machine: &M) -> Result<(), UpdateError> {
+    fn check(self, machine: &impl Machine) -> Result<(), UpdateError> {
         // Checked in any case: the program is ended at once if its work never checks.
         let going = machine.check_interrupted();
         if self == Self::Interruptions { going } else { Ok(()) }
@@ -235,7 +235,7 @@ fn open<M: Machine>(machine: &mut M, device: &DfuDevice, heeds: Heeds) -> Result
 }
 
 /// Waits for a device that was just started and compares its firmware with what was written.
-pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
+pub fn confirm(machine: &mut impl Machine, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
     let mut reason = String::new();
     let mut left_s = RETURN_S as f64;
     while left_s > 0.0 {
@@ -265,8 +265,8 @@ pub fn confirm<M: Machine>(machine: &mut M, written: &Identity, serial: &str) ->
     Err(UpdateError::NotBack { written: written.to_string(), serial: serial.into(), seconds: RETURN_S, reason })
 }
 
-fn wait_for_dfu<M: Machine>(
-    machine: &mut M,
+fn wait_for_dfu(
+    machine: &mut impl Machine,
     serial: &str,
     heeds: Heeds,
     seconds: u64,

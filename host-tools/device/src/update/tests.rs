@@ -62,6 +62,11 @@ fn bench(running: Option<Hello>, in_dfu: &[&str]) -> FakeMachine {
     }
 }
 
+/// A bench whose device runs the old firmware.
+fn running(in_dfu: &[&str]) -> FakeMachine {
+    bench(Some(hello(SERIAL, OLD)), in_dfu)
+}
+
 fn dfu_device(serial: &str) -> DfuDevice {
     DfuDevice { product: None, serial: serial.into(), vid: 0x0483, pid: 0xDF11 }
 }
@@ -138,7 +143,11 @@ impl Machine for FakeMachine {
     }
 }
 
-fn run(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
+fn run(bench: &mut FakeMachine, serial: Option<&str>) -> Result<Back, UpdateError> {
+    run_told(bench, serial, &mut Vec::new())
+}
+
+fn run_told(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
     let mut tell = |event: UpdateEvent| {
         match event {
             UpdateEvent::Pages(..) => {}
@@ -152,7 +161,7 @@ fn run(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) ->
 }
 
 fn failure(bench: &mut FakeMachine, serial: Option<&str>) -> UpdateError {
-    match run(bench, serial, &mut Vec::new()) {
+    match run(bench, serial) {
         Err(error) => error,
         other => panic!("{other:?}"),
     }
@@ -160,9 +169,9 @@ fn failure(bench: &mut FakeMachine, serial: Option<&str>) -> UpdateError {
 
 #[test]
 fn a_running_device_is_updated_and_says_so_under_its_new_port() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    let mut bench = running(&["0000"]);
     let mut told = Vec::new();
-    let back = run(&mut bench, None, &mut told).unwrap();
+    let back = run_told(&mut bench, None, &mut told).unwrap();
     assert_eq!((back.identity.firmware.as_str(), back.port.as_str()), (NEW, "/dev/ttyACM1"));
     assert_eq!(told, ["found inerter 0.0.9", "entering", &format!("in dfu {SERIAL}"), "returning"]);
     assert_eq!(bench.in_dfu, ["0000"], "the other one is left alone");
@@ -170,12 +179,8 @@ fn a_running_device_is_updated_and_says_so_under_its_new_port() {
 
 #[test]
 fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
-    run(&mut bench, None, &mut Vec::new()).unwrap();
+    let mut bench = before_visit();
     let flash = bench.chip.borrow().flash.clone();
-    bench.chip.borrow_mut().restart();
-    bench.in_dfu.clear();
-    (bench.running, bench.answers_after) = (Some(hello(SERIAL, NEW)), 4);
     let back = visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
     assert_eq!((back.serial.as_str(), back.identity.firmware.as_str()), (SERIAL, NEW));
     assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
@@ -188,8 +193,8 @@ fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
 
 /// A bench for a visit, whose device runs the firmware in its flash.
 fn before_visit() -> FakeMachine {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
-    run(&mut bench, None, &mut Vec::new()).unwrap();
+    let mut bench = running(&[]);
+    run(&mut bench, None).unwrap();
     bench.chip.borrow_mut().restart();
     bench.in_dfu.clear();
     (bench.running, bench.answers_after, bench.forbidden) = (Some(hello(SERIAL, NEW)), 4, 2);
@@ -240,7 +245,7 @@ fn a_device_that_stays_in_update_mode_after_a_visit_is_told_of() {
 fn a_device_in_update_mode_needs_no_first_step() {
     let mut bench = bench(None, &[SERIAL]);
     let mut told = Vec::new();
-    run(&mut bench, None, &mut told).unwrap();
+    run_told(&mut bench, None, &mut told).unwrap();
     assert_eq!(told, [&format!("in dfu {SERIAL}"), "returning"]);
 }
 
@@ -250,14 +255,14 @@ fn one_of_several_in_update_mode_is_chosen_by_its_serial_number() {
     assert_eq!(error.to_string(), "several devices are in update mode: serial 1, 2");
     let error = failure(&mut bench(None, &["1", "2"]), Some("3"));
     assert!(error.to_string().starts_with("no instrumented inerter was found with serial 3"), "{error}");
-    let back = run(&mut bench(None, &["1", "2"]), Some("2"), &mut Vec::new()).unwrap();
+    let back = run(&mut bench(None, &["1", "2"]), Some("2")).unwrap();
     assert_eq!(back.serial, "2");
     assert!(matches!(failure(&mut bench(None, &[]), None), UpdateError::NoDevice { serial: None }));
 }
 
 #[test]
 fn a_device_that_does_not_appear_in_update_mode_is_told_apart_from_others_that_do() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &["0000"]);
+    let mut bench = running(&["0000"]);
     bench.appears_after = None;
     let error = failure(&mut bench, None);
     let words =
@@ -286,7 +291,6 @@ fn an_image_of_another_board_and_firmware_without_dfu_are_refused_before_anythin
 
 #[test]
 fn a_chip_that_says_it_has_less_flash_is_left_alone() {
-    let mut told = Vec::new();
     let mut small = hello(SERIAL, OLD);
     small.capabilities = small.capabilities.with_flash_kb(128);
     let mut bench = bench(Some(small.clone()), &[]);
@@ -296,7 +300,7 @@ fn a_chip_that_says_it_has_less_flash_is_left_alone() {
     // One with enough flash, and older firmware that does not report it.
     for capabilities in [small.capabilities.with_flash_kb(512), hello(SERIAL, OLD).capabilities] {
         let mut bench = self::bench(Some(inerter_wire::Hello { capabilities, ..small.clone() }), &[]);
-        run(&mut bench, None, &mut told).unwrap();
+        run(&mut bench, None).unwrap();
     }
 }
 
@@ -307,7 +311,7 @@ fn what_runs_afterwards_is_compared_with_what_was_written() {
     let error = failure(&mut silent, None);
     assert!(error.to_string().contains("did not come back within 15 s: /dev/ttyACM1 does not answer"), "{error}");
     let mut bench = bench(None, &[SERIAL]);
-    run(&mut bench, None, &mut Vec::new()).unwrap();
+    run(&mut bench, None).unwrap();
     let other = Identity { firmware: "inerter 0.2.0".into(), git: "1".into(), board: "b".into() };
     bench.answers_after = 1;
     let error = confirm(&mut bench, &other, SERIAL).unwrap_err();
@@ -316,11 +320,11 @@ fn what_runs_afterwards_is_compared_with_what_was_written() {
 
 #[test]
 fn an_update_whose_cable_was_pulled_is_completed_by_the_same_command() {
-    let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+    let mut bench = running(&[]);
     bench.chip.borrow_mut().transfers_left = 60;
     assert!(matches!(failure(&mut bench, None), UpdateError::Lost { .. }));
     bench.chip.borrow_mut().restart();
-    assert_eq!(run(&mut bench, None, &mut Vec::new()).unwrap().identity.firmware, NEW);
+    assert_eq!(run(&mut bench, None).unwrap().identity.firmware, NEW);
 }
 
 #[test]
@@ -348,7 +352,7 @@ fn ctrl_c_ends_every_wait_of_an_update_and_leaves_no_whole_firmware_in_update_mo
         ("for the firmware", |bench| bench.answers_after = u32::MAX),
     ];
     for (what, hold_up) in waits {
-        let mut bench = bench(Some(hello(SERIAL, OLD)), &[]);
+        let mut bench = running(&[]);
         hold_up(&mut bench);
         bench.interrupted_at = told;
         let error = failure(&mut bench, None);

@@ -72,8 +72,12 @@ impl Nodes {
     fn enter(&mut self) {
         self.count = 0;
         self.refresh();
-        let start = self.breaks.get(self.current).map_or(0.0, |b| b.0);
-        self.here = self.evaluate(start);
+        self.here = self.evaluate(self.break_s(self.current));
+    }
+
+    /// The time of a break; infinite behind the last one.
+    fn break_s(&self, number: usize) -> f64 {
+        self.breaks.get(number).map_or(f64::INFINITY, |b| b.0)
     }
 
     fn refresh(&mut self) {
@@ -129,10 +133,10 @@ impl Nodes {
 
     /// The next step.
     pub fn next_node(&mut self) -> Node {
-        let origin = self.breaks.get(self.current).map_or(0.0, |b| b.0);
+        let origin = self.break_s(self.current);
         let start_s = origin + f64::from(self.count) * self.step_s;
         let first = self.here;
-        let next_break = self.breaks.get(self.current + 1).map_or(f64::INFINITY, |b| b.0);
+        let next_break = self.break_s(self.current + 1);
         let regular = origin + (f64::from(self.count) + 1.0) * self.step_s;
         // A tiny remainder before a break joins the last step.
         if regular + 1e-3 * self.step_s >= next_break {

@@ -1,6 +1,8 @@
 //! Parses motions written as text.
 
-use super::{Excitation, Moves, Tone, radians};
+use std::f64::consts::PI;
+
+use super::{Excitation, Moves, Tone};
 use crate::PlantError;
 
 const SEQUENCE: &str = "mid@20s;hold@5s;random@20s";
@@ -11,10 +13,13 @@ const RANDOM: &str = "random:0.5-15Hz:20mm/s";
 const CHIRP: &str = "chirp:0.1-20Hz:5mm/s:60s";
 const MOVES: &str = "moves:0.25m:0.3m/s:2m/s2:0.2s";
 
-const FREQUENCY: &[(&str, f64)] = &[("Hz", 1.0), ("mHz", 1e-3)];
-const LENGTH: &[(&str, f64)] =
+/// Units, each with its factor to the SI unit.
+type Units = &'static [(&'static str, f64)];
+
+const FREQUENCY: Units = &[("Hz", 1.0), ("mHz", 1e-3)];
+const LENGTH: Units =
     &[("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0), ("rad", 1.0), ("mrad", 1e-3), ("deg", DEGREE)];
-const SPEED: &[(&str, f64)] = &[
+const SPEED: Units = &[
     ("mm/s", 1e-3),
     ("um/s", 1e-6),
     ("µm/s", 1e-6),
@@ -24,11 +29,11 @@ const SPEED: &[(&str, f64)] = &[
     ("deg/s", DEGREE),
     ("rpm", 6.0 * DEGREE),
 ];
-const ACCELERATION: &[(&str, f64)] = &[("m/s2", 1.0), ("mm/s2", 1e-3), ("rad/s2", 1.0), ("deg/s2", DEGREE)];
-const TIME: &[(&str, f64)] = &[("ms", 1e-3), ("min", 60.0), ("s", 1.0)];
-const ANGLE: &[(&str, f64)] = &[("deg", 1.0)];
+const ACCELERATION: Units = &[("m/s2", 1.0), ("mm/s2", 1e-3), ("rad/s2", 1.0), ("deg/s2", DEGREE)];
+const TIME: Units = &[("ms", 1e-3), ("min", 60.0), ("s", 1.0)];
+const ANGLE: Units = &[("deg", 1.0)];
 /// One degree \[rad\].
-const DEGREE: f64 = std::f64::consts::PI / 180.0;
+const DEGREE: f64 = PI / 180.0;
 
 fn wrong<T>(part: &str, problem: impl Into<String>, example: &'static str) -> Result<T, PlantError> {
     Err(PlantError::Motion { part: part.to_owned(), problem: problem.into(), example })
@@ -93,13 +98,15 @@ fn single(text: &str, seed: u64) -> Result<Excitation, PlantError> {
     let mut fields = text.split(':').map(str::trim);
     let kind = fields.next().unwrap_or_default();
     let fields: Vec<&str> = fields.collect();
+    if fields.is_empty()
+        && let Some(preset) = Excitation::preset(kind, seed)
+    {
+        return Ok(preset);
+    }
     match (kind, fields.as_slice()) {
         ("", []) => wrong(text, "a motion is missing here", SEQUENCE),
         ("hold", []) => Ok(Excitation::hold()),
         ("hold", _) => wrong(text, "hold takes no numbers, only a duration", "hold@5s"),
-        (name, []) if Excitation::PRESETS.contains(&name) => {
-            Excitation::preset(name, seed).map_or_else(|| unknown(name), Ok)
-        }
         ("sine", [frequency, amplitude]) => {
             checked(text, Excitation::tones(vec![tone(frequency, amplitude, SINE)?]), SINE)
         }
@@ -107,17 +114,17 @@ fn single(text: &str, seed: u64) -> Result<Excitation, PlantError> {
         ("tones", []) => wrong(text, "tones take a list of frequencies and amplitudes", TONES),
         ("tones", _) => tones(text),
         ("multi", [band, velocity]) => {
-            let ((low, high), rms) = (range(band, MULTI)?, speed(velocity, MULTI)?);
+            let (low, high, rms) = band_and_speed(band, velocity, MULTI)?;
             checked(text, Excitation::multisine(low, high, rms, seed), MULTI)
         }
         ("multi", _) => wrong(text, "a multisine takes a band and an rms velocity", MULTI),
         ("random", [band, velocity]) => {
-            let ((low, high), rms) = (range(band, RANDOM)?, speed(velocity, RANDOM)?);
+            let (low, high, rms) = band_and_speed(band, velocity, RANDOM)?;
             checked(text, Excitation::random(low, high, rms, seed), RANDOM)
         }
         ("random", _) => wrong(text, "a random motion takes a band and an rms velocity", RANDOM),
         ("chirp", [band, velocity, time]) => {
-            let ((low, high), rms) = (range(band, CHIRP)?, speed(velocity, CHIRP)?);
+            let (low, high, rms) = band_and_speed(band, velocity, CHIRP)?;
             let duration = quantity(time, TIME, "a time", CHIRP)?;
             checked(text, Excitation::chirp(low, high, rms, duration), CHIRP)
         }
@@ -132,13 +139,11 @@ fn single(text: &str, seed: u64) -> Result<Excitation, PlantError> {
             checked(text, Excitation::moves(moves), MOVES)
         }
         ("moves", _) => wrong(text, "moves take a stroke, a velocity, an acceleration and a rest", MOVES),
-        (name, _) => unknown(name),
+        (name, _) => {
+            let known = Excitation::PRESETS.join(", ");
+            wrong(name, format!("no motion has this name; known: {known}, sine, tones, chirp, moves, hold"), SEQUENCE)
+        }
     }
-}
-
-fn unknown(name: &str) -> Result<Excitation, PlantError> {
-    let known = Excitation::PRESETS.join(", ");
-    wrong(name, format!("no motion has this name; known: {known}, sine, tones, chirp, moves, hold"), SEQUENCE)
 }
 
 fn tones(text: &str) -> Result<Excitation, PlantError> {
@@ -148,7 +153,7 @@ fn tones(text: &str) -> Result<Excitation, PlantError> {
         match part.split(':').map(str::trim).collect::<Vec<_>>().as_slice() {
             [frequency, amplitude] => tones.push(tone(frequency, amplitude, TONES)?),
             [frequency, amplitude, phase] => {
-                let phase_rad = radians(quantity(phase, ANGLE, "a phase", "tones:0.8Hz:8mm:90deg")?);
+                let phase_rad = quantity(phase, ANGLE, "a phase", "tones:0.8Hz:8mm:90deg")? * PI / 180.0;
                 tones.push(Tone { phase_rad, ..tone(frequency, amplitude, TONES)? });
             }
             _ => return wrong(part, "each tone takes a frequency and an amplitude, and may take a phase", TONES),
@@ -162,8 +167,9 @@ fn tone(frequency: &str, amplitude: &str, example: &'static str) -> Result<Tone,
     Ok(Tone::new(frequency_hz, quantity(amplitude, LENGTH, "an amplitude", example)?))
 }
 
-fn speed(text: &str, example: &'static str) -> Result<f64, PlantError> {
-    quantity(text, SPEED, "an rms velocity", example)
+fn band_and_speed(band: &str, velocity: &str, example: &'static str) -> Result<(f64, f64, f64), PlantError> {
+    let (low_hz, high_hz) = range(band, example)?;
+    Ok((low_hz, high_hz, quantity(velocity, SPEED, "an rms velocity", example)?))
 }
 
 /// `0.5-15Hz`, both limits in Hz.
@@ -183,7 +189,7 @@ fn range(text: &str, example: &'static str) -> Result<(f64, f64), PlantError> {
 }
 
 /// A number with its unit.
-fn quantity(text: &str, units: &[(&str, f64)], what: &str, example: &'static str) -> Result<f64, PlantError> {
+fn quantity(text: &str, units: Units, what: &str, example: &'static str) -> Result<f64, PlantError> {
     let text = text.trim();
     let names = || units.iter().map(|unit| unit.0).collect::<Vec<_>>().join(", ");
     // Longest unit first: "mm" also ends in "m".
@@ -219,7 +225,8 @@ mod tests {
         assert_eq!(Excitation::parse("random:0.5-15Hz:20mm/s", 4), Ok(Excitation::preset("random", 4).unwrap()));
         assert_eq!(Excitation::parse("multi:500mHz-15Hz:20mm/s", 4), Ok(Excitation::preset("multi", 4).unwrap()));
         let row = Excitation::parse("mid@20s+hold@500ms;chirp:0.1-20Hz:5mm/s:60s;random@1min", 0).unwrap();
-        assert_eq!(row.starts_s().collect::<Vec<_>>(), [0.0, 20.0, 20.5, 80.5]);
+        let starts_s: Vec<f64> = row.segments.iter().map(|segment| segment.start_s).collect();
+        assert_eq!(starts_s, [0.0, 20.0, 20.5, 80.5]);
         assert_eq!(row.duration_s(), 140.5);
         assert_eq!(Excitation::parse("sine:1Hz:180deg", 0), Excitation::parse("sine:1Hz:3.141592653589793rad", 0));
         let speed = |text| Excitation::parse(text, 4).unwrap().at(0.7).v_m_per_s;

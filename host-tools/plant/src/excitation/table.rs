@@ -37,7 +37,9 @@ impl Table {
         let velocities = slopes(displacements_m).into_iter().map(|slope| slope / period_s);
         let points = displacements_m.iter().copied().zip(velocities).collect();
         let table = Self { period_s, points, factor: 1.0 };
-        if (table.first_m() - table.last_m()).abs() > 1e-6 * table.peak_m() {
+        if let [first_m, .., last_m] = displacements_m
+            && (first_m - last_m).abs() > 1e-6 * table.peak_m()
+        {
             return Err(PlantError::Conflict {
                 field: "the last displacement",
                 other: "the first",
@@ -81,10 +83,6 @@ impl Table {
 
     fn first_m(&self) -> f64 {
         self.points.first().map_or(0.0, |point| point.0)
-    }
-
-    fn last_m(&self) -> f64 {
-        self.points.last().map_or(0.0, |point| point.0)
     }
 
     fn peak_m(&self) -> f64 {

@@ -26,6 +26,12 @@ impl Host {
         assert_eq!(self.stream.write(&out[..length]).unwrap(), length);
     }
 
+    /// Asks for something that is done without more words.
+    fn command(&mut self, share: &mut Share, id: u16, command: Command) {
+        self.ask(id, command);
+        assert_eq!(self.until_reply(share, id).1, Ok(Done::Plain));
+    }
+
     /// Reads the available bytes.
     fn read(&mut self) {
         let mut buffer = [0; 1 << 16];
@@ -67,11 +73,25 @@ impl Board {
         share.relay(&out[..length]);
     }
 
+    /// Sends the next batch of samples.
+    fn stream(&mut self, share: &mut Share, batches: &mut u32) {
+        self.says(share, &batch(20 * *batches));
+        *batches += 1;
+    }
+
     fn start(&mut self, share: &mut Share) {
         self.says(share, &Record::Event(Event { index: 0, kind: EventKind::Started }));
         self.says(share, &Record::Hello(hello()));
         self.says(share, &Record::Settings(SettingsValues::from(&Settings::default())));
     }
+}
+
+/// A share of a device that has started.
+fn started(listen: fn(&str) -> io::Result<Share>) -> (Share, Board) {
+    let mut share = listen("127.0.0.1:0").unwrap();
+    let mut board = Board::default();
+    board.start(&mut share);
+    (share, board)
 }
 
 fn hello() -> Hello {
@@ -111,9 +131,7 @@ const SAMPLES: Streams = Streams { samples: true, ..Streams::NONE };
 
 #[test]
 fn the_first_controls_and_each_has_its_own_streams() {
-    let mut share = Share::controlled("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, mut board) = started(Share::controlled);
     let asked: Vec<Command> = at_device(&mut share).into_iter().map(|request| request.command).collect();
     assert_eq!(asked, [Command::Streams(Streams::ALL), Command::ReadSettings]);
 
@@ -125,8 +143,7 @@ fn the_first_controls_and_each_has_its_own_streams() {
     second.ask(2, Command::ReadSettings);
     let settings = Record::Settings(SettingsValues::from(&Settings::default()));
     assert_eq!(second.until_reply(&mut share, 2), (vec![settings], Ok(Done::Plain)));
-    second.ask(3, Command::Streams(SAMPLES));
-    assert_eq!(second.until_reply(&mut share, 3).1, Ok(Done::Plain));
+    second.command(&mut share, 3, Command::Streams(SAMPLES));
     for command in [Command::ResetEstimator, Command::Stop, Command::Reboot, Command::InjectEnd, Command::SaveSettings]
     {
         second.ask(4, command);
@@ -154,17 +171,14 @@ fn the_first_controls_and_each_has_its_own_streams() {
 
 #[test]
 fn the_control_goes_to_the_next_when_its_holder_leaves() {
-    let mut share = Share::controlled("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, _) = started(Share::controlled);
     at_device(&mut share);
     // A silent connection, such as a port scanner's, controls nothing.
     let _mute = Host::connect(&share);
     share.turn();
     let (mut first, mut second) = (Host::connect(&share), Host::connect(&share));
     for host in [&mut first, &mut second] {
-        host.ask(1, Command::Hello);
-        assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+        host.command(&mut share, 1, Command::Hello);
     }
     second.ask(2, Command::Stop);
     assert_eq!(second.until_reply(&mut share, 2).1, Err(Refusal::Busy));
@@ -181,26 +195,21 @@ fn the_control_goes_to_the_next_when_its_holder_leaves() {
 
 #[test]
 fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
-    let mut share = Share::watched("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, mut board) = started(Share::watched);
     let (mut stuck, mut other) = (Host::connect(&share), Host::connect(&share));
     for host in [&mut stuck, &mut other] {
-        host.ask(1, Command::Streams(SAMPLES));
-        assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+        host.command(&mut share, 1, Command::Streams(SAMPLES));
     }
     let (mut batches, mut most) = (0, 0);
     // Until much is dropped: the system's own buffers are full as well.
     while batches < 1000 || share.readers.iter().all(|reader| reader.waiting.len() + MAX_FRAME <= MOST_WAITING) {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
         assert!(!share.is_full());
         other.read();
         most = most.max(share.readers.iter().map(|reader| reader.waiting.len()).max().unwrap());
     }
     for _ in 0..100 {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
         other.read();
     }
     while other.seen.len() < batches as usize {
@@ -213,26 +222,20 @@ fn a_reader_that_never_reads_holds_up_nobody_and_takes_bounded_room() {
     while stuck.lost == 0 {
         share.turn();
         stuck.read();
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
     }
-    stuck.ask(2, Command::ReadSettings);
-    assert_eq!(stuck.until_reply(&mut share, 2).1, Ok(Done::Plain));
+    stuck.command(&mut share, 2, Command::ReadSettings);
     assert!(share.controller.is_none(), "nobody controls what is only watched");
 }
 
 #[test]
 fn a_reader_alone_holds_the_device_up() {
-    let mut share = Share::controlled("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, mut board) = started(Share::controlled);
     let mut host = Host::connect(&share);
-    host.ask(1, Command::Streams(SAMPLES));
-    assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    host.command(&mut share, 1, Command::Streams(SAMPLES));
     let mut batches = 0;
     while !share.is_full() {
-        board.says(&mut share, &batch(20 * batches));
-        batches += 1;
+        board.stream(&mut share, &mut batches);
     }
     while host.seen.len() < batches as usize {
         share.turn();
@@ -244,12 +247,9 @@ fn a_reader_alone_holds_the_device_up() {
 
 #[test]
 fn what_a_newer_device_says_is_passed_on_and_losses_are_told() {
-    let mut share = Share::watched("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, mut board) = started(Share::watched);
     let mut host = Host::connect(&share);
-    host.ask(1, Command::Hello);
-    assert_eq!(host.until_reply(&mut share, 1).1, Ok(Done::Plain));
+    host.command(&mut share, 1, Command::Hello);
     // Two lost frames, then an unknown record 99, by hand.
     (0..2).for_each(|_| {
         board.0.take();
@@ -273,14 +273,11 @@ fn what_a_newer_device_says_is_passed_on_and_losses_are_told() {
 
 #[test]
 fn readers_wait_for_a_device_that_is_away_and_too_many_are_turned_away() {
-    let mut share = Share::watched("127.0.0.1:0").unwrap();
-    let mut board = Board::default();
-    board.start(&mut share);
+    let (mut share, mut board) = started(Share::watched);
     let ended = |host: &mut Host| matches!(host.stream.read(&mut [0; 16]), Ok(0));
     let spoken = |share: &mut Share| {
         let mut host = Host::connect(share);
-        host.ask(1, Command::Streams(Streams::NONE));
-        assert_eq!(host.until_reply(share, 1).1, Ok(Done::Plain));
+        host.command(share, 1, Command::Streams(Streams::NONE));
         host
     };
     // Silent readers make room, the oldest first.

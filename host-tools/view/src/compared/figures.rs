@@ -1,7 +1,5 @@
 //! Figures with all runs overlaid.
 
-use std::f64::consts::PI;
-
 use inerter_analysis::response::{Input, Point};
 use inerter_core::Machine;
 use inerter_data::names::{description, parameter};
@@ -9,7 +7,10 @@ use inerter_data::names::{description, parameter};
 use super::comparison::{Comparison, DRAWN};
 use crate::{
     figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, ends},
-    page::{Content, Half, LOW_PX, MOST_TIMES, TALL_PX, degrees, file_name, known, measured, over_run, settled},
+    page::{
+        Content, Half, LOW_PX, MOST_TIMES, TALL_PX, apparent_kg, degrees, file_name, known, measured, over_run,
+        phase_error_degrees, relative, settled,
+    },
 };
 
 /// The runs' colours.
@@ -67,8 +68,8 @@ fn intervals(comparison: &Comparison) -> Figure {
         let mut layers = Vec::new();
         for (number, (content, run)) in comparison.runs.iter().zip(&row.runs).enumerate() {
             let Some(found) = run.found else { continue };
-            let (value, u95) =
-                (factor * f64::from(found.value), factor * f64::from(comparison.shown_rig(number).u95(&found.budget)));
+            let u95 = comparison.shown_rig(number).u95(&found.budget);
+            let [value, u95] = [found.value, u95].map(|one| factor * f64::from(one));
             let points = Shape::Points(vec![(number as f64 + 1.0, value, value - u95, value + u95)]);
             let colour = COLOURS[number % DRAWN];
             let is_named = panels.is_empty() && comparison.runs.len() <= DRAWN;
@@ -159,8 +160,7 @@ fn bode(comparison: &Comparison) -> Figure {
         };
         seen.iter().flat_map(of).collect()
     };
-    let relative = |value: f64, point: &Point| value * point.error;
-    let apparent = |point: &Point| point.response.norm() / (2.0 * PI * point.frequency_hz).powi(2);
+    let apparent = |point: &Point| apparent_kg(point.frequency_hz, point.response);
     let of_all = || seen.iter().flat_map(|(content, ..)| content.response.points.iter().map(apparent));
     let inertance_kg = seen.iter().map(|(content, ..)| content.model.inertance_kg.abs()).fold(1e-9, f64::max);
     let most_kg = of_all().map(|kg| 1.1 * kg).fold(1.25 * inertance_kg, f64::max).min(MOST_TIMES * inertance_kg);
@@ -173,7 +173,7 @@ fn bode(comparison: &Comparison) -> Figure {
             panel(
                 Axis::new("Phase of F / x [°]"),
                 LOW_PX,
-                layers(&|point| degrees(point.response), &|_, point| point.phase_error_rad() * 180.0 / PI, false),
+                layers(&|point| degrees(point.response), &phase_error_degrees, false),
             ),
         ],
     };

@@ -40,19 +40,13 @@ pub fn html(comparison: &Comparison) -> (String, Vec<Figure>) {
 
 /// The list of runs.
 fn runs(comparison: &Comparison) -> Markup {
+    let columns = ["Run", "Length", "Recorded", "Device", "Calibration", "Law"].into_iter();
+    let columns: Vec<&str> = columns.chain((!comparison.within.is_empty()).then_some("Limits")).collect();
     markup! {
         section #runs {
             h2 { "Runs" }
             table {
-                thead { tr {
-                    th scope="col" { "Run" }
-                    th scope="col" { "Length" }
-                    th scope="col" { "Recorded" }
-                    th scope="col" { "Device" }
-                    th scope="col" { "Calibration" }
-                    th scope="col" { "Law" }
-                    @if !comparison.within.is_empty() { th scope="col" { "Limits" } }
-                } }
+                (head(&columns, &[], &[]))
                 tbody {
                     @for (number, content) in comparison.runs.iter().enumerate() {
                         tr {
@@ -147,16 +141,13 @@ fn notes(comparison: &Comparison) -> Markup {
 /// Settings that differ between the runs.
 fn settings(comparison: &Comparison) -> Markup {
     let values: Vec<_> = comparison.sides.iter().map(|side| side.settings.values()).collect();
-    let differing = Settings::described().enumerate().filter(|(place, _)| {
-        let mut of_runs = values.iter().filter_map(|values| values.get(*place));
-        let first = of_runs.next();
-        of_runs.any(|value| Some(value) != first)
-    });
-    let rows: Vec<_> = differing
+    let rows: Vec<_> = Settings::described()
+        .enumerate()
         .map(|(place, (info, text))| {
             let of_runs: Vec<f64> = values.iter().filter_map(|values| values.get(place).copied()).collect();
             (info.name, text.unit, of_runs)
         })
+        .filter(|(_, _, of_runs)| of_runs.iter().any(|value| Some(value) != of_runs.first()))
         .collect();
     markup! {
         section #settings {

@@ -9,7 +9,7 @@ use super::{
     Content,
     layout::{LOW_PX, Made, TALL_PX},
 };
-use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke};
+use crate::figure::{Axis, Colour, Layer, Panel, Shape, Stroke, ends};
 use inerter_wire::catalogue;
 
 /// With more points than this the intervals are drawn as a band.
@@ -42,6 +42,21 @@ fn broken_where_points_miss(points: &[(f64, f64, f64, f64)]) -> Vec<(f64, f64, f
         .collect()
 }
 
+/// Half width of a magnitude's interval.
+pub(crate) fn relative(value: f64, point: &response::Point) -> f64 {
+    value * point.error
+}
+
+/// Half width of a phase's interval \[°\].
+pub(crate) fn phase_error_degrees(_: f64, point: &response::Point) -> f64 {
+    point.phase_error_rad() * 180.0 / PI
+}
+
+/// The apparent mass of a response at a frequency \[kg\].
+pub(crate) fn apparent_kg(frequency_hz: f64, response: Complex<f64>) -> f64 {
+    response.norm() / (2.0 * PI * frequency_hz).powi(2)
+}
+
 /// The measured response with its intervals: single points if there are few, otherwise a line in a band.
 pub(crate) fn measured(
     response: &Response,
@@ -67,8 +82,7 @@ pub(crate) fn measured(
 /// Measured, ideal and complete response.
 pub(super) fn bode(content: &Content) -> Made {
     let response = &content.response;
-    let frequencies = || response.points.iter().map(|point| point.frequency_hz);
-    let (low_hz, high_hz) = frequencies().fold((f64::INFINITY, 0.0_f64), |(low, high), f| (low.min(f), high.max(f)));
+    let (low_hz, high_hz) = ends(response.points.iter().map(|point| point.frequency_hz));
     if response.points.is_empty() {
         return Err(
             "at no frequency does the displacement explain the force (coherence above 0.8), or the run is too short"
@@ -112,21 +126,16 @@ pub(super) fn bode(content: &Content) -> Made {
         let x = Axis::log("Frequency [Hz]").within(low_hz, high_hz);
         Panel::new(x, y, height_px, [measured(show, half), models(show)].concat())
     };
-    let relative = |value: f64, point: &response::Point| value * point.error;
     let kilonewtons = |_: f64, response: Complex<f64>| response.norm() / 1e3;
-    let kilograms = |frequency_hz: f64, response: Complex<f64>| response.norm() / (2.0 * PI * frequency_hz).powi(2);
     let phase = |_: f64, response: Complex<f64>| degrees(response);
-    let apparent = response.points.iter().map(|point| kilograms(point.frequency_hz, point.response));
+    let apparent = response.points.iter().map(|point| apparent_kg(point.frequency_hz, point.response));
     let most = apparent.fold(1.25, |most, kg| f64::max(most, 1.1 * kg / content.model.inertance_kg)).min(MOST_TIMES);
     let most_kg = most * content.model.inertance_kg.abs().max(1e-3);
     let panels = vec![
         panel(Axis::log(format!("|F / {over}| [kN/m]")), TALL_PX - 20, &kilonewtons, &relative),
-        panel(Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg), LOW_PX, &kilograms, &relative)
+        panel(Axis::new(format!("|F / {over}| / w² [kg]")).within(0.0, most_kg), LOW_PX, &apparent_kg, &relative)
             .unnamed(),
-        panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &|_, point| {
-            point.phase_error_rad() * 180.0 / PI
-        })
-        .unnamed(),
+        panel(Axis::new(format!("Phase of F / {over} [°]")), LOW_PX, &phase, &phase_error_degrees).unnamed(),
     ];
     let how = match response.method {
         Method::Tones => format!(

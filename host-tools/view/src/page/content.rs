@@ -8,7 +8,7 @@ use inerter_analysis::{
     results::{Replayed, replayed},
     told::Told,
 };
-use inerter_core::{Change, Detail, Estimate, Reversal, Settings, Warning, WarningKind};
+use inerter_core::{Change, Detail, Estimate, Parameter, Reversal, Settings, Warning, WarningKind};
 use inerter_data::{gated::Gated, replay::Outcome, run::Run, series::Series, settings::SettingsInputError};
 use inerter_wire::{Estimated, EstimatorEvent};
 
@@ -171,7 +171,7 @@ fn drawn_law(outcome: &Outcome, settings: &Settings) -> Law {
     let fitted =
         Products::of(sums, more).and_then(|products| directions(&products, settings, &Beside::of(outcome), None));
     let parameters = fitted.map_or(outcome.estimate.whole_run, |fit| fit.symmetric);
-    let value = |parameter: inerter_core::Parameter| {
+    let value = |parameter: Parameter| {
         Some(f64::from(parameter.fitted().value)).filter(|value| value.is_finite()).unwrap_or(0.0)
     };
     Law {
@@ -190,7 +190,7 @@ fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
 }
 
 fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
-    let contact = |measured: inerter_core::Parameter, set: f64| {
+    let contact = |measured: Parameter, set: f64| {
         measured.usable().filter(|found| found.value > 0.0).map_or(set, |found| f64::from(found.value))
     };
     ModelParameters {

@@ -41,25 +41,22 @@ impl Kind {
 
     /// Its name on the command line and in file names.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Force => "force",
-            Self::Loop => "loop",
-            Self::Residual => "residual",
-            Self::Parameters => "parameters",
-            Self::Backlash => "backlash",
-            Self::Bode => "bode",
-        }
+        self.words().0
     }
 
     /// Its heading.
     pub const fn heading(self) -> &'static str {
+        self.words().1
+    }
+
+    const fn words(self) -> (&'static str, &'static str) {
         match self {
-            Self::Force => "Force against the law",
-            Self::Loop => "Force over displacement",
-            Self::Residual => "Residual of the law",
-            Self::Parameters => "Parameters over time",
-            Self::Backlash => "Backlash by reversal",
-            Self::Bode => "Frequency response",
+            Self::Force => ("force", "Force against the law"),
+            Self::Loop => ("loop", "Force over displacement"),
+            Self::Residual => ("residual", "Residual of the law"),
+            Self::Parameters => ("parameters", "Parameters over time"),
+            Self::Backlash => ("backlash", "Backlash by reversal"),
+            Self::Bode => ("bode", "Frequency response"),
         }
     }
 }
@@ -79,21 +76,18 @@ pub fn figure(content: &Content, kind: Kind) -> Result<Figure, PageError> {
         Kind::Backlash => backlash(content),
         Kind::Bode => bode(content),
     };
-    let file = || content.run.name.clone();
-    let machine = content.run.settings.machine;
-    let words = |text: String| description(machine, &text);
+    let (name, heading) = kind.words();
+    let file = &content.run.name;
+    let words = |text: &str| description(content.run.settings.machine, text);
     let (caption, mut panels) =
-        made.map_err(|reason| PageError::NotShown { file: file(), figure: kind.name(), reason: words(reason) })?;
+        made.map_err(|reason| PageError::NotShown { file: file.clone(), figure: name, reason: words(&reason) })?;
     for panel in &mut panels {
-        for axis in [&mut panel.x, &mut panel.y] {
-            axis.label = description(machine, &axis.label);
-        }
-        for label in panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut()) {
-            *label = description(machine, label);
+        let layers = panel.layers.iter_mut().filter_map(|layer| layer.label.as_mut());
+        for label in layers.chain([&mut panel.x.label, &mut panel.y.label]) {
+            *label = words(label);
         }
     }
-    let title = format!("{}: {}", words(kind.heading().into()), file());
-    Ok(Figure { name: kind.name(), title, caption: words(caption), panels })
+    Ok(Figure { name, title: format!("{}: {file}", words(heading)), caption: words(&caption), panels })
 }
 
 fn needs_rows(rows: &[Row]) -> Result<(), String> {
@@ -255,26 +249,29 @@ fn hysteresis(content: &Content) -> Made {
     Ok((caption.into(), vec![panel]))
 }
 
-/// A parameter over a run, by its index: time, value and half width of the interval, NaN if unknown.
-pub(crate) fn over_run(content: &Content, number: usize) -> Vec<(f64, f64, f64)> {
+/// Time \[s\], value and half width of the interval, NaN if unknown.
+pub(crate) type Timed = (f64, f64, f64);
+
+/// A parameter over a run, by its index.
+pub(crate) fn over_run(content: &Content, number: usize) -> Vec<Timed> {
     let machine = content.run.settings.machine;
     let of = |moment: &Moment| catalogue::parameters(machine, &moment.estimate.recent).nth(number);
     content.moments.iter().filter_map(|moment| Some(timed(moment.t_s, of(moment)?.1.known(), 1.0))).collect()
 }
 
-/// Time, value and half width of the interval, converted by `factor` to the unit shown.
-fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> (f64, f64, f64) {
+/// A value at a time, converted by `factor` to the unit shown.
+fn timed(t_s: f64, known: Option<Interval>, factor: f64) -> Timed {
     let [value, u95] = known.map_or([f32::NAN; 2], |known| [known.value, known.u95]).map(f64::from);
     (t_s, value * factor, u95 * factor)
 }
 
 /// Points with a value and an interval.
-pub(crate) fn known(points: &[(f64, f64, f64)]) -> impl Iterator<Item = &(f64, f64, f64)> {
+pub(crate) fn known(points: &[Timed]) -> impl Iterator<Item = &Timed> {
     points.iter().filter(|point| point.1.is_finite() && point.2.is_finite())
 }
 
 /// The range of the values once they have settled, including their intervals.
-pub(crate) fn settled(points: &[(f64, f64, f64)]) -> (f64, f64) {
+pub(crate) fn settled(points: &[Timed]) -> (f64, f64) {
     let values = sorted(known(points).map(|point| point.1));
     let u95 = quantile(&sorted(known(points).map(|point| point.2)), 0.5);
     (quantile(&values, 0.03) - 2.2 * u95, quantile(&values, 0.97) + 2.2 * u95)
@@ -297,7 +294,7 @@ fn parameters(content: &Content) -> Made {
         let title = format!("{}, whole run {whole} {}", field.label, field.unit);
         panels.push(over_time(content, label, title, &points, Colour::Blue, truth));
     }
-    let widths: Vec<(f64, f64, f64)> = content
+    let widths: Vec<Timed> = content
         .moments
         .iter()
         .filter_map(|moment| Some(timed(moment.t_s, moment.detail?.backlash.known(), 1e6)))
@@ -335,11 +332,12 @@ fn parameters(content: &Content) -> Made {
 /// The true value of a simulated device over time, converted by `factor` to the unit shown; empty if unknown.
 fn truth_line(content: &Content, name: &str, factor: f64) -> Vec<(f64, f64)> {
     let (start_s, end_s) = (content.run.start_s, content.run.start_s + content.duration_s);
-    let Some(first) = content.first_truth(name).map(|value| value * factor) else { return Vec::new() };
-    match content.later_truth(name).map(|(at_s, value)| (at_s, value * factor)) {
+    let Some(first) = content.first_truth(name) else { return Vec::new() };
+    let points = match content.later_truth(name) {
         Some((at_s, later)) => vec![(start_s, first), (at_s, first), (at_s, later), (end_s, later)],
         None => vec![(start_s, first), (end_s, first)],
-    }
+    };
+    points.into_iter().map(|(t_s, value)| (t_s, value * factor)).collect()
 }
 
 /// A value with its interval over time; the axis fits the settled value, not its first uncertain moments.
@@ -347,7 +345,7 @@ fn over_time(
     content: &Content,
     label: String,
     title: String,
-    points: &[(f64, f64, f64)],
+    points: &[Timed],
     colour: Colour,
     truth: Vec<(f64, f64)>,
 ) -> Panel {
@@ -380,7 +378,7 @@ fn backlash(content: &Content) -> Made {
             backlash_text(estimate)
         ));
     }
-    let micrometres: Vec<(f64, f64, f64)> = content
+    let micrometres: Vec<Timed> = content
         .reversals
         .iter()
         .map(|(t_s, reversal)| (*t_s, f64::from(reversal.value_m) * 1e6, 1.96 * f64::from(reversal.error_m) * 1e6))

@@ -91,19 +91,14 @@ fn results(content: &Content) -> Markup {
     let machine = settings.machine;
     let pairs = catalogue::parameters(machine, &estimate.recent)
         .zip(catalogue::parameters(machine, &estimate.whole_run))
-        .zip(catalogue::fields(Machine::Linear, Group::Parameter));
+        .zip(fields(Machine::Linear, Group::Parameter));
+    let last = format!("Last {} s", settings.memory_s);
+    let columns: Vec<&str> = [last.as_str(), "Whole run"].into_iter().chain(simulated.then_some("Truth")).collect();
     markup! {
         section #results {
             h2 { "Parameters of the device" }
             table {
-                thead { tr {
-                    th scope="col" { "Parameter" }
-                    th scope="col" { "Unit" }
-                    th.number scope="col" { "Last " (settings.memory_s) " s" }
-                    th.number scope="col" { "Whole run" }
-                    @if simulated { th.number scope="col" { "Truth" } }
-                    th scope="col" { "Status" }
-                } }
+                (head(&["Parameter", "Unit"], &columns, &["Status"]))
                 tbody {
                     @for (((field, recent), (_, whole)), linear) in pairs {
                         @let (word, class) = status(Shown::of(field, &recent), law.status);
@@ -215,12 +210,8 @@ pub(crate) fn notes_of(content: &Content) -> Vec<String> {
             false => format!("In the last minute {words}."),
         });
     let advice = content.replayed.advice.iter().map(|advice| advice.sentence(machine));
-    let friction = match content.replayed.outcome.detail.friction.regime {
-        Regime::Presliding | Regime::Stribeck => {
-            Some("Friction near rest does not follow the law; the intervals are wider because of that.".to_string())
-        }
-        Regime::Unknown | Regime::Coulomb => None,
-    };
+    let friction = matches!(content.replayed.outcome.detail.friction.regime, Regime::Presliding | Regime::Stribeck)
+        .then(|| "Friction near rest does not follow the law; the intervals are wider because of that.".to_string());
     let contact = (content.run.settings.stiffness_n_per_m == 0.0 && !content.run.settings.terminal_sensor).then(|| {
         let why = "The contact stiffness is not set: without it the force alone cannot identify backlash";
         format!("{} (setting stiffness_n_per_m).", description(machine, why))

@@ -12,7 +12,7 @@ mod layout;
 mod limits;
 
 pub use bode::degrees;
-pub(crate) use bode::{Half, MOST_TIMES, measured};
+pub(crate) use bode::{Half, MOST_TIMES, apparent_kg, measured, phase_error_degrees, relative};
 pub use content::{Content, Moment};
 pub use error::PageError;
 pub use figures::{Kind, figure};

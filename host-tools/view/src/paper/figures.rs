@@ -23,13 +23,14 @@ pub fn figures(paper: &Reproduction) -> Vec<Figure> {
 }
 
 fn force(test: &Test, name: &'static str) -> Figure {
+    let plan = &test.plan;
     // From the middle, when the initial transient has decayed.
-    let start_s = (test.plan.duration_s / 2.0 * test.plan.frequency_hz).floor() / test.plan.frequency_hz;
-    let end_s = start_s + PERIODS / test.plan.frequency_hz;
+    let start_s = (plan.duration_s / 2.0 * plan.frequency_hz).floor() / plan.frequency_hz;
+    let end_s = start_s + PERIODS / plan.frequency_hz;
     let shown = || test.force.iter().filter(|(t_s, ..)| (start_s..=end_s).contains(t_s));
     let line = |of: fn(&(f64, f64, f64)) -> f64| shown().map(|row| (row.0 - start_s, of(row))).collect::<Vec<_>>();
     // In the slowest test the force rings after each reversal, faster than dashes can show.
-    let stroke = if test.plan.frequency_hz < 1.0 { Stroke::Thin } else { Stroke::Dashed };
+    let stroke = if plan.frequency_hz < 1.0 { Stroke::Thin } else { Stroke::Dashed };
     let panels = vec![
         Panel::new(
             "Time [s]",
@@ -51,15 +52,15 @@ fn force(test: &Test, name: &'static str) -> Figure {
     let caption = format!(
         "The paper's figure {}, {}: {} Hz, {} mm. Fth is calculated with the values that were found. Over the whole test the residual is {rms_n:.2} N rms, \
          {:.2} % of the force; 1 N of it is the load cell's noise.",
-        test.plan.figure,
-        test.plan.purpose,
-        test.plan.frequency_hz,
+        plan.figure,
+        plan.purpose,
+        plan.frequency_hz,
         millimetres(test),
         100.0 * part
     );
     Figure {
         name,
-        title: format!("Figure {}: {}, {} Hz", test.plan.figure, test.plan.purpose, test.plan.frequency_hz),
+        title: format!("Figure {}: {}, {} Hz", plan.figure, plan.purpose, plan.frequency_hz),
         caption,
         panels,
     }

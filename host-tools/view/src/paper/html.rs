@@ -1,5 +1,7 @@
 //! The page of the reproduction.
 
+use std::f64::consts::TAU;
+
 use inerter_data::words::interval_text;
 use maud::{Markup, html as markup};
 
@@ -93,7 +95,7 @@ fn band(paper: &Reproduction) -> Markup {
             ul {
                 li { "At 0.1 rad/s the complete model differs from the ideal mass by " (format!("{:.1} dB and {:.0}°", slow.decibels, slow.degrees.abs())) ": there viscous friction is as large as the inertance's force." }
                 li { "At 40 rad/s it differs by " (format!("{:.1} dB and {:.1}°", fast.decibels, fast.degrees.abs())) ": the contact's stiffness and the inertance resonate at "
-                    (format!("{natural_hz:.1} Hz ({:.0} rad/s) with a damping ratio of {damping:.3}", natural_hz * std::f64::consts::TAU)) "." }
+                    (format!("{natural_hz:.1} Hz ({:.0} rad/s) with a damping ratio of {damping:.3}", natural_hz * TAU)) "." }
                 li { "Dry friction is not in that model, and narrows the band further at small motion: in the first test (0.333 rad/s, inside the paper's band) the inertance's force is "
                     (inertial_n(paper)) " N of amplitude, against 50 N of friction." }
                 li { "The validation test at 15.9 Hz (99.9 rad/s) runs above the resonance, where the device acts as its contact's spring and damper do and not as a mass." }
@@ -105,7 +107,7 @@ fn band(paper: &Reproduction) -> Markup {
 /// Amplitude of the inertance's force in the slow test.
 fn inertial_n(paper: &Reproduction) -> String {
     paper.tests.first().map_or_else(String::new, |test| {
-        let turn = test.plan.frequency_hz * std::f64::consts::TAU;
+        let turn = test.plan.frequency_hz * TAU;
         format!("{:.1}", paper.model.inertance_kg * turn * turn * test.plan.amplitude_m)
     })
 }
