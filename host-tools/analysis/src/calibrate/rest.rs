@@ -259,16 +259,15 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
 
 #[cfg(test)]
 mod tests {
-    use inerter_data::settings::Overrides;
     use inerter_plant::{Inerter, Sensors};
-    use inerter_simulate::{Setup, bench_sensors, raw};
+    use inerter_simulate::{Setup, bench_sensors};
 
     use super::*;
+    use crate::simulated::{recorded, setup};
 
     fn samples(sensors: Sensors, motion: &str, load_n: f64, seconds: f64) -> (Vec<RawSample>, Settings) {
-        let setup = Setup::new(Inerter::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
-        let setup = Setup { load_n, ..setup };
-        (setup.samples().unwrap().map(|sample| raw(&sample)).collect(), setup.settings)
+        let run = recorded(&Setup { load_n, ..setup(Inerter::paper(), sensors, motion, seconds) });
+        (run.samples, run.settings)
     }
 
     #[test]
