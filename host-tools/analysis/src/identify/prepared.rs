@@ -65,11 +65,6 @@ impl Prepared {
         (SETTLING_S / self.period_s).min(0.1 * self.force.len() as f64) as usize
     }
 
-    /// The same with another file index.
-    pub fn renumbered(self, file: usize) -> Self {
-        Self { file, ..self }
-    }
-
     /// The same, up to a given sample.
     pub fn until(&self, end: usize) -> Self {
         let mut part = self.clone();

@@ -1,5 +1,7 @@
 //! Results of an identification, for programs and for people.
 
+use std::f64::consts::TAU;
+
 use inerter_data::json::ParameterJson;
 use inerter_plant::Inerter;
 use serde::Serialize;
@@ -27,6 +29,13 @@ pub struct Parameters {
     pub offset_n: f64,
     /// Delay `tau` of the force relative to the displacements \[s\].
     pub skew_s: f64,
+}
+
+impl Parameters {
+    /// Natural frequency of the inertance on the contact's spring \[Hz\].
+    pub(super) fn own_hz(&self) -> f64 {
+        (self.stiffness_n_per_m / self.inertance_kg).max(0.0).sqrt() / TAU
+    }
 }
 
 /// A simulated device, with a load cell without offset and delay.
@@ -61,7 +70,7 @@ impl From<&Parameters> for ModelParameters {
 }
 
 /// Whether a parameter can be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FoundStatus {
     /// Value and interval are valid.
@@ -71,11 +80,12 @@ pub enum FoundStatus {
     /// From the settings: the data add little or nothing.
     Given,
     /// The data cannot identify it.
+    #[default]
     NotIdentifiable,
 }
 
 /// One parameter.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Found {
     /// Value; `None` if not identifiable.
     pub value: Option<f64>,
@@ -93,18 +103,12 @@ pub struct Found {
 impl Found {
     /// A parameter that the data cannot identify.
     pub fn unknown(reason: impl Into<String>) -> Self {
-        Self {
-            value: None,
-            u95: None,
-            profile: None,
-            status: FoundStatus::NotIdentifiable,
-            reason: Some(reason.into()),
-        }
+        Self { reason: Some(reason.into()), ..Self::default() }
     }
 
     /// A parameter with an interval.
     pub fn known(value: f64, u95: f64) -> Self {
-        Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
+        Self { value: Some(value), u95: Some(u95), status: FoundStatus::Ok, ..Self::default() }
     }
 
     /// The same, as a bound if it is smaller than its interval.
