@@ -6,7 +6,7 @@ use inerter_data::{gated::Gated, series::Series};
 use super::{
     candidate::Encoder,
     cause::Cause,
-    columns::{Candidate, Known, Located, Rows, Term},
+    columns::{Candidate, Known, Located, MOST_ROWS, Rows, Term},
     filter::{Filter, Sight, force_noise_n},
     fitted::{Fitted, fitted},
     found::{Found, known, model, refine, strongest, taken},
@@ -150,7 +150,7 @@ fn searched(
     let unsearched = search.clone();
     for _ in 0..MOST_UNDONE {
         search.seek(&series.aligned(&search.settings))?;
-        let left_s = search.skew_s();
+        let left_s = search.skew().map_or(0.0, |skew| skew.sizes[0]);
         if left_s.abs() <= UNDONE_S.max(UNDONE * (search.settings.skew_s - settings.skew_s).abs()) {
             break;
         }
@@ -173,8 +173,10 @@ pub(super) fn rows_of<'a>(
     published: &Published,
 ) -> Result<Rows<'a>, FitError> {
     let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
+    let spacing = (kernels.box_samples / 2).max(1).max(aligned.len() / MOST_ROWS);
     let law = Law::of_run(&published.estimate.whole_run, settings);
-    enough(Rows::of(aligned, settings, kernels, law, force_noise_n(aligned, settings)))
+    let filter = Filter::with(kernels, spacing, vec![1.0], settings, &law, force_noise_n(aligned, settings));
+    enough(Rows::through(Located::of(aligned, law, &[]), settings, filter))
 }
 
 fn enough(rows: Rows) -> Result<Rows, FitError> {
@@ -241,9 +243,9 @@ impl Search<'_> {
         weakest.map(|place| self.found.remove(place)).is_some()
     }
 
-    /// The remainder of a skew that was found \[s\].
-    fn skew_s(&self) -> f64 {
-        self.found.iter().find(|one| one.candidate.kind == Kind::Skew).map_or(0.0, |one| one.sizes[0])
+    /// The skew that was found; its size is the remainder \[s\].
+    fn skew(&self) -> Option<&Found> {
+        self.found.iter().find(|one| one.candidate.kind == Kind::Skew)
     }
 
     /// Finds causes, until a skew is found, which must be corrected first.
@@ -251,7 +253,7 @@ impl Search<'_> {
         // First with the estimator's law, which a fault may have distorted, to fit a better one.
         let rows = self.rows(aligned)?;
         self.settle(&rows)?;
-        let had_skew = self.found.iter().any(|one| one.candidate.kind == Kind::Skew);
+        let had_skew = self.skew().is_some();
         while self.found.len() < MOST {
             let rows = self.rows(aligned)?;
             let model = self.settle(&rows)?;
@@ -269,7 +271,7 @@ impl Search<'_> {
                 let Some((_, best)) = tried.min_by(|(a, _), (b, _)| a.total_cmp(b)) else { break };
                 *self = best;
             }
-            if !had_skew && self.found.iter().any(|one| one.candidate.kind == Kind::Skew) {
+            if !had_skew && self.skew().is_some() {
                 let rows = self.rows(aligned)?;
                 self.settle(&rows)?;
                 return Ok(());
