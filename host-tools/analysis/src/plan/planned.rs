@@ -3,7 +3,7 @@
 use inerter_core::{Backlash, Machine, Source};
 use inerter_data::{
     csv::motion::Point,
-    json::BacklashJson,
+    json::{BacklashJson, bank_word},
     names::{description, parameter, unit},
     text::backlash_text,
     uncertainty::{PartJson, parts, source_word},
@@ -256,10 +256,10 @@ impl Planned {
         text
     }
 
-    /// For a program, with the names of a linear machine; `files` are those that it was written to.
+    /// For a program, with the names of a linear machine; `files` are those that it was written to. What is infinite
+    /// is null in JSON.
     pub fn json<F: Serialize>(&self, files: &[F]) -> Value {
         let expected = &self.expected;
-        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
         let Limits { stroke_m, speed_m_per_s, force_n, duration_s, lowest_hz, highest_hz, .. } = self.stated;
         let Prediction { parameters, backlash, band_hz, bank, broken, .. } = &self.prediction;
         let name = |place: usize| parameter(Machine::Linear, place).path;
@@ -270,8 +270,8 @@ impl Planned {
             .collect();
         let want = |(plan, want): (&Plan, &Want)| {
             json!({
-                "parameter": name(want.place), "wanted": want.u95, "reached": finite(plan.reached(want)),
-                "is_reached": plan.reached(want) <= want.u95, "floor": finite(plan.floor(want)), "enough_s": plan.enough_s(want),
+                "parameter": name(want.place), "wanted": want.u95, "reached": plan.reached(want),
+                "is_reached": plan.reached(want) <= want.u95, "floor": plan.floor(want), "enough_s": plan.enough_s(want),
             })
         };
         let device: Map<String, Value> = Inerter::TABLE
@@ -282,16 +282,16 @@ impl Planned {
         let peaks = self.peaks();
         json!({
             "kind": "plan",
-            "criterion": match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
-                (Some(_), _) => "given",
-                (None, Some(Criterion::Wanted)) => "wanted",
-                (None, _) => "d_optimal",
+            "criterion": match &self.plan {
+                None => "given",
+                Some(Plan { criterion: Criterion::Wanted, .. }) => "wanted",
+                Some(_) => "d_optimal",
             },
             "duration_s": self.duration_s,
             "motion": self.given,
             "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(Part::json).collect::<Vec<_>>(),
             "limits": {
-                "stroke_m": finite(stroke_m), "speed_m_per_s": finite(speed_m_per_s), "force_n": finite(force_n),
+                "stroke_m": stroke_m, "speed_m_per_s": speed_m_per_s, "force_n": force_n,
                 "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
             },
             "peaks": { "stroke_m": peaks.stroke_m, "speed_m_per_s": peaks.speed_m_per_s, "force_n": peaks.force_n },
@@ -299,7 +299,7 @@ impl Planned {
             "force_noise_n": expected.force_noise_n,
             "predicted": predicted,
             "backlash_m": BacklashJson::from(*backlash),
-            "bank": format!("{bank:?}").to_lowercase(),
+            "bank": bank_word(*bank),
             "band_hz": band_hz,
             "broken": broken,
             "wants": self.wanted().map(want).collect::<Vec<_>>(),
@@ -312,8 +312,8 @@ impl Planned {
 #[derive(Serialize)]
 struct PredictedJson {
     value: f64,
-    u95: Option<f64>,
-    same_rig_u95: Option<f64>,
+    u95: f64,
+    same_rig_u95: f64,
     u_a: Option<f64>,
     scatter: Option<f64>,
     given: f64,
@@ -324,11 +324,11 @@ struct PredictedJson {
 
 impl PredictedJson {
     fn of(place: usize, predicted: &Predicted) -> Self {
-        let known = |value: f64| Some(value).filter(|value| value.is_finite() && predicted.is_given());
+        let known = |value: f64| predicted.is_given().then_some(value);
         Self {
             value: predicted.value,
-            u95: known(predicted.u95()),
-            same_rig_u95: known(predicted.same_rig_u95()),
+            u95: predicted.u95(),
+            same_rig_u95: predicted.same_rig_u95(),
             u_a: known(predicted.u_a()),
             scatter: known(predicted.scatter),
             given: predicted.given,
