@@ -19,6 +19,8 @@ use miette::Diagnostic;
 
 /// Number of regressors, including the force.
 pub(crate) const COUNT: usize = 7;
+/// Number of products of the regressors in [`Sums`] and [`MoreSums`] together.
+pub(crate) const PRODUCTS: usize = COUNT * (COUNT + 1) / 2;
 const ACCELERATION: usize = 0;
 const VELOCITY: usize = 1;
 const SIGN: usize = 2;
@@ -152,17 +154,14 @@ impl Products {
     fn summed<'a>(
         bank: Bank,
         [units, more_units]: [&[f64]; 2],
-        mut sums: impl Iterator<Item = &'a i128>,
+        sums: impl Iterator<Item = &'a i128>,
         updates: f64,
     ) -> Self {
         let units: [f64; COUNT] = joined(units, more_units);
         let mut matrix = [[0.0; COUNT]; COUNT];
-        for row in 0..COUNT {
-            for column in 0..=row {
-                let sum = sums.next().map_or(0.0, |sum| *sum as f64) * units[row] * units[column];
-                matrix[row][column] = sum;
-                matrix[column][row] = sum;
-            }
+        for ((row, column), sum) in pairs().zip(sums) {
+            let sum = *sum as f64 * units[row] * units[column];
+            (matrix[row][column], matrix[column][row]) = (sum, sum);
         }
         Self { sums: matrix, updates, bank, units }
     }
@@ -401,6 +400,11 @@ pub(crate) fn each(parameters: &Parameters) -> [Parameter; 4] {
     [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
 }
 
+/// Row and column of each product, in the order of the sums: the lower triangle.
+pub(crate) fn pairs() -> impl Iterator<Item = (usize, usize)> {
+    (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)))
+}
+
 /// The concatenation of two arrays.
 pub(crate) fn joined<T: Copy + Default, const N: usize>(some: &[T], more: &[T]) -> [T; N] {
     let mut all = some.iter().chain(more).copied();
@@ -468,7 +472,7 @@ pub fn directions(
     // Twice the offset.
     let difference = full.combined([0.0, 0.0, 0.0, 2.0, 0.0]);
     Ok(Directions {
-        symmetric: alike.four(LAW.map(|place| plain.combined(unit_of(place)))),
+        symmetric: alike.four(plain.each()),
         symmetric_residual_rms_n: plain.residual_square.sqrt(),
         inertance_kg: by_direction.four(LAW.map(|place| full.combined(unit_of(place)))).inertance_kg,
         viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],

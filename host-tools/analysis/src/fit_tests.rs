@@ -26,11 +26,10 @@ const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];
 
 /// Sums of rows `a, v, s, 1, F, |v|, F'`, as a device would have them.
 fn summed(rows: impl IntoIterator<Item = [f64; COUNT]>) -> (Sums, MoreSums) {
-    let (mut products, mut updates) = (Vec::from([0_i128; COUNT * (COUNT + 1) / 2]), 0);
+    let (mut products, mut updates) = (Vec::from([0_i128; PRODUCTS]), 0);
     for row in rows {
         let codes: [i64; COUNT] = std::array::from_fn(|place| (row[place] / UNITS[place]).round() as i64);
-        let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
-        for (sum, (row, column)) in products.iter_mut().zip(pairs) {
+        for (sum, (row, column)) in products.iter_mut().zip(pairs()) {
             *sum += i128::from(codes[row]) * i128::from(codes[column]);
         }
         updates += 1;

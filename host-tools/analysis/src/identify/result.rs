@@ -8,27 +8,27 @@ use serde::Serialize;
 
 use crate::response::ModelParameters;
 
-/// Values of the complete model, all finite.
+/// The parameters of the complete model: their values, all finite, or what is known of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Parameters {
+pub struct Parameters<T = f64> {
     /// Effective inertance `mt` \[kg\].
-    pub inertance_kg: f64,
+    pub inertance_kg: T,
     /// Viscous friction `cf` \[N s/m\].
-    pub viscous_n_s_per_m: f64,
+    pub viscous_n_s_per_m: T,
     /// Coulomb friction `fc` \[N\].
-    pub coulomb_n: f64,
+    pub coulomb_n: T,
     /// Contact stiffness `ks`; 0 if unknown \[N/m\].
-    pub stiffness_n_per_m: f64,
+    pub stiffness_n_per_m: T,
     /// Contact damping `cs` \[N s/m\].
-    pub contact_damping_n_s_per_m: f64,
+    pub contact_damping_n_s_per_m: T,
     /// Total backlash `eps` \[m\].
-    pub backlash_m: f64,
+    pub backlash_m: T,
     /// Structure mass `mr` \[kg\].
-    pub structure_mass_kg: f64,
+    pub structure_mass_kg: T,
     /// Force offset `F0`; with several files that of the first one \[N\].
-    pub offset_n: f64,
+    pub offset_n: T,
     /// Delay `tau` of the force relative to the displacements \[s\].
-    pub skew_s: f64,
+    pub skew_s: T,
 }
 
 impl Parameters {
@@ -118,20 +118,8 @@ impl Found {
     }
 }
 
-/// All parameters, named as in [`Parameters`].
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[allow(missing_docs, reason = "documented at Parameters")]
-pub struct FoundParameters {
-    pub inertance_kg: Found,
-    pub viscous_n_s_per_m: Found,
-    pub coulomb_n: Found,
-    pub stiffness_n_per_m: Found,
-    pub contact_damping_n_s_per_m: Found,
-    pub backlash_m: Found,
-    pub structure_mass_kg: Found,
-    pub offset_n: Found,
-    pub skew_s: Found,
-}
+/// The parameters as found.
+pub type FoundParameters = Parameters<Found>;
 
 impl FoundParameters {
     /// Name and parameter, in order.
