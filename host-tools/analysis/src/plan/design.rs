@@ -194,7 +194,7 @@ impl Search<'_> {
             let fade_s = fade_s(&one.tones, self.limits);
             let mut part = Part { tones: one.tones.clone(), duration_s, fade_s };
             for _ in 0..TRIMS {
-                let look = Look { seed: 1, from_s: 0.0, sums_readings: false, by_speed: false };
+                let look = Look { seed: 1, ..Look::default() };
                 let room = self.limits.room(&self.expected.see(&part.motion(), duration_s, look)?.peaks);
                 if room >= 1.0 {
                     break;

@@ -89,11 +89,7 @@ impl Reach {
         let difference: f64 = self.forces.iter().zip(weights).map(|(code, weight)| f64::from(*code) * weight).sum();
         self.differences.push(difference.abs());
         if self.differences.len() >= MOST_DIFFERENCES {
-            let mut keeps = false;
-            self.differences.retain(|_| {
-                keeps = !keeps;
-                keeps
-            });
+            self.differences = self.differences.iter().copied().step_by(2).collect();
             self.stride *= 2;
         }
     }
