@@ -78,21 +78,6 @@ pub struct Products {
     units: [f64; COUNT],
 }
 
-/// How errors in a part of the sums affect the fit to all of them.
-pub(crate) struct Weights {
-    inverse: [[f64; 4]; 4],
-}
-
-impl Weights {
-    /// How an error of each parameter in the fit to a part affects each parameter in the fit to all: the part's share
-    /// of the squares.
-    pub fn influence(&self, part: &Products) -> [[f64; 4]; 4] {
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| (0..4).map(|k| self.inverse[i][k] * part.sums[LAW[k]][LAW[j]]).sum())
-        })
-    }
-}
-
 /// Least squares of the force on some of the regressors.
 pub(crate) struct Solution<const N: usize> {
     pub values: [f64; N],
@@ -189,14 +174,20 @@ impl Products {
         Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
     }
 
-    /// How errors in a part of the sums affect this fit.
-    pub(crate) fn weights(&self) -> Result<Weights, FitError> {
-        Ok(Weights { inverse: self.solve(LAW)?.inverse })
+    /// Inverse of the sum matrix of the law's regressors.
+    pub(crate) fn inverse(&self) -> Result<[[f64; 4]; 4], FitError> {
+        Ok(self.solve(LAW)?.inverse)
+    }
+
+    /// How an error of each parameter in the fit to these sums affects each parameter in the fit to more of them, with
+    /// this inverse: their share of the squares.
+    pub(crate) fn influence(&self, inverse: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        inverse.map(|row| LAW.map(|j| row.iter().zip(LAW).map(|(part, k)| part * self.sums[k][j]).sum()))
     }
 
     /// Correlation of the errors of inertance, viscous and Coulomb friction and offset.
     pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
-        let inverse = self.solve(LAW)?.inverse;
+        let inverse = self.inverse()?;
         Ok(std::array::from_fn(|row| {
             std::array::from_fn(|column| inverse[row][column] / (inverse[row][row] * inverse[column][column]).sqrt())
         }))

@@ -24,7 +24,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::{
     calibrate::student,
-    fit::{Beside, COUNT, Directions, FitError, PRODUCTS, Products, Weights, directions, each, joined, pairs},
+    fit::{Beside, COUNT, Directions, FitError, PRODUCTS, Products, directions, each, joined, pairs},
     law::extent,
 };
 
@@ -349,12 +349,12 @@ impl Runs {
 
     /// Each run's share of the total.
     fn shares(&self, bank: Bank, all: &Products) -> Result<Vec<Share<'_>>, FitError> {
-        let (weights, settings) = (all.weights()?, self.settings());
+        let (inverse, settings) = (all.inverse()?, self.settings());
         let mut shares = Vec::new();
         for part in self.parts.values() {
             let (sums, more) = part.sums(bank);
             if sums.updates > 0 {
-                shares.push(Share::new(part, Products::of(sums, more)?, &weights, &settings));
+                shares.push(Share::new(part, Products::of(sums, more)?, &inverse, &settings));
             }
         }
         if let [one] = shares.as_mut_slice() {
@@ -439,14 +439,14 @@ struct Share<'a> {
 }
 
 impl<'a> Share<'a> {
-    fn new(part: &'a Part, products: Products, weights: &Weights, settings: &Settings) -> Self {
+    fn new(part: &'a Part, products: Products, inverse: &[[f64; 4]; 4], settings: &Settings) -> Self {
         let [acceleration, velocity] = products.mean_squares();
         let mean_squares = [(acceleration - products.steps_square(settings)).max(0.0), velocity];
         let duration_s = products.readings(settings) / (settings.sample_rate_hz * settings.oversampling);
         let strokes = duration_s * f64::from(part.motion.low_squared).sqrt() / std::f64::consts::PI;
         Self {
             part,
-            influence: weights.influence(&products),
+            influence: products.influence(inverse),
             correlation: products.correlation().unwrap_or(APART),
             steps_share: products.steps_share(settings),
             products,

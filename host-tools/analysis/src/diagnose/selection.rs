@@ -146,12 +146,10 @@ impl<'a> Model<'a> {
             rights[SIGN] += right;
             (gram, rights)
         } else {
-            let gram = self.gram.clone().resize(count + 1, count + 1, own);
-            let gram = DMatrix::from_fn(count + 1, count + 1, |i, j| match (i < count, j < count) {
-                (true, false) => across[i],
-                (false, true) => across[j],
-                _ => gram[(i, j)],
-            });
+            let mut gram = self.gram.clone().resize(count + 1, count + 1, own);
+            for i in 0..count {
+                (gram[(i, count)], gram[(count, i)]) = (across[i], across[i]);
+            }
             (gram, self.right.clone().push(right))
         };
         let values = solved(&gram, &right)?;

@@ -108,7 +108,7 @@ impl Asked {
         let stiffness = set("stiffness_n_per_m").filter(|stiffness| *stiffness > 0.0);
         let stiffness = stiffness.or(is_stated("stiffness_n_per_m").then_some(device.stiffness_n_per_m));
         let damping = set("contact_damping_n_s_per_m");
-        device = with_contact(device, stiffness, Some(damping.unwrap_or(device.contact_damping_n_s_per_m)));
+        device = with_contact(device, stiffness, damping.unwrap_or(device.contact_damping_n_s_per_m));
         if overrides.get("structure_mass_kg").is_none() {
             settings.structure_mass_kg = device.structure_mass_kg;
         }
