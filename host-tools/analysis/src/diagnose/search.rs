@@ -116,30 +116,11 @@ pub fn diagnose(
     encoder: Encoder,
     tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
-    let found = searched(series, settings, published, encoder, &Kind::ALL, tick)?;
-    // A skew that the other causes explain as well, once found, was not a skew.
-    let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
-    if found.causes.iter().any(is_weak) {
-        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
-        return searched(series, settings, published, encoder, &others, tick);
-    }
-    Ok(found)
-}
-
-/// The same, limited to these kinds.
-fn searched(
-    series: &Series,
-    settings: &Settings,
-    published: &Published,
-    encoder: Encoder,
-    kinds: &[Kind],
-    tick: &dyn Fn(),
-) -> Result<Diagnosis, FitError> {
-    let mut search = Search {
+    let search = Search {
         tick,
         published,
         encoder,
-        kinds,
+        kinds: &Kind::ALL,
         sights: Sight::all(published.estimate.bank),
         settings: *settings,
         noise_n: force_noise_n(series, settings),
@@ -147,23 +128,14 @@ fn searched(
         found: Vec::new(),
         greatest_left: 0.0,
     };
-    let unsearched = search.clone();
-    for _ in 0..MOST_UNDONE {
-        search.seek(&series.aligned(&search.settings))?;
-        let left_s = search.skew().map_or(0.0, |skew| skew.sizes[0]);
-        if left_s.abs() <= UNDONE_S.max(UNDONE * (search.settings.skew_s - settings.skew_s).abs()) {
-            break;
-        }
-        search.settings.skew_s += left_s;
+    let found = search.clone().searched(series)?;
+    // A skew that the other causes explain as well, once found, was not a skew.
+    let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
+    if found.causes.iter().any(is_weak) {
+        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
+        return Search { kinds: &others, ..search }.searched(series);
     }
-    // The law alone, filtered in the same way as everything.
-    let mut alone = Search { sights: search.sights, ..unsearched };
-    let aligned = series.aligned(settings);
-    let rows = alone.rows(&aligned)?;
-    alone.settle(&rows)?;
-    let rows = alone.rows(&aligned)?;
-    let alone_n = alone.settle(&rows)?.residual_rms();
-    search.told(&series.aligned(&search.settings), settings, alone_n)
+    Ok(found)
 }
 
 /// The rows of a run, with signs placed by the estimator's result for the whole run.
@@ -184,7 +156,7 @@ fn enough(rows: Rows) -> Result<Rows, FitError> {
     if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
-/// State of the search.
+/// State of the search, limited to some kinds.
 #[derive(Clone)]
 struct Search<'a> {
     tick: &'a dyn Fn(),
@@ -205,6 +177,27 @@ struct Search<'a> {
 type Columns = Vec<(Candidate, Vec<Vec<f64>>)>;
 
 impl Search<'_> {
+    /// The result, from a search that has not begun.
+    fn searched(mut self, series: &Series) -> Result<Diagnosis, FitError> {
+        let (unsearched, settings) = (self.clone(), self.settings);
+        for _ in 0..MOST_UNDONE {
+            self.seek(&series.aligned(&self.settings))?;
+            let left_s = self.skew().map_or(0.0, |skew| skew.sizes[0]);
+            if left_s.abs() <= UNDONE_S.max(UNDONE * (self.settings.skew_s - settings.skew_s).abs()) {
+                break;
+            }
+            self.settings.skew_s += left_s;
+        }
+        // The law alone, filtered in the same way as everything.
+        let mut alone = Self { sights: self.sights, ..unsearched };
+        let aligned = series.aligned(&settings);
+        let rows = alone.rows(&aligned)?;
+        alone.settle(&rows)?;
+        let rows = alone.rows(&aligned)?;
+        let alone_n = alone.settle(&rows)?.residual_rms();
+        self.told(&series.aligned(&self.settings), &settings, alone_n)
+    }
+
     /// The rows with everything known so far, through the most informative filter.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {

@@ -174,11 +174,12 @@ impl Planned {
         for (place, predicted) in parameters.iter().enumerate().take(3) {
             let stands_for = predicted.same_rig_u95() / 1.96;
             if predicted.is_given() && predicted.scatter > SCATTERS * stands_for {
+                let field = parameter(machine, place);
                 remarks.push(format!(
                     "{} will scatter by {} {}, more than its interval covers: the encoder's steps are a large part of this motion",
-                    parameter(machine, place).symbol,
+                    field.symbol,
                     three_digits(predicted.scatter),
-                    parameter(machine, place).unit
+                    field.unit
                 ));
             }
         }
