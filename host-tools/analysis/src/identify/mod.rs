@@ -469,27 +469,10 @@ fn complete_result(
         let all: Vec<f64> = stretches.iter().enumerate().flat_map(left).collect();
         (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt()
     };
-    let [
-        inertance_kg,
-        viscous_n_s_per_m,
-        coulomb_n,
-        stiffness_n_per_m,
-        contact_damping_n_s_per_m,
-        backlash_m,
-        structure_mass_kg,
-        skew_s,
-    ] = found;
-    let parameters = FoundParameters {
-        inertance_kg,
-        viscous_n_s_per_m,
-        coulomb_n,
-        stiffness_n_per_m,
-        contact_damping_n_s_per_m,
-        backlash_m,
-        structure_mass_kg,
-        offset_n: Found::known(offset_n, offset_u95),
-        skew_s,
-    };
+    let mut parameters = FoundParameters { offset_n: Found::known(offset_n, offset_u95), ..Default::default() };
+    for (name, found) in SHARED.into_iter().zip(found) {
+        *name.slot(&mut parameters) = found;
+    }
     Ok(Identified {
         model: Model::Complete,
         parameters,

@@ -48,8 +48,7 @@ pub fn fit(
         chosen.map(|prepared| Prepared { file: place(prepared.file), ..prepared.clone() }).collect()
     };
     let slow = of(&[slowest]);
-    let only = Task::default().with(Name::Coulomb, true, None);
-    let only = Task { known: task.known, ..only };
+    let only = Task { known: task.known, ..Task::default().with(Name::Coulomb, true, None) };
     let state = State::new(&slow, start);
     let friction = complete::fit(&slow, &only, &state, false, tick).ok_or(IdentifyError::Diverged)?;
     let u95 = Errors::of(&friction, &slow, settings).and_then(|errors| errors.u95(Name::Coulomb, &friction));
