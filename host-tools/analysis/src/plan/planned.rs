@@ -267,7 +267,7 @@ impl Planned {
         let predicted: Map<String, Value> = parameters
             .iter()
             .enumerate()
-            .map(|(place, predicted)| (name(place).to_string(), json!(PredictedJson::of(place, predicted))))
+            .map(|(place, predicted)| (name(place).to_string(), predicted_json(place, predicted)))
             .collect();
         let want = |(plan, want): (&Plan, &Want)| {
             json!({
@@ -310,41 +310,27 @@ impl Planned {
 }
 
 /// The prediction for a parameter, in JSON.
-#[derive(Serialize)]
-struct PredictedJson {
-    value: f64,
-    u95: f64,
-    same_rig_u95: f64,
-    u_a: Option<f64>,
-    scatter: Option<f64>,
-    given: f64,
-    status: &'static str,
-    most: Option<&'static str>,
-    budget: Vec<PartJson>,
-}
-
-impl PredictedJson {
-    fn of(place: usize, predicted: &Predicted) -> Self {
-        let known = |value: f64| predicted.is_given().then_some(value);
-        Self {
-            value: predicted.value,
-            u95: predicted.u95(),
-            same_rig_u95: predicted.same_rig_u95(),
-            u_a: known(predicted.u_a()),
-            scatter: known(predicted.scatter),
-            given: predicted.given,
-            status: match (predicted.is_given(), predicted.is_shown()) {
-                (false, _) => "not_identifiable",
-                // For an offset zero is as good a result as any.
-                (true, false) if place < 3 => "below_u95",
-                (true, _) => "ok",
-            },
-            most: predicted.is_given().then(|| source_word(predicted.most())),
-            budget: parts(&predicted.budget)
-                .map(|(source, u95)| PartJson { source: source_word(source), u95 })
-                .collect(),
-        }
-    }
+fn predicted_json(place: usize, predicted: &Predicted) -> Value {
+    let known = |value: f64| predicted.is_given().then_some(value);
+    let status = match (predicted.is_given(), predicted.is_shown()) {
+        (false, _) => "not_identifiable",
+        // For an offset zero is as good a result as any.
+        (true, false) if place < 3 => "below_u95",
+        (true, _) => "ok",
+    };
+    let most = predicted.is_given().then(|| source_word(predicted.most()));
+    let part = |(source, u95)| PartJson { source: source_word(source), u95 };
+    json!({
+        "value": predicted.value,
+        "u95": predicted.u95(),
+        "same_rig_u95": predicted.same_rig_u95(),
+        "u_a": known(predicted.u_a()),
+        "scatter": known(predicted.scatter),
+        "given": predicted.given,
+        "status": status,
+        "most": most,
+        "budget": parts(&predicted.budget).map(part).collect::<Vec<_>>(),
+    })
 }
 
 /// A row of the table for a person.
