@@ -111,7 +111,6 @@ impl Bench {
                 (&mut peaks.stroke_m, truth.x1_m),
                 (&mut peaks.speed_m_per_s, truth.v1_m_per_s),
                 (&mut peaks.force_n, force_n),
-                (&mut peaks.acceleration_m_per_s2, truth.a2_m_per_s2),
             ] {
                 *peak = peak.max(value.abs());
             }

@@ -160,7 +160,7 @@ pub struct Compared {
 }
 
 /// A run's value minus the first one's.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
     /// The difference.
     pub value: f64,

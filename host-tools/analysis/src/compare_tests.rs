@@ -1,20 +1,20 @@
-use inerter_data::{
-    limits::NAMES,
-    settings::{Overrides, SettingsInputError},
-};
+use inerter_data::{limits::NAMES, settings::SettingsInputError};
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::bench_sensors;
 
 use super::*;
-use crate::results::replayed;
+use crate::{
+    results::replayed,
+    simulated::{recorded, setup},
+};
 
 /// A run of eight seconds, on a rig whose load cell reads 0.4 % too high, close to its stated uncertainty.
 fn side(name: &str, motion: &str, seed: u64, device: Inerter) -> Side {
     let sensors = Sensors { seed, force_gain: 1.004, ..bench_sensors() };
-    let setup = Setup::new(device, sensors, motion, Some(8.0), &Overrides::default()).unwrap();
-    let samples = setup.samples().unwrap().map(|sample| Ok::<_, SettingsInputError>(raw(&sample)));
-    let replayed = replayed(&setup.settings, 0.0, samples, |_, _| Ok(())).unwrap();
-    Side { name: name.into(), settings: setup.settings, hello: None, calibration: None, told: replayed.told() }
+    let run = recorded(&setup(device, sensors, motion, 8.0));
+    let samples = run.samples.into_iter().map(Ok::<_, SettingsInputError>);
+    let replayed = replayed(&run.settings, 0.0, samples, |_, _| Ok(())).unwrap();
+    Side { name: name.into(), settings: run.settings, hello: None, calibration: None, told: replayed.told() }
 }
 
 fn place(name: &str) -> usize {

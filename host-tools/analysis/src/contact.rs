@@ -139,11 +139,11 @@ mod tests {
         assert_eq!(ContactLaw::of(&detail, &Settings::default()).unwrap_err(), ContactError::NoSensor);
         let size = BacklashSize::NotIdentifiable(Reason::ForceNeverReverses);
         let backlash = Backlash { size, route: Route::Terminal, ..Backlash::default() };
-        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
-        assert!(refused.to_string().ends_with("the force never reverses"), "{refused}");
+        let refused = |backlash| ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
+        let found = refused(backlash);
+        assert!(found.to_string().ends_with("the force never reverses"), "{found}");
         // A reason given for the force's route does not apply to the sensor.
-        let backlash = Backlash { route: Route::Force, ..backlash };
-        let refused = ContactLaw::of(&Detail { backlash, ..detail }, &sensing()).unwrap_err();
-        assert_eq!(refused, ContactError::NotShown { reason: None });
+        let of_force = Backlash { route: Route::Force, ..backlash };
+        assert_eq!(refused(of_force), ContactError::NotShown { reason: None });
     }
 }

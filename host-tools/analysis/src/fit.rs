@@ -19,6 +19,8 @@ use miette::Diagnostic;
 
 /// Number of regressors, including the force.
 pub(crate) const COUNT: usize = 7;
+/// Number of products of the regressors in [`Sums`] and [`MoreSums`] together.
+pub(crate) const PRODUCTS: usize = COUNT * (COUNT + 1) / 2;
 const ACCELERATION: usize = 0;
 const VELOCITY: usize = 1;
 const SIGN: usize = 2;
@@ -74,21 +76,6 @@ pub struct Products {
     bank: Bank,
     /// One unit of each regressor in SI: each was rounded to integer units.
     units: [f64; COUNT],
-}
-
-/// How errors in a part of the sums affect the fit to all of them.
-pub(crate) struct Weights {
-    inverse: [[f64; 4]; 4],
-}
-
-impl Weights {
-    /// How an error of each parameter in the fit to a part affects each parameter in the fit to all: the part's share
-    /// of the squares.
-    pub fn influence(&self, part: &Products) -> [[f64; 4]; 4] {
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| (0..4).map(|k| self.inverse[i][k] * part.sums[LAW[k]][LAW[j]]).sum())
-        })
-    }
 }
 
 /// Least squares of the force on some of the regressors.
@@ -152,17 +139,14 @@ impl Products {
     fn summed<'a>(
         bank: Bank,
         [units, more_units]: [&[f64]; 2],
-        mut sums: impl Iterator<Item = &'a i128>,
+        sums: impl Iterator<Item = &'a i128>,
         updates: f64,
     ) -> Self {
         let units: [f64; COUNT] = joined(units, more_units);
         let mut matrix = [[0.0; COUNT]; COUNT];
-        for row in 0..COUNT {
-            for column in 0..=row {
-                let sum = sums.next().map_or(0.0, |sum| *sum as f64) * units[row] * units[column];
-                matrix[row][column] = sum;
-                matrix[column][row] = sum;
-            }
+        for ((row, column), sum) in pairs().zip(sums) {
+            let sum = *sum as f64 * units[row] * units[column];
+            (matrix[row][column], matrix[column][row]) = (sum, sum);
         }
         Self { sums: matrix, updates, bank, units }
     }
@@ -190,14 +174,20 @@ impl Products {
         Ok(((left / self.updates).sqrt(), 1.0 - left / self.sums[FORCE][FORCE]))
     }
 
-    /// How errors in a part of the sums affect this fit.
-    pub(crate) fn weights(&self) -> Result<Weights, FitError> {
-        Ok(Weights { inverse: self.solve(LAW)?.inverse })
+    /// Inverse of the sum matrix of the law's regressors.
+    pub(crate) fn inverse(&self) -> Result<[[f64; 4]; 4], FitError> {
+        Ok(self.solve(LAW)?.inverse)
+    }
+
+    /// How an error of each parameter in the fit to these sums affects each parameter in the fit to more of them, with
+    /// this inverse: their share of the squares.
+    pub(crate) fn influence(&self, inverse: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        inverse.map(|row| LAW.map(|j| row.iter().zip(LAW).map(|(part, k)| part * self.sums[k][j]).sum()))
     }
 
     /// Correlation of the errors of inertance, viscous and Coulomb friction and offset.
     pub fn correlation(&self) -> Result<[[f64; 4]; 4], FitError> {
-        let inverse = self.solve(LAW)?.inverse;
+        let inverse = self.inverse()?;
         Ok(std::array::from_fn(|row| {
             std::array::from_fn(|column| inverse[row][column] / (inverse[row][row] * inverse[column][column]).sqrt())
         }))
@@ -401,6 +391,11 @@ pub(crate) fn each(parameters: &Parameters) -> [Parameter; 4] {
     [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
 }
 
+/// Row and column of each product, in the order of the sums: the lower triangle.
+pub(crate) fn pairs() -> impl Iterator<Item = (usize, usize)> {
+    (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)))
+}
+
 /// The concatenation of two arrays.
 pub(crate) fn joined<T: Copy + Default, const N: usize>(some: &[T], more: &[T]) -> [T; N] {
     let mut all = some.iter().chain(more).copied();
@@ -468,7 +463,7 @@ pub fn directions(
     // Twice the offset.
     let difference = full.combined([0.0, 0.0, 0.0, 2.0, 0.0]);
     Ok(Directions {
-        symmetric: alike.four(LAW.map(|place| plain.combined(unit_of(place)))),
+        symmetric: alike.four(plain.each()),
         symmetric_residual_rms_n: plain.residual_square.sqrt(),
         inertance_kg: by_direction.four(LAW.map(|place| full.combined(unit_of(place)))).inertance_kg,
         viscous_n_s_per_m: [viscous(1.0), viscous(-1.0)],

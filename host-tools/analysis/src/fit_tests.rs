@@ -1,13 +1,9 @@
-use inerter_core::Parameters as Found;
-use inerter_data::{
-    replay::{Outcome, Replay},
-    settings::Overrides,
-};
 use inerter_needs::Random;
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::bench_sensors;
 
 use super::*;
+use crate::simulated::{replayed, setup};
 
 /// Flanks in contact, and no repeating stroke.
 const BESIDE: Beside = Beside {
@@ -30,11 +26,10 @@ const UNITS: [f64; COUNT] = [1e-9, 1e-11, 1e-10, 1e-10, 1e-8, 1e-11, 1e-6];
 
 /// Sums of rows `a, v, s, 1, F, |v|, F'`, as a device would have them.
 fn summed(rows: impl IntoIterator<Item = [f64; COUNT]>) -> (Sums, MoreSums) {
-    let (mut products, mut updates) = (Vec::from([0_i128; COUNT * (COUNT + 1) / 2]), 0);
+    let (mut products, mut updates) = (Vec::from([0_i128; PRODUCTS]), 0);
     for row in rows {
         let codes: [i64; COUNT] = std::array::from_fn(|place| (row[place] / UNITS[place]).round() as i64);
-        let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
-        for (sum, (row, column)) in products.iter_mut().zip(pairs) {
+        for (sum, (row, column)) in products.iter_mut().zip(pairs()) {
             *sum += i128::from(codes[row]) * i128::from(codes[column]);
         }
         updates += 1;
@@ -143,7 +138,6 @@ fn errors_are_those_of_updates_that_are_correlated() {
 #[test]
 fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
     let settings = Settings { newtons_per_code: 0.01, metres_per_count: 1e-8, ..ideal() };
-    let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
     // The law itself, and a constant force.
     for force in [|row: [f64; COUNT]| row[FORCE], |_: [f64; COUNT]| -30.01] {
         let law = |sign: f64| {
@@ -155,7 +149,7 @@ fn an_exact_fit_has_the_interval_of_what_its_instruments_round() {
             (directions(&all, &settings, &BESIDE, None).unwrap().symmetric, all.correlation().unwrap())
         };
         let ((here, correlation), (there, _)) = (law(1.0), law(-1.0));
-        for (i, (here, there)) in pairs(&here).into_iter().zip(pairs(&there)).enumerate() {
+        for (i, (here, there)) in each(&here).into_iter().zip(each(&there)).enumerate() {
             let sign = if i == 3 { -1.0 } else { 1.0 };
             assert_eq!(here.status(), there.status());
             assert!(
@@ -176,13 +170,12 @@ fn systematic_parts_are_those_of_the_estimator() {
 }
 
 fn systematic_parts_are_those_of_the_estimator_in(motion: &str) {
-    let setup = setup(motion, 1);
+    let setup = setup(Inerter::paper(), Sensors { seed: 1, ..bench_sensors() }, motion, 20.0);
     let outcome = replayed(&setup);
     let (sums, more) = outcome.sums();
     let fit =
         directions(&Products::of(sums, more).unwrap(), &setup.settings, &Beside::of(&outcome), None).unwrap().symmetric;
-    let pairs = |found: &Found| [found.inertance_kg, found.viscous_n_s_per_m, found.coulomb_n, found.offset_n];
-    for (here, core) in pairs(&fit).into_iter().zip(pairs(&outcome.estimate.whole_run)) {
+    for (here, core) in each(&fit).into_iter().zip(each(&outcome.estimate.whole_run)) {
         assert_eq!(here.status(), core.status());
         let (here, core) = (here.fitted(), core.fitted());
         assert!((here.value - core.value).abs() <= 0.02 * core.u95, "{here:?} against {core:?}");
@@ -202,16 +195,4 @@ fn what_cannot_be_fitted_says_why() {
     let (sums, more) = summed(rows);
     assert_eq!(Products::of(&sums, &MoreSums { index: 20_001, ..more }).unwrap_err(), FitError::Torn);
     assert_eq!(Products::of(&sums, &MoreSums { bank: Bank::Slow, ..more }).unwrap_err(), FitError::Torn);
-}
-
-/// The reference device.
-fn setup(motion: &str, seed: u64) -> Setup {
-    let sensors = Sensors { seed, ..bench_sensors() };
-    Setup::new(Inerter::paper(), sensors, motion, Some(20.0), &Overrides::default()).unwrap()
-}
-
-fn replayed(setup: &Setup) -> Outcome {
-    let mut replay = Replay::new(&setup.settings, 0.0).unwrap();
-    setup.samples().unwrap().for_each(|sample| replay.step(&raw(&sample)).for_each(drop));
-    replay.outcome()
 }

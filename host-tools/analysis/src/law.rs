@@ -134,9 +134,8 @@ impl Kernels {
 
 /// Whether the screw is at rest throughout these positions \[m\].
 pub(crate) fn stands(positions: &[f64], settings: &Settings) -> bool {
-    let (low, high) = ends(positions.iter().copied());
     let still_m = (REST_COUNTS * settings.metres_per_count.abs()).max(settings.stuck_displacement_m);
-    high - low <= still_m * (1.0 + 1e-6)
+    extent(positions.iter().copied()) <= still_m * (1.0 + 1e-6)
 }
 
 /// The mean; NaN if there are no values.
@@ -153,6 +152,12 @@ pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
 /// The minimum and the maximum.
 pub(crate) fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// The maximum minus the minimum.
+pub(crate) fn extent(values: impl Iterator<Item = f64>) -> f64 {
+    let (low, high) = ends(values);
+    high - low
 }
 
 /// Marks up to `count` samples from `from` on.
@@ -189,6 +194,11 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
         sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
     }
     left + sums.iter().sum::<f64>()
+}
+
+/// Products of all columns with all of others.
+pub(crate) fn products(columns: &[Vec<f64>], others: &[Vec<f64>]) -> DMatrix<f64> {
+    DMatrix::from_fn(columns.len(), others.len(), |i, j| dot(&columns[i], &others[j]))
 }
 
 /// A column minus these multiples of others.

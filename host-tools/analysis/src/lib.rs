@@ -22,5 +22,7 @@ pub mod response;
 pub mod results;
 mod reversals;
 pub mod rows;
+#[cfg(test)]
+mod simulated;
 pub mod skew;
 pub mod told;

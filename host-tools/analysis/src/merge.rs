@@ -24,12 +24,10 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::{
     calibrate::student,
-    fit::{Beside, COUNT, Directions, FitError, Products, Weights, directions, each, joined},
-    law::ends,
+    fit::{Beside, COUNT, Directions, FitError, PRODUCTS, Products, directions, each, joined, pairs},
+    law::extent,
 };
 
-/// Number of products of the regressors in [`Sums`] and [`MoreSums`] together.
-const PRODUCTS: usize = COUNT * (COUNT + 1) / 2;
 /// Header of stored sums: another version has another estimator.
 const MAGIC: &[u8] = concat!("inerter sums ", env!("CARGO_PKG_VERSION"), "\n").as_bytes();
 /// Settings that may differ between runs: the tare, and those of the terminal sensor.
@@ -340,8 +338,7 @@ impl Runs {
         for part in self.parts.values() {
             let units = part.units(bank);
             let doublings: [u32; COUNT] = std::array::from_fn(|i| (units[i] / finest[i]).log2().round() as u32);
-            let pairs = (0..COUNT).flat_map(|row| (0..=row).map(move |column| (row, column)));
-            for ((all, sum), (row, column)) in all.iter_mut().zip(part.exact(bank)).zip(pairs) {
+            for ((all, sum), (row, column)) in all.iter_mut().zip(part.exact(bank)).zip(pairs()) {
                 // One run reaches at most 2^94.
                 *all = all.wrapping_add(sum.wrapping_shl(doublings[row] + doublings[column]));
             }
@@ -352,12 +349,12 @@ impl Runs {
 
     /// Each run's share of the total.
     fn shares(&self, bank: Bank, all: &Products) -> Result<Vec<Share<'_>>, FitError> {
-        let (weights, settings) = (all.weights()?, self.settings());
+        let (inverse, settings) = (all.inverse()?, self.settings());
         let mut shares = Vec::new();
         for part in self.parts.values() {
             let (sums, more) = part.sums(bank);
             if sums.updates > 0 {
-                shares.push(Share::new(part, Products::of(sums, more)?, &weights, &settings));
+                shares.push(Share::new(part, Products::of(sums, more)?, &inverse, &settings));
             }
         }
         if let [one] = shares.as_mut_slice() {
@@ -442,14 +439,14 @@ struct Share<'a> {
 }
 
 impl<'a> Share<'a> {
-    fn new(part: &'a Part, products: Products, weights: &Weights, settings: &Settings) -> Self {
+    fn new(part: &'a Part, products: Products, inverse: &[[f64; 4]; 4], settings: &Settings) -> Self {
         let [acceleration, velocity] = products.mean_squares();
         let mean_squares = [(acceleration - products.steps_square(settings)).max(0.0), velocity];
         let duration_s = products.readings(settings) / (settings.sample_rate_hz * settings.oversampling);
         let strokes = duration_s * f64::from(part.motion.low_squared).sqrt() / std::f64::consts::PI;
         Self {
             part,
-            influence: weights.influence(&products),
+            influence: products.influence(inverse),
             correlation: products.correlation().unwrap_or(APART),
             steps_share: products.steps_share(settings),
             products,
@@ -538,8 +535,7 @@ impl Spread {
         let chance = ChiSquared::new(freedom as f64).ok()?.sf(statistic(0.0));
         // The statistic falls with the variance between runs, and is below its expectation if that variance is the
         // whole squared range.
-        let (low, high) = ends(own.iter().map(|(value, _)| *value));
-        let (mut least, mut most) = (0.0, (high - low).powi(2));
+        let (mut least, mut most) = (0.0, extent(own.iter().map(|(value, _)| *value)).powi(2));
         if statistic(0.0) > freedom as f64 {
             for _ in 0..BISECTIONS {
                 let middle = 0.5 * (least + most);

@@ -1,19 +1,24 @@
 use inerter_data::{replay::Replay, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::{Setup, bench_sensors};
 use proptest::prelude::*;
 use std::sync::OnceLock;
 
 use super::*;
+use crate::simulated::{recorded, replayed, setup};
 
 /// A run of ten seconds with an inertance \[kg\] and separate settings.
 fn run(motion: &str, seed: u64, inertance_kg: f64, overrides: &Overrides) -> (Settings, Outcome) {
     let device = Inerter { inertance_kg, ..Inerter::paper() };
     let sensors = Sensors { seed, ..bench_sensors() };
     let setup = Setup::new(device, sensors, motion, Some(10.0), overrides).unwrap();
-    let mut replay = Replay::new(&setup.settings, 0.0).unwrap();
-    setup.samples().unwrap().for_each(|sample| replay.step(&raw(&sample)).for_each(drop));
-    (setup.settings, replay.outcome())
+    (setup.settings, replayed(&setup))
+}
+
+/// The same as a set of one, with the seed as its name.
+fn seeded(motion: &str, seed: u64, overrides: &Overrides) -> Runs {
+    let (settings, outcome) = run(motion, seed, 299.49, overrides);
+    Runs::of(&seed.to_string(), &settings, &outcome)
 }
 
 fn runs_of(name: &str, motion: &str, seed: u64, inertance_kg: f64) -> Runs {
@@ -90,10 +95,7 @@ fn runs_together_tell_more_than_one() {
         perfect.set(name, 0.0, "test").unwrap();
     }
     let u95 = |seeds: std::ops::Range<u64>| {
-        let runs = seeds.map(|seed| {
-            let (settings, outcome) = run("random", seed, 299.49, &perfect);
-            Runs::of(&seed.to_string(), &settings, &outcome)
-        });
+        let runs = seeds.map(|seed| seeded("random", seed, &perfect));
         let fit = Runs::all(runs).unwrap().merged(None).unwrap().fit.symmetric;
         [fit.viscous_n_s_per_m, fit.coulomb_n].map(|parameter| parameter.u95())
     };
@@ -128,13 +130,9 @@ fn a_motion_that_is_played_again_does_not_average_the_encoder_out() {
     // Counts as large as a twentieth of the stroke, and hardly any noise.
     let mut coarse = Overrides::default();
     coarse.set("metres_per_count", 1e-4, "test").unwrap();
-    let (settings, outcome) = run("sine:2Hz:2mm", 1, 299.49, &coarse);
-    let again = Runs::all((1..9).map(|seed| {
-        let (settings, outcome) = run("sine:2Hz:2mm", seed, 299.49, &coarse);
-        Runs::of(&seed.to_string(), &settings, &outcome)
-    }));
-    let one = Runs::of("1", &settings, &outcome).merged(None).unwrap().fit.symmetric.inertance_kg.fitted();
-    let eight = again.unwrap().merged(None).unwrap();
+    let of = |seed| seeded("sine:2Hz:2mm", seed, &coarse);
+    let one = of(1).merged(None).unwrap().fit.symmetric.inertance_kg.fitted();
+    let eight = Runs::all((1..9).map(of)).unwrap().merged(None).unwrap();
     assert_eq!(eight.names.len(), 8);
     let eight = eight.fit.symmetric.inertance_kg.fitted();
     assert!(eight.u95 > 0.9 * one.u95, "{one:?} {eight:?}");
@@ -164,16 +162,15 @@ fn tared(name: &str, seed: u64, tare: i32) -> Runs {
     }
     board.set("force_zero_code", f64::from(tare), "test").unwrap();
     let sensors = Sensors { seed, ..bench_sensors() };
-    let setup = Setup::new(Inerter::paper(), sensors, "random", Some(10.0), &Overrides::default()).unwrap();
-    let mut settings = setup.settings;
+    let run = recorded(&setup(Inerter::paper(), sensors, "random", 10.0));
+    let mut settings = run.settings;
     board.apply(&mut settings).unwrap();
     let mut replay = Replay::new(&settings, 0.0).unwrap();
-    setup.samples().unwrap().for_each(|sample| {
-        let mut sample = raw(&sample);
-        let force_n = f64::from(sample.force_code) * setup.settings.newtons_per_code;
+    for mut sample in run.samples {
+        let force_n = f64::from(sample.force_code) * run.settings.newtons_per_code;
         sample.force_code = (force_n / settings.newtons_per_code).round() as i32 + tare;
         replay.step(&sample).for_each(drop);
-    });
+    }
     Runs::of(name, &settings, &replay.outcome())
 }
 
@@ -202,21 +199,19 @@ fn a_tare_of_its_own_spoils_no_sum() {
 #[test]
 fn what_no_estimator_could_have_given_is_refused() {
     let runs = nine()[0].clone();
-    let with = |change: &dyn Fn(&mut Part)| {
+    let read = |change: &dyn Fn(&mut Part)| {
         let mut part = runs.parts.values().next().unwrap().clone();
         change(&mut part);
-        Runs::from_bytes(&[MAGIC, &stored(&vec![part])].concat()).is_err()
+        Runs::from_bytes(&[MAGIC, &stored(&vec![part])].concat())
     };
+    let with = |change: &dyn Fn(&mut Part)| read(change).is_err();
     assert!(!with(&|_| {}));
     assert!(with(&|part| part.fast.0.units[4] *= 2.0) && with(&|part| part.slow.1.units[0] = f64::NAN));
     assert!(with(&|part| part.fast.1.updates += 1) && with(&|part| part.fast.0.bank = Bank::Slow));
     assert!(with(&|part| part.settings.sample_rate_hz = f64::NAN) && with(&|part| part.settings.memory_s = -1.0));
     // Sums of any size are handled.
     for sum in [i128::MAX, i128::MIN, 0] {
-        let mut part = runs.parts.values().next().unwrap().clone();
-        part.fast.0.sums.fill(sum);
-        let runs = Runs::from_bytes(&[MAGIC, &stored(&vec![part])].concat()).unwrap();
-        let _ = runs.and(nine()[1].clone()).unwrap().merged(None);
+        let _ = read(&|part| part.fast.0.sums.fill(sum)).unwrap().and(nine()[1].clone()).unwrap().merged(None);
     }
 }
 

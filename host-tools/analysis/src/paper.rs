@@ -10,7 +10,7 @@
 
 use std::f64::consts::TAU;
 
-use inerter_core::Interval;
+use inerter_core::{Interval, Machine};
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 use crate::{
@@ -18,6 +18,7 @@ use crate::{
     response::{self, Agreement, ModelParameters, Point},
 };
 use inerter_data::{
+    limits::field,
     replay::{Outcome, replay},
     run::Run,
     series::Series,
@@ -218,71 +219,50 @@ fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recove
 
 /// The instrument's own results after each test, stage by stage as in the paper.
 fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
-    let known = |figure: u32, of: fn(&Outcome) -> Option<Interval>| {
+    let one = |name: &'static str, figure: u32, shown, truth, published, of: fn(&Outcome) -> Option<Interval>| {
+        let named = field(Machine::Linear, name);
         let test = tests.iter().find(|test| test.plan.figure == figure);
         let known = test.and_then(|test| of(&test.outcome));
-        let from = test.map(|test| format!("{} Hz", test.plan.frequency_hz)).unwrap_or_default();
-        (known.map(|found| f64::from(found.value)), known.map(|found| f64::from(found.u95)), from)
+        Recovered {
+            name,
+            label: named.label,
+            symbol: named.symbol,
+            shown,
+            value: known.map(|found| f64::from(found.value)),
+            u95: known.map(|found| f64::from(found.u95)),
+            truth,
+            published,
+            from: test.map(|test| format!("{} Hz", test.plan.frequency_hz)).unwrap_or_default(),
+        }
     };
-    let weighed = (Some(device.structure_mass_kg), Some(0.0), "weighed, as in the paper".to_string());
-    let one = |name, label, symbol, shown, truth, published, (value, u95, from): (Option<f64>, Option<f64>, String)| {
-        Recovered { name, label, symbol, shown, value, u95, truth, published, from }
-    };
+    let tuned = "tuned at 3.2 Hz";
     vec![
-        one(
-            "inertance_kg",
-            "Effective inertance",
-            "mt",
-            ("kg", 1.0),
-            device.inertance_kg,
-            "calculated from the flywheel",
-            known(9, |outcome| outcome.estimate.whole_run.inertance_kg.known()),
-        ),
-        one(
-            "viscous_n_s_per_m",
-            "Viscous friction",
-            "cf",
-            ("N s/m", 1.0),
-            device.viscous_n_s_per_m,
-            "tuned at 3.2 Hz",
-            known(9, |outcome| outcome.estimate.whole_run.viscous_n_s_per_m.known()),
-        ),
-        one(
-            "coulomb_n",
-            "Coulomb friction",
-            "fc",
-            ("N", 1.0),
-            device.coulomb_n,
-            "missing: 50 N is our choice",
-            known(8, |outcome| outcome.estimate.whole_run.coulomb_n.known()),
-        ),
-        one(
-            "stiffness_n_per_m",
-            "Contact stiffness",
-            "ks",
-            ("kN/m", 1e-3),
-            device.stiffness_n_per_m,
-            "tuned at 3.2 Hz",
-            known(9, |outcome| outcome.detail.stiffness_n_per_m.known()),
-        ),
-        one(
-            "contact_damping_n_s_per_m",
-            "Contact damping",
-            "cs",
-            ("N s/m", 1.0),
-            device.contact_damping_n_s_per_m,
-            "tuned at 3.2 Hz",
-            known(9, |outcome| outcome.detail.contact_damping_n_s_per_m.known()),
-        ),
-        one(
-            "backlash_m",
-            "Backlash",
-            "eps",
-            ("µm", 1e6),
-            device.backlash_m,
-            "tuned at 3.2 Hz",
-            known(9, |outcome| outcome.detail.backlash.known()),
-        ),
-        one("structure_mass_kg", "Structure mass", "mr", ("kg", 1.0), device.structure_mass_kg, "weighed", weighed),
+        one("inertance_kg", 9, ("kg", 1.0), device.inertance_kg, "calculated from the flywheel", |outcome| {
+            outcome.estimate.whole_run.inertance_kg.known()
+        }),
+        one("viscous_n_s_per_m", 9, ("N s/m", 1.0), device.viscous_n_s_per_m, tuned, |outcome| {
+            outcome.estimate.whole_run.viscous_n_s_per_m.known()
+        }),
+        one("coulomb_n", 8, ("N", 1.0), device.coulomb_n, "missing: 50 N is our choice", |outcome| {
+            outcome.estimate.whole_run.coulomb_n.known()
+        }),
+        one("stiffness_n_per_m", 9, ("kN/m", 1e-3), device.stiffness_n_per_m, tuned, |outcome| {
+            outcome.detail.stiffness_n_per_m.known()
+        }),
+        one("contact_damping_n_s_per_m", 9, ("N s/m", 1.0), device.contact_damping_n_s_per_m, tuned, |outcome| {
+            outcome.detail.contact_damping_n_s_per_m.known()
+        }),
+        one("backlash_m", 9, ("µm", 1e6), device.backlash_m, tuned, |outcome| outcome.detail.backlash.known()),
+        Recovered {
+            name: "structure_mass_kg",
+            label: "Structure mass",
+            symbol: "mr",
+            shown: ("kg", 1.0),
+            value: Some(device.structure_mass_kg),
+            u95: Some(0.0),
+            truth: device.structure_mass_kg,
+            published: "weighed",
+            from: "weighed, as in the paper".into(),
+        },
     ]
 }

@@ -78,19 +78,16 @@ pub fn direction(run: &Run, outcome: &Outcome, known: Known) -> Result<Finding, 
 #[cfg(test)]
 mod tests {
     use inerter_core::Settings;
-    use inerter_data::{
-        replay::replay,
-        settings::{Overrides, SettingsInputError},
-    };
+    use inerter_data::{replay::replay, settings::SettingsInputError};
     use inerter_plant::Inerter;
-    use inerter_simulate::{Setup, bench_sensors, raw};
+    use inerter_simulate::bench_sensors;
 
     use super::*;
+    use crate::simulated::{recorded, setup};
 
     fn run(motion: &str, turned: fn(Settings) -> Settings) -> Run {
-        let setup = Setup::new(Inerter::paper(), bench_sensors(), motion, Some(6.0), &Overrides::default()).unwrap();
-        let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
-        Run { settings: turned(setup.settings), samples, ..Run::default() }
+        let run = recorded(&setup(Inerter::paper(), bench_sensors(), motion, 6.0));
+        Run { settings: turned(run.settings), ..run }
     }
 
     fn found(run: &Run, known: Known) -> Result<Finding, CalibrateError> {

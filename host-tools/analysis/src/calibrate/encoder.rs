@@ -6,7 +6,7 @@ use inerter_data::names::unit;
 use super::{
     CalibrateError, Finding, Step,
     finding::Level,
-    line::{Line, Point, sizes},
+    line::{Line, Point, greatest, sizes},
     statistics::{rounded, rounded_up},
 };
 
@@ -109,7 +109,7 @@ pub fn displacement(
         let worst = format!("displacement {} of {}", line.worst + 1, points.len());
         return Err(CalibrateError::Crooked { what: "displacements", percent: 100.0 * line.nonlinearity, worst });
     }
-    let extent = points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max);
+    let extent = greatest(points);
     // The uncertainty of a count and of the gauge, at either end.
     let count = 2.0 / (line.slope.abs() * extent);
     let u95 = line.u95((gauge_u95_m / extent * std::f64::consts::SQRT_2).hypot(count));

@@ -111,7 +111,7 @@ impl Finding {
 
     /// Whether it may be used.
     pub fn is_good(&self) -> bool {
-        self.remarks.iter().all(|remark| remark.level < Level::Bad)
+        self.problems() == 0
     }
 
     /// How many remarks forbid its use.

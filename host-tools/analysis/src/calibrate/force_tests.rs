@@ -1,20 +1,19 @@
-use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::{Setup, bench_sensors};
 
 use super::*;
+use crate::simulated::{recorded, setup};
 
 /// The sequence of loads: both directions, up and down, back to zero.
 const MASSES_KG: [f64; 9] = [0.0, 5.0, 10.0, 5.0, 0.0, -5.0, -10.0, -5.0, 0.0];
 
 fn readings(masses_kg: &[f64], sensors: Sensors, truth: impl Fn(f64) -> f64) -> (Vec<(Load, rest::Level)>, Settings) {
-    let setup = Setup::new(Inerter::paper(), sensors, "hold", Some(3.1), &Overrides::default()).unwrap();
+    let setup = setup(Inerter::paper(), sensors, "hold", 3.1);
     let readings = masses_kg.iter().enumerate().map(|(place, &kg)| {
         let load = Load::mass(kg, &Gravity::given(STANDARD_GRAVITY));
         let sensors = Sensors { seed: sensors.seed * 100 + place as u64, ..sensors };
         let setup = Setup { load_n: truth(load.force_n), sensors, ..setup.clone() };
-        let samples: Vec<_> = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
-        (load, rest::level(&samples, &setup.settings, 3.0, "").unwrap())
+        (load, rest::level(&recorded(&setup).samples, &setup.settings, 3.0, "").unwrap())
     });
     (readings.collect(), setup.settings)
 }

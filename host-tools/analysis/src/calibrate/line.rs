@@ -1,6 +1,7 @@
 //! A scale from known steps: the line of readings over applied values, and its uncertainty.
 
 use super::statistics::{Mean, Straight, together};
+use crate::law::extent;
 
 /// One step: the applied value, and the reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,15 +55,14 @@ pub fn sizes(points: &[Point]) -> Vec<f64> {
     sizes
 }
 
-fn greatest(points: &[Point]) -> f64 {
+/// The largest applied value, whatever its sign.
+pub(super) fn greatest(points: &[Point]) -> f64 {
     points.iter().map(|point| point.applied.abs()).fold(0.0, f64::max)
 }
 
 fn spread(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (least, most, count) = values.fold((f64::INFINITY, f64::NEG_INFINITY, 0), |(least, most, count), value| {
-        (least.min(value), most.max(value), count + 1)
-    });
-    (count > 1).then_some(most - least)
+    let values: Vec<f64> = values.collect();
+    (values.len() > 1).then(|| extent(values.into_iter()))
 }
 
 fn average(values: impl Iterator<Item = f64>) -> Option<f64> {
@@ -93,7 +93,6 @@ impl Line {
             )
         };
         let hysteresis = sizes.iter().filter_map(|size| Some((come(*size, true)? - come(*size, false)?).abs()));
-        let hysteresis = hysteresis.fold(None, |most: Option<f64>, each| Some(most.unwrap_or(0.0).max(each)));
         let zero_return = spread(readings(0.0));
         let reading = points.iter().map(|point| point.reading.u95).fold(0.0, f64::max);
         Some(Self {
@@ -101,7 +100,7 @@ impl Line {
             at_zero: straight.at_zero,
             scatter_u95: straight.slope_u95 / straight.slope.abs(),
             nonlinearity: sizes.iter().map(off).fold(0.0, f64::max) / full,
-            hysteresis: hysteresis.map(|difference| 0.5 * difference / full),
+            hysteresis: hysteresis.reduce(f64::max).map(|difference| 0.5 * difference / full),
             zero_return: zero_return.map(|difference| difference / full),
             reading_u95: reading / full,
             worst: worst(points),

@@ -14,7 +14,7 @@ use super::{
     statistics::{Straight, student},
     timebase::Rate,
 };
-use crate::law::{ends, mean, median};
+use crate::law::{extent, mean, median};
 
 /// Minimum length to distinguish mains from its surroundings \[s\].
 pub const LEAST_S: f64 = 4.0;
@@ -113,11 +113,6 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
         saturated: codes.iter().filter(at_rail).count() as f64 / codes.len() as f64,
         mains: if fifty.amplitude_code() >= sixty.amplitude_code() { fifty } else { sixty },
     })
-}
-
-fn extent(values: impl Iterator<Item = f64>) -> f64 {
-    let (least, most) = ends(values);
-    most - least
 }
 
 /// Slope of the means of twelve blocks, so that correlation within a block does not reduce the uncertainty.

@@ -1,8 +1,8 @@
-use inerter_data::settings::Overrides;
 use inerter_plant::{Inerter, Sensors};
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::bench_sensors;
 
 use super::*;
+use crate::simulated::{recorded, setup};
 
 /// An amplifier and a 12-bit converter, as in docs/HARDWARE.md: 262080 codes of 0.00957 N, noise of 0.05 % of the
 /// range.
@@ -17,9 +17,7 @@ fn sensors() -> Sensors {
 }
 
 fn look(sensors: Sensors, motion: &str, seconds: f64) -> Result<(Diagnosis, Finding), CalibrateError> {
-    let setup = Setup::new(Inerter::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
-    let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
-    let run = Run { settings: setup.settings, samples, ..Run::default() };
+    let run = recorded(&setup(Inerter::paper(), sensors, motion, seconds));
     let diagnosis = diagnose(&run, None)?;
     let finding = judge(&diagnosis, &run.settings);
     Ok((diagnosis, finding))

@@ -14,7 +14,7 @@ use super::{
     finding::Level as Rank,
     statistics::{Mean, mean_of_blocks, together},
 };
-use crate::law::ends;
+use crate::law::extent;
 
 /// Blocks in a window: at 3 s each is 0.2 s, whole cycles of both 50 and 60 Hz.
 const BLOCKS: usize = 15;
@@ -159,10 +159,7 @@ impl Watch {
         if saturated > 0 && self.of == Of::Force {
             return Standing::Saturated { share: saturated as f64 / samples };
         }
-        let range = |of: fn(&Block) -> [f64; 2]| {
-            let (least, most) = ends(self.blocks.iter().flat_map(of));
-            most - least
-        };
+        let range = |of: fn(&Block) -> [f64; 2]| extent(self.blocks.iter().flat_map(of));
         let counts = range(|block| [block.least_count, block.most_count]);
         if counts > MOST_COUNTS {
             return Standing::Turns { counts };
@@ -259,16 +256,15 @@ pub fn zero(level: &Level, settings: &Settings) -> Finding {
 
 #[cfg(test)]
 mod tests {
-    use inerter_data::settings::Overrides;
     use inerter_plant::{Inerter, Sensors};
-    use inerter_simulate::{Setup, bench_sensors, raw};
+    use inerter_simulate::{Setup, bench_sensors};
 
     use super::*;
+    use crate::simulated::{recorded, setup};
 
     fn samples(sensors: Sensors, motion: &str, load_n: f64, seconds: f64) -> (Vec<RawSample>, Settings) {
-        let setup = Setup::new(Inerter::paper(), sensors, motion, Some(seconds), &Overrides::default()).unwrap();
-        let setup = Setup { load_n, ..setup };
-        (setup.samples().unwrap().map(|sample| raw(&sample)).collect(), setup.settings)
+        let run = recorded(&Setup { load_n, ..setup(Inerter::paper(), sensors, motion, seconds) });
+        (run.samples, run.settings)
     }
 
     #[test]

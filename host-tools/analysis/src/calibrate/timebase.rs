@@ -11,7 +11,7 @@ use super::{
     finding::Level,
     statistics::{Straight, rounded_up, together},
 };
-use crate::law::ends;
+use crate::law::extent;
 
 /// Uncertainty of a host clock about which nothing is known: a computer's crystal over its temperature range.
 pub const HOST_PPM: f64 = 50.0;
@@ -69,8 +69,8 @@ pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, Calibrate
     let line = Straight::through(&earliest).ok_or(short)?;
     // Delays are correlated: the residuals are not white noise, and their whole range over the time is the better
     // bound.
-    let (least, most) = ends(earliest.iter().map(|(at, late)| late - line.at(*at)));
-    let scatter_u95 = line.slope_u95.max((most - least) / seconds);
+    let range_s = extent(earliest.iter().map(|(at, late)| late - line.at(*at)));
+    let scatter_u95 = line.slope_u95.max(range_s / seconds);
     // If samples arrive later and later, the device is slow.
     Ok(Rate { deviation: 1.0 / (1.0 + line.slope) - 1.0, scatter_u95, seconds })
 }

@@ -168,25 +168,26 @@ impl Term {
         }
     }
 
-    /// Its characteristic velocity or distance, if that is searched for.
-    pub fn scale(self) -> Option<f64> {
+    fn scale_mut(&mut self) -> Option<&mut f64> {
         match self {
-            Self::Falling(scale) | Self::Bell(scale) | Self::Turning(scale) | Self::Bending(scale) => Some(scale),
+            Self::Falling(velocity) | Self::Bell(velocity) => Some(velocity),
+            Self::Turning(distance) | Self::Bending(distance) => Some(distance),
             Self::Structure(time_s) => Some(time_s),
             _ => None,
         }
     }
 
-    /// The same term with another velocity or distance.
-    pub fn with_scale(self, scale: f64) -> Self {
-        match self {
-            Self::Falling(_) => Self::Falling(scale),
-            Self::Bell(_) => Self::Bell(scale),
-            Self::Turning(_) => Self::Turning(scale),
-            Self::Bending(_) => Self::Bending(scale),
-            Self::Structure(_) => Self::Structure(scale),
-            other => other,
+    /// Its characteristic velocity, distance or time, if that is searched for.
+    pub fn scale(mut self) -> Option<f64> {
+        self.scale_mut().copied()
+    }
+
+    /// The same term with another velocity, distance or time.
+    pub fn with_scale(mut self, scale: f64) -> Self {
+        if let Some(own) = self.scale_mut() {
+            *own = scale;
         }
+        self
     }
 
     /// The alternative shape for the same cause.

@@ -52,7 +52,8 @@ impl Cause {
     pub fn sentence(&self, machine: Machine) -> String {
         let sized =
             |factor: f64, unit: &str| format!("{} {unit}", interval_text(factor * self.value, factor * self.u95));
-        let in_unit = || sized(1.0, unit(machine, self.unit));
+        let in_unit = || sized(1.0, self.unit(machine));
+        let in_micrometres = || if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") };
         let period = self.period_m.map(|period| format!("{:.4} {}", period, unit(machine, "m"))).unwrap_or_default();
         let words = match self.kind {
             Kind::LoadDependent => format!(
@@ -69,21 +70,19 @@ impl Cause {
             ),
             Kind::Presliding => format!(
                 "friction reverses gradually, over {} after a reversal, like a spring: use much longer strokes",
-                if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
+                in_micrometres()
             ),
             Kind::Drift => format!(
                 "offset or friction changed by {} over the run: warm the machine and the amplifier up, and tare again",
                 in_unit()
             ),
-            Kind::Skew => {
-                format!(
-                    "force and position are {} apart in time: run `inerter calibrate skew`, or set skew_s",
-                    sized(1e3, "ms")
-                )
-            }
+            Kind::Skew => format!(
+                "force and position are {} apart in time: run `inerter calibrate skew`, or set skew_s",
+                sized(1e3, "ms")
+            ),
             Kind::EncoderError => format!(
                 "the encoder has an error that repeats every {period}, by {}: check how it is centred on its shaft",
-                if machine == Machine::Rotary { in_unit() } else { sized(1e6, "um") }
+                in_micrometres()
             ),
             Kind::Direction => {
                 format!("viscous friction differs by direction, by {} either way: see `inerter fit`", in_unit())

@@ -12,7 +12,7 @@ pub(super) use super::candidate::{Candidate, Span, Term};
 use super::candidate::{HYSTERESIS, Shape};
 use super::filter::Filter;
 use crate::{
-    law::{Kernels, Law, around, mark, mean, stands},
+    law::{Law, around, mark, mean, stands},
     reversals::{Moment, Reversal, Turns, velocity_noise},
 };
 
@@ -22,7 +22,7 @@ const WEAK: f64 = 3.0;
 /// Velocities below this count as zero, in standard deviations of their noise.
 const SLOW: f64 = 3.0;
 /// Maximum number of rows: of more, evenly spaced ones are taken.
-const MOST_ROWS: usize = 20_000;
+pub(super) const MOST_ROWS: usize = 20_000;
 
 /// A stretch with the data that every term needs.
 struct Piece<'a> {
@@ -117,12 +117,6 @@ impl<'a> Located<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Rows for all samples in motion, through the kernels of a bank, with signs placed by this law.
-    pub fn of(series: &'a Series, settings: &Settings, kernels: Kernels, law: Law, noise_n: f64) -> Self {
-        let spacing = (kernels.box_samples / 2).max(1).max(series.len() / MOST_ROWS);
-        Self::through(Located::of(series, law, &[]), settings, Filter::plain(kernels, spacing, settings, &law, noise_n))
-    }
-
     /// Rows for all samples in motion, through this filter.
     pub fn through(located: Located<'a>, settings: &Settings, filter: Filter) -> Self {
         let Located { series, law, mut span, rest_n, pieces } = located;
@@ -252,16 +246,10 @@ impl<'a> Rows<'a> {
             -inertia - viscous_n_s_per_m * around(&kernels.rate, signal, middle)
         };
         let column = match term {
-            Term::Ripple(lead_m) => return self.waves(lead_m, by_force),
-            Term::Wobble(lead_m) => return self.waves(lead_m, as_position),
+            Term::Ripple(lead_m) => return self.waves(lead_m, |_| 1.0, by_force),
+            Term::Wobble(lead_m) => return self.waves(lead_m, |_| 1.0, as_position),
             Term::Uneven(lead_m) => {
-                let wave = |function: fn(f64) -> f64| {
-                    self.signal(|piece| {
-                        let waves = piece.stretch.position_m.iter().map(|x| function(TAU * x / lead_m));
-                        waves.zip(&piece.turns.signs).map(|(wave, sign)| wave * sign).collect()
-                    })
-                };
-                return vec![wave(f64::sin), wave(f64::cos)];
+                return self.waves(lead_m, |sign| sign, |signal, middle| around(&kernels.sign, signal, middle));
             }
             Term::Bent => self.filtered(|_, piece, middle| as_position(&piece.stretch.force_n, middle)),
             Term::Structure(time_s) => {
@@ -328,12 +316,16 @@ impl<'a> Rows<'a> {
         self.through_kernel(signal, |signal, middle| around(&kernels.sign, signal, middle))
     }
 
-    /// Sine and cosine of the position.
-    fn waves(&self, lead_m: f64, kernel: impl Fn(&[f64], usize) -> f64 + Copy) -> Vec<Vec<f64>> {
+    /// Sine and cosine of the position, with the size that each sample's sign gives them.
+    fn waves(&self, lead_m: f64, size: fn(f64) -> f64, kernel: impl Fn(&[f64], usize) -> f64) -> Vec<Vec<f64>> {
         let wave = |function: fn(f64) -> f64| {
-            move |piece: &Piece| piece.stretch.position_m.iter().map(|x| function(TAU * x / lead_m)).collect()
+            let signal = |piece: &Piece| -> Vec<f64> {
+                let samples = piece.stretch.position_m.iter().zip(&piece.turns.signs);
+                samples.map(|(x, sign)| function(TAU * x / lead_m) * size(*sign)).collect()
+            };
+            self.through_kernel(signal, &kernel)
         };
-        vec![self.through_kernel(wave(f64::sin), kernel), self.through_kernel(wave(f64::cos), kernel)]
+        vec![wave(f64::sin), wave(f64::cos)]
     }
 
     /// A column multiplied by the time of each row in the run.

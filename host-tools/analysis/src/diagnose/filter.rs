@@ -71,11 +71,6 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// Kernels alone.
-    pub fn plain(kernels: Kernels, spacing: usize, settings: &Settings, law: &Law, noise_n: f64) -> Self {
-        Self::with(kernels, spacing, vec![1.0], settings, law, noise_n)
-    }
-
     /// Short boxes with whitening of their noise, or long boxes alone.
     pub fn of(sight: Sight, period_s: f64, settings: &Settings, law: &Law, noise_n: f64, repeats: f64) -> Self {
         let kernels = Kernels::of_box(
@@ -96,7 +91,8 @@ impl Filter {
         Self { repeats, ..Self::with(kernels, spacing, whitening, settings, law, noise_n) }
     }
 
-    fn with(
+    /// These kernels, and a whitening of their noise: `[1.0]` is none.
+    pub fn with(
         kernels: Kernels,
         spacing: usize,
         whitening: Vec<f64>,
@@ -116,14 +112,15 @@ impl Filter {
         };
         let product = |a: &[f64], b: &[f64]| whole(a).iter().zip(whole(b)).map(|(a, b)| a * b).sum::<f64>();
         let square = |taps: &[f64]| product(taps, taps);
+        let noise_of_one = noise_n * noise_n;
         let acceleration_square = ROUNDING * settings.metres_per_count.powi(2) * square(&kernels.second);
         Self {
             noise_n,
-            noise_square: noise_n * noise_n * square(&kernels.force),
-            rate_square: noise_n * noise_n * square(&kernels.rate),
-            bend_square: noise_n * noise_n * square(&kernels.second),
-            bend_with_force: noise_n * noise_n * product(&kernels.second, &kernels.force),
-            third_square: noise_n * noise_n * square(&kernels.third),
+            noise_square: noise_of_one * square(&kernels.force),
+            rate_square: noise_of_one * square(&kernels.rate),
+            bend_square: noise_of_one * square(&kernels.second),
+            bend_with_force: noise_of_one * product(&kernels.second, &kernels.force),
+            third_square: noise_of_one * square(&kernels.third),
             steps_square: law.inertance_kg.powi(2) * acceleration_square,
             acceleration_square,
             kernels,

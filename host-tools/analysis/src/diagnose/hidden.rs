@@ -19,10 +19,11 @@ use super::{
     columns::{Candidate, Rows},
     kind::Kind,
     search::rows_of,
+    selection::products_with,
 };
 use crate::{
     fit::each,
-    law::{dot, inverse, less},
+    law::{dot, inverse, less, products},
 };
 
 /// Fraction of a column's square that the law must leave unexplained for the run to identify the cause; and for it to
@@ -192,11 +193,10 @@ struct Moves {
 
 impl Law {
     fn of(rows: &Rows) -> Option<Self> {
-        let count = rows.base.len();
-        let inverse = inverse(&DMatrix::from_fn(count, count, |i, j| dot(&rows.base[i], &rows.base[j])))?;
-        let values = &inverse * DVector::from_fn(count, |i, _| dot(&rows.base[i], &rows.force));
+        let inverse = inverse(&products(&rows.base, &rows.base))?;
+        let values = &inverse * products_with(&rows.base, &rows.force);
         let residual = less(&rows.force, &rows.base, values.as_slice());
-        let freedom = rows.force.len() as f64 / rows.per_observation - count as f64;
+        let freedom = rows.force.len() as f64 / rows.per_observation - rows.base.len() as f64;
         let error_square = dot(&residual, &residual) / freedom.max(1.0);
         Some(Self { inverse, residual, error_square })
     }
@@ -204,8 +204,8 @@ impl Law {
     /// The effect of adding a candidate.
     fn with(&self, rows: &Rows, candidate: Candidate) -> Moves {
         let columns = rows.columns(candidate.term);
-        let (count, width) = (rows.base.len(), columns.len());
-        let along = &self.inverse * DMatrix::from_fn(count, width, |i, k| dot(&rows.base[i], &columns[k]));
+        let width = columns.len();
+        let along = &self.inverse * products(&rows.base, &columns);
         let left: Vec<Vec<f64>> =
             columns.iter().enumerate().map(|(k, all)| less(all, &rows.base, along.column(k).as_slice())).collect();
         let [of_noise, with_force] = rows.noise(candidate.term).map(|mean| mean * rows.force.len() as f64);
@@ -222,7 +222,7 @@ impl Law {
             DMatrix::from_diagonal(&DVector::from_iterator(width, least))
         };
         let inverse = gram.cholesky().map_or_else(unknown, |gram| gram.inverse());
-        let sizes = &inverse * DVector::from_fn(width, |k, _| dot(&left[k], &self.residual) - with_force);
+        let sizes = &inverse * products_with(&left, &self.residual).map(|said| said - with_force);
         let squares = (&along * inverse * along.transpose()).diagonal() * self.error_square;
         let before = self.inverse.diagonal().iter().map(|part| part * self.error_square).collect();
         let can_be = width > 1 || candidate.can_be(sizes[0], &rows.law);

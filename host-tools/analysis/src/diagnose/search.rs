@@ -6,7 +6,7 @@ use inerter_data::{gated::Gated, series::Series};
 use super::{
     candidate::Encoder,
     cause::Cause,
-    columns::{Candidate, Known, Located, Rows, Term},
+    columns::{Candidate, Known, Located, MOST_ROWS, Rows, Term},
     filter::{Filter, Sight, force_noise_n},
     fitted::{Fitted, fitted},
     found::{Found, known, model, refine, strongest, taken},
@@ -116,30 +116,11 @@ pub fn diagnose(
     encoder: Encoder,
     tick: &dyn Fn(),
 ) -> Result<Diagnosis, FitError> {
-    let found = searched(series, settings, published, encoder, &Kind::ALL, tick)?;
-    // A skew that the other causes explain as well, once found, was not a skew.
-    let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
-    if found.causes.iter().any(is_weak) {
-        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
-        return searched(series, settings, published, encoder, &others, tick);
-    }
-    Ok(found)
-}
-
-/// The same, limited to these kinds.
-fn searched(
-    series: &Series,
-    settings: &Settings,
-    published: &Published,
-    encoder: Encoder,
-    kinds: &[Kind],
-    tick: &dyn Fn(),
-) -> Result<Diagnosis, FitError> {
-    let mut search = Search {
+    let search = Search {
         tick,
         published,
         encoder,
-        kinds,
+        kinds: &Kind::ALL,
         sights: Sight::all(published.estimate.bank),
         settings: *settings,
         noise_n: force_noise_n(series, settings),
@@ -147,23 +128,14 @@ fn searched(
         found: Vec::new(),
         greatest_left: 0.0,
     };
-    let unsearched = search.clone();
-    for _ in 0..MOST_UNDONE {
-        search.seek(&series.aligned(&search.settings))?;
-        let left_s = search.skew_s();
-        if left_s.abs() <= UNDONE_S.max(UNDONE * (search.settings.skew_s - settings.skew_s).abs()) {
-            break;
-        }
-        search.settings.skew_s += left_s;
+    let found = search.clone().searched(series)?;
+    // A skew that the other causes explain as well, once found, was not a skew.
+    let is_weak = |cause: &Cause| cause.kind == Kind::Skew && cause.f < LIMIT;
+    if found.causes.iter().any(is_weak) {
+        let others: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Skew).collect();
+        return Search { kinds: &others, ..search }.searched(series);
     }
-    // The law alone, filtered in the same way as everything.
-    let mut alone = Search { sights: search.sights, ..unsearched };
-    let aligned = series.aligned(settings);
-    let rows = alone.rows(&aligned)?;
-    alone.settle(&rows)?;
-    let rows = alone.rows(&aligned)?;
-    let alone_n = alone.settle(&rows)?.residual_rms();
-    search.told(&series.aligned(&search.settings), settings, alone_n)
+    Ok(found)
 }
 
 /// The rows of a run, with signs placed by the estimator's result for the whole run.
@@ -173,8 +145,10 @@ pub(super) fn rows_of<'a>(
     published: &Published,
 ) -> Result<Rows<'a>, FitError> {
     let kernels = Kernels::new(published.estimate.bank, aligned.period_s);
+    let spacing = (kernels.box_samples / 2).max(1).max(aligned.len() / MOST_ROWS);
     let law = Law::of_run(&published.estimate.whole_run, settings);
-    enough(Rows::of(aligned, settings, kernels, law, force_noise_n(aligned, settings)))
+    let filter = Filter::with(kernels, spacing, vec![1.0], settings, &law, force_noise_n(aligned, settings));
+    enough(Rows::through(Located::of(aligned, law, &[]), settings, filter))
 }
 
 fn enough(rows: Rows) -> Result<Rows, FitError> {
@@ -182,7 +156,7 @@ fn enough(rows: Rows) -> Result<Rows, FitError> {
     if observations < LEAST_OBSERVATIONS { Err(FitError::TooShort { observations }) } else { Ok(rows) }
 }
 
-/// State of the search.
+/// State of the search, limited to some kinds.
 #[derive(Clone)]
 struct Search<'a> {
     tick: &'a dyn Fn(),
@@ -203,6 +177,27 @@ struct Search<'a> {
 type Columns = Vec<(Candidate, Vec<Vec<f64>>)>;
 
 impl Search<'_> {
+    /// The result, from a search that has not begun.
+    fn searched(mut self, series: &Series) -> Result<Diagnosis, FitError> {
+        let (unsearched, settings) = (self.clone(), self.settings);
+        for _ in 0..MOST_UNDONE {
+            self.seek(&series.aligned(&self.settings))?;
+            let left_s = self.skew().map_or(0.0, |skew| skew.sizes[0]);
+            if left_s.abs() <= UNDONE_S.max(UNDONE * (self.settings.skew_s - settings.skew_s).abs()) {
+                break;
+            }
+            self.settings.skew_s += left_s;
+        }
+        // The law alone, filtered in the same way as everything.
+        let mut alone = Self { sights: self.sights, ..unsearched };
+        let aligned = series.aligned(&settings);
+        let rows = alone.rows(&aligned)?;
+        alone.settle(&rows)?;
+        let rows = alone.rows(&aligned)?;
+        let alone_n = alone.settle(&rows)?.residual_rms();
+        self.told(&series.aligned(&self.settings), &settings, alone_n)
+    }
+
     /// The rows with everything known so far, through the most informative filter.
     fn rows<'a>(&mut self, aligned: &'a Series) -> Result<Rows<'a>, FitError> {
         loop {
@@ -241,9 +236,9 @@ impl Search<'_> {
         weakest.map(|place| self.found.remove(place)).is_some()
     }
 
-    /// The remainder of a skew that was found \[s\].
-    fn skew_s(&self) -> f64 {
-        self.found.iter().find(|one| one.candidate.kind == Kind::Skew).map_or(0.0, |one| one.sizes[0])
+    /// The skew that was found; its size is the remainder \[s\].
+    fn skew(&self) -> Option<&Found> {
+        self.found.iter().find(|one| one.candidate.kind == Kind::Skew)
     }
 
     /// Finds causes, until a skew is found, which must be corrected first.
@@ -251,7 +246,7 @@ impl Search<'_> {
         // First with the estimator's law, which a fault may have distorted, to fit a better one.
         let rows = self.rows(aligned)?;
         self.settle(&rows)?;
-        let had_skew = self.found.iter().any(|one| one.candidate.kind == Kind::Skew);
+        let had_skew = self.skew().is_some();
         while self.found.len() < MOST {
             let rows = self.rows(aligned)?;
             let model = self.settle(&rows)?;
@@ -269,7 +264,7 @@ impl Search<'_> {
                 let Some((_, best)) = tried.min_by(|(a, _), (b, _)| a.total_cmp(b)) else { break };
                 *self = best;
             }
-            if !had_skew && self.found.iter().any(|one| one.candidate.kind == Kind::Skew) {
+            if !had_skew && self.skew().is_some() {
                 let rows = self.rows(aligned)?;
                 self.settle(&rows)?;
                 return Ok(());

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::Rows;
-use crate::law::{dot, inverse, less, scaled, scales};
+use crate::law::{dot, inverse, less, products, scaled, scales};
 
 /// Index of the sign among the columns.
 pub(super) const SIGN: usize = 2;
@@ -75,7 +75,7 @@ impl<'a> Model<'a> {
         let count = columns.len();
         let mut gram = DMatrix::from_fn(count, count, |i, j| if i < j { 0.0 } else { dot(&columns[i], &columns[j]) });
         gram.fill_upper_triangle_with_lower_triangle();
-        let right = products(&columns, &rows.force);
+        let right = products_with(&columns, &rows.force);
         let values = solved(&gram, &right)?;
         let residual = less(&rows.force, &columns, values.as_slice());
         let mut unit = DVector::<f64>::zeros(count);
@@ -113,7 +113,7 @@ impl<'a> Model<'a> {
 
     /// The coefficients of this column's regression on the columns of the model.
     pub fn along(&self, column: &[f64]) -> Option<DVector<f64>> {
-        solved(&self.gram, &products(&self.columns, column))
+        solved(&self.gram, &products_with(&self.columns, column))
     }
 
     /// RMS residual.
@@ -134,7 +134,7 @@ impl<'a> Model<'a> {
     /// The same with one more column: separate, or added to the sign's.
     pub fn left_with(&self, new: &[f64], to_sign: bool) -> Option<f64> {
         let count = self.columns.len();
-        let across = products(&self.columns, new);
+        let across = products_with(&self.columns, new);
         let (own, right) = (dot(new, new), dot(new, &self.rows.force));
         let (gram, right) = if to_sign {
             let (mut gram, mut rights) = (self.gram.clone(), self.right.clone());
@@ -146,12 +146,10 @@ impl<'a> Model<'a> {
             rights[SIGN] += right;
             (gram, rights)
         } else {
-            let gram = self.gram.clone().resize(count + 1, count + 1, own);
-            let gram = DMatrix::from_fn(count + 1, count + 1, |i, j| match (i < count, j < count) {
-                (true, false) => across[i],
-                (false, true) => across[j],
-                _ => gram[(i, j)],
-            });
+            let mut gram = self.gram.clone().resize(count + 1, count + 1, own);
+            for i in 0..count {
+                (gram[(i, count)], gram[(count, i)]) = (across[i], across[i]);
+            }
             (gram, self.right.clone().push(right))
         };
         let values = solved(&gram, &right)?;
@@ -188,8 +186,8 @@ impl<'a> Model<'a> {
         let of_part = |part: usize| {
             let within = (part * length).min(residual.len())..((part + 1) * length).min(residual.len());
             let left = &residual[within.clone()];
-            let products = columns.iter().map(|column| dot(&column[within.clone()], left));
-            DVector::from_iterator(columns.len(), products)
+            let each = columns.iter().map(|column| dot(&column[within.clone()], left));
+            DVector::from_iterator(columns.len(), each)
         };
         (0..PARTS).map(of_part).collect()
     }
@@ -203,11 +201,11 @@ impl<'a> Model<'a> {
         noise_square: f64,
         can_be: impl Fn(f64, f64) -> bool,
     ) -> Option<Evidence> {
-        let (count, width) = (self.columns.len(), group.len());
+        let width = group.len();
         let rows = self.residual.len() as f64;
-        let across = DMatrix::from_fn(count, width, |i, k| dot(&self.columns[i], &group[k]));
-        let own = DMatrix::from_fn(width, width, |k, l| dot(&group[k], &group[l]));
-        let right = products(group, &self.rows.force);
+        let across = products(&self.columns, group);
+        let own = products(group, group);
+        let right = products_with(group, &self.rows.force);
         let mut least: Option<(f64, DVector<f64>, DMatrix<f64>)> = None;
         for taken in &self.taken {
             let mut gram = self.gram.clone();
@@ -239,7 +237,6 @@ impl<'a> Model<'a> {
     /// The part of a strength on which the parts of the run agree: a single event is not a cause, and the residual
     /// scatters between the parts by more than white noise if something else is wrong.
     fn agreed(&self, group: &[Vec<f64>], along: &DMatrix<f64>, sizes: &DVector<f64>, strength: f64) -> f64 {
-        let width = group.len();
         // What the other columns leave of these, and what these leave of the force.
         let left_of = |(k, new): (usize, &Vec<f64>)| less(new, &self.columns, along.column(k).as_slice());
         let own: Vec<Vec<f64>> = group.iter().enumerate().map(left_of).collect();
@@ -249,15 +246,14 @@ impl<'a> Model<'a> {
         let most = said.windows(2).map(|pair| pair.iter().sum::<f64>()).fold(0.0, f64::max);
         let lasting = ((explained - most).max(0.0) / explained * PARTS as f64 / (PARTS - 2) as f64).min(1.0);
         let scatter = self.scatter(&own, &after);
-        let left = DMatrix::from_fn(width, width, |k, l| dot(&own[k], &own[l]));
-        let against = &left * sizes;
+        let against = products(&own, &own) * sizes;
         let by_scatter = solved(&scatter, &against).map_or(0.0, |part| part.dot(&against));
         lasting * strength.min(by_scatter)
     }
 }
 
 /// Products of all columns with one.
-fn products(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
+pub(super) fn products_with(columns: &[Vec<f64>], one: &[f64]) -> DVector<f64> {
     DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, one)))
 }
 

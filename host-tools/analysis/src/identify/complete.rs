@@ -251,8 +251,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
 /// Highest frequency that the fit uses \[Hz\]: beyond it the force contains noise and the ringing of impacts.
 fn highest_hz(prepared: &Prepared, device: &Parameters) -> f64 {
-    let own_hz = (device.stiffness_n_per_m / device.inertance_kg).sqrt() / std::f64::consts::TAU;
-    let least = (5.0 * own_hz).max(2.0 * prepared.smooth.band_hz).max(100.0);
+    let least = (5.0 * device.own_hz()).max(2.0 * prepared.smooth.band_hz).max(100.0);
     least.min(0.45 / prepared.period_s)
 }
 
@@ -363,7 +362,7 @@ fn minimised<'a>(
     state: &State,
     steps: [f64; 8],
 ) -> (Problem<'a>, f64, bool) {
-    let free: Vec<Name> = SHARED.iter().zip(task.free).filter_map(|(name, free)| free.then_some(*name)).collect();
+    let free: Vec<Name> = SHARED.into_iter().filter(|name| task.free[*name as usize]).collect();
     let encoded = free.iter().map(|name| {
         let value = name.of(&state.parameters);
         if name.is_logarithmic() { value.max(f64::MIN_POSITIVE).ln() } else { value }
@@ -388,12 +387,8 @@ impl Problem<'_> {
     fn moved_from(&self, before: &State, jacobian: &DMatrix<f64>) -> (f64, Vec<(Name, f64)>) {
         let Some(covariance) = jacobian.tr_mul(jacobian).try_inverse() else { return (0.0, Vec::new()) };
         let now = self.decoded(&self.values);
-        let errors: Vec<(Name, f64)> = self
-            .free
-            .iter()
-            .copied()
-            .zip(covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()))
-            .collect();
+        let errors = covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
+        let errors: Vec<(Name, f64)> = self.free.iter().copied().zip(errors.iter().copied()).collect();
         let moves = errors.iter().map(|(name, error)| {
             let (now, before) = (name.of(&now), name.of(&before.parameters));
             let step = if name.is_logarithmic() { (now / before).ln() } else { now - before };

@@ -96,18 +96,18 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
         return Err((*error).into());
     }
     let start = start(runs, &lines);
-    let known: Vec<bool> = runs.iter().map(|run| options.excite.is_some() || run.settings.terminal_sensor).collect();
     let mut notes = notes(runs, &lines);
-    if !known.contains(&true) {
+    let (with, without): (Vec<&Run>, Vec<&Run>) =
+        runs.iter().partition(|run| options.excite.is_some() || run.settings.terminal_sensor);
+    if with.is_empty() {
         if options.staged {
             return Err(IdentifyError::Terminal);
         }
         return linear_only(runs, lines, notes);
     }
-    for (run, _) in runs.iter().zip(&known).filter(|(_, known)| !**known) {
-        notes.push(format!("{}: no terminal displacement, so it is in the linear fits only", run.name));
-    }
-    let stretches = prepared(runs, &known, options, &start, &mut notes)?;
+    let words = "no terminal displacement, so it is in the linear fits only";
+    notes.extend(without.into_iter().map(|run| format!("{}: {words}", run.name)));
+    let stretches = prepared(&with, MOST_SAMPLES / runs.len(), options, &start, &mut notes)?;
     let mut share = 0.2;
     let mut tick = || {
         share += (0.95 - share) * 0.12;
@@ -115,8 +115,8 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     };
     let task = task(runs, options);
     let start = if start.stiffness_n_per_m > 0.0 { start } else { scanned(&stretches, &start) };
-    let Stages { fitted, task, stretches, validation } = if options.staged {
-        stages::fit(runs, &stretches, &task, &start, &mut tick)?
+    let stages = if options.staged {
+        stages::fit(&first_settings(runs), &stretches, &task, &start, &mut tick)?
     } else {
         let state = State::new(&stretches, &start);
         let fitted = complete::fit(&stretches, &task, &state, false, &mut tick).ok_or(IdentifyError::Diverged)?;
@@ -124,9 +124,9 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
         let validation = validated(&stretches, &task, &fitted.state, &mut tick);
         Stages { fitted, task, stretches, validation }
     };
-    let identified = complete_result(runs, lines, &fitted, &task, &stretches, options, notes, &mut tick)?;
+    let identified = complete_result(runs, lines, &stages, options, notes, &mut tick)?;
     progress(1.0);
-    Ok(Identified { validation, start: Some(start), ..identified })
+    Ok(Identified { start: Some(start), ..identified })
 }
 
 /// What the load cell would read, one number per sample of all stretches in sequence.
@@ -137,7 +137,7 @@ pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
     let mut force = Vec::with_capacity(series.len());
     for stretch in &series.stretches {
         let simulated = (!stretch.terminal_m.is_empty() && parameters.stiffness_n_per_m > 0.0).then(|| {
-            let smooth = Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * own_hz(parameters));
+            let smooth = Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * parameters.own_hz());
             let stretches = [Prepared::new(0, stretch, smooth, series.period_s, &Settings::default())];
             prediction(&State::new(&stretches, parameters), 0, &stretches[0]).1
         });
@@ -155,32 +155,18 @@ fn by_law(parameters: &Parameters, stretch: &Stretch, period_s: f64) -> Vec<f64>
     Smooth::up_to(&stretch.position_m, period_s, LAW_HZ).nodes.iter().map(force).collect()
 }
 
-/// Natural frequency of the inertance on the contact's spring \[Hz\].
-fn own_hz(parameters: &Parameters) -> f64 {
-    (parameters.stiffness_n_per_m / parameters.inertance_kg).max(0.0).sqrt() / std::f64::consts::TAU
-}
-
 /// Notes on the runs for a person.
 fn notes(runs: &[Run], lines: &[Linear]) -> Vec<String> {
     let mut notes = Vec::new();
     for (run, line) in runs.iter().zip(lines) {
-        let name = &run.name;
-        match line.outcome.detail.friction.regime {
-            Regime::Presliding => {
-                notes.push(format!("{name}: friction reverses gradually over a distance; in the model it jumps"));
-            }
-            Regime::Stribeck => {
-                notes.push(format!(
-                    "{name}: friction is greater near rest; in the model it does not depend on the speed"
-                ));
-            }
-            Regime::Unknown | Regime::Coulomb => {}
-        }
-        if line.outcome.detail.changes > 0 {
-            notes.push(format!(
-                "{name}: the device changed during the run; `inerter replay` says when: identify the parts separately"
-            ));
-        }
+        let of_friction = match line.outcome.detail.friction.regime {
+            Regime::Presliding => Some("friction reverses gradually over a distance; in the model it jumps"),
+            Regime::Stribeck => Some("friction is greater near rest; in the model it does not depend on the speed"),
+            Regime::Unknown | Regime::Coulomb => None,
+        };
+        let of_change = (line.outcome.detail.changes > 0)
+            .then_some("the device changed during the run; `inerter replay` says when: identify the parts separately");
+        notes.extend([of_friction, of_change].into_iter().flatten().map(|note| format!("{}: {note}", run.name)));
     }
     notes
 }
@@ -190,17 +176,17 @@ fn first_settings(runs: &[Run]) -> Settings {
     runs.first().map(|run| run.settings).unwrap_or_default()
 }
 
-/// Stretches that the complete model is fitted to.
+/// Stretches that the complete model is fitted to, with room for so many samples of each run.
 fn prepared(
-    runs: &[Run],
-    known: &[bool],
+    runs: &[&Run],
+    room: usize,
     options: &Options,
     start: &Parameters,
     notes: &mut Vec<String>,
 ) -> Result<Vec<Prepared>, IdentifyError> {
     let mut stretches = Vec::new();
     let mut left_out = 0;
-    for (number, (run, _)) in runs.iter().zip(known).filter(|(_, known)| **known).enumerate() {
+    for (number, run) in runs.iter().enumerate() {
         let series = Series::of(run);
         let (mut samples, needed) = (0, (SHORTEST_S / series.period_s) as usize);
         let length = |stretch: &Stretch| stretch.force_n.len();
@@ -213,7 +199,6 @@ fn prepared(
             });
         }
         for stretch in series.stretches.iter().filter(|stretch| length(stretch) >= needed) {
-            let room = MOST_SAMPLES / runs.len();
             let taken = length(stretch).min(room.saturating_sub(samples));
             left_out += length(stretch) - taken;
             if taken < needed {
@@ -229,7 +214,7 @@ fn prepared(
             };
             let smooth = match &options.excite {
                 Some(excitation) => Smooth::stated(excitation, stretch.start_s, series.period_s, taken),
-                None => Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * own_hz(start)),
+                None => Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * start.own_hz()),
             };
             stretches.push(Prepared::new(number, &stretch, smooth, series.period_s, &run.settings));
         }
@@ -438,17 +423,15 @@ fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
 }
 
 /// The result of the complete model.
-#[allow(clippy::too_many_arguments, reason = "all that a fit came to, taken apart once")]
 fn complete_result(
     runs: &[Run],
     lines: Vec<Linear>,
-    fitted: &Fitted,
-    task: &Task,
-    stretches: &[Prepared],
+    stages: &Stages,
     options: &Options,
     mut notes: Vec<String>,
     tick: &mut dyn FnMut(),
 ) -> Result<Identified, IdentifyError> {
+    let Stages { fitted, task, stretches, validation } = stages;
     let settings = first_settings(runs);
     let errors = Errors::of(fitted, stretches, &settings).ok_or(IdentifyError::Diverged)?;
     let mut found = SHARED.map(|name| errors.judged(name, fitted, task, stretches));
@@ -486,27 +469,10 @@ fn complete_result(
         let all: Vec<f64> = stretches.iter().enumerate().flat_map(left).collect();
         (all.iter().map(|x| x * x).sum::<f64>() / all.len().max(1) as f64).sqrt()
     };
-    let [
-        inertance_kg,
-        viscous_n_s_per_m,
-        coulomb_n,
-        stiffness_n_per_m,
-        contact_damping_n_s_per_m,
-        backlash_m,
-        structure_mass_kg,
-        skew_s,
-    ] = found;
-    let parameters = FoundParameters {
-        inertance_kg,
-        viscous_n_s_per_m,
-        coulomb_n,
-        stiffness_n_per_m,
-        contact_damping_n_s_per_m,
-        backlash_m,
-        structure_mass_kg,
-        offset_n: Found::known(offset_n, offset_u95),
-        skew_s,
-    };
+    let mut parameters = FoundParameters { offset_n: Found::known(offset_n, offset_u95), ..Default::default() };
+    for (name, found) in SHARED.into_iter().zip(found) {
+        *name.slot(&mut parameters) = found;
+    }
     Ok(Identified {
         model: Model::Complete,
         parameters,
@@ -517,7 +483,7 @@ fn complete_result(
         residual_rms_m: Some(rms(false)),
         residual_over_noise: Some(ratio),
         whiteness: whiteness(&fitted.white),
-        validation: None,
+        validation: *validation,
         segments: lines.into_iter().map(|line| line.segments).collect(),
         notes,
     })

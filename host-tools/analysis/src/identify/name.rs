@@ -59,7 +59,8 @@ impl Name {
         *self.slot(p) = value;
     }
 
-    fn slot(self, p: &mut Parameters) -> &mut f64 {
+    /// Its place among the parameters.
+    pub fn slot<T>(self, p: &mut Parameters<T>) -> &mut T {
         match self {
             Self::Inertance => &mut p.inertance_kg,
             Self::Viscous => &mut p.viscous_n_s_per_m,

@@ -10,7 +10,7 @@ use super::{
     model::{Start, simpson},
     spectrum::Noise,
 };
-use crate::law::ends;
+use crate::law::extent;
 
 /// One stretch, ready to be fitted.
 #[derive(Clone)]
@@ -65,11 +65,6 @@ impl Prepared {
         (SETTLING_S / self.period_s).min(0.1 * self.force.len() as f64) as usize
     }
 
-    /// The same with another file index.
-    pub fn renumbered(self, file: usize) -> Self {
-        Self { file, ..self }
-    }
-
     /// The same, up to a given sample.
     pub fn until(&self, end: usize) -> Self {
         let mut part = self.clone();
@@ -102,9 +97,8 @@ pub fn motion<'a>(stretches: impl Iterator<Item = &'a Prepared>) -> (f64, f64) {
 fn begun(position: &[f64], period_s: f64, count_m: f64) -> Start {
     let first: Vec<f64> = position.iter().copied().take(BEGINNING).collect();
     let count = first.len().max(1) as f64;
-    let (low, high) = ends(first.iter().copied());
     let mean = first.iter().sum::<f64>() / count;
-    if high - low < 1.5 * count_m {
+    if extent(first.iter().copied()) < 1.5 * count_m {
         return Start { position_m: mean, velocity_m_per_s: 0.0 };
     }
     // The parabola at the first sample.

@@ -1,32 +1,41 @@
 //! Results of an identification, for programs and for people.
 
+use std::f64::consts::TAU;
+
 use inerter_data::json::ParameterJson;
 use inerter_plant::Inerter;
 use serde::Serialize;
 
 use crate::response::ModelParameters;
 
-/// Values of the complete model, all finite.
+/// The parameters of the complete model: their values, all finite, or what is known of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Parameters {
+pub struct Parameters<T = f64> {
     /// Effective inertance `mt` \[kg\].
-    pub inertance_kg: f64,
+    pub inertance_kg: T,
     /// Viscous friction `cf` \[N s/m\].
-    pub viscous_n_s_per_m: f64,
+    pub viscous_n_s_per_m: T,
     /// Coulomb friction `fc` \[N\].
-    pub coulomb_n: f64,
+    pub coulomb_n: T,
     /// Contact stiffness `ks`; 0 if unknown \[N/m\].
-    pub stiffness_n_per_m: f64,
+    pub stiffness_n_per_m: T,
     /// Contact damping `cs` \[N s/m\].
-    pub contact_damping_n_s_per_m: f64,
+    pub contact_damping_n_s_per_m: T,
     /// Total backlash `eps` \[m\].
-    pub backlash_m: f64,
+    pub backlash_m: T,
     /// Structure mass `mr` \[kg\].
-    pub structure_mass_kg: f64,
+    pub structure_mass_kg: T,
     /// Force offset `F0`; with several files that of the first one \[N\].
-    pub offset_n: f64,
+    pub offset_n: T,
     /// Delay `tau` of the force relative to the displacements \[s\].
-    pub skew_s: f64,
+    pub skew_s: T,
+}
+
+impl Parameters {
+    /// Natural frequency of the inertance on the contact's spring \[Hz\].
+    pub(super) fn own_hz(&self) -> f64 {
+        (self.stiffness_n_per_m / self.inertance_kg).max(0.0).sqrt() / TAU
+    }
 }
 
 /// A simulated device, with a load cell without offset and delay.
@@ -61,7 +70,7 @@ impl From<&Parameters> for ModelParameters {
 }
 
 /// Whether a parameter can be used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FoundStatus {
     /// Value and interval are valid.
@@ -71,11 +80,12 @@ pub enum FoundStatus {
     /// From the settings: the data add little or nothing.
     Given,
     /// The data cannot identify it.
+    #[default]
     NotIdentifiable,
 }
 
 /// One parameter.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Found {
     /// Value; `None` if not identifiable.
     pub value: Option<f64>,
@@ -93,18 +103,12 @@ pub struct Found {
 impl Found {
     /// A parameter that the data cannot identify.
     pub fn unknown(reason: impl Into<String>) -> Self {
-        Self {
-            value: None,
-            u95: None,
-            profile: None,
-            status: FoundStatus::NotIdentifiable,
-            reason: Some(reason.into()),
-        }
+        Self { reason: Some(reason.into()), ..Self::default() }
     }
 
     /// A parameter with an interval.
     pub fn known(value: f64, u95: f64) -> Self {
-        Self { value: Some(value), u95: Some(u95), profile: None, status: FoundStatus::Ok, reason: None }
+        Self { value: Some(value), u95: Some(u95), status: FoundStatus::Ok, ..Self::default() }
     }
 
     /// The same, as a bound if it is smaller than its interval.
@@ -114,20 +118,8 @@ impl Found {
     }
 }
 
-/// All parameters, named as in [`Parameters`].
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[allow(missing_docs, reason = "documented at Parameters")]
-pub struct FoundParameters {
-    pub inertance_kg: Found,
-    pub viscous_n_s_per_m: Found,
-    pub coulomb_n: Found,
-    pub stiffness_n_per_m: Found,
-    pub contact_damping_n_s_per_m: Found,
-    pub backlash_m: Found,
-    pub structure_mass_kg: Found,
-    pub offset_n: Found,
-    pub skew_s: Found,
-}
+/// The parameters as found.
+pub type FoundParameters = Parameters<Found>;
 
 impl FoundParameters {
     /// Name and parameter, in order.

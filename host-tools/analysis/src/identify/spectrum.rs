@@ -122,25 +122,16 @@ impl Whitening {
     /// If the weights are right, the numbers have variance 1 and are independent.
     pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
         let mut slots = rows.iter_mut();
-        let mut put = |value: f64| {
-            if let Some(slot) = slots.next() {
-                *slot = value;
-            }
-        };
+        let mut put = |values: &[f64]| values.iter().zip(slots.by_ref()).for_each(|(value, slot)| *slot = *value);
         let mut factors = self.factors.iter();
         let mut is_first = true;
         self.spectra(position, force, |x, f| {
             let Some((own, cross, force)) = factors.next() else { return };
             let (x, f) = (x * own, x * cross + f * force);
             if std::mem::take(&mut is_first) {
-                put(x.re);
-                put(f.re);
+                put(&[x.re, f.re]);
             } else {
-                let both = 2f64.sqrt();
-                put(both * x.re);
-                put(both * x.im);
-                put(both * f.re);
-                put(both * f.im);
+                put(&[x.re, x.im, f.re, f.im].map(|part| 2f64.sqrt() * part));
             }
         });
     }

@@ -1,6 +1,6 @@
 //! The paper's order: friction from the slowest file, everything else from the next ones; the fastest one validates.
 
-use inerter_data::run::Run;
+use inerter_core::Settings;
 
 use super::{
     IdentifyError, Validation,
@@ -27,7 +27,7 @@ pub struct Stages {
 /// Fits in stages. The friction found first is not fixed in the second stage, but enters it as prior knowledge with its
 /// interval.
 pub fn fit(
-    runs: &[Run],
+    settings: &Settings,
     stretches: &[Prepared],
     task: &Task,
     start: &Parameters,
@@ -45,15 +45,13 @@ pub fn fit(
         let chosen = stretches.iter().filter(|prepared| files.contains(&prepared.file));
         // Offsets are indexed by file from 0.
         let place = |file: usize| files.iter().position(|other| *other == file).unwrap_or(0);
-        chosen.map(|prepared| prepared.clone().renumbered(place(prepared.file))).collect()
+        chosen.map(|prepared| Prepared { file: place(prepared.file), ..prepared.clone() }).collect()
     };
     let slow = of(&[slowest]);
-    let only = Task::default().with(Name::Coulomb, true, None);
-    let only = Task { known: task.known, ..only };
+    let only = Task { known: task.known, ..Task::default().with(Name::Coulomb, true, None) };
     let state = State::new(&slow, start);
     let friction = complete::fit(&slow, &only, &state, false, tick).ok_or(IdentifyError::Diverged)?;
-    let settings = runs.first().map(|run| run.settings).unwrap_or_default();
-    let u95 = Errors::of(&friction, &slow, &settings).and_then(|errors| errors.u95(Name::Coulomb, &friction));
+    let u95 = Errors::of(&friction, &slow, settings).and_then(|errors| errors.u95(Name::Coulomb, &friction));
     let coulomb = friction.state.parameters.coulomb_n;
     let known = u95.filter(|u95| u95.is_finite() && *u95 > 0.0).map(|u95| (coulomb, u95 / 2.0));
     let rest = of(&middle);

@@ -183,7 +183,7 @@ impl Errors {
         let known = task.known_of(name);
         let Some(u95) = self.u95(name, fitted) else {
             let u95 = known.map(|(_, deviation)| 2.0 * deviation);
-            return Found { value: Some(value), u95, profile: None, status: FoundStatus::Given, reason: None };
+            return Found { value: Some(value), u95, status: FoundStatus::Given, ..Found::default() };
         };
         let found = Found::known(value, u95);
         let symbol = name.words();

@@ -101,15 +101,14 @@ impl Asked {
         // Structure mass and contact: a value in the settings that no flag gives is the expected one; conversely,
         // without a setting the device's value becomes the setting.
         let is_stated = |name: &str| self.preset.is_some() || self.given.contains_key(name);
-        if !self.given.contains_key("structure_mass_kg") && overrides.get("structure_mass_kg").is_some() {
+        let set = |name: &str| overrides.get(name).filter(|_| !self.given.contains_key(name));
+        if set("structure_mass_kg").is_some() {
             device.structure_mass_kg = settings.structure_mass_kg;
         }
-        let set = |name: &str| overrides.get(name).filter(|value| !self.given.contains_key(name) && *value > 0.0);
-        let stiffness = set("stiffness_n_per_m").or(is_stated("stiffness_n_per_m").then_some(device.stiffness_n_per_m));
-        let damping = overrides
-            .get("contact_damping_n_s_per_m")
-            .filter(|_| !self.given.contains_key("contact_damping_n_s_per_m"));
-        device = with_contact(device, stiffness, Some(damping.unwrap_or(device.contact_damping_n_s_per_m)));
+        let stiffness = set("stiffness_n_per_m").filter(|stiffness| *stiffness > 0.0);
+        let stiffness = stiffness.or(is_stated("stiffness_n_per_m").then_some(device.stiffness_n_per_m));
+        let damping = set("contact_damping_n_s_per_m");
+        device = with_contact(device, stiffness, damping.unwrap_or(device.contact_damping_n_s_per_m));
         if overrides.get("structure_mass_kg").is_none() {
             settings.structure_mass_kg = device.structure_mass_kg;
         }

@@ -215,7 +215,7 @@ fn seen(expected: &Expected, limits: &Limits, tones: Vec<Tone>) -> Result<Option
     let from_s = fade_s + LEARNT_S;
     let seconds = SEEN_S.max(PERIODS / lowest_hz(&tones));
     let motion = Excitation::tones(tones.clone()).with_ramp(fade_s);
-    let look = Look { seed: SEED, from_s, sums_readings: false, by_speed: true };
+    let look = Look { seed: SEED, from_s, by_speed: true, ..Look::default() };
     let seen = expected.see(&motion, from_s + seconds, look)?;
     let peaks = seen.peaks;
     let information = Information::of(seen, seconds);

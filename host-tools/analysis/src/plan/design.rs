@@ -149,24 +149,20 @@ impl Search<'_> {
         (any, (criterion == Criterion::Wanted).then_some(d_optimal), [slower, fast, slow])
     }
 
-    fn choices(&self) -> Vec<Choice<'_>> {
-        self.found.iter().map(|one| choice(one, self.limits)).collect()
-    }
-
     /// How long each candidate lasts so that together they fill this time, and their information.
     fn lasting(&self, seconds: f64, way: Way) -> Option<(Vec<f64>, Told)> {
         let told = |all: &Together| match way.bank {
             None => all.told(self.expected),
             Some(bank) => all.told_for_certain_by(bank, self.expected),
         };
-        let mut choices = self.choices();
         let highest_hz = way.highest * self.limits.highest_hz;
-        for (choice, one) in choices.iter_mut().zip(self.found) {
-            if one.tones.iter().any(|tone| tone.frequency_hz > 1.01 * highest_hz) {
-                // It does not fit at all.
-                choice.shortest_s = f64::INFINITY;
-            }
-        }
+        let choices = self.found.iter().map(|one| {
+            let choice = choice(one, self.limits);
+            let is_too_high = one.tones.iter().any(|tone| tone.frequency_hz > 1.01 * highest_hz);
+            // It does not fit at all.
+            if is_too_high { Choice { shortest_s: f64::INFINITY, ..choice } } else { choice }
+        });
+        let choices: Vec<Choice> = choices.collect();
         let score = |all: &Together| told(all).map_or(f64::INFINITY, |told| self.score(&told, way));
         let (lasting, _) = times(&choices, seconds, score)?;
         let told = together(&choices, &lasting).and_then(|all| told(&all))?;
@@ -194,7 +190,7 @@ impl Search<'_> {
             let fade_s = fade_s(&one.tones, self.limits);
             let mut part = Part { tones: one.tones.clone(), duration_s, fade_s };
             for _ in 0..TRIMS {
-                let look = Look { seed: 1, from_s: 0.0, sums_readings: false, by_speed: false };
+                let look = Look { seed: 1, ..Look::default() };
                 let room = self.limits.room(&self.expected.see(&part.motion(), duration_s, look)?.peaks);
                 if room >= 1.0 {
                     break;

@@ -22,7 +22,7 @@ pub struct Expected {
 }
 
 /// Options of a simulation.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Look {
     /// Seed of the noise, and of the encoder's phase within a count.
     pub seed: u64,

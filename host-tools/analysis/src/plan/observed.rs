@@ -89,11 +89,7 @@ impl Reach {
         let difference: f64 = self.forces.iter().zip(weights).map(|(code, weight)| f64::from(*code) * weight).sum();
         self.differences.push(difference.abs());
         if self.differences.len() >= MOST_DIFFERENCES {
-            let mut keeps = false;
-            self.differences.retain(|_| {
-                keeps = !keeps;
-                keeps
-            });
+            self.differences = self.differences.iter().copied().step_by(2).collect();
             self.stride *= 2;
         }
     }
@@ -160,25 +156,20 @@ pub fn observed(outcome: &Outcome, settings: &Settings, reach: &Reach) -> Result
     };
     let seen = outcome.detail.stiffness_n_per_m.usable().map(|found| f64::from(found.value));
     let stiffness = Some(settings.stiffness_n_per_m).filter(|stiffness| *stiffness > 0.0).or(seen);
-    let device = with_contact(device, stiffness, Some(settings.contact_damping_n_s_per_m));
+    let device = with_contact(device, stiffness, settings.contact_damping_n_s_per_m);
     let seconds = outcome.estimate.elapsed_samples as f64 / settings.sample_rate_hz;
     Ok((Expected { device, settings: *settings, force_noise_n: reach.noise_n() }, reach.limits(offset_n, seconds)))
 }
 
 /// With a contact of this stiffness \[N/m\] and damping \[N s/m\]. If the stiffness is unknown, or so large that it
 /// only slows the simulation, with one that is stiff enough not to affect the motion.
-pub fn with_contact(device: Inerter, stiffness_n_per_m: Option<f64>, damping_n_s_per_m: Option<f64>) -> Inerter {
+pub fn with_contact(device: Inerter, stiffness_n_per_m: Option<f64>, damping_n_s_per_m: f64) -> Inerter {
     let (own_hz, ratio) = RIGID;
     let rate = TAU * own_hz;
     let hardest_n_per_m = device.inertance_kg * (HARDEST * rate).powi(2);
-    match stiffness_n_per_m.filter(|stiffness| *stiffness <= hardest_n_per_m || device.backlash_m > 0.0) {
-        Some(stiffness_n_per_m) => {
-            Inerter { stiffness_n_per_m, contact_damping_n_s_per_m: damping_n_s_per_m.unwrap_or_default(), ..device }
-        }
-        None => Inerter {
-            stiffness_n_per_m: device.inertance_kg * rate * rate,
-            contact_damping_n_s_per_m: 2.0 * ratio * rate * device.inertance_kg,
-            ..device
-        },
-    }
+    let known = stiffness_n_per_m.filter(|stiffness| *stiffness <= hardest_n_per_m || device.backlash_m > 0.0);
+    let rigid = || (device.inertance_kg * rate * rate, 2.0 * ratio * rate * device.inertance_kg);
+    let (stiffness_n_per_m, contact_damping_n_s_per_m) =
+        known.map_or_else(rigid, |stiffness| (stiffness, damping_n_s_per_m));
+    Inerter { stiffness_n_per_m, contact_damping_n_s_per_m, ..device }
 }

@@ -11,8 +11,6 @@ pub struct Peaks {
     pub speed_m_per_s: f64,
     /// Force on the load cell \[N\].
     pub force_n: f64,
-    /// Acceleration of the screw \[m/s^2\].
-    pub acceleration_m_per_s2: f64,
 }
 
 impl Peaks {
@@ -22,7 +20,6 @@ impl Peaks {
             stroke_m: truth.x1_m.abs(),
             speed_m_per_s: truth.v1_m_per_s.abs(),
             force_n: (truth.force_n + structure_mass_kg * truth.a1_m_per_s2).abs(),
-            acceleration_m_per_s2: truth.a2_m_per_s2.abs(),
         });
     }
 
@@ -32,7 +29,6 @@ impl Peaks {
             stroke_m: self.stroke_m.max(other.stroke_m),
             speed_m_per_s: self.speed_m_per_s.max(other.speed_m_per_s),
             force_n: self.force_n.max(other.force_n),
-            acceleration_m_per_s2: self.acceleration_m_per_s2.max(other.acceleration_m_per_s2),
         }
     }
 }

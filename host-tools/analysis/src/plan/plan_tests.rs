@@ -75,7 +75,7 @@ fn a_design_keeps_its_limits_and_what_is_wanted_decides_its_length() {
     };
     let [coarse, fine] = ["cf to 3 N s/m", "cf to 1 N s/m"].map(of);
     for plan in [&coarse, &fine] {
-        let Peaks { stroke_m, speed_m_per_s, force_n, .. } = plan.prediction.peaks;
+        let Peaks { stroke_m, speed_m_per_s, force_n } = plan.prediction.peaks;
         assert!(stroke_m <= 0.01 && speed_m_per_s <= 0.1 && force_n <= 600.0, "{:?}", plan.prediction.peaks);
         assert!(plan.wants.iter().all(|want| plan.reached(want) <= want.u95), "{plan:?}");
         assert!((plan.motion().duration_s() - plan.duration_s()).abs() < 1e-9 && plan.duration_s() <= 40.0);
@@ -100,7 +100,7 @@ fn what_calibration_alone_forbids_does_not_stretch_the_motion() {
 fn sums_by_speed_hold_all_updates() {
     let expected = paper();
     let motion = Excitation::parse("mid", 1).unwrap();
-    let look = Look { seed: 3, from_s: 0.0, sums_readings: false, by_speed: true };
+    let look = Look { seed: 3, by_speed: true, ..Look::default() };
     let seen = expected.see(&motion, 6.0, look).unwrap();
     let [fast, _] = seen.products;
     let speeds = seen.speeds[0].clone().accumulated();
@@ -126,8 +126,7 @@ fn the_reach_of_a_run_is_that_of_its_motion() {
         replay.step(&raw).for_each(drop);
     }
     let (found, limits) = observed(&replay.outcome(), &expected.settings, &reach).unwrap();
-    let seen =
-        expected.see(&motion, 10.0, Look { seed: 5, from_s: 0.0, sums_readings: false, by_speed: false }).unwrap();
+    let seen = expected.see(&motion, 10.0, Look { seed: 5, ..Look::default() }).unwrap();
     // The screw's, which moves slightly more than the terminal.
     assert!((limits.stroke_m / seen.peaks.stroke_m - 1.0).abs() < 0.1, "{limits:?} {:?}", seen.peaks);
     assert!((limits.speed_m_per_s / seen.peaks.speed_m_per_s - 1.0).abs() < 0.2, "{limits:?} {:?}", seen.peaks);

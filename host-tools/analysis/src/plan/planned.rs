@@ -3,7 +3,7 @@
 use inerter_core::{Backlash, Machine, Source};
 use inerter_data::{
     csv::motion::Point,
-    json::BacklashJson,
+    json::{BacklashJson, bank_word},
     names::{description, parameter, unit},
     text::backlash_text,
     uncertainty::{PartJson, parts, source_word},
@@ -174,11 +174,12 @@ impl Planned {
         for (place, predicted) in parameters.iter().enumerate().take(3) {
             let stands_for = predicted.same_rig_u95() / 1.96;
             if predicted.is_given() && predicted.scatter > SCATTERS * stands_for {
+                let field = parameter(machine, place);
                 remarks.push(format!(
                     "{} will scatter by {} {}, more than its interval covers: the encoder's steps are a large part of this motion",
-                    parameter(machine, place).symbol,
+                    field.symbol,
                     three_digits(predicted.scatter),
-                    parameter(machine, place).unit
+                    field.unit
                 ));
             }
         }
@@ -256,22 +257,22 @@ impl Planned {
         text
     }
 
-    /// For a program, with the names of a linear machine; `files` are those that it was written to.
+    /// For a program, with the names of a linear machine; `files` are those that it was written to. What is infinite
+    /// is null in JSON.
     pub fn json<F: Serialize>(&self, files: &[F]) -> Value {
         let expected = &self.expected;
-        let finite = |value: f64| Some(value).filter(|value| value.is_finite());
         let Limits { stroke_m, speed_m_per_s, force_n, duration_s, lowest_hz, highest_hz, .. } = self.stated;
         let Prediction { parameters, backlash, band_hz, bank, broken, .. } = &self.prediction;
         let name = |place: usize| parameter(Machine::Linear, place).path;
         let predicted: Map<String, Value> = parameters
             .iter()
             .enumerate()
-            .map(|(place, predicted)| (name(place).to_string(), json!(PredictedJson::of(place, predicted))))
+            .map(|(place, predicted)| (name(place).to_string(), predicted_json(place, predicted)))
             .collect();
         let want = |(plan, want): (&Plan, &Want)| {
             json!({
-                "parameter": name(want.place), "wanted": want.u95, "reached": finite(plan.reached(want)),
-                "is_reached": plan.reached(want) <= want.u95, "floor": finite(plan.floor(want)), "enough_s": plan.enough_s(want),
+                "parameter": name(want.place), "wanted": want.u95, "reached": plan.reached(want),
+                "is_reached": plan.reached(want) <= want.u95, "floor": plan.floor(want), "enough_s": plan.enough_s(want),
             })
         };
         let device: Map<String, Value> = Inerter::TABLE
@@ -282,16 +283,16 @@ impl Planned {
         let peaks = self.peaks();
         json!({
             "kind": "plan",
-            "criterion": match (&self.given, self.plan.as_ref().map(|plan| plan.criterion)) {
-                (Some(_), _) => "given",
-                (None, Some(Criterion::Wanted)) => "wanted",
-                (None, _) => "d_optimal",
+            "criterion": match &self.plan {
+                None => "given",
+                Some(Plan { criterion: Criterion::Wanted, .. }) => "wanted",
+                Some(_) => "d_optimal",
             },
             "duration_s": self.duration_s,
             "motion": self.given,
             "parts": self.plan.iter().flat_map(|plan| &plan.parts).map(Part::json).collect::<Vec<_>>(),
             "limits": {
-                "stroke_m": finite(stroke_m), "speed_m_per_s": finite(speed_m_per_s), "force_n": finite(force_n),
+                "stroke_m": stroke_m, "speed_m_per_s": speed_m_per_s, "force_n": force_n,
                 "duration_s": duration_s, "lowest_hz": lowest_hz, "highest_hz": highest_hz,
             },
             "peaks": { "stroke_m": peaks.stroke_m, "speed_m_per_s": peaks.speed_m_per_s, "force_n": peaks.force_n },
@@ -299,7 +300,7 @@ impl Planned {
             "force_noise_n": expected.force_noise_n,
             "predicted": predicted,
             "backlash_m": BacklashJson::from(*backlash),
-            "bank": format!("{bank:?}").to_lowercase(),
+            "bank": bank_word(*bank),
             "band_hz": band_hz,
             "broken": broken,
             "wants": self.wanted().map(want).collect::<Vec<_>>(),
@@ -309,41 +310,27 @@ impl Planned {
 }
 
 /// The prediction for a parameter, in JSON.
-#[derive(Serialize)]
-struct PredictedJson {
-    value: f64,
-    u95: Option<f64>,
-    same_rig_u95: Option<f64>,
-    u_a: Option<f64>,
-    scatter: Option<f64>,
-    given: f64,
-    status: &'static str,
-    most: Option<&'static str>,
-    budget: Vec<PartJson>,
-}
-
-impl PredictedJson {
-    fn of(place: usize, predicted: &Predicted) -> Self {
-        let known = |value: f64| Some(value).filter(|value| value.is_finite() && predicted.is_given());
-        Self {
-            value: predicted.value,
-            u95: known(predicted.u95()),
-            same_rig_u95: known(predicted.same_rig_u95()),
-            u_a: known(predicted.u_a()),
-            scatter: known(predicted.scatter),
-            given: predicted.given,
-            status: match (predicted.is_given(), predicted.is_shown()) {
-                (false, _) => "not_identifiable",
-                // For an offset zero is as good a result as any.
-                (true, false) if place < 3 => "below_u95",
-                (true, _) => "ok",
-            },
-            most: predicted.is_given().then(|| source_word(predicted.most())),
-            budget: parts(&predicted.budget)
-                .map(|(source, u95)| PartJson { source: source_word(source), u95 })
-                .collect(),
-        }
-    }
+fn predicted_json(place: usize, predicted: &Predicted) -> Value {
+    let known = |value: f64| predicted.is_given().then_some(value);
+    let status = match (predicted.is_given(), predicted.is_shown()) {
+        (false, _) => "not_identifiable",
+        // For an offset zero is as good a result as any.
+        (true, false) if place < 3 => "below_u95",
+        (true, _) => "ok",
+    };
+    let most = predicted.is_given().then(|| source_word(predicted.most()));
+    let part = |(source, u95)| PartJson { source: source_word(source), u95 };
+    json!({
+        "value": predicted.value,
+        "u95": predicted.u95(),
+        "same_rig_u95": predicted.same_rig_u95(),
+        "u_a": known(predicted.u_a()),
+        "scatter": known(predicted.scatter),
+        "given": predicted.given,
+        "status": status,
+        "most": most,
+        "budget": parts(&predicted.budget).map(part).collect::<Vec<_>>(),
+    })
 }
 
 /// A row of the table for a person.

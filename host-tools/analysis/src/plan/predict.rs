@@ -144,7 +144,7 @@ pub fn predict(expected: &Expected, motion: &Excitation, duration_s: f64) -> Res
 fn rehearsed(expected: &Expected, motion: &Excitation, duration_s: f64) -> Result<Vec<Seen>, PlanError> {
     let cores = thread::available_parallelism().map_or(1, usize::from) as u64;
     let run = |number: u64| {
-        let look = Look { seed: BEFORE_FIRST + number, from_s: 0.0, sums_readings: true, by_speed: false };
+        let look = Look { seed: BEFORE_FIRST + number, sums_readings: true, ..Look::default() };
         expected.see(motion, duration_s, look).map(|seen| (number, seen))
     };
     let part = |first: u64| (first..=REHEARSALS).step_by(cores as usize).map(run).collect::<Result<Vec<_>, _>>();

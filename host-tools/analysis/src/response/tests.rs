@@ -1,8 +1,9 @@
-use inerter_data::{run::Run, settings::Overrides};
+use inerter_data::settings::Overrides;
 use inerter_plant::Sensors;
-use inerter_simulate::{Setup, bench_sensors, raw};
+use inerter_simulate::{Setup, bench_sensors};
 
 use super::*;
+use crate::simulated::recorded;
 
 const PAPER: ModelParameters = ModelParameters {
     inertance_kg: 299.4906,
@@ -18,9 +19,7 @@ fn simulated(excite: &str, duration_s: f64, coulomb_n: f64, terminal: bool) -> S
     let sensors = Sensors { terminal_noise_m: 1e-6, ..bench_sensors() };
     let mut overrides = Overrides::default();
     overrides.set("terminal_sensor", f64::from(u8::from(terminal)), "test").unwrap();
-    let setup = Setup::new(device, sensors, excite, Some(duration_s), &overrides).unwrap();
-    let samples = setup.samples().unwrap().map(|sample| raw(&sample)).collect();
-    Series::of(&Run { settings: setup.settings, samples, ..Run::default() })
+    Series::of(&recorded(&Setup::new(device, sensors, excite, Some(duration_s), &overrides).unwrap()))
 }
 
 #[test]

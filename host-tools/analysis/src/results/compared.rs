@@ -52,7 +52,7 @@ impl From<&Rig> for RigJson {
     }
 }
 
-/// A parameter of a run in the comparison.
+/// A parameter of a run in the comparison. JSON has null for a half width that is infinite.
 #[derive(Clone, Debug, Serialize)]
 struct RunJson {
     value: Option<f32>,
@@ -62,33 +62,20 @@ struct RunJson {
     reason: Option<&'static str>,
     /// Difference from the first run, which itself has none; null if one of the two does not identify it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    difference: Option<Option<DifferenceJson>>,
+    difference: Option<Option<Difference>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     verdict: Option<Verdict>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct DifferenceJson {
-    value: f64,
-    u95: Option<f64>,
-    p: f64,
 }
 
 impl From<&Compared> for RunJson {
     fn from(compared: &Compared) -> Self {
         let budget = compared.found.map(|found| found.budget);
-        let finite = |u95: f32| Some(u95).filter(|u95| u95.is_finite());
-        let difference = |Difference { value, u95, p }: Difference| DifferenceJson {
-            value,
-            u95: Some(u95).filter(|u95| u95.is_finite()),
-            p,
-        };
         Self {
             value: compared.found.map(|found| found.value),
-            u95: budget.and_then(|budget| finite(budget.u95())),
-            same_rig_u95: budget.and_then(|budget| finite(budget.same_rig_u95())),
+            u95: budget.map(|budget| budget.u95()),
+            same_rig_u95: budget.map(|budget| budget.same_rig_u95()),
             reason: compared.doubt,
-            difference: compared.verdict.map(|_| compared.difference.map(difference)),
+            difference: compared.verdict.map(|_| compared.difference),
             verdict: compared.verdict,
         }
     }

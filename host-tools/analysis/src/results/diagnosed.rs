@@ -41,26 +41,14 @@ const OF_REPLAY: f64 = 0.15;
 const OF_A_LOOK: f64 = 0.1;
 
 /// Why no cause could be searched for, apart from faults of the samples.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unsought {
     /// The force acts in the wrong direction.
+    #[error("The search for other causes is skipped, and no parameter is given, because the force has the wrong sign.")]
     Reversed,
     /// Too little of the run is left.
+    #[error("The remaining samples give no other cause and no parameter: {0}.")]
     Unfit(FitError),
-}
-
-impl Unsought {
-    /// For a person.
-    pub fn words(&self) -> String {
-        match self {
-            Self::Reversed => {
-                "The search for other causes is skipped, and no parameter is given, because the force has the wrong sign.".into()
-            }
-            Self::Unfit(error) => {
-                format!("The remaining samples give no other cause and no parameter: {error}.")
-            }
-        }
-    }
 }
 
 /// Searches a whole run for what violates the law, or the part since the last change of the device: `changed` gets that
@@ -163,7 +151,7 @@ impl Diagnosed {
         }));
         words.extend(causes.iter().map(|cause| format!("- {}", cause.sentence(machine))));
         match &self.found {
-            Err(unsought) => words.push(unsought.words()),
+            Err(unsought) => words.push(unsought.to_string()),
             Ok(_) if causes.is_empty() => {
                 let more = if self.outcome.law.status == LawStatus::Broken { " known to this program" } else { "" };
                 words.push(format!("No cause{more} explains more than noise and steps could."));
@@ -198,7 +186,7 @@ pub struct DiagnosisJson {
     corrected: Option<ParametersJson>,
 }
 
-/// A cause in JSON.
+/// A cause in JSON, which has null for a half width that is infinite.
 #[derive(Clone, Debug, Serialize)]
 pub struct CauseJson {
     name: &'static str,
@@ -216,7 +204,7 @@ impl CauseJson {
         Self {
             name: cause.kind.name(),
             value: cause.value,
-            u95: Some(cause.u95).filter(|u95| u95.is_finite()),
+            u95: Some(cause.u95),
             unit: cause.unit(machine),
             f: Some(cause.f),
             period_m: cause.period_m,

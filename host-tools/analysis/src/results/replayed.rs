@@ -190,7 +190,8 @@ impl AdviceJson {
         let name = |place: &usize| parameter(Machine::Linear, *place).path;
         let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
         let u95 = |(place, u95): (usize, &f64)| {
-            (name(&place).to_string(), json!({ "u95": Some(u95).filter(|u95| u95.is_finite()) }))
+            // Null if it is infinite.
+            (name(&place).to_string(), json!({ "u95": u95 }))
         };
         Self {
             lacking: advice.lacking.iter().map(name).collect(),

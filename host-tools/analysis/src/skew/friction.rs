@@ -74,16 +74,14 @@ pub(super) fn taken(rows: &Rows, columns: &[Vec<f64>]) -> Option<Vec<Friction>> 
             let is_told = more.left > LEAST_LEFT && friction.can_be(more.size) && freedom > 1.0;
             if is_told { more.explained / left.max(f64::MIN_POSITIVE) * freedom } else { 0.0 }
         };
-        let best = Friction::others(rows, &taken)
-            .into_iter()
-            .map(|one| (one, strength(one)))
-            .max_by(|(_, a), (_, b)| a.total_cmp(b));
-        let Some((mut best, mut most)) = best.filter(|(best, most)| *most > best.limit()) else { return Some(taken) };
+        let strongest =
+            |all: &[Friction]| all.iter().map(|one| (*one, strength(*one))).max_by(|(_, a), (_, b)| a.total_cmp(b));
+        let best = strongest(&Friction::others(rows, &taken)).filter(|(best, most)| *most > best.limit());
+        let Some((mut best, mut most)) = best else { return Some(taken) };
         for step in FINER {
             for _ in 0..MOST_STEPS {
-                let finer = [step, step.recip()].into_iter().filter_map(|factor| best.scaled(factor));
-                let better = finer.map(|one| (one, strength(one))).max_by(|(_, a), (_, b)| a.total_cmp(b));
-                let Some(better) = better.filter(|(_, strength)| *strength > most) else { break };
+                let finer: Vec<_> = [step, step.recip()].into_iter().filter_map(|by| best.scaled(by)).collect();
+                let Some(better) = strongest(&finer).filter(|(_, strength)| *strength > most) else { break };
                 (best, most) = better;
             }
         }

@@ -162,14 +162,16 @@ pub fn skew(run: &Run, outcome: &Outcome) -> Result<Skew, SkewError> {
     let machine = settings.machine;
     let skew_s = delay_s(&series, settings, outcome.estimate.bank);
     let mut run = Run { settings: Settings { skew_s: skew_s.unwrap_or(settings.skew_s), ..*settings }, ..run.clone() };
-    let (mut rounds, mut found) = (0, Round::of(&replayed(&run)?, &series, &run.settings)?);
-    while found.left_s.abs() > SETTLED * found.u95_s && rounds < MOST_ROUNDS {
+    let round = |run: &Run| -> Result<Round, SkewError> { Ok(Round::of(&replayed(run)?, &series, &run.settings)?) };
+    let mut found = round(&run)?;
+    for _ in 0..MOST_ROUNDS {
         let skew_s = (run.settings.skew_s + found.left_s).clamp(-MOST_S, MOST_S);
-        if skew_s == run.settings.skew_s {
+        let is_left = found.left_s.abs() > SETTLED * found.u95_s;
+        if !is_left || skew_s == run.settings.skew_s {
             break;
         }
         run.settings.skew_s = skew_s;
-        (rounds, found) = (rounds + 1, Round::of(&replayed(&run)?, &series, &run.settings)?);
+        found = round(&run)?;
     }
     check(&found, machine)?;
     if skew_s.is_none() {
