@@ -267,6 +267,12 @@ pub fn three(parameters: &Parameters) -> [Parameter; 3] {
     [parameters.inertance_kg, parameters.viscous_n_s_per_m, parameters.coulomb_n]
 }
 
+/// All parameters, in the order of the law.
+pub fn four(parameters: &Parameters) -> [Parameter; 4] {
+    let [mt, cf, fc] = three(parameters);
+    [mt, cf, fc, parameters.offset_n]
+}
+
 /// Error of a value, and its half width.
 pub fn error(found: Interval, truth: f64) -> (f64, f64) {
     (f64::from(found.value) - truth, f64::from(found.u95))

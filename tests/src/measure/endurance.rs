@@ -46,7 +46,7 @@ impl Look {
     fn values(&self) -> Vec<f64> {
         [&self.estimate.recent, &self.estimate.whole_run]
             .into_iter()
-            .flat_map(|p| [p.inertance_kg, p.viscous_n_s_per_m, p.coulomb_n, p.offset_n])
+            .flat_map(grid::four)
             .flat_map(|parameter| [parameter.fitted().value, parameter.u95()])
             .map(f64::from)
             .collect()

@@ -10,7 +10,7 @@ use inerter_tests::{
     coverage::stated_true,
     data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, error, raw, sensors, shaken, three, truth},
+    grid::{Error, calibrated, error, four, raw, sensors, shaken, three, truth},
     sheet::{self, Asked, line, significant},
     updates::{SEPARABLE, fit, left, rms, rows},
 };
@@ -92,9 +92,8 @@ fn value(parameter: &Parameter) -> f64 {
 }
 
 fn values(outcome: &Outcome, settings: &Settings) -> [f64; 4] {
-    let found = &outcome.estimate.whole_run;
-    let [mt, cf, fc] = three(found).map(|parameter| value(&parameter));
-    [mt + settings.structure_mass_kg, cf, fc, value(&found.offset_n)]
+    let [mt, cf, fc, offset_n] = four(&outcome.estimate.whole_run).map(|parameter| value(&parameter));
+    [mt + settings.structure_mass_kg, cf, fc, offset_n]
 }
 
 fn interval(parameter: &Parameter) -> String {
