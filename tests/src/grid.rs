@@ -114,6 +114,21 @@ pub const RIGS: [Instruments; 3] = [
 pub const TWO_CLOCKS: Instruments =
     Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
 
+/// Devices on variants of these instruments, whose predicted and stated intervals are compared with the errors: name,
+/// device and instruments.
+pub fn benches(sensors: Sensors) -> [(&'static str, Inerter, Sensors); 6] {
+    let paper = Inerter::paper();
+    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
+    [
+        ("1 kHz, 1 N, 2.44 um", paper, sensors),
+        ("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
+        ("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
+        ("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
+        ("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
+        ("95 kg, 80 N s/m, 12 N", light, sensors),
+    ]
+}
+
 /// The device's true parameters.
 pub fn truth(device: &Inerter) -> [f64; 3] {
     [device.inertance_kg, device.viscous_n_s_per_m, device.coulomb_n]

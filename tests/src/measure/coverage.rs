@@ -7,7 +7,7 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     backlash,
     coverage::{Bench, Cell, RIGHT, STATED, cells},
-    grid::{Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
+    grid::{self, Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
     nearly::{WANTED, sections},
     sheet::{self, significant},
 };
@@ -32,25 +32,13 @@ const DRAWN: usize = 20_000;
 /// Half width of a normal 95 % interval in standard errors.
 const K: f64 = NORMAL_COVERAGE as f64;
 
-/// The benches: the grid's, and others.
-fn benches() -> Vec<Bench> {
-    let sensors = sensors();
-    let paper = Inerter::paper();
-    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
-    let bench = |name, device, sensors| Bench { name, device, sensors, wrong: &[] };
-    vec![
-        bench("1 kHz, 1 N, 2.44 um", paper, sensors),
-        bench(
-            "the same, its clock 10 ppm faster than the shaker's",
-            paper,
-            Sensors { sample_rate_hz: 1000.01, ..sensors },
-        ),
-        bench("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
-        bench("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
-        bench("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
-        bench("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
-        bench("95 kg, 80 N s/m, 12 N", light, sensors),
-    ]
+/// The grid's benches, and the first with another clock.
+fn benches() -> impl Iterator<Item = Bench> {
+    let [first, others @ ..] = grid::benches(sensors());
+    let (_, paper, sensors) = first;
+    let clock = Sensors { sample_rate_hz: 1000.01, ..sensors };
+    let all = [first, ("the same, its clock 10 ppm faster than the shaker's", paper, clock)].into_iter().chain(others);
+    all.map(|(name, device, sensors)| Bench { name, device, sensors, wrong: &[] })
 }
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
