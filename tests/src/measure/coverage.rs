@@ -112,8 +112,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
                     bench.run(&motion, 20.0, first + seed - 1)
                 })?;
                 let figures = cells(&runs).into_iter().flat_map(|cell| figures(&cell, 0));
-                let head = [hz.to_string(), mm_per_s.to_string(), clock.to_string()];
-                text += &sheet::line(head.into_iter().chain(figures));
+                text += &sheet::row(&[&hz.to_string(), &mm_per_s.to_string(), clock], figures);
             }
         }
     }
@@ -163,8 +162,7 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                     of(contact(|detail| detail.stiffness_n_per_m), stiffness, 100.0 / stiffness),
                     of(contact(|detail| detail.contact_damping_n_s_per_m), damping, 100.0 / damping),
                 ];
-                let head = [motion.name.to_string(), format!("{:.0}", backlash_m * 1e6)];
-                text += &sheet::line(head.into_iter().chain(figures.into_iter().flatten()));
+                text += &sheet::row(&[motion.name, &format!("{:.0}", backlash_m * 1e6)], figures.into_iter().flatten());
             }
         }
     }
@@ -210,7 +208,7 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             covered.extend(found.iter().map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
             let figures = found.iter().flat_map(|cell| figures(cell, 1));
-            text += &sheet::line([name.into(), motion.name.into(), broken].into_iter().chain(figures));
+            text += &sheet::row(&[name, motion.name, &broken], figures);
         }
     }
     for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {

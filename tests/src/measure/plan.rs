@@ -292,7 +292,7 @@ fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, 
     let (first, seeds) = BESIDE;
     let limits = Limits { duration_s: plan.duration_s(), ..case.limits };
     let line = |name: &str, u95: [f64; 3], given: usize| {
-        sheet::line([name.to_string()].into_iter().chain(u95.map(figure)).chain([given.to_string()]))
+        sheet::row(&[name], u95.map(figure).into_iter().chain([given.to_string()]))
     };
     let mut text = format!(
         "### {}\n\n| motion | {} | {} | {} | runs with a value |\n|---|--:|--:|--:|--:|\n",

@@ -3,7 +3,7 @@
 use super::backlash;
 use inerter_tests::coverage;
 use inerter_tests::grid::{Cell, Column};
-use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
+use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
 use std::fmt::Write;
 
 /// Standard errors within which a mean counts as zero.
@@ -231,10 +231,6 @@ published values lie within their interval of the truth; `--short`, part of `car
         text.push_str("None.\n");
     }
     text
-}
-
-fn percent(part: Option<f64>) -> String {
-    part.map_or("-".into(), |part| format!("{:.1}", part * 100.0))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use inerter_tests::coverage;
 use inerter_tests::grid::{Column, NAMES};
 use inerter_tests::robustness::{Cell, LOUD};
-use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
+use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
 use std::fmt::Write;
 
 /// One case with one motion.
@@ -33,7 +33,7 @@ impl Row {
     fn cells(&self, i: usize, seeds: u64) -> Vec<String> {
         let cell = &self.cell;
         let Column { bias, sigma, u95, given, .. } = cell.last[i];
-        let coverage = cell.coverage[i].map_or("-".into(), |part| format!("{:.1}", part * 100.0));
+        let coverage = percent(cell.coverage[i]);
         vec![
             self.case.into(),
             self.motion.into(),
