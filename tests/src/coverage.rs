@@ -103,11 +103,8 @@ pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
 /// Errors of the parameters of a whole run, with their half widths.
 pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
-    let mut pairs = three(parameters).into_iter().zip(truth(device));
-    std::array::from_fn(|_| {
-        let (parameter, truth) = pairs.next()?;
-        parameter.known().map(|found| error(found, truth))
-    })
+    let (found, truth) = (three(parameters), truth(device));
+    std::array::from_fn(|i| Some(error(found[i].known()?, truth[i])))
 }
 
 impl Bench {

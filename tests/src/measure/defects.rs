@@ -48,8 +48,8 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
         eprintln!("{}: {silent} of {} wrong without a word", kind.name, seen.len());
         found.push((kind, seen));
     }
-    let tally = |runs: &mut dyn Iterator<Item = &Seen>| -> Tally {
-        runs.map(|seen| Tally::of(&seen.said, twin(seen).map_or(&seen.said, |clean| &clean.said))).sum()
+    let tally = |runs: &mut dyn Iterator<Item = &Seen>| {
+        Tally::of(runs.map(|seen| (&seen.said, twin(seen).map_or(&seen.said, |clean| &clean.said))))
     };
     let of_group = |group| found.iter().filter(move |(kind, _)| kind.group == group);
     let defects = || of_group(Group::Defect).flat_map(|(_, runs)| runs);
