@@ -1,7 +1,7 @@
 //! `cargo xtask coverage`: width and coverage of the intervals if the law is true, and coverage if it is nearly true.
 
 use inerter_analysis::diagnose::{TOLD, reach};
-use inerter_core::{Detail, Interval, NORMAL_COVERAGE, Parameter};
+use inerter_core::{Interval, NORMAL_COVERAGE};
 use inerter_data::uncertainty::source_word;
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
@@ -142,9 +142,9 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                 let device = Inerter { backlash_m, ..Inerter::paper() };
                 let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
                 let runs = each(first..first + seeds, shaken)?;
-                let known = |detail: &Detail| detail.backlash.known();
-                let mut of = |found: Vec<Interval>, truth: f64, unit: f64| {
-                    let errors: Vec<(f64, f64)> = found.into_iter().map(|found| error(found, truth)).collect();
+                let mut of = |read: fn(&backlash::Run) -> Option<Interval>, truth: f64, unit: f64| {
+                    let found = runs.iter().filter_map(read);
+                    let errors: Vec<(f64, f64)> = found.map(|found| error(found, truth)).collect();
                     if errors.is_empty() {
                         return ["-".to_string(), "-".into(), "-".into()];
                     }
@@ -152,15 +152,12 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                     all.push(cell);
                     [significant(cell.u95 * unit), format!("{:.2}", cell.rms), format!("{:.1}", covered_percent(&cell))]
                 };
-                let contact = |read: fn(&Detail) -> Parameter| {
-                    runs.iter().filter_map(|run| read(&run.sensed).known()).collect::<Vec<Interval>>()
-                };
                 let (stiffness, damping) = (device.stiffness_n_per_m, device.contact_damping_n_s_per_m);
                 let figures = [
-                    of(runs.iter().filter_map(|run| known(&run.force)).collect(), backlash_m, 1e6),
-                    of(runs.iter().filter_map(|run| known(&run.sensed)).collect(), backlash_m, 1e6),
-                    of(contact(|detail| detail.stiffness_n_per_m), stiffness, 100.0 / stiffness),
-                    of(contact(|detail| detail.contact_damping_n_s_per_m), damping, 100.0 / damping),
+                    of(|run| run.force.backlash.known(), backlash_m, 1e6),
+                    of(|run| run.sensed.backlash.known(), backlash_m, 1e6),
+                    of(|run| run.sensed.stiffness_n_per_m.known(), stiffness, 100.0 / stiffness),
+                    of(|run| run.sensed.contact_damping_n_s_per_m.known(), damping, 100.0 / damping),
                 ];
                 text += &sheet::row(&[motion.name, &format!("{:.0}", backlash_m * 1e6)], figures.into_iter().flatten());
             }
