@@ -1,7 +1,7 @@
 //! Backlash on the accuracy grid: every width, from the force alone and with the terminal sensor.
 
 use crate::coverage::stated_true;
-use crate::grid::{self, Error, Instruments, calibrated, error, mean, raw};
+use crate::grid::{self, Column, Error, Instruments, calibrated, error, raw};
 use inerter_core::{Detail, Parameter, Reversal, Settings, State};
 use inerter_plant::{Inerter, Sensors};
 
@@ -72,21 +72,6 @@ pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, s
     })
 }
 
-/// One column of a cell.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Column {
-    /// Mean error, relative for stiffness and damping; NaN if fewer than two runs gave a value.
-    pub bias: f64,
-    /// Standard deviation of the error, with the same conventions.
-    pub sigma: f64,
-    /// Mean half width of the interval.
-    pub u95: f64,
-    /// Runs that gave a value.
-    pub given: usize,
-    /// Runs that gave a value whose interval does not contain the true value.
-    pub wrong: usize,
-}
-
 /// One backlash in one motion on one rig.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cell {
@@ -100,22 +85,15 @@ pub struct Cell {
     pub damping: Column,
 }
 
-/// From errors with their half widths.
-fn column(found: impl Iterator<Item = (f64, f64)>) -> Column {
-    let (errors, u95): (Vec<f64>, Vec<f64>) = found.unzip();
-    let (bias, sigma) = grid::bias_and_sigma(&errors);
-    let wrong = errors.iter().zip(&u95).filter(|(error, u95)| error.abs() > **u95).count();
-    Column { bias, sigma, u95: mean(u95.into_iter()), given: errors.len(), wrong }
-}
-
 /// Statistics over the runs of one cell.
 pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
     let backlash = |read: fn(&Run) -> &Detail| {
-        column(runs.iter().filter_map(|run| read(run).backlash.known()).map(|found| error(found, device.backlash_m)))
+        let given = runs.iter().filter_map(|run| read(run).backlash.known());
+        Column::of(given.map(|found| error(found, device.backlash_m)))
     };
     let contact = |read: fn(&Detail) -> Parameter, truth: f64| {
         let given = runs.iter().filter_map(|run| read(&run.sensed).ok());
-        column(given.map(|found| (f64::from(found.value) / truth - 1.0, f64::from(found.u95) / truth)))
+        Column::of(given.map(|found| (f64::from(found.value) / truth - 1.0, f64::from(found.u95) / truth)))
     };
     Cell {
         force: backlash(|run| &run.force),

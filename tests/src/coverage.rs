@@ -1,6 +1,9 @@
 //! Width and coverage of the intervals if every stated value is true.
 
-use crate::grid::{Error, Motion, calibrated, each, error, published, raw, seeded, shaken, three, truth};
+use crate::{
+    grid::{Error, Motion, calibrated, each, error, mean, published, raw, seeded, shaken, three, truth},
+    updates::rms,
+};
 use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source};
 use inerter_plant::{Inerter, Sensors};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -49,12 +52,11 @@ pub struct Cell {
 impl Cell {
     /// From errors and half widths.
     pub fn of(found: &[(f64, f64)]) -> Self {
-        let count = found.len() as f64;
         Self {
             given: found.len() as u64,
             covered: found.iter().filter(|(error, u95)| error.abs() <= *u95).count() as u64,
-            rms: (found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / count).sqrt(),
-            u95: found.iter().map(|(_, u95)| u95).sum::<f64>() / count,
+            rms: rms(found.iter().map(|(error, u95)| error / u95)),
+            u95: mean(found.iter().map(|(_, u95)| *u95)),
         }
     }
 
@@ -101,11 +103,8 @@ pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
 /// Errors of the parameters of a whole run, with their half widths.
 pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
-    let mut pairs = three(parameters).into_iter().zip(truth(device));
-    std::array::from_fn(|_| {
-        let (parameter, truth) = pairs.next()?;
-        parameter.known().map(|found| error(found, truth))
-    })
+    let (found, truth) = (three(parameters), truth(device));
+    std::array::from_fn(|i| Some(error(found[i].known()?, truth[i])))
 }
 
 impl Bench {

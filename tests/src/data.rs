@@ -3,13 +3,11 @@
 use std::path::PathBuf;
 
 use inerter_data::{
-    csv,
+    Error, csv,
     replay::{self, Outcome},
     run::Run,
     settings::Overrides,
 };
-
-use inerter_data::Error;
 
 /// One recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,8 +49,7 @@ impl Recording {
 
     /// The run, with the encoder's resolution reduced by this factor.
     pub fn run(self, coarser: i64) -> Option<Result<Run, Error>> {
-        let path = self.path()?;
-        let load = || -> Result<Run, Error> {
+        self.path().map(|path| -> Result<Run, Error> {
             let mut table = csv::read(&path)?;
             for count in &mut table.encoder_count {
                 *count = count.div_euclid(coarser);
@@ -60,8 +57,7 @@ impl Recording {
             let mut overrides = Overrides::default();
             overrides.set("metres_per_count", self.parts().1 * coarser as f64, "the recording")?;
             csv::to_run(table, &overrides)
-        };
-        Some(load())
+        })
     }
 }
 

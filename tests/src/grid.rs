@@ -1,6 +1,6 @@
 //! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
-use crate::linear::Cholesky;
+use crate::{coverage::errors, linear::Cholesky, sums::gram};
 use inerter_core::{Estimate, Interval, Parameter, Parameters, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
@@ -113,6 +113,21 @@ pub const RIGS: [Instruments; 3] = [
 /// repeats sample by sample, and the encoder's error does not repeat either.
 pub const TWO_CLOCKS: Instruments =
     Instruments { name: "1 kHz, 1 N, two clocks", sample_rate_hz: 1000.01, force_noise_n: 1.0 };
+
+/// Devices on variants of these instruments, whose predicted and stated intervals are compared with the errors: name,
+/// device and instruments.
+pub fn benches(sensors: Sensors) -> [(&'static str, Inerter, Sensors); 6] {
+    let paper = Inerter::paper();
+    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
+    [
+        ("1 kHz, 1 N, 2.44 um", paper, sensors),
+        ("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
+        ("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
+        ("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
+        ("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
+        ("95 kg, 80 N s/m, 12 N", light, sensors),
+    ]
+}
 
 /// The device's true parameters.
 pub fn truth(device: &Inerter) -> [f64; 3] {
@@ -250,21 +265,19 @@ pub fn least_sigma(
 /// Sigma of mt, cf and fc from these rows of the law's regressors in white noise of unit variance; `None` if the rows
 /// do not determine them.
 pub fn sigmas(rows: impl Iterator<Item = [f64; 4]>) -> Option<[f64; 3]> {
-    let mut information = [[0.0; 4]; 4];
-    for regressors in rows {
-        for (row, a) in information.iter_mut().zip(regressors) {
-            for (sum, b) in row.iter_mut().zip(regressors) {
-                *sum += a * b;
-            }
-        }
-    }
-    let [mt, cf, fc, _] = Cholesky::of(&information, 1e-14)?.inverse_diagonal().map(f64::sqrt);
+    let [mt, cf, fc, _] = Cholesky::of(&gram(rows), 1e-14)?.inverse_diagonal().map(f64::sqrt);
     Some([mt, cf, fc])
 }
 
 /// The three parameters of the grid.
 pub fn three(parameters: &Parameters) -> [Parameter; 3] {
     [parameters.inertance_kg, parameters.viscous_n_s_per_m, parameters.coulomb_n]
+}
+
+/// All parameters, in the order of the law.
+pub fn four(parameters: &Parameters) -> [Parameter; 4] {
+    let [mt, cf, fc] = three(parameters);
+    [mt, cf, fc, parameters.offset_n]
 }
 
 /// Error of a value, and its half width.
@@ -288,45 +301,60 @@ pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     (bias, variance.sqrt())
 }
 
-/// Statistics of one cell: one motion on one rig over all seeds.
+/// Errors of one value over the runs of a cell.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Cell {
-    /// Mean error at the end; NaN if fewer than two runs ended with a value.
-    pub bias: [f64; 3],
-    /// Standard deviation of the error at the end, with the same conventions.
-    pub sigma: [f64; 3],
-    /// Mean half width of the intervals given at the end.
-    pub u95: [f64; 3],
-    /// Runs that ended with a value.
-    pub given: [usize; 3],
-    /// Fraction of all live values with a short memory whose interval covers the true value; `None` if none was
-    /// published.
-    pub coverage: [Option<f64>; 3],
-    /// The same fraction for the whole-run values.
-    pub whole_run_coverage: [Option<f64>; 3],
-    /// Median time from which the live value stays within the limit \[s\]; `None` if it never does.
-    pub settling_s: [Option<f64>; 3],
+pub struct Column {
+    /// Mean error; NaN if fewer than two runs gave a value.
+    pub bias: f64,
+    /// Standard deviation of the error, with the same convention.
+    pub sigma: f64,
+    /// Mean half width of the interval.
+    pub u95: f64,
+    /// Runs that gave a value.
+    pub given: usize,
+    /// Runs that gave a value whose interval does not contain the true value.
+    pub wrong: usize,
 }
 
-/// Statistics over the runs of one cell.
-pub fn cell(device: &Inerter, runs: &[Run]) -> Cell {
+impl Column {
+    /// From errors with their half widths.
+    pub fn of(found: impl Iterator<Item = (f64, f64)>) -> Self {
+        let (errors, u95): (Vec<f64>, Vec<f64>) = found.unzip();
+        let (bias, sigma) = bias_and_sigma(&errors);
+        let wrong = errors.iter().zip(&u95).filter(|(error, u95)| error.abs() > **u95).count();
+        Self { bias, sigma, u95: mean(u95.into_iter()), given: errors.len(), wrong }
+    }
+}
+
+/// Statistics of one cell: one parameter in one motion on one rig over all seeds.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cell {
+    /// Errors at the end.
+    pub last: Column,
+    /// Fraction of all live values with a short memory whose interval covers the true value; `None` if none was
+    /// published.
+    pub coverage: Option<f64>,
+    /// The same fraction for the whole-run values.
+    pub whole_run_coverage: Option<f64>,
+    /// Median time from which the live value stays within the limit \[s\]; `None` if it never does.
+    pub settling_s: Option<f64>,
+}
+
+/// Statistics of the three parameters over the runs of one motion.
+pub fn cells(device: &Inerter, runs: &[Run]) -> [Cell; 3] {
     let truth = truth(device);
     let limits = [1e-3 * truth[0], 5.0, 1.0];
-    let mut cell = Cell::default();
-    for i in 0..3 {
-        let given = runs.iter().filter_map(|run| three(&run.last.whole_run)[i].known());
-        let (errors, u95): (Vec<f64>, Vec<f64>) = given.map(|found| error(found, truth[i])).unzip();
-        cell.given[i] = errors.len();
-        (cell.bias[i], cell.sigma[i]) = bias_and_sigma(&errors);
-        cell.u95[i] = mean(u95.into_iter());
-        cell.coverage[i] = coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]);
-        cell.whole_run_coverage[i] =
-            coverage(runs.iter().flat_map(|run| &run.published), truth[i], |e| three(&e.whole_run)[i]);
+    std::array::from_fn(|i| {
         let mut times: Vec<f64> = runs.iter().map(|run| settling(run, i, truth[i], limits[i])).collect();
         times.sort_by(f64::total_cmp);
-        cell.settling_s[i] = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
-    }
-    cell
+        let whole_run = runs.iter().flat_map(|run| &run.published);
+        Cell {
+            last: Column::of(runs.iter().filter_map(|run| errors(&run.last.whole_run, device)[i])),
+            coverage: coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]),
+            whole_run_coverage: coverage(whole_run, truth[i], |e| three(&e.whole_run)[i]),
+            settling_s: times.get(times.len() / 2).copied().filter(|time| time.is_finite()),
+        }
+    })
 }
 
 /// Fraction of the published values whose interval covers the true value.

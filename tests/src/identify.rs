@@ -10,6 +10,8 @@ use rand_chacha::{
     rand_core::{RngCore, SeedableRng},
 };
 
+use std::array;
+
 use crate::grid::{Error, seeded, sensors, shaken};
 
 /// Motions that excite all parameters.
@@ -82,12 +84,10 @@ pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
         (&p.contact_damping_n_s_per_m, device.contact_damping_n_s_per_m),
         (&p.backlash_m, device.backlash_m),
     ];
-    let mut errors = [None; 6];
-    for ((slot, (found, truth)), (_, _, is_part)) in errors.iter_mut().zip(all).zip(GOALS) {
+    array::from_fn(|i| {
+        let ((found, truth), (.., is_part)) = (all[i], GOALS[i]);
         let per = if is_part { truth } else { 1.0 };
-        if found.status != FoundStatus::NotIdentifiable {
-            *slot = found.value.zip(found.u95).map(|(value, u95)| ((value - truth) / per, u95 / per));
-        }
-    }
-    errors
+        let known = found.value.zip(found.u95).filter(|_| found.status != FoundStatus::NotIdentifiable);
+        known.map(|(value, u95)| ((value - truth) / per, u95 / per))
+    })
 }

@@ -157,16 +157,14 @@ pub fn undisturbed<T>(mut run: impl FnMut() -> Result<T, Error>) -> Result<T, Er
 
 /// All estimates of a run over the samples in the file; the last one is the final estimate.
 pub fn measure(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
-    undisturbed(|| measured(image, settings, samples))
-}
-
-fn measured(image: &PathBuf, settings: &Settings, samples: &[RawSample]) -> Result<Vec<Estimate>, Error> {
-    let mut machine = Machine::boot(image, samples)?;
-    let mut device = machine.connect()?;
-    device.stream(Streams { estimates: true, ..Streams::NONE })?;
-    device.write_settings(settings)?;
-    device.start_sampler()?;
-    Ok(estimates(&until_the_end(&mut device)?))
+    undisturbed(|| {
+        let mut machine = Machine::boot(image, samples)?;
+        let mut device = machine.connect()?;
+        device.stream(Streams { estimates: true, ..Streams::NONE })?;
+        device.write_settings(settings)?;
+        device.start_sampler()?;
+        Ok(estimates(&until_the_end(&mut device)?))
+    })
 }
 
 /// The estimates among the records.

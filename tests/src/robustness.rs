@@ -1,9 +1,13 @@
 //! The robustness sheet: one imperfection of rig or device at a time, the estimates, and the faults that the device
 //! reports.
 
-use crate::grid::{Error, bias_and_sigma, calibrated, error, mean, raw, seeded, sensors as rig, shaken, three, truth};
-use inerter_core::{Counters, Parameter, Published, Regime, Settings, State, Status};
+use crate::{
+    coverage::errors,
+    grid::{Column, Error, calibrated, error, mean, raw, seeded, sensors as rig, shaken, three, truth},
+};
+use inerter_core::{Counters, Published, Regime, Settings, State};
 use inerter_plant::{Inerter, Sensors};
+use std::array::from_fn;
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
@@ -83,8 +87,8 @@ pub fn duration_s(motion: &str) -> f64 {
 /// One run.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// Error of inertance, viscous and Coulomb friction at the end, with the parameter.
-    pub last: [(f64, Parameter); 3],
+    /// Errors and half widths of inertance, viscous and Coulomb friction at the end, if given.
+    pub last: [Option<(f64, f64)>; 3],
     /// Number of published values with status ok, and how many of their intervals cover the true value.
     pub covered: [(u32, u32); 3],
     /// Counters at the end.
@@ -127,8 +131,8 @@ impl Case {
             for parameters in [&estimate.recent, &estimate.whole_run] {
                 let all = three(parameters).into_iter().zip(truth);
                 for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
-                    if parameter.status() == Status::Ok {
-                        let (error, u95) = error(parameter.fitted(), truth);
+                    if let Some(found) = parameter.ok() {
+                        let (error, u95) = error(found, truth);
                         *given += 1;
                         *within += u32::from(error.abs() <= u95);
                     }
@@ -136,12 +140,8 @@ impl Case {
             }
         }
         let Published { estimate: last, detail, .. } = active.publish(&state);
-        let mut errors = three(&last.whole_run).into_iter().zip(truth);
         Ok(Run {
-            last: std::array::from_fn(|_| {
-                let (parameter, truth) = errors.next().unwrap_or_default();
-                (error(parameter.fitted(), truth).0, parameter)
-            }),
+            last: errors(&last.whole_run, &self.device),
             covered,
             counters: state.counters(),
             regime: detail.friction.regime,
@@ -153,14 +153,8 @@ impl Case {
 /// Statistics of one case with one motion over its seeds.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Mean error of the final values; NaN if fewer than two runs gave one.
-    pub bias: [f64; 3],
-    /// Standard deviation of the error, with the same convention.
-    pub sigma: [f64; 3],
-    /// Mean half width of the interval.
-    pub u95: [f64; 3],
-    /// Runs that ended with a value.
-    pub given: [usize; 3],
+    /// Errors of the final values.
+    pub last: [Column; 3],
     /// Fraction of all published values whose interval covers the true value; `None` if none was published.
     pub coverage: [Option<f64>; 3],
     /// Mean residual \[N\].
@@ -186,26 +180,11 @@ pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
     if usual_n.is_some_and(|usual_n| residual_n > LOUD * usual_n) {
         flags.push("residual");
     }
-    let mut cell = Cell {
-        bias: [0.0; 3],
-        sigma: [0.0; 3],
-        u95: [f64::NAN; 3],
-        given: [0; 3],
-        coverage: [None; 3],
-        residual_n,
-        flags,
-    };
-    for i in 0..3 {
-        let last = runs.iter().map(|run| run.last[i]).filter(|(_, found)| found.status() != Status::NotIdentifiable);
-        let (errors, u95): (Vec<f64>, Vec<f64>) = last.map(|(error, found)| (error, f64::from(found.u95()))).unzip();
-        cell.given[i] = errors.len();
-        (cell.bias[i], cell.sigma[i]) = bias_and_sigma(&errors);
-        if errors.len() >= 2 {
-            cell.u95[i] = mean(u95.into_iter());
-        }
+    let last = from_fn(|i| Column::of(runs.iter().filter_map(|run| run.last[i])));
+    let coverage = from_fn(|i| {
         let (all, within) =
             runs.iter().fold((0, 0), |(all, within), run| (all + run.covered[i].0, within + run.covered[i].1));
-        cell.coverage[i] = (all > 0).then(|| f64::from(within) / f64::from(all));
-    }
-    cell
+        (all > 0).then(|| f64::from(within) / f64::from(all))
+    });
+    Cell { last, coverage, residual_n, flags }
 }

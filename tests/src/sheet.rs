@@ -120,6 +120,16 @@ pub fn line(cells: impl IntoIterator<Item = impl Display>) -> String {
     cells.into_iter().fold("|".to_owned(), |line, cell| format!("{line} {cell} |")) + "\n"
 }
 
+/// The same, from the cells that name it and the others.
+pub fn row(names: &[&str], cells: impl IntoIterator<Item = String>) -> String {
+    line(names.iter().map(|name| (*name).to_owned()).chain(cells))
+}
+
+/// A part as a percentage; a dash if there is none.
+pub fn percent(part: Option<f64>) -> String {
+    part.map_or("-".into(), |part| format!("{:.1}", part * 100.0))
+}
+
 /// A row of a table.
 struct Row {
     section: String,

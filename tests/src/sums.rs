@@ -1,12 +1,12 @@
 //! Fits in f64 to the exact sums that core publishes, as a host computes them.
 
-use crate::linear::Cholesky;
+use crate::{linear::Cholesky, updates::SEPARABLE};
 use inerter_core::{MoreSums, Sums};
 use inerter_data::replay::Outcome;
 
 /// Regressors `a, v, s, 1, F, |v|, dF/dt`, in this order.
 pub const REGRESSORS: usize = 7;
-/// Index of the force.
+/// Index of the force, here and in a row of [`updates`](crate::updates).
 const FORCE: usize = 4;
 
 /// Sums of products in SI units.
@@ -29,10 +29,28 @@ pub fn part_left(outcome: &Outcome) -> f64 {
     f64::from(outcome.estimate.residual_rms_n) / mean_square.sqrt()
 }
 
-/// Coefficients of these regressors in the force; `None` if the motion cannot separate them.
-pub fn fit<const N: usize>(matrix: &[[f64; REGRESSORS]; REGRESSORS], regressors: [usize; N]) -> Option<[f64; N]> {
+/// Sums of the products of the columns.
+pub fn gram<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> [[f64; N]; N] {
+    let mut gram = [[0.0; N]; N];
+    for row in rows {
+        for (line, a) in gram.iter_mut().zip(row) {
+            for (sum, b) in line.iter_mut().zip(row) {
+                *sum += a * b;
+            }
+        }
+    }
+    gram
+}
+
+/// Coefficients of these regressors in the force; `None` if the motion cannot separate them: the matrix is not positive
+/// definite within `least` of its diagonal.
+pub fn fit<const N: usize, const M: usize>(
+    matrix: &[[f64; M]; M],
+    regressors: [usize; N],
+    least: f64,
+) -> Option<[f64; N]> {
     let inner = regressors.map(|row| regressors.map(|column| matrix[row][column]));
-    Some(Cholesky::of(&inner, 1e-13)?.solve(&regressors.map(|row| matrix[row][FORCE])))
+    Some(Cholesky::of(&inner, least)?.solve(&regressors.map(|row| matrix[row][FORCE])))
 }
 
 /// Friction by direction, assuming a force offset of 0: `fc+ - fc-` and twice the offset cannot be separated.
@@ -48,12 +66,12 @@ pub struct Directions {
 
 /// `F = mt a + (cf+ + cf-)/2 v + (cf+ - cf-)/2 |v| + (fc+ + fc-)/2 s + (fc+ - fc-)/2`.
 pub fn directions(sums: &Sums, more: &MoreSums) -> Option<Directions> {
-    let [inertance_kg, v, s, one, speed] = fit(&matrix(sums, more), [0, 1, 2, 3, 5])?;
+    let [inertance_kg, v, s, one, speed] = fit(&matrix(sums, more), [0, 1, 2, 3, 5], SEPARABLE)?;
     Some(Directions { inertance_kg, viscous_n_s_per_m: [v + speed, v - speed], coulomb_n: [s + one, s - one] })
 }
 
 /// The remaining delay of the force relative to the position \[s\].
 pub fn skew_s(sums: &Sums, more: &MoreSums) -> Option<f64> {
     // F(t) = law(t - tau) = law(t) - tau dF/dt.
-    fit(&matrix(sums, more), [0, 1, 2, 3, 6]).map(|[.., rate]| -rate)
+    fit(&matrix(sums, more), [0, 1, 2, 3, 6], SEPARABLE).map(|[.., rate]| -rate)
 }

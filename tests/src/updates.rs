@@ -1,6 +1,9 @@
 //! The updates of the estimator, reconstructed one by one from the exact sums that core publishes.
 
-use crate::{grid::Error, linear::Cholesky};
+use crate::{
+    grid::Error,
+    sums::{self, gram},
+};
 use inerter_core::{Bank, RawSample, Settings, State};
 
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
@@ -34,16 +37,7 @@ pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Ve
 /// Least squares over rows: mt with the structure \[kg\], cf \[N s/m\], fc \[N\], F0 \[N\]; `None` if the matrix is not
 /// positive definite within `least` of its diagonal.
 pub fn fit(rows: impl Iterator<Item = Row>, least: f64) -> Option<[f64; 4]> {
-    let (mut gram, mut right) = ([[0.0; 4]; 4], [0.0; 4]);
-    for row in rows {
-        for (i, line) in gram.iter_mut().enumerate() {
-            for (k, sum) in line.iter_mut().enumerate() {
-                *sum += row[i] * row[k];
-            }
-            right[i] += row[i] * row[4];
-        }
-    }
-    Some(Cholesky::of(&gram, least)?.solve(&right))
+    sums::fit(&gram(rows), [0, 1, 2, 3], least)
 }
 
 /// Residual of a row's force with these parameters \[N\].

@@ -22,7 +22,7 @@ const BOARD_OVERSAMPLING: f64 = 64.0;
 fn friction_scatter(motion: &Motion, rig: &Instruments) -> [f64; 2] {
     let device = Inerter::paper();
     let runs = grid::each(1..=SEEDS, |seed| grid::run(&device, motion, rig, seed)).unwrap();
-    let [_, viscous, coulomb] = grid::cell(&device, &runs).sigma;
+    let [_, viscous, coulomb] = grid::cells(&device, &runs).map(|cell| cell.last.sigma);
     [viscous, coulomb]
 }
 

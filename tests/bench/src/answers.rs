@@ -5,7 +5,7 @@ use crate::{
     methods::{METHODS, UNLIMITED, WALK},
 };
 use inerter_core::{Change, Detail, Estimate, Published, RawSample, Settings, SettingsError, State};
-use inerter_plant::{Inerter, Sample, Sensors};
+use inerter_plant::{Inerter, Sample};
 use std::error::Error;
 
 /// Results of one method in every case; none if it has no result of its own.
@@ -15,6 +15,14 @@ pub struct Answers {
     pub name: String,
     /// In the order of the cases.
     pub outcomes: Vec<Option<Outcome>>,
+}
+
+impl Answers {
+    /// Its own results for one question, each with the case.
+    pub fn to<'a>(&'a self, cases: &'a [Case], question: Question) -> Vec<(&'a Case, &'a Outcome)> {
+        let of_question = cases.iter().zip(&self.outcomes).filter(|(case, _)| case.question == question);
+        of_question.filter_map(|(case, outcome)| Some((case, outcome.as_ref()?))).collect()
+    }
 }
 
 /// Every Rust method through every case.
@@ -33,8 +41,7 @@ pub fn rust(cases: &[Case]) -> Vec<Answers> {
 /// Rejects methods that do not find the clean contact law: the fault would be in how they are driven.
 pub fn check_driving(cases: &[Case], answers: &[Answers]) -> Result<(), String> {
     for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
-        for (case, outcome) in cases.iter().zip(&answer.outcomes) {
-            let Some(outcome) = outcome.as_ref().filter(|_| case.question == Question::Clean) else { continue };
+        for (_, outcome) in answer.to(cases, Question::Clean) {
             let [stiff, damped, half_backlash, _] = outcome.parameters;
             let near = |value: f64, truth: f64, part: f64| (value / truth - 1.0).abs() <= part;
             let [stiff_truth, damped_truth, half_backlash_truth, _] = CLEAN_TRUTH;
@@ -105,18 +112,14 @@ impl Instrument {
     }
 }
 
-/// Settings of a calibration without error, a memory of the whole run.
-fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
-    let conversions = sensors.oversampling;
-    let defaults = Settings::default();
+/// Settings of a calibration without error, a memory of the whole run. The force codes of the instruments are those of
+/// the default settings.
+fn calibrated(device: &Inerter) -> Settings {
+    let sensors = cases::sensors(0);
     Settings {
         sample_rate_hz: sensors.sample_rate_hz,
         metres_per_count: sensors.metres_per_count,
-        oversampling: conversions,
-        newtons_per_code: sensors.newtons_per_sample_code(),
-        force_zero_code: sensors.force_zero_code * conversions,
-        force_min_code: (sensors.force_min_code * conversions).max(defaults.force_min_code),
-        force_max_code: (sensors.force_max_code * conversions).min(defaults.force_max_code),
+        newtons_per_code: sensors.newtons_per_code,
         metres_per_terminal_code: sensors.metres_per_terminal_code,
         structure_mass_kg: device.structure_mass_kg,
         stiffness_n_per_m: device.stiffness_n_per_m,
@@ -127,14 +130,14 @@ fn calibrated(device: &Inerter, sensors: &Sensors) -> Settings {
         timebase_u95: 0.0,
         publish_rate_hz: 10.0,
         memory_s: 100.0,
-        ..defaults
+        ..Settings::default()
     }
 }
 
 /// The samples through `Active::step`, with the settings of a calibration without error, a memory of the whole run and
 /// these further settings.
 fn listen(samples: &[Sample], device: &Inerter, set: &[(&str, f64)]) -> Result<Heard, Box<dyn Error>> {
-    let mut settings = calibrated(device, &cases::sensors(0));
+    let mut settings = calibrated(device);
     for (name, value) in set {
         match settings.set_by_name(name, *value) {
             // A core without the terminal's route says that it is not identifiable.
@@ -200,8 +203,7 @@ mod tests {
         check_driving(&cases, &answers).unwrap();
         for answer in answers.iter().filter(|answer| !limits_itself(&answer.name)) {
             let (mut covered, mut all) = (0, 0);
-            for (case, outcome) in cases.iter().zip(&answer.outcomes) {
-                let Some(outcome) = outcome.as_ref().filter(|_| case.question == Question::White) else { continue };
+            for (case, outcome) in answer.to(&cases, Question::White) {
                 let Some(widths) = case.half_widths(outcome) else { continue };
                 for ((value, truth), width) in outcome.parameters.iter().zip(WHITE_TRUTH).zip(widths) {
                     all += 1;

@@ -141,10 +141,7 @@ impl Case {
     /// the residual.
     pub fn half_widths(&self, outcome: &Outcome) -> Option<[f64; 4]> {
         let variances = outcome.variances?;
-        let residual = |update: &Update| {
-            update.target - update.phi.iter().zip(outcome.parameters).map(|(x, y)| x * y).sum::<f64>()
-        };
-        let squares: f64 = self.updates.iter().map(|update| residual(update).powi(2)).sum();
+        let squares: f64 = self.updates.iter().map(|update| update.left(outcome.parameters).powi(2)).sum();
         let variance = squares / (self.updates.len() as f64 - 4.0);
         Some(variances.map(|one| 1.96 * (one * variance).sqrt()))
     }
@@ -293,12 +290,12 @@ fn contact_law(samples: &[Sample], gated: bool) -> Vec<Update> {
         })
         .map(|start| Update {
             phi: [
-                kernels.value(&forces, start) / FORCE_UNIT_N,
-                kernels.slope(&forces, start) / FORCE_RATE_UNIT_N_PER_S,
-                kernels.value(&signs, start),
+                kernels.value.pass(&forces, start) / FORCE_UNIT_N,
+                kernels.slope.pass(&forces, start) / FORCE_RATE_UNIT_N_PER_S,
+                kernels.value.pass(&signs, start),
                 1.0,
             ],
-            target: kernels.value(&apart_um, start),
+            target: kernels.value.pass(&apart_um, start),
             moving: true,
         })
         .collect()
@@ -316,12 +313,12 @@ fn motion_law(samples: &[Sample], length: usize, gated: bool) -> Vec<Update> {
         })
         .map(|start| Update {
             phi: [
-                kernels.curvature(&positions, start),
-                kernels.slope(&positions, start),
-                kernels.average(&signs, start),
+                kernels.curvature.pass(&positions, start),
+                kernels.slope.pass(&positions, start),
+                kernels.average.pass(&signs, start),
                 1.0,
             ],
-            target: kernels.value(&forces, start),
+            target: kernels.value.pass(&forces, start),
             moving: true,
         })
         .collect()
@@ -375,8 +372,8 @@ mod tests {
             let device = Inerter { inertance_kg: scale * device().inertance_kg, ..device() };
             let updates = motion_law(&samples, MOTION_BOX, true);
             let law = [device.inertance_kg, scale * device.viscous_n_s_per_m, device.coulomb_n, OFFSET_N];
-            let left = |update: &Update| update.target - update.phi.iter().zip(law).map(|(x, y)| x * y).sum::<f64>();
-            let rms = (updates.iter().map(|update| left(update).powi(2)).sum::<f64>() / updates.len() as f64).sqrt();
+            let squares: f64 = updates.iter().map(|update| update.left(law).powi(2)).sum();
+            let rms = (squares / updates.len() as f64).sqrt();
             assert!(updates.len() > 4500 && rms < 0.03, "{motion}: {rms} N, {}", updates.len());
         }
     }

@@ -2,14 +2,14 @@
 
 /// One kernel for each kind of channel, all of one delay.
 pub struct Kernels {
-    /// For a value taken at the sample: four boxes behind `[1 10 1]/12`.
-    value: Vec<f64>,
-    /// For an average over the sample: four boxes behind `[1 22 1]/24`.
-    average: Vec<f64>,
-    /// First derivative: three boxes and a difference behind `[-1 13 13 -1]/24`.
-    slope: Vec<f64>,
-    /// Second derivative: two boxes and two differences.
-    curvature: Vec<f64>,
+    /// Smooths a value taken at the sample: four boxes behind `[1 10 1]/12`.
+    pub value: Kernel,
+    /// Smooths an average over the sample: four boxes behind `[1 22 1]/24`.
+    pub average: Kernel,
+    /// First derivative of a value: three boxes and a difference behind `[-1 13 13 -1]/24`.
+    pub slope: Kernel,
+    /// Second derivative of a value: two boxes and two differences.
+    pub curvature: Kernel,
     /// Samples under the longest.
     pub span: usize,
 }
@@ -18,38 +18,30 @@ impl Kernels {
     /// Of a box of `length` samples at `rate_hz`.
     pub fn new(length: usize, rate_hz: f64) -> Self {
         let kernel = |correction: &[f64], boxes| kernel(correction, boxes, length, rate_hz);
-        let value = kernel(&[1.0 / 12.0, 10.0 / 12.0, 1.0 / 12.0], 4);
-        let average = kernel(&[1.0 / 24.0, 22.0 / 24.0, 1.0 / 24.0], 4);
-        let slope = kernel(&[-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0], 3);
-        let curvature = kernel(&[1.0], 2);
-        let span = [value.len(), slope.len(), curvature.len()].into_iter().max().unwrap_or(0);
+        let all = [
+            kernel(&[1.0 / 12.0, 10.0 / 12.0, 1.0 / 12.0], 4),
+            kernel(&[1.0 / 24.0, 22.0 / 24.0, 1.0 / 24.0], 4),
+            kernel(&[-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0], 3),
+            kernel(&[1.0], 2),
+        ];
+        let span = all.iter().map(Vec::len).max().unwrap_or(0);
+        let [value, average, slope, curvature] = all.map(|taps| Kernel { lead: (span - taps.len()) / 2, taps });
         Self { value, average, slope, curvature, span }
     }
+}
 
-    /// A channel of values, smoothed, its kernels from `start` on.
-    pub fn value(&self, channel: &[f64], start: usize) -> f64 {
-        self.pass(&self.value, channel, start)
-    }
+/// One of [`Kernels`].
+pub struct Kernel {
+    taps: Vec<f64>,
+    /// Samples by which it begins later than the longest.
+    lead: usize,
+}
 
-    /// A channel of averages over the sample, smoothed.
-    pub fn average(&self, channel: &[f64], start: usize) -> f64 {
-        self.pass(&self.average, channel, start)
-    }
-
-    /// The first derivative of a channel of values.
-    pub fn slope(&self, channel: &[f64], start: usize) -> f64 {
-        self.pass(&self.slope, channel, start)
-    }
-
-    /// The second derivative of a channel of values.
-    pub fn curvature(&self, channel: &[f64], start: usize) -> f64 {
-        self.pass(&self.curvature, channel, start)
-    }
-
-    fn pass(&self, kernel: &[f64], channel: &[f64], start: usize) -> f64 {
-        let lead = (self.span - kernel.len()) / 2;
+impl Kernel {
+    /// The filtered channel, with all kernels from `start` on.
+    pub fn pass(&self, channel: &[f64], start: usize) -> f64 {
         // The newest sample meets the first tap.
-        kernel.iter().rev().zip(&channel[start + lead..]).map(|(tap, value)| tap * value).sum()
+        self.taps.iter().rev().zip(&channel[start + self.lead..]).map(|(tap, value)| tap * value).sum()
     }
 }
 
@@ -94,10 +86,10 @@ mod tests {
             let constant = [10.0; 128];
             for start in 0..=128 - kernels.span {
                 let middle = start as f64 + (kernels.span as f64 - 1.0) / 2.0;
-                assert!((kernels.curvature(&quadratic, start) / (6.0 * rate_hz * rate_hz) - 1.0).abs() < 1e-9);
-                assert!((kernels.slope(&quadratic, start) / (6.0 * rate_hz * middle) - 1.0).abs() < 1e-9);
-                assert!((kernels.value(&constant, start) - 10.0).abs() < 1e-12);
-                assert!((kernels.average(&constant, start) - 10.0).abs() < 1e-12);
+                assert!((kernels.curvature.pass(&quadratic, start) / (6.0 * rate_hz * rate_hz) - 1.0).abs() < 1e-9);
+                assert!((kernels.slope.pass(&quadratic, start) / (6.0 * rate_hz * middle) - 1.0).abs() < 1e-9);
+                assert!((kernels.value.pass(&constant, start) - 10.0).abs() < 1e-12);
+                assert!((kernels.average.pass(&constant, start) - 10.0).abs() < 1e-12);
             }
         }
     }
@@ -111,9 +103,9 @@ mod tests {
         let sine: Vec<f64> = (0..400).map(|n| (w * f64::from(n) / rate_hz).sin()).collect();
         let cosine: Vec<f64> = (0..400).map(|n| (w * f64::from(n) / rate_hz).cos()).collect();
         for start in (0..=400 - kernels.span).step_by(7) {
-            let (x, y) = (kernels.value(&sine, start), kernels.value(&cosine, start));
-            assert!((kernels.curvature(&sine, start) + w * w * x).abs() < 1e-5 * w * w);
-            assert!((kernels.slope(&sine, start) - w * y).abs() < 1e-5 * w);
+            let (x, y) = (kernels.value.pass(&sine, start), kernels.value.pass(&cosine, start));
+            assert!((kernels.curvature.pass(&sine, start) + w * w * x).abs() < 1e-5 * w * w);
+            assert!((kernels.slope.pass(&sine, start) - w * y).abs() < 1e-5 * w);
         }
     }
 }

@@ -46,6 +46,13 @@ pub struct Update {
     pub moving: bool,
 }
 
+impl Update {
+    /// What these parameters leave over of the target.
+    pub fn left(&self, parameters: [f64; 4]) -> f64 {
+        self.target - self.phi.iter().zip(parameters).map(|(x, y)| x * y).sum::<f64>()
+    }
+}
+
 /// The run: motion, then rest.
 pub struct Run {
     /// What the sensors gave.
@@ -159,12 +166,12 @@ fn regressors(raw: &[Raw]) -> Vec<Update> {
             let travel = counts.clone().max().unwrap_or(0) - counts.min().unwrap_or(0);
             Update {
                 phi: [
-                    kernels.curvature(&positions, start),
-                    kernels.slope(&positions, start),
-                    kernels.value(&signs, start),
+                    kernels.curvature.pass(&positions, start),
+                    kernels.slope.pass(&positions, start),
+                    kernels.value.pass(&signs, start),
                     1.0,
                 ],
-                target: kernels.value(&forces, start),
+                target: kernels.value.pass(&forces, start),
                 moving: travel > REST_COUNTS,
             }
         })

@@ -22,6 +22,14 @@ pub trait Method {
     }
 }
 
+fn diagonal<F: Copy + Default>(values: [F; 4]) -> [[F; 4]; 4] {
+    let mut matrix = [[F::default(); 4]; 4];
+    for (i, value) in values.into_iter().enumerate() {
+        matrix[i][i] = value;
+    }
+    matrix
+}
+
 /// Textbook covariance form, kept symmetric, in f32 or f64.
 macro_rules! textbook {
     ($name:ident, $float:ty) => {
@@ -36,10 +44,7 @@ macro_rules! textbook {
         impl $name {
             /// With or without the gate at rest.
             pub fn new(forgetting: f64, gated: bool) -> Self {
-                let mut covariance = [[0.0; 4]; 4];
-                for (i, row) in covariance.iter_mut().enumerate() {
-                    row[i] = VARIANCE as $float;
-                }
+                let covariance = diagonal([VARIANCE as $float; 4]);
                 Self { theta: [0.0; 4], covariance, forgetting: forgetting as $float, gated }
             }
         }
@@ -165,16 +170,9 @@ pub struct IdspKalman {
 impl IdspKalman {
     /// With the variances of a random walk per update, or with forgetting.
     pub fn new(forgetting: f64, walk: Option<[f64; 4]>) -> Self {
-        let diagonal = |values: [f64; 4]| {
-            let mut matrix = [[0.0; 4]; 4];
-            for (i, row) in matrix.iter_mut().enumerate() {
-                row[i] = values[i] as f32;
-            }
-            matrix
-        };
         Self {
-            estimate: Estimate::new([0.0; 4], diagonal([VARIANCE; 4])),
-            transition: walk.map(|noise| Transition::identity(diagonal(noise))),
+            estimate: Estimate::new([0.0; 4], diagonal([VARIANCE as f32; 4])),
+            transition: walk.map(|noise| Transition::identity(diagonal(noise.map(|one| one as f32)))),
             forgetting: forgetting as f32,
         }
     }

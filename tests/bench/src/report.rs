@@ -42,11 +42,6 @@ impl Report<'_> {
             .concat()
     }
 
-    fn outcomes<'b>(&'b self, answer: &'b Answers, question: Question) -> Vec<(&'b Case, &'b Outcome)> {
-        let of_question = self.cases.iter().zip(&answer.outcomes).filter(|(case, _)| case.question == question);
-        of_question.filter_map(|(case, outcome)| Some((case, outcome.as_ref()?))).collect()
-    }
-
     fn terminal(&self) -> String {
         let mut text = format!(
             "
@@ -84,7 +79,7 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
             let mut cells = vec![answer.name.clone()];
             for motion in ["mid", "random"] {
                 for gated in [false, true] {
-                    let outcomes = self.outcomes(answer, Question::Contact { motion, gated });
+                    let outcomes = answer.to(self.cases, Question::Contact { motion, gated });
                     cells.push(errors(outcomes.iter().map(|(case, outcome)| {
                         let [stiff, _, half_backlash, _] = outcome.parameters;
                         let width = case.half_widths(outcome).map(|widths| 2e-6 * widths[2]);
@@ -164,8 +159,8 @@ this device does not need: thinned, a covariance is the narrower one.
         text += &line(&[INSTRUMENT.into(), none(), random, random_width, mid, none(), none(), none()]);
         for answer in self.answers {
             let cell = |question, truth| {
-                let runs: Option<Vec<_>> = self
-                    .outcomes(answer, question)
+                let runs: Option<Vec<_>> = answer
+                    .to(self.cases, question)
                     .into_iter()
                     .map(|(case, outcome)| {
                         let widths = case.half_widths(outcome)?;
@@ -227,7 +222,7 @@ default. A short memory follows by itself; a long one must be told.
         text += &line(&[INSTRUMENT.into(), short, long, announcement]);
         for answer in self.answers {
             let [short, long] = MEMORIES_S.map(|memory_s| {
-                let outcomes = self.outcomes(answer, Question::Change { memory_s });
+                let outcomes = answer.to(self.cases, Question::Change { memory_s });
                 longest(outcomes.into_iter().map(|(case, outcome)| track_settling_s(case, outcome)).collect())
             });
             text += &row(&[answer.name.clone(), short, long, "no".into()]);
@@ -288,7 +283,7 @@ unknowns cannot be told apart.
             let mut cells = vec![answer.name.clone()];
             for duration_s in SLOW_S {
                 for gated in [false, true] {
-                    let outcomes = self.outcomes(answer, Question::Slow { duration_s, gated });
+                    let outcomes = answer.to(self.cases, Question::Slow { duration_s, gated });
                     let width = |case: &Case, outcome| Some(case.half_widths(outcome)?[0]);
                     let runs: Vec<_> =
                         outcomes.iter().map(|(case, one)| (one.parameters[0], width(case, one))).collect();

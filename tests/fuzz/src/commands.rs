@@ -22,7 +22,7 @@ pub fn check(input: &[u8]) {
         link: [Link::First, Link::Second, Link::Single, Link::First][usize::from(kind >> 1 & 3)],
         deaf: kind & 8 != 0,
     };
-    let bytes = if kind & PAYLOADS == 0 { input.rest().to_vec() } else { wire::framed::<Request>(input) };
+    let bytes = wire::stream::<Request>(input, kind & PAYLOADS != 0);
     let findings = findings(&bytes, &conditions);
     assert!(findings.is_empty(), "{conditions:?}: {findings:#?}");
 }

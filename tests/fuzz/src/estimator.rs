@@ -15,11 +15,9 @@ use std::sync::{
     atomic::{AtomicU64, Ordering},
 };
 
-use inerter_core::{
-    Active, Bank, Estimate, Kind, Output, Parameter, Parameters, Published, RawSample, Settings, State, Status,
-};
+use inerter_core::{Active, Bank, Estimate, Kind, Output, Parameter, Published, RawSample, Settings, State, Status};
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
-use inerter_tests::grid;
+use inerter_tests::grid::{self, four};
 use inerter_wire::{Health, Record, Samples};
 
 use crate::input::Input;
@@ -88,6 +86,11 @@ fn run(settings: &Settings, samples: &[RawSample]) -> Run {
     Run { outputs, last, state, active }
 }
 
+/// The results of a run with each sample changed.
+fn run_changed(settings: &Settings, samples: &[RawSample], change: impl Fn(&RawSample) -> RawSample) -> Run {
+    run(settings, &samples.iter().map(change).collect::<Vec<_>>())
+}
+
 /// Runs the samples; returns the outputs that contain something.
 fn steps(active: &Active, state: &mut State, samples: &[RawSample]) -> Vec<Output> {
     let mut outputs = Vec::new();
@@ -145,11 +148,6 @@ fn check_published(published: &Published) {
     }
 }
 
-fn four(parameters: &Parameters) -> [Parameter; 4] {
-    let Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n } = *parameters;
-    [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_n]
-}
-
 fn check_sums(active: &Active, state: &State, bank: Bank) {
     let (sums, more) = (active.sums(state, bank), active.more_sums(state, bank));
     assert_eq!(sums.updates, more.updates);
@@ -189,15 +187,11 @@ fn compare(one: &Run, other: &Run, settings: &Settings) {
 /// Counters with another origin must change nothing but the index.
 fn check_elsewhere(settings: &Settings, samples: &[RawSample], all: &Run, seed: u32) {
     let (index, position) = (seed.wrapping_mul(0x9E37_79B9), seed.wrapping_mul(0x85EB_CA6B) as i32);
-    let moved: Vec<RawSample> = samples
-        .iter()
-        .map(|sample| RawSample {
-            index: sample.index.wrapping_add(index),
-            position_count: sample.position_count.wrapping_add(position),
-            ..*sample
-        })
-        .collect();
-    let moved = run(settings, &moved);
+    let moved = run_changed(settings, samples, |sample| RawSample {
+        index: sample.index.wrapping_add(index),
+        position_count: sample.position_count.wrapping_add(position),
+        ..*sample
+    });
     compare(&moved, all, settings);
     assert_eq!(moved.state.counters(), all.state.counters());
 }
@@ -227,25 +221,23 @@ fn check_turned(settings: &Settings, samples: &[RawSample], all: &Run, position:
     if force {
         other.newtons_per_code = -other.newtons_per_code;
     }
-    let turn = |sample: &RawSample| RawSample {
+    let turned = run_changed(&other, samples, |sample| RawSample {
         position_count: if position { sample.position_count.wrapping_neg() } else { sample.position_count },
         force_code: if force { code(sample.force_code) } else { sample.force_code },
         ..*sample
-    };
-    let turned = run(&other, &samples.iter().map(turn).collect::<Vec<_>>());
+    });
     compare(&turned, all, settings);
 }
 
 /// The same device, moved in the opposite direction.
 fn check_mirrored(settings: &Settings, samples: &[RawSample], all: &Run) {
     let Some((settings, code)) = turned_force(settings) else { return };
-    let turn = |sample: &RawSample| RawSample {
+    let turned = run_changed(&settings, samples, |sample| RawSample {
         position_count: sample.position_count.wrapping_neg(),
         force_code: code(sample.force_code),
         terminal_code: sample.terminal_code.wrapping_neg(),
         ..*sample
-    };
-    let turned = run(&settings, &samples.iter().map(turn).collect::<Vec<_>>());
+    });
     let (here, there) = (all.last.estimate, turned.last.estimate);
     // Otherwise a rounding has decided which bank is clear of steps, which samples are good, or whether the memories
     // restart: the two know different data.

@@ -102,13 +102,13 @@ fn check_edit(path: &Path, all: &[RawSample]) {
     assert_eq!(samples(merged.path()), all);
 }
 
-fn hello(serial: &str) -> Hello {
+fn hello() -> Hello {
     Hello {
         wire_version: WIRE_VERSION,
         firmware: Hello::text("inerter 0.1.0"),
         git: Hello::text("c8a2d5a"),
         board: Hello::text("fuzzed"),
-        serial: Hello::text(serial),
+        serial: Hello::text("F-1"),
         sample_rate_hz: 1_000.0,
         clock: ClockSource::Simulated,
         capabilities: Capabilities::SUMS,
@@ -144,7 +144,7 @@ fn record(input: &mut Input, path: &Path) -> Result<Written, Error> {
     let (mut frames, mut remarks) = (Vec::new(), Vec::new());
     let mut recorder = Recorder::create(path, false)?;
     if input.byte() & 1 == 0 {
-        recorder.describe(&hello("F-1"), &Settings::default())?;
+        recorder.describe(&hello(), &Settings::default())?;
     }
     let (mut time_ns, mut sequence) = (0, 0u16);
     while !input.is_empty() {

@@ -13,8 +13,7 @@ use inerter_core::{RawSample, Settings};
 use inerter_tests::fuzz::{Stream, corpus};
 use inerter_wire::{
     Command, Counts, DELIMITER, Done, Event, EventKind, Fault, Frame, FrameReader, Health, MAX_FRAME, MAX_PAYLOAD,
-    Message, Play, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode, encode_record,
-    renumber,
+    Message, Play, Record, Refusal, Reply, Request, Samples, SequenceCounter, SettingsValues, encode, renumber,
 };
 
 use crate::{
@@ -29,16 +28,19 @@ const PAYLOADS: u8 = 2;
 pub fn check(input: &[u8]) {
     let mut input = Input(input);
     let kind = input.byte();
-    match (kind & REQUESTS != 0, kind & PAYLOADS != 0) {
-        (false, false) => check_stream::<Record>(input.rest(), kind >> 2, check_record),
-        (false, true) => check_stream::<Record>(&framed::<Record>(input), kind >> 2, check_record),
-        (true, false) => check_stream::<Request>(input.rest(), kind >> 2, check_request),
-        (true, true) => check_stream::<Request>(&framed::<Request>(input), kind >> 2, check_request),
+    let has_payloads = kind & PAYLOADS != 0;
+    if kind & REQUESTS == 0 {
+        check_stream::<Record>(&stream::<Record>(input, has_payloads), kind >> 2, check_record);
+    } else {
+        check_stream::<Request>(&stream::<Request>(input, has_payloads), kind >> 2, check_request);
     }
 }
 
-/// Intact frames with the payloads of an input.
-pub fn framed<T: Message>(mut input: Input) -> Vec<u8> {
+/// The stream in an input, or intact frames with its payloads.
+pub fn stream<T: Message>(mut input: Input, has_payloads: bool) -> Vec<u8> {
+    if !has_payloads {
+        return input.rest().to_vec();
+    }
     let (mut stream, mut sequence) = (Vec::new(), 0u16);
     while !input.is_empty() {
         sequence = sequence.wrapping_add_signed(i16::from(input.byte() as i8));
@@ -99,7 +101,7 @@ fn read<'a, T: Message>(
 
 fn encoded<T: Message>(message: &T, sequence: u16) -> Vec<u8> {
     let mut out = [0; MAX_FRAME];
-    let length = encode(message, sequence, &mut out).expect("what was decoded fits a frame");
+    let length = encode(message, sequence, &mut out).expect("a message that fits a frame");
     out[..length].to_vec()
 }
 
@@ -187,12 +189,7 @@ pub fn records() -> Vec<Record> {
 /// Frames of [`records`], numbered.
 pub fn frames() -> Vec<Vec<u8>> {
     let mut sequence = SequenceCounter::new();
-    let frame = |record: &Record| {
-        let mut out = [0; MAX_FRAME];
-        let length = encode_record(record, sequence.take(), &mut out).expect("a record fits");
-        out[..length].to_vec()
-    };
-    records().iter().map(frame).collect()
+    records().iter().map(|record| encoded(record, sequence.take())).collect()
 }
 
 /// The payloads in a stream, each preceded by a step of one and its length.

@@ -5,7 +5,7 @@
 //! silently off by more than twice its interval, runs whose interval does not contain the true value, runs whose law is
 //! reported as broken, runs in which the fault is named, runs.
 
-use inerter_core::{BacklashSize, LawStatus, Parameter, RawSample, Regime, Settings, State, Status};
+use inerter_core::{Interval, LawStatus, RawSample, Regime, Settings, State};
 use inerter_plant::{Excitation, Inerter, Plant, PlantError, Sensors, Simulation};
 use std::process::ExitCode;
 
@@ -131,20 +131,23 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-/// One parameter at the end of a run: error, half width, whether a value is given, whether its interval misses the true
-/// value, and whether it is silently wrong.
-#[derive(Clone, Copy, Default)]
+/// One parameter at the end of a run: error, half width, and whether the run says nothing that makes it doubtful.
+#[derive(Clone, Copy)]
 struct Found {
     error: f64,
     u95: f64,
-    given: bool,
-    outside: bool,
-    silent: bool,
+    unsaid: bool,
 }
 
-/// Results of one run: mt, cf, fc, backlash.
+impl Found {
+    fn is_off_by(&self, intervals: f64) -> bool {
+        self.error.abs() > intervals * self.u95
+    }
+}
+
+/// Results of one run: mt, cf, fc, backlash, if given.
 struct Said {
-    found: [Found; 4],
+    found: [Option<Found>; 4],
     broken: bool,
     /// A warning names a fault of the samples, or the friction is reported as another regime than Coulomb.
     named: bool,
@@ -166,12 +169,12 @@ fn show(case: &Case) -> Result<(), PlantError> {
         let [broken, named] =
             [|said: &&Said| said.broken, |said: &&Said| said.named].map(|is| runs.iter().filter(is).count());
         for (i, parameter) in ["mt", "cf", "fc", "backlash"].into_iter().enumerate() {
-            let given: Vec<Found> = runs.iter().map(|said| said.found[i]).filter(|found| found.given).collect();
+            let given: Vec<Found> = runs.iter().filter_map(|said| said.found[i]).collect();
             let count = given.len() as f64;
             let rms = (given.iter().map(|found| found.error.powi(2)).sum::<f64>() / count).sqrt();
             let u95 = given.iter().map(|found| found.u95).sum::<f64>() / count;
-            let [outside, silent] = [|found: &&Found| found.outside, |found: &&Found| found.silent]
-                .map(|is| given.iter().filter(is).count());
+            let outside = given.iter().filter(|found| found.is_off_by(1.0)).count();
+            let silent = given.iter().filter(|found| found.unsaid && found.is_off_by(2.0)).count();
             let motion = motion.split('@').next().unwrap_or(motion);
             println!(
                 "{}\t{}, {motion}\t{parameter}\t{rms}\t{u95}\t{}\t{silent}\t{outside}\t{broken}\t{named}\t{}",
@@ -242,8 +245,8 @@ fn samples(case: &Case, motion: &str, seed: u64) -> Result<Vec<RawSample>, Plant
             sample.position_count += 100 * (n as f64 / rate / 3.1) as i32;
         }),
         Done::Dead => {
-            let held = samples.get(samples.len() / 2).map_or(0, |sample| sample.force_code);
             let half = samples.len() / 2;
+            let held = samples.get(half).map_or(0, |sample| sample.force_code);
             samples.iter_mut().skip(half).for_each(|sample| sample.force_code = held);
         }
         Done::Clipped(part) => {
@@ -274,26 +277,16 @@ fn run(case: &Case, motion: &str, seed: u64) -> Result<Said, PlantError> {
     let device = case.later.unwrap_or(case.device);
     let broken = published.law.status == LawStatus::Broken;
     let friction = matches!(published.detail.friction.regime, Regime::Presliding | Regime::Stribeck);
-    let found = |parameter: &Parameter, truth: f64, told: bool| {
-        let fitted = parameter.fitted();
-        let error = f64::from(fitted.value) - truth;
-        let given = parameter.status() != Status::NotIdentifiable;
-        let u95 = f64::from(fitted.u95);
-        let is_off = |intervals: f64| given && error.abs() > intervals * u95;
-        Found { error, u95, given, outside: is_off(1.0), silent: is_off(2.0) && !(told || broken || warned) }
+    let found = |found: Option<Interval>, truth: f64, told: bool| {
+        let Interval { value, u95 } = found?;
+        Some(Found { error: f64::from(value) - truth, u95: u95.into(), unsaid: !told })
     };
-    let backlash = match published.detail.backlash.size {
-        BacklashSize::Ok(size) | BacklashSize::BelowU95(size) => {
-            let (error, u95) = (f64::from(size.value) - device.backlash_m, f64::from(size.u95));
-            Found { error, u95, given: true, outside: error.abs() > u95, silent: error.abs() > 2.0 * u95 }
-        }
-        BacklashSize::NotIdentifiable(_) => Found::default(),
-    };
+    let doubted = broken || warned;
     let found = [
-        found(&whole.inertance_kg, device.inertance_kg, false),
-        found(&whole.viscous_n_s_per_m, device.viscous_n_s_per_m, friction),
-        found(&whole.coulomb_n, device.coulomb_n, friction),
-        backlash,
+        found(whole.inertance_kg.known(), device.inertance_kg, doubted),
+        found(whole.viscous_n_s_per_m.known(), device.viscous_n_s_per_m, doubted || friction),
+        found(whole.coulomb_n.known(), device.coulomb_n, doubted || friction),
+        found(published.detail.backlash.known(), device.backlash_m, false),
     ];
     Ok(Said { found, broken, named: warned || friction })
 }

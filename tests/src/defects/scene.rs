@@ -75,6 +75,11 @@ impl Scene {
         self.instruments.on_samples.push(Box::new(change));
     }
 
+    /// Adds a defect of each sample as sent.
+    pub fn on_each_sample(&mut self, change: impl Fn(&mut RawSample, &mut Draw) + 'static) {
+        self.on_samples(move |samples, draw| samples.iter_mut().for_each(|sample| change(sample, draw)));
+    }
+
     /// A common number of counts per turn that makes a lead between 4 and 40 mm, if any does.
     pub fn turn_counts(&self, draw: &mut Draw) -> Option<f64> {
         let count_m = self.instruments.sensors.metres_per_count;

@@ -25,39 +25,28 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// The tally of one run, given the same run without a defect.
-    pub fn of(said: &Said, clean: &Said) -> Self {
-        let [device, replay] = [&said.device, &said.replay];
-        let is = |values, intervals, wanted| u32::from(verdict(values, intervals) == wanted);
+    /// The tally of some runs, each with the same run without a defect.
+    pub fn of<'a>(runs: impl Iterator<Item = (&'a Said, &'a Said)>) -> Self {
+        let runs: Vec<_> = runs.collect();
+        let device = |said: &Said, intervals| verdict(&said.device, intervals);
+        let replay = |said: &Said, intervals| verdict(&said.replay, intervals);
+        let count = |by: &dyn Fn(&Said, f64) -> Verdict, intervals, wanted| {
+            runs.iter().filter(|(said, _)| by(said, intervals) == wanted).count() as u32
+        };
         Self {
-            runs: 1,
-            harmful: u32::from(is_harmful(said, clean)),
-            device: is(device, 1.0, Verdict::Silent),
-            told: is(replay, 1.0, Verdict::Told),
-            assumed: is(replay, 1.0, Verdict::Assumed),
-            silent: is(replay, 1.0, Verdict::Silent),
-            device_twice: is(device, 2.0, Verdict::Silent),
-            silent_twice: is(replay, 2.0, Verdict::Silent),
+            runs: runs.len() as u32,
+            harmful: runs.iter().filter(|(said, clean)| is_harmful(said, clean)).count() as u32,
+            device: count(&device, 1.0, Verdict::Silent),
+            told: count(&replay, 1.0, Verdict::Told),
+            assumed: count(&replay, 1.0, Verdict::Assumed),
+            silent: count(&replay, 1.0, Verdict::Silent),
+            device_twice: count(&device, 2.0, Verdict::Silent),
+            silent_twice: count(&replay, 2.0, Verdict::Silent),
         }
     }
 
     /// Percentage of the runs.
     pub fn percent(&self, part: u32) -> f64 {
         100.0 * f64::from(part) / f64::from(self.runs.max(1))
-    }
-}
-
-impl std::iter::Sum for Tally {
-    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
-        all.fold(Self::default(), |a, b| Self {
-            runs: a.runs + b.runs,
-            harmful: a.harmful + b.harmful,
-            device: a.device + b.device,
-            told: a.told + b.told,
-            assumed: a.assumed + b.assumed,
-            silent: a.silent + b.silent,
-            device_twice: a.device_twice + b.device_twice,
-            silent_twice: a.silent_twice + b.silent_twice,
-        })
     }
 }

@@ -11,14 +11,15 @@
 use inerter_core::{RawSample, Settings};
 use inerter_needs::Random;
 use inerter_wire::{
-    Command, DELIMITER, MAX_FRAME, MAX_PAYLOAD, MAX_SETTINGS, Samples, SettingValue, SettingsValues, Streams,
+    Command, DELIMITER, MAX_FRAME, MAX_PAYLOAD, MAX_SETTINGS, Message, Record, Samples, SettingValue, SettingsValues,
+    Streams,
 };
-use std::{fs, io, path::PathBuf};
+use std::{fs, io, iter::repeat_n, path::PathBuf};
 
 use super::{
     device::{Conditions, PROBE, play, with_probe},
     judge::judge,
-    make::{Stream, frame, payload, records, samples, stream, stuffed, varint},
+    make::{Stream, frame, payload, records, samples, stream, streams_of, stuffed, varint, with_checksum},
     outcome::outcome,
     requests::Requests,
 };
@@ -129,6 +130,10 @@ fn set(pairs: &[(&str, f64)]) -> Command {
     write_numbers(pairs)
 }
 
+fn rate(sample_rate_hz: f64) -> Command {
+    set(&[("sample_rate_hz", sample_rate_hz)])
+}
+
 fn write_numbers(pairs: impl IntoIterator<Item = (u8, f64)>) -> Command {
     Command::WriteSettings(SettingsValues(
         pairs.into_iter().take(MAX_SETTINGS).map(|(number, value)| SettingValue { number, value }).collect(),
@@ -145,7 +150,11 @@ fn shaken(from: u32, count: u32) -> Command {
             terminal_code: 0,
         }
     };
-    Command::Inject(Samples::from_slice(&(from..from + count).map(sample).collect::<Vec<_>>()).0)
+    inject((from..from + count).map(sample))
+}
+
+fn inject(samples: impl Iterator<Item = RawSample>) -> Command {
+    Command::Inject(Samples::from_slice(&samples.collect::<Vec<_>>()).0)
 }
 
 /// Every stream and its name.
@@ -197,16 +206,14 @@ fn requests(add: Add) {
             Command::FactoryReset,
             Command::ReadSettings,
         ];
-        (1..).zip(commands).for_each(|(id, command)| {
-            stream.request(id, command);
-        });
+        stream.requests(1, commands);
     });
     add("tare", &|stream| {
-        stream.request(1, Command::Tare).request(2, Command::ReadSettings);
+        stream.requests(1, [Command::Tare, Command::ReadSettings]);
     });
     add("tare-with-nothing-to-measure", &|stream| {
-        stream.request(1, Command::Stop).request(2, Command::Tare).request(3, shaken(0, 8)).request(4, Command::Tare);
-        stream.request(5, Command::InjectEnd).request(6, Command::Tare);
+        stream.requests(1, [Command::Stop, Command::Tare, shaken(0, 8), Command::Tare]);
+        stream.requests(5, [Command::InjectEnd, Command::Tare]);
     });
     add("unknown-commands", &|stream| {
         for number in [15u32, 20, 127, 128, 1_000, u32::MAX] {
@@ -224,34 +231,25 @@ fn requests(add: Add) {
         }
     });
     add("flood-of-hellos", &|stream| {
-        (0..150).for_each(|id| {
-            stream.request(id, Command::Hello);
-        })
+        stream.requests(0, repeat_n(Command::Hello, 150));
     });
     add("flood-of-saves", &|stream| {
         for id in 0..50 {
-            stream
-                .request(2 * id, set(&[("memory_s", 10.0 + f64::from(id))]))
-                .request(2 * id + 1, Command::SaveSettings);
+            stream.requests(2 * id, [set(&[("memory_s", 10.0 + f64::from(id))]), Command::SaveSettings]);
         }
     });
     add("flood-of-factory-resets", &|stream| {
         for id in 0..10 {
-            stream.request(3 * id, Command::SaveSettings).request(3 * id + 1, Command::FactoryReset);
-            stream.request(3 * id + 2, Command::FactoryReset);
+            stream.requests(3 * id, [Command::SaveSettings, Command::FactoryReset, Command::FactoryReset]);
         }
     });
     add("start-and-stop", &|stream| {
         for id in 0..20 {
-            stream.request(2 * id, Command::Stop).request(2 * id + 1, Command::Start);
+            stream.requests(2 * id, [Command::Stop, Command::Start]);
         }
     });
     add("streams-of-all-kinds", &|stream| {
-        for bits in 0..16u16 {
-            let on = |bit: u16| bits >> bit & 1 == 1;
-            let streams = Streams { samples: on(0), estimates: on(1), sums: on(2), health: on(3) };
-            stream.request(bits, Command::Streams(streams));
-        }
+        stream.requests(0, (0..16).map(streams_of));
         // A bool is 0 or 1.
         stream.payload(&[99, 5, 2, 0, 0, 0]).payload(&[99, 5, 0, 0, 0, 0xFF]);
     });
@@ -261,22 +259,27 @@ fn settings(add: Add) {
     add("settings-out-of-range", &|stream| {
         for (number, info) in (0u8..).zip(Settings::TABLE) {
             let beyond = |value: f64, by: f64| value + by * value.abs().max(1e-6) * 1e-6;
-            stream.request(2 * u16::from(number), write_numbers([(17, 11.0), (number, beyond(info.max, 1.0))]));
-            stream.request(2 * u16::from(number) + 1, write_numbers([(17, 12.0), (number, beyond(info.min, -1.0))]));
+            let pairs = [(11.0, beyond(info.max, 1.0)), (12.0, beyond(info.min, -1.0))];
+            let commands = pairs.map(|(memory_s, value)| write_numbers([(17, memory_s), (number, value)]));
+            stream.requests(2 * u16::from(number), commands);
         }
         stream.request(100, Command::ReadSettings);
     });
     add("settings-not-finite", &|stream| {
         for (id, value) in (0..).zip([f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY]) {
-            stream.request(2 * id, write_numbers([(17, 11.0), (12, value)]));
-            stream.request(2 * id + 1, write_numbers([(0, value)]));
+            stream.requests(2 * id, [write_numbers([(17, 11.0), (12, value)]), write_numbers([(0, value)])]);
         }
     });
     add("settings-zero-and-fractions", &|stream| {
-        stream.request(0, set(&[("metres_per_count", 0.0)])).request(1, set(&[("newtons_per_code", -0.0)]));
-        stream.request(2, set(&[("newtons_per_code", 5e-324)])).request(3, set(&[("oversampling", 1.5)]));
-        stream.request(4, set(&[("force_zero_code", 0.1)])).request(5, set(&[("front_end", 0.5)]));
-        stream.request(6, Command::ReadSettings);
+        let pairs = [
+            ("metres_per_count", 0.0),
+            ("newtons_per_code", -0.0),
+            ("newtons_per_code", 5e-324),
+            ("oversampling", 1.5),
+            ("force_zero_code", 0.1),
+            ("front_end", 0.5),
+        ];
+        stream.requests(0, pairs.map(|pair| set(&[pair]))).request(6, Command::ReadSettings);
     });
     add("settings-repeated", &|stream| {
         stream.request(1, set(&[("memory_s", 10.0), ("memory_s", 10.0)]));
@@ -305,15 +308,11 @@ fn settings(add: Add) {
         stream.request(6, write_numbers([]));
     });
     add("rates-that-are-not-offered", &|stream| {
-        for (id, rate) in (0..).zip([50.0, 500.0, 1_000.5, 3_999.0, 5_000.0, 3_906.25]) {
-            stream.request(id, set(&[("sample_rate_hz", rate)]));
-        }
+        stream.requests(0, [50.0, 500.0, 1_000.5, 3_999.0, 5_000.0, 3_906.25].map(rate));
         stream.request(9, Command::ReadSettings);
     });
     add("rates-in-turn", &|stream| {
-        for (id, rate) in (0..).zip([2_000.0, 4_000.0, 1_000.0, 4_000.0, 2_000.0, 1_000.0]) {
-            stream.request(id, set(&[("sample_rate_hz", rate)]));
-        }
+        stream.requests(0, [2_000.0, 4_000.0, 1_000.0, 4_000.0, 2_000.0, 1_000.0].map(rate));
     });
 }
 
@@ -329,9 +328,7 @@ fn injections(add: Add) {
             (1, &[0xFF, 0xFF, 0xFF, 0xFF, 0x7F, 0, 0, 0]),
             (1, &[0, 0, 0, 0, 0]),
         ];
-        for (id, (count, data)) in (0..).zip(odd) {
-            stream.request(id, Command::Inject(samples(count, data)));
-        }
+        stream.requests(0, odd.map(|(count, data)| Command::Inject(samples(count, data))));
         stream.request(8, Command::InjectEnd);
         // More bytes than a batch can hold.
         stream.payload(&[&[9, 9, 1, 0x91, 0x03][..], &[0; 401]].concat());
@@ -344,21 +341,15 @@ fn injections(add: Add) {
             force_code: ends[place as usize / 2 % 4],
             terminal_code: ends[place as usize / 3 % 4],
         };
-        for id in 0..12 {
-            let all: Vec<RawSample> = (0..16).map(|place| sample(id * 16 + place)).collect();
-            stream.request(id as u16, Command::Inject(Samples::from_slice(&all).0));
-        }
-        stream.request(12, Command::InjectEnd).request(13, Command::InjectEnd);
+        stream.requests(0, (0..12).map(|id| inject((0..16).map(|place| sample(id * 16 + place)))));
+        stream.requests(12, [Command::InjectEnd, Command::InjectEnd]);
     });
     add("injection-without-samples", &|stream| {
-        stream.request(0, Command::InjectEnd).request(1, Command::Inject(Samples::default()));
-        stream.request(2, Command::InjectEnd).request(3, Command::InjectEnd).request(4, Command::Start);
+        stream.requests(0, [Command::InjectEnd, Command::Inject(Samples::default())]);
+        stream.requests(2, [Command::InjectEnd, Command::InjectEnd, Command::Start]);
     });
     add("injection-of-a-thousand", &|stream| {
-        (0..32).for_each(|id| {
-            stream.request(id, shaken(u32::from(id) * 32, 32));
-        });
-        stream.request(32, Command::InjectEnd);
+        stream.requests(0, (0..32).map(|id| shaken(id * 32, 32))).request(32, Command::InjectEnd);
     });
 }
 
@@ -432,17 +423,13 @@ fn frames(add: Add) {
     });
     add("echo", &|stream| {
         for _ in 0..3 {
-            records().iter().for_each(|frame| {
-                stream.raw(frame);
-            });
+            stream.raw(&records().concat());
         }
         stream.request(1, Command::Hello);
     });
     add("requests-without-their-salt", &|stream| {
         // With the CRC of a record: the device must not mistake one for the other.
-        let mut body = [payload(7, Command::FactoryReset), vec![0, 0]].concat();
-        body.extend(crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body).to_le_bytes());
-        stream.raw(&stuffed(&body));
+        stream.raw(&with_checksum([payload(7, Command::FactoryReset), vec![0, 0]].concat(), Record::SALT));
     });
     add("noise", &|stream| {
         stream.raw(&Random(1).bytes(3_000));

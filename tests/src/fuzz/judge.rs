@@ -35,8 +35,12 @@ impl Model {
         let plain = *result == Ok(Done::Plain);
         self.saves += saves_of(command);
         match command {
+            // The virtual device can neither measure itself nor play.
+            Command::Measure(_) | Command::Play(_) => *result == Err(Refusal::Unsupported),
+            Command::ReadSaved if self.saved.is_none() => *result == Err(Refusal::NothingSaved),
             Command::Hello
             | Command::ReadSettings
+            | Command::ReadSaved
             | Command::Streams(_)
             | Command::ResetEstimator
             | Command::EnterDfu
@@ -52,10 +56,6 @@ impl Model {
                 self.saved = Some(SettingsValues::from(&self.settings));
                 plain
             }
-            Command::ReadSaved if self.saved.is_none() => *result == Err(Refusal::NothingSaved),
-            Command::ReadSaved => plain,
-            // The virtual device cannot measure itself.
-            Command::Measure(_) => *result == Err(Refusal::Unsupported),
             Command::FactoryReset => {
                 (self.settings, self.saved) = (defaults(), None);
                 plain
@@ -80,8 +80,6 @@ impl Model {
                 matches!(result, Ok(Done::Injected { .. }) | Err(Refusal::QueueFull { .. }))
             }
             Command::InjectEnd if self.source != Source::Link => *result == Err(Refusal::NotInjecting),
-            // The virtual device has no player.
-            Command::Play(_) => *result == Err(Refusal::Unsupported),
             Command::InjectEnd => {
                 self.source = Source::Stopped;
                 matches!(result, Ok(Done::Injected { .. }))

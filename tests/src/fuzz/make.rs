@@ -4,7 +4,7 @@ use inerter_core::{Detail, Estimate, Kind, RawSample, Reversal, Settings};
 use inerter_needs::Random;
 use inerter_wire::{
     ClockSource, Command, DELIMITER, Done, Event, EventKind, Health, Hello, MAX_FRAME, MAX_SETTINGS, Message, Record,
-    Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode_record, encode_request,
+    Refusal, Reply, Request, Samples, SettingValue, SettingsValues, Streams, encode,
 };
 
 /// A stream under construction.
@@ -18,6 +18,12 @@ pub struct Stream {
 }
 
 impl Stream {
+    /// Requests with IDs from `first` on.
+    pub fn requests(&mut self, first: u16, commands: impl IntoIterator<Item = Command>) -> &mut Self {
+        (first..).zip(commands).for_each(|(id, command)| _ = self.request(id, command));
+        self
+    }
+
     /// A request as a host sends it.
     pub fn request(&mut self, id: u16, command: Command) -> &mut Self {
         let frame = self.next_frame(id, command);
@@ -36,23 +42,31 @@ impl Stream {
 
     /// Appends any payload in an intact frame.
     pub fn payload(&mut self, payload: &[u8]) -> &mut Self {
-        let sequence = self.sequence;
-        self.sequence = sequence.wrapping_add(1);
-        self.raw(&frame(payload, sequence))
+        let frame = frame(payload, self.next_number());
+        self.raw(&frame)
     }
 
     /// The frame of a request, not yet part of the stream.
     pub fn next_frame(&mut self, id: u16, command: Command) -> Vec<u8> {
-        let sequence = self.sequence;
-        self.sequence = sequence.wrapping_add(1);
-        request(id, command, sequence)
+        request(id, command, self.next_number())
+    }
+
+    fn next_number(&mut self) -> u16 {
+        let number = self.sequence;
+        self.sequence = number.wrapping_add(1);
+        number
     }
 }
 
 /// The frame of a request; empty if it is too long for one.
 pub fn request(id: u16, command: Command, sequence: u16) -> Vec<u8> {
+    encoded(&Request { id, command }, sequence)
+}
+
+/// The frame of a message; empty if it is too long for one.
+fn encoded<T: Message>(message: &T, sequence: u16) -> Vec<u8> {
     let mut frame = [0; MAX_FRAME];
-    let length = encode_request(&Request { id, command }, sequence, &mut frame).unwrap_or(0);
+    let length = encode(message, sequence, &mut frame).unwrap_or(0);
     frame[..length].to_vec()
 }
 
@@ -60,7 +74,12 @@ pub fn request(id: u16, command: Command, sequence: u16) -> Vec<u8> {
 pub fn frame(payload: &[u8], sequence: u16) -> Vec<u8> {
     let mut body = payload.to_vec();
     body.extend(sequence.to_le_bytes());
-    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body) ^ Request::SALT;
+    with_checksum(body, Request::SALT)
+}
+
+/// A frame with these bytes and their CRC.
+pub fn with_checksum(mut body: Vec<u8>, salt: u32) -> Vec<u8> {
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(&body) ^ salt;
     body.extend(checksum.to_le_bytes());
     stuffed(&body)
 }
@@ -85,6 +104,12 @@ pub fn varint(number: u32) -> Vec<u8> {
     postcard::to_slice(&number, &mut [0; 5]).map(|bytes| bytes.to_vec()).unwrap_or_default()
 }
 
+/// A request for the streams whose bits are set.
+pub fn streams_of(bits: u64) -> Command {
+    let on = |bit: u32| bits >> bit & 1 == 1;
+    Command::Streams(Streams { samples: on(0), estimates: on(1), sums: on(2), health: on(3) })
+}
+
 /// A batch whose count need not agree with its bytes.
 pub fn samples(count: u8, data: &[u8]) -> Samples {
     let bytes = [&[count][..], &varint(data.len() as u32), data].concat();
@@ -104,28 +129,20 @@ pub fn records() -> Vec<Vec<u8>> {
         capabilities: inerter_wire::Capabilities::NONE,
     };
     let values = SettingsValues::from(&Settings::default());
-    let batch =
-        Samples::from_slice(&(0..20).map(|index| RawSample { index, ..RawSample::default() }).collect::<Vec<_>>());
+    let batch: Vec<_> = (0..20).map(|index| RawSample { index, ..RawSample::default() }).collect();
     let records = [
         Record::Hello(hello),
         Record::Event(Event { index: 3, kind: EventKind::Started }),
         Record::Reply(Reply { id: 2, result: Ok(Done::Plain) }),
         Record::Reply(Reply { id: 0, result: Err(Refusal::Busy) }),
         Record::Settings(values),
-        Record::Samples(batch.0),
+        Record::Samples(Samples::from_slice(&batch).0),
         Record::Health(Health::default()),
         Record::Estimate(Estimate::default()),
         Record::Detail(Detail::default()),
         Record::Reversal(Reversal::default()),
     ];
-    (0..)
-        .zip(records)
-        .map(|(sequence, record)| {
-            let mut frame = [0; MAX_FRAME];
-            let length = encode_record(&record, sequence, &mut frame).unwrap_or(0);
-            frame[..length].to_vec()
-        })
-        .collect()
+    (0..).zip(&records).map(|(sequence, record)| encoded(record, sequence)).collect()
 }
 
 fn value(noise: &mut Random, number: u8) -> f64 {
@@ -209,11 +226,7 @@ fn command(noise: &mut Random) -> Command {
         4..14 => Command::WriteSettings(settings(noise)),
         14..17 => Command::SaveSettings,
         17 => Command::Tare,
-        18..20 => {
-            let bits = noise.draw();
-            let on = |bit: u32| bits >> bit & 1 == 1;
-            Command::Streams(Streams { samples: on(0), estimates: on(1), sums: on(2), health: on(3) })
-        }
+        18..20 => streams_of(noise.draw()),
         20..22 => Command::ResetEstimator,
         22..24 => Command::Start,
         24..26 => Command::Stop,
@@ -228,7 +241,7 @@ fn command(noise: &mut Random) -> Command {
 
 fn spoilt(noise: &mut Random, mut frame: Vec<u8>) -> Vec<u8> {
     for _ in 0..1 + noise.below(3) {
-        let place = noise.below(frame.len().max(1));
+        let place = place(noise, &frame);
         match noise.below(6) {
             0 if place < frame.len() => frame[place] ^= 1 << noise.below(8),
             1 if place < frame.len() => frame[place] = noise.draw() as u8,
@@ -264,6 +277,11 @@ fn bytes(noise: &mut Random, below: usize) -> Vec<u8> {
     noise.bytes(length)
 }
 
+/// A place in these bytes; 0 if there are none.
+fn place(noise: &mut Random, bytes: &[u8]) -> usize {
+    noise.below(bytes.len().max(1))
+}
+
 fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
     match noise.below(16) {
         0 | 1 => {
@@ -272,20 +290,18 @@ fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
         }
         2 => {
             let frame = stream.next_frame(id, order);
-            stream.raw(&frame[..noise.below(frame.len().max(1))]);
+            stream.raw(&frame[..place(noise, &frame)]);
         }
         3 => {
             let (first, second) = (stream.next_frame(id, order), stream.next_frame(id ^ 1, command(noise)));
-            let (cut, from) = (noise.below(first.len().max(1)), noise.below(second.len().max(1)));
+            let (cut, from) = (place(noise, &first), place(noise, &second));
             stream.raw(&first[..cut]).raw(&second[from..]);
         }
         4 => {
             let frame = stream.next_frame(id, order);
             stream.raw(&[DELIMITER]).raw(&frame).raw(&frame);
         }
-        5 => {
-            stream.sequence = noise.draw() as u16;
-        }
+        5 => stream.sequence = noise.draw() as u16,
         6 => {
             stream.raw(&bytes(noise, 200));
         }
@@ -299,23 +315,21 @@ fn piece(noise: &mut Random, stream: &mut Stream, id: u16, order: Command) {
         9 => {
             stream.payload(&bytes(noise, 520));
         }
-        10 => {
+        damage @ 10..13 => {
             let mut bytes = payload(id, order);
-            bytes.truncate(noise.below(bytes.len().max(1)));
-            stream.payload(&bytes);
-        }
-        11 => {
-            let mut bytes = payload(id, order);
-            let more = 1 + noise.below(8);
-            bytes.extend(noise.bytes(more));
-            stream.payload(&bytes);
-        }
-        12 => {
-            let mut bytes = payload(id, order);
-            for _ in 0..1 + noise.below(3) {
-                let place = noise.below(bytes.len().max(1));
-                if let Some(byte) = bytes.get_mut(place) {
-                    *byte = noise.draw() as u8;
+            match damage {
+                10 => bytes.truncate(place(noise, &bytes)),
+                11 => {
+                    let more = 1 + noise.below(8);
+                    bytes.extend(noise.bytes(more));
+                }
+                _ => {
+                    for _ in 0..1 + noise.below(3) {
+                        let place = place(noise, &bytes);
+                        if let Some(byte) = bytes.get_mut(place) {
+                            *byte = noise.draw() as u8;
+                        }
+                    }
                 }
             }
             stream.payload(&bytes);

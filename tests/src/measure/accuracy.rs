@@ -9,7 +9,7 @@ mod table;
 use inerter_plant::Inerter;
 use inerter_tests::{
     bound,
-    grid::{self, Cell, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
+    grid::{self, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
     sheet::{self, Asked},
 };
 use table::{Row, Section};
@@ -64,28 +64,21 @@ fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) 
     let mut rows = Vec::new();
     for motion in &MOTIONS {
         eprintln!("{name}: {}", motion.name);
-        let Cell { bias, sigma, u95, given, coverage, whole_run_coverage, settling_s } =
-            grid::cell(device, &grid::each(1..=SEEDS, |seed| grid::run(device, motion, rig, seed))?);
+        let cells = grid::cells(device, &grid::each(1..=SEEDS, |seed| grid::run(device, motion, rig, seed))?);
         let least_sigma = grid::least_sigma(device, motion, rig, 1, 0.0)?;
         let least_with_steps = bound::least_sigma(device, motion, rig, 1)?;
         let kept_sigma = grid::least_sigma(device, motion, rig, 1, motion.kernel_s())?;
-        for (i, parameter) in grid::NAMES.into_iter().enumerate() {
+        for (i, cell) in cells.into_iter().enumerate() {
             rows.push(Row {
                 motion: motion.name,
-                parameter,
-                bias: bias[i],
-                sigma: sigma[i],
+                parameter: grid::NAMES[i],
+                cell,
                 goal: with_goals.then_some(motion.goals[i]),
                 least_sigma: least_sigma.map_or(f64::NAN, |least| least[i]),
                 ratio_goal: (with_goals && rig.name == RIGS[0].name)
                     .then_some(if ["fast", "random"].contains(&motion.name) { 1.5 } else { 2.5 }),
                 least_with_steps: least_with_steps.map_or(f64::NAN, |least| least[i]),
                 kept_sigma: kept_sigma.map_or(f64::NAN, |least| least[i]),
-                u95: u95[i],
-                coverage: coverage[i],
-                whole_run_coverage: whole_run_coverage[i],
-                given: given[i],
-                settling_s: settling_s[i],
                 settling_goal_s: with_goals.then_some(motion.settling_goals_s[i]),
             });
         }

@@ -16,36 +16,29 @@ const SEEDS: u64 = 4;
 struct Step {
     name: &'static str,
     parameter: Changed,
-    of: fn(Inerter) -> Inerter,
+    times: f64,
 }
 
 const STEPS: [Step; 5] = [
-    Step {
-        name: "mt +5 %",
-        parameter: Changed::Inertance,
-        of: |device| Inerter { inertance_kg: 1.05 * device.inertance_kg, ..device },
-    },
-    Step {
-        name: "mt halved",
-        parameter: Changed::Inertance,
-        of: |device| Inerter { inertance_kg: 0.5 * device.inertance_kg, ..device },
-    },
-    Step {
-        name: "fc +30 %",
-        parameter: Changed::Coulomb,
-        of: |device| Inerter { coulomb_n: 1.3 * device.coulomb_n, ..device },
-    },
-    Step {
-        name: "fc halved",
-        parameter: Changed::Coulomb,
-        of: |device| Inerter { coulomb_n: 0.5 * device.coulomb_n, ..device },
-    },
-    Step {
-        name: "cf x 3",
-        parameter: Changed::Viscous,
-        of: |device| Inerter { viscous_n_s_per_m: 3.0 * device.viscous_n_s_per_m, ..device },
-    },
+    Step { name: "mt +5 %", parameter: Changed::Inertance, times: 1.05 },
+    Step { name: "mt halved", parameter: Changed::Inertance, times: 0.5 },
+    Step { name: "fc +30 %", parameter: Changed::Coulomb, times: 1.3 },
+    Step { name: "fc halved", parameter: Changed::Coulomb, times: 0.5 },
+    Step { name: "cf x 3", parameter: Changed::Viscous, times: 3.0 },
 ];
+
+impl Step {
+    fn of(&self, mut device: Inerter) -> Inerter {
+        let changed = match self.parameter {
+            Changed::Inertance => &mut device.inertance_kg,
+            Changed::Viscous => &mut device.viscous_n_s_per_m,
+            Changed::Coulomb => &mut device.coulomb_n,
+            Changed::Offset => &mut device.constant_force_n,
+        };
+        *changed *= self.times;
+        device
+    }
+}
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
     let asked = sheet::asked_or_short("changes", words)?;
@@ -100,7 +93,7 @@ fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<Row, Erro
         let mut found = Vec::new();
         for seed in 1..=SEEDS {
             let excitation = Excitation::parse(motion.name, seed)?;
-            let plant = Plant::changing(*device, vec![(at_s, (step.of)(*device))], excitation)?;
+            let plant = Plant::changing(*device, vec![(at_s, step.of(*device))], excitation)?;
             found.extend(changes(plant, rig, seed, at_s + within_s)?.first().copied());
         }
         if let Some((t_s, change)) = found.iter().find(|(t_s, _)| *t_s < at_s) {

@@ -1,13 +1,13 @@
 //! `cargo xtask coverage`: width and coverage of the intervals if the law is true, and coverage if it is nearly true.
 
 use inerter_analysis::diagnose::{TOLD, reach};
-use inerter_core::{Detail, Interval, NORMAL_COVERAGE, Parameter};
+use inerter_core::{Interval, NORMAL_COVERAGE};
 use inerter_data::uncertainty::source_word;
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     backlash,
     coverage::{Bench, Cell, RIGHT, STATED, cells},
-    grid::{Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
+    grid::{self, Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
     nearly::{WANTED, sections},
     sheet::{self, significant},
 };
@@ -32,25 +32,13 @@ const DRAWN: usize = 20_000;
 /// Half width of a normal 95 % interval in standard errors.
 const K: f64 = NORMAL_COVERAGE as f64;
 
-/// The benches: the grid's, and others.
-fn benches() -> Vec<Bench> {
-    let sensors = sensors();
-    let paper = Inerter::paper();
-    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
-    let bench = |name, device, sensors| Bench { name, device, sensors, wrong: &[] };
-    vec![
-        bench("1 kHz, 1 N, 2.44 um", paper, sensors),
-        bench(
-            "the same, its clock 10 ppm faster than the shaker's",
-            paper,
-            Sensors { sample_rate_hz: 1000.01, ..sensors },
-        ),
-        bench("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
-        bench("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
-        bench("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
-        bench("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
-        bench("95 kg, 80 N s/m, 12 N", light, sensors),
-    ]
+/// The grid's benches, and the first with another clock.
+fn benches() -> impl Iterator<Item = Bench> {
+    let [first, others @ ..] = grid::benches(sensors());
+    let (_, paper, sensors) = first;
+    let clock = Sensors { sample_rate_hz: 1000.01, ..sensors };
+    let all = [first, ("the same, its clock 10 ppm faster than the shaker's", paper, clock)].into_iter().chain(others);
+    all.map(|(name, device, sensors)| Bench { name, device, sensors, wrong: &[] })
 }
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
@@ -124,8 +112,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
                     bench.run(&motion, 20.0, first + seed - 1)
                 })?;
                 let figures = cells(&runs).into_iter().flat_map(|cell| figures(&cell, 0));
-                let head = [hz.to_string(), mm_per_s.to_string(), clock.to_string()];
-                text += &sheet::line(head.into_iter().chain(figures));
+                text += &sheet::row(&[&hz.to_string(), &mm_per_s.to_string(), clock], figures);
             }
         }
     }
@@ -155,9 +142,9 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                 let device = Inerter { backlash_m, ..Inerter::paper() };
                 let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
                 let runs = each(first..first + seeds, shaken)?;
-                let known = |detail: &Detail| detail.backlash.known();
-                let mut of = |found: Vec<Interval>, truth: f64, unit: f64| {
-                    let errors: Vec<(f64, f64)> = found.into_iter().map(|found| error(found, truth)).collect();
+                let mut of = |read: fn(&backlash::Run) -> Option<Interval>, truth: f64, unit: f64| {
+                    let found = runs.iter().filter_map(read);
+                    let errors: Vec<(f64, f64)> = found.map(|found| error(found, truth)).collect();
                     if errors.is_empty() {
                         return ["-".to_string(), "-".into(), "-".into()];
                     }
@@ -165,18 +152,14 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                     all.push(cell);
                     [significant(cell.u95 * unit), format!("{:.2}", cell.rms), format!("{:.1}", covered_percent(&cell))]
                 };
-                let contact = |read: fn(&Detail) -> Parameter| {
-                    runs.iter().filter_map(|run| read(&run.sensed).known()).collect::<Vec<Interval>>()
-                };
                 let (stiffness, damping) = (device.stiffness_n_per_m, device.contact_damping_n_s_per_m);
                 let figures = [
-                    of(runs.iter().filter_map(|run| known(&run.force)).collect(), backlash_m, 1e6),
-                    of(runs.iter().filter_map(|run| known(&run.sensed)).collect(), backlash_m, 1e6),
-                    of(contact(|detail| detail.stiffness_n_per_m), stiffness, 100.0 / stiffness),
-                    of(contact(|detail| detail.contact_damping_n_s_per_m), damping, 100.0 / damping),
+                    of(|run| run.force.backlash.known(), backlash_m, 1e6),
+                    of(|run| run.sensed.backlash.known(), backlash_m, 1e6),
+                    of(|run| run.sensed.stiffness_n_per_m.known(), stiffness, 100.0 / stiffness),
+                    of(|run| run.sensed.contact_damping_n_s_per_m.known(), damping, 100.0 / damping),
                 ];
-                let head = [motion.name.to_string(), format!("{:.0}", backlash_m * 1e6)];
-                text += &sheet::line(head.into_iter().chain(figures.into_iter().flatten()));
+                text += &sheet::row(&[motion.name, &format!("{:.0}", backlash_m * 1e6)], figures.into_iter().flatten());
             }
         }
     }
@@ -222,7 +205,7 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             covered.extend(found.iter().map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
             let figures = found.iter().flat_map(|cell| figures(cell, 1));
-            text += &sheet::line([name.into(), motion.name.into(), broken].into_iter().chain(figures));
+            text += &sheet::row(&[name, motion.name, &broken], figures);
         }
     }
     for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {

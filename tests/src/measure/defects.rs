@@ -48,8 +48,8 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
         eprintln!("{}: {silent} of {} wrong without a word", kind.name, seen.len());
         found.push((kind, seen));
     }
-    let tally = |runs: &mut dyn Iterator<Item = &Seen>| -> Tally {
-        runs.map(|seen| Tally::of(&seen.said, twin(seen).map_or(&seen.said, |clean| &clean.said))).sum()
+    let tally = |runs: &mut dyn Iterator<Item = &Seen>| {
+        Tally::of(runs.map(|seen| (&seen.said, twin(seen).map_or(&seen.said, |clean| &clean.said))))
     };
     let of_group = |group| found.iter().filter(move |(kind, _)| kind.group == group);
     let defects = || of_group(Group::Defect).flat_map(|(_, runs)| runs);
@@ -66,7 +66,7 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
         let percent = |part| format!("{:.1}", all.percent(part));
         let counts = [all.runs, all.harmful, all.told, all.assumed, all.silent].map(|count| count.to_string());
         let parts = [all.silent, all.device, all.silent_twice, all.device_twice].map(percent);
-        text += &sheet::line([name.to_string()].into_iter().chain(counts).chain(parts));
+        text += &sheet::row(&[name], counts.into_iter().chain(parts));
     }
     text += &clean_figures(&clean);
     for (group, name) in [(Group::Defect, "Kinds"), (Group::Scale, "Wrong scales")] {
@@ -81,7 +81,7 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
             let by_motion =
                 (0..MOTIONS.len()).map(|motion| tally(&mut runs.iter().filter(|seen| seen.motion == motion)).silent);
             let cells = counts.into_iter().chain(by_motion).map(|count| count.to_string());
-            text += &sheet::line([kind.name.to_string()].into_iter().chain(cells));
+            text += &sheet::row(&[kind.name], cells);
         }
     }
     print!("{text}");

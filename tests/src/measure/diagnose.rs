@@ -113,11 +113,10 @@ fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
             let of_these = tally(&case, motion, SEEDS)?;
             let told = told(&case, motion)?;
             let Tally { first, sized, other, nothing, .. } = of_these;
-            let told_text = [100.0 * told.left, told.sigmas].map(significant);
+            let [left, sigmas] = [100.0 * told.left, told.sigmas].map(significant);
             let is_enough = if told.is_enough() { "yes" } else { "no" };
-            let head = [case.name, motion.name, &told_text[0], &told_text[1], is_enough].map(str::to_owned);
             let counts = [first, sized, other, nothing].map(|count| count.to_string());
-            *text += &sheet::line(head.into_iter().chain(counts));
+            *text += &sheet::row(&[case.name, motion.name, &left, &sigmas, is_enough], counts);
             all = all.add(of_these);
             if told.is_enough() {
                 told_enough = told_enough.add(of_these);

@@ -4,6 +4,7 @@
 //! The sample counter, the encoder and every running sum wrap on the way. Each repetition must add exactly the same
 //! amount to the sums of the whole run, and the values published at its end must not change.
 
+use super::number;
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::grid::{self, Error};
@@ -46,7 +47,7 @@ impl Look {
     fn values(&self) -> Vec<f64> {
         [&self.estimate.recent, &self.estimate.whole_run]
             .into_iter()
-            .flat_map(|p| [p.inertance_kg, p.viscous_n_s_per_m, p.coulomb_n, p.offset_n])
+            .flat_map(grid::four)
             .flat_map(|parameter| [parameter.fitted().value, parameter.u95()])
             .map(f64::from)
             .collect()
@@ -54,10 +55,7 @@ impl Look {
 }
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let wanted = match words.first() {
-        None => SAMPLES,
-        Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of samples"))?,
-    };
+    let wanted = number(words, SAMPLES, "samples")?;
     let device = Inerter { backlash_m: 5e-5, ..Inerter::paper() };
     let sensors = Sensors { seed: 1, ..grid::sensors() };
     let settings = Settings { memory_s: 10.0, ..grid::calibrated(&device, &sensors) };

@@ -68,19 +68,17 @@ fn table(words: &[&str]) -> Result<bool, Error> {
     }
     let goals: Vec<String> = GOALS.iter().map(|(name, goal, _)| format!("{name} {}", goal * unit(name))).collect();
     writeln!(text, "\nGoals: {}.\n", goals.join(", "))?;
-    for (fresh, devices) in [(0, TUNED), (1, DEVICES - TUNED)] {
+    for (fresh, first, last) in [(0, 1, TUNED), (1, TUNED + 1, DEVICES)] {
         writeln!(
             text,
-            "- {}: {} of {} goals missed; the interval holds the truth in {} of {} values given.",
-            if fresh == 0 { format!("devices 1 to {TUNED}") } else { format!("devices {} to {DEVICES}", TUNED + 1) },
+            "- devices {first} to {last}: {} of {} goals missed; the interval holds the truth in {} of {} values given.",
             missed[fresh],
-            MOTIONS.len() * devices as usize * GOALS.len(),
+            MOTIONS.len() * (last + 1 - first) as usize * GOALS.len(),
             covered[fresh],
             all[fresh],
         )?;
     }
-    let as_committed = sheet::conclude("identify", &text, 2, asked)?;
-    Ok(as_committed)
+    sheet::conclude("identify", &text, 2, asked)
 }
 
 /// Units per SI unit, by the unit in a column's name.

@@ -4,6 +4,7 @@
 //! Two runs: one alternates all motions and rest, the other is the slow motion alone, whose inertance is the hardest to
 //! maintain. Prints the largest differences, and fails if one exceeds its bound.
 
+use super::number;
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Simulation};
 use inerter_tests::{
@@ -21,10 +22,7 @@ const RUNS: [(&str, &str); 2] = [
 ];
 
 pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let updates = match words.first() {
-        None => UPDATES,
-        Some(word) => word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of updates"))?,
-    };
+    let updates = number(words, UPDATES, "updates")?;
     println!("core's integers beside f64, greatest difference at any published estimate over {updates} updates:");
     let pairs = thread::scope(|scope| {
         let runs = RUNS.map(|(_, motion)| scope.spawn(move || shake(motion, updates)));

@@ -6,7 +6,7 @@ use inerter_core::Machine;
 use inerter_data::wants;
 use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_tests::{
-    grid::{Error, MOTIONS, Motion, NAMES},
+    grid::{self, Error, MOTIONS, Motion, NAMES},
     plan::{Bench, Reached, WITHIN, as_written},
     sheet::{self, significant},
 };
@@ -18,32 +18,24 @@ const BESIDE: (u64, u64) = (3001, 40);
 /// Sample rate of a designed motion's file \[Hz\].
 const FILE_HZ: f64 = 1000.0;
 
-/// The benches. The last two were not used during development.
+/// The grid's benches and others, of which the last two were not used during development.
 fn benches() -> Vec<Bench> {
     let sensors = Sensors { force_noise_n: 1.0, ..Sensors::default() };
     let paper = Inerter::paper();
-    let light = Inerter { inertance_kg: 95.0, viscous_n_s_per_m: 80.0, coulomb_n: 12.0, ..paper };
     let other =
         Inerter { inertance_kg: 700.0, viscous_n_s_per_m: 250.0, coulomb_n: 90.0, stiffness_n_per_m: 8e6, ..paper };
-    let bench = |name, device, sensors| Bench { name, device, sensors, full_scale: 1.0, machine: Machine::Linear };
-    vec![
-        bench("1 kHz, 1 N, 2.44 um", paper, sensors),
-        bench("5 N", paper, Sensors { force_noise_n: 5.0, ..sensors }),
-        bench("4 kHz", paper, Sensors { sample_rate_hz: 4000.0, ..sensors }),
-        bench("0.5 um", paper, Sensors { metres_per_count: 0.5e-6, ..sensors }),
-        bench("20 um", paper, Sensors { metres_per_count: 20e-6, ..sensors }),
-        bench("95 kg, 80 N s/m, 12 N", light, sensors),
-        bench(
+    let others = [
+        (
             "preloaded, 2 kHz, 0.3 N, 1 um",
             Inerter::preloaded(),
             Sensors { force_noise_n: 0.3, sample_rate_hz: 2000.0, metres_per_count: 1e-6, ..sensors },
         ),
-        bench(
+        (
             "700 kg, 250 N s/m, 90 N, 3 N, 5 um",
             other,
             Sensors { force_noise_n: 3.0, metres_per_count: 5e-6, ..sensors },
         ),
-        bench(
+        (
             "30 kg, 25 N s/m, 4 N, 0.5 N, 1 um",
             Inerter {
                 inertance_kg: 30.0,
@@ -56,7 +48,7 @@ fn benches() -> Vec<Bench> {
             },
             Sensors { force_noise_n: 0.5, metres_per_count: 1e-6, ..sensors },
         ),
-        bench(
+        (
             "2000 kg, 900 N s/m, 300 N, 10 N, 10 um, 500 Hz",
             Inerter {
                 inertance_kg: 2000.0,
@@ -75,7 +67,10 @@ fn benches() -> Vec<Bench> {
                 ..sensors
             },
         ),
-    ]
+    ];
+    let all = grid::benches(sensors).into_iter().chain(others);
+    all.map(|(name, device, sensors)| Bench { name, device, sensors, full_scale: 1.0, machine: Machine::Linear })
+        .collect()
 }
 
 /// A rotary axis with the inertia of a shaft, in kg m2, N m and rad.
@@ -297,7 +292,7 @@ fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, 
     let (first, seeds) = BESIDE;
     let limits = Limits { duration_s: plan.duration_s(), ..case.limits };
     let line = |name: &str, u95: [f64; 3], given: usize| {
-        sheet::line([name.to_string()].into_iter().chain(u95.map(figure)).chain([given.to_string()]))
+        sheet::row(&[name], u95.map(figure).into_iter().chain([given.to_string()]))
     };
     let mut text = format!(
         "### {}\n\n| motion | {} | {} | {} | runs with a value |\n|---|--:|--:|--:|--:|\n",

@@ -10,8 +10,8 @@ use inerter_tests::{
     coverage::stated_true,
     data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, error, raw, sensors, shaken, three, truth},
-    sheet::{self, Asked, line, significant},
+    grid::{Error, calibrated, error, four, raw, sensors, shaken, three, truth},
+    sheet::{self, Asked, line, row, significant},
     updates::{SEPARABLE, fit, left, rms, rows},
 };
 use serde_json::{Value, json};
@@ -92,9 +92,8 @@ fn value(parameter: &Parameter) -> f64 {
 }
 
 fn values(outcome: &Outcome, settings: &Settings) -> [f64; 4] {
-    let found = &outcome.estimate.whole_run;
-    let [mt, cf, fc] = three(found).map(|parameter| value(&parameter));
-    [mt + settings.structure_mass_kg, cf, fc, value(&found.offset_n)]
+    let [mt, cf, fc, offset_n] = four(&outcome.estimate.whole_run).map(|parameter| value(&parameter));
+    [mt + settings.structure_mass_kg, cf, fc, offset_n]
 }
 
 fn interval(parameter: &Parameter) -> String {
@@ -146,7 +145,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
         let outcome = replayed(&run)?;
         let found = three(&outcome.estimate.whole_run);
         let pairs = found.map(|parameter| Some((value(&parameter), f64::from(parameter.u95()))));
-        let mut row = |method: &str, pairs: [Option<(f64, f64)>; 3]| {
+        let mut add = |method: &str, pairs: [Option<(f64, f64)>; 3]| {
             let shown = pairs.map(|pair| match pair {
                 Some((value, u95)) => format!("{} +- {}", sheet::mean(value, u95), significant(u95)),
                 None => "-".into(),
@@ -156,13 +155,13 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
                 None => "-".into(),
             });
             let off = off.collect::<Vec<_>>().join(", ");
-            text += &line([name.into(), method.into()].into_iter().chain(shown).chain([off]));
+            text += &row(&[name, method], shown.into_iter().chain([off]));
         };
-        row("`inerter replay`", pairs);
+        add("`inerter replay`", pairs);
         for rival in rivals.iter().filter(|rival| rival["name"] == name) {
             let of = |key: &str, i: usize| rival[key][i].as_f64();
             let pairs = std::array::from_fn(|i| of("values", i).zip(of("u95", i)));
-            row(rival["method"].as_str().unwrap_or("?"), pairs);
+            add(rival["method"].as_str().unwrap_or("?"), pairs);
         }
     }
     Ok(text)
@@ -223,7 +222,7 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
         let of = |values: &[f64; 4]| significant(rms(rows.iter().map(|row| left(values, row))));
         let shown = found[place].map(|parameter| interval(&parameter));
         let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.clone()];
-        text += &line([name.to_string()].into_iter().chain(shown).chain(figures));
+        text += &row(&[name], shown.into_iter().chain(figures));
     }
     Ok(text)
 }
@@ -271,7 +270,7 @@ of its budget), and with the law's misfit, and altogether.
             let at = |part: f64| all[(part * all.len() as f64) as usize];
             significant(0.5 * (at(0.975) - at(0.025)))
         });
-        text += &line([format!("blocks of {block_s} s")].into_iter().chain(widths));
+        text += &row(&[&format!("blocks of {block_s} s")], widths);
     }
     for (name, sources) in [
         ("estimator, scatter", &[Source::Noise, Source::Encoder][..]),
@@ -282,7 +281,7 @@ of its budget), and with the law's misfit, and altogether.
             let parts = sources.iter().map(|source| f64::from(budget.given_u95(*source)).powi(2));
             significant(parts.sum::<f64>().sqrt())
         });
-        text += &line([name.to_string()].into_iter().chain(widths));
+        text += &row(&[name], widths);
     }
     Ok(text)
 }
@@ -318,7 +317,7 @@ Each recording in {PARTS} parts of the same length, one after the other; each pa
                 }
                 _ => "-".into(),
             });
-            text += &line([name.to_string(), place.clone()].into_iter().chain(shown).chain(off));
+            text += &row(&[name, &place], shown.into_iter().chain(off));
         }
     }
     Ok(text)

@@ -33,9 +33,7 @@ fn turn_counts(scene: &Scene, draw: &mut Draw) -> f64 {
 
 pub const KINDS: [Kind; 12] = [
     kind("encoder inverted", &["wrong_sign"], |scene, _| {
-        scene.on_samples(|samples, _| {
-            samples.iter_mut().for_each(|sample| sample.position_count = -sample.position_count);
-        });
+        scene.on_each_sample(|sample, _| sample.position_count = -sample.position_count);
     }),
     kind("an encoder off its centre", &["encoder_error"], |scene, draw| {
         let (off_m, counts, phase) = (draw.between(2e-6, 50e-6), turn_counts(scene, draw), draw.within(0.0, TAU));
@@ -80,18 +78,14 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("an encoder whose lowest bits stand still", &[], |scene, draw| {
         let step = draw.one_of(&[2, 4, 8]);
-        scene.on_samples(move |samples, _| {
-            samples.iter_mut().for_each(|sample| sample.position_count = sample.position_count.div_euclid(step) * step);
-        });
+        scene.on_each_sample(move |sample, _| sample.position_count = sample.position_count.div_euclid(step) * step);
     }),
     kind("positions that are wrong for one sample", &["count_slip"], |scene, draw| {
         let (by, often) =
             (draw.between(5.0, 2000.0), draw.between(0.1, 10.0) / scene.instruments.sensors.sample_rate_hz);
-        scene.on_samples(move |samples, draw| {
-            for sample in samples {
-                if draw.happens(often) {
-                    sample.position_count += (draw.sign() * by) as i32;
-                }
+        scene.on_each_sample(move |sample, draw| {
+            if draw.happens(often) {
+                sample.position_count += (draw.sign() * by) as i32;
             }
         });
     }),
@@ -108,10 +102,8 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("an encoder that flickers", &[], |scene, draw| {
         let most = draw.between(1.0, 6.0);
-        scene.on_samples(move |samples, draw| {
-            for sample in samples {
-                sample.position_count += (most * draw.within(-1.0, 1.0)).round() as i32;
-            }
+        scene.on_each_sample(move |sample, draw| {
+            sample.position_count += (most * draw.within(-1.0, 1.0)).round() as i32;
         });
     }),
 ];

@@ -3,7 +3,6 @@
 use super::kind::{Kind, kind};
 use crate::defects::instruments::{lag, play, resonance};
 use crate::defects::{draw::Draw, scene::Scene};
-use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
 /// Changes the force at the load cell.
@@ -14,13 +13,6 @@ fn on_cell(scene: &mut Scene, change: impl Fn(&mut [f64], f64) + 'static) {
 /// Changes the force at the converter, given the time \[s\].
 fn on_force(scene: &mut Scene, change: impl Fn(f64, f64, &mut Draw) -> f64 + 'static) {
     scene.instruments.on_force.push(Box::new(change));
-}
-
-/// Changes the force codes as sent.
-fn on_codes(scene: &mut Scene, change: impl Fn(&mut RawSample, usize, &mut Draw) + 'static) {
-    scene.on_samples(move |samples, draw| {
-        samples.iter_mut().enumerate().for_each(|(n, sample)| change(sample, n, draw));
-    });
 }
 
 /// Time since the last event \[s\], negative before it. The golden ratio places each event at another phase of its
@@ -36,7 +28,7 @@ fn code(scene: &Scene, force_n: f64) -> i32 {
 
 pub const KINDS: [Kind; 25] = [
     kind("force inverted", &["wrong_sign"], |scene, _| {
-        on_codes(scene, |sample, _, _| sample.force_code = -sample.force_code);
+        scene.on_each_sample(|sample, _| sample.force_code = -sample.force_code);
     }),
     kind("a low-pass that nobody stated", &["skew"], |scene, draw| {
         let time_s = 1.0 / (TAU * draw.between(20.0, 200.0));
@@ -88,7 +80,7 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("a force of few bits", &[], |scene, draw| {
         let step = code(scene, draw.between(0.003, 0.05) * scene.seen.peak_n).max(2);
-        on_codes(scene, move |sample, _, _| sample.force_code = sample.force_code.div_euclid(step) * step);
+        scene.on_each_sample(move |sample, _| sample.force_code = sample.force_code.div_euclid(step) * step);
     }),
     kind("a force that stands still from some moment on", &["dead_force"], |scene, draw| {
         let from = draw.within(0.1, 0.9);
@@ -159,7 +151,7 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("crosstalk from the encoder's edges", &[], |scene, draw| {
         let step = code(scene, draw.between(0.002, 0.03) * scene.seen.peak_n);
-        on_codes(scene, move |sample, _, _| {
+        scene.on_each_sample(move |sample, _| {
             sample.force_code += step * i32::from(sample.position_count & 3 == 0);
         });
     }),

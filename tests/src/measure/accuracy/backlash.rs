@@ -2,9 +2,9 @@
 
 use inerter_plant::Inerter;
 use inerter_tests::{
-    backlash::{self, BACKLASHES_M, Cell, Column, goal, sensed_goal},
+    backlash::{self, BACKLASHES_M, Cell, goal, sensed_goal},
     coverage,
-    grid::{self, Error, Instruments, MOTIONS, Motion},
+    grid::{self, Column, Error, Instruments, MOTIONS, Motion},
     sheet::{line, mean, significant},
 };
 

@@ -2,7 +2,8 @@
 
 use super::backlash;
 use inerter_tests::coverage;
-use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
+use inerter_tests::grid::{Cell, Column};
+use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
 use std::fmt::Write;
 
 /// Standard errors within which a mean counts as zero.
@@ -12,8 +13,7 @@ const SIGNIFICANT: f64 = 2.5;
 pub struct Row {
     pub motion: &'static str,
     pub parameter: &'static str,
-    pub bias: f64,
-    pub sigma: f64,
+    pub cell: Cell,
     /// Goals for bias and sigma.
     pub goal: Option<(f64, f64)>,
     /// Cramer-Rao bound.
@@ -24,12 +24,6 @@ pub struct Row {
     pub ratio_goal: Option<f64>,
     /// Cramer-Rao bound without the samples within a kernel's length of a sticking.
     pub kept_sigma: f64,
-    pub u95: f64,
-    pub coverage: Option<f64>,
-    pub whole_run_coverage: Option<f64>,
-    /// Runs that ended with a value.
-    pub given: usize,
-    pub settling_s: Option<f64>,
     /// The inner value is `None` if the parameter is not expected to settle.
     pub settling_goal_s: Option<Option<f64>>,
 }
@@ -53,9 +47,10 @@ impl Section {
         let short = |part: Option<f64>| part.is_some_and(|part| coverage::is_low(part, seeds));
         self.rows
             .iter()
-            .filter(|row| short(row.coverage) || short(row.whole_run_coverage))
-            .map(|row| {
-                let [live, whole] = [row.coverage, row.whole_run_coverage].map(percent);
+            .map(|row| (row, [row.cell.coverage, row.cell.whole_run_coverage]))
+            .filter(|(_, parts)| parts.iter().copied().any(short))
+            .map(|(row, parts)| {
+                let [live, whole] = parts.map(percent);
                 format!(
                     "{}, {}, {}: covers {live} live, {whole} over the whole run, less than 95 %",
                     self.name, row.motion, row.parameter
@@ -67,15 +62,15 @@ impl Section {
 
 impl Row {
     fn bias_missed(&self) -> bool {
-        self.goal.is_some_and(|(bias, _)| self.bias.abs() > bias)
+        self.goal.is_some_and(|(bias, _)| self.cell.last.bias.abs() > bias)
     }
 
     fn sigma_missed(&self) -> bool {
-        self.goal.is_some_and(|(_, sigma)| self.sigma > sigma)
+        self.goal.is_some_and(|(_, sigma)| self.cell.last.sigma > sigma)
     }
 
     fn settling_missed(&self) -> bool {
-        match (self.settling_goal_s.flatten(), self.settling_s) {
+        match (self.settling_goal_s.flatten(), self.cell.settling_s) {
             // Allow for the publication interval of 0.1 s.
             (Some(goal), Some(time)) => time > goal + 0.1,
             (Some(_), None) => true,
@@ -97,22 +92,22 @@ impl Row {
     }
 
     fn cells(&self) -> Vec<String> {
-        let time = |time: Option<f64>| time.map_or("never".into(), |time| format!("{time:.1}"));
+        let Cell { last: Column { bias, sigma, u95, given, .. }, coverage, whole_run_coverage, settling_s } = self.cell;
         vec![
             self.motion.into(),
             self.parameter.into(),
-            mean(self.bias, self.sigma),
-            significant(self.sigma),
+            mean(bias, sigma),
+            significant(sigma),
             self.goal.map_or(String::new(), |(bias, sigma)| format!("{bias}, {sigma}")),
             self.verdict(),
             significant(self.least_sigma),
-            significant(self.sigma / self.least_sigma),
-            significant(self.sigma / self.least_with_steps),
-            significant(self.u95),
-            percent(self.coverage),
-            percent(self.whole_run_coverage),
-            self.given.to_string(),
-            time(self.settling_s),
+            significant(sigma / self.least_sigma),
+            significant(sigma / self.least_with_steps),
+            significant(u95),
+            percent(coverage),
+            percent(whole_run_coverage),
+            given.to_string(),
+            settling_s.map_or("never".into(), |time| format!("{time:.1}")),
             self.settling_goal_s.map_or(String::new(), |goal| goal.map_or("never".into(), |goal| goal.to_string())),
         ]
     }
@@ -121,32 +116,32 @@ impl Row {
     fn misses(&self, seeds: u64) -> Vec<String> {
         let mut lines = Vec::new();
         let Some((bias_goal, sigma_goal)) = self.goal else { return lines };
+        let Column { bias, sigma, u95, given, .. } = self.cell.last;
         if self.bias_missed() {
-            let errors = self.bias.abs() / (self.sigma / (seeds as f64).sqrt());
+            let errors = bias.abs() / (sigma / (seeds as f64).sqrt());
             let word = if errors < SIGNIFICANT {
                 format!("{errors:.1} standard errors of its mean over {seeds} runs: not told from none")
             } else {
-                let part = self.bias.abs() / self.u95;
+                let part = bias.abs() / u95;
                 format!(
                     "systematic ({errors:.0} standard errors), {:.0} % of the interval that is reported",
                     part * 100.0
                 )
             };
-            lines.push(format!("bias {} against {bias_goal}: {word}", significant(self.bias)));
+            lines.push(format!("bias {} against {bias_goal}: {word}", significant(bias)));
         }
         if self.sigma_missed() {
             let known = 100.0 / (2.0 * (seeds as f64 - 1.0)).sqrt();
-            let [sigma, least, kept] = [self.sigma, self.least_sigma, self.kept_sigma].map(significant);
-            let over = (self.sigma / sigma_goal - 1.0) * 100.0;
+            let over = (sigma / sigma_goal - 1.0) * 100.0;
+            let [sigma, least, kept] = [sigma, self.least_sigma, self.kept_sigma].map(significant);
             let unreachable = if self.least_sigma > sigma_goal { ", above the goal itself" } else { "" };
             lines.push(format!(
                 "sigma {sigma} against {sigma_goal}, over by {over:.1} %, itself known to {known:.0} %. The least that this \
                  noise allows is {least}{unreachable}; {kept} where a kernel's length around each sticking is left out"
             ));
         }
-        if let Some(goal) = self.ratio_goal.filter(|goal| self.sigma > goal * self.least_sigma) {
-            let [ratio, with_steps] =
-                [self.least_sigma, self.least_with_steps].map(|least| significant(self.sigma / least));
+        if let Some(goal) = self.ratio_goal.filter(|goal| sigma > goal * self.least_sigma) {
+            let [ratio, with_steps] = [self.least_sigma, self.least_with_steps].map(|least| significant(sigma / least));
             lines.push(format!(
                 "sigma {ratio} times what the force's noise allows, against {goal}; {with_steps} times what it allows with the \
                  encoder's steps"
@@ -154,8 +149,7 @@ impl Row {
         }
         if self.settling_missed() {
             let goal = self.settling_goal_s.flatten().unwrap_or(0.0);
-            let given = self.given;
-            lines.push(match self.settling_s {
+            lines.push(match self.cell.settling_s {
                 Some(time) => format!("settled after {time:.1} s against {goal} s"),
                 None if given == 0 => {
                     format!("no value, rightly: its interval is wider than half of it; goal {goal} s")
@@ -239,10 +233,6 @@ published values lie within their interval of the truth; `--short`, part of `car
     text
 }
 
-fn percent(part: Option<f64>) -> String {
-    part.map_or("-".into(), |part| format!("{:.1}", part * 100.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -251,18 +241,17 @@ mod tests {
         let row = Row {
             motion: "slow",
             parameter: "mt kg",
-            bias,
-            sigma,
+            cell: Cell {
+                last: Column { bias, sigma, u95: 12.3, given: 32, wrong: 0 },
+                coverage: Some(0.991),
+                whole_run_coverage: None,
+                settling_s: None,
+            },
             goal: Some((1.5, 3.0)),
             least_sigma: 2.99,
             kept_sigma: 3.28,
             least_with_steps: 3.0,
             ratio_goal: Some(2.5),
-            u95: 12.3,
-            coverage: Some(0.991),
-            whole_run_coverage: None,
-            given: 32,
-            settling_s: None,
             settling_goal_s: Some(None),
         };
         Section { name: "1 kHz, 1 N".into(), note: "", rows: vec![row] }
@@ -280,7 +269,7 @@ mod tests {
     fn coverage_under_the_least_is_named() {
         assert!(section(0.0, 1.0).under(32).is_empty());
         let mut low = section(0.0, 1.0);
-        low.rows[0].coverage = Some(0.85);
+        low.rows[0].cell.coverage = Some(0.85);
         assert_eq!(low.under(32).len(), 1);
         // With a single run it may be chance.
         assert!(low.under(1).is_empty());

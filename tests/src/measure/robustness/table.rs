@@ -1,9 +1,9 @@
 //! The robustness sheet as Markdown.
 
 use inerter_tests::coverage;
-use inerter_tests::grid::NAMES;
+use inerter_tests::grid::{Column, NAMES};
 use inerter_tests::robustness::{Cell, LOUD};
-use inerter_tests::sheet::{TOLERANCE, line, mean, significant};
+use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
 use std::fmt::Write;
 
 /// One case with one motion.
@@ -20,7 +20,7 @@ impl Row {
 
     fn flags(&self, i: usize, seeds: u64) -> String {
         let mut flags = self.cell.flags.clone();
-        if 2 * self.cell.given[i] <= seeds as usize {
+        if 2 * self.cell.last[i].given <= seeds as usize {
             flags.push("not identifiable");
         }
         if flags.is_empty() { "-".into() } else { flags.join(", ") }
@@ -32,17 +32,18 @@ impl Row {
 
     fn cells(&self, i: usize, seeds: u64) -> Vec<String> {
         let cell = &self.cell;
-        let bias = mean(cell.bias[i], cell.sigma[i].max(0.01 * cell.bias[i].abs()));
-        let coverage = cell.coverage[i].map_or("-".into(), |part| format!("{:.1}", part * 100.0));
+        let Column { bias, sigma, u95, given, .. } = cell.last[i];
+        let coverage = percent(cell.coverage[i]);
         vec![
             self.case.into(),
             self.motion.into(),
             NAMES[i].into(),
-            bias,
-            significant(cell.sigma[i]),
-            significant(cell.u95[i]),
+            mean(bias, sigma.max(0.01 * bias.abs())),
+            significant(sigma),
+            // A single run has no scatter beside which its interval would tell something.
+            if given < 2 { "-".into() } else { significant(u95) },
             if self.is_wrong(i, seeds) { format!("**{coverage}**") } else { coverage },
-            cell.given[i].to_string(),
+            given.to_string(),
             significant(cell.residual_n),
             self.flags(i, seeds),
         ]
@@ -84,7 +85,8 @@ table by more than {} %, either way, or where another flag shows.
     for row in rows {
         for i in (0..NAMES.len()).filter(|i| row.is_wrong(*i, seeds) && row.flags(*i, seeds) == "-") {
             none = false;
-            let [bias, u95] = [row.cell.bias[i], row.cell.u95[i]].map(significant);
+            let Column { bias, u95, .. } = row.cell.last[i];
+            let [bias, u95] = [bias, u95].map(significant);
             // Writing to a String cannot fail.
             let _ = writeln!(text, "- {}: {bias} with an interval of {u95}.", row.key(i));
         }
@@ -106,10 +108,7 @@ mod tests {
 
     fn row(bias: f64, coverage: f64, flags: &[&'static str]) -> Row {
         let cell = Cell {
-            bias: [bias; 3],
-            sigma: [0.02; 3],
-            u95: [0.09; 3],
-            given: [8; 3],
+            last: [Column { bias, sigma: 0.02, u95: 0.09, given: 8, wrong: 0 }; 3],
             coverage: [Some(coverage), Some(1.0), None],
             residual_n: 0.39,
             flags: flags.to_vec(),
