@@ -24,18 +24,23 @@ pub fn board() -> DfuDevice {
     DfuDevice { product: Some(WORDS.into()), serial: WORDS.into(), vid: 0x0483, pid: 0xDF11 }
 }
 
-/// What a monitor may see, with these settings: every text in it is such words.
-pub fn monitored(settings: Settings, at: Moment) -> [Item; 6] {
-    let hello = Hello {
+/// A device with these names.
+pub fn hello(firmware: &str, board: &str, serial: &str, sample_rate_hz: f64) -> Hello {
+    Hello {
         wire_version: WIRE_VERSION,
-        firmware: Hello::text(WORDS),
-        git: Hello::text(WORDS),
-        board: Hello::text(WORDS),
-        serial: Hello::text(WORDS),
-        sample_rate_hz: settings.sample_rate_hz,
+        firmware: Hello::text(firmware),
+        git: Hello::text(""),
+        board: Hello::text(board),
+        serial: Hello::text(serial),
+        sample_rate_hz,
         clock: ClockSource::Crystal,
         capabilities: Capabilities::NONE,
-    };
+    }
+}
+
+/// What a monitor may see, with these settings: every text in it is such words.
+pub fn monitored(settings: Settings, at: Moment) -> [Item; 6] {
+    let hello = Hello { git: Hello::text(WORDS), ..hello(WORDS, WORDS, WORDS, settings.sample_rate_hz) };
     let panic = Event { index: 0, kind: EventKind::Panicked(Hello::text(WORDS)) };
     [
         Item::Device { port: WORDS.into(), hello, settings },

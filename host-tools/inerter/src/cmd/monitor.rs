@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if let Some(file) = &args.record {
         let mut recorder = Recorder::create(file, args.force)?;
         calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
-        hub.record(recorder);
+        hub.recorder = Some(recorder);
     }
     for (view, address) in &views {
         if args.json {
@@ -120,11 +120,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
              install --path host-tools/inerter`, or add `--features screen` to your own build command; --plain asks for lines",
         );
     }
-    if args.json {
-        hub.add(Printer::new(Json::default())?);
-    } else {
-        hub.add(Printer::new(Lines::default())?);
-    }
+    hub.add(if args.json { Printer::new(Json::default()) } else { Printer::new(Lines::default()) }?);
     hub.run(over)
 }
 
@@ -144,7 +140,7 @@ fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Pl
         let share = Share::watched(address).map_err(failed)?;
         note_exposed(address);
         views.push(("shared device", share.address().map_err(failed)?.to_string()));
-        hub.share(share);
+        hub.share = Some(share);
     }
     Ok(views)
 }

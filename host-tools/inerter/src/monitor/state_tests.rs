@@ -5,7 +5,7 @@ use super::*;
 use crate::monitor::feed::{Moment, Sample};
 
 fn press(state: &mut State, code: KeyCode) -> Option<Action> {
-    state.update(Event::Key(KeyEvent::new(code, KeyModifiers::NONE)))
+    state.key(KeyEvent::new(code, KeyModifiers::NONE))
 }
 
 fn write(state: &mut State, text: &str) {
@@ -20,7 +20,7 @@ fn at(run_s: f64) -> Moment {
 
 fn samples(state: &mut State, run_s: f64) {
     let sample = Sample { at: at(run_s), force_n: 1.0, position_m: 0.0, terminal_m: None };
-    state.update(Event::Item(&Item::Samples(vec![sample])));
+    state.item(&Item::Samples(vec![sample]));
 }
 
 #[test]
@@ -30,7 +30,7 @@ fn a_pause_holds_the_view_and_not_the_measurement() {
     assert_eq!(press(&mut state, KeyCode::Char(' ')), None);
     samples(&mut state, 2.0);
     let estimate = Item::Estimate { at: at(2.0), t_s: 2.0, estimated: Estimate::default().into() };
-    state.update(Event::Item(&estimate));
+    state.item(&estimate);
     assert_eq!((state.end_s(), state.shown().estimate, state.now_s), (1.0, None, 2.0));
     press(&mut state, KeyCode::Char(' '));
     assert_eq!((state.end_s(), state.shown().estimate.is_some()), (2.0, true));
@@ -128,7 +128,7 @@ fn the_ways_out_always_work() {
         let mut state = State::default();
         before.and_then(|key| press(&mut state, KeyCode::Char(key)));
         let interrupt = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        assert_eq!(state.update(Event::Key(interrupt)), Some(Action::Quit), "{before:?}");
+        assert_eq!(state.key(interrupt), Some(Action::Quit), "{before:?}");
     }
     assert_eq!(press(&mut State::default(), KeyCode::Char('q')), Some(Action::Quit));
     assert_eq!(press(&mut State::default(), KeyCode::Esc), Some(Action::Quit));
@@ -146,11 +146,11 @@ fn events_and_markers_are_kept_up_to_a_number() {
     let mut state = State::default();
     for number in 0..2 * KEPT {
         let marker = Item::Marker { at: at(number as f64), t_s: None, text: format!("{number}") };
-        state.update(Event::Item(&marker));
+        state.item(&marker);
     }
     assert_eq!((state.lines.len(), state.marks.len()), (KEPT, KEPT));
     for count in 0..50 {
-        state.update(Event::Item(&Item::LostFrames(count)));
+        state.item(&Item::LostFrames(count));
     }
     let lost = state.lines.iter().filter(|line| line.words.contains("lost")).count();
     assert_eq!((lost, state.values.losses.lost_frames), (1, 49), "one line says it");
@@ -159,9 +159,9 @@ fn events_and_markers_are_kept_up_to_a_number() {
 #[test]
 fn a_device_that_goes_away_is_told_of_until_it_is_back() {
     let mut state = State::default();
-    state.update(Event::Item(&Item::Away { reason: "unplugged".into() }));
+    state.item(&Item::Away { reason: "unplugged".into() });
     assert_eq!(state.away.as_deref(), Some("unplugged"));
-    state.update(Event::Item(&Item::Back { port: "COM3".into() }));
+    state.item(&Item::Back { port: "COM3".into() });
     assert_eq!(state.away, None);
     let words: Vec<&str> = state.lines.iter().map(|line| line.words.as_str()).collect();
     assert_eq!(words, ["unplugged", "the device is back at COM3"]);
@@ -170,7 +170,7 @@ fn a_device_that_goes_away_is_told_of_until_it_is_back() {
 #[test]
 fn the_strongest_cause_is_shown_while_the_law_does_not_hold() {
     let mut state = State::default();
-    let show = |state: &mut State, item: Item| state.update(Event::Item(&item));
+    let show = |state: &mut State, item: Item| state.item(&item);
     let cause = |kind, f| Cause {
         kind,
         value: 1e-3,
