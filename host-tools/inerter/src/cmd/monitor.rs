@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use inerter_data::{output, recording::Recorder};
+use inerter_data::{json::json_line, output, recording::Recorder};
 use inerter_simulate::share::Share;
 use inerter_wire::Streams;
 use serde_json::json;
@@ -14,7 +14,7 @@ use serde_json::json;
 use super::{
     args::{LinkArgs, TimeArgs, calibration, note_exposed},
     lines::{Json, Lines, Printer},
-    print::print_json,
+    print::print_now,
     terminal::{self, say},
 };
 use crate::{
@@ -99,8 +99,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     for (view, address) in &views {
         if args.json {
-            print_json(&json!({ "kind": "view", "view": view, "address": address }))?;
-            output::flush()?;
+            print_now(json_line(&json!({ "kind": "view", "view": view, "address": address })))?;
         } else {
             say(format!("{view}: {address}"));
         }
