@@ -44,13 +44,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     print(&checks, args.json, &mut io::stdout().lock())?;
     let problems = checks.iter().filter(|check| check.condition == Condition::Problem).count();
-    if problems == 0 {
-        if !args.json {
-            note("nothing prevents this machine from using a device");
-        }
-        return Ok(());
+    if problems > 0 {
+        return Err(Error::Doctor { problems });
     }
-    Err(Error::Doctor { problems })
+    if !args.json {
+        note("nothing prevents this machine from using a device");
+    }
+    Ok(())
 }
 
 /// Prints the checks, each with its advice.

@@ -103,7 +103,7 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     for (option, file) in [("--parquet", &args.parquet), ("--mat", &args.mat)] {
-        Feature::Tables.check(option, file.is_some(), "--csv and --mcap are always built in")?;
+        Feature::TABLES.check(option, file.is_some(), "--csv and --mcap are always built in")?;
     }
     if args.to_stdout() && (args.json || args.estimates) {
         return Err(Error::StandardOutput);

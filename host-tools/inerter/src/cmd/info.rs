@@ -7,7 +7,7 @@ use inerter_data::{
     calibration::Calibration,
     csv,
     json::{EstimateJson, rounded_s},
-    output,
+    output::{self, OutputError},
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
     words::{duration_text, plural, utc},
@@ -136,10 +136,13 @@ fn recording_json(
     RecordingJson { about, estimate: summary.estimated.as_ref().map(live) }
 }
 
+fn row(label: &str, value: String) -> Result<(), OutputError> {
+    output::line(format!("{label:<12} {value}").trim_end())
+}
+
 fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option<&Calibration>) -> Result<(), Error> {
     let contents = &summary.contents;
     let counts = &contents.counts;
-    let row = |label: &str, value: String| output::line(format!("{label:<12} {value}").trim_end());
     row(
         "file",
         format!("{} ({:.1} MB, {})", file.display(), contents.bytes as f64 / 1e6, ending_word(&contents.ending)),
@@ -209,7 +212,6 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     }
     table.notes.iter().for_each(note);
     let duration = table.t_s.last().zip(table.t_s.first()).map_or(0.0, |(last, first)| last - first);
-    let row = |label: &str, value: String| output::line(format!("{label:<12} {value}"));
     row("file", format!("{} (CSV)", table.file))?;
     row("run", format!("{}, {} at {} Hz", duration_text(duration), plural(samples, "sample"), timebase.rate_hz))?;
     row("missing", missing_text(timebase.discontinuities, timebase.missing))?;

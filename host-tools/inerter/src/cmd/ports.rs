@@ -38,15 +38,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 /// Prints a line for each.
 fn print(ports: &[Port], waiting: &[dfu::DfuDevice], json: bool, out: &mut impl Write) -> Result<(), OutputError> {
-    for port in ports {
-        let line = if json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
-        output::line_to(out, line)?;
-    }
-    for device in waiting {
-        let line = if json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
-        output::line_to(out, line)?;
-    }
-    Ok(())
+    let port = |port| if json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
+    let device = |device| if json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
+    ports.iter().map(port).chain(waiting.iter().map(device)).try_for_each(|line| output::line_to(out, line))
 }
 
 fn port_line(port: &Port) -> String {

@@ -12,7 +12,7 @@ pub mod values {
 }
 
 fn lacks<T>(feature: Feature, needed_by: &'static str) -> Result<T, Error> {
-    Err(Error::BuiltWithout { feature: feature.name(), needed_by, instead: String::new() })
+    Err(Error::BuiltWithout { feature: feature.name, needed_by, instead: String::new() })
 }
 
 /// Commands that are refused.
@@ -25,21 +25,21 @@ macro_rules! commands {
 }
 
 commands! {
-    compare: Reports, "`inerter compare`";
-    plot: Reports, "`inerter plot`";
-    report: Reports, "`inerter report`";
-    reproduce_paper: Reports, "`inerter reproduce-paper`";
-    store: Tables, "`inerter store`";
+    compare: REPORTS, "`inerter compare`";
+    plot: REPORTS, "`inerter plot`";
+    report: REPORTS, "`inerter report`";
+    reproduce_paper: REPORTS, "`inerter reproduce-paper`";
+    store: TABLES, "`inerter store`";
 }
 
 pub fn selftest_page(_: &SelfTest) -> Result<String, Error> {
-    lacks(Feature::Reports, "the page of `inerter selftest`")
+    lacks(Feature::REPORTS, "the page of `inerter selftest`")
 }
 
 pub fn junit<'a>(_: impl Iterator<Item = (&'a str, Machine, &'a [Judged])>) -> Result<String, Error> {
-    lacks(Feature::Reports, "--junit")
+    lacks(Feature::REPORTS, "--junit")
 }
 
 pub fn replay<Args, Settings>(_: &str, _: &Args, _: &Settings, _: bool) -> Result<(), Error> {
-    lacks(Feature::Tables, "`inerter replay --store`")
+    lacks(Feature::TABLES, "`inerter replay --store`")
 }

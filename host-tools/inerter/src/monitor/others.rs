@@ -45,7 +45,7 @@ impl Wanted {
         ]
         .into_iter();
         wanted.try_for_each(|(option, is_given)| {
-            Feature::Bridges.check(option, is_given, "lines, --json and --share are always built in")
+            Feature::BRIDGES.check(option, is_given, "lines, --json and --share are always built in")
         })
     }
 
