@@ -94,11 +94,12 @@ pub fn code(error: &Error) -> u8 {
 }
 
 fn data(error: &inerter_data::Error) -> u8 {
+    use inerter_data::Error::*;
     match error {
-        inerter_data::Error::Csv(_) => INPUT,
-        inerter_data::Error::Recording(error) => recording(error),
-        inerter_data::Error::Settings(_) => SETTINGS,
-        inerter_data::Error::Output(_) => OUTPUT,
+        Csv(_) => INPUT,
+        Recording(error) => recording(error),
+        Settings(_) => SETTINGS,
+        Output(_) => OUTPUT,
         inerter_data::Error::Interrupted => INTERRUPTED,
     }
 }

@@ -75,14 +75,13 @@ fn print(checks: &[Check], json: bool, out: &mut impl Write) -> Result<(), Outpu
 
 #[cfg(test)]
 mod tests {
-    use inerter_data::words::printable;
     use inerter_device::{dfu::DfuDevice, update::UpdateError};
     use serde_json::Value;
 
     use super::*;
     use crate::{
         doctor::{plugged_in, waiting},
-        hostile::{SHOWN, WORDS, board, probe},
+        hostile::{SHOWN, WORDS, board, printed, probe},
     };
 
     #[test]
@@ -97,15 +96,7 @@ mod tests {
             waiting(Err(UpdateError::Usb { reason: WORDS.into() }), |_| Ok(())),
         ]
         .concat();
-        let printed = |json| {
-            let mut out = Vec::new();
-            print(&checks, json, &mut out).unwrap();
-            String::from_utf8(out).unwrap()
-        };
-        let (text, json) = (printed(false), printed(true));
-        for line in text.lines().chain(json.lines()) {
-            assert_eq!(printable(line), line);
-        }
+        let [text, json] = printed(|json, out| print(&checks, json, out));
         // The four checks, and the port in the advice to the first one.
         assert_eq!((text.lines().count(), text.matches(SHOWN).count()), (8, 5), "{text}");
         // In JSON the same escapes represent the text itself.

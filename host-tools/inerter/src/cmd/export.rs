@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::catch_interrupts();
     let mut bar = Progress::new("exporting", 1000);
     let mut progress = |part: f64| {
-        bar.set((part * 1000.0) as u64);
+        bar.set_part(part);
         terminal::go_on()
     };
     if args.to_stdout() {

@@ -14,7 +14,7 @@ use inerter_data::{
 };
 use inerter_wire::Estimated;
 use serde::Serialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::{
     args::FileSettingsArgs,
@@ -95,13 +95,13 @@ fn recording_json(
     calibration: Option<&Calibration>,
 ) -> RecordingJson {
     let contents = &summary.contents;
-    let known_settings = summary.settings.map(|_| -> Map<String, Value> {
-        let values = Settings::TABLE.iter().zip(settings.values());
-        values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
+    let known_settings = summary.settings.map(|_| -> Value {
+        let names = Settings::TABLE.iter().map(|info| info.name);
+        names.zip(settings.values()).collect()
     });
-    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| -> Map<String, Value> {
-        let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), |number| json!(number));
-        truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
+    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| -> Value {
+        let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), Value::from);
+        truth.iter().map(|(name, text)| (name, number(text))).collect()
     });
     let marker = |marker: &recording::Marker| {
         let t_s = rounded_s(marker.periods as f64 / settings.sample_rate_hz);

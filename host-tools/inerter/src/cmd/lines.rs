@@ -112,8 +112,8 @@ impl Viewer for Json {
             Item::Device { port, hello, settings } => {
                 self.settings = *settings;
                 print_now(json_line(&json!({
-                    "kind": "device", "port": port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
-                    "firmware": hello.firmware.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+                    "kind": "device", "port": port, "board": hello.board, "serial": hello.serial,
+                    "firmware": hello.firmware, "sample_rate_hz": hello.sample_rate_hz,
                     "wire_version": hello.wire_version,
                 })))?;
             }

@@ -149,8 +149,8 @@ fn begin(args: &Args, device: &Device) -> Result<(), Error> {
     let file = args.output.display();
     if args.json {
         let line = json!({
-            "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board.as_str(),
-            "serial": hello.serial.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+            "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board,
+            "serial": hello.serial, "sample_rate_hz": hello.sample_rate_hz,
         });
         return print_now(json_line(&line));
     }

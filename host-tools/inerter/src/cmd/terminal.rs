@@ -242,6 +242,11 @@ impl Progress {
         }
     }
 
+    /// Sets the fraction that is done of work with a total of 1000.
+    pub fn set_part(&mut self, part: f64) {
+        self.set((1000.0 * part) as u64);
+    }
+
     /// Removes the bar.
     pub fn done(self) {
         if let Some(bar) = self.bar {

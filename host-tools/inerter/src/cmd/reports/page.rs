@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Error> {
     let run = settings.open(file)?;
     let mut progress = Progress::new("replaying", 1000);
-    let content = Content::of(run, |part| progress.set((part * 1e3) as u64))?;
+    let content = Content::of(run, |part| progress.set_part(part))?;
     progress.done();
     Ok(content)
 }

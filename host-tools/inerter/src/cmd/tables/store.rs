@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 fn watched<T>(label: &'static str, work: impl FnOnce(&mut dyn FnMut(f64) -> Result<(), StoreError>) -> T) -> T {
     let mut bar = Progress::new(label, 1000);
     let done = work(&mut |part| {
-        bar.set((part * 1000.0) as u64);
+        bar.set_part(part);
         Ok(terminal::go_on()?)
     });
     bar.done();

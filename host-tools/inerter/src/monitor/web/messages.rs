@@ -97,8 +97,8 @@ impl Messages {
             format!("{} [{unit}]", field.label)
         });
         Some(json!({
-            "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
-            "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
+            "kind": "device", "port": present.port, "board": hello.board, "serial": hello.serial,
+            "firmware": hello.firmware, "sample_rate_hz": self.state.settings.sample_rate_hz,
             "memory_s": self.state.settings.memory_s, "terminal": self.state.settings.terminal_sensor,
             "parameters": fields(Group::Parameter).map(field).collect::<Vec<_>>(),
             "contact": contact.map(field).collect::<Vec<_>>(), "signals": signals.collect::<Vec<_>>(),
