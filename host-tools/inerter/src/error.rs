@@ -3,7 +3,7 @@
 //! There is one enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
 //! file, field, line, port or version, and its help says what to do next.
 
-use std::path::PathBuf;
+use std::{fmt::Display, io::ErrorKind, path::PathBuf};
 
 use inerter_analysis::{
     calibrate::CalibrateError, compare::CompareError, contact::ContactError, fit::FitError, identify::IdentifyError,
@@ -25,11 +25,11 @@ use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::monitor::MonitorError;
 
-/// Any failure, with help for a person.
+/// Any failure, with help for a person. A variant without a message has that of the error that it holds.
 #[derive(Debug, thiserror::Error, Diagnostic)]
+#[error(transparent)]
 pub enum Error {
     /// The file with flags cannot be used.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Config(#[from] ConfigError),
     /// The program was built without the requested feature.
@@ -49,11 +49,9 @@ pub enum Error {
         instead: String,
     },
     /// A file cannot be used or written, settings do not fit it, or the user pressed Ctrl-C before the work was done.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Data(#[from] inerter_data::Error),
     /// The device cannot be reached, or its answer cannot be used.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Device(#[from] DeviceError),
     /// This machine cannot use a device that is there.
@@ -66,7 +64,6 @@ pub enum Error {
     StandardOutput,
     /// A store cannot be used.
     #[cfg(feature = "tables")]
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Store(#[from] inerter_store::StoreError),
     /// Some recordings were not added.
@@ -104,15 +101,12 @@ pub enum Error {
     )]
     WideCsv { url: String, most: usize },
     /// A simulation cannot be set up.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Simulate(#[from] SimulateError),
     /// A fit gives no result.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Fit(#[from] FitError),
     /// Limits cannot be read.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     LimitsFile(#[from] LimitsError),
     /// A device is not shown to be within its limits.
@@ -145,64 +139,49 @@ pub enum Error {
     #[diagnostic(code(inerter::limits::nothing), help("`inerter store ls STORE` lists the runs that there are"))]
     NothingHeld,
     /// Runs cannot be compared.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Compare(#[from] CompareError),
     /// Runs do not belong together.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Merge(#[from] MergeError),
     /// A motion cannot identify the skew.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Skew(#[from] SkewError),
     /// The contact stiffness cannot be found.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Contact(#[from] ContactError),
     /// Samples, loads or displacements do not give a calibration.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Calibrate(#[from] CalibrateError),
     /// A question was not answered.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Dialogue(#[from] DialogueError),
     /// A backup is of another device.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Backup(#[from] BackupError),
     /// A figure cannot be drawn.
     #[cfg(feature = "reports")]
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Page(#[from] inerter_view::page::PageError),
     /// Nothing can be identified.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Identify(#[from] IdentifyError),
     /// No motion can be planned, or none that achieves the goal.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Plan(#[from] PlanError),
     /// A file is not firmware for the board.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Image(#[from] ImageError),
     /// The monitor cannot open a requested view.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Monitor(#[from] MonitorError),
     /// An update over USB failed.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Update(#[from] UpdateError),
     /// A board's self-test failed.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     SelfTest(#[from] SelfTestError),
     /// Programming through a probe failed.
-    #[error(transparent)]
     #[diagnostic(transparent)]
     Flash(#[from] FlashError),
 }
@@ -304,28 +283,21 @@ from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
 const MOST_LETTERS: usize = 2000;
 
 /// A failure made safe for a terminal: its text may quote files and devices.
-#[derive(Debug)]
-pub struct Shown<E>(pub E);
+#[derive(Debug, thiserror::Error)]
+#[error("{}", shown(&.0.to_string()))]
+pub struct Shown<E: Diagnostic>(pub E);
 
 fn shown(text: &str) -> String {
     printable(&shortened_to(MOST_LETTERS, text)).into_owned()
 }
 
-impl<E: Diagnostic> std::fmt::Display for Shown<E> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&shown(&self.0.to_string()))
-    }
-}
-
-impl<E: Diagnostic> std::error::Error for Shown<E> {}
-
 impl<E: Diagnostic> Diagnostic for Shown<E> {
-    fn code<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
+    fn code<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
         self.0.code()
     }
 
-    fn help<'a>(&'a self) -> Option<Box<dyn std::fmt::Display + 'a>> {
-        self.0.help().map(|help| Box::new(shown(&help.to_string())) as Box<dyn std::fmt::Display>)
+    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
+        self.0.help().map(|help| Box::new(shown(&help.to_string())) as Box<dyn Display>)
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
@@ -343,7 +315,7 @@ impl Error {
 
     /// True if the reader of our output has gone away, which is not a fault: `inerter replay run.csv | head`.
     pub fn is_broken_pipe(&self) -> bool {
-        matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == std::io::ErrorKind::BrokenPipe)
+        matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == ErrorKind::BrokenPipe)
     }
 }
 

@@ -41,70 +41,65 @@ pub const INTERRUPTED: u8 = 130;
 
 /// The exit code for this failure.
 pub fn code(error: &Error) -> u8 {
+    use Error::*;
     match error {
-        Error::Config(ConfigError::File { .. }) => INPUT,
-        Error::Config(
+        Config(ConfigError::File { .. }) => INPUT,
+        Config(
             ConfigError::Toml { .. }
             | ConfigError::Found { .. }
             | ConfigError::Unknown { .. }
             | ConfigError::Value { .. },
         ) => SETTINGS,
-        Error::Data(error) => data(error),
-        Error::Image(_)
-        | Error::NotAdded { .. }
-        | Error::NotReplayed { .. }
-        | Error::StoreDamage { .. }
-        | Error::WideCsv { .. } => INPUT,
+        Data(error) => data(error),
+        Image(_) | NotAdded { .. } | NotReplayed { .. } | StoreDamage { .. } | WideCsv { .. } => INPUT,
         #[cfg(feature = "tables")]
-        Error::Store(error) => store(error),
-        Error::Doctor { .. } => NO_DEVICE,
-        Error::SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
-        Error::SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
-        Error::SelfTest(SelfTestError::SameName { .. })
-        | Error::Dialogue(_)
-        | Error::StandardOutput
-        | Error::BuiltWithout { .. } => USAGE,
-        Error::Contact(_) => NOT_SHOWN,
-        Error::Fit(error) => fit(error),
-        Error::Backup(_) | Error::Merge(_) => SETTINGS,
-        Error::LimitsFile(LimitsError::File { .. }) => INPUT,
-        Error::LimitsFile(LimitsError::Form { .. }) => SETTINGS,
-        Error::Limits { .. } | Error::LimitsOfRuns { .. } | Error::NothingHeld => NOT_PASSED,
-        Error::Compare(CompareError::One) => USAGE,
-        Error::Compare(CompareError::Machine { .. }) => SETTINGS,
-        Error::Skew(error) => skew(error),
+        Store(error) => store(error),
+        Doctor { .. } => NO_DEVICE,
+        SelfTest(SelfTestError::CannotMeasure { .. }) => DEVICE_LOST,
+        SelfTest(SelfTestError::Failed { .. }) => NOT_PASSED,
+        SelfTest(SelfTestError::SameName { .. }) | Dialogue(_) | Error::StandardOutput | BuiltWithout { .. } => USAGE,
+        Contact(_) => NOT_SHOWN,
+        Fit(error) => fit(error),
+        Backup(_) | Merge(_) => SETTINGS,
+        LimitsFile(LimitsError::File { .. }) => INPUT,
+        LimitsFile(LimitsError::Form { .. }) => SETTINGS,
+        Limits { .. } | LimitsOfRuns { .. } | Error::NothingHeld => NOT_PASSED,
+        Compare(CompareError::One) => USAGE,
+        Compare(CompareError::Machine { .. }) => SETTINGS,
+        Skew(error) => skew(error),
         #[cfg(feature = "reports")]
-        Error::Page(error) => match error {
+        Page(error) => match error {
             inerter_view::page::PageError::NotShown { .. } => NOT_SHOWN,
             inerter_view::page::PageError::Format { .. } => USAGE,
         },
-        Error::Device(error) => device(error),
-        Error::Simulate(error) => simulate(error),
-        Error::Calibrate(error) => calibrate(error),
-        Error::Identify(error) => match error {
+        Device(error) => device(error),
+        Simulate(error) => simulate(error),
+        Calibrate(error) => calibrate(error),
+        Identify(error) => match error {
             IdentifyError::TooShort { .. } => INPUT,
             IdentifyError::Stages { .. } => USAGE,
             IdentifyError::Terminal | IdentifyError::Diverged => NOT_SHOWN,
             IdentifyError::Fit(error) => fit(error),
             IdentifyError::Settings(_) => SETTINGS,
         },
-        Error::Plan(error) => plan(error),
-        Error::Monitor(error) => match error {
+        Plan(error) => plan(error),
+        Monitor(error) => match error {
             MonitorError::NotLoopback { .. } | MonitorError::Exposed { .. } | MonitorError::Address { .. } => USAGE,
             MonitorError::Listen { .. } | MonitorError::Terminal { .. } => OUTPUT,
             MonitorError::Random { .. } => OTHER,
         },
-        Error::Update(error) => update(error),
-        Error::Flash(error) => flash(error),
+        Update(error) => update(error),
+        Flash(error) => flash(error),
     }
 }
 
 fn data(error: &inerter_data::Error) -> u8 {
+    use inerter_data::Error::*;
     match error {
-        inerter_data::Error::Csv(_) => INPUT,
-        inerter_data::Error::Recording(error) => recording(error),
-        inerter_data::Error::Settings(_) => SETTINGS,
-        inerter_data::Error::Output(_) => OUTPUT,
+        Csv(_) => INPUT,
+        Recording(error) => recording(error),
+        Settings(_) => SETTINGS,
+        Output(_) => OUTPUT,
         inerter_data::Error::Interrupted => INTERRUPTED,
     }
 }

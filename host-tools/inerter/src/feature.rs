@@ -6,39 +6,25 @@
 use crate::Error;
 
 /// A feature of `Cargo.toml`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Feature {
-    /// Views of a live device in other programs.
-    Bridges,
-    /// Pages, figures and JUnit files.
-    Reports,
-    /// Parquet and MATLAB files, and stores.
-    Tables,
+pub struct Feature {
+    /// Its name there.
+    pub name: &'static str,
+    is_built_in: bool,
 }
 
 impl Feature {
-    /// Its name in `Cargo.toml`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Bridges => "bridges",
-            Self::Reports => "reports",
-            Self::Tables => "tables",
-        }
-    }
-
-    const fn is_built_in(self) -> bool {
-        match self {
-            Self::Bridges => cfg!(feature = "bridges"),
-            Self::Reports => cfg!(feature = "reports"),
-            Self::Tables => cfg!(feature = "tables"),
-        }
-    }
+    /// Views of a live device in other programs.
+    pub const BRIDGES: Self = Self { name: "bridges", is_built_in: cfg!(feature = "bridges") };
+    /// Pages, figures and JUnit files.
+    pub const REPORTS: Self = Self { name: "reports", is_built_in: cfg!(feature = "reports") };
+    /// Parquet and MATLAB files, and stores.
+    pub const TABLES: Self = Self { name: "tables", is_built_in: cfg!(feature = "tables") };
 
     /// Fails if an option is given that needs a missing feature. `others` names the alternatives.
     pub fn check(self, option: &'static str, is_given: bool, others: &'static str) -> Result<(), Error> {
-        if is_given && !self.is_built_in() {
+        if is_given && !self.is_built_in {
             let instead = format!("; or leave {option} out: {others}");
-            return Err(Error::BuiltWithout { feature: self.name(), needed_by: option, instead });
+            return Err(Error::BuiltWithout { feature: self.name, needed_by: option, instead });
         }
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! The interface between a calibration step and the person at the rig.
 
+use miette::Diagnostic;
+
 use crate::error::{DialogueError, Error};
 
 /// Questions and messages to a person.
@@ -13,6 +15,14 @@ pub trait Dialogue {
     /// Shows that this fraction of `label` is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person
     /// wants to stop.
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error>;
+
+    /// Shows an error with its help.
+    fn explain(&mut self, error: &impl Diagnostic) {
+        self.say(&error.to_string());
+        if let Some(help) = error.help() {
+            self.say(&format!("  {help}"));
+        }
+    }
 
     /// Asks until one of the choices is named: a word or its first letter. Returns its index; the first one is the
     /// default.

@@ -8,6 +8,7 @@ use inerter_data::run::Run;
 use inerter_device::{Device, DeviceError};
 use inerter_wire::{EventKind, Frame, Record, Streams, step};
 
+use super::dialogue::Dialogue;
 use crate::error::Error;
 
 /// A sampling device sends a new sample within this time.
@@ -74,29 +75,12 @@ fn batches(
 }
 
 impl Heard {
-    /// Everything for this long, counted in samples; `progress` gets the completed fraction.
+    /// Everything for this long, counted in samples. Runs of hours are heard without keeping the samples.
     pub fn listen(
         device: &mut Device,
+        dialogue: &mut impl Dialogue,
         seconds: f64,
-        progress: impl FnMut(f64) -> Result<(), Error>,
-    ) -> Result<Self, Error> {
-        Self::take(device, seconds, true, progress)
-    }
-
-    /// The same without keeping the samples, for runs of hours.
-    pub fn arrivals(
-        device: &mut Device,
-        seconds: f64,
-        progress: impl FnMut(f64) -> Result<(), Error>,
-    ) -> Result<Vec<Arrival>, Error> {
-        Ok(Self::take(device, seconds, false, progress)?.arrivals)
-    }
-
-    fn take(
-        device: &mut Device,
-        seconds: f64,
-        keep: bool,
-        mut progress: impl FnMut(f64) -> Result<(), Error>,
+        keep_samples: bool,
     ) -> Result<Self, Error> {
         let settings = *device.settings();
         let mut heard = Self::default();
@@ -108,12 +92,12 @@ impl Heard {
             }
             if !samples.is_empty() {
                 heard.arrivals.push(Arrival { elapsed, time_ns });
-                if keep {
+                if keep_samples {
                     heard.run.samples.extend(samples);
                 }
             }
             let done = elapsed as f64 / wanted;
-            progress(done.min(1.0))?;
+            dialogue.progress("listening", done.min(1.0))?;
             Ok(done >= 1.0)
         })?;
         heard.run.settings = settings;

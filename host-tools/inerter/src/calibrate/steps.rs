@@ -23,7 +23,6 @@ use inerter_data::{
 };
 use inerter_device::Device;
 use inerter_wire::catalogue;
-use miette::Diagnostic;
 
 use super::{
     dialogue::Dialogue,
@@ -37,7 +36,7 @@ const PATIENCE_S: f64 = 20.0;
 const STAND_S: f64 = 1.0;
 
 /// A device, the person beside it, and the settings as they would become.
-pub struct Station<'a, D: ?Sized> {
+pub struct Station<'a, D> {
     /// The device; nothing is written to it here.
     pub device: &'a mut Device,
     pub dialogue: &'a mut D,
@@ -47,10 +46,9 @@ pub struct Station<'a, D: ?Sized> {
     pub may_ask: bool,
 }
 
-impl<D: Dialogue + ?Sized> Station<'_, D> {
-    fn listen(&mut self, seconds: f64) -> Result<Heard, Error> {
-        let dialogue = &mut *self.dialogue;
-        let mut heard = Heard::listen(self.device, seconds, |done| dialogue.progress("listening", done))?;
+impl<D: Dialogue> Station<'_, D> {
+    fn listen(&mut self, seconds: f64, keep_samples: bool) -> Result<Heard, Error> {
+        let mut heard = Heard::listen(self.device, self.dialogue, seconds, keep_samples)?;
         heard.run.settings = self.settings;
         Ok(heard)
     }
@@ -62,16 +60,13 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
                 Ok(level) => return Ok(level),
                 Err(refusal) => refusal,
             };
-            if !self.may_ask {
-                return Err(refusal.into());
+            if self.may_ask {
+                self.dialogue.explain(&refusal);
+                if self.dialogue.choose("once more?", &["yes", "no"])? == 0 {
+                    continue;
+                }
             }
-            self.dialogue.say(&refusal.to_string());
-            if let Some(help) = refusal.help() {
-                self.dialogue.say(&format!("  {help}"));
-            }
-            if self.dialogue.choose("once more?", &["yes", "no"])? == 1 {
-                return Err(refusal.into());
-            }
+            return Err(refusal.into());
         }
     }
 
@@ -108,7 +103,7 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
 
     /// Diagnosis of the force channel.
     pub fn load_cell(&mut self, seconds: f64) -> Result<Finding, Error> {
-        let heard = self.listen(seconds.max(load_cell::LEAST_S))?;
+        let heard = self.listen(seconds.max(load_cell::LEAST_S), true)?;
         let rate = timebase::rate(&heard.arrivals, self.settings.sample_rate_hz).ok();
         let diagnosis = load_cell::diagnose(&heard.run, rate)?;
         Ok(load_cell::judge(&diagnosis, &self.settings))
@@ -182,21 +177,20 @@ impl<D: Dialogue + ?Sized> Station<'_, D> {
 
     /// Whether force and position have the same positive direction.
     pub fn direction(&mut self, seconds: f64, known: Known) -> Result<Finding, Error> {
-        let heard = self.listen(seconds)?;
+        let heard = self.listen(seconds, true)?;
         let outcome = replay(&heard.run, |_, _| Ok::<(), Error>(()))?;
         Ok(direction(&heard.run, &outcome, known)?)
     }
 
     /// The residual delay of the force, under the settings as they would become.
     pub fn skew(&mut self, seconds: f64) -> Result<Finding, Error> {
-        skew_of(&self.listen(seconds)?.run)
+        skew_of(&self.listen(seconds, true)?.run)
     }
 
     /// The device's clock against this computer's.
     pub fn timebase(&mut self, seconds: f64, host_ppm: f64) -> Result<Finding, Error> {
-        let dialogue = &mut *self.dialogue;
-        let arrivals = Heard::arrivals(self.device, seconds, |done| dialogue.progress("listening", done))?;
-        let rate = timebase::rate(&arrivals, self.settings.sample_rate_hz)?;
+        let heard = self.listen(seconds, false)?;
+        let rate = timebase::rate(&heard.arrivals, self.settings.sample_rate_hz)?;
         Ok(timebase::timebase(&rate, &self.settings, host_ppm))
     }
 

@@ -19,7 +19,6 @@ use inerter_data::{
     output::refuse_existing,
 };
 use inerter_device::Device;
-use miette::Diagnostic;
 
 use super::{
     dialogue::{
@@ -38,7 +37,7 @@ const SKEW_S: f64 = 20.0;
 const TIMEBASE_S: f64 = 60.0;
 
 /// The sequence of all steps.
-pub struct Wizard<'a, D: ?Sized> {
+pub struct Wizard<'a, D> {
     rig: Station<'a, D>,
     known: Known,
 }
@@ -50,7 +49,7 @@ enum Verdict {
     Skip,
 }
 
-impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
+impl<'a, D: Dialogue> Wizard<'a, D> {
     /// A wizard for this device and this person.
     pub fn new(device: &'a mut Device, dialogue: &'a mut D) -> Self {
         let settings = *device.settings();
@@ -156,10 +155,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
                 }
                 // The measurement is at fault, not the link or the program.
                 Err(error @ (Error::Calibrate(_) | Error::Fit(_) | Error::Skew(_))) => {
-                    self.say(&error.to_string());
-                    if let Some(help) = error.help() {
-                        self.say(&format!("  {help}"));
-                    }
+                    self.rig.dialogue.explain(&error);
                     self.retry()?
                 }
                 Err(error) => return Err(error),
@@ -242,7 +238,7 @@ impl<'a, D: Dialogue + ?Sized> Wizard<'a, D> {
 }
 
 /// Shows a finding to a person.
-pub fn show(dialogue: &mut (impl Dialogue + ?Sized), finding: &Finding, machine: Machine) {
+fn show(dialogue: &mut impl Dialogue, finding: &Finding, machine: Machine) {
     for line in &finding.text {
         dialogue.say(&format!("  {}", description(machine, line)));
     }
@@ -268,7 +264,7 @@ pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
     Ok(saved?)
 }
 
-fn loads<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
+fn loads(rig: &mut Station<'_, impl Dialogue>) -> Result<Finding, Error> {
     let machine = rig.settings.machine;
     let sizes = loop {
         let question = match machine {
@@ -330,7 +326,7 @@ fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
     Ok(sizes)
 }
 
-fn encoder<D: Dialogue + ?Sized>(rig: &mut Station<'_, D>) -> Result<Finding, Error> {
+fn encoder(rig: &mut Station<'_, impl Dialogue>) -> Result<Finding, Error> {
     let dialogue = &mut *rig.dialogue;
     let lines = dialogue.ask_number("lines per revolution from the encoder's label (empty: unknown)", "", PLAIN)?;
     let revolutions = dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?;

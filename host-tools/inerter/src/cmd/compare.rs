@@ -22,31 +22,31 @@ use super::{args::FileSettingsArgs, limits::LimitsArgs};
 pub struct Args {
     /// Recordings (.mcap) or CSV files, at least two; the others are compared with the first
     #[arg(required = true, num_args = 2.., value_name = "FILE")]
-    pub(super) files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     /// Page to write
     #[arg(short, long, value_name = "FILE.html")]
-    pub(super) output: Option<PathBuf>,
+    pub output: Option<PathBuf>,
     /// Write the figures as PNG files into this folder, which is created if needed
     #[arg(long, value_name = "DIR")]
-    pub(super) png: Option<PathBuf>,
+    pub png: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]
-    pub(super) force: bool,
+    pub force: bool,
     /// Whether the runs share a rig and its calibration [default: as the files show]
     #[arg(long, value_name = "HOW_MANY")]
-    pub(super) rigs: Option<Rigs>,
+    pub rigs: Option<Rigs>,
     #[command(flatten)]
-    pub(super) settings: FileSettingsArgs,
+    pub settings: FileSettingsArgs,
     #[command(flatten)]
-    pub(super) limits: LimitsArgs,
+    pub limits: LimitsArgs,
     /// Print JSON
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }
 
 /// How many rigs the runs are of.
 #[derive(Clone, Copy, clap::ValueEnum)]
-pub(super) enum Rigs {
+pub enum Rigs {
     One,
     Several,
 }

@@ -103,7 +103,7 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     for (option, file) in [("--parquet", &args.parquet), ("--mat", &args.mat)] {
-        Feature::Tables.check(option, file.is_some(), "--csv and --mcap are always built in")?;
+        Feature::TABLES.check(option, file.is_some(), "--csv and --mcap are always built in")?;
     }
     if args.to_stdout() && (args.json || args.estimates) {
         return Err(Error::StandardOutput);
@@ -125,7 +125,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::catch_interrupts();
     let mut bar = Progress::new("exporting", 1000);
     let mut progress = |part: f64| {
-        bar.set((part * 1000.0) as u64);
+        bar.set_part(part);
         terminal::go_on()
     };
     if args.to_stdout() {

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use inerter_analysis::{calibrate::refuse_saturated, fit::Directions, merge::Runs, results::FitJson};
-use inerter_core::Parameter;
 use inerter_data::{
     causes::warning_words,
     names::description,
@@ -107,25 +106,24 @@ fn text(args: &Args, run: &Run, fit: &Directions) -> Result<(), Error> {
         let line = format!("{label:<20} {unit:<6} {alike:<22} {positive:<22} {negative}");
         output::line(line.trim_end())
     };
-    let cell = |parameter: &Parameter| value_text(parameter);
     line("", "", ["alike".into(), "positive".into(), "negative".into()])?;
     let offset = args.offset_n.map_or_else(|| "unknown".to_string(), |offset_n| format!("{offset_n} (given)"));
     let [viscous_positive, viscous_negative] = &fit.viscous_n_s_per_m;
     let coulomb = match &fit.coulomb_by_direction_n {
-        Some([positive, negative]) => [cell(positive), cell(negative)],
-        None => [format!("mean {}", cell(&fit.coulomb_n)), String::new()],
+        Some([positive, negative]) => [value_text(positive), value_text(negative)],
+        None => [format!("mean {}", value_text(&fit.coulomb_n)), String::new()],
     };
     let [coulomb_positive, coulomb_negative] = coulomb;
     let by_direction = [
-        [cell(&fit.inertance_kg), String::new()],
-        [cell(viscous_positive), cell(viscous_negative)],
+        [value_text(&fit.inertance_kg), String::new()],
+        [value_text(viscous_positive), value_text(viscous_negative)],
         [coulomb_positive, coulomb_negative],
         [offset, String::new()],
     ];
     for ((field, alike), [positive, negative]) in
         catalogue::parameters(run.settings.machine, &fit.symmetric).zip(by_direction)
     {
-        line(field.label, field.unit, [cell(&alike), positive, negative])?;
+        line(field.label, field.unit, [value_text(&alike), positive, negative])?;
     }
     let residual = |rms_n: f64| amount_text(rms_n, 3);
     let unit = catalogue::unit(run.settings.machine, "N");
@@ -135,7 +133,7 @@ fn text(args: &Args, run: &Run, fit: &Directions) -> Result<(), Error> {
         output::lines(format!(
             "fc+ - fc- + 2 F0 is {} {unit}: a {} offset cannot be distinguished from a Coulomb friction that differs by direction;\n\
              give the offset with --offset-n (0 after a tare without load) to separate fc+ and fc-",
-            cell(&fit.difference_n),
+            value_text(&fit.difference_n),
             description(run.settings.machine, "force")
         ))?;
     }

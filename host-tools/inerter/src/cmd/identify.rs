@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         no_profiles: args.no_profiles,
     };
     let mut bar = Progress::new("identifying", 1000);
-    let found = identify(&runs, &options, &mut |done| bar.set((1000.0 * done) as u64));
+    let found = identify(&runs, &options, &mut |done| bar.set_part(done));
     bar.done();
     let found = found?;
     if args.json {

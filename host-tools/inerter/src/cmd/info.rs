@@ -7,14 +7,14 @@ use inerter_data::{
     calibration::Calibration,
     csv,
     json::{EstimateJson, rounded_s},
-    output,
+    output::{self, OutputError},
     recording::{self, Ending, Summary, TRUTH_METADATA},
     text,
     words::{duration_text, plural, utc},
 };
 use inerter_wire::Estimated;
 use serde::Serialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::{
     args::FileSettingsArgs,
@@ -95,13 +95,13 @@ fn recording_json(
     calibration: Option<&Calibration>,
 ) -> RecordingJson {
     let contents = &summary.contents;
-    let known_settings = summary.settings.map(|_| -> Map<String, Value> {
-        let values = Settings::TABLE.iter().zip(settings.values());
-        values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
+    let known_settings = summary.settings.map(|_| -> Value {
+        let names = Settings::TABLE.iter().map(|info| info.name);
+        names.zip(settings.values()).collect()
     });
-    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| -> Map<String, Value> {
-        let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), |number| json!(number));
-        truth.iter().map(|(name, text)| (name.clone(), number(text))).collect()
+    let truth = contents.metadata.get(TRUTH_METADATA).map(|truth| -> Value {
+        let number = |text: &String| text.parse::<f64>().map_or_else(|_| json!(text), Value::from);
+        truth.iter().map(|(name, text)| (name, number(text))).collect()
     });
     let marker = |marker: &recording::Marker| {
         let t_s = rounded_s(marker.periods as f64 / settings.sample_rate_hz);
@@ -136,10 +136,13 @@ fn recording_json(
     RecordingJson { about, estimate: summary.estimated.as_ref().map(live) }
 }
 
+fn row(label: &str, value: String) -> Result<(), OutputError> {
+    output::line(format!("{label:<12} {value}").trim_end())
+}
+
 fn text(file: &Path, summary: &Summary, settings: &Settings, calibration: Option<&Calibration>) -> Result<(), Error> {
     let contents = &summary.contents;
     let counts = &contents.counts;
-    let row = |label: &str, value: String| output::line(format!("{label:<12} {value}").trim_end());
     row(
         "file",
         format!("{} ({:.1} MB, {})", file.display(), contents.bytes as f64 / 1e6, ending_word(&contents.ending)),
@@ -209,7 +212,6 @@ fn csv_info(file: &Path, json: bool) -> Result<(), Error> {
     }
     table.notes.iter().for_each(note);
     let duration = table.t_s.last().zip(table.t_s.first()).map_or(0.0, |(last, first)| last - first);
-    let row = |label: &str, value: String| output::line(format!("{label:<12} {value}"));
     row("file", format!("{} (CSV)", table.file))?;
     row("run", format!("{}, {} at {} Hz", duration_text(duration), plural(samples, "sample"), timebase.rate_hz))?;
     row("missing", missing_text(timebase.discontinuities, timebase.missing))?;

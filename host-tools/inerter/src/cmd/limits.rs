@@ -42,18 +42,22 @@ pub struct Held<'a> {
 impl LimitsArgs {
     /// Rejects output files that already exist, before any work is done: the command's own (`written`) and these. Files
     /// in `read` are never overwritten. Ctrl-C leaves none half written.
-    pub fn check(&self, read: &[&Path], written: &[&Path], force: bool) -> Result<&Self, Error> {
-        Feature::Reports.check("--junit", self.junit.is_some(), "--verdicts writes the same as CSV")?;
+    pub fn check<'a>(
+        &'a self,
+        read: impl IntoIterator<Item = &'a Path>,
+        written: impl IntoIterator<Item = &'a Path>,
+        force: bool,
+    ) -> Result<(), Error> {
+        Feature::REPORTS.check("--junit", self.junit.is_some(), "--verdicts writes the same as CSV")?;
         tidy_at_interrupts();
         let own = self.junit.iter().chain(&self.verdicts).map(PathBuf::as_path);
-        let all: Vec<&Path> = written.iter().copied().chain(own).collect();
-        output::refuse_inputs(&all, read.iter().copied().chain(self.limits.as_deref()))?;
+        let all: Vec<&Path> = written.into_iter().chain(own).collect();
+        output::refuse_inputs(&all, read.into_iter().chain(self.limits.as_deref()))?;
         for (number, path) in all.iter().enumerate() {
             output::refuse_inputs(&[*path], all.iter().skip(number + 1).copied())?;
         }
         let mut files = all.into_iter().filter(|_| !force);
-        files.try_for_each(output::refuse_existing)?;
-        Ok(self)
+        Ok(files.try_for_each(output::refuse_existing)?)
     }
 
     /// Whether any were given.

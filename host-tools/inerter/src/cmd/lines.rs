@@ -11,7 +11,7 @@ use std::{
 
 use inerter_core::{Machine, Settings};
 use inerter_data::{
-    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line, rounded_s},
+    json::json_line,
     output::OutputError,
     text::{self, event_words},
     words::plural,
@@ -108,46 +108,21 @@ pub struct Json {
 
 impl Viewer for Json {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
-        let machine = self.settings.machine;
-        print_now(match item {
+        match item {
             Item::Device { port, hello, settings } => {
                 self.settings = *settings;
-                json_line(&json!({
-                    "kind": "device", "port": port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
-                    "firmware": hello.firmware.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+                print_now(json_line(&json!({
+                    "kind": "device", "port": port, "board": hello.board, "serial": hello.serial,
+                    "firmware": hello.firmware, "sample_rate_hz": hello.sample_rate_hz,
                     "wire_version": hello.wire_version,
-                }))
+                })))?;
             }
-            Item::Settings(settings) => {
-                self.settings = *settings;
-                return Ok(());
-            }
-            Item::Away { reason: words } | Item::Refused { words } => {
-                note(words);
-                return Ok(());
-            }
-            Item::Back { port } => {
-                note(back(port));
-                return Ok(());
-            }
-            Item::Samples(_) => return Ok(()),
-            Item::Estimate { t_s, estimated, .. } => {
-                machine_json_line(machine, &EstimateJson::live(*t_s, estimated, &self.settings))
-            }
-            Item::Reversal { t_s, reversal } => machine_json_line(machine, &ReversalJson::new(*t_s, reversal)),
-            Item::Health(health) => json_line(&health_json(health)),
-            Item::Event { t_s, event, .. } => {
-                machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
-            }
-            Item::Cause { t_s, index, cause, .. } => {
-                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(machine)))
-            }
-            Item::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
-            Item::UnknownFrames(count) => json_line(&json!({ "kind": "link", "unknown_frames": count })),
-            Item::Marker { t_s, text, .. } => {
-                json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
-            }
-        })
+            Item::Settings(settings) => self.settings = *settings,
+            Item::Away { reason: words } | Item::Refused { words } => note(words),
+            Item::Back { port } => note(back(port)),
+            _ => item.json(&self.settings).map_or(Ok(()), print_now)?,
+        }
+        Ok(())
     }
 }
 

@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use inerter_data::{output, recording::Recorder};
+use inerter_data::{json::json_line, output, recording::Recorder};
 use inerter_simulate::share::Share;
 use inerter_wire::Streams;
 use serde_json::json;
@@ -14,7 +14,7 @@ use serde_json::json;
 use super::{
     args::{LinkArgs, TimeArgs, calibration, note_exposed},
     lines::{Json, Lines, Printer},
-    print::print_json,
+    print::print_now,
     terminal::{self, say},
 };
 use crate::{
@@ -95,12 +95,11 @@ pub fn run(args: &Args) -> Result<(), Error> {
     if let Some(file) = &args.record {
         let mut recorder = Recorder::create(file, args.force)?;
         calibration.iter().try_for_each(|calibration| recorder.calibrated(calibration))?;
-        hub.record(recorder);
+        hub.recorder = Some(recorder);
     }
     for (view, address) in &views {
         if args.json {
-            print_json(&json!({ "kind": "view", "view": view, "address": address }))?;
-            output::flush()?;
+            print_now(json_line(&json!({ "kind": "view", "view": view, "address": address })))?;
         } else {
             say(format!("{view}: {address}"));
         }
@@ -120,11 +119,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
              install --path host-tools/inerter`, or add `--features screen` to your own build command; --plain asks for lines",
         );
     }
-    if args.json {
-        hub.add(Printer::new(Json::default())?);
-    } else {
-        hub.add(Printer::new(Lines::default())?);
-    }
+    hub.add(if args.json { Printer::new(Json::default()) } else { Printer::new(Lines::default()) }?);
     hub.run(over)
 }
 
@@ -144,7 +139,7 @@ fn views(args: &Args, hub: &mut Hub, recording: Option<String>) -> Result<Vec<Pl
         let share = Share::watched(address).map_err(failed)?;
         note_exposed(address);
         views.push(("shared device", share.address().map_err(failed)?.to_string()));
-        hub.share(share);
+        hub.share = Some(share);
     }
     Ok(views)
 }

@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::tidy_at_interrupts();
     let asked = asked(args)?;
     let mut progress = Progress::new("planning", 1000);
-    let planned = asked.planned::<Error>(|part| progress.set((1e3 * part) as u64));
+    let planned = asked.planned::<Error>(|part| progress.set_part(part));
     progress.done();
     let planned = planned?;
     let written = args.files.write(&planned)?;

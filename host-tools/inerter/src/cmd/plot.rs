@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::args::FileSettingsArgs;
 
 /// The figures, as [`inerter_view`] names them; not every build includes that crate.
-pub(super) const FIGURES: [&str; 6] = ["force", "residual", "loop", "parameters", "backlash", "bode"];
+pub const FIGURES: [&str; 6] = ["force", "residual", "loop", "parameters", "backlash", "bode"];
 
 /// Draw one figure of a run, as SVG for print or as PNG.
 ///
@@ -18,19 +18,19 @@ pub(super) const FIGURES: [&str; 6] = ["force", "residual", "loop", "parameters"
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
-    pub(super) file: PathBuf,
+    pub file: PathBuf,
     /// Which figure
     #[arg(long, value_name = "NAME", value_parser = FIGURES)]
-    pub(super) figure: String,
+    pub figure: String,
     /// File to write, .svg or .png
     #[arg(short, long, value_name = "FILE")]
-    pub(super) output: PathBuf,
+    pub output: PathBuf,
     /// Replace a file that exists
     #[arg(long)]
-    pub(super) force: bool,
+    pub force: bool,
     #[command(flatten)]
-    pub(super) settings: FileSettingsArgs,
+    pub settings: FileSettingsArgs,
     /// Print JSON
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }

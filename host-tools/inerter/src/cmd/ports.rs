@@ -38,15 +38,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 /// Prints a line for each.
 fn print(ports: &[Port], waiting: &[dfu::DfuDevice], json: bool, out: &mut impl Write) -> Result<(), OutputError> {
-    for port in ports {
-        let line = if json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
-        output::line_to(out, line)?;
-    }
-    for device in waiting {
-        let line = if json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
-        output::line_to(out, line)?;
-    }
-    Ok(())
+    let port = |port| if json { json_line(&Kind { kind: "port", of: port }) } else { port_line(port) };
+    let device = |device| if json { json_line(&Kind { kind: "dfu", of: device }) } else { dfu_line(device) };
+    ports.iter().map(port).chain(waiting.iter().map(device)).try_for_each(|line| output::line_to(out, line))
 }
 
 fn port_line(port: &Port) -> String {
@@ -72,11 +66,10 @@ fn line(mark: &str, port: &str, usb: &str, product: &str, serial: Option<&str>) 
 
 #[cfg(test)]
 mod tests {
-    use inerter_data::words::printable;
     use serde_json::Value;
 
     use super::*;
-    use crate::hostile::{SHOWN, WORDS, board, probe};
+    use crate::hostile::{SHOWN, WORDS, board, printed, probe};
 
     #[test]
     fn a_line_says_what_is_there() {
@@ -111,15 +104,7 @@ mod tests {
     #[test]
     fn no_usb_device_writes_to_the_terminal_what_it_likes() {
         let (ports, waiting) = ([probe("/dev/ttyACM0")], [board()]);
-        let printed = |json| {
-            let mut out = Vec::new();
-            print(&ports, &waiting, json, &mut out).unwrap();
-            String::from_utf8(out).unwrap()
-        };
-        let (text, json) = (printed(false), printed(true));
-        for line in text.lines().chain(json.lines()) {
-            assert_eq!(printable(line), line);
-        }
+        let [text, json] = printed(|json, out| print(&ports, &waiting, json, out));
         assert_eq!((text.lines().count(), text.matches(SHOWN).count()), (2, 4), "{text}");
         // In JSON the same escapes represent the text itself.
         let names = |line: &str| {

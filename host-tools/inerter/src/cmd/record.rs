@@ -7,7 +7,7 @@ use std::{
 
 use inerter_core::Machine;
 use inerter_data::{
-    output,
+    json::json_line,
     recording::{End, Recorder},
     text::{event_words, is_trouble},
     words::{duration_text, plural},
@@ -18,7 +18,7 @@ use serde_json::json;
 
 use super::{
     args::{LinkArgs, OutputArgs, TimeArgs, calibration},
-    print::print_json,
+    print::{print_json, print_now},
     terminal::{self, Progress, Told, note},
 };
 use crate::Error;
@@ -149,11 +149,10 @@ fn begin(args: &Args, device: &Device) -> Result<(), Error> {
     let file = args.output.display();
     if args.json {
         let line = json!({
-            "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board.as_str(),
-            "serial": hello.serial.as_str(), "sample_rate_hz": hello.sample_rate_hz,
+            "kind": "recording", "file": file.to_string(), "port": device.name(), "board": hello.board,
+            "serial": hello.serial, "sample_rate_hz": hello.sample_rate_hz,
         });
-        print_json(&line)?;
-        return Ok(output::flush()?);
+        return print_now(json_line(&line));
     }
     let until = match args.time.duration {
         Some(duration) => format!("for {}", duration_text(duration.as_secs_f64())),

@@ -85,8 +85,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 
 fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     let settings = args.settings.settings.settings.as_deref();
-    let read: Vec<&Path> = [file].into_iter().chain(settings).collect();
-    let checks = args.limits.check(&read, &[], args.force)?;
+    args.limits.check([file].into_iter().chain(settings), [], args.force)?;
     let run = args.settings.source(file)?;
     let machine = run.settings.machine;
     let limits = args.limits.read(machine)?;
@@ -121,7 +120,7 @@ fn replay(file: &Path, args: &Args) -> Result<(), Error> {
     let within = limits.map(|limits| replayed.told().within(&limits));
     let Some(judged) = &within else { return say(args, &run, &replayed, header, None) };
     let held = [Held { run: file.display().to_string(), is_file: true, machine, judged }];
-    checks.write(args.force, &held)?;
+    args.limits.write(args.force, &held)?;
     let said = heard(say(args, &run, &replayed, header, Some(judged)), true);
     prove(&held).and(said)
 }

@@ -21,21 +21,21 @@ use super::{args::FileSettingsArgs, limits::LimitsArgs};
 #[command(after_long_help = inerter_data::settings::help_table())]
 pub struct Args {
     /// Recording (.mcap) or CSV file
-    pub(super) file: PathBuf,
+    pub file: PathBuf,
     /// Page to write
     #[arg(short, long, value_name = "FILE.html")]
-    pub(super) output: PathBuf,
+    pub output: PathBuf,
     /// Write the figures as PNG files into this folder, which is created if needed
     #[arg(long, value_name = "DIR")]
-    pub(super) png: Option<PathBuf>,
+    pub png: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]
-    pub(super) force: bool,
+    pub force: bool,
     #[command(flatten)]
-    pub(super) settings: FileSettingsArgs,
+    pub settings: FileSettingsArgs,
     #[command(flatten)]
-    pub(super) limits: LimitsArgs,
+    pub limits: LimitsArgs,
     /// Print JSON
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }

@@ -15,11 +15,11 @@ use std::path::PathBuf;
 pub struct Args {
     /// Folder to write into, which is created if needed
     #[arg(short, long, value_name = "DIR", default_value = "paper")]
-    pub(super) output: PathBuf,
+    pub output: PathBuf,
     /// Replace files that exist
     #[arg(long)]
-    pub(super) force: bool,
+    pub force: bool,
     /// Print JSON
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }

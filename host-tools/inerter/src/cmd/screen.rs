@@ -14,7 +14,7 @@ use std::{
 
 use ratatui::{
     DefaultTerminal,
-    crossterm::event::{self, KeyEventKind},
+    crossterm::event::{self, Event, KeyEventKind},
 };
 
 use super::terminal;
@@ -25,7 +25,7 @@ use crate::{
         feed::Item,
         hub::{Hub, Viewer, Wish},
         locked,
-        state::{Action, Event, State},
+        state::{Action, State},
         view::{self, Theme},
     },
 };
@@ -49,7 +49,7 @@ impl Shared {
 
 impl Viewer for Shared {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
-        self.state().update(Event::Item(item));
+        self.state().item(item);
         self.changed.store(true, Ordering::Relaxed);
         Ok(())
     }
@@ -115,7 +115,7 @@ pub fn run(
 }
 
 /// Key presses, read in a separate thread: if the terminal is gone, the library's read never returns.
-fn keys() -> io::Result<Receiver<io::Result<event::Event>>> {
+fn keys() -> io::Result<Receiver<io::Result<Event>>> {
     let (sender, keys) = channel();
     let read = move || {
         let mut is_there = true;
@@ -143,13 +143,13 @@ fn pictures(
         let rest = FRAME.saturating_sub(drawn.elapsed());
         match keys.recv_timeout(rest.max(Duration::from_millis(1))) {
             Ok(event) => match event? {
-                event::Event::Key(key) if key.kind != KeyEventKind::Release => {
-                    if let Some(action) = shared.state().update(Event::Key(key)) {
+                Event::Key(key) if key.kind != KeyEventKind::Release => {
+                    if let Some(action) = shared.state().key(key) {
                         act(action);
                     }
                     shared.changed.store(true, Ordering::Relaxed);
                 }
-                event::Event::Resize(..) => shared.changed.store(true, Ordering::Relaxed),
+                Event::Resize(..) => shared.changed.store(true, Ordering::Relaxed),
                 _ => {}
             },
             Err(RecvTimeoutError::Timeout) => {}

@@ -97,23 +97,15 @@ pub struct Args {
     json: bool,
 }
 
-/// The page, and the files written beside it.
-#[derive(Debug)]
-struct Files<'a> {
-    page: &'a Path,
-    json: PathBuf,
-}
-
-impl<'a> Files<'a> {
-    fn of(page: &'a Path) -> Result<Self, SelfTestError> {
-        let json = page.with_extension("json");
-        // Some file systems ignore case in file names.
-        let folded = |path: &Path| path.to_string_lossy().to_lowercase();
-        if folded(page) == folded(&json) {
-            return Err(SelfTestError::SameName { page: page.into(), json });
-        }
-        Ok(Self { page, json })
+/// Name of the JSON file beside a page.
+fn json_of(page: &Path) -> Result<PathBuf, SelfTestError> {
+    let json = page.with_extension("json");
+    // Some file systems ignore case in file names.
+    let folded = |path: &Path| path.to_string_lossy().to_lowercase();
+    if folded(page) == folded(&json) {
+        return Err(SelfTestError::SameName { page: page.into(), json });
     }
+    Ok(json)
 }
 
 /// Name of a backup. It has one dot more than any page or JSON file, so it never collides with one.
@@ -143,10 +135,10 @@ fn back_up(page: Option<&Path>, hello: &Hello, saved: Option<&Settings>, in_use:
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let page = args.output.as_deref();
-    Feature::Reports.check("-o", page.is_some(), "--json prints what the page says")?;
-    let files = page.map(Files::of).transpose()?;
-    if let Some(Files { page, json }) = files.as_ref().filter(|_| !args.force) {
-        [*page, json.as_path()].into_iter().try_for_each(output::refuse_existing)?;
+    Feature::REPORTS.check("-o", page.is_some(), "--json prints what the page says")?;
+    let json = page.map(json_of).transpose()?;
+    if !args.force {
+        page.into_iter().chain(json.as_deref()).try_for_each(output::refuse_existing)?;
     }
     terminal::catch_interrupts();
     let mut device = args.link.device()?;
@@ -189,10 +181,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     bench.add([judge::restored(restored.map_err(|error| error.to_string()))])?;
     let test = bench.test;
-    if let Some(files) = &files {
-        output::write(files.page, args.force, reports::selftest_page(&test)?)?;
-        output::write(&files.json, args.force, json_line(&test.json()) + "\n")?;
-        say(format!("{} and {}", files.page.display(), files.json.display()));
+    if let (Some(page), Some(json)) = (page, &json) {
+        output::write(page, args.force, reports::selftest_page(&test)?)?;
+        output::write(json, args.force, json_line(&test.json()) + "\n")?;
+        say(format!("{} and {}", page.display(), json.display()));
     }
     if args.json {
         print_json(&test.json())?;
@@ -597,17 +589,17 @@ mod tests {
     #[test]
     fn no_two_files_of_a_run_have_the_same_name() {
         for page in ["x.json", "X.JSON", "a/b.Json", "./x.json"] {
-            let refused = Files::of(Path::new(page));
+            let refused = json_of(Path::new(page));
             assert!(matches!(refused, Err(SelfTestError::SameName { .. })), "{page}: {refused:?}");
         }
         for page in
             ["x.html", "x", "x.toml", "x.settings.toml", "x.settings.2.toml", "x.json.html", "selftest.html", ".json"]
         {
             let page = Path::new(page);
-            let files = Files::of(page).unwrap();
+            let json = json_of(page).unwrap();
             let backups = [SAVED, IN_USE].map(|ending| backup_of(Some(page), ending));
             let numbered = backups.each_ref().map(|path| path.with_extension("2.toml"));
-            let names = [&[page.to_owned(), files.json][..], &backups, &numbered].concat();
+            let names = [&[page.to_owned(), json][..], &backups, &numbered].concat();
             for (place, name) in names.iter().enumerate() {
                 assert!(!names[..place].contains(name), "{names:?}");
             }

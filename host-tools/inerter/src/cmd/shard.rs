@@ -10,11 +10,11 @@ pub struct StoreArgs {
     pub store: Option<String>,
     /// Replay a part of its runs: 3/100 is the third of a hundred parts, the same for every caller
     #[arg(long, value_name = "N/OF", requires = "store", help_heading = "Store")]
-    pub(super) shard: Option<Shard>,
+    pub shard: Option<Shard>,
     /// Name of the batch: letters, digits, - and _
     #[arg(long, value_name = "NAME", default_value = "replay", requires = "store", help_heading = "Store")]
-    pub(super) batch: String,
+    pub batch: String,
     /// Also replay what the batch already has
     #[arg(long, requires = "store", help_heading = "Store")]
-    pub(super) again: bool,
+    pub again: bool,
 }

@@ -16,7 +16,7 @@ use inerter_simulate::{
     Described, Endpoint, Motion, Operator, Qemu, START_TIME, Setup, SimulateError, VirtualDevice, file, find_image,
 };
 use miette::Diagnostic;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{
     args::{SettingsArgs, note_exposed},
@@ -182,17 +182,14 @@ fn to_file(args: &Args, setup: &Setup, path: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-fn truth(setup: &Setup) -> serde_json::Value {
-    let device = Inerter::TABLE
-        .iter()
-        .zip(setup.parameters.values())
-        .map(|(field, value)| (field.name.to_string(), json!(value)));
-    let mut truth: serde_json::Map<_, _> = device.collect();
+fn truth(setup: &Setup) -> Value {
+    let names = Inerter::TABLE.iter().map(|field| field.name);
+    let mut truth: Value = names.zip(setup.parameters.values()).collect();
     if let Some((at_s, _)) = setup.later {
-        truth.insert("change_at_s".into(), json!(at_s));
-        truth.insert("changed".into(), setup.changes().map(|(name, value)| (name.to_string(), json!(value))).collect());
+        truth["change_at_s"] = at_s.into();
+        truth["changed"] = setup.changes().collect();
     }
-    truth.into()
+    truth
 }
 
 /// A running simulated device of either kind.

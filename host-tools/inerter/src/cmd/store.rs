@@ -13,11 +13,11 @@ use super::{limits::LimitsArgs, tables::values::Day};
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
-    pub(super) command: Command,
+    pub command: Command,
 }
 
 #[derive(clap::Subcommand)]
-pub(super) enum Command {
+pub enum Command {
     Add(AddArgs),
     Ls(LsArgs),
     Show(ShowArgs),
@@ -33,41 +33,41 @@ pub(super) enum Command {
 /// whatever its file is called. Several processes may add at once. If a recording cannot be used, the command says so,
 /// adds the others, and the exit code is 3.
 #[derive(clap::Args)]
-pub(super) struct AddArgs {
+pub struct AddArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// Recordings (.mcap)
     #[arg(required = true, value_name = "FILE")]
-    pub(super) files: Vec<PathBuf>,
+    pub files: Vec<PathBuf>,
     /// Print JSON: one object per recording
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }
 
 /// Which runs, and how they are printed.
 #[derive(clap::Args)]
-pub(super) struct ListArgs {
+pub struct ListArgs {
     /// Only runs of this device, by its serial number
     #[arg(long, value_name = "SERIAL")]
-    pub(super) device: Option<String>,
+    pub device: Option<String>,
     /// Runs recorded on this day (UTC) or later: 2026-01-31, or 2026-01
     #[arg(long, value_name = "DATE")]
-    pub(super) from: Option<Day>,
+    pub from: Option<Day>,
     /// Runs recorded on this day (UTC) or earlier
     #[arg(long, value_name = "DATE")]
-    pub(super) to: Option<Day>,
+    pub to: Option<Day>,
     /// Print JSON: one object per run
     #[arg(long, conflicts_with = "csv")]
-    pub(super) json: bool,
+    pub json: bool,
     /// Print CSV with all columns
     #[arg(long)]
-    pub(super) csv: bool,
+    pub csv: bool,
     #[command(flatten)]
-    pub(super) limits: LimitsArgs,
+    pub limits: LimitsArgs,
     /// Replace the files of --junit and --verdicts if they exist
     #[arg(long, help_heading = "Limits")]
-    pub(super) force: bool,
+    pub force: bool,
 }
 
 /// List the runs of a store.
@@ -76,12 +76,12 @@ pub(super) struct ListArgs {
 /// {"run":..,"device":..,"date":..,"inertance_kg":..,..}. With --limits each run is checked against limits, as by
 /// `inerter replay`, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
-pub(super) struct LsArgs {
+pub struct LsArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     #[command(flatten)]
-    pub(super) list: ListArgs,
+    pub list: ListArgs,
 }
 
 /// List the runs that meet all conditions.
@@ -90,46 +90,46 @@ pub(super) struct LsArgs {
 /// "law = broken". An unknown value meets no condition. For more than that, query the tables with DuckDB: docs/STORE.md
 /// has examples. With --limits those runs are checked against limits, and the exit code is 10 unless all pass.
 #[derive(clap::Args)]
-pub(super) struct QueryArgs {
+pub struct QueryArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// Condition on a column: "inertance_kg < 300"
     #[arg(required = true, value_name = "CONDITION")]
-    pub(super) conditions: Vec<String>,
+    pub conditions: Vec<String>,
     #[command(flatten)]
-    pub(super) list: ListArgs,
+    pub list: ListArgs,
 }
 
 /// Show the results that a store holds of a run.
 #[derive(clap::Args)]
-pub(super) struct ShowArgs {
+pub struct ShowArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// The beginning of its name
-    pub(super) run: String,
+    pub run: String,
     /// Print JSON: one object with all columns, settings and truth as objects
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }
 
 /// Write the recording of a run into a file.
 ///
 /// It is checked against its name while it is copied.
 #[derive(clap::Args)]
-pub(super) struct GetArgs {
+pub struct GetArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// The beginning of its name
-    pub(super) run: String,
+    pub run: String,
     /// File to write (.mcap)
     #[arg(short, long, value_name = "FILE")]
-    pub(super) output: PathBuf,
+    pub output: PathBuf,
     /// Replace a file that exists
     #[arg(long)]
-    pub(super) force: bool,
+    pub force: bool,
 }
 
 /// Read every file of a store, and report those that have changed since they were written.
@@ -138,31 +138,31 @@ pub(super) struct GetArgs {
 /// unfinished (of a run whose adding or removal was not completed) or foreign. `sha256sum` does the same without this
 /// program: docs/STORE.md.
 #[derive(clap::Args)]
-pub(super) struct VerifyArgs {
+pub struct VerifyArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// First rebuild the derived files from intact recordings, and remove what is left of runs without one; nobody may
     /// add or remove runs meanwhile
     #[arg(long)]
-    pub(super) repair: bool,
+    pub repair: bool,
     /// Print JSON: one object per file, and one at the end
     #[arg(long)]
-    pub(super) json: bool,
+    pub json: bool,
 }
 
 /// Remove runs with their recordings and results.
 ///
 /// Nobody may add the same recording meanwhile.
 #[derive(clap::Args)]
-pub(super) struct RemoveArgs {
+pub struct RemoveArgs {
     /// Folder, or s3://BUCKET/FOLDER
     #[arg(value_name = "STORE")]
-    pub(super) url: String,
+    pub url: String,
     /// The beginnings of their names
     #[arg(required = true, value_name = "RUN")]
-    pub(super) runs: Vec<String>,
+    pub runs: Vec<String>,
     /// Do not ask
     #[arg(long)]
-    pub(super) yes: bool,
+    pub yes: bool,
 }

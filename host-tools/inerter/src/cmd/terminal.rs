@@ -2,11 +2,14 @@
 
 use std::{
     io::{self, IsTerminal, Write},
+    path::Path,
+    process,
     sync::{
         Mutex,
         atomic::{AtomicBool, Ordering},
         mpsc,
     },
+    thread::{self, JoinHandle},
     time::{Duration, Instant},
 };
 
@@ -36,7 +39,7 @@ fn end() -> ! {
     let restore = *locked(&RESTORE);
     if let Some(restore) = restore {
         let (done, restored) = mpsc::channel();
-        std::thread::spawn(move || {
+        thread::spawn(move || {
             restore();
             done.send(()).ok();
         });
@@ -44,7 +47,7 @@ fn end() -> ! {
     }
     output::remove_unfinished();
     inerter_simulate::end_qemu();
-    std::process::exit(exit::INTERRUPTED.into());
+    process::exit(exit::INTERRUPTED.into());
 }
 
 /// From now on Ctrl-C ends the program at once and leaves no half-written file.
@@ -60,8 +63,8 @@ pub fn catch_interrupts() {
         if INTERRUPTED.swap(true, Ordering::Relaxed) {
             end();
         }
-        std::thread::spawn(|| {
-            std::thread::sleep(HEED_TIME);
+        thread::spawn(|| {
+            thread::sleep(HEED_TIME);
             if !HEEDED.load(Ordering::Relaxed) {
                 end();
             }
@@ -75,8 +78,8 @@ pub fn catch_interrupts() {
 /// program ends shortly even if they cannot be written.
 pub fn last_words() {
     if interrupted() {
-        std::thread::spawn(|| {
-            std::thread::sleep(LAST_WORDS);
+        thread::spawn(|| {
+            thread::sleep(LAST_WORDS);
             end();
         });
     }
@@ -139,7 +142,7 @@ pub fn typed_lines() -> Option<mpsc::Receiver<String>> {
     }
     let (sender, lines) = mpsc::channel();
     // The thread ends with the program.
-    std::thread::spawn(move || {
+    thread::spawn(move || {
         while wait_for_input() {
             let mut line = String::new();
             match io::stdin().read_line(&mut line) {
@@ -164,7 +167,7 @@ fn wait_for_input() -> bool {
         let in_front = rustix::termios::tcgetpgrp(&stdin).is_ok_and(|group| group == rustix::process::getpgrp());
         match ready {
             Ok(1..) if in_front => return true,
-            Ok(1..) => std::thread::sleep(Duration::from_millis(200)),
+            Ok(1..) => thread::sleep(Duration::from_millis(200)),
             Ok(0) | Err(rustix::io::Errno::INTR) => {}
             Err(_) => return false,
         }
@@ -195,7 +198,7 @@ impl Progress {
     }
 
     /// Progress through a file, in bytes.
-    pub fn through(label: &'static str, file: &std::path::Path) -> Self {
+    pub fn through(label: &'static str, file: &Path) -> Self {
         Self::new(label, file.metadata().map_or(0, |metadata| metadata.len()))
     }
 
@@ -239,6 +242,11 @@ impl Progress {
         }
     }
 
+    /// Sets the fraction that is done of work with a total of 1000.
+    pub fn set_part(&mut self, part: f64) {
+        self.set((1000.0 * part) as u64);
+    }
+
     /// Removes the bar.
     pub fn done(self) {
         if let Some(bar) = self.bar {
@@ -271,55 +279,49 @@ impl Bars {
 /// A [`Progress`] that its own thread shows, so that a terminal that accepts no output blocks nobody. Messages that do
 /// not fit in the queue are dropped.
 pub struct Told {
-    words: Option<mpsc::SyncSender<Word>>,
-    thread: Option<std::thread::JoinHandle<()>>,
+    words: mpsc::SyncSender<Word>,
+    thread: Option<JoinHandle<()>>,
 }
 
-enum Word {
-    Set(u64),
-    Say(String),
-    Note(String),
-}
+/// What to show.
+type Word = Box<dyn FnOnce(&mut Progress) + Send>;
 
 impl Told {
     pub fn new(mut progress: Progress) -> Self {
-        let (words, waiting) = mpsc::sync_channel(WAITING);
-        let thread = std::thread::Builder::new().name("teller".into()).spawn(move || {
-            for word in waiting {
-                match word {
-                    Word::Set(position) => progress.set(position),
-                    Word::Say(text) => progress.say(text),
-                    Word::Note(text) => progress.note(text),
-                }
+        let (words, waiting) = mpsc::sync_channel::<Word>(WAITING);
+        let thread = thread::Builder::new().name("teller".into()).spawn(move || {
+            for show in waiting {
+                show(&mut progress);
             }
             progress.done();
         });
         // Without a thread nothing is shown.
-        Self { words: Some(words), thread: thread.ok() }
+        Self { words, thread: thread.ok() }
     }
 
-    fn tell(&self, word: Word) {
-        self.words.as_ref().map(|words| words.try_send(word));
+    fn tell(&self, word: impl FnOnce(&mut Progress) + Send + 'static) {
+        self.words.try_send(Box::new(word)).ok();
     }
 
     /// Sets how much is done.
     pub fn set(&self, position: u64) {
-        self.tell(Word::Set(position));
+        self.tell(move |progress| progress.set(position));
     }
 
     /// Sets the text beside the label, for work whose total is unknown.
     pub fn say(&self, text: String) {
-        self.tell(Word::Say(text));
+        self.tell(move |progress| progress.say(text));
     }
 
     /// Prints a note above the bar.
     pub fn note(&self, text: impl Into<String>) {
-        self.tell(Word::Note(text.into()));
+        let text = text.into();
+        self.tell(move |progress| progress.note(text));
     }
 
     /// Waits until everything is shown.
-    pub fn done(mut self) {
-        self.words = None;
-        self.thread.take().map(std::thread::JoinHandle::join);
+    pub fn done(self) {
+        drop(self.words);
+        self.thread.map(JoinHandle::join);
     }
 }

@@ -12,37 +12,34 @@ pub mod values {
 }
 
 fn lacks<T>(feature: Feature, needed_by: &'static str) -> Result<T, Error> {
-    Err(Error::BuiltWithout { feature: feature.name(), needed_by, instead: String::new() })
+    Err(Error::BuiltWithout { feature: feature.name, needed_by, instead: String::new() })
 }
 
-pub fn compare<Args>(_: &Args) -> Result<(), Error> {
-    lacks(Feature::Reports, "`inerter compare`")
+/// Commands that are refused.
+macro_rules! commands {
+    ($($run:ident: $feature:ident, $needed_by:literal;)*) => {$(
+        pub fn $run<Args>(_: &Args) -> Result<(), Error> {
+            lacks(Feature::$feature, $needed_by)
+        }
+    )*};
 }
 
-pub fn plot<Args>(_: &Args) -> Result<(), Error> {
-    lacks(Feature::Reports, "`inerter plot`")
-}
-
-pub fn report<Args>(_: &Args) -> Result<(), Error> {
-    lacks(Feature::Reports, "`inerter report`")
-}
-
-pub fn reproduce_paper<Args>(_: &Args) -> Result<(), Error> {
-    lacks(Feature::Reports, "`inerter reproduce-paper`")
+commands! {
+    compare: REPORTS, "`inerter compare`";
+    plot: REPORTS, "`inerter plot`";
+    report: REPORTS, "`inerter report`";
+    reproduce_paper: REPORTS, "`inerter reproduce-paper`";
+    store: TABLES, "`inerter store`";
 }
 
 pub fn selftest_page(_: &SelfTest) -> Result<String, Error> {
-    lacks(Feature::Reports, "the page of `inerter selftest`")
+    lacks(Feature::REPORTS, "the page of `inerter selftest`")
 }
 
 pub fn junit<'a>(_: impl Iterator<Item = (&'a str, Machine, &'a [Judged])>) -> Result<String, Error> {
-    lacks(Feature::Reports, "--junit")
-}
-
-pub fn store<Args>(_: &Args) -> Result<(), Error> {
-    lacks(Feature::Tables, "`inerter store`")
+    lacks(Feature::REPORTS, "--junit")
 }
 
 pub fn replay<Args, Settings>(_: &str, _: &Args, _: &Settings, _: bool) -> Result<(), Error> {
-    lacks(Feature::Tables, "`inerter replay --store`")
+    lacks(Feature::TABLES, "`inerter replay --store`")
 }

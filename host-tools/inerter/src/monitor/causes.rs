@@ -58,8 +58,8 @@ impl Causes {
             Item::Estimate { at, t_s, estimated } => {
                 let law = estimated.law.unwrap_or_default();
                 let index = estimated.estimate.index;
-                let new = self.found(&law).into_iter().map(|cause| Item::Cause { at: *at, t_s: *t_s, index, cause });
-                let new = new.collect();
+                let found = self.found(&law).into_iter();
+                let new = found.map(|cause| Item::Cause { at: *at, t_s: *t_s, index, cause }).collect();
                 let may = self.search.is_none() && at.run_s >= self.next_s && self.latest.duration_s() >= LEAST_S;
                 if may && is_suspect(&law) {
                     let (estimate, detail) = (estimated.estimate, estimated.detail.unwrap_or_default());

@@ -2,9 +2,14 @@
 
 use inerter_analysis::diagnose::Cause;
 use inerter_core::{Reversal, Settings};
-use inerter_data::{series::Converter, text};
+use inerter_data::{
+    json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line, rounded_s},
+    series::Converter,
+    text,
+};
 use inerter_device::{Device, Received};
 use inerter_wire::{Estimated, EstimatorEvent, Event, EventKind, Frame, Health, Hello, Pairing, Record};
+use serde_json::json;
 
 /// The time of an item.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -97,6 +102,37 @@ pub enum Item {
         t_s: Option<f64>,
         text: String,
     },
+}
+
+impl Item {
+    /// A line of JSON with the key names of the machine; `None` if the item is not reported as one.
+    pub fn json(&self, settings: &Settings) -> Option<String> {
+        let machine = settings.machine;
+        Some(match self {
+            Self::Estimate { t_s, estimated, .. } => {
+                machine_json_line(machine, &EstimateJson::live(*t_s, estimated, settings))
+            }
+            Self::Reversal { t_s, reversal } => machine_json_line(machine, &ReversalJson::new(*t_s, reversal)),
+            Self::Health(health) => json_line(&health_json(health)),
+            Self::Event { t_s, event, .. } => {
+                machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
+            }
+            Self::Cause { t_s, index, cause, .. } => {
+                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(machine)))
+            }
+            Self::LostFrames(count) => json_line(&json!({ "kind": "link", "lost_frames": count })),
+            Self::UnknownFrames(count) => json_line(&json!({ "kind": "link", "unknown_frames": count })),
+            Self::Marker { t_s, text, .. } => {
+                json_line(&json!({ "kind": "marker", "t_s": t_s.map(rounded_s), "text": text }))
+            }
+            Self::Device { .. }
+            | Self::Away { .. }
+            | Self::Back { .. }
+            | Self::Settings(_)
+            | Self::Samples(_)
+            | Self::Refused { .. } => return None,
+        })
+    }
 }
 
 /// One continuous timeline for everything a device sends, even if its counters restart.

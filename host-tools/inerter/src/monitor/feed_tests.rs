@@ -2,6 +2,7 @@ use inerter_core::{Detail, Estimate};
 use inerter_wire::Samples;
 
 use super::*;
+use crate::hostile::hello;
 
 fn received(time_ns: u64, message: Record) -> Received {
     Received { time_ns, bytes: vec![1], frame: Frame::Message { message, sequence: 0 } }
@@ -11,17 +12,15 @@ fn settings() -> Settings {
     Settings { sample_rate_hz: 1000.0, newtons_per_code: 0.5, metres_per_count: 2e-6, ..Settings::default() }
 }
 
-fn hello() -> Hello {
-    Hello {
-        wire_version: inerter_wire::WIRE_VERSION,
-        firmware: Hello::text("test"),
-        git: Hello::text(""),
-        board: Hello::text("board"),
-        serial: Hello::text("7"),
-        sample_rate_hz: 1000.0,
-        clock: inerter_wire::ClockSource::Simulated,
-        capabilities: inerter_wire::Capabilities::NONE,
-    }
+fn connect(feed: &mut Feed) -> Item {
+    feed.connected("port", &hello("test", "board", "7", 1000.0), &settings())
+}
+
+/// A feed whose device has just been connected.
+fn connected() -> Feed {
+    let mut feed = Feed::default();
+    connect(&mut feed);
+    feed
 }
 
 fn batch(from: u32, count: u32) -> Record {
@@ -53,7 +52,7 @@ fn times(items: &[Item]) -> Vec<f64> {
 #[test]
 fn samples_come_in_si_units_on_one_time_line() {
     let mut feed = Feed::default();
-    assert!(matches!(feed.connected("port", &hello(), &settings()), Item::Device { .. }));
+    assert!(matches!(connect(&mut feed), Item::Device { .. }));
     let first = items(&mut feed, 5_000_000_000, batch(100, 3));
     let Some(Item::Samples(samples)) = first.first() else { panic!("{first:?}") };
     let sample = samples[1];
@@ -68,22 +67,19 @@ fn samples_come_in_si_units_on_one_time_line() {
 
 #[test]
 fn a_restart_goes_on_where_the_host_s_clock_is() {
-    let mut feed = Feed::default();
-    feed.connected("port", &hello(), &settings());
+    let mut feed = connected();
     items(&mut feed, 1_000_000_000, batch(70_000, 1));
-    feed.connected("port", &hello(), &settings());
+    connect(&mut feed);
     assert_eq!(times(&items(&mut feed, 3_500_000_000, batch(0, 2))), [2.5, 2.501]);
     // A counter that wraps is not a restart.
-    let mut feed = Feed::default();
-    feed.connected("port", &hello(), &settings());
+    let mut feed = connected();
     assert_eq!(times(&items(&mut feed, 0, batch(u32::MAX, 1))), [0.0]);
     assert_eq!(times(&items(&mut feed, 0, batch(0, 1))), [1e-3]);
 }
 
 #[test]
 fn an_estimate_waits_for_its_detail_and_no_longer() {
-    let mut feed = Feed::default();
-    feed.connected("port", &hello(), &settings());
+    let mut feed = connected();
     assert_eq!(items(&mut feed, 0, Record::Estimate(estimate(9, 10))), []);
     let detail = Detail { index: 9, ..Detail::default() };
     let shown = items(&mut feed, 0, Record::Detail(detail));
@@ -111,8 +107,7 @@ fn an_estimate_waits_for_its_detail_and_no_longer() {
 
 #[test]
 fn a_marker_has_the_time_of_the_latest_sample_on_either_clock() {
-    let mut feed = Feed::default();
-    feed.connected("port", &hello(), &settings());
+    let mut feed = connected();
     assert!(matches!(feed.marker("early"), Item::Marker { t_s: None, .. }));
     items(&mut feed, 0, batch(1000, 1));
     items(&mut feed, 0, Record::Estimate(estimate(1001, 501)));

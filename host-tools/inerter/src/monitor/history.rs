@@ -1,6 +1,8 @@
 //! Parameters over the whole run in bounded memory: when it is full, every second entry is removed, and from then on
 //! only every second estimate is stored.
 
+use std::array;
+
 use inerter_core::{Interval, Machine};
 use inerter_wire::{Estimated, catalogue};
 
@@ -41,15 +43,14 @@ pub struct Entry {
 impl Entry {
     /// The entry for an estimate with its detail.
     pub fn new(run_s: f64, Estimated { estimate, detail, .. }: &Estimated) -> Self {
-        let mut points = [Point::NONE; QUANTITIES];
         let point = |known: Option<Interval>, scale: f32| {
             known.map_or(Point::NONE, |Interval { value, u95 }| Point { value: value * scale, u95: u95 * scale })
         };
         let parameters = catalogue::parameters(Machine::Linear, &estimate.recent)
             .map(|(_, parameter)| point(parameter.known(), 1.0));
         let backlash = point(detail.and_then(|detail| detail.backlash.known()), 1e6);
-        points.iter_mut().zip(parameters.chain([backlash])).for_each(|(place, point)| *place = point);
-        Self { run_s, points }
+        let mut points = parameters.chain([backlash]);
+        Self { run_s, points: array::from_fn(|_| points.next().unwrap_or(Point::NONE)) }
     }
 }
 

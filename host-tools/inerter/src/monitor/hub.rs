@@ -46,8 +46,10 @@ pub struct Hub {
     live: Live,
     feed: Feed,
     causes: Causes,
-    recorder: Option<Recorder>,
-    share: Option<Share>,
+    /// Records everything.
+    pub recorder: Option<Recorder>,
+    /// Lets other programs watch the device.
+    pub share: Option<Share>,
     /// Request number of the latest reset, until its reply arrives.
     asked: Option<u16>,
     viewers: Vec<Box<dyn Viewer + Send>>,
@@ -74,16 +76,6 @@ impl Hub {
     /// The channel that takes requests.
     pub fn wishes(&self) -> Sender<Wish> {
         self.wishes.0.clone()
-    }
-
-    /// Records everything from now on.
-    pub fn record(&mut self, recorder: Recorder) {
-        self.recorder = Some(recorder);
-    }
-
-    /// Lets other programs watch the device.
-    pub fn share(&mut self, share: Share) {
-        self.share = Some(share);
     }
 
     /// Adds a viewer.

@@ -45,7 +45,7 @@ impl Wanted {
         ]
         .into_iter();
         wanted.try_for_each(|(option, is_given)| {
-            Feature::Bridges.check(option, is_given, "lines, --json and --share are always built in")
+            Feature::BRIDGES.check(option, is_given, "lines, --json and --share are always built in")
         })
     }
 
@@ -60,7 +60,7 @@ impl Wanted {
         let mut places = Vec::new();
         if self.web {
             let web = Web::start(&self.bind, hub.wishes(), recording)?;
-            places.push(("page", web.url().to_string()));
+            places.push(("page", web.url.clone()));
             hub.add(web);
         }
         if let Some(address) = &self.teleplot {
@@ -73,7 +73,7 @@ impl Wanted {
         }
         if let Some(address) = &self.foxglove {
             let foxglove = Foxglove::new(address, &self.foxglove_origin)?;
-            places.push(("Foxglove", foxglove.address().to_string()));
+            places.push(("Foxglove", foxglove.address.clone()));
             hub.add(foxglove);
         }
         Ok(places)

@@ -81,15 +81,6 @@ pub enum Action {
     ResetEstimator,
 }
 
-/// Something that changes the state.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Event<'a> {
-    /// From the device, or from the program.
-    Item(&'a Item),
-    /// From the keyboard.
-    Key(KeyEvent),
-}
-
 /// The connected device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Present {
@@ -192,18 +183,8 @@ impl State {
         if span_s.is_finite() { span_s } else { self.end_s().max(10.0) }
     }
 
-    /// Processes an event; returns what the program should do.
-    pub fn update(&mut self, event: Event<'_>) -> Option<Action> {
-        match event {
-            Event::Item(item) => {
-                self.item(item);
-                None
-            }
-            Event::Key(key) => self.key(key),
-        }
-    }
-
-    fn item(&mut self, item: &Item) {
+    /// Takes an item from the device, or from the program.
+    pub fn item(&mut self, item: &Item) {
         match item {
             Item::Device { port, hello, settings } => {
                 self.use_settings(settings, self.present.is_none());
@@ -278,7 +259,8 @@ impl State {
         }
     }
 
-    fn key(&mut self, key: KeyEvent) -> Option<Action> {
+    /// Takes a key press; returns what the program should do.
+    pub fn key(&mut self, key: KeyEvent) -> Option<Action> {
         if key.modifiers.contains(KeyModifiers::CONTROL) {
             return (key.code == KeyCode::Char('c')).then_some(Action::Quit);
         }
@@ -314,10 +296,7 @@ impl State {
             KeyCode::Char('m') => self.prompt = Prompt::Marker(String::new()),
             KeyCode::Char('r') => self.prompt = Prompt::Reset,
             KeyCode::Char(' ') => {
-                self.paused = match self.paused {
-                    None => Some((self.now_s, self.values)),
-                    Some(_) => None,
-                };
+                self.paused = self.paused.is_none().then_some((self.now_s, self.values));
             }
             KeyCode::Char('+' | '=') | KeyCode::Up => self.zoom(|place, _| place.saturating_sub(1)),
             KeyCode::Char('-' | '_') | KeyCode::Down => self.zoom(|place, count| (place + 1).min(count - 1)),

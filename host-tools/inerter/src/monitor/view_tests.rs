@@ -2,17 +2,13 @@ use inerter_core::{
     Backlash, BacklashSize, Detail, Estimate, Interval, Law, LawStatus, Machine, Misfit, Parameter, Parameters,
     Settings,
 };
-use inerter_wire::Estimated;
-use inerter_wire::{Capabilities, ClockSource, Health, Hello};
+use inerter_wire::{Estimated, Health, Hello};
 use ratatui::{Terminal, backend::TestBackend};
 
 use super::*;
 use crate::{
-    hostile::{SHOWN, WORDS, monitored},
-    monitor::{
-        feed::{Item, Moment, Sample},
-        state::{Event, Tab},
-    },
+    hostile::{SHOWN, WORDS, hello, monitored},
+    monitor::feed::{Item, Moment, Sample},
 };
 
 fn at(run_s: f64) -> Moment {
@@ -26,16 +22,7 @@ fn state() -> State {
 
 fn state_of(machine: Machine) -> State {
     let mut state = State::new(Some("run.mcap".into()), vec!["page: http://127.0.0.1:1/".into()]);
-    let hello = Hello {
-        wire_version: inerter_wire::WIRE_VERSION,
-        firmware: Hello::text("test 1.0"),
-        git: Hello::text(""),
-        board: Hello::text("board"),
-        serial: Hello::text("S7"),
-        sample_rate_hz: 100.0,
-        clock: ClockSource::Crystal,
-        capabilities: Capabilities::NONE,
-    };
+    let hello = hello("test 1.0", "board", "S7", 100.0);
     let settings = Settings { sample_rate_hz: 100.0, machine, ..Settings::default() };
     let mut items = vec![Item::Device { port: "COM3".into(), hello, settings }];
     let known = |value, u95| Parameter::Ok(Interval { value, u95 });
@@ -65,7 +52,7 @@ fn state_of(machine: Machine) -> State {
     items.push(Item::Health(Health { saturated: 3, cpu_load_permille: Some(345), ..Health::default() }));
     items.push(Item::Marker { at: at(8.0), t_s: None, text: "bolt tightened".into() });
     for item in items {
-        state.update(Event::Item(&item));
+        state.item(&item);
     }
     state
 }
@@ -88,24 +75,18 @@ fn the_overview_fits_a_small_terminal() {
     let (lines, _) = drawn(&state(), 80, 24, true);
     let screen = lines.join("\n");
     assert!(lines[0].starts_with("● run.mcap  board S7  100 Hz  10.0 s  COM3"), "{screen}");
-    assert!(
-        screen.contains("│Effective inertance  kg    95.11 ± 0.48      ok               95.11 ± 0.48    │"),
-        "{screen}"
-    );
-    assert!(
-        screen.contains("│Viscous friction     N s/m -                 not identifiable -               │"),
-        "{screen}"
-    );
-    assert!(
-        screen.contains("│Coulomb friction     N     31.4 ± 1.2        held             31.4 ± 1.2      │"),
-        "{screen}"
-    );
-    assert!(
-        screen.contains("│Backlash             µm                      ok               50.0 ± 1.2      │"),
-        "{screen}"
-    );
-    assert!(screen.contains("3 saturated samples, processor 34 %"), "{screen}");
-    assert!(screen.contains("Force [N]") & screen.contains("-5 s") & screen.contains("now"), "{screen}");
+    for words in [
+        "│Effective inertance  kg    95.11 ± 0.48      ok               95.11 ± 0.48    │",
+        "│Viscous friction     N s/m -                 not identifiable -               │",
+        "│Coulomb friction     N     31.4 ± 1.2        held             31.4 ± 1.2      │",
+        "│Backlash             µm                      ok               50.0 ± 1.2      │",
+        "3 saturated samples, processor 34 %",
+        "Force [N]",
+        "-5 s",
+        "now",
+    ] {
+        assert!(screen.contains(words), "{words}\n{screen}");
+    }
     assert!(lines[23].starts_with("q quit  ? keys"), "{screen}");
     // The curve is drawn, in Braille.
     assert!(screen.chars().any(|letter| ('\u{2801}'..='\u{28ff}').contains(&letter)), "{screen}");
@@ -194,7 +175,7 @@ fn a_pause_and_a_device_that_is_away_are_said_first() {
     state.paused = Some((5.0, state.values));
     assert!(drawn(&state, 80, 24, true).0[0].starts_with(" PAUSED "));
     state.paused = None;
-    state.update(Event::Item(&Item::Away { reason: "COM3 went away; waiting 10 s for it to come back".into() }));
+    state.item(&Item::Away { reason: "COM3 went away; waiting 10 s for it to come back".into() });
     assert!(drawn(&state, 80, 24, true).0[0].starts_with("COM3 went away; waiting 10 s"));
 }
 
@@ -213,7 +194,7 @@ fn what_is_no_number_is_not_identifiable_on_the_screen() {
     let size = BacklashSize::Ok(Interval { value: f32::NAN, u95: f32::NAN });
     let detail = Some(Detail { backlash: Backlash { size, ..Backlash::default() }, ..Detail::default() });
     let estimated = Estimated { estimate, law: None, detail };
-    state.update(Event::Item(&Item::Estimate { at: at(11.0), t_s: 11.0, estimated }));
+    state.item(&Item::Estimate { at: at(11.0), t_s: 11.0, estimated });
     let screen = drawn(&state, 120, 40, true).0.join("\n");
     assert!(!screen.contains("NaN") && screen.contains("residual unknown"), "{screen}");
     let row = |label| screen.lines().find(|line| line.contains(label)).unwrap();
@@ -228,7 +209,7 @@ fn no_text_from_outside_is_drawn_as_it_came() {
     let mut state = state();
     (state.recording, state.elsewhere) = (Some(WORDS.into()), vec![WORDS.into()]);
     for item in monitored(state.settings, at(10.0)) {
-        state.update(Event::Item(&item));
+        state.item(&item);
     }
     state.prompt = Prompt::Marker(WORDS.into());
     let name = printable(&Hello::text::<24>(WORDS)).into_owned();

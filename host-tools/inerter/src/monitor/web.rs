@@ -63,7 +63,8 @@ struct Shared {
 /// The page's server, which runs until it is dropped.
 pub struct Web {
     shared: Arc<Shared>,
-    url: String,
+    /// The page's address, token included.
+    pub url: String,
     _server: Server,
 }
 
@@ -84,17 +85,12 @@ impl Web {
         })?;
         Ok(Self { shared, url: format!("http://{}/{token}/", server.address()), _server: server })
     }
-
-    /// The page's address, token included.
-    pub fn url(&self) -> &str {
-        &self.url
-    }
 }
 
 impl Viewer for Web {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
         let mut messages = locked(&self.shared.messages);
-        for message in messages.take(item) {
+        if let Some(message) = messages.take(item) {
             // Having no viewer is not an error.
             self.shared.sender.send(message.to_string().into()).ok();
         }

@@ -30,10 +30,10 @@ pub struct Args {
     #[arg(long, value_name = "NUMBER", value_parser = turns, allow_hyphen_values = true)]
     revolutions: Option<f64>,
     /// Lines per revolution from the encoder's label; each line is four counts
-    #[arg(long, value_name = "NUMBER", value_parser = lines)]
+    #[arg(long, value_name = "NUMBER", value_parser = |text: &str| positive(text, PLAIN))]
     lines: Option<f64>,
     /// Lead of the screw from its data sheet
-    #[arg(long, value_name = "METRES", value_parser = lead)]
+    #[arg(long, value_name = "METRES", value_parser = |text: &str| positive(text, METRES))]
     lead: Option<f64>,
     /// Relative 95 % uncertainty of that lead
     #[arg(long, value_name = "PART", value_parser = part, default_value = "0.001")]
@@ -54,14 +54,6 @@ fn length(text: &str) -> Result<f64, DialogueError> {
 
 fn positive(text: &str, units: Units) -> Result<f64, String> {
     number_where(text, units, |value| value > 0.0, "it must be greater than 0")
-}
-
-fn lead(text: &str) -> Result<f64, String> {
-    positive(text, METRES)
-}
-
-fn lines(text: &str) -> Result<f64, String> {
-    positive(text, PLAIN)
 }
 
 fn turns(text: &str) -> Result<f64, String> {

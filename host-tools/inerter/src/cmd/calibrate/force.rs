@@ -36,16 +36,16 @@ use crate::{
 #[derive(clap::Args)]
 pub struct Args {
     /// A mass that hangs on the cell; negative in the other direction; FILE is a recording of it
-    #[arg(long, value_name = "KG[=FILE]", value_parser = mass, allow_hyphen_values = true, required_unless_present = "force")]
+    #[arg(long, value_name = "KG[=FILE]", value_parser = |text: &str| load(text, KILOGRAMS), allow_hyphen_values = true, required_unless_present = "force")]
     mass: Vec<Recorded>,
     /// A force on the cell, instead of masses
-    #[arg(long, value_name = "NEWTONS[=FILE]", value_parser = newtons, allow_hyphen_values = true, conflicts_with = "mass")]
+    #[arg(long, value_name = "NEWTONS[=FILE]", value_parser = |text: &str| load(text, NEWTONS), allow_hyphen_values = true, conflicts_with = "mass")]
     force: Vec<Recorded>,
     /// Local gravity [m/s^2] [default: 9.80665, which is off by up to 0.27 %]
-    #[arg(long, value_name = "VALUE", value_parser = gravity, conflicts_with = "latitude")]
+    #[arg(long, value_name = "VALUE", value_parser = |text: &str| within(text, PLAIN, 9.7, 9.9), conflicts_with = "latitude")]
     gravity: Option<f64>,
     /// Latitude of the place, from which local gravity is computed
-    #[arg(long, value_name = "DEGREES", value_parser = latitude, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", value_parser = |text: &str| within(text, DEGREES, -90.0, 90.0), allow_negative_numbers = true)]
     latitude: Option<f64>,
     /// Relative 95 % uncertainty of the loads
     #[arg(long, value_name = "PART", value_parser = part, default_value = "0.001")]
@@ -66,14 +66,6 @@ struct Recorded {
     file: Option<PathBuf>,
 }
 
-fn mass(text: &str) -> Result<Recorded, String> {
-    load(text, KILOGRAMS)
-}
-
-fn newtons(text: &str) -> Result<Recorded, String> {
-    load(text, NEWTONS)
-}
-
 fn load(text: &str, units: Units) -> Result<Recorded, String> {
     let (size, file) = text.split_once('=').map_or((text, None), |(size, file)| (size, Some(file.into())));
     Ok(Recorded { size: number(size, units).map_err(|error| error.to_string())?, file })
@@ -83,14 +75,6 @@ fn load(text: &str, units: Units) -> Result<Recorded, String> {
 pub fn within(text: &str, units: Units, least: f64, most: f64) -> Result<f64, String> {
     let problem = format!("it must lie between {least} and {most}");
     number_where(text, units, |value| (least..=most).contains(&value), &problem)
-}
-
-fn gravity(text: &str) -> Result<f64, String> {
-    within(text, PLAIN, 9.7, 9.9)
-}
-
-fn latitude(text: &str) -> Result<f64, String> {
-    within(text, DEGREES, -90.0, 90.0)
 }
 
 /// Parses a fraction of the whole.

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     Error,
-    calibrate::{Dialogue, Heard, wizard},
+    calibrate::{Heard, wizard},
 };
 
 /// What they take.
@@ -65,8 +65,7 @@ pub fn run<J: Serialize>(
         Some(run) => run,
         None => {
             let device = device.insert(connect(&args.step)?);
-            let mut person = Person::new(args.step.json);
-            Heard::listen(device, args.duration.as_secs_f64(), |done| person.progress("listening", done))?.run
+            Heard::listen(device, &mut Person::new(args.step.json), args.duration.as_secs_f64(), true)?.run
         }
     };
     let outcome = replayed(&run, "")?;

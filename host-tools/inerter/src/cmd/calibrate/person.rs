@@ -6,11 +6,11 @@ use std::{
     time::Duration,
 };
 
-use inerter_data::output;
+use inerter_data::json::json_line;
 use serde_json::json;
 
 use super::super::{
-    print::print_json,
+    print::print_now,
     terminal::{self, Bars},
 };
 use crate::{Error, calibrate::Dialogue, error::DialogueError};
@@ -46,8 +46,7 @@ impl Dialogue for Person {
             while lines.try_recv().is_ok() {}
         }
         if self.json {
-            print_json(&json!({ "kind": "prompt", "question": question, "default": default }))?;
-            output::flush()?;
+            print_now(json_line(&json!({ "kind": "prompt", "question": question, "default": default })))?;
         } else {
             let default = if default.is_empty() { String::new() } else { format!(" ({default})") };
             // If standard error is closed, nobody sees it.

@@ -20,21 +20,13 @@ use crate::{Error, calibrate::dialogue::PPM};
 #[derive(clap::Args)]
 pub struct Args {
     /// How long to compare arrivals
-    #[arg(long, value_name = "SECONDS", value_parser = up_to_a_day, allow_negative_numbers = true, default_value = "60")]
+    #[arg(long, value_name = "SECONDS", value_parser = |text: &str| time_within(text, 86_400.0), allow_negative_numbers = true, default_value = "60")]
     duration: Duration,
     /// Accuracy of this computer's clock
-    #[arg(long, value_name = "PPM", value_parser = ppm, default_value = "50")]
+    #[arg(long, value_name = "PPM", value_parser = |text: &str| within(text, PPM, 1e-3, 1e4), default_value = "50")]
     host_clock_ppm: f64,
     #[command(flatten)]
     step: StepArgs,
-}
-
-fn up_to_a_day(text: &str) -> Result<Duration, String> {
-    time_within(text, 86_400.0)
-}
-
-fn ppm(text: &str) -> Result<f64, String> {
-    within(text, PPM, 1e-3, 1e4)
 }
 
 pub fn run(args: &Args) -> Result<(), Error> {

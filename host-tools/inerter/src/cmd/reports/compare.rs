@@ -1,6 +1,6 @@
 //! `inerter compare`: runs side by side, and what differs between them.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use inerter_analysis::compare::{Rig, Row};
 use inerter_core::Machine;
@@ -23,8 +23,8 @@ use crate::{
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let settings = args.settings.settings.settings.as_deref();
-    let read: Vec<&Path> = args.files.iter().map(PathBuf::as_path).chain(settings).collect();
-    args.limits.check(&read, &args.output.as_deref().into_iter().collect::<Vec<_>>(), args.force)?;
+    let read = args.files.iter().map(PathBuf::as_path).chain(settings);
+    args.limits.check(read, args.output.as_deref(), args.force)?;
     let rig = args.rigs.map(|rigs| match rigs {
         Rigs::One => Rig::Same,
         Rigs::Several => Rig::Other("stated by --rigs".into()),

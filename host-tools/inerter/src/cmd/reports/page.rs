@@ -34,8 +34,7 @@ struct ReportJson {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     let settings = args.settings.settings.settings.as_deref();
-    let read: Vec<&Path> = [args.file.as_path()].into_iter().chain(settings).collect();
-    args.limits.check(&read, &[&args.output], args.force)?;
+    args.limits.check([args.file.as_path()].into_iter().chain(settings), [args.output.as_path()], args.force)?;
     let content = content(&args.file, &args.settings)?;
     let machine = content.run.settings.machine;
     let limits = args.limits.read(machine)?;
@@ -81,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
 pub fn content(file: &Path, settings: &FileSettingsArgs) -> Result<Content, Error> {
     let run = settings.open(file)?;
     let mut progress = Progress::new("replaying", 1000);
-    let content = Content::of(run, |part| progress.set((part * 1e3) as u64))?;
+    let content = Content::of(run, |part| progress.set_part(part))?;
     progress.done();
     Ok(content)
 }

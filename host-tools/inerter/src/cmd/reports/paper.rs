@@ -8,7 +8,7 @@ use inerter_view::{
     figure::{render_png, svg},
     paper,
 };
-use serde_json::{Map, json};
+use serde_json::{Value, json};
 
 use super::page::make_folder;
 use crate::{
@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     terminal::tidy_at_interrupts();
     make_folder(&args.output)?;
     let mut progress = Progress::new("simulating", 1000);
-    let paper = reproduced(|part| progress.set((part * 1e3) as u64))?;
+    let paper = reproduced(|part| progress.set_part(part))?;
     progress.done();
     let figures = paper::figures(&paper);
     for figure in &figures {
@@ -73,11 +73,11 @@ fn reproduced(mut progress: impl FnMut(f64)) -> Result<Reproduction, Error> {
     Ok(reproduce(runs, |part| progress(0.4 + 0.6 * part))?)
 }
 
-fn object(paper: &Reproduction, file: &str, figures: &[&str]) -> serde_json::Value {
-    let parameters: Map<_, _> = paper
+fn object(paper: &Reproduction, file: &str, figures: &[&str]) -> Value {
+    let parameters: Value = paper
         .parameters
         .iter()
-        .map(|one| (one.name.to_string(), json!({ "value": one.value, "u95": one.u95, "published": one.truth })))
+        .map(|one| (one.name, json!({ "value": one.value, "u95": one.u95, "published": one.truth })))
         .collect();
     let tests: Vec<_> = paper
         .tests

@@ -127,7 +127,7 @@ pub fn diff(args: &DiffArgs) -> Result<(), Error> {
     let all = Settings::TABLE.iter().zip(a.into_iter().zip(b));
     let differences: Vec<_> = all.filter(|(_, (a, b))| bits(a) != bits(b)).collect();
     if args.json {
-        let named = differences.iter().map(|(info, (a, b))| (info.name.to_string(), json!({ "a": a, "b": b })));
+        let named = differences.iter().map(|(info, (a, b))| (info.name, json!({ "a": a, "b": b })));
         let named: Value = named.collect();
         let line = json!({ "kind": "settings_diff", "a": args.a, "b": args.b, "differences": named });
         return print_json(&line);

@@ -38,9 +38,9 @@ pub fn finish(device: &mut Device, before: &Settings, save: bool, json: bool) ->
 }
 
 pub fn print_settings(device: &Device) -> Result<(), Error> {
-    let values = Settings::TABLE.iter().zip(device.settings().values());
-    let settings: Value = values.map(|(info, value)| (info.name, value)).collect();
-    let line = json!({ "kind": "settings", "serial": device.hello().serial.as_str(), "settings": settings });
+    let names = Settings::TABLE.iter().map(|info| info.name);
+    let settings: Value = names.zip(device.settings().values()).collect();
+    let line = json!({ "kind": "settings", "serial": device.hello().serial, "settings": settings });
     print_json(&line)
 }
 

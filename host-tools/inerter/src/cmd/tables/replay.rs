@@ -24,7 +24,7 @@ pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bo
     let overrides = settings.overrides()?;
     let is_ours = |place: &Place| args.shard.is_none_or(|shard| shard.has(place));
     let ours: Vec<Place> = store.places()?.into_iter().filter(is_ours).collect();
-    let given: Value = overrides.given().map(|(name, value)| (name.to_string(), json!(value))).collect();
+    let given: Value = overrides.given().collect();
     let kept = if args.again { Default::default() } else { store.kept(&args.batch, "replay", &given)? };
     let todo: Vec<&Place> = ours.iter().filter(|place| !kept.contains(place.name())).collect();
     let mut bar = Progress::new("replaying", todo.len() as u64);

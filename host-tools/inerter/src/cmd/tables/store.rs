@@ -46,12 +46,15 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
 }
 
-/// Shows the progress; Ctrl-C stops the work.
-fn watched(bar: &mut Progress) -> impl FnMut(f64) -> Result<(), StoreError> + '_ {
-    |part| {
-        bar.set((part * 1000.0) as u64);
+/// Works on the store and shows the progress; Ctrl-C stops the work.
+fn watched<T>(label: &'static str, work: impl FnOnce(&mut dyn FnMut(f64) -> Result<(), StoreError>) -> T) -> T {
+    let mut bar = Progress::new(label, 1000);
+    let done = work(&mut |part| {
+        bar.set_part(part);
         Ok(terminal::go_on()?)
-    }
+    });
+    bar.done();
+    done
 }
 
 fn add(args: &AddArgs) -> Result<(), Error> {
@@ -60,10 +63,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
     let mut failed = 0;
     for file in &args.files {
         let name = file.display().to_string();
-        let mut bar = Progress::new("adding", 1000);
-        let added = store.add(file, &mut watched(&mut bar));
-        bar.done();
-        match added {
+        match watched("adding", |progress| store.add(file, progress)) {
             Ok(added) => {
                 let (run, is_new) = (added.row.name(), added.is_new);
                 if args.json {
@@ -73,20 +73,20 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
-            // The store is at fault, not the file: the other files would fail too.
+            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
+            // There is no other file; or the store is at fault, and the other files would fail too.
             Err(error)
-                if !matches!(
-                    error,
-                    StoreError::Data(_)
-                        | StoreError::NoRecording { .. }
-                        | StoreError::Changed { .. }
-                        | StoreError::LongTexts { .. }
-                ) =>
+                if args.files.len() == 1
+                    || !matches!(
+                        error,
+                        StoreError::Data(_)
+                            | StoreError::NoRecording { .. }
+                            | StoreError::Changed { .. }
+                            | StoreError::LongTexts { .. }
+                    ) =>
             {
                 return Err(error.into());
             }
-            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
-            Err(error) if args.files.len() == 1 => return Err(error.into()),
             Err(error) => {
                 failed += 1;
                 say(format!("error: {}", Shown(error)));
@@ -107,14 +107,15 @@ fn cut(text: &str, letters: usize) -> String {
 
 fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> {
     let conditions = conditions.iter().map(|text| text.parse()).collect::<Result<Vec<Condition>, _>>()?;
-    args.limits.check(&[], &[], args.force)?;
+    args.limits.check([], [], args.force)?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
     let listed = Store::open(url)?.runs(&choice)?;
     // Before anything is judged and written.
     let columns = args.csv.then(|| csv_columns(url, &listed.rows)).transpose()?;
     let within = within(args, &listed.rows)?;
     let said = heard(print(args, &listed.rows, columns.as_deref(), within.as_deref()), true);
-    told(url, &listed.damages)?;
+    listed.damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
+    intact(url, &listed.damages)?;
     if within.is_some() && listed.rows.is_empty() {
         return Err(Error::NothingHeld);
     }
@@ -154,9 +155,8 @@ fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
     rows.iter().zip(within.unwrap_or_default()).map(of).collect()
 }
 
-/// Lists the damaged files on standard error.
-fn told(url: &str, damages: &[Damage]) -> Result<(), Error> {
-    damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
+/// Fails if files of the store are damaged.
+fn intact(url: &str, damages: &[Damage]) -> Result<(), Error> {
     if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
 }
 
@@ -307,14 +307,10 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
     terminal::catch_interrupts();
     let store = Store::open(&args.url)?;
     if args.repair {
-        let mut bar = Progress::new("repairing", 1000);
-        let count = store.repair(&mut watched(&mut bar))?;
-        bar.done();
+        let count = watched("repairing", |progress| store.repair(progress))?;
         say(format!("{} repaired", plural(count as u64, "run")));
     }
-    let mut bar = Progress::new("reading", 1000);
-    let verified = store.verify(&mut watched(&mut bar))?;
-    bar.done();
+    let verified = watched("reading", |progress| store.verify(progress))?;
     let (runs, damages) = (verified.runs, verified.damages);
     for damage in &damages {
         if args.json {
@@ -329,7 +325,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Error> {
     } else if damages.is_empty() {
         output::line(format!("{}: every file is as it was written", plural(runs as u64, "run")))?;
     }
-    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: args.url.clone(), files: damages.len() }) }
+    intact(&args.url, &damages)
 }
 
 fn remove(args: &RemoveArgs) -> Result<(), Error> {

@@ -20,7 +20,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use inerter_core::{Machine, Settings};
-use inerter_data::json::{EstimateJson, EventJson, ReversalJson, health_json, json_line, machine_json_line};
+use inerter_data::json::{json_line, machine_json_line};
 use inerter_serve::{Place, Server, comes_from, limited, local_host, loopback, send};
 use inerter_wire::catalogue::{self, Field, Group};
 use serde::Deserialize;
@@ -141,7 +141,8 @@ pub struct Foxglove {
     shared: Arc<Shared>,
     settings: Settings,
     latest: Moment,
-    address: String,
+    /// The address that Foxglove connects to.
+    pub address: String,
     _server: Server,
 }
 
@@ -164,11 +165,6 @@ impl Foxglove {
         })?;
         let address = format!("ws://{}", server.address());
         Ok(Self { shared, settings: Settings::default(), latest: Moment::default(), address, _server: server })
-    }
-
-    /// The address that Foxglove connects to.
-    pub fn address(&self) -> &str {
-        &self.address
     }
 
     fn send(&self, topic: Topic, at: Moment, value: impl FnOnce() -> String) {
@@ -344,7 +340,9 @@ fn estimate_fields(machine: Machine) -> Map<String, Value> {
 
 impl Viewer for Foxglove {
     fn show(&mut self, item: &Item) -> Result<(), Error> {
-        let machine = self.settings.machine;
+        let settings = self.settings;
+        let machine = settings.machine;
+        let json = || item.json(&settings).unwrap_or_default();
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => {
                 if settings.machine != machine {
@@ -366,22 +364,13 @@ impl Viewer for Foxglove {
                     });
                 }
             }
-            Item::Estimate { at, t_s, estimated } => {
+            Item::Estimate { at, .. } => {
                 self.latest = *at;
-                let line = || machine_json_line(machine, &EstimateJson::live(*t_s, estimated, &self.settings));
-                self.send(Topic::Estimate, *at, line);
+                self.send(Topic::Estimate, *at, json);
             }
-            Item::Reversal { t_s, reversal } => self
-                .send(Topic::Reversal, self.latest, || machine_json_line(machine, &ReversalJson::new(*t_s, reversal))),
-            Item::Health(health) => self.send(Topic::Health, self.latest, || json_line(&health_json(health))),
-            Item::Event { at, t_s, event } => {
-                self.send(Topic::Event, *at, || {
-                    machine_json_line(machine, &EventJson::new(*t_s, event.index, &event.kind, machine))
-                });
-            }
-            Item::Cause { at, t_s, index, cause } => self.send(Topic::Event, *at, || {
-                json_line(&EventJson::cause(*t_s, *index, cause.kind.name(), cause.sentence(machine)))
-            }),
+            Item::Reversal { .. } => self.send(Topic::Reversal, self.latest, json),
+            Item::Health(_) => self.send(Topic::Health, self.latest, json),
+            Item::Event { at, .. } | Item::Cause { at, .. } => self.send(Topic::Event, *at, json),
             Item::Marker { at, text, .. } => {
                 self.send(Topic::Marker, *at, || json_line(&json!({ "kind": "marker", "text": text })));
             }
@@ -428,9 +417,8 @@ mod tests {
     #[test]
     fn a_name_that_is_made_to_point_here_is_refused() {
         let (sender, _) = broadcast::channel(1);
-        let channels = || Mutex::new(Channels { first: 1, machine: Machine::Linear });
         let shared = |is_local| Shared {
-            channels: channels(),
+            channels: Mutex::new(Channels { first: 1, machine: Machine::Linear }),
             sender: sender.clone(),
             session: String::new(),
             origins: Vec::new(),

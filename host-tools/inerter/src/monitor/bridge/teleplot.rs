@@ -64,18 +64,16 @@ impl Viewer for Teleplot {
         match item {
             Item::Device { settings, .. } | Item::Settings(settings) => self.machine = settings.machine,
             Item::Samples(samples) => {
-                let of = |value: fn(&Sample) -> f64| samples.iter().map(move |sample| (sample.at, value(sample)));
                 let linear = catalogue::fields(Machine::Linear, Group::Signal);
                 for (linear, field) in linear.zip(catalogue::fields(self.machine, Group::Signal)) {
-                    match linear.path {
-                        "force_n" => self.series(field.path, field.unit, of(|sample| sample.force_n)),
-                        "position_m" => self.series(field.path, field.unit, of(|sample| sample.position_m)),
-                        "terminal_m" => {
-                            let points = samples.iter().filter_map(|sample| Some((sample.at, sample.terminal_m?)));
-                            self.series(field.path, field.unit, points);
-                        }
-                        _ => {}
-                    }
+                    let value: fn(&Sample) -> Option<f64> = match linear.path {
+                        "force_n" => |sample| Some(sample.force_n),
+                        "position_m" => |sample| Some(sample.position_m),
+                        "terminal_m" => |sample| sample.terminal_m,
+                        _ => continue,
+                    };
+                    let points = samples.iter().filter_map(|sample| Some((sample.at, value(sample)?)));
+                    self.series(field.path, field.unit, points);
                 }
             }
             Item::Estimate { at, estimated, .. } => {

@@ -104,11 +104,12 @@ pub fn parameter(
         Some((_, value, u95)) => format!("{label} {} {unit}", interval_text(*value, *u95)),
         None => format!("{label}: not identifiable"),
     };
-    let values: Vec<(f64, f64)> = thinned.iter().map(|(x, value, _)| (*x, *value)).collect();
-    let low: Vec<(f64, f64)> = thinned.iter().map(|(x, value, u95)| (*x, value - u95)).collect();
-    let high: Vec<(f64, f64)> = thinned.iter().map(|(x, value, u95)| (*x, value + u95)).collect();
-    let curves =
-        vec![(low.as_slice(), theme.band()), (high.as_slice(), theme.band()), (values.as_slice(), theme.curve())];
+    let curve = |y: fn(f64, f64) -> f64| -> Vec<(f64, f64)> {
+        thinned.iter().map(|(x, value, u95)| (*x, y(*value, *u95))).collect()
+    };
+    let (low, high) = (curve(|value, u95| value - u95), curve(|value, u95| value + u95));
+    let values = curve(|value, _| value);
+    let curves = vec![(&*low, theme.band()), (&*high, theme.band()), (&*values, theme.curve())];
     plot(frame, area, state, theme, Plot { title, curves, span_s });
 }
 

@@ -60,19 +60,16 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     if bottom.height < ROOM_FOR_SIGNALS {
         return;
     }
-    let force = |frame: &mut Frame<'_>, area| charts::trace(frame, area, state, theme, Signal::Force, "force_n");
-    let position =
-        |frame: &mut Frame<'_>, area| charts::trace(frame, area, state, theme, Signal::Position, "position_m");
-    if area.width >= 110 {
-        let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(bottom);
-        force(frame, left);
-        position(frame, right);
+    let halves = [Constraint::Fill(1); 2];
+    let areas = if area.width >= 110 {
+        Layout::horizontal(halves).split(bottom)
     } else if bottom.height >= 2 * ROOM_FOR_SIGNALS {
-        let [upper, lower] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(bottom);
-        force(frame, upper);
-        position(frame, lower);
+        Layout::vertical(halves).split(bottom)
     } else {
-        force(frame, bottom);
+        [bottom].into()
+    };
+    for ((signal, path), area) in [(Signal::Force, "force_n"), (Signal::Position, "position_m")].iter().zip(&*areas) {
+        charts::trace(frame, *area, state, theme, *signal, path);
     }
 }
 

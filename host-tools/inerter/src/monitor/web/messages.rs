@@ -15,7 +15,7 @@ use crate::monitor::{
     causes,
     feed::Item,
     history::{Entry, QUANTITIES},
-    state::{Event, LineKind, State},
+    state::{LineKind, State},
     trace::{Bucket, Signal},
 };
 
@@ -37,32 +37,27 @@ impl Messages {
         Self { state: State::new(recording, Vec::new()), sent_s: f64::NEG_INFINITY }
     }
 
-    /// The messages to the pages for one item.
-    pub fn take(&mut self, item: &Item) -> Vec<Value> {
-        self.state.update(Event::Item(item));
-        let mut new = self.new_messages(item);
-        new.iter_mut().for_each(show);
-        new
-    }
-
-    fn new_messages(&mut self, item: &Item) -> Vec<Value> {
-        match item {
-            Item::Device { .. } | Item::Settings(_) => self.device().into_iter().collect(),
-            Item::Away { reason } => vec![json!({ "kind": "away", "reason": reason })],
-            Item::Back { .. } => vec![json!({ "kind": "back" })],
-            Item::Samples(_) => self.samples().into_iter().collect(),
-            Item::Estimate { at, .. } => self.estimate(at.run_s).into_iter().collect(),
-            Item::Reversal { .. } => Vec::new(),
-            Item::Health(_) | Item::LostFrames(_) | Item::UnknownFrames(_) => self.health().into_iter().collect(),
+    /// The message to the pages for one item, if there is one.
+    pub fn take(&mut self, item: &Item) -> Option<Value> {
+        self.state.item(item);
+        let machine = self.state.settings.machine;
+        let mut new = match item {
+            Item::Device { .. } | Item::Settings(_) => self.device()?,
+            Item::Away { reason } => away(reason),
+            Item::Back { .. } => json!({ "kind": "back" }),
+            Item::Samples(_) => self.samples()?,
+            Item::Estimate { at, .. } => self.estimate(at.run_s)?,
+            Item::Reversal { .. } => return None,
+            Item::Health(_) | Item::LostFrames(_) | Item::UnknownFrames(_) => self.health()?,
             Item::Event { at, event, .. } => {
-                vec![line(at.run_s, &event_words(self.state.settings.machine, &event.kind), is_trouble(&event.kind))]
+                line(at.run_s, &event_words(machine, &event.kind), is_trouble(&event.kind))
             }
-            Item::Cause { at, cause, .. } => {
-                vec![line(at.run_s, &causes::words(self.state.settings.machine, cause), true)]
-            }
-            Item::Refused { words } => vec![line(self.state.now_s, words, true)],
-            Item::Marker { at, text, .. } => vec![mark(at.run_s, text)],
-        }
+            Item::Cause { at, cause, .. } => line(at.run_s, &causes::words(machine, cause), true),
+            Item::Refused { words } => line(self.state.now_s, words, true),
+            Item::Marker { at, text, .. } => mark(at.run_s, text),
+        };
+        show(&mut new);
+        Some(new)
     }
 
     /// The full state so far.
@@ -84,7 +79,7 @@ impl Messages {
         let mut lines: Vec<(f64, Value)> = lines.chain(marks).collect();
         lines.sort_by(|(one, _), (other, _)| one.total_cmp(other));
         all.extend(lines.into_iter().map(|(_, message)| message));
-        all.extend(state.away.iter().map(|reason| json!({ "kind": "away", "reason": reason })));
+        all.extend(state.away.iter().map(|reason| away(reason)));
         all.iter_mut().for_each(show);
         all
     }
@@ -102,8 +97,8 @@ impl Messages {
             format!("{} [{unit}]", field.label)
         });
         Some(json!({
-            "kind": "device", "port": present.port, "board": hello.board.as_str(), "serial": hello.serial.as_str(),
-            "firmware": hello.firmware.as_str(), "sample_rate_hz": self.state.settings.sample_rate_hz,
+            "kind": "device", "port": present.port, "board": hello.board, "serial": hello.serial,
+            "firmware": hello.firmware, "sample_rate_hz": self.state.settings.sample_rate_hz,
             "memory_s": self.state.settings.memory_s, "terminal": self.state.settings.terminal_sensor,
             "parameters": fields(Group::Parameter).map(field).collect::<Vec<_>>(),
             "contact": contact.map(field).collect::<Vec<_>>(), "signals": signals.collect::<Vec<_>>(),
@@ -182,6 +177,10 @@ fn show(message: &mut Value) {
     }
 }
 
+fn away(reason: &str) -> Value {
+    json!({ "kind": "away", "reason": reason })
+}
+
 fn line(run_s: f64, words: &str, trouble: bool) -> Value {
     json!({ "kind": "event", "run_s": run_s, "words": words, "trouble": trouble })
 }
@@ -213,7 +212,7 @@ mod tests {
     #[test]
     fn signals_are_told_once_in_order_and_a_late_page_is_told_the_same() {
         let mut messages = Messages::new(None);
-        let told: Vec<Value> = (0..500).flat_map(|place| messages.take(&portion(20 * place))).collect();
+        let told: Vec<Value> = (0..500).filter_map(|place| messages.take(&portion(20 * place))).collect();
         assert!((90..=130).contains(&told.len()), "{}", told.len());
         let times = |value: &Value| -> Vec<f64> {
             value["t_s"].as_array().unwrap().iter().map(|time| time.as_f64().unwrap()).collect()
@@ -240,7 +239,8 @@ mod tests {
         }
         let mut messages = Messages::new(Some(WORDS.into()));
         let at = Moment { run_s: 1.0, unix_ns: 0 };
-        let told: Vec<Value> = monitored(Settings::default(), at).iter().flat_map(|item| messages.take(item)).collect();
+        let told: Vec<Value> =
+            monitored(Settings::default(), at).iter().filter_map(|item| messages.take(item)).collect();
         // The port, the panic, what was refused, the marker, and why the device is away. A new page is also told the
         // recording, and the lines about the device's return and absence.
         for (all, expected) in [(told, 5), (messages.all(), 8)] {
