@@ -180,28 +180,14 @@ pub fn changes(before: &Settings, after: &Settings) -> Vec<(&'static str, f64, f
 
 #[cfg(test)]
 mod tests {
-    use inerter_wire::{Capabilities, ClockSource, WIRE_VERSION};
     use proptest::prelude::*;
 
     use super::*;
-
-    fn hello(serial: &str) -> Hello {
-        Hello {
-            wire_version: WIRE_VERSION,
-            firmware: Hello::text("inerter 1.0"),
-            git: Hello::text(""),
-            board: Hello::text("nucleo-g474re"),
-            serial: Hello::text(serial),
-            sample_rate_hz: 1000.0,
-            clock: ClockSource::Crystal,
-            capabilities: Capabilities::NONE,
-        }
-    }
+    use crate::fixtures::{hello, new_file};
 
     #[test]
     fn a_backup_reads_back_to_the_same_bits_and_knows_its_device() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.toml");
+        let (_folder, path) = new_file("a.toml");
         let settings = Settings { newtons_per_code: -1.0 / 3.0, skew_s: 1.52e-5, ..Settings::default() };
         write(&path, false, &hello("205735883537"), &settings).unwrap();
         let backup = read(&path).unwrap();
@@ -221,8 +207,7 @@ mod tests {
 
     #[test]
     fn a_backup_never_takes_the_place_of_another() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("board.settings.toml");
+        let (folder, path) = new_file("board.settings.toml");
         let with = |skew_s| Settings { skew_s, ..Settings::default() };
         let kept = |settings| write_beside(&path, &hello("1"), &settings).unwrap();
         let named = |name: &str, others| Kept { path: folder.path().join(name), others };
@@ -246,8 +231,7 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn a_backup_is_a_file_of_its_own() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("board.settings.toml");
+        let (folder, path) = new_file("board.settings.toml");
         std::os::unix::fs::symlink("/dev/null", &path).unwrap();
         std::fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
         let kept = write_beside(&path, &hello("1"), &Settings::default()).unwrap();
@@ -305,8 +289,7 @@ mod tests {
                 // A device accepts no others.
                 settings.set(number, *value).ok();
             }
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("a.toml");
+            let (_folder, path) = new_file("a.toml");
             std::fs::write(&path, text(&hello, &settings)).unwrap();
             let backup = read(&path).unwrap();
             prop_assert!(backup.check_owner(&path, &hello).is_ok(), "{:?} {hello:?}", backup.owner);

@@ -51,12 +51,6 @@ pub fn read(path: &Path, take: impl FnMut(Incoming)) -> Result<Contents, Recordi
     read_all(Messages::open(path)?, take)
 }
 
-/// Reads from any source; `file` is its name in messages.
-#[cfg(test)]
-pub(super) fn read_from(file: &str, source: impl Read, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
-    read_all(Messages::new(file, source), take)
-}
-
 fn read_all(mut messages: Messages<impl Read>, mut take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
     let mut framing = Framing::default();
     loop {

@@ -405,20 +405,15 @@ fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> impl Iterato
 
 #[cfg(test)]
 mod tests {
-    use inerter_wire::{MAX_FRAME, encode_record};
-
     use super::*;
-    use crate::recording::{End, Recorder};
+    use crate::fixtures::{Stream, new_file};
 
     #[test]
     fn notes_of_metadata_without_end_are_counted_and_shortened() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("run.mcap");
-        let mut recorder = Recorder::create(&path, false).unwrap();
-        let mut out = [0; MAX_FRAME];
-        let length = encode_record(&Record::Health(Health::default()), 0, &mut out).unwrap();
-        recorder.frame(0, out.get(..length - 1).unwrap()).unwrap();
-        recorder.close(&End { reason: "x".repeat(100_000), lost_frames: 0 }).unwrap();
+        let (_folder, path) = new_file("run.mcap");
+        let mut stream = Stream::new(&path);
+        stream.send(&Record::Health(Health::default()));
+        stream.close(&"x".repeat(100_000));
         let Summary { mut contents, notes, .. } = summary(&path).unwrap();
         let [note] = notes.as_slice() else { panic!("{} notes", notes.len()) };
         assert!(note.contains("the recording ended early: xxx") && note.ends_with("x..."));

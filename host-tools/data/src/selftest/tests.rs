@@ -2,26 +2,19 @@ use super::{
     judge::{Input, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
     *,
 };
+use crate::fixtures;
 use inerter_core::{RawSample, Settings};
 use inerter_needs::Random;
 use inerter_wire::{
     Capabilities, ClockSource, Health, MAX_FIGURES, Measure,
     Quantity::{self, *},
-    ResetCause, WIRE_VERSION,
+    ResetCause,
 };
 use proptest::prelude::*;
 
 fn hello() -> Hello {
-    Hello {
-        wire_version: WIRE_VERSION,
-        firmware: Hello::text("inerter 0.1.0"),
-        git: Hello::text("0123abcd"),
-        board: Hello::text("nucleo-g474re"),
-        serial: Hello::text("205735883537"),
-        sample_rate_hz: 1000.0,
-        clock: ClockSource::Crystal,
-        capabilities: Capabilities::MEASURE.with_flash_kb(512),
-    }
+    let capabilities = Capabilities::MEASURE.with_flash_kb(512);
+    Hello { clock: ClockSource::Crystal, capabilities, ..fixtures::hello("205735883537") }
 }
 
 fn measured(what: Measure, figures: &[(Quantity, u32)]) -> Measured {
