@@ -64,8 +64,7 @@ pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateT
 
 /// A table as the bytes of a Parquet file, with the units as metadata; the same columns give the same bytes.
 pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
-    let known = columns.iter().filter(|column| !column.unit.is_empty());
-    let units: Map<_, _> = known.map(|column| (column.name.to_string(), json!(column.unit))).collect();
+    let units = about::units_by_name(columns.iter().map(|column| (&*column.name, column.unit)));
     let metadata =
         key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
     write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
@@ -167,7 +166,7 @@ fn writer<'a, W: Write + Send>(
 
 /// Everything that accompanies the numbers, each as JSON; pandas puts the first one into `DataFrame.attrs`.
 fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
-    let (settings, device, markers) = (about::settings(source), about::device(source), about::markers(source));
+    let (settings, device, markers) = (about::settings_by_name(source), about::device(source), about::markers(source));
     let attributes = json!({"units": units, "settings": settings, "device": device, "markers": markers});
     key_values([
         ("PANDAS_ATTRS", Some(attributes)),

@@ -108,7 +108,7 @@ fn build(
         Ok(())
     };
     mat.struct_("settings", |writer| {
-        for (name, value) in about::settings(source) {
+        for (name, value) in about::settings_by_name(source) {
             writer.write_scalar_f64(&name, value.as_f64().unwrap_or(f64::NAN))?;
         }
         Ok(())

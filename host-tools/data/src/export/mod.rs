@@ -24,6 +24,7 @@ use std::{
     sync::mpsc,
 };
 
+pub use about::settings_by_name;
 #[cfg(feature = "parquet")]
 pub use columnar::table_bytes;
 pub use columns::{Batch, Cell, Column, Kind, Values};
