@@ -45,28 +45,11 @@ pub enum Cause {
     Law(Kind),
 }
 
-impl Cause {
-    /// All of them: faults of samples first.
-    pub const ALL: [Self; 17] = [
-        Self::Samples(WarningKind::WrongSign),
-        Self::Samples(WarningKind::CountSlip),
-        Self::Samples(WarningKind::ClippedForce),
-        Self::Samples(WarningKind::DeadForce),
-        Self::Law(Kind::LoadDependent),
-        Self::Law(Kind::PositionPeriodic),
-        Self::Law(Kind::Stribeck),
-        Self::Law(Kind::Presliding),
-        Self::Law(Kind::Drift),
-        Self::Law(Kind::Skew),
-        Self::Law(Kind::EncoderError),
-        Self::Law(Kind::Direction),
-        Self::Law(Kind::QuadraticFriction),
-        Self::Law(Kind::Spring),
-        Self::Law(Kind::Compliance),
-        Self::Law(Kind::ForceNonlinear),
-        Self::Law(Kind::Structure),
-    ];
+/// Faults of samples, in the order of the list.
+pub const OF_SAMPLES: [WarningKind; 4] =
+    [WarningKind::WrongSign, WarningKind::CountSlip, WarningKind::ClippedForce, WarningKind::DeadForce];
 
+impl Cause {
     /// Its name for programs.
     pub const fn name(self) -> &'static str {
         self.texts().0
@@ -163,7 +146,7 @@ mod tests {
     /// A public contract: docs/CLI.md.
     #[test]
     fn every_cause_has_a_name_of_its_own() {
-        let names = Cause::ALL.map(Cause::name);
+        let names = [&OF_SAMPLES.map(|kind| Cause::Samples(kind).name())[..], &Kind::ALL.map(Kind::name)].concat();
         let all = "wrong_sign count_slip clipped_force dead_force load_dependent position_periodic stribeck presliding drift \
                    skew encoder_error direction quadratic_friction spring compliance force_nonlinear structure";
         assert_eq!(names.join(" "), all);

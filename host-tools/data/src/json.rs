@@ -154,11 +154,8 @@ pub struct LawJson {
 
 impl From<Law> for LawJson {
     fn from(law: Law) -> Self {
-        Self {
-            status: law_word(law.status),
-            ratio: law.misfit.map(|misfit| misfit.ratio),
-            limit: law.misfit.map(|misfit| misfit.limit),
-        }
+        let (ratio, limit) = law.misfit.map(|misfit| (misfit.ratio, misfit.limit)).unzip();
+        Self { status: law_word(law.status), ratio, limit }
     }
 }
 

@@ -115,13 +115,8 @@ impl Doubts {
     /// The doubts about a run: whether the device `changed`, whether samples `are_wrong`, and the state of the law;
     /// `is_beyond` means that the residual exceeds what noise and steps explain.
     pub fn new(changed: bool, are_wrong: bool, law: LawStatus, is_beyond: bool) -> Self {
-        let of_run = if changed {
-            Some("the device changed during the run")
-        } else if are_wrong {
-            Some("samples are wrong (see the warnings)")
-        } else {
-            None
-        };
+        let wrong = are_wrong.then_some("samples are wrong (see the warnings)");
+        let of_run = if changed { Some("the device changed during the run") } else { wrong };
         // Where the flanks may part, the law is not called broken, but no interval covers the error that this causes.
         let of_law = match law {
             LawStatus::Broken => Some("the law is broken"),

@@ -79,6 +79,7 @@ fn capital(word: &str) -> String {
 }
 
 /// Writes JSON with the keys of a machine.
+#[derive(Default)]
 pub(crate) struct Names {
     machine: Machine,
     in_key: bool,
@@ -89,7 +90,7 @@ pub(crate) struct Names {
 
 impl Names {
     pub fn new(machine: Machine) -> Self {
-        Self { machine, in_key: false, key: String::new(), depth: 0, verbatim_from: None }
+        Self { machine, ..Self::default() }
     }
 }
 

@@ -115,11 +115,7 @@ fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
         let told = told.iter().filter(|warning| warning.kind == kind).count() as u32;
         told.max(u32::from(gated.left_out.contains(&kind)))
     };
-    let all = causes::Cause::ALL.into_iter().filter_map(|cause| match cause {
-        causes::Cause::Samples(kind) => Some((kind, times(kind))),
-        causes::Cause::Law(_) => None,
-    });
-    all.filter(|(_, times)| *times > 0).collect()
+    causes::OF_SAMPLES.into_iter().map(|kind| (kind, times(kind))).filter(|(_, times)| *times > 0).collect()
 }
 
 /// The parameters with everything found included. If nothing violates the law they are the law's own, without samples

@@ -324,17 +324,11 @@ impl Iterator for SampleReader {
 
 /// Appends the samples of a batch, or none if the batch is invalid.
 fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
-    let before = queue.len();
-    for sample in batch {
-        match sample {
-            Ok(sample) => queue.push_back(sample),
-            Err(_) => {
-                queue.truncate(before);
-                return false;
-            }
-        }
+    let is_valid = batch.check().is_ok();
+    if is_valid {
+        queue.extend(batch.iter().flatten());
     }
-    true
+    is_valid
 }
 
 /// Settings from the metadata, or else from the first Settings record.
