@@ -46,7 +46,8 @@ impl Mcap {
         let schema = json!({"title": "Samples in SI", "type": "object", "properties": properties}).to_string();
         let schema = writer.add_schema("inerter.samples", "jsonschema", schema.as_bytes()).map_err(failed)?;
         let channel = writer.add_channel(schema, "samples", "json", &BTreeMap::new()).map_err(failed)?;
-        let metadata = about::settings_by_name(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
+        let metadata =
+            about::settings_by_name(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
         let settings = Metadata { name: SETTINGS_METADATA.into(), metadata };
         writer.write_metadata(&settings).map_err(failed)?;
         if let Some(calibration) = &source.calibration {

@@ -311,7 +311,7 @@ impl Iterator for SampleReader {
                 Err(error) => return Some(Err(error)),
                 Ok(None) => return None,
                 Ok(Some(Message::Marker { .. })) => {}
-                Ok(Some(Message::Raw { part, bytes, .. })) => self.framing.take(part, bytes, |frame| {
+                Ok(Some(Message::Raw { part, .. })) => self.framing.take(part, self.messages.bytes(), |frame| {
                     if let Frame::Message { message: Record::Samples(samples), .. } = frame {
                         append(batch, &samples);
                     }
