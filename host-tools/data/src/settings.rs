@@ -20,7 +20,7 @@ use toml::{
 use crate::{
     calibration::{self, Calibration},
     output::{self, OutputError},
-    words::{nearest, printable},
+    words::{bracketed, nearest, printable},
 };
 
 /// Why settings were refused. `origin` says where the setting was given.
@@ -190,8 +190,7 @@ impl Overrides {
 pub fn to_toml(settings: &Settings) -> String {
     let mut text = String::new();
     for ((info, about), value) in Settings::described().zip(settings.values()) {
-        let unit = if about.unit.is_empty() { String::new() } else { format!(" [{}]", about.unit) };
-        text += &format!("# {}{unit}\n{} = {value:?}\n", about.help, info.name);
+        text += &format!("# {}{}\n{} = {value:?}\n", about.help, bracketed(about.unit), info.name);
     }
     text
 }

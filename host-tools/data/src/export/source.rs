@@ -138,7 +138,6 @@ impl Source {
             samples: self.samples()?,
             converter: Converter::new(&self.settings),
             range: periods(range_s.start)..periods(range_s.end),
-            taken: 0,
         })
     }
 
@@ -185,14 +184,6 @@ pub struct Rows {
     samples: Samples,
     converter: Converter,
     range: Range<u64>,
-    taken: u64,
-}
-
-impl Rows {
-    /// Samples read so far, including those outside the range.
-    pub fn taken(&self) -> u64 {
-        self.taken
-    }
 }
 
 impl Iterator for Rows {
@@ -204,7 +195,6 @@ impl Iterator for Rows {
                 Ok(sample) => sample,
                 Err(error) => return Some(Err(error)),
             };
-            self.taken += 1;
             let point = self.converter.point(&sample);
             if point.elapsed >= self.range.end {
                 return None;
