@@ -180,6 +180,8 @@ pub fn changes(before: &Settings, after: &Settings) -> Vec<(&'static str, f64, f
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use proptest::prelude::*;
 
     use super::*;
@@ -197,7 +199,7 @@ mod tests {
         assert_eq!(backup.owner, Owner::of(&hello("205735883537")));
         assert!(backup.check_owner(&path, &hello("205735883537")).is_ok());
         assert!(matches!(backup.check_owner(&path, &hello("1")), Err(BackupError::Other { .. })));
-        std::fs::write(&path, to_toml(&settings)).unwrap();
+        fs::write(&path, to_toml(&settings)).unwrap();
         assert!(matches!(read(&path).unwrap().check_owner(&path, &hello("1")), Err(BackupError::Nobody { .. })));
         assert!(values_of(&path).unwrap().iter().all(Option::is_some));
         let differences = changes(&Settings::default(), &settings);
@@ -212,11 +214,11 @@ mod tests {
         let kept = |settings| write_beside(&path, &hello("1"), &settings).unwrap();
         let named = |name: &str, others| Kept { path: folder.path().join(name), others };
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
-        let first = std::fs::read(&path).unwrap();
+        let first = fs::read(&path).unwrap();
         // An interrupted test leaves other settings, and the next test finds them.
         assert_eq!(kept(with(2e-6)), named("board.settings.2.toml", 1));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
-        assert_eq!(std::fs::read(&path).unwrap(), first);
+        assert_eq!(fs::read(&path).unwrap(), first);
         // A backup that exists is not written twice.
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
@@ -233,7 +235,7 @@ mod tests {
     fn a_backup_is_a_file_of_its_own() {
         let (folder, path) = new_file("board.settings.toml");
         std::os::unix::fs::symlink("/dev/null", &path).unwrap();
-        std::fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
+        fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
         let kept = write_beside(&path, &hello("1"), &Settings::default()).unwrap();
         assert_eq!(kept, Kept { path: folder.path().join("board.settings.3.toml"), others: 2 });
         assert!(read(&kept.path).unwrap().check_owner(&kept.path, &hello("1")).is_ok());
@@ -290,14 +292,14 @@ mod tests {
                 settings.set(number, *value).ok();
             }
             let (_folder, path) = new_file("a.toml");
-            std::fs::write(&path, text(&hello, &settings)).unwrap();
+            fs::write(&path, text(&hello, &settings)).unwrap();
             let backup = read(&path).unwrap();
             prop_assert!(backup.check_owner(&path, &hello).is_ok(), "{:?} {hello:?}", backup.owner);
             let mut restored = Settings::default();
             backup.values.apply(&mut restored).unwrap();
             prop_assert_eq!(changes(&settings, &restored), []);
             // Nor does it trigger anything on a terminal that shows it.
-            let text = std::fs::read_to_string(&path).unwrap();
+            let text = fs::read_to_string(&path).unwrap();
             prop_assert!(text.lines().all(|line| printable(line) == line), "{text:?}");
         }
     }

@@ -161,32 +161,30 @@ pub fn settings_note(reading: &Reading) -> Option<String> {
 
 /// An event for a person.
 pub fn event_words(machine: Machine, kind: &EventKind) -> String {
+    use EventKind::*;
     match kind {
-        EventKind::Started => "the device has started".into(),
-        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
-        EventKind::EstimatorReset => "the estimator restarts".into(),
-        EventKind::SettingsChanged => "the settings were changed".into(),
-        EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
-        EventKind::Fault(fault) => format!("fault: {fault}"),
-        EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
-        EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
-        EventKind::Changed(change) => change_words(machine, change),
-        EventKind::Warned(warning) => warning_words(machine, warning.kind),
+        Started => "the device has started".into(),
+        SourceEnded => "no more samples: the motion has ended".into(),
+        EstimatorReset => "the estimator restarts".into(),
+        SettingsChanged => "the settings were changed".into(),
+        SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
+        Fault(fault) => format!("fault: {fault}"),
+        Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
+        ResetBy(cause) => format!("the device was started by {cause}"),
+        Changed(change) => change_words(machine, change),
+        Warned(warning) => warning_words(machine, warning.kind),
     }
 }
 
 /// Whether an event reports a fault that matters to a recording.
 pub fn is_trouble(kind: &EventKind) -> bool {
+    use EventKind::*;
     match kind {
-        EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) | EventKind::Warned(_) => true,
-        EventKind::ResetBy(cause) => {
+        Fault(_) | Panicked(_) | Changed(_) | Warned(_) => true,
+        ResetBy(cause) => {
             !matches!(cause, ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes)
         }
-        EventKind::Started
-        | EventKind::SourceEnded
-        | EventKind::EstimatorReset
-        | EventKind::SettingsChanged
-        | EventKind::SourceChanged(_) => false,
+        Started | SourceEnded | EstimatorReset | SettingsChanged | SourceChanged(_) => false,
     }
 }
 

@@ -12,6 +12,7 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, file::write_recording};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
+use serde_json::Value;
 use tempfile::TempDir;
 
 use inerter_core::Machine;
@@ -31,7 +32,7 @@ fn read_csv(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
     (names, rows)
 }
 
-fn read_parquet(path: &Path) -> (Vec<String>, Vec<Vec<f64>>, BTreeMap<String, serde_json::Value>) {
+fn read_parquet(path: &Path) -> (Vec<String>, Vec<Vec<f64>>, BTreeMap<String, Value>) {
     let reader = SerializedFileReader::new(fs::File::open(path).unwrap()).unwrap();
     let about = reader.metadata().file_metadata().clone();
     let names = about.schema().get_fields().iter().map(|field| field.name().to_string()).collect();
@@ -121,7 +122,7 @@ fn every_format_holds_the_same_numbers() {
     assert!(fs::read(folder.path().join("o.mat")).unwrap().starts_with(b"MATLAB 7.3 MAT-file"));
     assert_eq!(mat.dataset("settings/sample_rate_hz").unwrap().read_f64().unwrap(), [1000.0]);
     let bytes = fs::read(folder.path().join("o.mcap")).unwrap();
-    let lines: Vec<(u64, serde_json::Value)> = mcap::MessageStream::new(&bytes)
+    let lines: Vec<(u64, Value)> = mcap::MessageStream::new(&bytes)
         .unwrap()
         .map(|message| message.unwrap())
         .map(|message| (message.log_time, serde_json::from_slice(&message.data).unwrap()))

@@ -1,6 +1,10 @@
 //! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables in memory.
 
-use std::{fs::File, io::Write, sync::Arc};
+use std::{
+    fs::File,
+    io::{self, Write},
+    sync::Arc,
+};
 
 use parquet::{
     basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical},
@@ -187,11 +191,11 @@ fn key_values(entries: impl IntoIterator<Item = (&'static str, Option<Value>)>) 
 
 fn failed(name: &str, error: ParquetError) -> OutputError {
     let source = match error {
-        ParquetError::External(inner) => match inner.downcast::<std::io::Error>() {
+        ParquetError::External(inner) => match inner.downcast::<io::Error>() {
             Ok(error) => *error,
-            Err(other) => std::io::Error::other(other),
+            Err(other) => io::Error::other(other),
         },
-        other => std::io::Error::other(other),
+        other => io::Error::other(other),
     };
     OutputError::write(name, source)
 }

@@ -1,8 +1,9 @@
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
 
 use inerter_core::{Estimate, Published, RawSample, Reversal, Route, Settings, State};
 use inerter_wire::{Event, EventKind, Health, Hello, Samples};
 use proptest::prelude::*;
+use serde_json::Value;
 use tempfile::TempDir;
 
 use super::*;
@@ -33,9 +34,9 @@ fn recording(close: bool) -> (TempDir, PathBuf) {
     } else {
         // As when the program is killed: all frames are written, the summary is not.
         drop(stream);
-        let bytes = std::fs::read(&path).unwrap();
+        let bytes = fs::read(&path).unwrap();
         let footer = mcap::read::footer(&bytes).unwrap();
-        std::fs::write(&path, &bytes[..footer.summary_start as usize]).unwrap();
+        fs::write(&path, &bytes[..footer.summary_start as usize]).unwrap();
     }
     (folder, path)
 }
@@ -43,7 +44,7 @@ fn recording(close: bool) -> (TempDir, PathBuf) {
 /// The bytes of the closed one.
 fn sound() -> Vec<u8> {
     let (_folder, path) = recording(true);
-    std::fs::read(path).unwrap()
+    fs::read(path).unwrap()
 }
 
 /// One record for each of the decoded channels.
@@ -91,12 +92,12 @@ fn a_closed_recording_reads_back_with_its_metadata() {
 #[test]
 fn the_decoded_channels_say_what_the_frames_say() {
     let bytes = sound();
-    let mut found: BTreeMap<String, Vec<serde_json::Value>> = BTreeMap::new();
+    let mut found: BTreeMap<String, Vec<Value>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()) {
         if message.channel.message_encoding == "json" {
             let schema = message.channel.schema.as_ref().unwrap();
-            let schema_json: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
-            let json: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+            let schema_json: Value = serde_json::from_slice(&schema.data).unwrap();
+            let json: Value = serde_json::from_slice(&message.data).unwrap();
             for (key, value) in json.as_object().unwrap() {
                 let property = &schema_json["properties"][key];
                 let fits = match property["type"].as_str() {
@@ -124,7 +125,7 @@ fn the_decoded_channels_say_what_the_frames_say() {
 #[test]
 fn what_was_recorded_before_the_program_was_killed_reads_back_to_within_a_second() {
     let (_folder, path) = recording(false);
-    let (samples, ending) = samples_of(&std::fs::read(&path).unwrap()).unwrap();
+    let (samples, ending) = samples_of(&fs::read(&path).unwrap()).unwrap();
     assert!((9000..=10_000).contains(&samples), "{samples}");
     assert_eq!(ending, Ending::CutOff);
 }
@@ -215,7 +216,7 @@ fn an_estimate_whose_detail_does_not_come_is_decoded_at_the_end() {
     stream.time_ns = 7;
     stream.send(&Record::Estimate(Estimate { index: 5, elapsed_samples: 6, ..Estimate::default() }));
     stream.close("finished");
-    let bytes = std::fs::read(&path).unwrap();
+    let bytes = fs::read(&path).unwrap();
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap().channel.topic.clone());
     assert_eq!(messages.filter(|topic| topic == "estimate").count(), 1);
 }
