@@ -180,28 +180,16 @@ pub fn changes(before: &Settings, after: &Settings) -> Vec<(&'static str, f64, f
 
 #[cfg(test)]
 mod tests {
-    use inerter_wire::{Capabilities, ClockSource, WIRE_VERSION};
+    use std::fs;
+
     use proptest::prelude::*;
 
     use super::*;
-
-    fn hello(serial: &str) -> Hello {
-        Hello {
-            wire_version: WIRE_VERSION,
-            firmware: Hello::text("inerter 1.0"),
-            git: Hello::text(""),
-            board: Hello::text("nucleo-g474re"),
-            serial: Hello::text(serial),
-            sample_rate_hz: 1000.0,
-            clock: ClockSource::Crystal,
-            capabilities: Capabilities::NONE,
-        }
-    }
+    use crate::fixtures::{hello, new_file};
 
     #[test]
     fn a_backup_reads_back_to_the_same_bits_and_knows_its_device() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.toml");
+        let (_folder, path) = new_file("a.toml");
         let settings = Settings { newtons_per_code: -1.0 / 3.0, skew_s: 1.52e-5, ..Settings::default() };
         write(&path, false, &hello("205735883537"), &settings).unwrap();
         let backup = read(&path).unwrap();
@@ -211,7 +199,7 @@ mod tests {
         assert_eq!(backup.owner, Owner::of(&hello("205735883537")));
         assert!(backup.check_owner(&path, &hello("205735883537")).is_ok());
         assert!(matches!(backup.check_owner(&path, &hello("1")), Err(BackupError::Other { .. })));
-        std::fs::write(&path, to_toml(&settings)).unwrap();
+        fs::write(&path, to_toml(&settings)).unwrap();
         assert!(matches!(read(&path).unwrap().check_owner(&path, &hello("1")), Err(BackupError::Nobody { .. })));
         assert!(values_of(&path).unwrap().iter().all(Option::is_some));
         let differences = changes(&Settings::default(), &settings);
@@ -221,17 +209,16 @@ mod tests {
 
     #[test]
     fn a_backup_never_takes_the_place_of_another() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("board.settings.toml");
+        let (folder, path) = new_file("board.settings.toml");
         let with = |skew_s| Settings { skew_s, ..Settings::default() };
         let kept = |settings| write_beside(&path, &hello("1"), &settings).unwrap();
         let named = |name: &str, others| Kept { path: folder.path().join(name), others };
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
-        let first = std::fs::read(&path).unwrap();
+        let first = fs::read(&path).unwrap();
         // An interrupted test leaves other settings, and the next test finds them.
         assert_eq!(kept(with(2e-6)), named("board.settings.2.toml", 1));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
-        assert_eq!(std::fs::read(&path).unwrap(), first);
+        assert_eq!(fs::read(&path).unwrap(), first);
         // A backup that exists is not written twice.
         assert_eq!(kept(with(1e-6)), named("board.settings.toml", 0));
         assert_eq!(kept(with(3e-6)), named("board.settings.3.toml", 2));
@@ -246,10 +233,9 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn a_backup_is_a_file_of_its_own() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("board.settings.toml");
+        let (folder, path) = new_file("board.settings.toml");
         std::os::unix::fs::symlink("/dev/null", &path).unwrap();
-        std::fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
+        fs::create_dir(folder.path().join("board.settings.2.toml")).unwrap();
         let kept = write_beside(&path, &hello("1"), &Settings::default()).unwrap();
         assert_eq!(kept, Kept { path: folder.path().join("board.settings.3.toml"), others: 2 });
         assert!(read(&kept.path).unwrap().check_owner(&kept.path, &hello("1")).is_ok());
@@ -305,16 +291,15 @@ mod tests {
                 // A device accepts no others.
                 settings.set(number, *value).ok();
             }
-            let folder = tempfile::tempdir().unwrap();
-            let path = folder.path().join("a.toml");
-            std::fs::write(&path, text(&hello, &settings)).unwrap();
+            let (_folder, path) = new_file("a.toml");
+            fs::write(&path, text(&hello, &settings)).unwrap();
             let backup = read(&path).unwrap();
             prop_assert!(backup.check_owner(&path, &hello).is_ok(), "{:?} {hello:?}", backup.owner);
             let mut restored = Settings::default();
             backup.values.apply(&mut restored).unwrap();
             prop_assert_eq!(changes(&settings, &restored), []);
             // Nor does it trigger anything on a terminal that shows it.
-            let text = std::fs::read_to_string(&path).unwrap();
+            let text = fs::read_to_string(&path).unwrap();
             prop_assert!(text.lines().all(|line| printable(line) == line), "{text:?}");
         }
     }

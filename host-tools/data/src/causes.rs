@@ -36,74 +36,6 @@ pub enum Kind {
     Structure,
 }
 
-/// Any possible fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// A fault of samples, which are left out.
-    Samples(WarningKind),
-    /// A violation of the law.
-    Law(Kind),
-}
-
-impl Cause {
-    /// All of them: faults of samples first.
-    pub const ALL: [Self; 17] = [
-        Self::Samples(WarningKind::WrongSign),
-        Self::Samples(WarningKind::CountSlip),
-        Self::Samples(WarningKind::ClippedForce),
-        Self::Samples(WarningKind::DeadForce),
-        Self::Law(Kind::LoadDependent),
-        Self::Law(Kind::PositionPeriodic),
-        Self::Law(Kind::Stribeck),
-        Self::Law(Kind::Presliding),
-        Self::Law(Kind::Drift),
-        Self::Law(Kind::Skew),
-        Self::Law(Kind::EncoderError),
-        Self::Law(Kind::Direction),
-        Self::Law(Kind::QuadraticFriction),
-        Self::Law(Kind::Spring),
-        Self::Law(Kind::Compliance),
-        Self::Law(Kind::ForceNonlinear),
-        Self::Law(Kind::Structure),
-    ];
-
-    /// Its name for programs.
-    pub const fn name(self) -> &'static str {
-        self.texts().0
-    }
-
-    /// The same for a person: for samples the fault and what to do, for the law a few words.
-    pub const fn words(self) -> &'static str {
-        self.texts().1
-    }
-
-    const fn texts(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Samples(WarningKind::WrongSign) => (
-                "wrong_sign",
-                "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
-                 inertia; check the signs of newtons_per_code and metres_per_count",
-            ),
-            Self::Samples(WarningKind::CountSlip) => (
-                "count_slip",
-                "the position jumped further than any force could move it, and samples that depend on it are left out: the encoder \
-                 loses counts; check its cable, its supply and its maximum rate",
-            ),
-            Self::Samples(WarningKind::ClippedForce) => (
-                "clipped_force",
-                "the force is clipped below its stated limits: clipped samples are left out, and the estimator restarts; reduce \
-                 the amplifier's gain or the motion, or state force_min_code and force_max_code",
-            ),
-            Self::Samples(WarningKind::DeadForce) => (
-                "dead_force",
-                "the force stays constant while the screw moves back and forth: such samples are left out, and the estimator \
-                 restarts; check the load cell's cable and its supply",
-            ),
-            Self::Law(kind) => kind.texts(),
-        }
-    }
-}
-
 impl Kind {
     /// All of them.
     pub const ALL: [Self; 13] = [
@@ -151,9 +83,43 @@ impl Kind {
     }
 }
 
+/// Faults of samples, all of them.
+pub const WARNING_KINDS: [WarningKind; 4] =
+    [WarningKind::WrongSign, WarningKind::CountSlip, WarningKind::ClippedForce, WarningKind::DeadForce];
+
+/// The name of a fault of samples, for programs.
+pub const fn warning_name(kind: WarningKind) -> &'static str {
+    warning_texts(kind).0
+}
+
 /// What is wrong with the samples and what to do, for a person.
 pub fn warning_words(machine: Machine, kind: WarningKind) -> String {
-    description(machine, Cause::Samples(kind).words())
+    description(machine, warning_texts(kind).1)
+}
+
+const fn warning_texts(kind: WarningKind) -> (&'static str, &'static str) {
+    match kind {
+        WarningKind::WrongSign => (
+            "wrong_sign",
+            "the inertance is negative beyond its interval: the force or the position has the wrong sign, or nothing there has \
+             inertia; check the signs of newtons_per_code and metres_per_count",
+        ),
+        WarningKind::CountSlip => (
+            "count_slip",
+            "the position jumped further than any force could move it, and samples that depend on it are left out: the encoder \
+             loses counts; check its cable, its supply and its maximum rate",
+        ),
+        WarningKind::ClippedForce => (
+            "clipped_force",
+            "the force is clipped below its stated limits: clipped samples are left out, and the estimator restarts; reduce \
+             the amplifier's gain or the motion, or state force_min_code and force_max_code",
+        ),
+        WarningKind::DeadForce => (
+            "dead_force",
+            "the force stays constant while the screw moves back and forth: such samples are left out, and the estimator \
+             restarts; check the load cell's cable and its supply",
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -163,7 +129,7 @@ mod tests {
     /// A public contract: docs/CLI.md.
     #[test]
     fn every_cause_has_a_name_of_its_own() {
-        let names = Cause::ALL.map(Cause::name);
+        let names = [&WARNING_KINDS.map(warning_name)[..], &Kind::ALL.map(Kind::name)].concat();
         let all = "wrong_sign count_slip clipped_force dead_force load_dependent position_periodic stribeck presliding drift \
                    skew encoder_error direction quadratic_friction spring compliance force_nonlinear structure";
         assert_eq!(names.join(" "), all);

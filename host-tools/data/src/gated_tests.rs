@@ -1,4 +1,4 @@
-use inerter_core::Settings;
+use inerter_core::{Settings, WarningKind::*};
 use inerter_needs::Random;
 
 use super::*;
@@ -23,8 +23,8 @@ fn run_of(instruments: impl Fn(usize, f64) -> (i32, f64)) -> Run {
 fn a_run_without_a_fault_is_whole() {
     let run = run_of(|_, force| (0, force));
     assert_eq!(Gated::of(&run, &[]), Gated { series: Series::of(&run), ..Gated::default() });
-    let told = [WarningKind::ClippedForce, WarningKind::DeadForce].map(|kind| Warning { index: 100, kind });
-    assert_eq!(Gated::of(&run, &told).not_found, [WarningKind::ClippedForce, WarningKind::DeadForce]);
+    let told = [ClippedForce, DeadForce].map(|kind| Warning { index: 100, kind });
+    assert_eq!(Gated::of(&run, &told).not_found, [ClippedForce, DeadForce]);
     let before = told.map(|warning| Warning { index: 69, ..warning });
     assert_eq!(Gated::of(&run, &before).not_found, [], "of samples that are gone");
 }
@@ -34,7 +34,7 @@ fn a_clipped_force_is_left_out_with_what_noise_may_have_clipped() {
     for rail in [3000.0, 8000.0, 8900.0] {
         let run = run_of(|_, force| (0, force.min(rail)));
         let gated = Gated::of(&run, &[]);
-        assert_eq!(gated.left_out, [WarningKind::ClippedForce]);
+        assert_eq!(gated.left_out, [ClippedForce]);
         let greatest =
             gated.series.stretches.iter().flat_map(|stretch| &stretch.force_n).fold(0.0, |a: f64, b| a.max(*b));
         let below = rail - greatest / run.settings.newtons_per_code.abs();
@@ -42,24 +42,24 @@ fn a_clipped_force_is_left_out_with_what_noise_may_have_clipped() {
     }
     // Forces occur beyond the supposed extreme.
     let run = run_of(|n, force| (0, if n < 5000 { force.min(8000.0) } else { force }));
-    let told = [Warning { index: 4000, kind: WarningKind::ClippedForce }];
-    assert_eq!(Gated::of(&run, &told).not_found, [WarningKind::ClippedForce]);
+    let told = [Warning { index: 4000, kind: ClippedForce }];
+    assert_eq!(Gated::of(&run, &told).not_found, [ClippedForce]);
 }
 
 #[test]
 fn a_dead_force_is_left_out_from_its_first_sample_to_its_last() {
     let run = run_of(|n, force| (0, if (4000..6000).contains(&n) { 1500.0 } else { force }));
     let gated = Gated::of(&run, &[]);
-    assert_eq!((gated.left_out, gated.series.len()), (vec![WarningKind::DeadForce], 8000));
+    assert_eq!((gated.left_out, gated.series.len()), (vec![DeadForce], 8000));
 }
 
 #[test]
 fn counts_that_slip_part_the_run_wherever_they_do() {
     let run = run_of(|n, force| (400 * i32::from(n > 3000) + 400 * i32::from(n > 3500), force));
     assert_eq!(Gated::of(&run, &[]).series.stretches.len(), 1, "unless they are told");
-    let told = [Warning { index: 70 + 3001, kind: WarningKind::CountSlip }];
+    let told = [Warning { index: 70 + 3001, kind: CountSlip }];
     let Gated { series, left_out, .. } = Gated::of(&run, &told);
-    assert_eq!((left_out, series.len()), (vec![WarningKind::CountSlip], 10_000));
+    assert_eq!((left_out, series.len()), (vec![CountSlip], 10_000));
     let starts: Vec<f64> = series.stretches.iter().map(|stretch| (1e3 * stretch.start_s).round()).collect();
     assert_eq!(starts, [0.0, 3001.0, 3002.0, 3501.0, 3502.0]);
 }

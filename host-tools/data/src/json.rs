@@ -15,7 +15,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
-    causes::{Cause, warning_words},
+    causes::{warning_name, warning_words},
     names::Names,
     text::{changed_field, contact_texts, event_words, law_word, reason_texts, regime_texts, seen},
 };
@@ -154,11 +154,8 @@ pub struct LawJson {
 
 impl From<Law> for LawJson {
     fn from(law: Law) -> Self {
-        Self {
-            status: law_word(law.status),
-            ratio: law.misfit.map(|misfit| misfit.ratio),
-            limit: law.misfit.map(|misfit| misfit.limit),
-        }
+        let (ratio, limit) = law.misfit.map(|misfit| (misfit.ratio, misfit.limit)).unzip();
+        Self { status: law_word(law.status), ratio, limit }
     }
 }
 
@@ -321,11 +318,7 @@ pub struct WarningJson {
 impl WarningJson {
     /// A warning at this time of the run \[s\].
     pub fn new(t_s: f64, warning: &Warning, machine: Machine) -> Self {
-        Self {
-            code: Cause::Samples(warning.kind).name(),
-            t_s: rounded_s(t_s),
-            text: warning_words(machine, warning.kind),
-        }
+        Self { code: warning_name(warning.kind), t_s: rounded_s(t_s), text: warning_words(machine, warning.kind) }
     }
 }
 
@@ -333,7 +326,7 @@ impl WarningJson {
 /// only in the words.
 pub fn event_code(kind: &EventKind) -> String {
     if let EventKind::Warned(warning) = kind {
-        return format!("warned.{}", Cause::Samples(warning.kind).name());
+        return format!("warned.{}", warning_name(warning.kind));
     }
     match serde_json::to_value(kind) {
         Ok(Value::String(name)) => snake_case(&name),

@@ -14,6 +14,8 @@ pub mod causes;
 pub mod csv;
 mod error;
 pub mod export;
+#[cfg(test)]
+mod fixtures;
 pub mod full_scale;
 pub mod gated;
 pub mod json;

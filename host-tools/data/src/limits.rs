@@ -115,13 +115,8 @@ impl Doubts {
     /// The doubts about a run: whether the device `changed`, whether samples `are_wrong`, and the state of the law;
     /// `is_beyond` means that the residual exceeds what noise and steps explain.
     pub fn new(changed: bool, are_wrong: bool, law: LawStatus, is_beyond: bool) -> Self {
-        let of_run = if changed {
-            Some("the device changed during the run")
-        } else if are_wrong {
-            Some("samples are wrong (see the warnings)")
-        } else {
-            None
-        };
+        let wrong = are_wrong.then_some("samples are wrong (see the warnings)");
+        let of_run = if changed { Some("the device changed during the run") } else { wrong };
         // Where the flanks may part, the law is not called broken, but no interval covers the error that this causes.
         let of_law = match law {
             LawStatus::Broken => Some("the law is broken"),
@@ -168,24 +163,24 @@ impl Limits {
     /// Reads a file with a table for each parameter, by its name on this machine: `min`, `max` or both.
     pub fn read(path: &Path, machine: Machine) -> Result<Self, LimitsError> {
         let text = text_of(path).map_err(|source| LimitsError::File { path: path.into(), source })?;
-        let form = |at: Option<Range<usize>>, problem: String, help: String| LimitsError::Form {
+        let form = |at: Option<Range<usize>>, problem: String, help: &str| LimitsError::Form {
             path: path.into(),
             line: line_of(&text, at),
             problem,
-            help,
+            help: help.into(),
         };
-        let example = || "write a table for each parameter: `[coulomb_n]`, and below it `max = 60`".to_string();
-        let table = DeTable::parse(&text).map_err(|error| form(error.span(), error.message().into(), example()))?;
+        let example = "write a table for each parameter: `[coulomb_n]`, and below it `max = 60`";
+        let table = DeTable::parse(&text).map_err(|error| form(error.span(), error.message().into(), example))?;
         let known: Vec<&str> = NAMES.iter().map(|name| field(machine, name).path).collect();
         let mut all = Vec::new();
         for (key, value) in table.get_ref().iter() {
             let name: &str = key.get_ref();
-            let wrong = |problem, help| form(Some(key.span()), problem, help);
+            let wrong = |problem, help: &str| form(Some(key.span()), problem, help);
             let place = known.iter().position(|known| *known == name).ok_or_else(|| {
-                wrong(no_parameter(name, known.iter().copied()), format!("these can be limited: {}", known.join(", ")))
+                wrong(no_parameter(name, known.iter().copied()), &format!("these can be limited: {}", known.join(", ")))
             })?;
             let DeValue::Table(bounds) = value.get_ref() else {
-                return Err(wrong(format!("`{name}` is not a table"), example()));
+                return Err(wrong(format!("`{name}` is not a table"), example));
             };
             let (mut min, mut max) = (None, None);
             for (key, value) in bounds.iter() {
@@ -193,27 +188,27 @@ impl Limits {
                 let slot = match bound {
                     "min" => &mut min,
                     "max" => &mut max,
-                    _ => return Err(form(at, format!("`{name}` has `min` and `max`, not `{bound}`"), example())),
+                    _ => return Err(form(at, format!("`{name}` has `min` and `max`, not `{bound}`"), example)),
                 };
                 let (shown, number) = written(&text, value);
                 *slot = Some(number.filter(|number| number.is_finite()).ok_or_else(|| {
                     form(
                         at,
                         format!("{name}, {bound}: `{shown}` is not a number"),
-                        "write one with a point: 0.002 or 2e-3".into(),
+                        "write one with a point: 0.002 or 2e-3",
                     )
                 })?);
             }
             match (min, max) {
-                (None, None) => return Err(wrong(format!("`{name}` has neither `min` nor `max`"), example())),
+                (None, None) => return Err(wrong(format!("`{name}` has neither `min` nor `max`"), example)),
                 (Some(min), Some(max)) if min > max => {
-                    return Err(wrong(format!("{name}: min {min} is above max {max}"), "swap them".into()));
+                    return Err(wrong(format!("{name}: min {min} is above max {max}"), "swap them"));
                 }
                 _ => all.push(Limit { place, min, max }),
             }
         }
         if all.is_empty() {
-            return Err(form(None, "it sets no limit".into(), example()));
+            return Err(form(None, "it sets no limit".into(), example));
         }
         Ok(Self { path: path.into(), all })
     }

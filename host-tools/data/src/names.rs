@@ -79,6 +79,7 @@ fn capital(word: &str) -> String {
 }
 
 /// Writes JSON with the keys of a machine.
+#[derive(Default)]
 pub(crate) struct Names {
     machine: Machine,
     in_key: bool,
@@ -89,7 +90,7 @@ pub(crate) struct Names {
 
 impl Names {
     pub fn new(machine: Machine) -> Self {
-        Self { machine, in_key: false, key: String::new(), depth: 0, verbatim_from: None }
+        Self { machine, ..Self::default() }
     }
 }
 
@@ -145,7 +146,7 @@ mod tests {
     fn the_rule_gives_the_names_and_units_of_the_catalogue() {
         for (linear, rotary) in FIELDS.iter().zip(ROTARY_FIELDS) {
             assert_eq!(name(Machine::Rotary, linear.path), rotary.path);
-            assert_eq!(inerter_wire::catalogue::unit(Machine::Rotary, linear.unit), rotary.unit);
+            assert_eq!(unit(Machine::Rotary, linear.unit), rotary.unit);
             assert_eq!((linear.group, linear.symbol), (rotary.group, rotary.symbol));
         }
         assert_eq!(name(Machine::Rotary, "inertance_u95_kg"), "inertia_u95_kg_m2");

@@ -20,7 +20,7 @@ use toml::{
 use crate::{
     calibration::{self, Calibration},
     output::{self, OutputError},
-    words::{nearest, printable},
+    words::{bracketed, nearest, printable},
 };
 
 /// Why settings were refused. `origin` says where the setting was given.
@@ -190,8 +190,7 @@ impl Overrides {
 pub fn to_toml(settings: &Settings) -> String {
     let mut text = String::new();
     for ((info, about), value) in Settings::described().zip(settings.values()) {
-        let unit = if about.unit.is_empty() { String::new() } else { format!(" [{}]", about.unit) };
-        text += &format!("# {}{unit}\n{} = {value:?}\n", about.help, info.name);
+        text += &format!("# {}{}\n{} = {value:?}\n", about.help, bracketed(about.unit), info.name);
     }
     text
 }
@@ -303,6 +302,14 @@ pub fn help_table() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::new_file;
+
+    /// The settings of a file.
+    fn settings_of(path: &Path) -> Settings {
+        let mut settings = Settings::default();
+        Overrides::from_inputs(Some(path), &[]).unwrap().apply(&mut settings).unwrap();
+        settings
+    }
 
     fn sets(assignments: &[&str]) -> Result<Overrides, SettingsInputError> {
         Overrides::from_inputs(None, &assignments.iter().map(|text| text.to_string()).collect::<Vec<_>>())
@@ -339,8 +346,7 @@ mod tests {
 
     #[test]
     fn a_toml_file_names_the_line_of_a_mistake() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("s.toml");
+        let (_folder, path) = new_file("s.toml");
         for (text, expected) in [
             ("memory_s = 20\nmemry = 3\n", "line 2: there is no setting `memry`"),
             ("memory_s = 20\nskew_s = 1.0\n", "line 2: skew_s: 1 is outside"),
@@ -357,13 +363,10 @@ mod tests {
 
     #[test]
     fn settings_written_as_toml_read_back_to_the_same_bits() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("s.toml");
+        let (_folder, path) = new_file("s.toml");
         let settings = Settings { metres_per_count: 0.005 / 2048.0, stiffness_n_per_m: 2.1e6, ..Settings::default() };
         std::fs::write(&path, to_toml(&settings)).unwrap();
-        let mut read = Settings::default();
-        Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
-        assert_eq!(read, settings);
+        assert_eq!(settings_of(&path), settings);
     }
 
     #[cfg(target_os = "linux")]
@@ -376,11 +379,9 @@ mod tests {
     #[cfg(unix)]
     #[test]
     fn settings_beside_a_csv_read_back_whatever_its_name() {
-        let folder = tempfile::tempdir().unwrap();
+        let (_folder, csv) = new_file("a\u{1b}[2J\nmemory_s = 9\r.csv");
         let settings = Settings { memory_s: 7.0, ..Settings::default() };
-        let path = write_beside(&settings, None, &folder.path().join("a\u{1b}[2J\nmemory_s = 9\r.csv"), false).unwrap();
-        let mut read = Settings::default();
-        Overrides::from_inputs(Some(&path), &[]).unwrap().apply(&mut read).unwrap();
-        assert_eq!(read, settings);
+        let path = write_beside(&settings, None, &csv, false).unwrap();
+        assert_eq!(settings_of(&path), settings);
     }
 }

@@ -48,34 +48,34 @@ pub fn table(estimated: &Estimated, settings: &Settings, truth: Option<&BTreeMap
     let recent = catalogue::parameters(machine, &estimate.recent);
     let whole = catalogue::parameters(machine, &estimate.whole_run);
     let head = if truth.is_some() { "truth" } else { "" };
-    let mut text =
-        format!("{:<20} {:<6} {:<22} {:<22} {head}", "", "", format!("last {} s", settings.memory_s), "whole run");
-    text.truncate(text.trim_end().len());
+    let mut lines = vec![table_line("", "", &format!("last {} s", settings.memory_s), "whole run", head)];
     let linear = catalogue::fields(Machine::Linear, Group::Parameter);
     for (((field, recent), (_, whole)), linear) in recent.zip(whole).zip(linear) {
         // In the plant, the offset belongs to the load cell.
         let name = if linear.path == "offset_n" { "force_offset_n" } else { linear.path };
-        let truth = truth.map(|truth| true_text(truth, name, 1.0)).unwrap_or_default();
         let (recent, whole) = (value_text(&recent), value_text(&whole));
-        let line = format!("{:<20} {:<6} {recent:<22} {whole:<22} {truth}", field.label, field.unit);
-        text += &format!("\n{}", line.trim_end());
+        lines.push(table_line(field.label, field.unit, &recent, &whole, &true_text(truth, name, 1.0)));
     }
-    let Some(detail) = detail else { return text };
-    for (label, unit, value, name, factor) in rows(detail, settings) {
-        let truth = truth.map(|truth| true_text(truth, name, factor)).unwrap_or_default();
-        let line = format!("{label:<20} {unit:<6} {:<22} {value:<22} {truth}", "");
-        text += &format!("\n{}", line.trim_end());
+    if let Some(detail) = detail {
+        for (label, unit, value, name, factor) in rows(detail, settings) {
+            lines.push(table_line(label, unit, "", &value, &true_text(truth, name, factor)));
+        }
+        lines.extend([String::new(), line(machine, estimated)]);
     }
-    format!("{text}\n\n{}", line(machine, estimated))
+    lines.join("\n")
+}
+
+fn table_line(label: &str, unit: &str, recent: &str, whole: &str, truth: &str) -> String {
+    format!("{label:<20} {unit:<6} {recent:<22} {whole:<22} {truth}").trim_end().into()
 }
 
 /// The true value, converted by `factor` to the unit shown; both values if the device was changed during the run.
-fn true_text(truth: &BTreeMap<String, String>, name: &str, factor: f64) -> String {
+fn true_text(truth: Option<&BTreeMap<String, String>>, name: &str, factor: f64) -> String {
     // Nine digits: more would be arithmetic noise.
     let digits = |value: f64| {
         format!("{:.8e}", value * factor).parse().map_or_else(|_| String::new(), |value: f64| format!("{value:?}"))
     };
-    let number = |name: &str| truth.get(name)?.parse().ok().map(digits);
+    let number = |name: &str| truth?.get(name)?.parse().ok().map(digits);
     match (number(name), number(&format!("changed_{name}"))) {
         (Some(first), Some(changed)) => format!("{first}, then {changed}"),
         (first, _) => first.unwrap_or_default(),
@@ -161,37 +161,30 @@ pub fn settings_note(reading: &Reading) -> Option<String> {
 
 /// An event for a person.
 pub fn event_words(machine: Machine, kind: &EventKind) -> String {
+    use EventKind::*;
     match kind {
-        EventKind::Started => "the device has started".into(),
-        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
-        EventKind::EstimatorReset => "the estimator restarts".into(),
-        EventKind::SettingsChanged => "the settings were changed".into(),
-        EventKind::SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
-        EventKind::Fault(fault) => format!("fault: {fault}"),
-        EventKind::Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
-        EventKind::ResetBy(cause) => format!("the device was started by {cause}"),
-        EventKind::Changed(change) => change_words(machine, change),
-        EventKind::Warned(warning) => warning_words(machine, warning.kind),
+        Started => "the device has started".into(),
+        SourceEnded => "no more samples: the motion has ended".into(),
+        EstimatorReset => "the estimator restarts".into(),
+        SettingsChanged => "the settings were changed".into(),
+        SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
+        Fault(fault) => format!("fault: {fault}"),
+        Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
+        ResetBy(cause) => format!("the device was started by {cause}"),
+        Changed(change) => change_words(machine, change),
+        Warned(warning) => warning_words(machine, warning.kind),
     }
 }
 
 /// Whether an event reports a fault that matters to a recording.
 pub fn is_trouble(kind: &EventKind) -> bool {
+    use EventKind::*;
     match kind {
-        EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) | EventKind::Warned(_) => true,
-        EventKind::ResetBy(cause) => match cause {
-            ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes => false,
-            ResetCause::Watchdog
-            | ResetCause::WindowWatchdog
-            | ResetCause::LowPower
-            | ResetCause::Panic
-            | ResetCause::Unknown => true,
-        },
-        EventKind::Started
-        | EventKind::SourceEnded
-        | EventKind::EstimatorReset
-        | EventKind::SettingsChanged
-        | EventKind::SourceChanged(_) => false,
+        Fault(_) | Panicked(_) | Changed(_) | Warned(_) => true,
+        ResetBy(cause) => {
+            !matches!(cause, ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes)
+        }
+        Started | SourceEnded | EstimatorReset | SettingsChanged | SourceChanged(_) => false,
     }
 }
 

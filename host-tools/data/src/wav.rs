@@ -75,11 +75,11 @@ fn with_comment(mut bytes: Vec<u8>, comment: &str) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::new_file;
 
     #[test]
     fn what_is_written_reads_back_with_its_rate_scale_and_comment() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("m.wav");
+        let (_folder, path) = new_file("m.wav");
         let values: Vec<f64> = (0..1001).map(|k| 0.004 * (f64::from(k) * 0.02).sin()).collect();
         let comment = "full scale is 0.005 m";
         write(&path, false, 1000, 0.005, comment, values.iter().copied()).unwrap();

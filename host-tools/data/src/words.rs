@@ -183,6 +183,11 @@ pub fn amount_text(value: f64, decimals: usize) -> String {
     format!("{value:.*}", (needed as usize).max(decimals))
 }
 
+/// A unit after a name: ` [N]`; empty for a plain number.
+pub(crate) fn bracketed(unit: &str) -> String {
+    if unit.is_empty() { String::new() } else { format!(" [{unit}]") }
+}
+
 /// A count of things with the right plural.
 pub fn plural(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })

@@ -12,6 +12,8 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, file::write_recording};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
+use serde_json::Value;
+use tempfile::TempDir;
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -30,8 +32,8 @@ fn read_csv(path: &Path) -> (Vec<String>, Vec<Vec<f64>>) {
     (names, rows)
 }
 
-fn read_parquet(path: &Path) -> (Vec<String>, Vec<Vec<f64>>, BTreeMap<String, serde_json::Value>) {
-    let reader = SerializedFileReader::new(std::fs::File::open(path).unwrap()).unwrap();
+fn read_parquet(path: &Path) -> (Vec<String>, Vec<Vec<f64>>, BTreeMap<String, Value>) {
+    let reader = SerializedFileReader::new(fs::File::open(path).unwrap()).unwrap();
     let about = reader.metadata().file_metadata().clone();
     let names = about.schema().get_fields().iter().map(|field| field.name().to_string()).collect();
     let entries = about.key_value_metadata().unwrap().iter();
@@ -50,14 +52,16 @@ fn read_parquet(path: &Path) -> (Vec<String>, Vec<Vec<f64>>, BTreeMap<String, se
     (names, rows, entries.map(entry).collect())
 }
 
-/// Five seconds of a simulated device, with a marker.
-fn recording(folder: &Path, terminal: bool) -> PathBuf {
-    let path = folder.join("run.mcap");
+/// Five seconds of a simulated device, with a marker, in a folder of their own.
+fn recorded(terminal: bool) -> (TempDir, PathBuf, Source) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
     let overrides = Overrides::from_inputs(None, &[format!("terminal_sensor={}", u8::from(terminal))]).unwrap();
     let setup =
         Setup::new(Inerter::paper(), Sensors { seed: 3, ..bench_sensors() }, "random", Some(5.0), &overrides).unwrap();
     write_recording(&setup, &path, false, |_| Ok(())).unwrap();
-    path
+    let source = source(&path);
+    (folder, path, source)
 }
 
 fn source(path: &Path) -> Source {
@@ -85,9 +89,7 @@ fn expected(path: &Path, columns: &[Column], range_s: Range<f64>) -> Vec<Vec<f64
 
 #[test]
 fn every_format_holds_the_same_numbers() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = recording(folder.path(), true);
-    let source = source(&path);
+    let (folder, path, source) = recorded(true);
     let columns = Column::ALL.to_vec();
     let selection = Selection { columns: Some(columns.clone()), range_s: 1.0..2.25 };
     let exported = all_of(&source, &selection, folder.path());
@@ -120,7 +122,7 @@ fn every_format_holds_the_same_numbers() {
     assert!(fs::read(folder.path().join("o.mat")).unwrap().starts_with(b"MATLAB 7.3 MAT-file"));
     assert_eq!(mat.dataset("settings/sample_rate_hz").unwrap().read_f64().unwrap(), [1000.0]);
     let bytes = fs::read(folder.path().join("o.mcap")).unwrap();
-    let lines: Vec<(u64, serde_json::Value)> = mcap::MessageStream::new(&bytes)
+    let lines: Vec<(u64, Value)> = mcap::MessageStream::new(&bytes)
         .unwrap()
         .map(|message| message.unwrap())
         .map(|message| (message.log_time, serde_json::from_slice(&message.data).unwrap()))
@@ -138,9 +140,7 @@ fn every_format_holds_the_same_numbers() {
 
 #[test]
 fn estimates_are_those_that_the_device_published() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = recording(folder.path(), true);
-    let source = source(&path);
+    let (folder, path, source) = recorded(true);
     let exported = all_of(&source, &Selection::default(), folder.path());
     assert_eq!((exported.rows, exported.estimates, exported.files.len()), (5000, 26, 6));
     let (names, rows) = read_csv(&folder.path().join("o.estimates.csv"));
@@ -173,8 +173,7 @@ fn estimates_are_those_that_the_device_published() {
 
 #[test]
 fn a_csv_gives_the_estimates_that_its_recording_has() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = source(&recording(folder.path(), false));
+    let (folder, _, recording) = recorded(false);
     let csv = folder.path().join("run.csv");
     let targets = [(Format::Csv, csv.clone())];
     export(&recording, &Selection::default(), &targets, true, None, &mut |_| Ok(())).unwrap();
@@ -194,8 +193,7 @@ fn a_csv_gives_the_estimates_that_its_recording_has() {
 
 #[test]
 fn what_is_broken_off_or_empty_leaves_the_file_that_was_there() {
-    let folder = tempfile::tempdir().unwrap();
-    let source = source(&recording(folder.path(), false));
+    let (folder, _, source) = recorded(false);
     for (format, name) in [(Format::Csv, "a.csv"), (Format::Parquet, "a.parquet"), (Format::Mat, "a.mat")] {
         let path = folder.path().join(name);
         fs::write(&path, "before").unwrap();
@@ -213,9 +211,7 @@ fn what_is_broken_off_or_empty_leaves_the_file_that_was_there() {
 
 #[test]
 fn parts_make_the_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = recording(folder.path(), false);
-    let source = source(&path);
+    let (_folder, _, source) = recorded(false);
     let count = |range_s: Range<f64>| {
         let selection = Selection { columns: None, range_s };
         match write_csv(&source, &selection, "nowhere", std::io::sink(), &mut |_| Ok(())) {

@@ -1,6 +1,6 @@
 //! Selects runs of a store.
 
-use std::str::FromStr;
+use std::{cmp::Ordering, str::FromStr};
 
 use inerter_data::words::nearest;
 use serde_json::Value;
@@ -52,7 +52,7 @@ impl FromStr for Day {
 }
 
 /// A condition on a column: `inertance_kg < 300`.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Condition {
     text: String,
     column: String,
@@ -60,25 +60,18 @@ pub struct Condition {
     value: String,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Relation {
-    Less,
-    AtMost,
-    More,
-    AtLeast,
-    Equal,
-    Unequal,
-}
+/// How it is written, and whether an order fulfils it.
+type Relation = (&'static str, fn(Ordering) -> bool);
 
-/// How relations are written; a longer one comes before a shorter one with the same beginning.
-const RELATIONS: [(&str, Relation); 7] = [
-    ("<=", Relation::AtMost),
-    (">=", Relation::AtLeast),
-    ("!=", Relation::Unequal),
-    ("==", Relation::Equal),
-    ("<", Relation::Less),
-    (">", Relation::More),
-    ("=", Relation::Equal),
+/// A longer one comes before a shorter one with the same beginning.
+const RELATIONS: [Relation; 7] = [
+    ("<=", Ordering::is_le),
+    (">=", Ordering::is_ge),
+    ("!=", Ordering::is_ne),
+    ("==", Ordering::is_eq),
+    ("<", Ordering::is_lt),
+    (">", Ordering::is_gt),
+    ("=", Ordering::is_eq),
 ];
 
 /// Texts that can be ordered.
@@ -91,7 +84,7 @@ impl FromStr for Condition {
         let refused = |problem: &str| refused(text, problem, String::new());
         let place = text.find(['<', '>', '=', '!']).ok_or_else(|| refused("it has no comparison"))?;
         let (column, rest) = text.split_at(place);
-        let known = RELATIONS.iter().find_map(|(sign, relation)| Some((*relation, rest.strip_prefix(sign)?)));
+        let known = RELATIONS.iter().find_map(|relation| Some((*relation, rest.strip_prefix(relation.0)?)));
         let (relation, value) = known.ok_or_else(|| refused("it has no comparison"))?;
         let (column, value) = (column.trim(), value.trim());
         let quoted = ['\'', '"'].iter().find_map(|mark| value.strip_prefix(*mark)?.strip_suffix(*mark));
@@ -128,7 +121,8 @@ impl Condition {
     /// Whether a row meets the condition. An unknown value does not: it is neither equal nor unequal.
     pub(crate) fn holds(&self, row: &Row) -> Result<bool, StoreError> {
         let Some(found) = row.get(&self.column) else { return Ok(false) };
-        let is_order = !matches!(self.relation, Relation::Equal | Relation::Unequal);
+        let (sign, is_met) = self.relation;
+        let is_order = sign.starts_with(['<', '>']);
         let is_time = TIMES.contains(&self.column.as_str());
         let order = match found {
             Value::Number(number) => {
@@ -149,14 +143,7 @@ impl Condition {
             Value::String(text) => Some(text.as_str().cmp(self.value.as_str())),
             _ => return Err(refused(&self.text, "the column holds objects, which DuckDB can query", String::new())),
         };
-        Ok(order.is_some_and(|order| match self.relation {
-            Relation::Less => order.is_lt(),
-            Relation::AtMost => order.is_le(),
-            Relation::More => order.is_gt(),
-            Relation::AtLeast => order.is_ge(),
-            Relation::Equal => order.is_eq(),
-            Relation::Unequal => order.is_ne(),
-        }))
+        Ok(order.is_some_and(is_met))
     }
 }
 

@@ -76,14 +76,12 @@ impl Place {
 
     /// Parses the place from a file name, which must be exactly the name that this place has.
     pub(crate) fn parse(name: &str, part: Part) -> Option<Self> {
-        let place = Self::parts(name.strip_prefix(part.folder())?.strip_prefix('/')?)?;
-        (place.file(part) == name).then_some(place)
+        Self::read(name, &format!("{}/", part.folder()), |place| place.file(part))
     }
 
     /// The same for a key.
     pub(crate) fn parse_key(key: &str) -> Option<Self> {
-        let place = Self::parts(key)?;
-        (place.key() == key).then_some(place)
+        Self::read(key, "", Self::key)
     }
 
     /// The part of the name that is the same everywhere: it finds a run without a search through all others.
@@ -93,17 +91,17 @@ impl Place {
 
     /// The same for a result.
     pub(crate) fn parse_result(name: &str, batch: &str) -> Option<Self> {
-        let place = Self::parts(name.strip_prefix(&format!("{RESULTS}/{batch}/"))?)?;
-        (place.result(batch) == name).then_some(place)
+        Self::read(name, &format!("{RESULTS}/{batch}/"), |place| place.result(batch))
     }
 
-    fn parts(name: &str) -> Option<Self> {
-        let mut parts = name.split('/');
+    /// The place in a name with this beginning, if it has exactly this name by `named`.
+    fn read(name: &str, beginning: &str, named: impl Fn(&Self) -> String) -> Option<Self> {
+        let mut parts = name.strip_prefix(beginning)?.split('/');
         let device = parts.next()?.strip_prefix("device=")?.to_owned();
         let date = parts.next()?.strip_prefix("date=")?.to_owned();
         let run = parts.next()?.split('.').next()?.to_owned();
         let is_sum = run.len() == 64 && run.bytes().all(|letter| matches!(letter, b'0'..=b'9' | b'a'..=b'f'));
-        is_sum.then_some(Self { device, date, run })
+        Some(Self { device, date, run }).filter(|place| is_sum && named(place) == name)
     }
 
     pub(crate) fn file(&self, part: Part) -> String {

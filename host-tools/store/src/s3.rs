@@ -67,6 +67,11 @@ impl Bucket {
         })
     }
 
+    /// Waits for the result of this work.
+    fn wait<T>(&self, work: impl Future<Output = object_store::Result<T>>) -> io::Result<T> {
+        self.runtime.block_on(work).map_err(plain)
+    }
+
     fn path(&self, name: &str) -> Path {
         let parts = self.prefix.parts();
         parts.chain(Path::from(name).parts().map(|part| part.as_ref().to_owned().into())).collect()
@@ -120,14 +125,8 @@ impl Files for Bucket {
 
     fn list(&self, folder: &str) -> io::Result<Vec<String>> {
         let under = self.path(folder);
-        let objects = self.runtime.block_on(async {
-            self.objects
-                .list(Some(&under))
-                .map_ok(|object| object.location)
-                .try_collect::<Vec<_>>()
-                .await
-                .map_err(plain)
-        })?;
+        let locations = self.objects.list(Some(&under)).map_ok(|object| object.location);
+        let objects: Vec<Path> = self.wait(locations.try_collect())?;
         let named = |path: &Path| {
             let parts: Vec<_> = path.prefix_match(&self.prefix)?.map(|part| part.as_ref().to_owned()).collect();
             Some(parts.join("/"))
@@ -138,13 +137,11 @@ impl Files for Bucket {
     }
 
     fn is_empty(&self) -> io::Result<bool> {
-        self.runtime
-            .block_on(async { self.objects.list(Some(&self.prefix)).try_next().await.map_err(plain) })
-            .map(|first| first.is_none())
+        Ok(self.wait(self.objects.list(Some(&self.prefix)).try_next())?.is_none())
     }
 
     fn remove(&self, name: &str) -> io::Result<()> {
-        found(self.runtime.block_on(self.objects.delete(&self.path(name))).map_err(plain)).map(drop)
+        found(self.wait(self.objects.delete(&self.path(name)))).map(drop)
     }
 
     fn remove_unfinished(&self) -> io::Result<()> {
@@ -157,8 +154,7 @@ impl Files for Bucket {
     }
 
     fn has(&self, name: &str) -> io::Result<bool> {
-        let head = found(self.runtime.block_on(self.objects.head(&self.path(name))).map_err(plain))?;
-        Ok(head.is_some())
+        Ok(found(self.wait(self.objects.head(&self.path(name))))?.is_some())
     }
 }
 

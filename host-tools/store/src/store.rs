@@ -3,7 +3,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs::File,
-    io,
+    io::{self, Write},
     path::{Path, PathBuf},
 };
 
@@ -18,7 +18,7 @@ use crate::{
     place::{LONGEST_MARK, MARK, Part, Place, RESULTS, VERSION},
     results::{LONGEST_RESULT, Outcome, checked},
     row::{LONGEST_ROW, MOST_COLUMNS, Row},
-    sums::{Expected, Sum, Summed, parse},
+    sums::{Expected, Sum, parse},
     tables::{Tables, opened},
 };
 
@@ -155,11 +155,10 @@ impl Store {
     /// Adds a recording; adding the same one twice gives one run. `progress` gets the completed fraction and may stop
     /// the work until the run exists.
     pub fn add(&self, recording: &Path, progress: Progress<'_>) -> Result<Added, StoreError> {
-        let mut before = Summed::new(File::open(recording).map_err(unreadable(recording))?);
-        io::copy(&mut before, &mut io::sink()).map_err(unreadable(recording))?;
-        let run = before.sum.hex();
+        let mut sum = Sum::default();
+        File::open(recording).and_then(|mut file| io::copy(&mut file, &mut sum)).map_err(unreadable(recording))?;
         let source = opened(recording)?;
-        let place = Place::of(&source, run);
+        let place = Place::of(&source, sum.hex());
         if self.has_run(&place)?
             && self.has_sum(&place.file(Part::Recording), &place.run)
             && let Ok(row) = self.row(&place)
@@ -270,12 +269,10 @@ impl Store {
     /// The row of a run.
     pub fn row(&self, place: &Place) -> Result<Row, StoreError> {
         let name = place.file(Part::Row);
-        let bytes = self.tried(&name, "read", self.files.get_up_to(&name, LONGEST_ROW))?;
-        let Some(bytes) = bytes else { return Err(StoreError::LongRow { url: self.url.clone(), file: name }) };
+        let too_long = || StoreError::LongRow { url: self.url.clone(), file: name.clone() };
+        let bytes = self.tried(&name, "read", self.files.get_up_to(&name, LONGEST_ROW))?.ok_or_else(too_long)?;
         match serde_json::from_slice(&bytes) {
-            Ok(Value::Object(values)) if values.len() > MOST_COLUMNS => {
-                Err(StoreError::LongRow { url: self.url.clone(), file: name })
-            }
+            Ok(Value::Object(values)) if values.len() > MOST_COLUMNS => Err(too_long()),
             Ok(Value::Object(values)) => Ok(Row { place: place.clone(), values }),
             _ => Err(self.damaged(&name, "it is not a JSON object")),
         }
@@ -305,8 +302,8 @@ impl Store {
         let mut to = pending.open()?;
         let (mut sum, mut unwritten) = (Sum::default(), None);
         let read = self.files.read(&name, &mut |part| {
-            sum.take(part);
-            io::Write::write_all(&mut to, part).map_err(|error| {
+            sum.write_all(part)?;
+            to.write_all(part).map_err(|error| {
                 unwritten = Some(error);
                 io::ErrorKind::Other.into()
             })
@@ -390,19 +387,17 @@ impl Store {
 
     /// Files that belong to an incomplete run, or to none.
     fn others(&self) -> Result<Vec<(Option<Place>, Damage)>, StoreError> {
-        let mut found = Vec::new();
-        for file in self.list("")?.into_iter().filter(|file| file != MARK && !file.starts_with(&format!("{RESULTS}/")))
-        {
-            match Part::ALL.iter().find_map(|part| Some((*part, Place::parse(&file, *part)?))) {
-                Some((Part::Run, _)) => {}
-                Some((_, place)) => {
-                    let damage = Damage { run: place.run.clone(), file, problem: "unfinished" };
-                    found.push((Some(place), damage));
-                }
-                None => found.push((None, Damage { run: String::new(), file, problem: "foreign" })),
+        let results = format!("{RESULTS}/");
+        let ours = |file: &String| file != MARK && !file.starts_with(&results);
+        let judged = |file: String| match Part::ALL.iter().find_map(|part| Some((*part, Place::parse(&file, *part)?))) {
+            Some((Part::Run, _)) => None,
+            Some((_, place)) => {
+                let damage = Damage { run: place.run.clone(), file, problem: "unfinished" };
+                Some((Some(place), damage))
             }
-        }
-        Ok(found)
+            None => Some((None, Damage { run: String::new(), file, problem: "foreign" })),
+        };
+        Ok(self.list("")?.into_iter().filter(ours).filter_map(judged).collect())
     }
 
     /// Rebuilds the derived files of intact recordings, and removes the remains of others; returns how many runs were
@@ -516,15 +511,12 @@ impl Store {
     /// The sum of a file, if it exists.
     fn sum(&self, name: &str) -> Result<Option<String>, StoreError> {
         let mut sum = Sum::default();
-        let read = self.files.read(name, &mut |part| {
-            sum.take(part);
-            Ok(())
-        });
+        let read = self.files.read(name, &mut |part| sum.write_all(part));
         Ok(self.tried(name, "read", found(read))?.map(|()| sum.hex()))
     }
 
     fn has_sum(&self, name: &str, sum: &str) -> bool {
-        self.sum(name).is_ok_and(|found| found.is_some_and(|found| found == sum))
+        self.sum(name).is_ok_and(|found| found.as_deref() == Some(sum))
     }
 
     fn has(&self, name: &str) -> Result<bool, StoreError> {
@@ -577,11 +569,19 @@ mod tests {
         json!({ "kind": "inerter-store", "version": VERSION }).to_string()
     }
 
+    fn created(folder: &Path) -> Store {
+        Store::create(folder.to_str().unwrap()).unwrap()
+    }
+
+    fn place(run: String) -> Place {
+        Place { device: "SIM-1".into(), date: "2026-01-02".into(), run }
+    }
+
     /// A store with one run, which has this row.
     fn stored(folder: &Path, row: &str) -> (Store, Place) {
-        let store = Store::create(folder.to_str().unwrap()).unwrap();
+        let store = created(folder);
         store.put(MARK, mark().as_bytes()).unwrap();
-        let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: Sum::of(b"recording") };
+        let place = place(Sum::of(b"recording"));
         let mut summed = Vec::new();
         for part in Part::ALL {
             let bytes: &[u8] = match part {
@@ -654,12 +654,11 @@ mod tests {
     #[test]
     fn a_result_that_is_too_long_hides_no_other() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::create(folder.path().to_str().unwrap()).unwrap();
+        let store = created(folder.path());
         for (digit, length) in [("a", LONGEST_RESULT + 1), ("b", LONGEST_RESULT)] {
-            let place = Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: digit.repeat(64) };
             let mut text = br#"{"kind":"replay","given":{}}"#.to_vec();
             text.resize(length, b' ');
-            store.put(&place.result("all"), &text).unwrap();
+            store.put(&place(digit.repeat(64)).result("all"), &text).unwrap();
         }
         let names = BTreeSet::from(["b".repeat(64)]);
         let mut passed = BTreeSet::new();
@@ -675,16 +674,16 @@ mod tests {
     #[test]
     fn results_come_one_by_one_until_one_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::create(folder.path().to_str().unwrap()).unwrap();
-        let place = |digit: &str| Place { device: "SIM-1".into(), date: "2026-01-02".into(), run: digit.repeat(64) };
+        let store = created(folder.path());
+        let result = |digit: &str| place(digit.repeat(64)).result("all");
         for digit in ["a", "b", "c"] {
-            store.put(&place(digit).result("all"), br#"{"kind":"replay","given":{}}"#).unwrap();
+            store.put(&result(digit), br#"{"kind":"replay","given":{}}"#).unwrap();
         }
         // What is removed once the first has come does not come: none is read before its turn.
         let mut passed = Vec::new();
         let all = store.each_result("all", &mut |run, _| {
             passed.push(run);
-            store.remove_file(&place("b").result("all"))
+            store.remove_file(&result("b"))
         });
         assert!(all.is_ok());
         assert_eq!(passed, ["a", "c"].map(|digit| digit.repeat(64)));

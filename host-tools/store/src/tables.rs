@@ -1,12 +1,12 @@
 //! The tables of a recording: results of our estimator only.
 
-use std::path::Path;
+use std::{borrow::Cow, path::Path};
 
 use inerter_analysis::results::{Replayed, replayed};
 use inerter_core::{Machine, Parameter};
 use inerter_data::{
     calibration::Calibration,
-    export::{Cells, EstimateTable, HeldColumn, Source, table_bytes},
+    export::{Cells, EstimateTable, HeldColumn, Source, settings_by_name, table_bytes},
     json::{EventJson, ReversalJson, Shown, rounded_s},
     names::{self, name},
     recording,
@@ -149,13 +149,9 @@ fn whole(name: &'static str, values: impl IntoIterator<Item = Option<i64>>) -> H
     HeldColumn { name: name.into(), unit: "", cells: Cells::Whole(values.into_iter().collect()) }
 }
 
-fn text<'a>(name: &'static str, values: impl IntoIterator<Item = Option<&'a str>>) -> HeldColumn<'a> {
+fn text<'a>(name: &'static str, values: impl IntoIterator<Item = Option<impl Into<Cow<'a, str>>>>) -> HeldColumn<'a> {
     let cells = values.into_iter().map(|value| value.map(Into::into)).collect();
     HeldColumn { name: name.into(), unit: "", cells: Cells::Text(cells) }
-}
-
-fn owned(name: &'static str, value: Option<String>) -> HeldColumn<'static> {
-    HeldColumn { name: name.into(), unit: "", cells: Cells::Text(vec![value.map(Into::into)]) }
 }
 
 fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldColumn<'_>> {
@@ -186,21 +182,21 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let machine = settings.machine;
     let device = |key: &str| {
         let known = source.device.as_ref().and_then(|device| device.get(key));
-        known.map(|text| printable(text).into_owned())
+        known.map(|text| printable(text))
     };
     let calibration = source.calibration.as_ref();
     let count = |value: u64| Some(i64::try_from(value).unwrap_or(i64::MAX));
     let mut columns = vec![
         whole("version", [Some(VERSION as i64)]),
-        owned("software", Some(concat!("inerter ", env!("CARGO_PKG_VERSION")).into())),
-        owned("recorded_utc", Some(utc(source.first_ns))),
-        owned("serial", serial(source).map(|serial| printable(serial).into_owned())),
-        owned("firmware", device("firmware")),
-        owned("board", device("board")),
-        owned("calibration_date", calibration.map(|calibration| calibration.date.to_string())),
-        owned("calibration_certificate", calibration.and_then(Calibration::certificate_text)),
-        owned("calibration_expires", calibration.and_then(|calibration| Some(calibration.expires?.to_string()))),
-        owned("machine", Some(if machine == Machine::Linear { "linear" } else { "rotary" }.into())),
+        text("software", [Some(concat!("inerter ", env!("CARGO_PKG_VERSION")))]),
+        text("recorded_utc", [Some(utc(source.first_ns))]),
+        text("serial", [serial(source).map(printable)]),
+        text("firmware", [device("firmware")]),
+        text("board", [device("board")]),
+        text("calibration_date", [calibration.map(|calibration| calibration.date.to_string())]),
+        text("calibration_certificate", [calibration.and_then(Calibration::certificate_text)]),
+        text("calibration_expires", [calibration.and_then(|calibration| Some(calibration.expires?.to_string()))]),
+        text("machine", [Some(if machine == Machine::Linear { "linear" } else { "rotary" })]),
         float(machine, "duration_s", "s", [Some(source.duration_s())]),
         float(machine, "sample_rate_hz", "Hz", [Some(settings.sample_rate_hz)]),
         whole("samples", [count(extent.samples)]),
@@ -226,19 +222,14 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     }
     let misfit = outcome.law.misfit;
     let causes: Vec<&str> = replayed.remarks().map(|(code, _)| code).collect();
-    let by_name: serde_json::Map<_, _> = inerter_core::Settings::TABLE
-        .iter()
-        .zip(settings.values())
-        .map(|(info, value)| (info.name.to_string(), json!(value)))
-        .collect();
     columns.extend([
-        owned("law", Some(law_word(outcome.law.status).into())),
+        text("law", [Some(law_word(outcome.law.status))]),
         float(machine, "law_ratio", "", [misfit.map(|misfit| misfit.ratio.into())]),
         float(machine, "law_limit", "", [misfit.map(|misfit| misfit.limit.into())]),
         float(machine, "residual_rms_n", "N", [Some(outcome.estimate.residual_rms_n.into())]),
-        owned("causes", Some(causes.join(" "))),
-        owned("settings", Some(json!(by_name).to_string())),
-        owned("truth", source.truth.as_ref().map(|truth| json!(truth).to_string())),
+        text("causes", [Some(causes.join(" "))]),
+        text("settings", [Some(json!(settings_by_name(source)).to_string())]),
+        text("truth", [source.truth.as_ref().map(|truth| json!(truth).to_string())]),
     ]);
     columns
 }

@@ -106,7 +106,7 @@ mod tests {
         };
         let mut measured = Measured::new(Measure::Chip);
         measured.push(Quantity::FlashKb, 128);
-        let few = Check::range("flash", "Flash", "KB", 512.0..=f64::INFINITY, Some(128.0), |_| "too <little>".into());
+        let few = Check::range("flash", "Flash", "KB", 512.0..=f64::INFINITY, Some(128.0), |_| "too <little>");
         let skipped = Check::skipped("dfu", "Update mode", "not over USB");
         let checks = vec![few, skipped];
         let skew = Some(Skew { skew_s: -6.25e-7, skew_u95_s: 1.5e-7 });

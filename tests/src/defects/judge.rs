@@ -28,7 +28,7 @@ use crate::grid::Error;
 use inerter_analysis::diagnose::{Judged, Kind as Cause, Latest, judged, suspected};
 use inerter_core::{LawStatus, Parameter, Regime, Status};
 use inerter_data::{
-    causes::Cause as Suspect,
+    causes::warning_name,
     replay::{Outcome, replay_samples},
     settings::SettingsInputError,
 };
@@ -147,7 +147,7 @@ pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error>
     let outcome = replay_samples(&run.settings, run.start_s, samples, |_, event| {
         match event {
             EstimatorEvent::Warned(warning) => {
-                warnings.push(Suspect::Samples(warning.kind).name());
+                warnings.push(warning_name(warning.kind));
                 latest.warn(*warning);
             }
             EstimatorEvent::Changed(change) => {
@@ -162,7 +162,7 @@ pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error>
     let gated = latest.gated();
     let causes = suspected(&gated, &run.settings, &outcome.published());
     let judged = judged(&gated.series, &run.settings, &outcome);
-    warnings.extend(gated.left_out.iter().map(|kind| Suspect::Samples(*kind).name()));
+    warnings.extend(gated.left_out.iter().map(|kind| warning_name(*kind)));
     warnings.sort_unstable();
     warnings.dedup();
     let causes: Vec<&'static str> = causes.iter().map(|cause| cause.kind.name()).collect();

@@ -4,7 +4,7 @@ use std::cell::Cell;
 
 use inerter_core::{LawStatus, Machine, Parameters, Warning, WarningKind};
 use inerter_data::{
-    causes::{self, warning_words},
+    causes::{WARNING_KINDS, warning_name, warning_words},
     gated::Gated,
     json::{LawJson, ParametersJson},
     replay::{Outcome, replay_all},
@@ -103,11 +103,7 @@ fn gates(told: &[Warning], gated: &Gated) -> Vec<(WarningKind, u32)> {
         let told = told.iter().filter(|warning| warning.kind == kind).count() as u32;
         told.max(u32::from(gated.left_out.contains(&kind)))
     };
-    let all = causes::Cause::ALL.into_iter().filter_map(|cause| match cause {
-        causes::Cause::Samples(kind) => Some((kind, times(kind))),
-        causes::Cause::Law(_) => None,
-    });
-    all.filter(|(_, times)| *times > 0).collect()
+    WARNING_KINDS.into_iter().map(|kind| (kind, times(kind))).filter(|(_, times)| *times > 0).collect()
 }
 
 /// The parameters with everything found included. If nothing violates the law they are the law's own, without samples
@@ -215,7 +211,7 @@ impl CauseJson {
     /// A gate that samples failed, and how often.
     fn gate(kind: WarningKind, times: u32) -> Self {
         Self {
-            name: causes::Cause::Samples(kind).name(),
+            name: warning_name(kind),
             value: f64::from(times),
             u95: None,
             unit: "times",

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use inerter_core::{Machine, RawSample, Settings, WarningKind};
 use inerter_data::{
-    causes::{Cause as Suspect, warning_words},
+    causes::{warning_name, warning_words},
     full_scale::Peaks,
     json::{EstimateJson, WarningJson, rounded_s},
     limits::{self, Verdict},
@@ -97,8 +97,7 @@ impl Replayed {
     /// Faults that only the last minute as a whole shows, each with its code.
     pub fn remarks(&self) -> impl Iterator<Item = (&'static str, String)> {
         let machine = self.settings.machine;
-        let unseen =
-            self.unseen.iter().map(move |kind| (Suspect::Samples(*kind).name(), warning_words(machine, *kind)));
+        let unseen = self.unseen.iter().map(move |kind| (warning_name(*kind), warning_words(machine, *kind)));
         let causes = self.causes.iter().map(move |cause| (cause.kind.name(), cause.sentence(machine)));
         unseen.chain(causes).chain(self.beyond.iter().map(|words| ("full_scale", words.clone())))
     }

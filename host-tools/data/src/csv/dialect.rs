@@ -47,8 +47,25 @@ impl Dialect {
     }
 
     /// The fields of a line, trimmed and without their quotes, each with its offset in the line.
-    pub fn fields<'a>(self, line: &'a str) -> Fields<'a> {
-        Fields { line, next: Some(0), delimiter: self.delimiter }
+    pub fn fields(self, line: &str) -> impl Iterator<Item = (usize, &str)> {
+        let mut next = Some(0_usize);
+        std::iter::from_fn(move || {
+            let start = next?;
+            let rest = line.get(start..)?;
+            let mut quoted = false;
+            let end = rest.find(|c: char| {
+                quoted ^= c == '"';
+                !quoted && c == self.delimiter
+            });
+            next = end.map(|end| start + end + self.delimiter.len_utf8());
+            let field = rest.get(..end.unwrap_or(rest.len()))?;
+            let trimmed = field.trim();
+            let offset = start + (field.len() - field.trim_start().len());
+            match trimmed.strip_prefix('"').and_then(|inner| inner.strip_suffix('"')) {
+                Some(inner) => Some((offset + 1, inner.trim())),
+                None => Some((offset, trimmed)),
+            }
+        })
     }
 
     /// Reads a number; with `;` or tab as the delimiter the decimal sign may be a comma, as European Excel writes it.
@@ -57,38 +74,6 @@ impl Dialect {
             return field.replacen(',', ".", 1).parse().ok();
         }
         field.parse().ok()
-    }
-}
-
-/// Iterator over the fields of one line.
-pub struct Fields<'a> {
-    line: &'a str,
-    next: Option<usize>,
-    delimiter: char,
-}
-
-impl<'a> Iterator for Fields<'a> {
-    type Item = (usize, &'a str);
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let start = self.next?;
-        let rest = self.line.get(start..)?;
-        let mut quoted = false;
-        let end = rest
-            .char_indices()
-            .find(|(_, c)| {
-                quoted ^= *c == '"';
-                !quoted && *c == self.delimiter
-            })
-            .map(|(at, _)| at);
-        self.next = end.map(|end| start + end + self.delimiter.len_utf8());
-        let field = rest.get(..end.unwrap_or(rest.len()))?;
-        let trimmed = field.trim();
-        let offset = start + (field.len() - field.trim_start().len());
-        match trimmed.strip_prefix('"').and_then(|inner| inner.strip_suffix('"')) {
-            Some(inner) => Some((offset + 1, inner.trim())),
-            None => Some((offset, trimmed)),
-        }
     }
 }
 

@@ -1,8 +1,10 @@
 use super::*;
-use crate::csv::parse;
+use crate::{csv::parse, replay::replay};
 
-fn overrides(assignments: &[&str]) -> Overrides {
-    Overrides::from_inputs(None, &assignments.iter().map(|text| text.to_string()).collect::<Vec<_>>()).unwrap()
+/// The run of a table with the encoder's scale and these settings.
+fn run_of(table: Table, assignments: &[&str]) -> Result<Run, Error> {
+    let all: Vec<String> = ["metres_per_count=1e-6"].iter().chain(assignments).map(|text| text.to_string()).collect();
+    to_run(table, &Overrides::from_inputs(None, &all).unwrap())
 }
 
 fn table(rate_hz: f64, samples: usize) -> Table {
@@ -27,18 +29,14 @@ fn the_encoder_scale_must_be_given() {
 
 #[test]
 fn the_force_scale_is_a_power_of_two_that_leaves_a_quarter_of_22_bits() {
-    let run = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6"])).unwrap();
+    let run = run_of(table(1000.0, 100), &[]).unwrap();
     assert_eq!(run.settings.newtons_per_code, 2f64.powi(-15));
     let largest = run.samples.iter().map(|sample| sample.force_code.abs()).max().unwrap();
     assert!((2_097_152..=3_355_443).contains(&largest), "{largest}");
     assert_eq!(scale(&[0.0], 1e3), 2f64.powi(-20));
     assert!(scale(&[f64::MIN_POSITIVE], 1e3) > 1e-12, "settings allow no finer scale");
     assert_eq!(scale(&[f64::MAX], 1e3), 512.0);
-    let run = to_run(
-        table(1000.0, 100),
-        &overrides(&["metres_per_count=1e-6", "newtons_per_code=0.01", "force_zero_code=7"]),
-    )
-    .unwrap();
+    let run = run_of(table(1000.0, 100), &["newtons_per_code=0.01", "force_zero_code=7"]).unwrap();
     assert_eq!(run.samples.get(1).map(|sample| sample.force_code), Some(998 + 7));
 }
 
@@ -47,7 +45,7 @@ fn a_column_for_the_terminal_is_a_sensor_unless_it_is_switched_off() {
     let with = table(1000.0, 100);
     let without = Table { terminal_m: Vec::new(), ..with.clone() };
     let sensor = |table: &Table, more: &[&str]| {
-        let run = to_run(table.clone(), &overrides(&[&["metres_per_count=1e-6"], more].concat())).unwrap();
+        let run = run_of(table.clone(), more).unwrap();
         (run.settings.terminal_sensor, run.notes.join("\n"))
     };
     let silent = |sensor: bool| (sensor, String::new());
@@ -60,7 +58,7 @@ fn a_column_for_the_terminal_is_a_sensor_unless_it_is_switched_off() {
 
 #[test]
 fn fast_recordings_are_brought_down_as_the_board_does_it() {
-    let run = to_run(table(20_000.0, 4000), &overrides(&["metres_per_count=1e-6"])).unwrap();
+    let run = run_of(table(20_000.0, 4000), &[]).unwrap();
     assert_eq!((run.settings.sample_rate_hz, run.settings.oversampling), (5000.0, 4.0));
     assert_eq!(run.samples.len(), 1000);
     // -5 + 5 + 15 + 25
@@ -76,31 +74,25 @@ fn a_group_with_a_missing_sample_is_left_out() {
         column.remove(9);
     }
     table.encoder_count.remove(9);
-    let run = to_run(table, &overrides(&["metres_per_count=1e-6"])).unwrap();
+    let run = run_of(table, &[]).unwrap();
     let indices: Vec<u32> = run.samples.iter().map(|sample| sample.index).take(4).collect();
     assert_eq!(indices, [0, 1, 3, 4]);
 }
 
 #[test]
 fn a_rate_that_contradicts_the_times_is_refused() {
-    let error = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "sample_rate_hz=2000"])).unwrap_err();
+    let error = run_of(table(1000.0, 100), &["sample_rate_hz=2000"]).unwrap_err();
     assert!(error.to_string().contains("sample_rate_hz was set to 2000, but t_s in run.csv says 1000 Hz"));
-    let run = to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "sample_rate_hz=1000.02"])).unwrap();
+    let run = run_of(table(1000.0, 100), &["sample_rate_hz=1000.02"]).unwrap();
     assert_eq!(run.settings.sample_rate_hz, 1000.02);
     for rate in [10.0, 1e6] {
-        assert!(
-            to_run(table(rate, 100), &overrides(&["metres_per_count=1e-6"]))
-                .unwrap_err()
-                .to_string()
-                .contains("outside")
-        );
+        assert!(run_of(table(rate, 100), &[]).unwrap_err().to_string().contains("outside"));
     }
 }
 
 #[test]
 fn a_force_that_does_not_fit_names_its_line() {
-    let error =
-        to_run(table(1000.0, 100), &overrides(&["metres_per_count=1e-6", "newtons_per_code=1e-9"])).unwrap_err();
+    let error = run_of(table(1000.0, 100), &["newtons_per_code=1e-9"]).unwrap_err();
     assert!(error.to_string().starts_with("run.csv, line 3, column force_n: 9.98"), "{error}");
 }
 
@@ -109,9 +101,9 @@ fn a_force_that_does_not_fit_names_its_line() {
 fn a_count_that_leaps_is_replayed() {
     let mut leaping = table(234.0, 8);
     leaping.encoder_count[6] = -112_122_260;
-    let run = to_run(leaping, &overrides(&["metres_per_count=1e-6"])).unwrap();
+    let run = run_of(leaping, &[]).unwrap();
     assert!(run.settings.full_scale_velocity_m_per_s > 1000.0, "{:?}", run.settings);
-    crate::replay::replay(&run, |_, _| Ok::<(), crate::Error>(())).unwrap();
+    replay(&run, |_, _| Ok::<(), Error>(())).unwrap();
 }
 
 proptest::proptest! {
@@ -128,8 +120,8 @@ proptest::proptest! {
             table.line.push(number + 2);
         }
         table.time_decimals = 9;
-        if let Ok(run) = to_run(table, &overrides(&["metres_per_count=1e-6"])) {
-            let outcome = crate::replay::replay(&run, |_, _| Ok::<(), crate::Error>(()));
+        if let Ok(run) = run_of(table, &[]) {
+            let outcome = replay(&run, |_, _| Ok::<(), Error>(()));
             proptest::prop_assert!(outcome.is_ok());
         }
     }

@@ -10,7 +10,7 @@ use super::{Column, EstimateTable, Source};
 use inerter_core::Settings;
 
 /// The settings by name.
-pub(super) fn settings(source: &Source) -> Map<String, Value> {
+pub fn settings_by_name(source: &Source) -> Map<String, Value> {
     let values = Settings::TABLE.iter().zip(source.settings.values());
     values.map(|(info, value)| (info.name.to_string(), json!(value))).collect()
 }
@@ -20,17 +20,20 @@ pub(super) fn device(source: &Source) -> Map<String, Value> {
     source.device.iter().flatten().map(|(name, text)| (name.clone(), json!(text))).collect()
 }
 
-/// Units of the columns by name; no entry for plain numbers.
+/// Units of the columns by name.
 pub(super) fn units(source: &Source, columns: &[Column]) -> Map<String, Value> {
     let machine = source.settings.machine;
-    let known = columns.iter().filter(|column| !column.unit(machine).is_empty());
-    known.map(|column| (column.name(machine).to_string(), json!(column.unit(machine)))).collect()
+    units_by_name(columns.iter().map(|column| (column.name(machine), column.unit(machine))))
 }
 
 /// Units of the estimates by name.
 pub(super) fn estimate_units(table: &EstimateTable) -> Map<String, Value> {
-    let known = table.columns.iter().filter(|column| !column.unit.is_empty());
-    known.map(|column| (column.name.clone(), json!(column.unit))).collect()
+    units_by_name(table.columns.iter().map(|column| (&*column.name, column.unit)))
+}
+
+/// Units by name; no entry for plain numbers.
+pub(super) fn units_by_name<'a>(columns: impl Iterator<Item = (&'a str, &'a str)>) -> Map<String, Value> {
+    columns.filter(|(_, unit)| !unit.is_empty()).map(|(name, unit)| (name.into(), unit.into())).collect()
 }
 
 /// The markers: time since the first sample and remark.

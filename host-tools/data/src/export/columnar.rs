@@ -1,6 +1,10 @@
 //! Parquet: the samples in groups of rows, units and settings in the metadata of the file; and tables in memory.
 
-use std::{fs::File, io::Write, sync::Arc};
+use std::{
+    fs::File,
+    io::{self, Write},
+    sync::Arc,
+};
 
 use parquet::{
     basic::{Compression, Encoding, LogicalType, Repetition, Type as Physical},
@@ -64,8 +68,7 @@ pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateT
 
 /// A table as the bytes of a Parquet file, with the units as metadata; the same columns give the same bytes.
 pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
-    let known = columns.iter().filter(|column| !column.unit.is_empty());
-    let units: Map<_, _> = known.map(|column| (column.name.to_string(), json!(column.unit))).collect();
+    let units = about::units_by_name(columns.iter().map(|column| (&*column.name, column.unit)));
     let metadata =
         key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
     write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
@@ -167,7 +170,7 @@ fn writer<'a, W: Write + Send>(
 
 /// Everything that accompanies the numbers, each as JSON; pandas puts the first one into `DataFrame.attrs`.
 fn metadata(source: &Source, units: Map<String, Value>) -> Vec<KeyValue> {
-    let (settings, device, markers) = (about::settings(source), about::device(source), about::markers(source));
+    let (settings, device, markers) = (about::settings_by_name(source), about::device(source), about::markers(source));
     let attributes = json!({"units": units, "settings": settings, "device": device, "markers": markers});
     key_values([
         ("PANDAS_ATTRS", Some(attributes)),
@@ -188,11 +191,11 @@ fn key_values(entries: impl IntoIterator<Item = (&'static str, Option<Value>)>) 
 
 fn failed(name: &str, error: ParquetError) -> OutputError {
     let source = match error {
-        ParquetError::External(inner) => match inner.downcast::<std::io::Error>() {
+        ParquetError::External(inner) => match inner.downcast::<io::Error>() {
             Ok(error) => *error,
-            Err(other) => std::io::Error::other(other),
+            Err(other) => io::Error::other(other),
         },
-        other => std::io::Error::other(other),
+        other => io::Error::other(other),
     };
     OutputError::write(name, source)
 }

@@ -44,25 +44,26 @@ impl Column {
 
     /// Name in a file of this machine, with its unit at the end, if any.
     pub fn name(self, machine: Machine) -> &'static str {
-        let linear = self.linear_name();
+        let (linear, _) = self.name_and_kind();
         catalogue::find(machine, Group::Signal, linear).map_or(linear, |field| field.path)
     }
 
-    fn linear_name(self) -> &'static str {
+    /// Name for a linear machine, and type.
+    fn name_and_kind(self) -> (&'static str, Kind) {
         match self {
-            Self::Time => "t_s",
-            Self::EncoderCount => "encoder_count",
-            Self::Position => "position_m",
-            Self::Force => "force_n",
-            Self::Terminal => "terminal_m",
-            Self::Index => "index",
-            Self::Saturated => "saturated",
+            Self::Time => ("t_s", Kind::Float),
+            Self::EncoderCount => ("encoder_count", Kind::Whole),
+            Self::Position => ("position_m", Kind::Float),
+            Self::Force => ("force_n", Kind::Float),
+            Self::Terminal => ("terminal_m", Kind::Float),
+            Self::Index => ("index", Kind::Whole),
+            Self::Saturated => ("saturated", Kind::Flag),
         }
     }
 
     /// Unit; empty for a plain number.
     pub fn unit(self, machine: Machine) -> &'static str {
-        catalogue::find(machine, Group::Signal, self.linear_name()).map_or("", |field| field.unit)
+        catalogue::find(machine, Group::Signal, self.name_and_kind().0).map_or("", |field| field.unit)
     }
 
     /// The column with this name, for either kind of machine.
@@ -74,11 +75,7 @@ impl Column {
 
     /// Its type.
     pub fn kind(self) -> Kind {
-        match self {
-            Self::Time | Self::Position | Self::Force | Self::Terminal => Kind::Float,
-            Self::EncoderCount | Self::Index => Kind::Whole,
-            Self::Saturated => Kind::Flag,
-        }
+        self.name_and_kind().1
     }
 
     /// Its value as a number; exact for integers and flags.

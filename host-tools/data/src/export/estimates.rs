@@ -144,13 +144,10 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
     let quantity =
         |linear: &str, unit, value| (name(machine, linear).into_owned(), catalogue::unit(machine, unit), value);
     let mut row = vec![("t_s".to_string(), "s", Some(t_s)), plain("index", Some(estimate.index.into()))];
-    row.extend(
-        catalogue::parameters(machine, &estimate.recent).flat_map(|(field, parameter)| pair("", field, &parameter)),
-    );
-    row.extend(
-        catalogue::parameters(machine, &estimate.whole_run)
-            .flat_map(|(field, parameter)| pair("whole_run_", field, &parameter)),
-    );
+    for (prefix, parameters) in [("", &estimate.recent), ("whole_run_", &estimate.whole_run)] {
+        let parameters = catalogue::parameters(machine, parameters);
+        row.extend(parameters.flat_map(|(field, parameter)| pair(prefix, field, &parameter)));
+    }
     // As in the JSON, which leaves placeholder values out.
     let detail = detail.as_ref().map(|detail| (detail, DetailJson::new(detail, &source.settings)));
     let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);

@@ -4,8 +4,8 @@
 //! held in memory.
 
 use std::{
-    io::BufWriter,
-    sync::{Arc, Mutex, PoisonError},
+    io::{self, BufWriter, Write},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 use hdf5_pure::mat::{Block, DataProducer, MatBuilder, MatError, Options, StructWriter};
@@ -59,7 +59,7 @@ impl Producer {
     }
 }
 
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     // The data are consistent even if another thread panicked while it held the lock.
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -108,7 +108,7 @@ fn build(
         Ok(())
     };
     mat.struct_("settings", |writer| {
-        for (name, value) in about::settings(source) {
+        for (name, value) in about::settings_by_name(source) {
             writer.write_scalar_f64(&name, value.as_f64().unwrap_or(f64::NAN))?;
         }
         Ok(())
@@ -138,7 +138,7 @@ fn failed(file: &Pending, state: &State, error: MatError) -> Error {
     }
     let source = match error {
         MatError::Io(error) | MatError::Hdf5(hdf5_pure::Error::Io(error)) => error,
-        other => std::io::Error::other(other),
+        other => io::Error::other(other),
     };
     OutputError::write(file.name(), source).into()
 }
@@ -151,17 +151,17 @@ struct Watched<'a, W> {
     progress: &'a mut dyn FnMut(f64) -> Result<(), Error>,
 }
 
-impl<W: std::io::Write> std::io::Write for Watched<'_, W> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+impl<W: Write> Write for Watched<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let done = *lock(&self.state.done) / self.rows.max(1) as f64;
         if let Err(error) = (self.progress)(done) {
             *lock(&self.state.error) = Some(error);
-            return Err(std::io::Error::other("broken off"));
+            return Err(io::Error::other("broken off"));
         }
         self.out.write(bytes)
     }
 
-    fn flush(&mut self) -> std::io::Result<()> {
+    fn flush(&mut self) -> io::Result<()> {
         self.out.flush()
     }
 }

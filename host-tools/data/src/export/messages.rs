@@ -11,6 +11,7 @@ use super::{Batch, Column, Source, about, selection::Sink};
 use crate::{
     output::{OutputError, Pending},
     recording::{CALIBRATION_METADATA, SETTINGS_METADATA, into_io},
+    words::bracketed,
 };
 
 /// Size of a chunk, which a viewer reads at once \[bytes\].
@@ -38,15 +39,16 @@ impl Mcap {
         let mut writer = options.create(BufWriter::with_capacity(1 << 16, file.open()?)).map_err(failed)?;
         let machine = source.settings.machine;
         let property = |column: &Column| {
-            let (name, unit) = (column.name(machine), column.unit(machine));
-            let unit = if unit.is_empty() { String::new() } else { format!(" [{unit}]") };
-            (name.to_string(), json!({"type": "number", "description": format!("{name}{unit}")}))
+            let name = column.name(machine).to_string();
+            let description = format!("{name}{}", bracketed(column.unit(machine)));
+            (name, json!({"type": "number", "description": description}))
         };
         let properties: serde_json::Map<_, _> = columns.iter().map(property).collect();
         let schema = json!({"title": "Samples in SI", "type": "object", "properties": properties}).to_string();
         let schema = writer.add_schema("inerter.samples", "jsonschema", schema.as_bytes()).map_err(failed)?;
         let channel = writer.add_channel(schema, "samples", "json", &BTreeMap::new()).map_err(failed)?;
-        let metadata = about::settings(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
+        let metadata =
+            about::settings_by_name(source).into_iter().map(|(name, value)| (name, value.to_string())).collect();
         let settings = Metadata { name: SETTINGS_METADATA.into(), metadata };
         writer.write_metadata(&settings).map_err(failed)?;
         if let Some(calibration) = &source.calibration {

@@ -24,6 +24,7 @@ use std::{
     sync::mpsc,
 };
 
+pub use about::settings_by_name;
 #[cfg(feature = "parquet")]
 pub use columnar::table_bytes;
 pub use columns::{Batch, Cell, Column, Kind, Values};
@@ -87,7 +88,8 @@ pub fn export(
             None => mats.push((columns, pending.len())),
         }
         pending.push((*format, file));
-        if let Some(table) = estimates.filter(|_| format.has_estimates_beside()) {
+        // The other formats hold the estimates themselves, or none.
+        if let (Some(table), Format::Csv | Format::Parquet) = (estimates, format) {
             let beside = Pending::create(&beside(path), replace)?;
             match format {
                 #[cfg(feature = "parquet")]

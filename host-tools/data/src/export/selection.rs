@@ -33,16 +33,6 @@ pub struct Selection {
     pub range_s: Range<f64>,
 }
 
-impl Format {
-    /// Whether the estimates get a file of their own beside the samples.
-    pub(super) fn has_estimates_beside(self) -> bool {
-        match self {
-            Self::Csv | Self::Parquet => true,
-            Self::Mat | Self::Mcap => false,
-        }
-    }
-}
-
 impl Default for Selection {
     fn default() -> Self {
         Self { columns: None, range_s: 0.0..f64::INFINITY }

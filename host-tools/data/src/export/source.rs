@@ -1,13 +1,19 @@
 //! The source of the samples: a recording, read again for each pass, or a CSV, held in memory.
 
-use std::{collections::BTreeMap, ops::Range, path::Path, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use inerter_core::{RawSample, Settings};
 
 use crate::{
     calibration::Calibration,
-    csv::{self, CsvError},
+    csv,
     error::Error,
+    open::{is_recording, open},
     recording::{self, Extent, HELLO_METADATA, Marker, SampleReader, TRUTH_METADATA},
     run::Run,
     series::{Converter, Point},
@@ -50,7 +56,7 @@ impl Source {
     /// Opens a recording or a CSV, distinguished by their first bytes, and reads it once; `progress` gets the bytes of
     /// a recording read so far.
     pub fn open(path: &Path, overrides: &Overrides, progress: impl FnMut(u64)) -> Result<Self, Error> {
-        if !recording::is_recording(path).map_err(|source| CsvError::Read { path: path.into(), source })? {
+        if !is_recording(path)? {
             return Ok(Self::held(csv::to_run(csv::read(path)?, overrides)?));
         }
         let mut summary = recording::summary_watched(path, progress)?;
@@ -93,7 +99,7 @@ impl Source {
     /// The run with its samples in memory; `overrides` are those that it was opened with.
     pub fn whole(&self, overrides: &Overrides) -> Result<Run, Error> {
         match &self.samples {
-            Origin::Recording(path) => Ok(Run { name: self.name.clone(), ..crate::open(path, overrides)? }),
+            Origin::Recording(path) => Ok(Run { name: self.name.clone(), ..open(path, overrides)? }),
             Origin::Held(samples) => Ok(Run {
                 name: self.name.clone(),
                 settings: self.settings,
@@ -132,7 +138,6 @@ impl Source {
             samples: self.samples()?,
             converter: Converter::new(&self.settings),
             range: periods(range_s.start)..periods(range_s.end),
-            taken: 0,
         })
     }
 
@@ -179,14 +184,6 @@ pub struct Rows {
     samples: Samples,
     converter: Converter,
     range: Range<u64>,
-    taken: u64,
-}
-
-impl Rows {
-    /// Samples read so far, including those outside the range.
-    pub fn taken(&self) -> u64 {
-        self.taken
-    }
 }
 
 impl Iterator for Rows {
@@ -198,7 +195,6 @@ impl Iterator for Rows {
                 Ok(sample) => sample,
                 Err(error) => return Some(Err(error)),
             };
-            self.taken += 1;
             let point = self.converter.point(&sample);
             if point.elapsed >= self.range.end {
                 return None;

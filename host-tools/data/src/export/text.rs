@@ -1,6 +1,6 @@
 //! CSV.
 
-use std::io::Write;
+use std::io::{self, Write};
 
 use super::{Batch, Column, Source, selection::Sink};
 use crate::output::{OutputError, Pending};
@@ -37,10 +37,10 @@ impl Csv {
 }
 
 /// The operating system's reason.
-pub(super) fn into_io(error: csv::Error) -> std::io::Error {
+pub(super) fn into_io(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,
-        other => std::io::Error::other(format!("{other:?}")),
+        other => io::Error::other(format!("{other:?}")),
     }
 }
 

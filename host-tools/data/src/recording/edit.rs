@@ -72,7 +72,8 @@ pub fn cut(
             None => break,
             Some(Message::Marker { time_ns, text }) if inside => recorder.marker(time_ns, &text)?,
             Some(Message::Marker { .. }) => {}
-            Some(Message::Raw { time_ns, part, bytes }) => {
+            Some(Message::Raw { time_ns, part }) => {
+                let bytes = messages.bytes();
                 let mut here: Option<(f64, f64, u64)> = None;
                 framing.take(part, bytes, |frame| {
                     for sample in batch(&frame).into_iter().flat_map(Samples::iter).flatten() {
@@ -144,8 +145,8 @@ pub fn merge(
             match messages.next()? {
                 None => break,
                 Some(Message::Marker { time_ns, text }) => recorder.marker(time_ns, &text)?,
-                Some(Message::Raw { time_ns, part, bytes }) => {
-                    follow(&mut recorder, &mut channel, time_ns, part, bytes)?;
+                Some(Message::Raw { time_ns, part }) => {
+                    follow(&mut recorder, &mut channel, time_ns, part, messages.bytes())?;
                 }
             }
         }

@@ -1,59 +1,25 @@
 use std::fs;
 
 use inerter_core::RawSample;
-use inerter_wire::{
-    Capabilities, ClockSource, Event, EventKind, Hello, MAX_FRAME, SequenceCounter, WIRE_VERSION, encode_record,
-};
+use inerter_wire::{Event, EventKind};
+use proptest::prelude::{ProptestConfig, any};
 
 use super::*;
 use crate::{
+    fixtures::{Stream, hello, new_file},
     recording::{Item, read, read_run},
     settings::Overrides,
 };
 
-/// A device that sends samples 32 at a time, at 1 kHz.
-struct Stream {
-    recorder: Recorder,
-    sequence: SequenceCounter,
-    index: u32,
-    time_ns: u64,
-}
-
-impl Stream {
-    fn new(path: &Path, serial: &str, settings: &Settings, index: u32, time_ns: u64) -> Self {
-        let mut recorder = Recorder::create(path, false).unwrap();
-        let hello = Hello {
-            wire_version: WIRE_VERSION,
-            firmware: Hello::text("test 0"),
-            git: Hello::text(""),
-            board: Hello::text("desk"),
-            serial: Hello::text(serial),
-            sample_rate_hz: 1000.0,
-            clock: ClockSource::Simulated,
-            capabilities: Capabilities::NONE,
-        };
-        recorder.describe(&hello, settings).unwrap();
-        Self { recorder, sequence: SequenceCounter::new(), index, time_ns }
-    }
-
-    fn send(&mut self, record: &Record) {
-        let mut out = [0; MAX_FRAME];
-        let length = encode_record(record, self.sequence.take(), &mut out).unwrap();
-        self.recorder.frame(self.time_ns, out.get(..length - 1).unwrap()).unwrap();
-    }
-
-    fn samples(&mut self, batches: u32) {
-        for _ in 0..batches {
-            let raw = |index: u32| RawSample { index, position_count: (index * 7) as i32, ..RawSample::default() };
-            let batch: Vec<RawSample> = (self.index..self.index + 32).map(raw).collect();
-            (self.index, self.time_ns) = (self.index + 32, self.time_ns + 32_000_000);
-            self.send(&Record::Samples(Samples::from_slice(&batch).0));
-        }
-    }
-
-    fn close(self) {
-        self.recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
-    }
+/// Sends samples 32 at a time, at 1 kHz; returns the index of the next one.
+fn send_samples(stream: &mut Stream, first: u32, batches: u32) -> u32 {
+    (0..batches).fold(first, |first, _| {
+        let raw = |index: u32| RawSample { index, position_count: (index * 7) as i32, ..RawSample::default() };
+        let batch: Vec<RawSample> = (first..first + 32).map(raw).collect();
+        stream.time_ns += 32_000_000;
+        stream.send(&Record::Samples(Samples::from_slice(&batch).0));
+        first + 32
+    })
 }
 
 fn settings() -> Settings {
@@ -62,13 +28,14 @@ fn settings() -> Settings {
 
 /// 3.2 s of samples, with an event and two markers.
 fn recording(path: &Path) {
-    let mut stream = Stream::new(path, "1", &settings(), 500, 0);
-    stream.samples(40);
+    let mut stream = Stream::new(path);
+    stream.recorder.describe(&hello("1"), &settings()).unwrap();
+    let next = send_samples(&mut stream, 500, 40);
     stream.recorder.marker(stream.time_ns, "shaker on").unwrap();
     stream.send(&Record::Event(Event { index: 1779, kind: EventKind::EstimatorReset }));
-    stream.samples(60);
+    send_samples(&mut stream, next, 60);
     stream.recorder.marker(stream.time_ns, "shaker off, \"finished\"").unwrap();
-    stream.close();
+    stream.close("finished");
 }
 
 fn indices(path: &Path) -> Vec<u32> {
@@ -114,8 +81,8 @@ fn parts_hold_whole_frames_and_each_of_them_once() {
 
 #[test]
 fn the_frames_of_a_part_are_those_of_the_recording() {
-    let folder = tempfile::tempdir().unwrap();
-    let (run, part) = (folder.path().join("run.mcap"), folder.path().join("part.mcap"));
+    let (folder, run) = new_file("run.mcap");
+    let part = folder.path().join("part.mcap");
     recording(&run);
     cut(&run, 1.0..2.0, &part, true, quiet).unwrap();
     let frames = |path: &Path| {
@@ -135,8 +102,8 @@ fn the_frames_of_a_part_are_those_of_the_recording() {
 
 #[test]
 fn parts_of_a_recording_that_was_cut_off_or_damaged_hold_what_there_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let (run, part) = (folder.path().join("run.mcap"), folder.path().join("part.mcap"));
+    let (folder, run) = new_file("run.mcap");
+    let part = folder.path().join("part.mcap");
     recording(&run);
     let bytes = fs::read(&run).unwrap();
     fs::write(&run, &bytes[..bytes.len() / 2]).unwrap();
@@ -154,9 +121,11 @@ fn what_cannot_follow_is_refused_by_its_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let make = |name: &str, serial: &str, settings: &Settings, time_ns: u64| {
-        let mut stream = Stream::new(&path(name), serial, settings, 0, time_ns);
-        stream.samples(10);
-        stream.close();
+        let mut stream = Stream::new(&path(name));
+        stream.recorder.describe(&hello(serial), settings).unwrap();
+        stream.time_ns = time_ns;
+        send_samples(&mut stream, 0, 10);
+        stream.close("finished");
     };
     make("a", "1", &settings(), 0);
     make("later", "1", &settings(), 320_000_000);
@@ -179,18 +148,17 @@ fn what_cannot_follow_is_refused_by_its_name() {
 
 #[test]
 fn work_that_is_broken_off_says_so() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = folder.path().join("run.mcap");
+    let (folder, run) = new_file("run.mcap");
     recording(&run);
     let broken = cut(&run, 0.0..1.0, &folder.path().join("part.mcap"), true, |_| Err(Error::Interrupted));
     assert!(matches!(broken, Err(Error::Interrupted)));
 }
 
 proptest::proptest! {
-    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(100))]
+    #![proptest_config(ProptestConfig::with_cases(100))]
     #[test]
     fn no_damage_panics(
-        damage in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..6),
+        damage in proptest::collection::vec((any::<proptest::sample::Index>(), any::<u8>()), 1..6),
         from_s in -1.0..4.0_f64,
     ) {
         let folder = tempfile::tempdir().unwrap();

@@ -26,9 +26,10 @@ pub(super) struct MarkerJson {
 
 /// One message.
 #[derive(Debug)]
-pub(super) enum Message<'a> {
-    /// Bytes of the stream, as received at host time `time_ns`; `part` changes when another stream begins.
-    Raw { time_ns: u64, part: u16, bytes: &'a [u8] },
+pub(super) enum Message {
+    /// Bytes of the stream ([`Messages::bytes`]), as received at host time `time_ns`; `part` changes when another stream
+    /// begins.
+    Raw { time_ns: u64, part: u16 },
     /// A remark made at that time.
     Marker { time_ns: u64, text: String },
 }
@@ -37,23 +38,21 @@ pub(super) enum Message<'a> {
 pub(super) struct Messages<R> {
     file: String,
     walker: Walker<R>,
-    known: Known,
-    ending: Option<Ending>,
+    pub(super) known: Known,
+    /// How the file ends, once [`next`](Self::next) has returned `None`.
+    pub(super) ending: Option<Ending>,
 }
 
 /// What the file has stated so far.
 #[derive(Default)]
-struct Known {
+pub(super) struct Known {
     raw: BTreeSet<u16>,
     markers: BTreeSet<u16>,
-    metadata: BTreeMap<String, BTreeMap<String, String>>,
-    span_ns: Option<(u64, u64)>,
+    /// Metadata by name.
+    pub(super) metadata: BTreeMap<String, BTreeMap<String, String>>,
+    /// Host time of the first and the latest bytes \[ns\].
+    pub(super) span_ns: Option<(u64, u64)>,
     bytes: Vec<u8>,
-}
-
-enum Kind {
-    Raw { time_ns: u64, part: u16 },
-    Marker { time_ns: u64, text: String },
 }
 
 impl Messages<BufReader<File>> {
@@ -75,23 +74,13 @@ impl<R: Read> Messages<R> {
         self.walker.offset()
     }
 
-    /// Metadata so far, by name.
-    pub(super) fn metadata(self) -> BTreeMap<String, BTreeMap<String, String>> {
-        self.known.metadata
-    }
-
-    /// Host time of the first and the latest bytes so far \[ns\].
-    pub(super) fn span_ns(&self) -> Option<(u64, u64)> {
-        self.known.span_ns
-    }
-
-    /// How the file ends, once [`next`](Self::next) has returned `None`.
-    pub(super) fn ending(&self) -> Ending {
-        self.ending.clone().unwrap_or(Ending::CutOff)
+    /// The bytes of the latest message of the stream.
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.known.bytes
     }
 
     /// The next message; `None` at the end of what can be read.
-    pub(super) fn next(&mut self) -> Result<Option<Message<'_>>, RecordingError> {
+    pub(super) fn next(&mut self) -> Result<Option<Message>, RecordingError> {
         if self.ending.is_some() {
             return Ok(None);
         }
@@ -102,11 +91,8 @@ impl<R: Read> Messages<R> {
             match step {
                 Step::Record { opcode, data } => match mcap::parse_record(opcode, data) {
                     Ok(record) => {
-                        if let Some(kind) = self.known.record(record) {
-                            return Ok(Some(match kind {
-                                Kind::Raw { time_ns, part } => Message::Raw { time_ns, part, bytes: &self.known.bytes },
-                                Kind::Marker { time_ns, text } => Message::Marker { time_ns, text },
-                            }));
+                        if let Some(message) = self.known.record(record) {
+                            return Ok(Some(message));
                         }
                     }
                     Err(error) => break Ending::Damaged { byte, reason: error.to_string() },
@@ -127,7 +113,7 @@ impl<R: Read> Messages<R> {
 }
 
 impl Known {
-    fn record(&mut self, record: McapRecord<'_>) -> Option<Kind> {
+    fn record(&mut self, record: McapRecord<'_>) -> Option<Message> {
         match record {
             McapRecord::Channel(channel) if channel.topic == RAW_TOPIC && channel.message_encoding == RAW_ENCODING => {
                 self.raw.insert(channel.id);
@@ -144,11 +130,11 @@ impl Known {
                 self.span_ns = Some((first, time_ns));
                 self.bytes.clear();
                 self.bytes.extend_from_slice(&data);
-                return Some(Kind::Raw { time_ns, part: header.channel_id });
+                return Some(Message::Raw { time_ns, part: header.channel_id });
             }
             McapRecord::Message { header, data } if self.markers.contains(&header.channel_id) => {
                 let MarkerJson { t_ns, text } = serde_json::from_slice(&data).ok()?;
-                return Some(Kind::Marker { time_ns: t_ns, text });
+                return Some(Message::Marker { time_ns: t_ns, text });
             }
             _ => {}
         }

@@ -7,7 +7,7 @@ use inerter_wire::{Counts, Frame, Record};
 use super::{
     RecordingError,
     layout::Ending,
-    messages::{Framing, Message, Messages},
+    messages::{Framing, Known, Message, Messages},
 };
 
 /// A frame or marker in the file with the host time \[ns\] at which it arrived.
@@ -51,26 +51,22 @@ pub fn read(path: &Path, take: impl FnMut(Incoming)) -> Result<Contents, Recordi
     read_all(Messages::open(path)?, take)
 }
 
-/// Reads from any source; `file` is its name in messages.
-#[cfg(test)]
-pub(super) fn read_from(file: &str, source: impl Read, take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
-    read_all(Messages::new(file, source), take)
-}
-
 fn read_all(mut messages: Messages<impl Read>, mut take: impl FnMut(Incoming)) -> Result<Contents, RecordingError> {
     let mut framing = Framing::default();
     loop {
         let offset = messages.offset();
         match messages.next()? {
             None => break,
-            Some(Message::Raw { time_ns, part, bytes }) => {
-                framing.take(part, bytes, |frame| take(Incoming { time_ns, offset, item: Item::Frame(frame) }));
+            Some(Message::Raw { time_ns, part }) => {
+                framing
+                    .take(part, messages.bytes(), |frame| take(Incoming { time_ns, offset, item: Item::Frame(frame) }));
             }
             Some(Message::Marker { time_ns, text }) => take(Incoming { time_ns, offset, item: Item::Marker(text) }),
         }
     }
-    let (ending, span_ns, bytes) = (messages.ending(), messages.span_ns(), messages.offset());
-    Ok(Contents { metadata: messages.metadata(), ending, counts: framing.counts(), span_ns, bytes })
+    let bytes = messages.offset();
+    let Messages { known: Known { metadata, span_ns, .. }, ending, .. } = messages;
+    Ok(Contents { metadata, ending: ending.unwrap_or(Ending::CutOff), counts: framing.counts(), span_ns, bytes })
 }
 
 #[cfg(test)]

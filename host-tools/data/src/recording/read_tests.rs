@@ -1,58 +1,50 @@
+use std::{fs, path::PathBuf};
+
 use inerter_core::{Estimate, Published, RawSample, Reversal, Route, Settings, State};
-use inerter_wire::{
-    Capabilities, ClockSource, Event, EventKind, Health, Hello, MAX_FRAME, Samples, SequenceCounter, WIRE_VERSION,
-    encode_record,
-};
+use inerter_wire::{Event, EventKind, Health, Hello, Samples};
 use proptest::prelude::*;
+use serde_json::Value;
+use tempfile::TempDir;
 
 use super::*;
-use crate::recording::{End, Recorder, summary};
-
-fn hello() -> Hello {
-    Hello {
-        wire_version: WIRE_VERSION,
-        firmware: Hello::text("test 0"),
-        git: Hello::text(""),
-        board: Hello::text("desk"),
-        serial: Hello::text("1"),
-        sample_rate_hz: 1000.0,
-        clock: ClockSource::Simulated,
-        capabilities: Capabilities::NONE,
-    }
-}
+use crate::{
+    fixtures::{Stream, hello, new_file},
+    recording::summary,
+};
 
 /// Ten seconds of samples, 32 to a frame, closed or not.
-fn recording(path: &Path, close: bool) {
-    let mut recorder = Recorder::create(path, false).unwrap();
+fn recording(close: bool) -> (TempDir, PathBuf) {
+    let (folder, path) = new_file("run.mcap");
+    let mut stream = Stream::new(&path);
     let settings = Settings { memory_s: 12.5, sample_rate_hz: 1000.0, metres_per_count: 1e-6, ..Settings::default() };
-    recorder.describe(&hello(), &settings).unwrap();
-    let mut sequence = SequenceCounter::new();
-    let mut out = [0; MAX_FRAME];
+    stream.recorder.describe(&hello("1"), &settings).unwrap();
     let raws: Vec<RawSample> = (0..10_000)
         .map(|index| RawSample { index, position_count: index as i32 * 3, ..RawSample::default() })
         .collect();
     for (number, batch) in raws.chunks(32).enumerate() {
-        let record = Record::Samples(Samples::from_slice(batch).0);
-        let length = encode_record(&record, sequence.take(), &mut out).unwrap();
-        let time = batch.last().map_or(0, |raw| u64::from(raw.index) * 1_000_000);
-        recorder.frame(time, out.get(..length - 1).unwrap()).unwrap();
+        stream.time_ns = batch.last().map_or(0, |raw| u64::from(raw.index) * 1_000_000);
+        stream.send(&Record::Samples(Samples::from_slice(batch).0));
         if number % 64 == 0 {
-            recorder.marker(time, "here").unwrap();
-            for record in others(time) {
-                let length = encode_record(&record, sequence.take(), &mut out).unwrap();
-                recorder.frame(time, out.get(..length - 1).unwrap()).unwrap();
-            }
+            stream.recorder.marker(stream.time_ns, "here").unwrap();
+            others(stream.time_ns).iter().for_each(|record| stream.send(record));
         }
     }
     if close {
-        recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+        stream.close("finished");
     } else {
         // As when the program is killed: all frames are written, the summary is not.
-        drop(recorder);
-        let bytes = std::fs::read(path).unwrap();
+        drop(stream);
+        let bytes = fs::read(&path).unwrap();
         let footer = mcap::read::footer(&bytes).unwrap();
-        std::fs::write(path, &bytes[..footer.summary_start as usize]).unwrap();
+        fs::write(&path, &bytes[..footer.summary_start as usize]).unwrap();
     }
+    (folder, path)
+}
+
+/// The bytes of the closed one.
+fn sound() -> Vec<u8> {
+    let (_folder, path) = recording(true);
+    fs::read(path).unwrap()
 }
 
 /// One record for each of the decoded channels.
@@ -73,7 +65,7 @@ fn others(time_ns: u64) -> [Record; 5] {
 
 fn samples_of(bytes: &[u8]) -> Result<(usize, Ending), RecordingError> {
     let mut samples = 0;
-    let contents = read_from("f", bytes, |incoming| {
+    let contents = read_all(Messages::new("f", bytes), |incoming| {
         if let Item::Frame(Frame::Message { message: Record::Samples(batch), .. }) = incoming.item {
             samples += batch.iter().flatten().count();
         }
@@ -83,9 +75,7 @@ fn samples_of(bytes: &[u8]) -> Result<(usize, Ending), RecordingError> {
 
 #[test]
 fn a_closed_recording_reads_back_with_its_metadata() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    recording(&path, true);
+    let (_folder, path) = recording(true);
     let contents = read(&path, |_| ()).unwrap();
     assert_eq!(contents.ending, Ending::Closed);
     assert_eq!(contents.counts.messages, 313 + 5 * 5);
@@ -101,16 +91,13 @@ fn a_closed_recording_reads_back_with_its_metadata() {
 
 #[test]
 fn the_decoded_channels_say_what_the_frames_say() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    recording(&path, true);
-    let bytes = std::fs::read(&path).unwrap();
-    let mut found: BTreeMap<String, Vec<serde_json::Value>> = BTreeMap::new();
+    let bytes = sound();
+    let mut found: BTreeMap<String, Vec<Value>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()) {
         if message.channel.message_encoding == "json" {
             let schema = message.channel.schema.as_ref().unwrap();
-            let schema_json: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
-            let json: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+            let schema_json: Value = serde_json::from_slice(&schema.data).unwrap();
+            let json: Value = serde_json::from_slice(&message.data).unwrap();
             for (key, value) in json.as_object().unwrap() {
                 let property = &schema_json["properties"][key];
                 let fits = match property["type"].as_str() {
@@ -137,20 +124,15 @@ fn the_decoded_channels_say_what_the_frames_say() {
 
 #[test]
 fn what_was_recorded_before_the_program_was_killed_reads_back_to_within_a_second() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    recording(&path, false);
-    let (samples, ending) = samples_of(&std::fs::read(&path).unwrap()).unwrap();
+    let (_folder, path) = recording(false);
+    let (samples, ending) = samples_of(&fs::read(&path).unwrap()).unwrap();
     assert!((9000..=10_000).contains(&samples), "{samples}");
     assert_eq!(ending, Ending::CutOff);
 }
 
 #[test]
 fn a_file_cut_off_anywhere_reads_up_to_the_cut() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    recording(&path, true);
-    let bytes = std::fs::read(&path).unwrap();
+    let bytes = sound();
     let mut before = 0;
     // Size of the channels and schemas, which come first.
     let head = 12_000;
@@ -181,13 +163,6 @@ fn another_kind_of_file_is_refused() {
     assert!(matches!(samples_of(&file), Err(RecordingError::NoChannel { .. })));
 }
 
-fn sound() -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    recording(&path, true);
-    std::fs::read(&path).unwrap()
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
     #[test]
@@ -215,17 +190,15 @@ proptest! {
 
 #[test]
 fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    let mut recorder = Recorder::create(&path, false).unwrap();
-    let (mut out, mut sequence) = ([0; MAX_FRAME], SequenceCounter::new());
+    let (_folder, path) = new_file("run.mcap");
+    let mut stream = Stream::new(&path);
     for number in 0..100_000 {
         // Each text occurs twice.
         let kind = EventKind::Panicked(Hello::text(&format!("at line {}", number / 2)));
-        let length = encode_record(&Record::Event(Event { index: 0, kind }), sequence.take(), &mut out).unwrap();
-        recorder.frame(number, out.get(..length - 1).unwrap()).unwrap();
+        stream.time_ns = number;
+        stream.send(&Record::Event(Event { index: 0, kind }));
     }
-    recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
+    stream.close("finished");
     let notes = summary(&path).unwrap().notes;
     assert_eq!(notes.len(), 21, "{notes:?}");
     assert!(
@@ -237,16 +210,13 @@ fn of_faults_without_end_the_first_are_told_and_the_others_counted() {
 
 #[test]
 fn an_estimate_whose_detail_does_not_come_is_decoded_at_the_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.mcap");
-    let mut recorder = Recorder::create(&path, false).unwrap();
-    recorder.describe(&hello(), &Settings::default()).unwrap();
-    let mut out = [0; MAX_FRAME];
-    let estimate = Record::Estimate(Estimate { index: 5, elapsed_samples: 6, ..Estimate::default() });
-    let length = encode_record(&estimate, 0, &mut out).unwrap();
-    recorder.frame(7, out.get(..length - 1).unwrap()).unwrap();
-    recorder.close(&End { reason: "finished".into(), lost_frames: 0 }).unwrap();
-    let bytes = std::fs::read(&path).unwrap();
+    let (_folder, path) = new_file("run.mcap");
+    let mut stream = Stream::new(&path);
+    stream.recorder.describe(&hello("1"), &Settings::default()).unwrap();
+    stream.time_ns = 7;
+    stream.send(&Record::Estimate(Estimate { index: 5, elapsed_samples: 6, ..Estimate::default() }));
+    stream.close("finished");
+    let bytes = fs::read(&path).unwrap();
     let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap().channel.topic.clone());
     assert_eq!(messages.filter(|topic| topic == "estimate").count(), 1);
 }

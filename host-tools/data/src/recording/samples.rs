@@ -311,7 +311,7 @@ impl Iterator for SampleReader {
                 Err(error) => return Some(Err(error)),
                 Ok(None) => return None,
                 Ok(Some(Message::Marker { .. })) => {}
-                Ok(Some(Message::Raw { part, bytes, .. })) => self.framing.take(part, bytes, |frame| {
+                Ok(Some(Message::Raw { part, .. })) => self.framing.take(part, self.messages.bytes(), |frame| {
                     if let Frame::Message { message: Record::Samples(samples), .. } = frame {
                         append(batch, &samples);
                     }
@@ -324,17 +324,11 @@ impl Iterator for SampleReader {
 
 /// Appends the samples of a batch, or none if the batch is invalid.
 fn append(queue: &mut VecDeque<RawSample>, batch: &Samples) -> bool {
-    let before = queue.len();
-    for sample in batch {
-        match sample {
-            Ok(sample) => queue.push_back(sample),
-            Err(_) => {
-                queue.truncate(before);
-                return false;
-            }
-        }
+    let is_valid = batch.check().is_ok();
+    if is_valid {
+        queue.extend(batch.iter().flatten());
     }
-    true
+    is_valid
 }
 
 /// Settings from the metadata, or else from the first Settings record.
@@ -405,20 +399,15 @@ fn loss_notes(file: &str, contents: &Contents, bad_batches: u64) -> impl Iterato
 
 #[cfg(test)]
 mod tests {
-    use inerter_wire::{MAX_FRAME, encode_record};
-
     use super::*;
-    use crate::recording::{End, Recorder};
+    use crate::fixtures::{Stream, new_file};
 
     #[test]
     fn notes_of_metadata_without_end_are_counted_and_shortened() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("run.mcap");
-        let mut recorder = Recorder::create(&path, false).unwrap();
-        let mut out = [0; MAX_FRAME];
-        let length = encode_record(&Record::Health(Health::default()), 0, &mut out).unwrap();
-        recorder.frame(0, out.get(..length - 1).unwrap()).unwrap();
-        recorder.close(&End { reason: "x".repeat(100_000), lost_frames: 0 }).unwrap();
+        let (_folder, path) = new_file("run.mcap");
+        let mut stream = Stream::new(&path);
+        stream.send(&Record::Health(Health::default()));
+        stream.close(&"x".repeat(100_000));
         let Summary { mut contents, notes, .. } = summary(&path).unwrap();
         let [note] = notes.as_slice() else { panic!("{} notes", notes.len()) };
         assert!(note.contains("the recording ended early: xxx") && note.ends_with("x..."));

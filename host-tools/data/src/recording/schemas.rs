@@ -7,7 +7,7 @@ use inerter_wire::catalogue::{self, Field, Group};
 use serde_json::{Map, Value, json};
 
 use super::decode::Channel;
-use crate::{json::machine_json_line, names};
+use crate::{json::machine_json_line, names, words::bracketed};
 
 const INTERVAL: &str = "half width of the 95 % interval; null if it is not finite";
 
@@ -45,7 +45,7 @@ fn text(description: &str) -> Value {
 }
 
 fn described(field: &Field) -> String {
-    if field.unit.is_empty() { field.label.into() } else { format!("{} [{}]", field.label, field.unit) }
+    field.label.to_owned() + &bracketed(field.unit)
 }
 
 fn kind() -> Value {

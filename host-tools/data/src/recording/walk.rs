@@ -70,7 +70,8 @@ impl<R: Read> Walker<R> {
             if !self.fill(HEAD)? {
                 return Ok(Step::CutOff);
             }
-            let (opcode, length) = head(&self.buffer);
+            let opcode = self.buffer.first().copied().unwrap_or(0);
+            let length = self.buffer.last_chunk().map_or(0, |length| u64::from_le_bytes(*length));
             if self.chunk_left > 0 {
                 let whole = length.saturating_add(HEAD as u64);
                 if whole > self.chunk_left {
@@ -141,9 +142,4 @@ impl<R: Read> Walker<R> {
         self.offset += read as u64;
         Ok(read == count)
     }
-}
-
-fn head(bytes: &[u8]) -> (u8, u64) {
-    let length = bytes.last_chunk().map_or(0, |length| u64::from_le_bytes(*length));
-    (bytes.first().copied().unwrap_or(0), length)
 }

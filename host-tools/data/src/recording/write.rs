@@ -79,7 +79,7 @@ impl Recorder {
         let failed = |error| OutputError::write(&name, into_io(error));
         let sink = sink(safe.clone()).map_err(|source| OutputError::write(&name, source))?;
         let mut writer = options.create(sink).map_err(failed)?;
-        let channel = writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(1)).map_err(failed)?;
+        let channel = add_raw(&mut writer, 1).map_err(failed)?;
         Ok(Self {
             name,
             writer,
@@ -122,10 +122,7 @@ impl Recorder {
     /// Begins another stream: its sequence numbers do not continue the previous ones.
     pub fn begin_part(&mut self) -> Result<(), OutputError> {
         self.part += 1;
-        self.channel = self
-            .writer
-            .add_channel(0, RAW_TOPIC, RAW_ENCODING, &channel_metadata(self.part))
-            .map_err(|error| self.failed(error))?;
+        self.channel = add_raw(&mut self.writer, self.part).map_err(|error| self.failed(error))?;
         Ok(())
     }
 
@@ -259,13 +256,13 @@ fn write_error(name: String, safe: &Safe, source: io::Error) -> OutputError {
     OutputError::Write { name, written, source }
 }
 
-/// What a reader must know about the channel `raw`; each stream has its own channel.
-fn channel_metadata(part: u16) -> BTreeMap<String, String> {
+/// Adds a channel `raw` with what a reader must know about it; each stream has its own channel.
+fn add_raw(writer: &mut mcap::Writer<Sink>, part: u16) -> Result<u16, McapError> {
     let mut metadata = map([("wire_version", WIRE_VERSION.to_string())]);
     if part > 1 {
         metadata.insert("part".into(), part.to_string());
     }
-    metadata
+    writer.add_channel(0, RAW_TOPIC, RAW_ENCODING, &metadata)
 }
 
 /// The operating system's reason.

@@ -4,7 +4,11 @@
 //! check, unless there is a good reason for it.
 
 use inerter_core::{RawSample, Settings};
-use inerter_wire::{ClockSource, Health, Hello, Measured, Quantity, ResetCause};
+use inerter_wire::{
+    ClockSource, Health, Hello, Measured,
+    Quantity::{self, *},
+    ResetCause,
+};
 
 use super::Check;
 use crate::{backup, words::three_digits};
@@ -50,55 +54,71 @@ fn ratio(above: Option<u32>, below: Option<u32>) -> Option<f64> {
 
 /// Letter of a revision: DBGMCU_IDCODE.REV_ID (RM0440 47.6.1).
 fn revision(id: u32) -> String {
-    match id >> 16 {
-        0x1000 => "A".into(),
-        0x2000 => "B".into(),
-        0x2001 => "Z".into(),
-        0x2002 => "Y".into(),
-        0x2003 => "X".into(),
-        other => format!("0x{other:04X}"),
-    }
+    let letter = match id >> 16 {
+        0x1000 => "A",
+        0x2000 => "B",
+        0x2001 => "Z",
+        0x2002 => "Y",
+        0x2003 => "X",
+        other => return format!("0x{other:04X}"),
+    };
+    letter.into()
+}
+
+/// What the board reported, as text.
+fn reported<T>(value: Option<T>, text: impl FnOnce(T) -> String) -> String {
+    value.map_or("not reported".into(), text)
 }
 
 /// The chip: identity, flash, option bytes, stack.
 pub fn chip(measured: &Measured, hello: &Hello) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
-    let id = get(Quantity::DeviceId);
+    let id = get(DeviceId);
     let device = Check::words(
         "chip",
         "Chip",
         "an STM32G471/473/474/483/484 (0x469)",
-        id.map_or("not reported".into(), |id| format!("0x{:03X}, revision {}", id & 0xFFF, revision(id))),
-        id.is_none_or(|id| id & 0xFFF != DEVICE).then(|| "another chip, or a clone: its errata are not known".into()),
+        reported(id, |id| format!("0x{:03X}, revision {}", id & 0xFFF, revision(id))),
+        id.is_none_or(|id| id & 0xFFF != DEVICE).then_some("another chip, or a clone: its errata are not known"),
     );
     let told_kb = hello.capabilities.flash_kb().map(f64::from);
-    let kb = get(Quantity::FlashKb).map(f64::from);
-    let flash = Check::range("flash", "Flash", "KB", FLASH_KB..=f64::INFINITY, kb, |_| {
-        "the settings lie in the last of 512 KB: this chip has less".into()
-    });
+    let kb = get(FlashKb).map(f64::from);
+    let flash = Check::range(
+        "flash",
+        "Flash",
+        "KB",
+        FLASH_KB..=f64::INFINITY,
+        kb,
+        |_| "the settings lie in the last of 512 KB: this chip has less",
+    );
     let agree = Check::words(
         "flash_told",
         "Flash as reported in Hello",
-        kb.map_or("not reported".into(), |kb| kb.to_string()),
-        told_kb.map_or("not reported".into(), |kb| kb.to_string()),
-        (kb.is_none() || kb != told_kb).then(|| "the firmware contradicts itself".into()),
+        reported(kb, |kb| kb.to_string()),
+        reported(told_kb, |kb| kb.to_string()),
+        (kb.is_none() || kb != told_kb).then_some("the firmware contradicts itself"),
     );
-    let (options, wanted) = (get(Quantity::OptionBytes), get(Quantity::OptionBytesWanted));
-    let hex = |value: Option<u32>| value.map_or("not reported".into(), |value| format!("0x{value:08X}"));
+    let (options, wanted) = (get(OptionBytes), get(OptionBytesWanted));
+    let hex = |value: u32| format!("0x{value:08X}");
     let options = Check::words(
         "option_bytes",
         "Option bytes",
-        hex(wanted),
-        hex(options),
+        reported(wanted, hex),
+        reported(options, hex),
         (options.is_none() || options != wanted)
-            .then(|| "they could not be set and may be protected; a restart tries again".into()),
+            .then_some("they could not be set and may be protected; a restart tries again"),
     );
-    let stack = get(Quantity::StackBytes).filter(|bytes| *bytes > 0).map(f64::from);
-    let free = ratio(get(Quantity::StackFreeBytes), get(Quantity::StackBytes)).map(|part| part * 100.0);
+    let stack = get(StackBytes).filter(|bytes| *bytes > 0).map(f64::from);
+    let free = ratio(get(StackFreeBytes), get(StackBytes)).map(|part| part * 100.0);
     let range = FREE_STACK * 100.0..=100.0;
-    let stack = Check::range("stack", "Stack never used", "%", range, free.filter(|_| stack.is_some()), |_| {
-        "the stack has been nearly full: please report it".into()
-    });
+    let stack = Check::range(
+        "stack",
+        "Stack never used",
+        "%",
+        range,
+        free.filter(|_| stack.is_some()),
+        |_| "the stack has been nearly full: please report it",
+    );
     vec![device, flash, agree, options, stack]
 }
 
@@ -127,7 +147,7 @@ pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, st
         _ => 0,
     };
     let flags_words = flags.map_or("no flags".into(), |flags| format!("flags 0x{flags:08X}"));
-    let mut found = format!("{}, {flags_words}", told.map_or("not reported".into(), |told| told.to_string()));
+    let mut found = format!("{}, {flags_words}", reported(told, |told| told.to_string()));
     if told.is_none() {
         found += &uptime_s.map_or(", up for an unknown time".into(), |(up_s, _)| format!(", up for {up_s} s"));
     }
@@ -141,16 +161,16 @@ pub fn restart(name: &'static str, label: &'static str, expected: ResetCause, st
     } else {
         None
     };
-    Check::words(name, label, expected.to_string(), found, cause.map(str::to_owned))
+    Check::words(name, label, expected.to_string(), found, cause)
 }
 
 /// The clocks, compared with each other and with the host's USB clock.
 pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
-    let core_hz = get(Quantity::CoreHz).filter(|hz| *hz > 0);
+    let core_hz = get(CoreHz).filter(|hz| *hz > 0);
     let ppm = |cycles_per_s: Option<f64>| Some((cycles_per_s? / f64::from(core_hz?) - 1.0) * 1e6);
     let crystal = hello.clock == ClockSource::Crystal;
-    let control = get(Quantity::ClockControl);
+    let control = get(ClockControl);
     let runs = |bit: u32| control.is_some_and(|control| control & bit != 0);
     let source = Check::words(
         "crystal",
@@ -162,11 +182,11 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
             _ => "the PLL does not run, or nothing was reported",
         },
         (!(crystal && runs(CRYSTAL_READY) && runs(PLL_READY)))
-            .then(|| "the crystal does not run: the chip's own oscillator is good for 1 % only".into()),
+            .then_some("the crystal does not run: the chip's own oscillator is good for 1 % only"),
     );
     let allowed = if crystal { CRYSTAL_PPM } else { INTERNAL_PPM };
-    let per_frame = ratio(get(Quantity::UsbFramesCycles), get(Quantity::UsbFrames).filter(|frames| *frames >= 100));
-    let usb = match get(Quantity::UsbFrames) {
+    let per_frame = ratio(get(UsbFramesCycles), get(UsbFrames).filter(|frames| *frames >= 100));
+    let usb = match get(UsbFrames) {
         None => Check::skipped("clock_usb", "Core's clock against USB", "no USB frames: connect over the board's USB"),
         Some(_) => {
             let found = ppm(per_frame.map(|cycles| cycles * 1e3));
@@ -179,26 +199,41 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
             })
         }
     };
-    let clock = ppm(ratio(get(Quantity::ClockUsCycles), get(Quantity::ClockUs)).map(|cycles| cycles * 1e6));
-    let own = Check::range("clock_own", "Core's clock against the firmware's time", "ppm", -10.0..=10.0, clock, |_| {
-        "the timer of the firmware's time has a wrong prescaler".into()
-    });
-    let cycles_per_period = ratio(get(Quantity::LsiPeriodsCycles), get(Quantity::LsiPeriods));
+    let clock = ppm(ratio(get(ClockUsCycles), get(ClockUs)).map(|cycles| cycles * 1e6));
+    let own = Check::range(
+        "clock_own",
+        "Core's clock against the firmware's time",
+        "ppm",
+        -10.0..=10.0,
+        clock,
+        |_| "the timer of the firmware's time has a wrong prescaler",
+    );
+    let cycles_per_period = ratio(get(LsiPeriodsCycles), get(LsiPeriods));
     let lsi = core_hz.zip(cycles_per_period).map(|(hz, cycles)| f64::from(hz) / cycles / 1e3);
     // DS12288, table 46.
-    let lsi = Check::range("clock_lsi", "Watchdog's oscillator", "kHz", 29.5..=34.0, lsi, |_| {
-        "the watchdog's oscillator is off frequency, and so is its time limit".into()
-    });
-    let recovery = match (get(Quantity::UsbFrames), get(Quantity::RecoveryStatus)) {
+    let lsi = Check::range(
+        "clock_lsi",
+        "Watchdog's oscillator",
+        "kHz",
+        29.5..=34.0,
+        lsi,
+        |_| "the watchdog's oscillator is off frequency, and so is its time limit",
+    );
+    let recovery = match (get(UsbFrames), get(RecoveryStatus)) {
         (None, _) => Check::skipped("clock_recovery", "USB's oscillator", "no USB frames to follow"),
         (Some(_), status) => {
             // FECAP: the count at the last frame, of 48000.
             let off = status.map(|status| f64::from(status >> 16) / 48e3 * 100.0);
             let ended = status.is_some_and(|status| status & TRIM_ENDED != 0);
             let found = if ended { Some(100.0) } else { off };
-            Check::range("clock_recovery", "USB's oscillator off the frames", "%", 0.0..=0.25, found, |_| {
-                "the 48 MHz oscillator does not follow the host's frames".into()
-            })
+            Check::range(
+                "clock_recovery",
+                "USB's oscillator off the frames",
+                "%",
+                0.0..=0.25,
+                found,
+                |_| "the 48 MHz oscillator does not follow the host's frames",
+            )
         }
     };
     vec![source, usb, own, lsi, recovery]
@@ -207,24 +242,34 @@ pub fn clocks(measured: &Measured, hello: &Hello) -> Vec<Check> {
 /// Supply voltage and temperature from the chip's own references.
 pub fn supply(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity).filter(|code| (1..4095).contains(code)).map(f64::from);
-    let factory = get(Quantity::ReferenceFactoryCode);
+    let factory = get(ReferenceFactoryCode);
     // 1.182 to 1.232 V (DS12288, table 20) at 3.0 V.
     let range = 1600.0..=1700.0;
-    let reference = Check::range("reference", "Voltage reference at the factory", "codes", range, factory, |_| {
-        "the chip's factory values are missing or not credible".into()
-    });
-    let supply = factory.zip(get(Quantity::ReferenceCode)).map(|(at_factory, code)| FACTORY_V * at_factory / code);
+    let reference = Check::range(
+        "reference",
+        "Voltage reference at the factory",
+        "codes",
+        range,
+        factory,
+        |_| "the chip's factory values are missing or not credible",
+    );
+    let supply = factory.zip(get(ReferenceCode)).map(|(at_factory, code)| FACTORY_V * at_factory / code);
     let volts = Check::range("supply", "Analogue supply", "V", 3.13..=3.47, supply, |volts| {
         let low = if volts < 3.3 { "low" } else { "high" };
         format!("the supply is too {low}: check the USB cable, the regulator and the jumpers of VDDA")
     });
-    let (at_30, at_130) = (get(Quantity::TemperatureFactory30Code), get(Quantity::TemperatureFactory130Code));
+    let (at_30, at_130) = (get(TemperatureFactory30Code), get(TemperatureFactory130Code));
     let slope = at_30.zip(at_130).map(|(cold, hot)| (hot - cold) / 100.0).filter(|slope| *slope > 0.0);
-    let code = get(Quantity::TemperatureCode).zip(supply).map(|(code, volts)| code * volts / FACTORY_V);
+    let code = get(TemperatureCode).zip(supply).map(|(code, volts)| code * volts / FACTORY_V);
     let celsius = code.zip(at_30).zip(slope).map(|((code, cold), slope)| 30.0 + (code - cold) / slope);
-    let warm = Check::range("temperature", "Chip's temperature", "°C", 5.0..=70.0, celsius, |_| {
-        "the chip is too hot or too cold, or its sensor is not right".into()
-    });
+    let warm = Check::range(
+        "temperature",
+        "Chip's temperature",
+        "°C",
+        5.0..=70.0,
+        celsius,
+        |_| "the chip is too hot or too cold, or its sensor is not right",
+    );
     vec![reference, volts, warm]
 }
 
@@ -233,12 +278,12 @@ pub fn supply(measured: &Measured) -> Vec<Check> {
 /// compares them. Two tasks have no work then, because nothing is requested, and the USB task only answers the host's
 /// control requests.
 const PREDICTIONS: [(Quantity, &str, &str, f64); 6] = [
-    (Quantity::SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
-    (Quantity::EstimatingCycles, "work_estimating", "Cycles of estimating", 2.32e6),
-    (Quantity::TelemetryCycles, "work_telemetry", "Cycles of sending", 0.966e6),
-    (Quantity::CommandsCycles, "work_commands", "Cycles of requests", 0.0),
-    (Quantity::UsbCycles, "work_usb", "Cycles of the USB", 0.0),
-    (Quantity::SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
+    (SamplingCycles, "work_sampling", "Cycles of sampling", 1.73e6),
+    (EstimatingCycles, "work_estimating", "Cycles of estimating", 2.32e6),
+    (TelemetryCycles, "work_telemetry", "Cycles of sending", 0.966e6),
+    (CommandsCycles, "work_commands", "Cycles of requests", 0.0),
+    (UsbCycles, "work_usb", "Cycles of the USB", 0.0),
+    (SupervisingCycles, "work_supervising", "Cycles of health, lamp and watchdog", 0.0106e6),
 ];
 
 /// Maximum cycles per instruction on the chip: the pessimistic bound of the twin's model plus 50 %.
@@ -253,7 +298,8 @@ const SPARE: f64 = 1e6;
 /// Cycles of each task compared with the twin's prediction, and the load.
 pub fn work(measured: &Measured) -> Vec<Check> {
     let get = |quantity| measured.get(quantity);
-    let window_s = get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)).map(|us| f64::from(us) / 1e6);
+    let window_us = get(WorkUs).filter(|us| WORK_US.contains(us));
+    let window_s = window_us.map(|us| f64::from(us) / 1e6);
     let mut checks: Vec<Check> = PREDICTIONS
         .into_iter()
         .map(|(quantity, name, label, instructions)| {
@@ -263,9 +309,8 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             let check = Check::range(name, label, "million/s", least..=most, per_s, |found| {
                 if found < least {
                     "less than the twin needs for the same work: the work was not done, or the counter stands still"
-                        .into()
                 } else {
-                    "more than the model of the chip allows: check wait states, caches and the build".into()
+                    "more than the model of the chip allows: check wait states, caches and the build"
                 }
             });
             let predicted = match instructions {
@@ -275,11 +320,16 @@ pub fn work(measured: &Measured) -> Vec<Check> {
             Check { expected: format!("{predicted}: {}", check.expected), ..check }
         })
         .collect();
-    let idle = ratio(get(Quantity::IdleUs), get(Quantity::WorkUs).filter(|us| WORK_US.contains(us)));
+    let idle = ratio(get(IdleUs), window_us);
     let load = idle.filter(|idle| *idle <= 1.0).map(|idle| (1.0 - idle) * 100.0);
-    checks.push(Check::range("load", "Processor load at 1 kHz", "%", 0.5..=35.0, load, |_| {
-        "the processor load does not match its tasks".into()
-    }));
+    checks.push(Check::range(
+        "load",
+        "Processor load at 1 kHz",
+        "%",
+        0.5..=35.0,
+        load,
+        |_| "the processor load does not match its tasks",
+    ));
     checks
 }
 
@@ -319,7 +369,7 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     let [(noise, noise_label), (first, first_label)] = input.names();
     let codes: Vec<f64> = samples.iter().map(|sample| input.code(sample)).collect();
     let Some((first_code, rest)) = codes.split_first().filter(|(_, rest)| rest.len() >= 100) else {
-        return vec![Check::range(noise, noise_label, "codes", 0.0..=NOISE_CODES, None, |_| String::new())];
+        return vec![Check::range(noise, noise_label, "codes", 0.0..=NOISE_CODES, None, |_| "")];
     };
     let at_rail = rest.iter().filter(|code| **code <= 0.0 || **code >= RAIL).count();
     if at_rail * 2 > rest.len() {
@@ -339,17 +389,22 @@ pub fn noise(input: Input, samples: &[RawSample], sample_rate_hz: f64) -> Vec<Ch
     let found = sample_codes / WEIGHT * summed.sqrt();
     let floor = Check::range(noise, noise_label, "codes", LEAST_NOISE_CODES..=NOISE_CODES, Some(found), |found| {
         if found > NOISE_CODES {
-            "the noise is too high: check the supply, the ground, the amplifier and the input's connection".into()
+            "the noise is too high: check the supply, the ground, the amplifier and the input's connection"
         } else {
-            "the code never changes: the converter may not run".into()
+            "the code never changes: the converter may not run"
         }
     });
     let mean = rest.iter().sum::<f64>() / rest.len() as f64;
     let sigma = (rest.iter().map(|code| (code - mean).powi(2)).sum::<f64>() / rest.len() as f64).sqrt();
     let off = (first_code - mean).abs() / sigma.max(1.0);
-    let first = Check::range(first, first_label, "standard deviations off", 0.0..=FIRST_SIGMA, Some(off), |_| {
-        "the first conversions after a start are wrong".into()
-    });
+    let first = Check::range(
+        first,
+        first_label,
+        "standard deviations off",
+        0.0..=FIRST_SIGMA,
+        Some(off),
+        |_| "the first conversions after a start are wrong",
+    );
     vec![floor, first]
 }
 
@@ -390,12 +445,22 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
     });
     let allowed = FULL_HZ * (1.0 - RATE_PART)..=FULL_HZ * (1.0 + RATE_PART);
     [
-        Check::range("sample_rate", "Sample rate by the firmware's time", "Hz", allowed, sample_rate, |_| {
-            "the sampling timer runs at a wrong rate: please report it".into()
-        }),
-        Check::range("frames_lost", "Frames lost or damaged at 4 kHz", "", 0.0..=0.0, Some(bad_frames as f64), |_| {
-            "the link or the host does not keep up: try another port, cable or hub".into()
-        }),
+        Check::range(
+            "sample_rate",
+            "Sample rate by the firmware's time",
+            "Hz",
+            allowed,
+            sample_rate,
+            |_| "the sampling timer runs at a wrong rate: please report it",
+        ),
+        Check::range(
+            "frames_lost",
+            "Frames lost or damaged at 4 kHz",
+            "",
+            0.0..=0.0,
+            Some(bad_frames as f64),
+            |_| "the link or the host does not keep up: try another port, cable or hub",
+        ),
         Check::range(
             "samples_lost",
             "Samples lost at 4 kHz",
@@ -404,16 +469,15 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
             Some(missing as f64),
             // A frame that is lost on the way leaves a gap in the sequence of frames.
             |_| match (bad_frames, overruns) {
-                (0, _) => "the sampler itself lost them: see its overruns".into(),
-                (_, Some(0.0)) => "the link does not keep up: see the frames".into(),
-                _ => "the sampler or the link does not keep up".into(),
+                (0, _) => "the sampler itself lost them: see its overruns",
+                (_, Some(0.0)) => "the link does not keep up: see the frames",
+                _ => "the sampler or the link does not keep up",
             },
         ),
         // The board counts them together, and says which kind it was once only, possibly long ago.
         Check::range("overruns", "Sampler overruns since the start", "", 0.0..=0.0, overruns, |_| {
             "a DMA transfer was lost, samples were overwritten before they were read, or another trigger than the \
              sampling clock starts the converters, which the test with jumpers tells: please report it"
-                .into()
         }),
         Check::range(
             "throughput",
@@ -421,7 +485,7 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
             "KB",
             10.0..=1000.0,
             bytes_rate,
-            |_| "the number of bytes does not match 4000 samples per second".into(),
+            |_| "the number of bytes does not match 4000 samples per second",
         ),
     ]
 }

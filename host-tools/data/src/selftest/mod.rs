@@ -67,13 +67,13 @@ pub struct Check {
 
 impl Check {
     /// A check that a number lies in a range; a number that is not finite fails.
-    pub fn range(
+    pub fn range<S: Into<String>>(
         name: impl Into<Cow<'static, str>>,
         label: &'static str,
         unit: &'static str,
         range: std::ops::RangeInclusive<f64>,
         found: Option<f64>,
-        cause: impl FnOnce(f64) -> String,
+        cause: impl FnOnce(f64) -> S,
     ) -> Self {
         let expected = match (*range.start(), *range.end()) {
             (least, most) if least == most => three_digits(least),
@@ -83,8 +83,8 @@ impl Check {
         };
         let found = found.filter(|value| value.is_finite());
         let cause = match found {
-            Some(value) => (!range.contains(&value)).then(|| cause(value)),
-            None => Some("the board did not report it".into()),
+            Some(value) => (!range.contains(&value)).then(|| cause(value).into()),
+            None => Some("the board did not report it".to_owned()),
         };
         Self { found: found.map(three_digits), unit, ..Self::words(name, label, expected, "", cause) }
     }
@@ -95,16 +95,16 @@ impl Check {
         label: &'static str,
         expected: impl Into<String>,
         found: impl Into<String>,
-        cause: Option<String>,
+        cause: Option<impl Into<String>>,
     ) -> Self {
         let verdict = if cause.is_some() { Verdict::Fail } else { Verdict::Pass };
         let (expected, found) = (expected.into(), Some(found.into()));
-        Self { name: name.into(), label, expected, found, unit: "", verdict, reason: cause }
+        Self { name: name.into(), label, expected, found, unit: "", verdict, reason: cause.map(Into::into) }
     }
 
     /// A check that was skipped.
     pub fn skipped(name: impl Into<Cow<'static, str>>, label: &'static str, reason: impl Into<String>) -> Self {
-        Self { found: None, verdict: Verdict::Skipped, ..Self::words(name, label, "", "", Some(reason.into())) }
+        Self { found: None, verdict: Verdict::Skipped, ..Self::words(name, label, "", "", Some(reason)) }
     }
 
     /// One line for a person.
@@ -148,13 +148,13 @@ pub struct SelfTest {
 impl SelfTest {
     /// How many checks have this verdict.
     pub fn count(&self, verdict: Verdict) -> usize {
-        self.checks.iter().filter(|check| check.verdict == verdict).count()
+        self.labels(verdict).count()
     }
 
     /// Labels of the failed checks; one that explains others comes first.
     pub fn failed(&self) -> Vec<&'static str> {
         let cause = self.cause().map(|check| check.label);
-        let others = self.labels(Verdict::Fail).into_iter().filter(|label| Some(*label) != cause);
+        let others = self.labels(Verdict::Fail).filter(|label| Some(*label) != cause);
         cause.into_iter().chain(others).collect()
     }
 
@@ -167,15 +167,15 @@ impl SelfTest {
     }
 
     /// Labels of the checks that have this verdict.
-    fn labels(&self, verdict: Verdict) -> Vec<&'static str> {
-        self.checks.iter().filter(|check| check.verdict == verdict).map(|check| check.label).collect()
+    fn labels(&self, verdict: Verdict) -> impl Iterator<Item = &'static str> {
+        self.checks.iter().filter(move |check| check.verdict == verdict).map(|check| check.label)
     }
 
     /// The counts in one line, with the labels of what was skipped, because nothing is known about it, and the likely
     /// cause of what failed together.
     pub fn summary(&self) -> String {
         let [passed, failed] = [Verdict::Pass, Verdict::Fail].map(|verdict| self.count(verdict));
-        let skipped = self.labels(Verdict::Skipped);
+        let skipped: Vec<_> = self.labels(Verdict::Skipped).collect();
         let names = if skipped.is_empty() { String::new() } else { format!(" ({})", skipped.join(", ")) };
         let cause = self.cause().and_then(|check| check.reason.as_ref());
         let cause = cause.map(|reason| format!("; likely cause: {reason}")).unwrap_or_default();

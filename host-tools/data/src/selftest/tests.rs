@@ -2,22 +2,19 @@ use super::{
     judge::{Input, Start, Streamed, chip, clocks, noise, restart, restored, same, supply, throughput, work},
     *,
 };
+use crate::fixtures;
 use inerter_core::{RawSample, Settings};
 use inerter_needs::Random;
-use inerter_wire::{Capabilities, ClockSource, Health, MAX_FIGURES, Measure, Quantity, ResetCause, WIRE_VERSION};
+use inerter_wire::{
+    Capabilities, ClockSource, Health, MAX_FIGURES, Measure,
+    Quantity::{self, *},
+    ResetCause,
+};
 use proptest::prelude::*;
 
 fn hello() -> Hello {
-    Hello {
-        wire_version: WIRE_VERSION,
-        firmware: Hello::text("inerter 0.1.0"),
-        git: Hello::text("0123abcd"),
-        board: Hello::text("nucleo-g474re"),
-        serial: Hello::text("205735883537"),
-        sample_rate_hz: 1000.0,
-        clock: ClockSource::Crystal,
-        capabilities: Capabilities::MEASURE.with_flash_kb(512),
-    }
+    let capabilities = Capabilities::MEASURE.with_flash_kb(512);
+    Hello { clock: ClockSource::Crystal, capabilities, ..fixtures::hello("205735883537") }
 }
 
 fn measured(what: Measure, figures: &[(Quantity, u32)]) -> Measured {
@@ -26,16 +23,22 @@ fn measured(what: Measure, figures: &[(Quantity, u32)]) -> Measured {
     measured
 }
 
+/// The same with another value of one quantity.
+fn with(mut measured: Measured, quantity: Quantity, value: u32) -> Measured {
+    measured.figures.iter_mut().filter(|figure| figure.quantity == quantity as u8).for_each(|f| f.value = value);
+    measured
+}
+
 fn good_chip() -> Measured {
     measured(
         Measure::Chip,
         &[
-            (Quantity::DeviceId, 0x2003_6469),
-            (Quantity::FlashKb, 512),
-            (Quantity::OptionBytes, 0xFFEF_FCAA),
-            (Quantity::OptionBytesWanted, 0xFFEF_FCAA),
-            (Quantity::StackBytes, 50_000),
-            (Quantity::StackFreeBytes, 40_000),
+            (DeviceId, 0x2003_6469),
+            (FlashKb, 512),
+            (OptionBytes, 0xFFEF_FCAA),
+            (OptionBytesWanted, 0xFFEF_FCAA),
+            (StackBytes, 50_000),
+            (StackFreeBytes, 40_000),
         ],
     )
 }
@@ -46,15 +49,15 @@ fn clocks_off(ppm: f64) -> Measured {
     measured(
         Measure::Clocks,
         &[
-            (Quantity::CoreHz, 168_000_000),
-            (Quantity::UsbFrames, 1001),
-            (Quantity::UsbFramesCycles, cycles(168_168_000.0)),
-            (Quantity::LsiPeriods, 128),
-            (Quantity::LsiPeriodsCycles, cycles(672_000.0)),
-            (Quantity::ClockUs, 1_001_000),
-            (Quantity::ClockUsCycles, 168_168_000),
-            (Quantity::ClockControl, 1 << 17 | 1 << 25),
-            (Quantity::RecoveryStatus, 30 << 16 | 1),
+            (CoreHz, 168_000_000),
+            (UsbFrames, 1001),
+            (UsbFramesCycles, cycles(168_168_000.0)),
+            (LsiPeriods, 128),
+            (LsiPeriodsCycles, cycles(672_000.0)),
+            (ClockUs, 1_001_000),
+            (ClockUsCycles, 168_168_000),
+            (ClockControl, 1 << 17 | 1 << 25),
+            (RecoveryStatus, 30 << 16 | 1),
         ],
     )
 }
@@ -63,11 +66,11 @@ fn good_supply() -> Measured {
     measured(
         Measure::Supply,
         &[
-            (Quantity::ReferenceCode, 1504),
-            (Quantity::ReferenceFactoryCode, 1655),
-            (Quantity::TemperatureCode, 939),
-            (Quantity::TemperatureFactory30Code, 1037),
-            (Quantity::TemperatureFactory130Code, 1378),
+            (ReferenceCode, 1504),
+            (ReferenceFactoryCode, 1655),
+            (TemperatureCode, 939),
+            (TemperatureFactory30Code, 1037),
+            (TemperatureFactory130Code, 1378),
         ],
     )
 }
@@ -76,16 +79,20 @@ fn good_work() -> Measured {
     measured(
         Measure::Work,
         &[
-            (Quantity::WorkUs, 1_000_100),
-            (Quantity::IdleUs, 880_000),
-            (Quantity::SamplingCycles, 3_000_000),
-            (Quantity::EstimatingCycles, 7_000_000),
-            (Quantity::TelemetryCycles, 2_500_000),
-            (Quantity::CommandsCycles, 3_000),
-            (Quantity::UsbCycles, 20_000),
-            (Quantity::SupervisingCycles, 90_000),
+            (WorkUs, 1_000_100),
+            (IdleUs, 880_000),
+            (SamplingCycles, 3_000_000),
+            (EstimatingCycles, 7_000_000),
+            (TelemetryCycles, 2_500_000),
+            (CommandsCycles, 3_000),
+            (UsbCycles, 20_000),
+            (SupervisingCycles, 90_000),
         ],
     )
+}
+
+fn test_of(checks: Vec<Check>) -> SelfTest {
+    SelfTest { hello: hello(), port: "p".into(), begun_ns: 0, checks, measured: vec![], skew: None }
 }
 
 /// Names of the failed checks.
@@ -93,16 +100,17 @@ fn failed(checks: &[Check]) -> Vec<String> {
     checks.iter().filter(|check| check.verdict == Verdict::Fail).map(|check| check.name.to_string()).collect()
 }
 
-fn all(hello: &Hello, figures: &Measured) -> Vec<Check> {
-    [chip(figures, hello), clocks(figures, hello), supply(figures), work(figures)].concat()
+fn all(figures: &Measured) -> [Vec<Check>; 4] {
+    let hello = hello();
+    [chip(figures, &hello), clocks(figures, &hello), supply(figures), work(figures)]
 }
 
 #[test]
 fn a_good_board_passes() {
     let hello = hello();
-    let checks =
-        [chip(&good_chip(), &hello), clocks(&clocks_off(20.0), &hello), supply(&good_supply()), work(&good_work())];
-    for checks in &checks {
+    for checks in
+        [chip(&good_chip(), &hello), clocks(&clocks_off(20.0), &hello), supply(&good_supply()), work(&good_work())]
+    {
         assert!(checks.iter().all(|check| check.verdict == Verdict::Pass), "{checks:#?}");
     }
 }
@@ -127,46 +135,37 @@ fn a_clock_that_is_off_is_named() {
 
 #[test]
 fn each_fault_of_a_chip_is_named() {
-    let with = |quantity: Quantity, value: u32| {
-        let mut measured = good_chip();
-        measured.figures.iter_mut().filter(|figure| figure.quantity == quantity as u8).for_each(|f| f.value = value);
-        failed(&chip(&measured, &hello()))
-    };
-    assert_eq!(with(Quantity::DeviceId, 0x2003_6468), ["chip"]);
-    assert_eq!(with(Quantity::FlashKb, 128), ["flash", "flash_told"]);
-    assert_eq!(with(Quantity::OptionBytes, 0xFFEF_F8AA), ["option_bytes"]);
-    assert_eq!(with(Quantity::StackFreeBytes, 1000), ["stack"]);
-    assert_eq!(with(Quantity::StackFreeBytes, 60_000), ["stack"]);
-    assert_eq!(with(Quantity::StackBytes, 0), ["stack"]);
+    let with = |quantity, value| failed(&chip(&with(good_chip(), quantity, value), &hello()));
+    assert_eq!(with(DeviceId, 0x2003_6468), ["chip"]);
+    assert_eq!(with(FlashKb, 128), ["flash", "flash_told"]);
+    assert_eq!(with(OptionBytes, 0xFFEF_F8AA), ["option_bytes"]);
+    assert_eq!(with(StackFreeBytes, 1000), ["stack"]);
+    assert_eq!(with(StackFreeBytes, 60_000), ["stack"]);
+    assert_eq!(with(StackBytes, 0), ["stack"]);
 }
 
 #[test]
 fn supply_and_work_have_two_sides() {
-    let with = |good: Measured, quantity: Quantity, value: u32| {
-        let mut measured = good;
-        measured.figures.iter_mut().filter(|figure| figure.quantity == quantity as u8).for_each(|f| f.value = value);
-        measured
-    };
     for code in [1300, 1700] {
         assert!(
-            failed(&supply(&with(good_supply(), Quantity::ReferenceCode, code))).iter().any(|name| name == "supply"),
+            failed(&supply(&with(good_supply(), ReferenceCode, code))).iter().any(|name| name == "supply"),
             "{code}"
         );
     }
-    assert_eq!(failed(&supply(&with(good_supply(), Quantity::TemperatureCode, 1400))), ["temperature"]);
+    assert_eq!(failed(&supply(&with(good_supply(), TemperatureCode, 1400))), ["temperature"]);
     for cycles in [0, 100_000_000] {
-        assert_eq!(failed(&work(&with(good_work(), Quantity::EstimatingCycles, cycles))), ["work_estimating"]);
+        assert_eq!(failed(&work(&with(good_work(), EstimatingCycles, cycles))), ["work_estimating"]);
     }
-    assert_eq!(failed(&work(&with(good_work(), Quantity::IdleUs, 500_000))), ["load"]);
+    assert_eq!(failed(&work(&with(good_work(), IdleUs, 500_000))), ["load"]);
     let expected = work(&good_work()).into_iter().map(|check| check.expected);
     let beside_the_twin = ["twin 1.73: 0.692 to 8.79", "twin 2.32: 0.928 to 11.4", "twin 0.966: 0.386 to 5.35"];
     assert_eq!(expected.take(5).collect::<Vec<_>>(), [&beside_the_twin[..], &["no work: 0 to 1.00"; 2]].concat());
     // Zero time, or so long that the counters may have wrapped.
     for us in [0, 26_000_000, u32::MAX] {
-        assert_eq!(failed(&work(&with(good_work(), Quantity::WorkUs, us))).len(), 7, "{us}");
+        assert_eq!(failed(&work(&with(good_work(), WorkUs, us))).len(), 7, "{us}");
     }
     // A negative remainder.
-    assert_eq!(failed(&work(&with(good_work(), Quantity::UsbCycles, u32::MAX - 40))), ["work_usb"]);
+    assert_eq!(failed(&work(&with(good_work(), UsbCycles, u32::MAX - 40))), ["work_usb"]);
 }
 
 #[test]
@@ -229,8 +228,10 @@ fn noise_is_that_of_a_conversion_at_any_rate() {
     assert!(checks.iter().all(|check| check.verdict == Verdict::Skipped), "{checks:?}");
     let is_dead = |checks: &[Check]| checks.iter().all(|check| check.line().contains("not judged: constant"));
     assert!(is_dead(&checks), "{checks:?}");
-    let test = SelfTest { hello: hello(), port: "p".into(), begun_ns: 0, checks, measured: vec![], skew: None };
-    assert_eq!(test.summary(), "0 passed, 0 failed, 2 skipped (Noise of the terminal input, First terminal sample)");
+    assert_eq!(
+        test_of(checks).summary(),
+        "0 passed, 0 failed, 2 skipped (Noise of the terminal input, First terminal sample)"
+    );
     // A code that leaves the rail shows that the converter runs.
     first[7].terminal_code = 64;
     let checks = noise(Input::Terminal, &first, 1000.0);
@@ -307,7 +308,7 @@ fn the_check_that_explains_others_comes_first_and_its_cause_is_in_the_summary() 
             Check::words(name, name, "", "", cause)
         };
         let checks = Vec::from(names.map(check));
-        SelfTest { hello: hello(), port: "p".into(), begun_ns: 0, checks, measured: vec![], skew: None }
+        test_of(checks)
     };
     for (failed, first, named) in [
         (&["samples_lost", "overruns", "sampling"][..], "sampling", Some("sampling")),
@@ -342,7 +343,7 @@ fn settings_that_are_not_kept_or_not_restored_fail() {
 
 #[test]
 fn a_board_that_tells_nothing_fails_everything_it_can() {
-    let checks = all(&hello(), &Measured::new(Measure::Chip));
+    let checks = all(&Measured::new(Measure::Chip)).concat();
     assert!(checks.iter().all(|check| check.verdict != Verdict::Pass), "{checks:#?}");
 }
 
@@ -352,11 +353,10 @@ proptest! {
     fn nonsense_does_not_pass(figures in prop::collection::vec((any::<u8>(), any::<u32>()), 0..=MAX_FIGURES)) {
         let figures = figures.iter().map(|&(quantity, value)| Figure { quantity: quantity % 40, value }).collect();
         let measured = Measured { what: Measure::Work, figures };
-        let hello = hello();
-        for checks in [chip(&measured, &hello), clocks(&measured, &hello), supply(&measured), work(&measured)] {
+        for checks in all(&measured) {
             prop_assert!(!failed(&checks).is_empty());
         }
-        let test = SelfTest { hello, port: "p".into(), begun_ns: 0, checks: vec![], measured: vec![measured], skew: None };
+        let test = SelfTest { measured: vec![measured], ..test_of(vec![]) };
         prop_assert!(!test.json().to_string().contains("NaN"));
     }
 

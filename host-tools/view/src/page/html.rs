@@ -202,7 +202,7 @@ pub(crate) fn notes_of(content: &Content) -> Vec<String> {
         .map(|(t_s, warning)| format!("At {t_s:.2} s {}.", causes::warning_words(machine, warning.kind)));
     let unseen =
         content.unseen.iter().map(|kind| format!("Over the whole run {}.", causes::warning_words(machine, *kind)));
-    let is_told = |code: &str| content.unseen.iter().any(|kind| causes::Cause::Samples(*kind).name() == code);
+    let is_told = |code: &str| content.unseen.iter().any(|kind| causes::warning_name(*kind) == code);
     let is_of_law = |code: &str| content.replayed.causes.iter().any(|cause| cause.kind.name() == code);
     let remarks =
         content.replayed.remarks().filter(|(code, _)| !is_told(code)).map(|(code, words)| match is_of_law(code) {
