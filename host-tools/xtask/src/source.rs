@@ -14,9 +14,14 @@ pub fn parse(file: &Path) -> Result<syn::File> {
     })
 }
 
+/// Whether the token is this punctuation mark.
+pub fn is_mark(token: &TokenTree, mark: char) -> bool {
+    matches!(token, TokenTree::Punct(punct) if punct.as_char() == mark)
+}
+
 /// The tokens, without the attributes that documentation becomes. A group gives its delimiter and "end"; `#!` is one.
 pub fn code(tokens: TokenStream) -> Vec<String> {
-    let is_inner = |token: &TokenTree| matches!(token, TokenTree::Punct(mark) if mark.as_char() == '!');
+    let is_inner = |token: &TokenTree| is_mark(token, '!');
     let is_documentation = |token: &TokenTree| match token {
         TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
             matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
@@ -27,7 +32,7 @@ pub fn code(tokens: TokenStream) -> Vec<String> {
     let mut tokens = tokens.into_iter().peekable();
     while let Some(token) = tokens.next() {
         match token {
-            TokenTree::Punct(mark) if mark.as_char() == '#' => {
+            token if is_mark(&token, '#') => {
                 let mark = tokens.next_if(is_inner).map_or("#", |_| "#!");
                 if tokens.next_if(is_documentation).is_none() {
                     code.push(mark.to_owned());
