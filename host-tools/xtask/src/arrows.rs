@@ -5,8 +5,8 @@
 //! directly or through others ([`imports`]).
 
 use crate::{
-    imports, process, tree,
-    workspace::{Member, Workspace},
+    imports, tree,
+    workspace::{self, Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -234,10 +234,7 @@ fn missing_faults(workspace: &Workspace) -> Vec<String> {
 /// Packages that a member must not pull in, on any system.
 fn never_faults(member: &Member) -> Result<Vec<String>> {
     let Some(law) = law(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
-    let mut command = process::cargo();
-    command.current_dir(&member.folder).args(["tree", "--locked", "--package", law.member]);
-    command.args(["--edges", "normal", "--target", "all", "--prefix", "none", "--format", "{p}"]);
-    let printed = process::output(&mut command)?;
+    let printed = workspace::packages(&member.folder, "normal", &["--package", law.member, "--target", "all"])?;
     let found = forbidden(&law.never.concat(), &printed);
     Ok(found
         .into_iter()

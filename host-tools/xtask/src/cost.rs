@@ -114,9 +114,7 @@ const LINKED: &str = "normal,build";
 
 /// How many packages are compiled, by name and version.
 fn crates(edges: &str, arguments: &[&str]) -> Result<usize> {
-    let mut tree = process::cargo();
-    tree.args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
-    Ok(distinct(&process::output(tree.args(arguments))?))
+    Ok(distinct(&workspace::packages(&tree::root(), edges, arguments)?))
 }
 
 /// Lines of `cargo tree`, each package once.

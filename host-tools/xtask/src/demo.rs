@@ -19,11 +19,11 @@ pub fn run(options: &Options) -> Result<()> {
     process::heading("set-up");
     setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
     process::heading("building the firmware");
-    let image = firmware::build(Image::Qemu)?;
+    let image = firmware::build(Image::QEMU)?;
     process::heading("building the programs");
     process::run(process::cargo().args(["build", "--package", "inerter-demo"]))?;
     let mut command = process::cargo();
     command.args(["run", "--quiet", "--package", "inerter-demo", "--"]);
-    command.args(&options.arguments).env(Image::Qemu.variable(), &image);
+    command.args(&options.arguments).env(Image::QEMU.variable, &image);
     process::run(&mut command).context("the demo failed")
 }

@@ -53,7 +53,7 @@ pub struct Rate {
 
 /// Compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
-    let image = firmware::build(Image::Qemu)?;
+    let image = firmware::build(Image::QEMU)?;
     let report = measure(&image)?;
     let table = Table {
         name: "icount",
@@ -82,9 +82,9 @@ fn rows(report: &Report) -> Vec<Row> {
         rows.extend([
             row("sample: mean", rate.sample[0]),
             row("sample: most", rate.sample[1]),
-            match rate.sample_rate_hz {
-                4000.0 => row("sample with backlash: mean", rate.contact[0]).at_most(SAMPLE_GOAL),
-                _ => row("sample with backlash: mean", rate.contact[0]),
+            Row {
+                goal: (rate.sample_rate_hz == 4000.0).then_some(SAMPLE_GOAL),
+                ..row("sample with backlash: mean", rate.contact[0])
             },
             row("sample with backlash: most", rate.contact[1]),
             row("reversal", rate.reversal),

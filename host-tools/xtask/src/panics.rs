@@ -49,7 +49,7 @@ struct Branches {
 
 /// Builds the shipping image and checks it.
 pub fn run() -> Result<()> {
-    let path = firmware::build(Image::Board)?;
+    let path = firmware::build(Image::BOARD)?;
     let image = Program::read(&tree::read(&path)?).with_context(|| format!("{} is not an image", path.display()))?;
     let faults = image.faults();
     for fault in &faults {
@@ -104,12 +104,8 @@ impl Program {
             at.insert(address, functions.len());
             functions.push(Function { name, code, address, constants });
         }
-        let mut named = Vec::new();
-        for section in file.sections() {
-            if section.address() != 0 {
-                named.extend(paths(section.data().unwrap_or_default()));
-            }
-        }
+        let sections = file.sections().filter(|section| section.address() != 0);
+        let named = sections.flat_map(|section| paths(section.data().unwrap_or_default())).collect();
         Ok(Self { functions, at, named, allocators })
     }
 

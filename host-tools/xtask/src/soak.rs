@@ -146,7 +146,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
 
 fn image() -> Result<PathBuf> {
     setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
-    firmware::build(Image::Qemu)
+    firmware::build(Image::QEMU)
 }
 
 fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Result<Vec<Row>> {
@@ -213,11 +213,13 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
 
     let mut rows: Vec<Row> = watched.iter().flat_map(memory).collect();
     let count = |name: &str, count: &AtomicU64| Row::new(name, count.load(Ordering::Relaxed) as f64, "");
-    rows.push(count("lines of the monitor", &seen.lines));
-    rows.push(count("lines of the monitor that report a loss", &seen.losses).at_most(0.0));
-    rows.push(count("bytes that the page was sent", &seen.page));
-    rows.push(count("bytes that Foxglove was sent", &seen.foxglove));
-    rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
+    rows.extend([
+        count("lines of the monitor", &seen.lines),
+        count("lines of the monitor that report a loss", &seen.losses).at_most(0.0),
+        count("bytes that the page was sent", &seen.page),
+        count("bytes that Foxglove was sent", &seen.foxglove),
+        count("datagrams to Teleplot and PlotJuggler", &seen.datagrams),
+    ]);
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
         ensure!(views.load(Ordering::Relaxed) > 0, "one of the views received nothing");
     }

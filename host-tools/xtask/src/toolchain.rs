@@ -72,6 +72,14 @@ impl Toolchain {
         }
         cargo
     }
+
+    /// Lints of the firmware's target, none of which may warn; unsafe code must say why it is sound.
+    pub fn clippy(&self, arguments: &[&str]) -> Command {
+        let mut clippy = self.cargo("clippy");
+        clippy.arg("--locked").args(arguments);
+        clippy.args(["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"]);
+        clippy
+    }
 }
 
 fn has_target(rustc: &mut Command) -> bool {

@@ -96,6 +96,24 @@ pub fn skipped_list() -> Result<PathBuf> {
     Ok(target()?.join("skipped.txt"))
 }
 
+/// What `cargo metadata` reports of the workspace in a folder and of all packages that its lock file names.
+pub fn metadata(folder: &Path) -> Result<Value> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(folder).args(["metadata", "--format-version", "1", "--locked"]);
+    parsed(&process::output(&mut cargo)?)
+}
+
+fn parsed(json: &str) -> Result<Value> {
+    serde_json::from_str(json).context("`cargo metadata` printed no JSON")
+}
+
+/// What `cargo tree` lists in a folder: a line for each package, name and version first; some come again.
+pub fn packages(folder: &Path, edges: &str, arguments: &[&str]) -> Result<String> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(folder).args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
+    process::output(cargo.args(arguments))
+}
+
 /// One member of a workspace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Member {
@@ -146,7 +164,7 @@ impl Workspace {
 
     /// Reads the JSON of `cargo metadata`.
     pub fn parse(json: &str) -> Result<Self> {
-        let value: Value = serde_json::from_str(json).context("`cargo metadata` printed no JSON")?;
+        let value = parsed(json)?;
         let members = array(&value, "packages")?.iter().map(member).collect::<Result<Vec<_>>>()?;
         Ok(Self { members, target: text(&value, "target_directory")?.into() })
     }
