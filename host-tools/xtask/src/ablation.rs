@@ -55,7 +55,7 @@ struct Row {
     test: Option<&'static str>,
 }
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Write the table instead of comparing with it
     #[arg(long)]
@@ -90,9 +90,8 @@ fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
     copy::written(&folder.join("program/Cargo.toml"), PROGRAM.as_bytes())?;
     copy::written(&folder.join("Cargo.toml"), workspace(&tree::text("Cargo.toml")?)?.as_bytes())?;
     tree::write(folder.join("Cargo.lock"), tree::read("Cargo.lock")?)?;
-    let mut cargo = process::cargo();
-    cargo.current_dir(folder).env("RUSTFLAGS", "-A warnings").args(["build", "--release", "--quiet"]);
-    process::run(cargo.args(["--package", "ablation", "--target-dir", "target"]))?;
+    let build = ["build", "--release", "--quiet", "--package", "ablation", "--target-dir", "target"];
+    process::run(process::cargo().current_dir(folder).env("RUSTFLAGS", "-A warnings").args(build))?;
     cells(&process::output(&mut Command::new(folder.join("target/release/ablation")))?)
 }
 

@@ -10,7 +10,7 @@ use anyhow::Result;
 use std::process::Command;
 
 /// Compare with the committed table, or write it; measuring all of it takes long.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct LongOptions {
     /// Measure only the first rig, with the device that is not worn
     #[arg(long, conflicts_with = "update")]
@@ -20,7 +20,7 @@ pub struct LongOptions {
 }
 
 /// Arguments passed on to the program.
-#[derive(clap::Args, Clone, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Arguments {
     /// Arguments of the program itself
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
@@ -51,13 +51,12 @@ pub fn with_arguments(name: &str, arguments: &Arguments) -> Result<()> {
 
 /// Runs one of them as built for the tests: optimised too, but with overflow checks.
 pub fn tested(name: &str, arguments: &[&str]) -> Result<()> {
-    let mut measure = Command::new(workspace::tested(Part::Main, "measure")?);
-    process::run(measure.arg(name).args(arguments).current_dir(tree::root()))
+    let measure = workspace::tested(Part::Main, "measure")?;
+    process::run(Command::new(measure).arg(name).args(arguments).current_dir(tree::root()))
 }
 
 /// Runs one of them built for speed, without overflow checks.
 pub fn program(part: Part, name: &str, arguments: &[&str]) -> Result<()> {
-    let mut command = part.cargo();
-    command.args(["run", "--release", "--quiet"]).args(part.features()).args(["--bin", name, "--"]);
-    process::run(command.args(arguments))
+    let run = ["run", "--release", "--quiet"];
+    process::run(part.cargo().args(run).args(part.features()).args(["--bin", name, "--"]).args(arguments))
 }

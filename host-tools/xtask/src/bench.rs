@@ -5,7 +5,7 @@ use crate::{
     workspace::{self, Part},
 };
 use anyhow::Result;
-use std::{path::Path, process::Command};
+use std::path::Path;
 
 /// The packages in the comparison, as Python imports them.
 const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
@@ -13,7 +13,7 @@ const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
 /// Their versions.
 const REQUIREMENTS: &str = "tests/python/requirements.txt";
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Leave out the Python packages
     #[arg(long)]
@@ -36,10 +36,8 @@ pub fn run(options: &Options) -> Result<()> {
     let compared = if options.no_python {
         Err(anyhow::anyhow!("left out by --no-python"))
     } else {
-        python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true).and_then(|python| {
-            let script = tree::root().join("tests/python/bench_rivals.py");
-            process::run(Command::new(python).arg(script).arg(&regressors).arg(&rivals))
-        })
+        python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)
+            .and_then(|python| process::run(python::script(&python, "bench_rivals.py").args([&regressors, &rivals])))
     };
     match compared {
         Ok(()) => arguments.extend(["--python".to_owned(), path(&rivals)]),
@@ -65,12 +63,7 @@ pub fn identify() -> Result<()> {
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
     accuracy::program(Part::Main, "measure", &["identify", "--bench", &path])?;
-    let script = tree::root().join("tests/python/identify_scipy.py");
-    process::run(
-        Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
-            .arg(script)
-            .arg(&problem)
-            .arg(MOST_S.to_string()),
-    )?;
+    let python = python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?;
+    process::run(python::script(&python, "identify_scipy.py").arg(&problem).arg(MOST_S.to_string()))?;
     accuracy::program(Part::Main, "measure", &["identify", "--compare", &path, &FASTER.to_string()])
 }

@@ -13,7 +13,7 @@ use crate::{
 use anyhow::{Context, Result, ensure};
 use std::{collections::BTreeMap, path::Path, process::Command};
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// One campaign; by default all of them, one after another
     pub campaign: Option<String>,

@@ -121,12 +121,15 @@ fn executable(messages: &str, name: &str) -> Option<PathBuf> {
 pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> {
     setup::ensure(&[setup::Need::System(&setup::ARM_QEMU)], false)?;
     let semihosting = format!("enable=on,target=native,arg={}", [&["inerter"][..], arguments].concat().join(",arg="));
-    let mut command = Command::new(setup::QEMU);
-    // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes while the
-    // image sleeps.
-    command.args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"]);
-    command.args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"]).arg(image);
-    process::output_within(&mut command, limit)
+    process::output_within(
+        Command::new(setup::QEMU)
+            .args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"])
+            // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes
+            // while the image sleeps.
+            .args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"])
+            .arg(image),
+        limit,
+    )
 }
 
 #[cfg(test)]

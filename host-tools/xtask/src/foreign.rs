@@ -36,8 +36,8 @@ pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
         // A file that has not changed stays untouched, so that cargo does not rebuild it.
         copy::written(&to.join(file.strip_prefix(&from)?), &tree::read(&file)?)?;
     }
-    let mut command = at(toolchain.cargo("build"));
-    process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("foreign programs")?;
+    process::run(at(toolchain.cargo("build")).args(["--workspace", "--release", "--locked", "--quiet"]))
+        .context("foreign programs")?;
     Ok(target.join(FIRMWARE_TARGET).join("release"))
 }
 

@@ -69,7 +69,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows: rows(&report),
         repeats: true,
     };
-    table.settle(*options)
+    table.settle(options)
 }
 
 fn rows(report: &Report) -> Vec<Row> {

@@ -28,7 +28,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Test this package alone: core, wire or app
     package: Option<String>,

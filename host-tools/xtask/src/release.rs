@@ -30,7 +30,7 @@ use std::{
     path::Path,
 };
 
-#[derive(clap::Args, Clone, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Fail unless this is the tag of the version, such as v0.1.0
     #[arg(long)]
@@ -107,10 +107,13 @@ fn materials(
     linked: &BTreeSet<(String, String)>,
 ) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
-    let mut command = CYCLONE_DX.command()?;
-    command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target]);
-    command.args(["--override-filename", LEFT, "--manifest-path"]).arg(member.folder.join("Cargo.toml"));
-    let done = process::run(&mut command);
+    let done = process::run(
+        CYCLONE_DX
+            .command()?
+            .args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target])
+            .args(["--override-filename", LEFT, "--manifest-path"])
+            .arg(member.folder.join("Cargo.toml")),
+    );
     let left = |folder: &Path| folder.join(format!("{LEFT}.json"));
     let text = fs::read_to_string(left(&member.folder));
     for member in &workspace.members {

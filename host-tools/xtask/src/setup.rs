@@ -23,7 +23,7 @@ const GUEST_QEMU: &str = "qemu-system-x86_64";
 /// Oldest QEMU whose netduinoplus2 runs the image.
 const QEMU_LEAST: u32 = 6;
 
-#[derive(clap::Args, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Say what is missing without installing it
     #[arg(long)]

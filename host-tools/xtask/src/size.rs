@@ -78,7 +78,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows,
         repeats: true,
     };
-    table.settle(*options)
+    table.settle(options)
 }
 
 fn rows(image: &str, sizes: &Sizes) -> Vec<Row> {

@@ -48,7 +48,7 @@ const REPLAYED_S: f64 = 300.0;
 /// The programs' standard error.
 const WORDS: &str = "words.txt";
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// How long, in hours; 3 minutes by default
     #[arg(long, default_value_t = Self::USUAL.hours)]

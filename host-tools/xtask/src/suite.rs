@@ -21,7 +21,7 @@ use std::{
 use Outcome::{Failed, Passed, Skipped};
 use When::{Always, Full, NotQuick, Quick};
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Only formatting, imports, lints, unit tests and the estimator's closed loop, for use between edits
     #[arg(long)]
@@ -376,9 +376,8 @@ fn lint_all(command: &mut Command) -> Result<()> {
 }
 
 fn lint_one(package: &str, features: &[&str]) -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["clippy", "--locked", "--package", package]).args(features);
-    process::run(command.args(["--", "--deny", "warnings"]))
+    let clippy = ["clippy", "--locked", "--package", package];
+    process::run(process::cargo().args(clippy).args(features).args(["--", "--deny", "warnings"]))
 }
 
 fn lint_firmware() -> Result<()> {

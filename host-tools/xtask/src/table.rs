@@ -12,7 +12,7 @@ use std::{fmt::Write, fs, path::PathBuf};
 pub const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Write the table instead of comparing with it
     #[arg(long)]
@@ -102,7 +102,7 @@ impl Table {
     }
 
     /// Prints the table, then writes it or compares it with the committed one.
-    pub fn settle(&self, options: Options) -> Result<()> {
+    pub fn settle(&self, options: &Options) -> Result<()> {
         self.print();
         if options.update {
             return self.write();

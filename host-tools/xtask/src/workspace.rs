@@ -212,9 +212,8 @@ pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
 
 /// The host program as a user installs it, except for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
-    let mut build = process::cargo();
-    build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/lean"]);
-    process::run(build.args(["--quiet", "--bin", "inerter", "--release"]))?;
+    let lean = ["build", "--package", "inerter", "--no-default-features", "--features", "inerter/lean"];
+    process::run(process::cargo().args(lean).args(["--quiet", "--bin", "inerter", "--release"]))?;
     program("inerter", "release")
 }
 
