@@ -123,7 +123,7 @@ fn run() -> Result<bool, Error> {
     let mut outcomes = Vec::new();
     for (number, test) in TESTS.iter().enumerate() {
         println!("\n[{}/{}] {}", number + 1, TESTS.len(), test.title);
-        outcomes.push(shake(test, test.device, speed, &image, &folder)?);
+        outcomes.push(shake(test, speed, &image, &folder)?);
     }
     print!("{}", summary(&outcomes));
     println!("pages of the runs: {}", pages(&outcomes, &folder)?.display());
@@ -131,10 +131,10 @@ fn run() -> Result<bool, Error> {
 }
 
 /// One run, from the boot of the image to the replay of its recording.
-fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
+fn shake(test: &Test, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
-    let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
+    let setup = Setup::new(test.device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
     let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()), || false)?;
     let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
     let alive = || Ok::<(), Error>(qemu.check()?);
@@ -150,7 +150,7 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
 
     qemu.play(&setup, speed)?;
     let rate_hz = setup.settings.sample_rate_hz;
-    let mut screen = Screen::new(test.seconds, &device);
+    let mut screen = Screen::new(test.seconds, &test.device);
     let (mut estimates, mut backlash, mut health, mut ended) = (Vec::new(), None, None, false);
     loop {
         let received = match live.next()? {

@@ -7,7 +7,7 @@
 
 use crate::{
     commit::{UNKNOWN, commit},
-    process, tree,
+    process, table, tree,
     workspace::{self, Part},
 };
 use anyhow::{Context, Result, ensure};
@@ -141,7 +141,7 @@ struct Kept {
 impl Kept {
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
-            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let cells = table::cells(line);
             let [_, name, seed, kills, cycles, rest @ .., _] = &cells[..] else { return None };
             let [Ok(seed), Ok(kills), Ok(cycles)] = [*seed, *kills, *cycles].map(str::parse) else { return None };
             let (commit, seconds, figures) = match *rest {

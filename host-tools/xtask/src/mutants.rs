@@ -13,7 +13,7 @@
 //! days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which gives
 //! another sample.
 
-use crate::{copy, process, source, tool, tree, workspace};
+use crate::{copy, process, source, table, tool, tree, workspace};
 use anyhow::{Context, Result, anyhow, ensure};
 use proc_macro2::TokenStream;
 use sha2::{Digest, Sha256};
@@ -304,7 +304,7 @@ impl Package {
         command.args(["--", "--locked", "--"]).args(self.left_out(pass).flat_map(|name| ["--skip", name]));
         let mut command = with_limits(command);
         command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
-        let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
+        let status = process::spawn(&mut command)?.wait()?;
         // 2: some were missed, 3: some took too long.
         ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
         let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
@@ -378,11 +378,9 @@ fn code_sum(source: &str) -> Result<String> {
 }
 
 fn sum(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().take(6).fold(String::new(), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    let mut digits = format!("{:x}", Sha256::digest(bytes));
+    digits.truncate(12);
+    digits
 }
 
 fn from_root(path: &Path) -> String {
@@ -408,12 +406,11 @@ impl Record {
                 } else {
                     record.golden.entry(file.clone()).or_default().push(change.to_owned());
                 }
-            } else if let [_, name, caught, golden, survived, sum, _] = line.split('|').collect::<Vec<_>>()[..]
-                && let [Ok(caught), Ok(golden), Ok(survived)] =
-                    [caught, golden, survived].map(|cell| cell.trim().parse())
+            } else if let [_, name, caught, golden, survived, sum, _] = table::cells(line)[..]
+                && let [Ok(caught), Ok(golden), Ok(survived)] = [caught, golden, survived].map(str::parse)
             {
-                let tested = Tested { sum: sum.trim().to_owned(), caught, golden, survived };
-                record.files.insert(name.trim().trim_matches('`').to_owned(), tested);
+                let tested = Tested { sum: sum.to_owned(), caught, golden, survived };
+                record.files.insert(name.trim_matches('`').to_owned(), tested);
             }
         }
         record
@@ -452,20 +449,15 @@ impl Record {
     /// Adds the results for a file's mutants. A reason stays with the same change.
     fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
         let mut known = self.survivors.remove(file).unwrap_or_default();
-        let survivors: Vec<_> = survived
-            .into_iter()
-            .map(|change| match known.iter().position(|(other, _)| *other == change) {
-                Some(place) => known.remove(place),
-                None => (change, NO_REASON.to_owned()),
-            })
-            .collect();
-        if !survivors.is_empty() {
-            self.survivors.insert(file.to_owned(), survivors);
-        }
-        self.golden.remove(file);
-        if !golden.is_empty() {
-            self.golden.insert(file.to_owned(), golden);
-        }
+        let survivors = survived.into_iter().map(|change| match known.iter().position(|(other, _)| *other == change) {
+            Some(place) => known.remove(place),
+            None => (change, NO_REASON.to_owned()),
+        });
+        let survivors = survivors.collect();
+        self.survivors.insert(file.to_owned(), survivors);
+        self.survivors.retain(|_, changes| !changes.is_empty());
+        self.golden.insert(file.to_owned(), golden);
+        self.golden.retain(|_, changes| !changes.is_empty());
         self.files.insert(file.to_owned(), tested);
     }
 

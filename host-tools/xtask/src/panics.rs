@@ -263,6 +263,10 @@ mod tests {
         Function { name: name.into(), code: code.into(), address, constants: BTreeMap::from([(address, false)]) }
     }
 
+    fn handler() -> Function {
+        function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE])
+    }
+
     fn program(functions: Vec<Function>) -> Program {
         let at = functions.iter().enumerate().map(|(place, function)| (function.address, place)).collect();
         Program { functions, at, named: Vec::new(), allocators: Vec::new() }
@@ -286,18 +290,12 @@ mod tests {
     #[test]
     fn a_way_to_the_handler_is_found_and_told() {
         // bl 0x110; bx lr / bl 0x120 / handler
-        let image = program(vec![
-            function("inerter_core::step", 0x100, &[0xF000, 0xF806, 0x4770]),
-            function("helper", 0x110, &[0xF000, 0xF806]),
-            function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-        ]);
-        assert_eq!(image.faults(), ["inerter_core::step -> helper -> __rustc::rust_begin_unwind"]);
-        let calm = program(vec![
-            function("inerter_core::step", 0x100, &[0x4770]),
-            function("helper", 0x110, &[0xF000, 0xF806]),
-            function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-        ]);
-        assert!(calm.faults().is_empty());
+        let faults = |step: &[u16]| {
+            let step = function("inerter_core::step", 0x100, step);
+            program(vec![step, function("helper", 0x110, &[0xF000, 0xF806]), handler()]).faults()
+        };
+        assert_eq!(faults(&[0xF000, 0xF806, 0x4770]), ["inerter_core::step -> helper -> __rustc::rust_begin_unwind"]);
+        assert!(faults(&[0x4770]).is_empty());
     }
 
     #[test]
@@ -311,18 +309,14 @@ mod tests {
     #[test]
     fn an_address_among_the_constants_is_followed() {
         // blx r3; bx lr; .word 0x111 / nothing / handler
-        let image = |address: u16| {
+        let faults = |address: u16| {
             let mut step = function("inerter_core::step", 0x100, &[0x4798, 0x4770, address, 0]);
             step.constants.insert(0x104, true);
-            program(vec![
-                step,
-                function("harmless", 0x110, &[0x4770]),
-                function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-            ])
+            program(vec![step, function("harmless", 0x110, &[0x4770]), handler()]).faults()
         };
-        assert!(image(0x111).faults().is_empty());
-        assert_eq!(image(0x121).faults(), ["inerter_core::step -> __rustc::rust_begin_unwind"]);
-        assert_eq!(image(0x131).faults(), ["inerter_core::step: 1 calls through a register, to unknown targets"]);
+        assert!(faults(0x111).is_empty());
+        assert_eq!(faults(0x121), ["inerter_core::step -> __rustc::rust_begin_unwind"]);
+        assert_eq!(faults(0x131), ["inerter_core::step: 1 calls through a register, to unknown targets"]);
     }
 
     #[test]

@@ -127,6 +127,11 @@ fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
 }
 
+/// The cells of a row, between an empty one before the first mark and one behind the last.
+pub fn cells(line: &str) -> Vec<&str> {
+    line.split('|').map(str::trim).collect()
+}
+
 /// Names and values of a table's rows; other lines are skipped.
 fn parse(markdown: &str) -> Vec<(String, f64)> {
     markdown

@@ -6,7 +6,7 @@
 //! A request is a length and a command line. A reply is an exit code, then standard output and standard error, each
 //! with its length. Numbers are four bytes, big-endian.
 
-use std::io::{self, Read, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -51,12 +51,12 @@ impl Guest {
                     stream.set_nodelay(true)?;
                     return Ok(Self { stream });
                 }
-                Err(error) if error.kind() != io::ErrorKind::WouldBlock => return Err(error),
+                Err(error) if error.kind() != ErrorKind::WouldBlock => return Err(error),
                 Err(_) if !alive() => {
-                    return Err(io::Error::new(io::ErrorKind::BrokenPipe, "the guest exited before it connected"));
+                    return Err(io::Error::new(ErrorKind::BrokenPipe, "the guest exited before it connected"));
                 }
                 Err(_) if start.elapsed() > within => {
-                    return Err(io::Error::new(io::ErrorKind::TimedOut, "the guest did not connect in time"));
+                    return Err(io::Error::new(ErrorKind::TimedOut, "the guest did not connect in time"));
                 }
                 Err(_) => std::thread::sleep(LOOK),
             }
@@ -81,7 +81,7 @@ pub fn serve(test: SocketAddr) -> io::Result<()> {
     loop {
         let command = match read_bytes(&mut stream) {
             Ok(command) => command,
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(()),
             Err(error) => return Err(error),
         };
         let ended = shell(&String::from_utf8_lossy(&command));
@@ -122,7 +122,7 @@ fn read_number(stream: &mut impl Read) -> io::Result<u32> {
 fn read_bytes(stream: &mut impl Read) -> io::Result<Vec<u8>> {
     let length = read_number(stream)?;
     if length > MOST_BYTES {
-        return Err(io::Error::new(io::ErrorKind::InvalidData, "more bytes than allowed"));
+        return Err(io::Error::new(ErrorKind::InvalidData, "more bytes than allowed"));
     }
     let mut bytes = vec![0; length as usize];
     stream.read_exact(&mut bytes)?;
@@ -131,7 +131,7 @@ fn read_bytes(stream: &mut impl Read) -> io::Result<Vec<u8>> {
 
 /// USB/IP client in the guest: attaches a server's device to this kernel.
 pub mod usbip {
-    use std::io::{self, Read, Write};
+    use std::io::{self, ErrorKind, Read, Write};
     use std::net::{SocketAddr, TcpStream};
 
     /// `OP_REQ_IMPORT` of USB/IP 1.1.1 for the device "1-1".
@@ -160,7 +160,7 @@ pub mod usbip {
         stream.read_exact(&mut head)?;
         match number(&head, 4) {
             0 => {}
-            2 => return Err(io::Error::new(io::ErrorKind::ResourceBusy, "another client has the device")),
+            2 => return Err(io::Error::new(ErrorKind::ResourceBusy, "another client has the device")),
             status => return Err(io::Error::other(format!("the server refused: status {status}"))),
         }
         let mut device = [0; DEVICE];
@@ -193,7 +193,7 @@ mod tests {
     fn a_guest_that_ends_before_it_calls_is_not_waited_for() {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
         let error = Guest::accept(&listener, Duration::from_secs(60), || false).err().expect("no guest connects");
-        assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
+        assert_eq!(error.kind(), ErrorKind::BrokenPipe);
     }
 
     #[test]
@@ -208,7 +208,7 @@ mod tests {
             Ok(question)
         });
         let error = usbip::import(address).expect_err("the server is busy");
-        assert_eq!(error.kind(), io::ErrorKind::ResourceBusy);
+        assert_eq!(error.kind(), ErrorKind::ResourceBusy);
         let question = server.join().expect("no panic").expect("a request");
         assert_eq!(question[..12], *b"\x01\x11\x80\x03\0\0\0\x001-1\0");
     }
