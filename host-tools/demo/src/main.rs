@@ -170,7 +170,7 @@ fn shake(test: &Test, speed: f64, image: &Path, folder: &Path) -> Result<Outcome
         let Frame::Message { message, .. } = received.frame else { continue };
         match message {
             Record::Estimate(estimate) => {
-                screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames())?;
+                screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames(), false)?;
                 estimates.push(estimate);
             }
             Record::Detail(detail) => backlash = Some(detail.backlash),
@@ -183,7 +183,7 @@ fn shake(test: &Test, speed: f64, image: &Path, folder: &Path) -> Result<Outcome
     let frames = recorder.frames();
     recorder.close(&End { reason: "finished".into(), lost_frames })?;
     let estimate = *estimates.last().ok_or("the image published no estimate")?;
-    screen.end(&estimate, lost_frames)?;
+    screen.show(test.seconds, &estimate, lost_frames, true)?;
 
     let same = replayed(&recording)? == estimates.iter().map(bits).collect::<Vec<_>>();
     println!(
@@ -285,18 +285,17 @@ impl Screen {
         Self { seconds, truth: truth(device), terminal, drawn: None, printed_s: 0.0 }
     }
 
-    fn show(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
-        if !self.terminal {
-            if run_s >= self.printed_s + PRINT_EVERY_S {
-                self.printed_s = run_s;
-                println!("      {run_s:5.1} s  {}", one_line(estimate));
+    /// Shows an estimate if it is time to, or if it is the last one.
+    fn show(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64, is_last: bool) -> std::io::Result<()> {
+        if self.terminal {
+            if is_last || self.drawn.is_none_or(|drawn| drawn.elapsed() >= DRAW_EVERY) {
+                self.draw(run_s, estimate, lost_frames)?;
             }
-            return Ok(());
+        } else if is_last || run_s >= self.printed_s + PRINT_EVERY_S {
+            self.printed_s = run_s;
+            println!("      {run_s:5.1} s  {}", one_line(estimate));
         }
-        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAW_EVERY) {
-            return Ok(());
-        }
-        self.draw(run_s, estimate, lost_frames)
+        Ok(())
     }
 
     fn draw(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
@@ -326,14 +325,6 @@ impl Screen {
         out.write_all(block.as_bytes())?;
         out.flush()?;
         self.drawn = Some(Instant::now());
-        Ok(())
-    }
-
-    fn end(&mut self, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
-        if self.terminal {
-            return self.draw(self.seconds, estimate, lost_frames);
-        }
-        println!("      {:5.1} s  {}", self.seconds, one_line(estimate));
         Ok(())
     }
 }

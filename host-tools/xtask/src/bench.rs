@@ -31,7 +31,7 @@ pub fn run(options: &Options) -> Result<()> {
     // A file of an earlier run must not be mistaken for this run's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
-    accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
+    accuracy::program(Part::Bench, "bench", ["regressors", &path(&regressors)])?;
     let mut arguments = vec!["compare".to_owned()];
     let compared = if options.no_python {
         Err(anyhow::anyhow!("left out by --no-python"))
@@ -49,7 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
     if options.update {
         arguments.extend(["--write".to_owned(), path(&tree::root().join("docs/tables/bench.md"))]);
     }
-    accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    accuracy::program(Part::Bench, "bench", &arguments)
 }
 
 /// `inerter identify` must be at least this many times faster.
@@ -62,8 +62,8 @@ pub fn identify() -> Result<()> {
     let folder = workspace::folder("bench")?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
-    accuracy::program(Part::Main, "measure", &["identify", "--bench", &path])?;
+    accuracy::program(Part::Main, "measure", ["identify", "--bench", &path])?;
     let python = python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?;
     process::run(python::script(&python, "identify_scipy.py").arg(&problem).arg(MOST_S.to_string()))?;
-    accuracy::program(Part::Main, "measure", &["identify", "--compare", &path, &FASTER.to_string()])
+    accuracy::program(Part::Main, "measure", ["identify", "--compare", &path, &FASTER.to_string()])
 }

@@ -44,7 +44,7 @@ impl Options {
 }
 
 /// How a campaign ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone)]
 struct Line {
     name: String,
     outcome: String,

@@ -11,7 +11,6 @@ use std::{
 };
 
 /// One program for the target.
-#[derive(Clone, Copy)]
 pub struct Image {
     /// The variable that tells tests where it is.
     pub variable: &'static str,

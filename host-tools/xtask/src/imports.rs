@@ -107,7 +107,7 @@ enum Definition {
 }
 
 /// What a path leads to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Target {
     Item(usize),
     Module(usize),

@@ -55,7 +55,7 @@ impl Drop for Running {
 }
 
 /// One measurement of a process.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Look {
     pub at_s: f64,
     pub processor_s: f64,

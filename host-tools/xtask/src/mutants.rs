@@ -104,7 +104,6 @@ const GOAL: f64 = 95.0;
 const NO_REASON: &str = "no reason yet";
 
 /// The mutants of a package that are tested together.
-#[derive(Clone, Debug, PartialEq, Eq)]
 enum Scope {
     File(String),
     /// Every Nth of all mutants, from a given first one.
@@ -147,7 +146,7 @@ impl Scope {
 const SAMPLE: &str = "one mutant of ";
 
 /// Results for the mutants of one file, or of a sample.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq)]
 struct Tested {
     /// Checksum of the source when it was tested.
     sum: String,
@@ -158,7 +157,7 @@ struct Tested {
 }
 
 /// The committed results of a package.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq)]
 struct Record {
     files: BTreeMap<String, Tested>,
     /// Survivors by file, each with its reason; and mutants that only a golden catches.
@@ -498,7 +497,7 @@ impl Record {
 }
 
 /// Number of mutants that compile, and of those that tests catch.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Default)]
 struct Caught {
     rows: usize,
     caught: usize,

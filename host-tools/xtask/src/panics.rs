@@ -28,7 +28,6 @@ const HANDLER: &str = "rust_begin_unwind";
 const ALLOCATORS: &[&str] = &["__rust_alloc", "__rust_realloc", "__rg_alloc", "__rdl_alloc"];
 
 /// A function of the image.
-#[derive(Debug)]
 struct Function {
     name: String,
     code: Vec<u16>,
@@ -38,7 +37,7 @@ struct Function {
 }
 
 /// Where a function may branch to.
-#[derive(Debug, Default, PartialEq, Eq)]
+#[derive(Default)]
 struct Branches {
     targets: Vec<u64>,
     /// Words among the constants that could be addresses of functions.

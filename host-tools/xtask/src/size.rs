@@ -20,7 +20,7 @@ const RAM: u64 = 0x2000_0000;
 const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Default)]
 pub struct Sizes {
     /// Code and vector table.
     pub text: u64,

@@ -46,7 +46,7 @@ impl Options {
 }
 
 /// Time that a step took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 struct Taken {
     /// Wall-clock time.
     time: Duration,
@@ -55,7 +55,7 @@ struct Taken {
 }
 
 /// How a step ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 enum Outcome {
     Passed(Taken),
     Failed(Taken, String),
@@ -113,7 +113,6 @@ impl Step {
 }
 
 /// How a step runs.
-#[derive(Clone, Copy)]
 enum Run {
     /// In this process, one at a time.
     Here(fn() -> Result<()>),

@@ -20,7 +20,7 @@ pub struct Options {
 }
 
 /// One figure.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Row {
     /// Name of the figure and of the row.
     pub name: String,

@@ -14,7 +14,6 @@ use std::{
 const DISTRIBUTION_LINKER: &str = "/usr/bin/ld.lld";
 
 /// A compiler that can make the image.
-#[derive(Debug)]
 pub struct Toolchain {
     /// Whether it is the distribution's compiler rather than the one that started this program.
     distribution: bool,

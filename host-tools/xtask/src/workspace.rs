@@ -115,7 +115,7 @@ pub fn packages(folder: &Path, edges: &str, arguments: &[&str]) -> Result<String
 }
 
 /// One member of a workspace.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Member {
     /// Package name.
     pub name: String,
@@ -128,7 +128,7 @@ pub struct Member {
 }
 
 /// One declared dependency.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Use {
     /// Package name, whatever it is renamed to.
     pub name: String,
@@ -137,7 +137,7 @@ pub struct Use {
 }
 
 /// The workspace as cargo reports it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Workspace {
     /// All members.
     pub members: Vec<Member>,

@@ -177,7 +177,6 @@ struct Column {
 }
 
 /// When removing a part counts as a loss.
-#[derive(Clone, Copy)]
 enum Lost {
     Less(&'static str),
     More(&'static str),

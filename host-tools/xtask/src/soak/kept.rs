@@ -14,7 +14,7 @@ const PORTION_H: f64 = 1.0;
 const LEAST_H: f64 = 0.05;
 
 /// A portion that met all goals.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 struct Portion {
     /// Commit of the tree that was soaked.
     commit: String,
@@ -42,7 +42,7 @@ impl Portion {
 }
 
 /// All portions so far.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Kept(Vec<Portion>);
 
 impl Kept {
