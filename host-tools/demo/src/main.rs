@@ -6,7 +6,6 @@
 //! builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
 
 use std::{
-    fmt::Write as _,
     io::{IsTerminal, Write as _, stdout},
     path::{Path, PathBuf},
     process::ExitCode,
@@ -301,23 +300,19 @@ impl Screen {
     fn draw(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
         let mut block = String::new();
         if self.drawn.is_some() {
-            let _ = write!(block, "\x1b[{BLOCK_LINES}A");
+            block += &format!("\x1b[{BLOCK_LINES}A");
         }
         let done = (40.0 * run_s / self.seconds) as usize;
         let bar: String = (0..40).map(|place| if place < done { '━' } else { '·' }).collect();
-        let _ = writeln!(block, "\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K", self.seconds);
+        block += &format!("\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K\n", self.seconds);
         for ((field, parameter), truth) in catalogue::parameters(Machine::Linear, &estimate.whole_run).zip(self.truth) {
             let color = if parameter.status() == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
             let value = value_text(&parameter);
-            let _ = writeln!(
-                block,
-                "      {:<20} {color}{value:<24}\x1b[0m {:<6} truth {truth}\x1b[K",
-                field.label, field.unit
-            );
+            block +=
+                &format!("      {:<20} {color}{value:<24}\x1b[0m {:<6} truth {truth}\x1b[K\n", field.label, field.unit);
         }
-        let _ = writeln!(
-            block,
-            "      {}, residual {:.2} N, {lost_frames} frames lost\x1b[K",
+        block += &format!(
+            "      {}, residual {:.2} N, {lost_frames} frames lost\x1b[K\n",
             if estimate.moving { "moving" } else { "at rest" },
             estimate.residual_rms_n
         );
@@ -345,25 +340,24 @@ fn summary(outcomes: &[Outcome]) -> String {
     let mut text = format!(
         "\n{rule}\nTruth, estimate of the firmware and its 95 % interval, from the whole of each run\n{rule}\n"
     );
-    // Writing to a String cannot fail.
     for (test, outcome) in TESTS.iter().zip(outcomes) {
-        let _ = writeln!(text, "{}", test.title);
+        text += &format!("{}\n", test.title);
         for (label, unit, truth, parameter) in outcome.parameters(&test.device) {
             let value = value_text(&parameter);
-            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(&parameter, truth));
+            text += &format!("  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}\n", verdict(&parameter, truth));
         }
     }
     let frames: u32 = outcomes.iter().map(|outcome| outcome.frames).sum();
     let lost: u64 = outcomes.iter().map(|outcome| outcome.lost_frames).sum();
     let same = outcomes.iter().filter(|outcome| outcome.same).count();
-    let _ = writeln!(text, "{rule}");
-    let _ = writeln!(text, "{frames} frames, {lost} lost; {same} of {} replays the same to the bit", outcomes.len());
+    text += &format!("{rule}\n");
+    text += &format!("{frames} frames, {lost} lost; {same} of {} replays the same to the bit\n", outcomes.len());
     if let Some(free) = outcomes.iter().filter_map(|outcome| outcome.health?.stack_free_bytes).min() {
-        let _ = writeln!(text, "stack of the image never used: {free} bytes");
+        text += &format!("stack of the image never used: {free} bytes\n");
     }
     text.push_str("recordings, each with its settings and truth:\n");
     for outcome in outcomes {
-        let _ = writeln!(text, "  {}", outcome.recording.display());
+        text += &format!("  {}\n", outcome.recording.display());
     }
     text
 }

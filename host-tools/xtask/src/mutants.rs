@@ -20,7 +20,6 @@ use sha2::{Digest, Sha256};
 use std::{
     cell::Cell,
     collections::{BTreeMap, VecDeque},
-    fmt::Write,
     fs,
     num::NonZeroUsize,
     path::Path,
@@ -422,23 +421,22 @@ impl Record {
             package.name,
             self.summary()
         );
-        // Writing to a String cannot fail.
         for (file, Tested { sum, caught, golden, survived }) in &self.files {
-            let _ = writeln!(text, "| `{file}` | {caught} | {golden} | {survived} | {sum} |");
+            text += &format!("| `{file}` | {caught} | {golden} | {survived} | {sum} |\n");
         }
-        let _ = writeln!(text, "\n## {SURVIVORS}");
+        text += &format!("\n## {SURVIVORS}\n");
         for (file, mutants) in &self.survivors {
-            let _ = writeln!(text, "\n### `{file}`\n");
+            text += &format!("\n### `{file}`\n\n");
             for (change, reason) in mutants {
-                let _ = writeln!(text, "- `{change}`: {reason}");
+                text += &format!("- `{change}`: {reason}\n");
             }
         }
         if !self.golden.is_empty() {
-            let _ = writeln!(text, "\n## {GOLDEN}");
+            text += &format!("\n## {GOLDEN}\n");
             for (file, mutants) in &self.golden {
-                let _ = writeln!(text, "\n### `{file}`\n");
+                text += &format!("\n### `{file}`\n\n");
                 for change in mutants {
-                    let _ = writeln!(text, "- `{change}`");
+                    text += &format!("- `{change}`\n");
                 }
             }
         }

@@ -15,7 +15,7 @@ use crate::{
     monitor_load::{Look, MOST_MISSING, RATE_HZ, Running, SETTLED_S, device, host_s, info, look, simulated},
     process, setup,
     table::{self, Row},
-    workspace,
+    tree, workspace,
 };
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Value, json};
@@ -134,7 +134,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     let program = workspace::installed()?;
     let folder = workspace::folder("soak")?;
     // Each run starts a new one.
-    File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
+    tree::write(folder.join(WORDS), "")?;
     let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
     for row in &rows {
         let goal = row.goal.map(|goal| format!("at most {goal}")).unwrap_or_default();

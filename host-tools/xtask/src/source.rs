@@ -1,14 +1,14 @@
 //! Rust source, parsed, its tokens, and which of it is for tests only.
 
-use anyhow::{Context, Result};
+use crate::tree;
+use anyhow::Result;
 use proc_macro2::{Delimiter, Ident, LineColumn, TokenStream, TokenTree};
-use std::{fs, path::Path};
+use std::path::Path;
 use syn::{Attribute, Expr, ExprLit, ImplItem, Item, Lit, Meta, Token, punctuated::Punctuated};
 
 /// Reads and parses a file.
 pub fn parse(file: &Path) -> Result<syn::File> {
-    let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    syn::parse_file(&text).map_err(|error| {
+    syn::parse_file(&tree::text(file)?).map_err(|error| {
         let LineColumn { line, .. } = error.span().start();
         anyhow::anyhow!("{}:{line}: {error}", file.display())
     })

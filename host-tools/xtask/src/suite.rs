@@ -273,7 +273,7 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         for (place, outcome) in beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
             if let (Some(step), Some(own)) = (steps.get(place), outcomes.get_mut(place)) {
                 process::heading(step.name);
-                println!("{}", said_beside(step).and_then(|file| Ok(fs::read_to_string(file)?)).unwrap_or_default());
+                println!("{}", said_beside(step).and_then(tree::text).unwrap_or_default());
                 *own = outcome;
             }
         }
@@ -445,7 +445,7 @@ fn test() -> Result<()> {
         let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
         let (twin, spent) = twin.join().map_err(|_| anyhow::anyhow!("the twin's tests could not be started"))?;
         process::count(spent);
-        println!("\n{}", fs::read_to_string(&said).with_context(|| format!("cannot read {}", said.display()))?);
+        println!("\n{}", tree::text(&said)?);
         match (others, twin) {
             (Err(others), Err(twin)) => bail!("{others:#}; {twin:#}"),
             (others, twin) => others.and(twin),

@@ -5,7 +5,7 @@
 
 use crate::tree;
 use anyhow::{Context, Result, bail, ensure};
-use std::{fmt::Write, fs, path::PathBuf};
+use std::{fs, path::PathBuf};
 
 /// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
 /// change to the code usually has a larger effect.
@@ -76,14 +76,13 @@ impl Table {
     /// The table as Markdown.
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
-        // Writing to a String cannot fail.
         let checked = if self.repeats { "; checked by `cargo xtask test`" } else { "" };
-        let _ = writeln!(text, "Written by `cargo xtask {} --update`{checked}.\n", self.name);
+        text += &format!("Written by `cargo xtask {} --update`{checked}.\n\n", self.name);
         text.push_str("| figure | value | unit | goal |\n|---|--:|---|---|\n");
         for row in &self.rows {
             let reached = if row.misses() { "**missed**" } else { "reached" };
             let goal = row.goal.map(|goal| format!("at most {goal}, {reached}")).unwrap_or_default();
-            let _ = writeln!(text, "| {} | {} | {} | {goal} |", row.name, figure(row.value), row.unit);
+            text += &format!("| {} | {} | {} | {goal} |\n", row.name, figure(row.value), row.unit);
         }
         text
     }
