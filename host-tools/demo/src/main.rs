@@ -6,7 +6,6 @@
 //! builds what this needs; `--speed X` plays X times as fast, `--output FOLDER` writes there.
 
 use std::{
-    fmt::Write as _,
     io::{IsTerminal, Write as _, stdout},
     path::{Path, PathBuf},
     process::ExitCode,
@@ -123,7 +122,7 @@ fn run() -> Result<bool, Error> {
     let mut outcomes = Vec::new();
     for (number, test) in TESTS.iter().enumerate() {
         println!("\n[{}/{}] {}", number + 1, TESTS.len(), test.title);
-        outcomes.push(shake(test, test.device, speed, &image, &folder)?);
+        outcomes.push(shake(test, speed, &image, &folder)?);
     }
     print!("{}", summary(&outcomes));
     println!("pages of the runs: {}", pages(&outcomes, &folder)?.display());
@@ -131,10 +130,10 @@ fn run() -> Result<bool, Error> {
 }
 
 /// One run, from the boot of the image to the replay of its recording.
-fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
+fn shake(test: &Test, speed: f64, image: &Path, folder: &Path) -> Result<Outcome, Error> {
     let speed = test.speed * speed;
     // Cut off in full motion: a stop would tell more about the inertance than the slow motion does.
-    let setup = Setup::new(device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
+    let setup = Setup::new(test.device, bench_sensors(), test.motion, Some(test.seconds), &Overrides::default())?;
     let mut qemu = Qemu::boot(image, &Endpoint::Tcp("127.0.0.1:0".into()), || false)?;
     let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
     let alive = || Ok::<(), Error>(qemu.check()?);
@@ -150,7 +149,7 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
 
     qemu.play(&setup, speed)?;
     let rate_hz = setup.settings.sample_rate_hz;
-    let mut screen = Screen::new(test.seconds, &device);
+    let mut screen = Screen::new(test.seconds, &test.device);
     let (mut estimates, mut backlash, mut health, mut ended) = (Vec::new(), None, None, false);
     loop {
         let received = match live.next()? {
@@ -170,7 +169,7 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
         let Frame::Message { message, .. } = received.frame else { continue };
         match message {
             Record::Estimate(estimate) => {
-                screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames())?;
+                screen.show(f64::from(estimate.index) / rate_hz, &estimate, live.lost_frames(), false)?;
                 estimates.push(estimate);
             }
             Record::Detail(detail) => backlash = Some(detail.backlash),
@@ -183,7 +182,7 @@ fn shake(test: &Test, device: Inerter, speed: f64, image: &Path, folder: &Path) 
     let frames = recorder.frames();
     recorder.close(&End { reason: "finished".into(), lost_frames })?;
     let estimate = *estimates.last().ok_or("the image published no estimate")?;
-    screen.end(&estimate, lost_frames)?;
+    screen.show(test.seconds, &estimate, lost_frames, true)?;
 
     let same = replayed(&recording)? == estimates.iter().map(bits).collect::<Vec<_>>();
     println!(
@@ -285,40 +284,35 @@ impl Screen {
         Self { seconds, truth: truth(device), terminal, drawn: None, printed_s: 0.0 }
     }
 
-    fn show(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
-        if !self.terminal {
-            if run_s >= self.printed_s + PRINT_EVERY_S {
-                self.printed_s = run_s;
-                println!("      {run_s:5.1} s  {}", one_line(estimate));
+    /// Shows an estimate if it is time to, or if it is the last one.
+    fn show(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64, is_last: bool) -> std::io::Result<()> {
+        if self.terminal {
+            if is_last || self.drawn.is_none_or(|drawn| drawn.elapsed() >= DRAW_EVERY) {
+                self.draw(run_s, estimate, lost_frames)?;
             }
-            return Ok(());
+        } else if is_last || run_s >= self.printed_s + PRINT_EVERY_S {
+            self.printed_s = run_s;
+            println!("      {run_s:5.1} s  {}", one_line(estimate));
         }
-        if self.drawn.is_some_and(|drawn| drawn.elapsed() < DRAW_EVERY) {
-            return Ok(());
-        }
-        self.draw(run_s, estimate, lost_frames)
+        Ok(())
     }
 
     fn draw(&mut self, run_s: f64, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
         let mut block = String::new();
         if self.drawn.is_some() {
-            let _ = write!(block, "\x1b[{BLOCK_LINES}A");
+            block += &format!("\x1b[{BLOCK_LINES}A");
         }
         let done = (40.0 * run_s / self.seconds) as usize;
         let bar: String = (0..40).map(|place| if place < done { '━' } else { '·' }).collect();
-        let _ = writeln!(block, "\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K", self.seconds);
+        block += &format!("\r      {run_s:5.1} s of {:.0} s  {bar}\x1b[K\n", self.seconds);
         for ((field, parameter), truth) in catalogue::parameters(Machine::Linear, &estimate.whole_run).zip(self.truth) {
             let color = if parameter.status() == Status::Ok { "\x1b[1m" } else { "\x1b[2m" };
             let value = value_text(&parameter);
-            let _ = writeln!(
-                block,
-                "      {:<20} {color}{value:<24}\x1b[0m {:<6} truth {truth}\x1b[K",
-                field.label, field.unit
-            );
+            block +=
+                &format!("      {:<20} {color}{value:<24}\x1b[0m {:<6} truth {truth}\x1b[K\n", field.label, field.unit);
         }
-        let _ = writeln!(
-            block,
-            "      {}, residual {:.2} N, {lost_frames} frames lost\x1b[K",
+        block += &format!(
+            "      {}, residual {:.2} N, {lost_frames} frames lost\x1b[K\n",
             if estimate.moving { "moving" } else { "at rest" },
             estimate.residual_rms_n
         );
@@ -326,14 +320,6 @@ impl Screen {
         out.write_all(block.as_bytes())?;
         out.flush()?;
         self.drawn = Some(Instant::now());
-        Ok(())
-    }
-
-    fn end(&mut self, estimate: &Estimate, lost_frames: u64) -> std::io::Result<()> {
-        if self.terminal {
-            return self.draw(self.seconds, estimate, lost_frames);
-        }
-        println!("      {:5.1} s  {}", self.seconds, one_line(estimate));
         Ok(())
     }
 }
@@ -354,25 +340,24 @@ fn summary(outcomes: &[Outcome]) -> String {
     let mut text = format!(
         "\n{rule}\nTruth, estimate of the firmware and its 95 % interval, from the whole of each run\n{rule}\n"
     );
-    // Writing to a String cannot fail.
     for (test, outcome) in TESTS.iter().zip(outcomes) {
-        let _ = writeln!(text, "{}", test.title);
+        text += &format!("{}\n", test.title);
         for (label, unit, truth, parameter) in outcome.parameters(&test.device) {
             let value = value_text(&parameter);
-            let _ = writeln!(text, "  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}", verdict(&parameter, truth));
+            text += &format!("  {label:<20} {unit:<6} {truth:>9}   {value:<22} {}\n", verdict(&parameter, truth));
         }
     }
     let frames: u32 = outcomes.iter().map(|outcome| outcome.frames).sum();
     let lost: u64 = outcomes.iter().map(|outcome| outcome.lost_frames).sum();
     let same = outcomes.iter().filter(|outcome| outcome.same).count();
-    let _ = writeln!(text, "{rule}");
-    let _ = writeln!(text, "{frames} frames, {lost} lost; {same} of {} replays the same to the bit", outcomes.len());
+    text += &format!("{rule}\n");
+    text += &format!("{frames} frames, {lost} lost; {same} of {} replays the same to the bit\n", outcomes.len());
     if let Some(free) = outcomes.iter().filter_map(|outcome| outcome.health?.stack_free_bytes).min() {
-        let _ = writeln!(text, "stack of the image never used: {free} bytes");
+        text += &format!("stack of the image never used: {free} bytes\n");
     }
     text.push_str("recordings, each with its settings and truth:\n");
     for outcome in outcomes {
-        let _ = writeln!(text, "  {}", outcome.recording.display());
+        text += &format!("  {}\n", outcome.recording.display());
     }
     text
 }

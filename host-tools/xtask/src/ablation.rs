@@ -21,10 +21,9 @@ const FLOOR: f64 = 0.1;
 const WORSE: (f64, f64) = (1.25, 1.02);
 
 /// Up to this many more values outside their intervals may be chance.
-const BY_CHANCE: u32 = 1;
+const BY_CHANCE: i64 = 1;
 
 /// One cell and parameter of the program's output.
-#[derive(Clone, Debug, PartialEq)]
 struct Cell {
     group: String,
     name: String,
@@ -39,23 +38,29 @@ struct Cell {
 }
 
 /// One row of the table.
-#[derive(Clone, Debug, PartialEq)]
 struct Row {
     name: &'static str,
     /// Errors relative to those of the whole estimator, over all cells; the worst cell and its factor.
     error: f64,
     worst: (String, f64),
     u95: f64,
-    silent: (u32, u32),
-    outside: (u32, u32),
-    given: (u32, u32),
-    broken: (u32, u32),
-    named: (u32, u32),
+    /// With the part and without it, in the order of [`COUNTS`].
+    counts: [(u32, u32); COUNTS.len()],
     /// The test that fails without it.
     test: Option<&'static str>,
 }
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+/// What a cell adds to silent, outside, given, broken and named.
+const COUNTS: [fn(&Cell) -> u32; 5] = [
+    |cell| cell.silent,
+    |cell| cell.outside,
+    |cell| cell.given,
+    // Each run is reported once per parameter.
+    |cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 },
+    |cell| if ["friction", "samples"].contains(&&*cell.group) && cell.is_inertance { cell.named } else { 0 },
+];
+
+#[derive(clap::Args)]
 pub struct Options {
     /// Write the table instead of comparing with it
     #[arg(long)]
@@ -90,9 +95,8 @@ fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
     copy::written(&folder.join("program/Cargo.toml"), PROGRAM.as_bytes())?;
     copy::written(&folder.join("Cargo.toml"), workspace(&tree::text("Cargo.toml")?)?.as_bytes())?;
     tree::write(folder.join("Cargo.lock"), tree::read("Cargo.lock")?)?;
-    let mut cargo = process::cargo();
-    cargo.current_dir(folder).env("RUSTFLAGS", "-A warnings").args(["build", "--release", "--quiet"]);
-    process::run(cargo.args(["--package", "ablation", "--target-dir", "target"]))?;
+    let build = ["build", "--release", "--quiet", "--package", "ablation", "--target-dir", "target"];
+    process::run(process::cargo().current_dir(folder).env("RUSTFLAGS", "-A warnings").args(build))?;
     cells(&process::output(&mut Command::new(folder.join("target/release/ablation")))?)
 }
 
@@ -150,20 +154,12 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
             worst = (before.name.clone(), factor);
         }
     }
-    let both = |of: &dyn Fn(&Cell) -> u32| (whole.iter().map(of).sum(), without.iter().map(of).sum());
     Ok(Row {
         name,
         error: f64::exp(logarithms / f64::max(count, 1.0)),
         worst,
         u95: f64::exp(widths / f64::max(count, 1.0)),
-        silent: both(&|cell| cell.silent),
-        outside: both(&|cell| cell.outside),
-        given: both(&|cell| cell.given),
-        // Each run is reported once per parameter.
-        broken: both(&|cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 }),
-        named: both(&|cell| {
-            if ["friction", "samples"].contains(&&*cell.group) && cell.is_inertance { cell.named } else { 0 }
-        }),
+        counts: COUNTS.map(|of| (whole.iter().map(of).sum(), without.iter().map(of).sum())),
         test: None,
     })
 }
@@ -171,44 +167,25 @@ fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row>
 impl Row {
     /// What gets worse without it.
     fn buys(&self) -> String {
-        let mut all = Vec::new();
-        if self.worst.1 >= WORSE.0 || self.error >= WORSE.1 {
-            all.push("accuracy");
-        }
-        if self.silent.1 > self.silent.0 || self.outside.1 > self.outside.0 + BY_CHANCE {
-            all.push("honesty");
-        }
-        if self.u95 >= WORSE.1 {
-            all.push("sharpness");
-        }
-        if self.given.1 < self.given.0 {
-            all.push("values");
-        }
-        if self.broken.1 > self.broken.0 {
-            all.push("clean runs not called broken");
-        }
-        if self.named.1 < self.named.0 {
-            all.push("names");
-        }
-        buys(&all, self.test)
+        let more = self.counts.map(|(before, after)| i64::from(after) - i64::from(before));
+        let [silent, outside, given, broken, named] = more;
+        let all = [
+            (self.worst.1 >= WORSE.0 || self.error >= WORSE.1, "accuracy"),
+            (silent > 0 || outside > BY_CHANCE, "honesty"),
+            (self.u95 >= WORSE.1, "sharpness"),
+            (given < 0, "values"),
+            (broken > 0, "clean runs not called broken"),
+            (named < 0, "names"),
+        ];
+        let lost: Vec<_> = all.into_iter().filter_map(|(is_lost, what)| is_lost.then_some(what)).collect();
+        buys(&lost, self.test)
     }
 
     fn line(&self) -> String {
-        let pair = |(before, after): (u32, u32)| format!("{before} to {after}");
+        let counts = self.counts.map(|(before, after)| format!("{before} to {after}")).join(" | ");
         let (cell, factor) = &self.worst;
         let worst = if cell.is_empty() { "-".into() } else { format!("{factor:.2} ({cell})") };
-        format!(
-            "| {} | {:.2} | {worst} | {:.2} | {} | {} | {} | {} | {} | {} |",
-            self.name,
-            self.error,
-            self.u95,
-            pair(self.silent),
-            pair(self.outside),
-            pair(self.given),
-            pair(self.broken),
-            pair(self.named),
-            self.buys()
-        )
+        format!("| {} | {:.2} | {worst} | {:.2} | {counts} | {} |", self.name, self.error, self.u95, self.buys())
     }
 }
 

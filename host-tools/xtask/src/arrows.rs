@@ -5,8 +5,8 @@
 //! directly or through others ([`imports`]).
 
 use crate::{
-    imports, process, tree,
-    workspace::{Member, Workspace},
+    imports, tree,
+    workspace::{self, Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
 use std::{
@@ -211,14 +211,11 @@ fn arrow_faults(workspace: &Workspace) -> Vec<String> {
         };
         for used in &member.uses {
             let name = used.name.as_str();
-            if workspace.member(name).is_none() || law.may_use.contains(&name) {
-                continue;
+            let may = law.may_use.contains(&name) || (used.dev && law.tests_may_use.contains(&name));
+            if !may && workspace.member(name).is_some() {
+                let how = if used.dev { "uses in its tests" } else { "uses" };
+                faults.push(format!("{} {how} {name}; it may use: {}", member.name, listed(law.may_use)));
             }
-            if used.dev && law.tests_may_use.contains(&name) {
-                continue;
-            }
-            let how = if used.dev { "uses in its tests" } else { "uses" };
-            faults.push(format!("{} {how} {name}; it may use: {}", member.name, listed(law.may_use)));
         }
     }
     faults
@@ -237,10 +234,7 @@ fn missing_faults(workspace: &Workspace) -> Vec<String> {
 /// Packages that a member must not pull in, on any system.
 fn never_faults(member: &Member) -> Result<Vec<String>> {
     let Some(law) = law(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
-    let mut command = process::cargo();
-    command.current_dir(&member.folder).args(["tree", "--locked", "--package", law.member]);
-    command.args(["--edges", "normal", "--target", "all", "--prefix", "none", "--format", "{p}"]);
-    let printed = process::output(&mut command)?;
+    let printed = workspace::packages(&member.folder, "normal", &["--package", law.member, "--target", "all"])?;
     let found = forbidden(&law.never.concat(), &printed);
     Ok(found
         .into_iter()
@@ -266,7 +260,7 @@ fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
     let mut faults = Vec::new();
     for file in &member.roots {
         for circle in imports::circles(file).with_context(|| below(file, root))? {
-            let mut text = format!("{}: {} modules import each other in a circle:", member.name, circle.files.len());
+            let mut text = format!("{}: {} modules import each other in a circle:", member.name, circle.modules);
             for imports::Import { from, to, paths } in &circle.imports {
                 let (from, to) = (below(from, root), below(to, root));
                 let mut lines = BTreeMap::<usize, Vec<&str>>::new();

@@ -5,7 +5,7 @@ use crate::{
     workspace::{self, Part},
 };
 use anyhow::Result;
-use std::{path::Path, process::Command};
+use std::path::Path;
 
 /// The packages in the comparison, as Python imports them.
 const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
@@ -13,7 +13,7 @@ const IMPORTS: &str = "numpy, scipy, padasip, filterpy";
 /// Their versions.
 const REQUIREMENTS: &str = "tests/python/requirements.txt";
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Leave out the Python packages
     #[arg(long)]
@@ -31,15 +31,13 @@ pub fn run(options: &Options) -> Result<()> {
     // A file of an earlier run must not be mistaken for this run's.
     let _ = std::fs::remove_file(&rivals);
     let path = |path: &Path| path.to_string_lossy().into_owned();
-    accuracy::program(Part::Bench, "bench", &["regressors", &path(&regressors)])?;
+    accuracy::program(Part::Bench, "bench", ["regressors", &path(&regressors)])?;
     let mut arguments = vec!["compare".to_owned()];
     let compared = if options.no_python {
         Err(anyhow::anyhow!("left out by --no-python"))
     } else {
-        python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true).and_then(|python| {
-            let script = tree::root().join("tests/python/bench_rivals.py");
-            process::run(Command::new(python).arg(script).arg(&regressors).arg(&rivals))
-        })
+        python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)
+            .and_then(|python| process::run(python::script(&python, "bench_rivals.py").args([&regressors, &rivals])))
     };
     match compared {
         Ok(()) => arguments.extend(["--python".to_owned(), path(&rivals)]),
@@ -51,7 +49,7 @@ pub fn run(options: &Options) -> Result<()> {
     if options.update {
         arguments.extend(["--write".to_owned(), path(&tree::root().join("docs/tables/bench.md"))]);
     }
-    accuracy::program(Part::Bench, "bench", &arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    accuracy::program(Part::Bench, "bench", &arguments)
 }
 
 /// `inerter identify` must be at least this many times faster.
@@ -64,13 +62,8 @@ pub fn identify() -> Result<()> {
     let folder = workspace::folder("bench")?;
     let problem = folder.join("identify.json");
     let path = problem.to_string_lossy().into_owned();
-    accuracy::program(Part::Main, "measure", &["identify", "--bench", &path])?;
-    let script = tree::root().join("tests/python/identify_scipy.py");
-    process::run(
-        Command::new(python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?)
-            .arg(script)
-            .arg(&problem)
-            .arg(MOST_S.to_string()),
-    )?;
-    accuracy::program(Part::Main, "measure", &["identify", "--compare", &path, &FASTER.to_string()])
+    accuracy::program(Part::Main, "measure", ["identify", "--bench", &path])?;
+    let python = python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, true)?;
+    process::run(python::script(&python, "identify_scipy.py").arg(&problem).arg(MOST_S.to_string()))?;
+    accuracy::program(Part::Main, "measure", ["identify", "--compare", &path, &FASTER.to_string()])
 }

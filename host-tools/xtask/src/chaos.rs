@@ -7,13 +7,13 @@
 
 use crate::{
     commit::{UNKNOWN, commit},
-    process, tree,
+    process, table, tree,
     workspace::{self, Part},
 };
 use anyhow::{Context, Result, ensure};
 use std::{collections::BTreeMap, path::Path, process::Command};
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// One campaign; by default all of them, one after another
     pub campaign: Option<String>,
@@ -44,7 +44,7 @@ impl Options {
 }
 
 /// How a campaign ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone)]
 struct Line {
     name: String,
     outcome: String,
@@ -141,7 +141,7 @@ struct Kept {
 impl Kept {
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
-            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let cells = table::cells(line);
             let [_, name, seed, kills, cycles, rest @ .., _] = &cells[..] else { return None };
             let [Ok(seed), Ok(kills), Ok(cycles)] = [*seed, *kills, *cycles].map(str::parse) else { return None };
             let (commit, seconds, figures) = match *rest {

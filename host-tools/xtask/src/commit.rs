@@ -8,7 +8,6 @@ pub const UNKNOWN: &str = "unknown";
 
 /// The commit that is checked out, and whether the tree differs from it.
 pub fn commit() -> String {
-    let mut git = Command::new("git");
-    git.args(["describe", "--always", "--dirty", "--exclude", "*"]).current_dir(tree::root());
-    process::first_line(&mut git).unwrap_or_else(|| UNKNOWN.to_owned())
+    let describe = ["describe", "--always", "--dirty", "--exclude", "*"];
+    process::first_line(Command::new("git").args(describe).current_dir(tree::root())).unwrap_or(UNKNOWN.to_owned())
 }

@@ -30,9 +30,8 @@ pub fn tree(copy: &Path, below: &[&str]) -> Result<()> {
 
 /// Paths from the root of the files that these patterns of git select, or of all; ignored files are left out.
 pub fn files(patterns: &[&str]) -> Result<BTreeSet<PathBuf>> {
-    let mut command = Command::new("git");
-    command.args(["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"]).args(patterns);
-    let listed = process::output(command.current_dir(tree::root()))?;
+    let list = ["ls-files", "--cached", "--others", "--exclude-standard", "-z", "--"];
+    let listed = process::output(Command::new("git").args(list).args(patterns).current_dir(tree::root()))?;
     Ok(listed.split_terminator('\0').map(PathBuf::from).filter(|file| tree::root().join(file).is_file()).collect())
 }
 

@@ -15,7 +15,7 @@ const TIME_TOLERANCE: f64 = 0.3;
 const DEMO_GOAL_MIN: f64 = 6.0;
 
 // No group of its own: it would have the name of the flattened one's.
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 #[group(skip)]
 pub struct Options {
     #[command(flatten)]
@@ -50,7 +50,7 @@ pub fn run(options: &Options) -> Result<()> {
     for Installed { name, features, most_mb } in &INSTALLED {
         let mut build = process::cargo();
         build.args(["build", "--locked", "--release", "--package", "inerter"]).args(*features);
-        rows.push(minutes(&format!("{name}: compiling"), from_nothing(&folder, build)?));
+        rows.push(minutes(&format!("{name}: compiling"), from_nothing(&folder, &mut build)?));
         let count = crates(LINKED, &[&["--package", "inerter"], *features].concat())? as f64;
         let row = Row::new(&format!("{name}: crates"), count, "");
         rows.push(match counted.first() {
@@ -67,18 +67,16 @@ pub fn run(options: &Options) -> Result<()> {
     let count =
         crates(LINKED, &["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"])?;
     rows.push(Row::new(name, count as f64, ""));
-    let mut wheel = process::cargo();
-    wheel.args(["build", "--locked", "--release", "--package", "inerter-python"]);
-    rows.push(minutes("Python package: compiling", from_nothing(&folder, wheel)?));
+    let wheel = ["build", "--locked", "--release", "--package", "inerter-python"];
+    rows.push(minutes("Python package: compiling", from_nothing(&folder, process::cargo().args(wheel))?));
     rows.push(Row::new("Python package: crates", crates(LINKED, &["--package", "inerter-python"])? as f64, ""));
-    let mut demo = process::cargo();
-    demo.args(["run", "--locked", "--package", "xtask", "--", "demo"]);
-    rows.push(minutes("demo, compiled and run", from_nothing(&folder, demo)?).at_most(DEMO_GOAL_MIN));
+    let demo = ["run", "--locked", "--package", "xtask", "--", "demo"];
+    let spent_s = from_nothing(&folder, process::cargo().args(demo))?;
+    rows.push(minutes("demo, compiled and run", spent_s).at_most(DEMO_GOAL_MIN));
     let count = crates(LINKED, &["--package", "xtask", "--package", "inerter-demo"])? as f64;
     rows.push(Row::new("demo: crates on the host", count, ""));
-    let mut tests = Part::Main.all("test");
-    tests.arg("--no-run");
-    rows.push(minutes("tests of the main workspace: compiling", from_nothing(&folder, tests)?));
+    let spent_s = from_nothing(&folder, Part::Main.all("test").arg("--no-run"))?;
+    rows.push(minutes("tests of the main workspace: compiling", spent_s));
     let count = crates("normal,build,dev", &[&["--workspace"], Part::Main.features()].concat())? as f64;
     rows.push(Row::new("tests of the main workspace: crates", count, ""));
     tree::remove(&folder)?;
@@ -93,7 +91,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows,
         repeats: false,
     };
-    table.settle(options.table)
+    table.settle(&options.table)
 }
 
 fn minutes(name: &str, seconds: f64) -> Row {
@@ -102,7 +100,7 @@ fn minutes(name: &str, seconds: f64) -> Row {
 }
 
 /// Processor time of a cargo command in an empty folder \[s\].
-fn from_nothing(folder: &Path, mut command: Command) -> Result<f64> {
+fn from_nothing(folder: &Path, command: &mut Command) -> Result<f64> {
     tree::remove(folder)?;
     let before = process::spent();
     process::run(command.env("CARGO_TARGET_DIR", folder).env("CARGO_INCREMENTAL", "0"))?;
@@ -114,9 +112,7 @@ const LINKED: &str = "normal,build";
 
 /// How many packages are compiled, by name and version.
 fn crates(edges: &str, arguments: &[&str]) -> Result<usize> {
-    let mut tree = process::cargo();
-    tree.args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
-    Ok(distinct(&process::output(tree.args(arguments))?))
+    Ok(distinct(&workspace::packages(&tree::root(), edges, arguments)?))
 }
 
 /// Lines of `cargo tree`, each package once.

@@ -1,16 +1,13 @@
 //! Published recordings of real machines, converted for the tests; docs/DATA.md says where to find them.
 
-use crate::{
-    process, tree,
-    workspace::{self, Part},
-};
+use crate::{process, tree, workspace};
 use anyhow::{Context, Result};
 use std::path::{PathBuf, absolute};
 
 /// Environment variable that names the folder of recordings, relative to the root.
 const FOLDER: &str = "INERTER_DATA";
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// The originals, as they were downloaded
     #[arg(required = true)]
@@ -41,9 +38,8 @@ pub fn run(options: &Options) -> Result<()> {
     };
     // The converter runs from the root.
     let files = options.files.iter().map(absolute).collect::<Result<Vec<_>, _>>()?;
-    let mut command = Part::Main.cargo();
-    command.args(["run", "--quiet", "--locked", "--package", "inerter-originals", "--"]).arg(&folder).args(files);
-    process::run(&mut command).context("the recordings were not converted")?;
+    let run = ["run", "--quiet", "--locked", "--package", "inerter-originals", "--"];
+    process::run(process::cargo().args(run).arg(&folder).args(files)).context("the recordings were not converted")?;
     println!("tests that use them: `{FOLDER}={} cargo xtask test`", folder.display());
     Ok(())
 }

@@ -7,7 +7,7 @@ use crate::{
 use anyhow::{Context, Result};
 
 /// Arguments passed on to the demo.
-#[derive(clap::Args, Clone, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Arguments of the demo itself (`--help` lists them)
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
@@ -19,11 +19,10 @@ pub fn run(options: &Options) -> Result<()> {
     process::heading("set-up");
     setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
     process::heading("building the firmware");
-    let image = firmware::build(Image::Qemu)?;
+    let image = firmware::build(Image::QEMU)?;
     process::heading("building the programs");
     process::run(process::cargo().args(["build", "--package", "inerter-demo"]))?;
-    let mut command = process::cargo();
-    command.args(["run", "--quiet", "--package", "inerter-demo", "--"]);
-    command.args(&options.arguments).env(Image::Qemu.variable(), &image);
-    process::run(&mut command).context("the demo failed")
+    let run = ["run", "--quiet", "--package", "inerter-demo", "--"];
+    process::run(process::cargo().args(run).args(&options.arguments).env(Image::QEMU.variable, &image))
+        .context("the demo failed")
 }

@@ -7,7 +7,6 @@ use crate::{
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 use std::{
-    fmt::Write,
     fs,
     path::Path,
     process::{Command, Stdio},
@@ -27,7 +26,7 @@ const PASSES: usize = 2;
 const MEMORY_MB: f64 = 100.0;
 const FASTER: f64 = 10.0;
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Write docs/tables/files.md
     #[arg(long)]
@@ -56,11 +55,10 @@ pub fn run(options: &Options) -> Result<()> {
             .stderr(Stdio::null())
             .current_dir(&folder),
     )?;
-    let script = tree::root().join("tests/python/read_recording.py");
     let reader = || -> Result<f64> {
-        let mut command = Command::new(&python);
-        command.arg(&script).args(["hour.mcap", &PYTHON_S.to_string()]);
-        let printed = process::output(command.current_dir(&folder))?;
+        let mut script = python::script(&python, "read_recording.py");
+        script.args(["hour.mcap", &PYTHON_S.to_string()]).current_dir(&folder);
+        let printed = process::output(&mut script)?;
         let read: Value = serde_json::from_str(&printed).context("the Python reader printed no JSON")?;
         let (samples, took) = (read["samples"].as_f64().unwrap_or(0.0), read["seconds"].as_f64().unwrap_or(0.0));
         ensure!(samples >= (PYTHON_S * RATE_HZ) as f64, "the Python reader found {samples} samples");
@@ -108,7 +106,7 @@ fn measure(inerter: &Path, folder: &Path, what: &'static str) -> Result<Measured
         "info" => command.args(["info", "hour.mcap", "--json"]),
         _ => command.args(["export", "hour.mcap", "--force", &format!("--{what}")]).arg(&output),
     };
-    let mut child = command.spawn().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
+    let mut child = process::spawn(&mut command)?;
     let (mut peak_mb, mut seconds) = (None, None);
     let status = loop {
         peak_mb = peak(child.id()).or(peak_mb);
@@ -147,8 +145,7 @@ fn table(all: &[Measured], python_s: f64, size_mb: f64) -> String {
         let command = if *what == "info" { "info".into() } else { format!("export --{what}") };
         let memory = peak_mb.map_or("not known".into(), |peak| format!("{peak:.0} MB"));
         let output = if *output_mb > 0.0 { format!("{output_mb:.0} MB") } else { String::new() };
-        // Writing to a String cannot fail.
-        writeln!(text, "| `{command}` | {:.0} times | {memory} | {output} |", python_s / seconds).ok();
+        text += &format!("| `{command}` | {:.0} times | {memory} | {output} |\n", python_s / seconds);
     }
     text
 }

@@ -10,63 +10,58 @@ use std::{
     time::Duration,
 };
 
-/// Folder of the board's package: its cargo settings (target, profile) apply only from within it.
-const BOARD_FOLDER: &str = "firmware/stm32g474";
-
 /// One program for the target.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Image {
-    /// For QEMU's netduinoplus2.
-    Qemu,
-    /// The shipping image, for the WeAct board.
-    Weact,
-    /// The shipping image with a task that hangs, to test the watchdog.
-    Hang,
-    /// The shipping image, for the NUCLEO: what `cargo build --release` makes in its folder.
-    Board,
+pub struct Image {
+    /// The variable that tells tests where it is.
+    pub variable: &'static str,
+    /// Folder from which it is built: the cargo settings of a package (target, profile) apply only from within its own.
+    folder: &'static str,
+    /// Arguments of `cargo build`.
+    arguments: &'static [&'static str],
+    /// Name of the program that cargo makes.
+    program: &'static str,
+    /// The file name of an image that cargo builds under the shipping image's name.
+    file: Option<&'static str>,
 }
 
 impl Image {
+    /// For QEMU's netduinoplus2.
+    pub const QEMU: Self = Self {
+        variable: "INERTER_QEMU_IMAGE",
+        folder: "",
+        arguments: &["--package", "inerter-qemu", "--profile", "firmware"],
+        program: "inerter-qemu",
+        file: None,
+    };
+
+    /// The shipping image, for the NUCLEO: what `cargo build --release` makes in its folder.
+    pub const BOARD: Self = Self {
+        variable: "INERTER_STM32_ELF",
+        folder: "firmware/stm32g474",
+        arguments: &["--release"],
+        program: "inerter-stm32g474",
+        file: None,
+    };
+
+    /// The shipping image, for the WeAct board.
+    pub const WEACT: Self = Self {
+        variable: "INERTER_STM32_WEACT_ELF",
+        arguments: &["--release", "--no-default-features", "--features", "board-weact"],
+        file: Some("inerter-stm32g474-weact"),
+        ..Self::BOARD
+    };
+
+    /// The shipping image with a task that hangs, to test the watchdog.
+    const HANG: Self = Self {
+        variable: "INERTER_STM32_HANG_ELF",
+        arguments: &["--release", "--features", "hang"],
+        file: Some("inerter-stm32g474-hang"),
+        ..Self::BOARD
+    };
+
     /// Everything that the tests run. The shipping image comes last: cargo gives its file name to the board's other
     /// images too.
-    pub const ALL: [Self; 4] = [Self::Qemu, Self::Weact, Self::Hang, Self::Board];
-
-    /// The variable that tells tests where the image is.
-    pub const fn variable(self) -> &'static str {
-        match self {
-            Self::Qemu => "INERTER_QEMU_IMAGE",
-            Self::Weact => "INERTER_STM32_WEACT_ELF",
-            Self::Hang => "INERTER_STM32_HANG_ELF",
-            Self::Board => "INERTER_STM32_ELF",
-        }
-    }
-
-    /// Name of the program that cargo makes.
-    const fn program(self) -> &'static str {
-        match self {
-            Self::Qemu => "inerter-qemu",
-            Self::Weact | Self::Hang | Self::Board => "inerter-stm32g474",
-        }
-    }
-
-    /// The file name of an image that cargo builds under the shipping image's name.
-    const fn file(self) -> Option<&'static str> {
-        match self {
-            Self::Qemu | Self::Board => None,
-            Self::Weact => Some("inerter-stm32g474-weact"),
-            Self::Hang => Some("inerter-stm32g474-hang"),
-        }
-    }
-
-    /// Arguments of `cargo build`.
-    pub const fn arguments(self) -> &'static [&'static str] {
-        match self {
-            Self::Qemu => &["--package", "inerter-qemu", "--profile", "firmware"],
-            Self::Weact => &["--release", "--no-default-features", "--features", "board-weact"],
-            Self::Hang => &["--release", "--features", "hang"],
-            Self::Board => &["--release"],
-        }
-    }
+    const ALL: [Self; 4] = [Self::QEMU, Self::WEACT, Self::HANG, Self::BOARD];
 }
 
 /// The compiler of the images, installed if there is none.
@@ -85,15 +80,12 @@ pub fn build(image: Image) -> Result<PathBuf> {
     let lock = workspace::target()?.join("images.lock");
     let lock = fs::File::create(&lock).with_context(|| format!("cannot write {}", lock.display()))?;
     lock.lock().context("the lock of the images")?;
-    if image != Image::Qemu {
-        command.current_dir(tree::root().join(BOARD_FOLDER));
-    }
-    command.args(image.arguments()).args(["--locked", "--message-format=json-render-diagnostics"]);
+    command.current_dir(tree::root().join(image.folder)).args(image.arguments);
+    command.args(["--locked", "--message-format=json-render-diagnostics"]);
     let messages = process::output(&mut command).context("the firmware did not build")?;
-    let program = image.program();
-    let built = executable(&messages, program)
-        .with_context(|| format!("cargo built no image; is {program} still a program?"))?;
-    let Some(file) = image.file() else { return Ok(built) };
+    let built = executable(&messages, image.program)
+        .with_context(|| format!("cargo built no image; is {} still a program?", image.program))?;
+    let Some(file) = image.file else { return Ok(built) };
     // Renamed, so that it is never mistaken for the shipping image.
     let own = built.with_file_name(file);
     fs::rename(&built, &own).with_context(|| format!("cannot write {}", own.display()))?;
@@ -103,7 +95,7 @@ pub fn build(image: Image) -> Result<PathBuf> {
 /// Builds all images and the foreign programs; returns the variables for them, and their paths.
 pub fn build_all() -> Result<Vec<(&'static str, PathBuf)>> {
     let foreign = (foreign::VARIABLE, foreign::build(&compiler()?)?);
-    let images = Image::ALL.into_iter().map(|image| Ok((image.variable(), build(image)?)));
+    let images = Image::ALL.into_iter().map(|image| Ok((image.variable, build(image)?)));
     images.chain([Ok(foreign)]).collect()
 }
 
@@ -128,12 +120,15 @@ fn executable(messages: &str, name: &str) -> Option<PathBuf> {
 pub fn run(image: &Path, arguments: &[&str], limit: Duration) -> Result<String> {
     setup::ensure(&[setup::Need::System(&setup::ARM_QEMU)], false)?;
     let semihosting = format!("enable=on,target=native,arg={}", [&["inerter"][..], arguments].concat().join(",arg="));
-    let mut command = Command::new(setup::QEMU);
-    // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes while the
-    // image sleeps.
-    command.args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"]);
-    command.args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"]).arg(image);
-    process::output_within(&mut command, limit)
+    process::output_within(
+        Command::new(setup::QEMU)
+            .args(["-machine", "netduinoplus2", "-display", "none", "-monitor", "none", "-serial", "null"])
+            // 64 ns per instruction, so that SysTick, at 168 MHz, resolves single instructions; no real time passes
+            // while the image sleeps.
+            .args(["-icount", "shift=6,sleep=off", "-semihosting-config", &semihosting, "-kernel"])
+            .arg(image),
+        limit,
+    )
 }
 
 #[cfg(test)]

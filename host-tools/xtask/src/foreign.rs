@@ -28,9 +28,7 @@ fn at(mut command: Command) -> Command {
 
 /// Builds them all and returns their folder.
 pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
-    let mut command = at(process::cargo());
-    let metadata = process::output(command.args(["metadata", "--format-version", "1", "--locked"]))?;
-    let metadata: Value = serde_json::from_str(&metadata).context("`cargo metadata` printed no JSON")?;
+    let metadata = workspace::metadata(&workspace::foreign())?;
     let target = Path::new(metadata["target_directory"].as_str().context("`cargo metadata`: no target folder")?);
     let examples = package(&metadata, PUBLISHED).context("the published examples are not among the dependencies")?;
     let (from, to) = (examples.join("examples"), target.join("foreign").join(PUBLISHED));
@@ -38,17 +36,15 @@ pub fn build(toolchain: &Toolchain) -> Result<PathBuf> {
         // A file that has not changed stays untouched, so that cargo does not rebuild it.
         copy::written(&to.join(file.strip_prefix(&from)?), &tree::read(&file)?)?;
     }
-    let mut command = at(toolchain.cargo("build"));
-    process::run(command.args(["--workspace", "--release", "--locked", "--quiet"])).context("foreign programs")?;
+    process::run(at(toolchain.cargo("build")).args(["--workspace", "--release", "--locked", "--quiet"]))
+        .context("foreign programs")?;
     Ok(target.join(FIRMWARE_TARGET).join("release"))
 }
 
 /// Checks format and lints of the programs that we wrote.
 pub fn lint(toolchain: &Toolchain) -> Result<()> {
     process::run(at(process::cargo()).args(["fmt", "--package", OWN, "--check"]))?;
-    let mut command = at(toolchain.cargo("clippy"));
-    command.args(["--release", "--locked", "--package", OWN, "--", "--deny", "warnings"]);
-    process::run(command.args(["--deny", "clippy::undocumented_unsafe_blocks"]))
+    process::run(&mut at(toolchain.clippy(&["--release", "--package", OWN])))
 }
 
 /// The folder of a package.

@@ -60,7 +60,7 @@ done
 reboot -f
 ";
 
-#[derive(clap::Args, Debug, Default)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Fetch kernel and busybox again
     #[arg(long)]
@@ -70,10 +70,6 @@ pub struct Options {
 /// Files made from the packages.
 const FETCHED: &[&str] = &["vmlinux", "base.cpio", "packages", UPDATER_FILES[0], UPDATER_FILES[1]];
 
-fn has(folder: &Path, names: &[&str]) -> bool {
-    names.iter().all(|name| folder.join(name).is_file())
-}
-
 /// Makes the missing files and prints where they are.
 pub fn run(options: &Options) -> Result<()> {
     ensure!(
@@ -81,7 +77,7 @@ pub fn run(options: &Options) -> Result<()> {
         "the guest runs the programs of this machine under an x86-64 Linux: use such a machine or a container"
     );
     let folder = workspace::folder("guest")?;
-    if has(&folder, FETCHED) && !options.refresh {
+    if FETCHED.iter().all(|name| folder.join(name).is_file()) && !options.refresh {
         let packages = tree::text(folder.join("packages"))?.split_whitespace().collect::<Vec<_>>().join(", ");
         println!("guest: {packages} (as fetched before; --refresh fetches anew)");
     } else {
@@ -159,8 +155,8 @@ fn update_list() -> Result<()> {
 
 /// Puts the packages of kernel, busybox and updater into the folder.
 fn download(kernel: &str, folder: &Path) -> Result<()> {
-    let mut command = Command::new("apt-get");
-    process::run(command.args(["download", kernel, BUSYBOX]).args(UPDATER).current_dir(folder))
+    let download = ["download", kernel, BUSYBOX];
+    process::run(Command::new("apt-get").args(download).args(UPDATER).current_dir(folder))
 }
 
 /// The first dependency that `apt-cache depends` lists.
@@ -428,6 +424,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixture::Fixture;
 
     #[test]
     fn the_newest_kernel_is_the_one_that_the_package_depends_on() {
@@ -454,19 +451,17 @@ mod tests {
 
     #[test]
     fn modules_come_behind_what_they_need() {
-        let folder = std::env::temp_dir().join(format!("inerter-modules-{}", std::process::id()));
-        let kernel = folder.join("lib/modules/1.0/kernel/drivers");
-        fs::create_dir_all(&kernel).expect("a folder for the test");
-        let needs = [("cdc-acm", "usbcore"), ("usbcore", "usb-common,crc"), ("usb-common", ""), ("other", "")];
-        for (name, needs) in needs {
-            fs::write(kernel.join(format!("{name}.ko")), format!("\0depends={needs}\0")).expect("a small file");
-        }
-        fs::write(folder.join("lib/modules/1.0/modules.builtin"), "kernel/lib/crc.ko\n").expect("a small file");
-        let modules = Modules::read(&folder, "1.0").expect("modules");
+        let fixture = Fixture::new(&[
+            ("lib/modules/1.0/kernel/drivers/cdc-acm.ko", "\0depends=usbcore\0"),
+            ("lib/modules/1.0/kernel/drivers/usbcore.ko", "\0depends=usb-common,crc\0"),
+            ("lib/modules/1.0/kernel/drivers/usb-common.ko", "\0depends=\0"),
+            ("lib/modules/1.0/kernel/drivers/other.ko", "\0depends=\0"),
+            ("lib/modules/1.0/modules.builtin", "kernel/lib/crc.ko\n"),
+        ]);
+        let modules = Modules::read(&fixture.0, "1.0").expect("modules");
         assert_eq!(modules.order(&["cdc_acm", "usb_common"]).expect("all there"), ["usb_common", "usbcore", "cdc_acm"]);
         let missing = modules.order(&["vhci_hcd"]).expect_err("not there");
         assert!(missing.to_string().contains("vhci_hcd"));
-        fs::remove_dir_all(&folder).expect("the test's own folder");
     }
 
     #[test]

@@ -26,35 +26,18 @@ const SOLVE_GOAL: f64 = 8000.0;
 const SOLVES: f64 = 3.0;
 
 /// What the image reports of itself.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Report {
-    /// One entry for each sample rate.
-    pub rates: Vec<Rate>,
+    /// Instructions at each sample rate; the slow bank's share falls with the rate.
+    rows: Vec<Row>,
     /// State of the estimator, in bytes.
     pub state_bytes: f64,
 }
 
-/// Counts at one sample rate; the slow bank's share falls with the rate.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rate {
-    /// Samples per second.
-    pub sample_rate_hz: f64,
-    /// A sample without publication: mean and maximum, in instructions.
-    pub sample: [f64; 2],
-    /// The same with both routes of the backlash.
-    pub contact: [f64; 2],
-    /// The cost of an accepted reversal in the force's route.
-    pub reversal: f64,
-    /// A publication by itself: mean and maximum, in instructions.
-    pub estimate: [f64; 2],
-    /// What a publication adds to a sample: mean, in instructions.
-    pub publication: f64,
-}
-
 /// Compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
-    let image = firmware::build(Image::Qemu)?;
-    let report = measure(&image)?;
+    let image = firmware::build(Image::QEMU)?;
+    let Report { rows, .. } = measure(&image)?;
     let table = Table {
         name: "icount",
         title: "Instructions on the Cortex-M4F",
@@ -66,34 +49,10 @@ pub fn run(options: &Options) -> Result<()> {
                 The goals are read as those of the means: the most that a sample or a solve takes has none. \
                 They guard against growth; they are not cycles of a real core."
             .into(),
-        rows: rows(&report),
+        rows,
         repeats: true,
     };
-    table.settle(*options)
-}
-
-fn rows(report: &Report) -> Vec<Row> {
-    let mut rows = Vec::new();
-    for rate in &report.rates {
-        let row = |what: &str, value: f64| {
-            let name = format!("{} kHz, {what}", rate.sample_rate_hz / 1000.0);
-            Row::new(&name, value, "instructions")
-        };
-        rows.extend([
-            row("sample: mean", rate.sample[0]),
-            row("sample: most", rate.sample[1]),
-            match rate.sample_rate_hz {
-                4000.0 => row("sample with backlash: mean", rate.contact[0]).at_most(SAMPLE_GOAL),
-                _ => row("sample with backlash: mean", rate.contact[0]),
-            },
-            row("sample with backlash: most", rate.contact[1]),
-            row("reversal", rate.reversal),
-            row("solve with intervals: mean", rate.estimate[0] / SOLVES).at_most(SOLVE_GOAL),
-            row("solve with intervals: most", rate.estimate[1] / SOLVES),
-            row("publication beside its sample: mean", rate.publication),
-        ]);
-    }
-    rows
+    table.settle(options)
 }
 
 /// Runs the image's own measurement in QEMU.
@@ -107,23 +66,35 @@ fn parse(printed: &str) -> Result<Report> {
     let line = printed.lines().rev().find(|line| line.starts_with('{'));
     let line = line.with_context(|| format!("the image printed no JSON line; it printed: {}", printed.trim()))?;
     let value: Value = serde_json::from_str(line).with_context(|| format!("the image's line is not JSON: {line}"))?;
-    let number = |value: &Value, path: &[&str]| {
-        let found = path.iter().try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
-        found.with_context(|| format!("no number `{}` in the image's line: {line}", path.join(".")))
+    let number = |value: &Value, path: &str| {
+        let found = path.split('.').try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
+        found.with_context(|| format!("no number `{path}` in the image's line: {line}"))
     };
     let rates = value["rates"].as_array().with_context(|| format!("no list `rates` in the image's line: {line}"))?;
-    let rates = rates.iter().map(|rate| {
-        let two = |name: &str| anyhow::Ok([number(rate, &[name, "mean"])?, number(rate, &[name, "max"])?]);
-        Ok(Rate {
-            sample_rate_hz: number(rate, &["sample_rate_hz"])?,
-            sample: two("step")?,
-            contact: two("contact")?,
-            reversal: number(rate, &["reversal"])?,
-            estimate: two("estimate")?,
-            publication: number(rate, &["solve"])?,
-        })
-    });
-    Ok(Report { rates: rates.collect::<Result<_>>()?, state_bytes: number(&value, &["state_bytes"])? })
+    let mut rows = Vec::new();
+    for rate in rates {
+        let rate_hz = number(rate, "sample_rate_hz")?;
+        let sample_goal = (rate_hz == 4000.0).then_some(SAMPLE_GOAL);
+        for (what, path, parts, goal) in [
+            // Without publication.
+            ("sample: mean", "step.mean", 1.0, None),
+            ("sample: most", "step.max", 1.0, None),
+            // With both routes of the backlash.
+            ("sample with backlash: mean", "contact.mean", 1.0, sample_goal),
+            ("sample with backlash: most", "contact.max", 1.0, None),
+            // What an accepted one costs in the force's route.
+            ("reversal", "reversal", 1.0, None),
+            // A publication by itself.
+            ("solve with intervals: mean", "estimate.mean", SOLVES, Some(SOLVE_GOAL)),
+            ("solve with intervals: most", "estimate.max", SOLVES, None),
+            // What a publication adds to a sample.
+            ("publication beside its sample: mean", "solve", 1.0, None),
+        ] {
+            let name = format!("{} kHz, {what}", rate_hz / 1000.0);
+            rows.push(Row { goal, ..Row::new(&name, number(rate, path)? / parts, "instructions") });
+        }
+    }
+    Ok(Report { rows, state_bytes: number(&value, "state_bytes")? })
 }
 
 #[cfg(test)]
@@ -134,10 +105,9 @@ mod tests {
 
     #[test]
     fn the_images_line_is_read() {
-        let report = parse(&format!("booting\n{LINE}\n")).unwrap();
-        assert_eq!(report.rates.len(), 1);
-        assert_eq!(report.rates[0].sample, [883.0, 3654.0]);
-        let rows = rows(&report);
+        let Report { rows, .. } = parse(&format!("booting\n{LINE}\n")).unwrap();
+        assert_eq!(rows.len(), 8);
+        assert_eq!([rows[0].value, rows[1].value], [883.0, 3654.0]);
         assert_eq!(rows[0], Row::new("1 kHz, sample: mean", 883.0, "instructions"));
         assert_eq!([rows[2].value, rows[4].value, rows[5].value], [983.0, 51_000.0, 3340.0]);
     }

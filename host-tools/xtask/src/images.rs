@@ -24,7 +24,7 @@ const DFUSE: u16 = 0x011A;
 const NAME: usize = 255;
 
 /// Contiguous bytes in flash.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub struct Part {
     /// Address of the first byte.
     pub address: u32,
@@ -112,9 +112,9 @@ pub fn dfuse(parts: &[Part], name: &str) -> Result<Vec<u8>> {
         elements.extend(u32::try_from(part.bytes.len())?.to_le_bytes());
         elements.extend(&part.bytes);
     }
-    let mut named = [0; NAME];
     // The last byte stays 0.
-    named.iter_mut().take(NAME - 1).zip(name.bytes()).for_each(|(byte, letter)| *byte = letter);
+    let mut named: Vec<u8> = name.bytes().take(NAME - 1).collect();
+    named.resize(NAME, 0);
     // Alternate setting 0 is the flash; 1: the target has a name.
     let mut target = [&b"Target"[..], &[0], &1_u32.to_le_bytes(), &named].concat();
     target.extend(u32::try_from(elements.len())?.to_le_bytes());

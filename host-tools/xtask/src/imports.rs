@@ -7,25 +7,29 @@
 //! `f`; a call on any other value is not, as its type is not known here. `mod x;` alone imports nothing, nor does `use
 //! a::b;` where `b` is a module: the paths through it do.
 
-use crate::source;
+use crate::source::{self, is_mark};
 use anyhow::{Context, Result, bail};
 use proc_macro2::{Ident, Span, TokenStream, TokenTree};
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
+    iter,
     path::{Path, PathBuf},
 };
-use syn::{Attribute, ImplItem, Item, ItemImpl, ItemMod, ItemUse, UseTree, Visibility, ext::IdentExt, visit::Visit};
+use syn::{
+    Attribute, ImplItem, Item, ItemImpl, ItemMacro, ItemMod, ItemUse, UseTree, Visibility,
+    ext::IdentExt,
+    visit::{self, Visit},
+};
 
 /// An import cycle: modules each of which imports the next one, and the last one the first.
-#[derive(Debug)]
 pub struct Circle {
-    pub files: Vec<PathBuf>,
+    /// How many modules.
+    pub modules: usize,
     /// Its imports: file and line, what is imported, and the file that has it.
     pub imports: Vec<Import>,
 }
 
 /// A file's imports from another one.
-#[derive(Debug, PartialEq, Eq)]
 pub struct Import {
     /// The importing file.
     pub from: PathBuf,
@@ -53,17 +57,15 @@ pub fn circles(root: &Path) -> Result<Vec<Circle>> {
         })
         .collect();
     let mut circles = Vec::new();
-    let mut done = HashSet::<usize>::new();
-    for file in 0..tree.files.len() {
-        if !reach[file].contains(&file) || done.contains(&file) {
+    for (file, reached) in reach.iter().enumerate() {
+        let circle: BTreeSet<usize> = reached.iter().copied().filter(|&other| reach[other].contains(&file)).collect();
+        // A circle is told once, by its first file; that of a file in none is empty.
+        if circle.first() != Some(&file) {
             continue;
         }
-        let circle: BTreeSet<usize> =
-            reach[file].iter().copied().filter(|&other| reach[other].contains(&file)).collect();
-        done.extend(&circle);
         let within = imports.iter().filter(|((from, to), _)| circle.contains(from) && circle.contains(to));
         circles.push(Circle {
-            files: circle.iter().map(|&file| tree.files[file].clone()).collect(),
+            modules: circle.len(),
             imports: within
                 .map(|((from, to), paths)| Import {
                     from: tree.files[*from].clone(),
@@ -105,7 +107,7 @@ enum Definition {
 }
 
 /// What a path leads to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Target {
     Item(usize),
     Module(usize),
@@ -127,20 +129,19 @@ struct Folders {
 impl Tree {
     fn read(root: &Path) -> Result<Self> {
         let mut tree = Self::default();
-        let folder = root.parent().context("a root file without a folder")?;
-        tree.file(root, None, folder.to_path_buf())?;
+        tree.file(root, None, None)?;
         Ok(tree)
     }
 
-    /// Adds the module of a file; the files of its modules lie in the folder.
-    fn file(&mut self, path: &Path, parent: Option<usize>, own: PathBuf) -> Result<usize> {
+    /// Adds the module of a file; the files of its modules lie in the folder `own`, or beside it if there is none.
+    fn file(&mut self, path: &Path, parent: Option<usize>, own: Option<PathBuf>) -> Result<usize> {
         let parsed = source::parse(path)?;
         let file = self.files.iter().position(|known| known == path).unwrap_or_else(|| {
             self.files.push(path.to_path_buf());
             self.files.len() - 1
         });
         let given = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        self.module(parsed.items, file, parent, &Folders { own, given })
+        self.module(parsed.items, file, parent, &Folders { own: own.unwrap_or_else(|| given.clone()), given })
     }
 
     fn module(&mut self, items: Vec<Item>, file: usize, parent: Option<usize>, folders: &Folders) -> Result<usize> {
@@ -163,7 +164,7 @@ impl Tree {
 
     /// Adds a module declared by another one.
     fn child(&mut self, parent: usize, mut item: ItemMod, folders: &Folders) -> Result<()> {
-        let (name, file) = (item.ident.unraw().to_string(), self.modules[parent].file);
+        let (name, file) = (bare(&item.ident), self.modules[parent].file);
         let child = match item.content.take() {
             Some((_, items)) => {
                 let folder = folders.own.join(&name);
@@ -171,15 +172,11 @@ impl Tree {
             }
             None => {
                 let (path, own) = match source::path_attribute(&item.attrs) {
-                    Some(path) => {
-                        let path = folders.given.join(path);
-                        let own = path.parent().unwrap_or(Path::new("")).to_path_buf();
-                        (path, own)
-                    }
+                    Some(path) => (folders.given.join(path), None),
                     None => {
                         let own = folders.own.join(&name);
-                        let beside = folders.own.join(format!("{name}.rs"));
-                        (if beside.is_file() { beside } else { own.join("mod.rs") }, own)
+                        let beside = own.with_extension("rs");
+                        (if beside.is_file() { beside } else { own.join("mod.rs") }, Some(own))
                     }
                 };
                 self.file(&path, Some(parent), own).with_context(|| format!("module {name}"))?
@@ -215,7 +212,7 @@ impl Tree {
                 let Some(of) = self.type_of(place, item) else { continue };
                 for member in &item.items {
                     if let ImplItem::Fn(function) = member {
-                        own.insert((of.clone(), function.sig.ident.unraw().to_string()), module.file);
+                        own.insert((of.clone(), bare(&function.sig.ident)), module.file);
                     }
                 }
             }
@@ -267,21 +264,27 @@ impl Tree {
         let mut targets = HashSet::new();
         let here = &self.modules[module];
         if seen.insert((module, name.clone())) {
-            let definitions = here.names.get(name).map(Vec::as_slice).unwrap_or_default();
-            let is_module = definitions.iter().any(|definition| matches!(definition, Definition::Module(_)));
-            for definition in definitions {
-                match definition {
-                    // A function may have a module's name; a longer path leads through the module.
-                    Definition::Item if is_module && !rest.is_empty() => {}
-                    Definition::Item => targets.extend([Target::Item(here.file)]),
-                    Definition::Module(child) => targets.extend(self.walk(*child, rest, true, seen)),
-                    Definition::Path(to) => {
-                        targets.extend(self.resolve(module, &[to, rest].concat(), seen));
+            if let Some(definitions) = here.names.get(name) {
+                let is_module = definitions.iter().any(|definition| matches!(definition, Definition::Module(_)));
+                for definition in definitions {
+                    match definition {
+                        // A function may have a module's name; a longer path leads through the module.
+                        Definition::Item if is_module && !rest.is_empty() => {}
+                        Definition::Item => targets.extend([Target::Item(here.file)]),
+                        Definition::Module(child) => targets.extend(self.walk(*child, rest, true, seen)),
+                        Definition::Path(to) => {
+                            targets.extend(self.resolve(module, &[to, rest].concat(), seen));
+                        }
                     }
                 }
-            }
-            if !here.names.contains_key(name) {
-                targets.extend(here.globs.iter().flat_map(|glob| self.through(module, glob, path, seen)));
+            } else {
+                for glob in &here.globs {
+                    for target in self.resolve(module, glob, seen) {
+                        if let Target::Module(through) = target {
+                            targets.extend(self.walk(through, path, false, seen));
+                        }
+                    }
+                }
             }
             seen.remove(&(module, name.clone()));
         }
@@ -291,36 +294,14 @@ impl Tree {
         targets
     }
 
-    /// Where a path leads through a `*`.
-    fn through(
-        &self,
-        module: usize,
-        glob: &[String],
-        path: &[String],
-        seen: &mut HashSet<(usize, String)>,
-    ) -> HashSet<Target> {
-        let mut targets = HashSet::new();
-        for target in self.resolve(module, glob, seen) {
-            if let Target::Module(module) = target {
-                targets.extend(self.walk(module, path, false, seen));
-            }
-        }
-        targets
-    }
-
     /// The file of a textual macro that a module sees.
     fn textual_macro(&self, module: usize, name: &str) -> Option<usize> {
-        let has = |place: usize| self.modules[place].macros.contains(name);
-        let mut at = Some(module);
-        while let Some(place) = at {
-            let mut below = (0..self.modules.len())
-                .filter(|&child| self.modules[child].parent == Some(place) && self.modules[child].macro_use);
-            if let Some(found) = Some(place).filter(|&place| has(place)).or_else(|| below.find(|&child| has(child))) {
-                return Some(self.modules[found].file);
-            }
-            at = self.modules[place].parent;
-        }
-        None
+        let mut up = iter::successors(Some(module), |&place| self.modules[place].parent);
+        up.find_map(|place| {
+            let below = self.modules.iter().filter(|child| child.parent == Some(place) && child.macro_use);
+            let mut seen = iter::once(&self.modules[place]).chain(below);
+            seen.find(|module| module.macros.contains(name)).map(|module| module.file)
+        })
     }
 }
 
@@ -337,9 +318,9 @@ impl Module {
             Item::TraitAlias(item) => Some(&item.ident),
             Item::Type(item) => Some(&item.ident),
             Item::Union(item) => Some(&item.ident),
-            Item::Macro(item) if item.ident.is_some() => {
-                self.macros.extend(item.ident.as_ref().map(ToString::to_string));
-                item.ident.as_ref()
+            Item::Macro(ItemMacro { ident: Some(name), .. }) => {
+                self.macros.insert(name.to_string());
+                Some(name)
             }
             Item::Macro(item) if item.mac.path.is_ident("include") => {
                 let line = item.mac.path.segments[0].ident.span().start().line;
@@ -352,7 +333,7 @@ impl Module {
             _ => None,
         };
         if let Some(name) = name {
-            self.names.entry(name.unraw().to_string()).or_default().push(Definition::Item);
+            self.names.entry(bare(name)).or_default().push(Definition::Item);
         }
         Uses(self).visit_item(item);
         Ok(())
@@ -400,14 +381,14 @@ fn spread(tree: &UseTree, before: &mut Vec<String>, found: &mut Vec<Leaf>) {
         let mut path = before.clone();
         // `a::{self}` is `a`.
         if ident != "self" || before.is_empty() {
-            path.push(ident.unraw().to_string());
+            path.push(bare(ident));
         }
-        let name = if name == "self" { path.last().cloned() } else { Some(name.unraw().to_string()) };
+        let name = if name == "self" { path.last().cloned() } else { Some(bare(name)) };
         found.push(Leaf { path, name, span: ident.span() });
     };
     match tree {
         UseTree::Path(path) => {
-            before.push(path.ident.unraw().to_string());
+            before.push(bare(&path.ident));
             spread(&path.tree, before, found);
             before.pop();
         }
@@ -459,7 +440,7 @@ impl Paths<'_> {
     /// A call of the own function of this `impl`'s type.
     fn call(&mut self, name: &Ident) {
         let Some(of) = self.of.clone() else { return };
-        let called = name.unraw().to_string();
+        let called = bare(name);
         if let Some(&file) = self.own.get(&(of, called.clone())) {
             self.add(file, &["Self".into(), called], name.span());
         }
@@ -499,12 +480,12 @@ impl Paths<'_> {
                     }
                 }
                 TokenTree::Ident(first) if !is_member(&tokens[..at - 1]) => {
-                    let mut path = vec![first.unraw().to_string()];
+                    let mut path = vec![bare(first)];
                     while let [colons @ .., TokenTree::Ident(ident)] = tokens.get(at..at + 3).unwrap_or_default() {
                         if !is_double_colon(colons) {
                             break;
                         }
-                        path.push(ident.unraw().to_string());
+                        path.push(bare(ident));
                         at += 3;
                     }
                     self.path(&path, first.span());
@@ -515,21 +496,25 @@ impl Paths<'_> {
     }
 }
 
+/// A name without `r#`.
+fn bare(name: &Ident) -> String {
+    name.unraw().to_string()
+}
+
 fn names(path: &syn::Path) -> Vec<String> {
-    path.segments.iter().map(|segment| segment.ident.unraw().to_string()).collect()
+    path.segments.iter().map(|segment| bare(&segment.ident)).collect()
 }
 
 fn is_double_colon(tokens: &[TokenTree]) -> bool {
-    matches!(tokens, [TokenTree::Punct(first), TokenTree::Punct(second)] if first.as_char() == ':' && second.as_char() == ':')
+    matches!(tokens, [first, second] if is_mark(first, ':') && is_mark(second, ':'))
 }
 
 /// Whether the token after these is not a path of this crate: after one dot it is a field or method, after `::` a name
 /// of another crate or of a type.
 fn is_member(before: &[TokenTree]) -> bool {
-    let dot = |token: &TokenTree| matches!(token, TokenTree::Punct(punct) if punct.as_char() == '.');
     match before {
-        [.., a, b] => (dot(b) && !dot(a)) || is_double_colon(&before[before.len() - 2..]),
-        [a] => dot(a),
+        [.., a, b] => (is_mark(b, '.') && !is_mark(a, '.')) || (is_mark(a, ':') && is_mark(b, ':')),
+        [a] => is_mark(a, '.'),
         [] => false,
     }
 }
@@ -537,19 +522,19 @@ fn is_member(before: &[TokenTree]) -> bool {
 impl<'ast> Visit<'ast> for Paths<'_> {
     fn visit_item(&mut self, item: &'ast Item) {
         if !source::only_for_tests(source::attributes(item)) {
-            syn::visit::visit_item(self, item);
+            visit::visit_item(self, item);
         }
     }
 
     fn visit_impl_item(&mut self, item: &'ast ImplItem) {
         if !source::member_only_for_tests(item) {
-            syn::visit::visit_impl_item(self, item);
+            visit::visit_impl_item(self, item);
         }
     }
 
     fn visit_item_impl(&mut self, item: &'ast ItemImpl) {
         self.of = self.tree.type_of(self.module, item);
-        syn::visit::visit_item_impl(self, item);
+        visit::visit_item_impl(self, item);
         self.of = None;
     }
 
@@ -557,7 +542,7 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         if matches!(&*call.receiver, syn::Expr::Path(path) if path.path.is_ident("self")) {
             self.call(&call.method);
         }
-        syn::visit::visit_expr_method_call(self, call);
+        visit::visit_expr_method_call(self, call);
     }
 
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
@@ -582,7 +567,7 @@ impl<'ast> Visit<'ast> for Paths<'_> {
                 _ => self.path(&names(path), first.ident.span()),
             }
         }
-        syn::visit::visit_path(self, path);
+        visit::visit_path(self, path);
     }
 
     fn visit_macro(&mut self, called: &'ast syn::Macro) {
@@ -629,11 +614,15 @@ mod tests {
 
     #[test]
     fn a_use_is_an_import_of_what_it_names() {
-        assert_eq!(of_a("use crate::b::B;"), ["a.rs:1 crate::b::B b.rs"]);
+        for (text, import) in [
+            ("use crate::b::B;", "a.rs:1 crate::b::B b.rs"),
+            ("use crate::b::E::*;", "a.rs:1 crate::b::E b.rs"),
+            ("use crate::b::*;", "a.rs:1 crate::b b.rs"),
+            ("fn f() {\n use crate::b::B as Other;\n}", "a.rs:2 crate::b::B b.rs"),
+        ] {
+            assert_eq!(of_a(text), [import], "{text}");
+        }
         assert_eq!(of_a("use super::b::{B, c::C};"), ["a.rs:1 super::b::B b.rs", "a.rs:1 super::b::c::C b/c.rs"]);
-        assert_eq!(of_a("use crate::b::E::*;"), ["a.rs:1 crate::b::E b.rs"]);
-        assert_eq!(of_a("use crate::b::*;"), ["a.rs:1 crate::b b.rs"]);
-        assert_eq!(of_a("fn f() {\n use crate::b::B as Other;\n}"), ["a.rs:2 crate::b::B b.rs"]);
         assert!(of_a("use std::fmt; use serde::b::B; use ::b::B;").is_empty());
     }
 
@@ -655,10 +644,14 @@ mod tests {
 
     #[test]
     fn inline_paths_are_imports() {
-        assert_eq!(of_a("fn f() { crate::b::f() }"), ["a.rs:1 crate::b::f b.rs"]);
-        assert_eq!(of_a("fn f(c: &Vec<super::b::c::C>) {}"), ["a.rs:1 super::b::c::C b/c.rs"]);
-        assert_eq!(of_a("impl crate::b::B { fn more(&self) {} }"), ["a.rs:1 crate::b::B b.rs"]);
-        assert_eq!(of_a("struct A; impl From<A> for crate::b::B {}"), ["a.rs:1 crate::b::B b.rs"]);
+        for (text, import) in [
+            ("fn f() { crate::b::f() }", "a.rs:1 crate::b::f b.rs"),
+            ("fn f(c: &Vec<super::b::c::C>) {}", "a.rs:1 super::b::c::C b/c.rs"),
+            ("impl crate::b::B { fn more(&self) {} }", "a.rs:1 crate::b::B b.rs"),
+            ("struct A; impl From<A> for crate::b::B {}", "a.rs:1 crate::b::B b.rs"),
+        ] {
+            assert_eq!(of_a(text), [import], "{text}");
+        }
         assert!(of_a("fn f() { ::b::f(); T::b::f(); }").is_empty());
     }
 
@@ -756,11 +749,15 @@ mod tests {
 
     #[test]
     fn tests_are_left_aside() {
-        assert!(of_a("#[cfg(test)] mod tests { use crate::b::B; }").is_empty());
-        assert!(of_a("#[cfg(test)] mod not_there;").is_empty());
-        assert!(of_a("struct A; impl A { #[cfg(test)] fn f() { crate::b::f() } }").is_empty());
-        assert!(of_a("#[cfg(test)] use crate::b::B;").is_empty());
-        assert!(of_a("fn f() { #[cfg(test)] fn g() { crate::b::f() } }").is_empty());
+        for text in [
+            "#[cfg(test)] mod tests { use crate::b::B; }",
+            "#[cfg(test)] mod not_there;",
+            "struct A; impl A { #[cfg(test)] fn f() { crate::b::f() } }",
+            "#[cfg(test)] use crate::b::B;",
+            "fn f() { #[cfg(test)] fn g() { crate::b::f() } }",
+        ] {
+            assert!(of_a(text).is_empty(), "{text}");
+        }
         assert_eq!(of_a("#[cfg(unix)] use crate::b::B;").len(), 1);
     }
 

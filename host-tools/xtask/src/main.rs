@@ -191,7 +191,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Identify(options) => accuracy::table("identify", &options),
         Command::BenchIdentify => bench::identify(),
         Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
-        Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.as_given()),
+        Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.arguments),
         Command::MonitorLoad(options) => monitor_load::run(&options),
         Command::Chaos(options) => chaos::run(&options),
         Command::Soak(options) => soak::run(&options),

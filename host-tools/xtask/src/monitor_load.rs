@@ -33,7 +33,7 @@ pub const TICKS_HZ: f64 = 100.0;
 /// Bytes of a page in `/proc/PID/statm`, on x86-64 and most others.
 const PAGE_BYTES: f64 = 4096.0;
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// How long, in minutes
     #[arg(long, default_value_t = 10.0)]
@@ -55,7 +55,7 @@ impl Drop for Running {
 }
 
 /// One measurement of a process.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Look {
     pub at_s: f64,
     pub processor_s: f64,
@@ -121,10 +121,13 @@ pub fn device(program: &Path) -> Result<(Running, String)> {
 
 /// A simulated device with these options, and its address.
 pub fn simulated(program: &Path, options: &[&str]) -> Result<(Running, String)> {
-    let mut command = Command::new(program);
-    command.args(["simulate", "--tcp", "127.0.0.1:0", "--json"]).args(options);
-    let mut child =
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("cannot start the simulated device")?;
+    let mut child = Command::new(program)
+        .args(["simulate", "--tcp", "127.0.0.1:0", "--json"])
+        .args(options)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .context("cannot start the simulated device")?;
     let output = child.stdout.take().context("no pipe to the simulated device")?;
     let running = Running(child);
     let mut line = String::new();
@@ -145,11 +148,15 @@ fn watch(program: &Path, address: &str, folder: &Path, seconds: f64) -> Result<(
         quoted(program),
         quoted(&folder.join(RECORDING))
     );
-    let mut command = Command::new("script");
-    command.args(["--quiet", "--flush", "--return", "--command", &shell]).arg(&drawn).env("TERM", "xterm-256color");
-    // `script` reads keys for as long as its input is open.
-    command.stdin(Stdio::piped()).stdout(Stdio::null());
-    let mut script = Running(command.spawn().context("cannot start `script` (on Debian: package bsdutils)")?);
+    let script = Command::new("script")
+        .args(["--quiet", "--flush", "--return", "--command", &shell])
+        .arg(&drawn)
+        .env("TERM", "xterm-256color")
+        // It reads keys for as long as its input is open.
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn();
+    let mut script = Running(script.context("cannot start `script` (on Debian: package bsdutils)")?);
     let started = Instant::now();
     let process = loop {
         if let Some(pid) = fs::read_to_string(&pid_file).ok().and_then(|text| text.trim().parse::<u32>().ok()) {

@@ -13,14 +13,13 @@
 //! days, `--sample` tests every Nth mutant, evenly over all files; `--from` starts at another mutant, which gives
 //! another sample.
 
-use crate::{copy, process, source, tool, tree, workspace};
+use crate::{copy, process, source, table, tool, tree, workspace};
 use anyhow::{Context, Result, anyhow, ensure};
 use proc_macro2::TokenStream;
 use sha2::{Digest, Sha256};
 use std::{
     cell::Cell,
     collections::{BTreeMap, VecDeque},
-    fmt::Write,
     fs,
     num::NonZeroUsize,
     path::Path,
@@ -28,7 +27,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Test this package alone: core, wire or app
     package: Option<String>,
@@ -104,7 +103,6 @@ const GOAL: f64 = 95.0;
 const NO_REASON: &str = "no reason yet";
 
 /// The mutants of a package that are tested together.
-#[derive(Clone, Debug, PartialEq, Eq)]
 enum Scope {
     File(String),
     /// Every Nth of all mutants, from a given first one.
@@ -147,7 +145,7 @@ impl Scope {
 const SAMPLE: &str = "one mutant of ";
 
 /// Results for the mutants of one file, or of a sample.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq)]
 struct Tested {
     /// Checksum of the source when it was tested.
     sum: String,
@@ -158,7 +156,7 @@ struct Tested {
 }
 
 /// The committed results of a package.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq)]
 struct Record {
     files: BTreeMap<String, Tested>,
     /// Survivors by file, each with its reason; and mutants that only a golden catches.
@@ -304,7 +302,7 @@ impl Package {
         command.args(["--", "--locked", "--"]).args(self.left_out(pass).flat_map(|name| ["--skip", name]));
         let mut command = with_limits(command);
         command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
-        let status = command.status().with_context(|| format!("cannot start `{}`", process::shown(&command)))?;
+        let status = process::spawn(&mut command)?.wait()?;
         // 2: some were missed, 3: some took too long.
         ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
         let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
@@ -378,11 +376,9 @@ fn code_sum(source: &str) -> Result<String> {
 }
 
 fn sum(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().take(6).fold(String::new(), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    let mut digits = format!("{:x}", Sha256::digest(bytes));
+    digits.truncate(12);
+    digits
 }
 
 fn from_root(path: &Path) -> String {
@@ -408,12 +404,11 @@ impl Record {
                 } else {
                     record.golden.entry(file.clone()).or_default().push(change.to_owned());
                 }
-            } else if let [_, name, caught, golden, survived, sum, _] = line.split('|').collect::<Vec<_>>()[..]
-                && let [Ok(caught), Ok(golden), Ok(survived)] =
-                    [caught, golden, survived].map(|cell| cell.trim().parse())
+            } else if let [_, name, caught, golden, survived, sum, _] = table::cells(line)[..]
+                && let [Ok(caught), Ok(golden), Ok(survived)] = [caught, golden, survived].map(str::parse)
             {
-                let tested = Tested { sum: sum.trim().to_owned(), caught, golden, survived };
-                record.files.insert(name.trim().trim_matches('`').to_owned(), tested);
+                let tested = Tested { sum: sum.to_owned(), caught, golden, survived };
+                record.files.insert(name.trim_matches('`').to_owned(), tested);
             }
         }
         record
@@ -426,23 +421,22 @@ impl Record {
             package.name,
             self.summary()
         );
-        // Writing to a String cannot fail.
         for (file, Tested { sum, caught, golden, survived }) in &self.files {
-            let _ = writeln!(text, "| `{file}` | {caught} | {golden} | {survived} | {sum} |");
+            text += &format!("| `{file}` | {caught} | {golden} | {survived} | {sum} |\n");
         }
-        let _ = writeln!(text, "\n## {SURVIVORS}");
+        text += &format!("\n## {SURVIVORS}\n");
         for (file, mutants) in &self.survivors {
-            let _ = writeln!(text, "\n### `{file}`\n");
+            text += &format!("\n### `{file}`\n\n");
             for (change, reason) in mutants {
-                let _ = writeln!(text, "- `{change}`: {reason}");
+                text += &format!("- `{change}`: {reason}\n");
             }
         }
         if !self.golden.is_empty() {
-            let _ = writeln!(text, "\n## {GOLDEN}");
+            text += &format!("\n## {GOLDEN}\n");
             for (file, mutants) in &self.golden {
-                let _ = writeln!(text, "\n### `{file}`\n");
+                text += &format!("\n### `{file}`\n\n");
                 for change in mutants {
-                    let _ = writeln!(text, "- `{change}`");
+                    text += &format!("- `{change}`\n");
                 }
             }
         }
@@ -452,20 +446,15 @@ impl Record {
     /// Adds the results for a file's mutants. A reason stays with the same change.
     fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
         let mut known = self.survivors.remove(file).unwrap_or_default();
-        let survivors: Vec<_> = survived
-            .into_iter()
-            .map(|change| match known.iter().position(|(other, _)| *other == change) {
-                Some(place) => known.remove(place),
-                None => (change, NO_REASON.to_owned()),
-            })
-            .collect();
-        if !survivors.is_empty() {
-            self.survivors.insert(file.to_owned(), survivors);
-        }
-        self.golden.remove(file);
-        if !golden.is_empty() {
-            self.golden.insert(file.to_owned(), golden);
-        }
+        let survivors = survived.into_iter().map(|change| match known.iter().position(|(other, _)| *other == change) {
+            Some(place) => known.remove(place),
+            None => (change, NO_REASON.to_owned()),
+        });
+        let survivors = survivors.collect();
+        self.survivors.insert(file.to_owned(), survivors);
+        self.survivors.retain(|_, changes| !changes.is_empty());
+        self.golden.insert(file.to_owned(), golden);
+        self.golden.retain(|_, changes| !changes.is_empty());
         self.files.insert(file.to_owned(), tested);
     }
 
@@ -506,7 +495,7 @@ impl Record {
 }
 
 /// Number of mutants that compile, and of those that tests catch.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Default)]
 struct Caught {
     rows: usize,
     caught: usize,

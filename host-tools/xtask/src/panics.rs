@@ -28,7 +28,6 @@ const HANDLER: &str = "rust_begin_unwind";
 const ALLOCATORS: &[&str] = &["__rust_alloc", "__rust_realloc", "__rg_alloc", "__rdl_alloc"];
 
 /// A function of the image.
-#[derive(Debug)]
 struct Function {
     name: String,
     code: Vec<u16>,
@@ -38,7 +37,7 @@ struct Function {
 }
 
 /// Where a function may branch to.
-#[derive(Debug, Default, PartialEq, Eq)]
+#[derive(Default)]
 struct Branches {
     targets: Vec<u64>,
     /// Words among the constants that could be addresses of functions.
@@ -49,7 +48,7 @@ struct Branches {
 
 /// Builds the shipping image and checks it.
 pub fn run() -> Result<()> {
-    let path = firmware::build(Image::Board)?;
+    let path = firmware::build(Image::BOARD)?;
     let image = Program::read(&tree::read(&path)?).with_context(|| format!("{} is not an image", path.display()))?;
     let faults = image.faults();
     for fault in &faults {
@@ -104,12 +103,8 @@ impl Program {
             at.insert(address, functions.len());
             functions.push(Function { name, code, address, constants });
         }
-        let mut named = Vec::new();
-        for section in file.sections() {
-            if section.address() != 0 {
-                named.extend(paths(section.data().unwrap_or_default()));
-            }
-        }
+        let sections = file.sections().filter(|section| section.address() != 0);
+        let named = sections.flat_map(|section| paths(section.data().unwrap_or_default())).collect();
         Ok(Self { functions, at, named, allocators })
     }
 
@@ -267,6 +262,10 @@ mod tests {
         Function { name: name.into(), code: code.into(), address, constants: BTreeMap::from([(address, false)]) }
     }
 
+    fn handler() -> Function {
+        function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE])
+    }
+
     fn program(functions: Vec<Function>) -> Program {
         let at = functions.iter().enumerate().map(|(place, function)| (function.address, place)).collect();
         Program { functions, at, named: Vec::new(), allocators: Vec::new() }
@@ -290,18 +289,12 @@ mod tests {
     #[test]
     fn a_way_to_the_handler_is_found_and_told() {
         // bl 0x110; bx lr / bl 0x120 / handler
-        let image = program(vec![
-            function("inerter_core::step", 0x100, &[0xF000, 0xF806, 0x4770]),
-            function("helper", 0x110, &[0xF000, 0xF806]),
-            function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-        ]);
-        assert_eq!(image.faults(), ["inerter_core::step -> helper -> __rustc::rust_begin_unwind"]);
-        let calm = program(vec![
-            function("inerter_core::step", 0x100, &[0x4770]),
-            function("helper", 0x110, &[0xF000, 0xF806]),
-            function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-        ]);
-        assert!(calm.faults().is_empty());
+        let faults = |step: &[u16]| {
+            let step = function("inerter_core::step", 0x100, step);
+            program(vec![step, function("helper", 0x110, &[0xF000, 0xF806]), handler()]).faults()
+        };
+        assert_eq!(faults(&[0xF000, 0xF806, 0x4770]), ["inerter_core::step -> helper -> __rustc::rust_begin_unwind"]);
+        assert!(faults(&[0x4770]).is_empty());
     }
 
     #[test]
@@ -315,18 +308,14 @@ mod tests {
     #[test]
     fn an_address_among_the_constants_is_followed() {
         // blx r3; bx lr; .word 0x111 / nothing / handler
-        let image = |address: u16| {
+        let faults = |address: u16| {
             let mut step = function("inerter_core::step", 0x100, &[0x4798, 0x4770, address, 0]);
             step.constants.insert(0x104, true);
-            program(vec![
-                step,
-                function("harmless", 0x110, &[0x4770]),
-                function("__rustc::rust_begin_unwind", 0x120, &[0xE7FE]),
-            ])
+            program(vec![step, function("harmless", 0x110, &[0x4770]), handler()]).faults()
         };
-        assert!(image(0x111).faults().is_empty());
-        assert_eq!(image(0x121).faults(), ["inerter_core::step -> __rustc::rust_begin_unwind"]);
-        assert_eq!(image(0x131).faults(), ["inerter_core::step: 1 calls through a register, to unknown targets"]);
+        assert!(faults(0x111).is_empty());
+        assert_eq!(faults(0x121), ["inerter_core::step -> __rustc::rust_begin_unwind"]);
+        assert_eq!(faults(0x131), ["inerter_core::step: 1 calls through a register, to unknown targets"]);
     }
 
     #[test]

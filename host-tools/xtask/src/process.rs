@@ -56,9 +56,14 @@ pub fn shown(command: &Command) -> String {
     std::iter::once(quote(name)).chain(command.get_args().map(quote)).collect::<Vec<_>>().join(" ")
 }
 
+/// Starts a program.
+pub fn spawn(command: &mut Command) -> Result<Child> {
+    command.spawn().with_context(|| format!("cannot start `{}`", shown(command)))
+}
+
 /// Runs a program to its end; its output goes where this program's does. Fails if that program fails.
 pub fn run(command: &mut Command) -> Result<()> {
-    let status = command.spawn().and_then(ended).with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let status = ended(spawn(command)?).with_context(|| format!("waiting for `{}`", shown(command)))?;
     ensure!(status.success(), "`{}` failed ({status})", shown(command));
     Ok(())
 }
@@ -89,7 +94,7 @@ pub fn output(command: &mut Command) -> Result<String> {
 /// Starts a program whose output comes through a pipe; errors stay on the terminal.
 fn piped(command: &mut Command) -> Result<(Child, ChildStdout)> {
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::inherit());
-    let mut child = command.spawn().with_context(|| format!("cannot start `{}`", shown(command)))?;
+    let mut child = spawn(command)?;
     let pipe = child.stdout.take().context("no pipe to the program's output")?;
     Ok((child, pipe))
 }

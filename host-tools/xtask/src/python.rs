@@ -39,8 +39,7 @@ pub fn run() -> Result<()> {
             number + 1
         );
     }
-    let check = tree::root().join("tests/python/check_mat.py");
-    process::run(Command::new(&python).arg(check).args(["run.mat", "run.parquet"]).current_dir(&folder))?;
+    process::run(script(&python, "check_mat.py").args(["run.mat", "run.parquet"]).current_dir(&folder))?;
     println!("{} snippets of {PAGE} print what it says", snippets.len());
     Ok(())
 }
@@ -91,12 +90,19 @@ pub fn environment(folder: &Path, imports: &str, requirements: &str, alone: bool
     println!("installing {imports} ({requirements}) from PyPI into {}", folder.display());
     process::run(Command::new(system).args(["-m", "venv", "--clear"]).arg(folder))
         .context("no virtual environment could be made (on Debian: `apt-get install python3-venv`)")?;
-    let mut pip = pip(&python);
     // Leave out packages that a package declares but never uses.
-    pip.args(alone.then_some("--no-deps")).arg("--requirement").arg(tree::root().join(requirements));
-    process::run(&mut pip).context("the packages could not be installed")?;
+    let alone = alone.then_some("--no-deps");
+    process::run(pip(&python).args(alone).arg("--requirement").arg(tree::root().join(requirements)))
+        .context("the packages could not be installed")?;
     tree::write(&made_for, wanted)?;
     Ok(python)
+}
+
+/// One of the scripts in tests/python, ready for arguments.
+pub fn script(python: &Path, name: &str) -> Command {
+    let mut command = Command::new(python);
+    command.arg(tree::root().join("tests/python").join(name));
+    command
 }
 
 fn pip(python: &Path) -> Command {

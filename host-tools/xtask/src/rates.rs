@@ -1,13 +1,8 @@
 //! How fast the Python package replays, compared with the program and numpy (`docs/tables/rates.md`), and what many
 //! runs cost (`docs/tables/scale.md`).
 
-use crate::{
-    process, python,
-    table::Options,
-    tree, wheel,
-    workspace::{self, Part},
-};
-use anyhow::{Result, bail};
+use crate::{process, python, table::Options, tree, wheel, workspace};
+use anyhow::{Result, ensure};
 use std::{path::PathBuf, process::Command};
 
 /// The script's imports besides the package.
@@ -21,7 +16,7 @@ const RUNS: u32 = 10_000;
 /// The import of its script besides the package.
 const CLUSTER: &str = "distributed";
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 pub struct ScaleOptions {
     /// Number of runs
     #[arg(long, value_name = "N", default_value_t = RUNS, value_parser = clap::value_parser!(u32).range(2..))]
@@ -43,9 +38,8 @@ fn released(folder: &str, imports: &str, requirements: &str) -> Result<Released>
     let folder = workspace::folder(folder)?;
     let python = python::environment(&folder.join("environment"), imports, requirements, false)?;
     python::install(&python, &wheel::released()?)?;
-    let mut build = Part::Main.cargo();
-    build.args(["build", "--release", "--locked", "--package", "inerter", "--no-default-features"]);
-    process::run(build.args(["--features", "lean"]))?;
+    let build = ["build", "--release", "--locked", "--package", "inerter", "--no-default-features"];
+    process::run(process::cargo().args(build).args(["--features", "lean"]))?;
     Ok(Released { folder, python, program: workspace::program("inerter", "release")? })
 }
 
@@ -58,9 +52,8 @@ fn settle(name: &str, table: String, update: bool) -> Result<()> {
 /// What storing and replaying many runs costs, on one worker and on two.
 pub fn scale(options: &ScaleOptions) -> Result<()> {
     let Released { folder, python, program } = released("scale", CLUSTER, "host-tools/python/tests/requirements.txt")?;
-    let script = tree::root().join("tests/python/scale.py");
     let (store, runs) = (folder.join(options.runs.to_string()), options.runs.to_string());
-    let table = process::output(Command::new(&python).arg(script).arg(&program).arg(&store).arg(&runs))?;
+    let table = process::output(python::script(&python, "scale.py").args([&program, &store]).arg(&runs))?;
     settle("scale", table, options.update)
 }
 
@@ -70,21 +63,21 @@ pub fn run(options: &Options) -> Result<()> {
     let mut paths = Vec::new();
     for seed in ["1", "2"] {
         let path = folder.join(format!("{seed}.mcap"));
-        let mut simulate = Command::new(&program);
-        simulate.args(["simulate", "--duration", DURATION_S, "--excite", "random", "--seed", seed, "--force"]);
-        // numpy does not correct for the motion of a structure mass.
-        simulate.args(["--structure-mass-kg", "0", "-o"]);
-        process::run(simulate.arg(&path))?;
+        process::run(
+            Command::new(&program)
+                .args(["simulate", "--duration", DURATION_S, "--excite", "random", "--seed", seed, "--force"])
+                // numpy does not correct for the motion of a structure mass.
+                .args(["--structure-mass-kg", "0", "-o"])
+                .arg(&path),
+        )?;
         paths.push(path);
     }
-    let script = tree::root().join("tests/python/rates.py");
-    let table = process::output(Command::new(&python).arg(script).arg(&program).args(&paths))?;
+    let table = process::output(python::script(&python, "rates.py").arg(&program).args(&paths))?;
     let is_missed = table.contains("**missed**");
     settle("rates", table, options.update)?;
-    if is_missed {
-        bail!(
-            "the package replays more slowly than its goal; repeat it on an idle machine, or find what became slower"
-        );
-    }
+    ensure!(
+        !is_missed,
+        "the package replays more slowly than its goal; repeat it on an idle machine, or find what became slower"
+    );
     Ok(())
 }

@@ -30,7 +30,7 @@ use std::{
     path::Path,
 };
 
-#[derive(clap::Args, Clone, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Fail unless this is the tag of the version, such as v0.1.0
     #[arg(long)]
@@ -41,7 +41,7 @@ pub struct Options {
 }
 
 /// Each board's image, by the name that the image reports for its board.
-const BOARDS: [(Image, &str); 2] = [(Image::Weact, "weact-g474"), (Image::Board, "nucleo-g474re")];
+const BOARDS: [(Image, &str); 2] = [(Image::WEACT, "weact-g474"), (Image::BOARD, "nucleo-g474re")];
 /// The library that draws the page of `inerter monitor --web`, which is part of the program.
 const PLOTS: &str = "host-tools/inerter/assets/uplot";
 /// Name of the files that the tool leaves in all packages' folders.
@@ -107,10 +107,13 @@ fn materials(
     linked: &BTreeSet<(String, String)>,
 ) -> Result<Vec<u8>> {
     let member = workspace.member(package).with_context(|| format!("no package {package}"))?;
-    let mut command = CYCLONE_DX.command()?;
-    command.args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target]);
-    command.args(["--override-filename", LEFT, "--manifest-path"]).arg(member.folder.join("Cargo.toml"));
-    let done = process::run(&mut command);
+    let done = process::run(
+        CYCLONE_DX
+            .command()?
+            .args(["--quiet", "--format", "json", "--spec-version", "1.5", "--all-features", "--target", target])
+            .args(["--override-filename", LEFT, "--manifest-path"])
+            .arg(member.folder.join("Cargo.toml")),
+    );
     let left = |folder: &Path| folder.join(format!("{LEFT}.json"));
     let text = fs::read_to_string(left(&member.folder));
     for member in &workspace.members {
@@ -128,10 +131,8 @@ fn materials(
 
 /// Name and version of all that cargo links into a package or runs to build it.
 fn linked_into(package: &str, target: &str) -> Result<BTreeSet<(String, String)>> {
-    let mut cargo = process::cargo();
-    cargo.args(["tree", "--locked", "--all-features", "--package", package, "--target", target]);
-    cargo.args(["--edges", "normal,build", "--prefix", "none", "--format", "{p}"]);
-    Ok(linked(&process::output(&mut cargo)?))
+    let chosen = ["--all-features", "--package", package, "--target", target];
+    Ok(linked(&workspace::packages(&tree::root(), "normal,build", &chosen)?))
 }
 
 /// Name and version from each line of `cargo tree`.
@@ -171,8 +172,7 @@ fn narrowed(text: &str, package: &str, linked: &BTreeSet<(String, String)>) -> R
 
 /// Our licence, then each other text that must go with the files, below the names of what it belongs to.
 fn licences(used: &BTreeSet<(String, String)>) -> Result<String> {
-    let told = process::output(process::cargo().args(["metadata", "--locked", "--format-version", "1"]))?;
-    let told: Value = serde_json::from_str(&told).context("`cargo metadata` printed no JSON")?;
+    let told = workspace::metadata(&tree::root())?;
     let mut texts: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for package in told["packages"].as_array().context("`cargo metadata` lists no packages")? {
         let [Some(name), Some(version), Some(manifest)] =
@@ -202,8 +202,7 @@ fn licences(used: &BTreeSet<(String, String)>) -> Result<String> {
 
 /// The texts in a package's folder that say under which terms it may be used.
 fn licences_in(folder: &Path) -> Result<Vec<String>> {
-    let mut paths = tree::files(folder)?;
-    paths.sort();
+    let paths = tree::files(folder)?;
     let is_licence = |path: &Path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_uppercase();
         ["LICENSE", "LICENCE", "UNLICENSE", "COPYING", "COPYRIGHT", "NOTICE"].iter().any(|word| name.starts_with(word))
@@ -222,9 +221,7 @@ fn listed(texts: &BTreeMap<String, BTreeSet<String>>) -> String {
 /// A line for each file, in the form that `sha256sum --check` reads.
 fn sums(folder: &Path) -> Result<String> {
     let mut text = String::new();
-    let mut paths = tree::files(folder)?;
-    paths.sort();
-    for path in paths {
+    for path in tree::files(folder)? {
         let bytes = tree::read(&path)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!("  {:>9.1} KB  {name}", bytes.len() as f64 / 1e3);

@@ -23,7 +23,7 @@ const GUEST_QEMU: &str = "qemu-system-x86_64";
 /// Oldest QEMU whose netduinoplus2 runs the image.
 const QEMU_LEAST: u32 = 6;
 
-#[derive(clap::Args, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Say what is missing without installing it
     #[arg(long)]
@@ -338,10 +338,14 @@ mod tests {
 
     #[test]
     fn libclang_is_told_from_its_sisters() {
-        assert!(is_libclang(Path::new("/usr/lib/llvm-14/lib/libclang.so.1")));
-        assert!(is_libclang(Path::new("/usr/lib/x86_64-linux-gnu/libclang-14.so.14")));
-        assert!(is_libclang(Path::new("/opt/homebrew/opt/llvm/lib/libclang.dylib")));
-        assert!(!is_libclang(Path::new("/usr/lib/x86_64-linux-gnu/libclang-cpp.so.14")));
-        assert!(!is_libclang(Path::new("/usr/lib/llvm-14/lib/libclangAST.a")));
+        for (path, is_it) in [
+            ("/usr/lib/llvm-14/lib/libclang.so.1", true),
+            ("/usr/lib/x86_64-linux-gnu/libclang-14.so.14", true),
+            ("/opt/homebrew/opt/llvm/lib/libclang.dylib", true),
+            ("/usr/lib/x86_64-linux-gnu/libclang-cpp.so.14", false),
+            ("/usr/lib/llvm-14/lib/libclangAST.a", false),
+        ] {
+            assert_eq!(is_libclang(Path::new(path)), is_it, "{path}");
+        }
     }
 }

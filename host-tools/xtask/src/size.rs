@@ -20,7 +20,7 @@ const RAM: u64 = 0x2000_0000;
 const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Default)]
 pub struct Sizes {
     /// Code and vector table.
     pub text: u64,
@@ -48,10 +48,10 @@ const RAM_GOAL: f64 = 56.0 * 1024.0;
 
 /// Compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
-    let board = firmware::build(Image::Board)?;
+    let board = firmware::build(Image::BOARD)?;
     let mut rows = rows("board", &measure(&board)?);
-    rows[0] = rows[0].clone().at_most(FLASH_GOAL);
-    rows[5] = rows[5].clone().at_most(RAM_GOAL);
+    rows[0].goal = Some(FLASH_GOAL);
+    rows[5].goal = Some(RAM_GOAL);
     let figures = twin(&board)?;
     let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
     let (without, stack) = (rows[5].value, figure("stack_bytes")?);
@@ -59,7 +59,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows.push(Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
     }
     rows.extend(loads(&figures)?);
-    let qemu = firmware::build(Image::Qemu)?;
+    let qemu = firmware::build(Image::QEMU)?;
     rows.extend(self::rows("qemu", &measure(&qemu)?));
     let report = icount::measure(&qemu)?;
     rows.push(Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
@@ -78,7 +78,7 @@ pub fn run(options: &Options) -> Result<()> {
         rows,
         repeats: true,
     };
-    table.settle(*options)
+    table.settle(options)
 }
 
 fn rows(image: &str, sizes: &Sizes) -> Vec<Row> {
@@ -111,8 +111,8 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
             row.within(LOAD_TOLERANCE)
         };
         rows.push(percent("optimistic", figure("least")?));
-        let most = percent("pessimistic", figure("most")?);
-        rows.push(if digital { most } else { most.at_most(CYCLES_GOAL) });
+        let goal = (!digital).then_some(CYCLES_GOAL);
+        rows.push(Row { goal, ..percent("pessimistic", figure("most")?) });
     }
     Ok(rows)
 }
@@ -120,7 +120,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
 /// The twin's measurements of the board's image with every stream on.
 fn twin(image: &Path) -> Result<Value> {
     let program = workspace::tested(Part::Twin, "figures")?;
-    let printed = process::output(Command::new(program).env(Image::Board.variable(), image))?;
+    let printed = process::output(Command::new(program).env(Image::BOARD.variable, image))?;
     serde_json::from_str(printed.trim()).with_context(|| format!("no JSON: {printed}"))
 }
 

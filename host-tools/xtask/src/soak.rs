@@ -15,7 +15,7 @@ use crate::{
     monitor_load::{Look, MOST_MISSING, RATE_HZ, Running, SETTLED_S, device, host_s, info, look, simulated},
     process, setup,
     table::{self, Row},
-    workspace,
+    tree, workspace,
 };
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Value, json};
@@ -27,7 +27,7 @@ use std::{
     process::{Child, ChildStdout, Command, Stdio},
     sync::{
         Arc,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicU64, Ordering::Relaxed},
         mpsc::{Sender, channel},
     },
     thread,
@@ -47,8 +47,10 @@ const REPLAYED_S: f64 = 300.0;
 
 /// The programs' standard error.
 const WORDS: &str = "words.txt";
+/// The measurements of the processes.
+const PROGRESS: &str = "progress.tsv";
 
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// How long, in hours; 3 minutes by default
     #[arg(long, default_value_t = Self::USUAL.hours)]
@@ -71,11 +73,18 @@ struct Watched {
     name: &'static str,
     process: PathBuf,
     looks: Vec<Look>,
+    /// One that must end by itself.
+    recorder: Option<Running>,
 }
 
 impl Watched {
     fn new(name: &'static str, pid: u32) -> Self {
-        Self { name, process: PathBuf::from(format!("/proc/{pid}")), looks: Vec::new() }
+        Self { name, process: PathBuf::from(format!("/proc/{pid}")), looks: Vec::new(), recorder: None }
+    }
+
+    fn recorder(name: &'static str, recorder: Running) -> Self {
+        let watched = Self::new(name, recorder.0.id());
+        Self { recorder: Some(recorder), ..watched }
     }
 }
 
@@ -125,7 +134,7 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     let program = workspace::installed()?;
     let folder = workspace::folder("soak")?;
     // Each run starts a new one.
-    File::create(folder.join(WORDS)).with_context(|| format!("cannot write {WORDS} in {}", folder.display()))?;
+    tree::write(folder.join(WORDS), "")?;
     let rows = soak(&program, image.as_deref(), &folder, options.hours * 3600.0)?;
     for row in &rows {
         let goal = row.goal.map(|goal| format!("at most {goal}")).unwrap_or_default();
@@ -136,17 +145,13 @@ fn portion(options: &Options) -> Result<Vec<Row>> {
     }
     println!("  left out: the twin, which does not run in real time");
     let missed = table::missed(&rows);
-    ensure!(
-        missed.is_empty(),
-        "goals missed: {missed}; the measurements are in {}",
-        folder.join("progress.tsv").display()
-    );
+    ensure!(missed.is_empty(), "goals missed: {missed}; the measurements are in {}", folder.join(PROGRESS).display());
     Ok(rows)
 }
 
 fn image() -> Result<PathBuf> {
     setup::ensure(&[setup::Need::Firmware, setup::Need::System(&setup::ARM_QEMU)], false)?;
-    firmware::build(Image::Qemu)
+    firmware::build(Image::QEMU)
 }
 
 fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Result<Vec<Row>> {
@@ -162,8 +167,8 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     command.args(["--web", "--bind", "127.0.0.1:0", "--share", "127.0.0.1:0", "--foxglove", "127.0.0.1:0"]);
     command.args(["--teleplot", &teleplot, "--plotjuggler", &plotjuggler, "--duration", &duration]);
     let mut monitor = spawn(&mut command, folder)?;
-    watched.push(Watched::new("monitor", monitor.0.id()));
     let output = monitor.0.stdout.take().context("no pipe to the monitor")?;
+    watched.push(Watched::recorder("monitor", monitor));
     let (sender, views) = channel();
     let counted = seen.clone();
     thread::spawn(move || listen(output, &sender, &counted));
@@ -185,10 +190,8 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     let beside = (seconds - 10.0).to_string();
     let mut command = Command::new(program);
     command.args(["record", "-o", "beside.mcap", "--force", "--connect", &shared, "--duration", &beside]);
-    let recorder = spawn(&mut command, folder)?;
-    watched.push(Watched::new("recorder beside", recorder.0.id()));
+    watched.push(Watched::recorder("recorder beside", spawn(&mut command, folder)?));
 
-    let mut recorders = vec![("monitor", monitor), ("recorder beside", recorder)];
     // Each with the time that was asked for.
     let mut recordings = vec![("monitor.mcap", RATE_HZ, seconds), ("beside.mcap", RATE_HZ, seconds - 10.0)];
     let mut qemu = None;
@@ -203,26 +206,26 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
         let duration = rest_s.to_string();
         command.args(["record", "-o", "qemu.mcap", "--force", "--connect", &address, "--duration", &duration]);
         recordings.push(("qemu.mcap", QEMU_RATE_HZ, rest_s));
-        let recorder = spawn(&mut command, folder)?;
-        watched.push(Watched::new("recorder of the image", recorder.0.id()));
-        recorders.push(("recorder of the image", recorder));
+        watched.push(Watched::recorder("recorder of the image", spawn(&mut command, folder)?));
         qemu = Some(simulator);
     }
-    watch(&mut watched, &mut recorders, &seen, folder, started, seconds)?;
+    watch(&mut watched, &seen, folder, started, seconds)?;
     drop(qemu);
 
     let mut rows: Vec<Row> = watched.iter().flat_map(memory).collect();
-    let count = |name: &str, count: &AtomicU64| Row::new(name, count.load(Ordering::Relaxed) as f64, "");
-    rows.push(count("lines of the monitor", &seen.lines));
-    rows.push(count("lines of the monitor that report a loss", &seen.losses).at_most(0.0));
-    rows.push(count("bytes that the page was sent", &seen.page));
-    rows.push(count("bytes that Foxglove was sent", &seen.foxglove));
-    rows.push(count("datagrams to Teleplot and PlotJuggler", &seen.datagrams));
+    let count = |name: &str, count: &AtomicU64| Row::new(name, count.load(Relaxed) as f64, "");
+    rows.extend([
+        count("lines of the monitor", &seen.lines),
+        count("lines of the monitor that report a loss", &seen.losses).at_most(0.0),
+        count("bytes that the page was sent", &seen.page),
+        count("bytes that Foxglove was sent", &seen.foxglove),
+        count("datagrams to Teleplot and PlotJuggler", &seen.datagrams),
+    ]);
     for views in [&seen.page, &seen.datagrams, &seen.lines] {
-        ensure!(views.load(Ordering::Relaxed) > 0, "one of the views received nothing");
+        ensure!(views.load(Relaxed) > 0, "one of the views received nothing");
     }
     // Its channel list is only a few kB; each sample is a message.
-    let sent = seen.foxglove.load(Ordering::Relaxed) as f64;
+    let sent = seen.foxglove.load(Relaxed) as f64;
     ensure!(sent > RATE_HZ * seconds, "Foxglove was sent only {sent} bytes");
     for (name, rate_hz, asked_s) in recordings {
         let info = info(program, folder, name)?;
@@ -237,8 +240,7 @@ fn spawn(command: &mut Command, folder: &Path) -> Result<Running> {
     let words = File::options().create(true).append(true).open(&path);
     let words = words.with_context(|| format!("cannot write {}", path.display()))?;
     command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(words);
-    let child = command.spawn().with_context(|| format!("cannot start `{}`", process::shown(command)))?;
-    Ok(Running(child))
+    process::spawn(command).map(Running)
 }
 
 /// The first child of a process.
@@ -249,7 +251,7 @@ fn child_of(pid: u32) -> Option<u32> {
 /// Counts lines until the end; passes on the addresses of the views.
 fn listen(output: ChildStdout, views: &Sender<(String, String)>, seen: &Seen) {
     for line in BufReader::new(output).lines().map_while(Result::ok) {
-        seen.lines.fetch_add(1, Ordering::Relaxed);
+        seen.lines.fetch_add(1, Relaxed);
         let Ok(line) = serde_json::from_str::<Value>(&line) else { continue };
         match (line["kind"].as_str(), line["view"].as_str(), line["address"].as_str()) {
             (Some("view"), Some(view), Some(address)) => {
@@ -257,7 +259,7 @@ fn listen(output: ChildStdout, views: &Sender<(String, String)>, seen: &Seen) {
                 let _ = views.send((view.to_owned(), address.to_owned()));
             }
             (Some("link"), ..) => {
-                seen.losses.fetch_add(1, Ordering::Relaxed);
+                seen.losses.fetch_add(1, Relaxed);
             }
             _ => {}
         }
@@ -272,7 +274,7 @@ fn datagrams(seen: &Seen) -> Result<String> {
     thread::spawn(move || {
         let mut some = [0; 65536];
         while socket.recv(&mut some).is_ok() {
-            count.fetch_add(1, Ordering::Relaxed);
+            count.fetch_add(1, Relaxed);
         }
     });
     Ok(address)
@@ -296,7 +298,7 @@ fn look_on(url: &str, header: &str, message: &[u8], count: &Arc<AtomicU64>) -> R
     thread::spawn(move || {
         let mut some = [0; 65536];
         while let Ok(length @ 1..) = stream.read(&mut some) {
-            count.fetch_add(length as u64, Ordering::Relaxed);
+            count.fetch_add(length as u64, Relaxed);
         }
     });
     Ok(())
@@ -312,15 +314,8 @@ fn subscriptions() -> Vec<u8> {
 }
 
 /// Measures all processes until the recorders are done, and logs each measurement.
-fn watch(
-    watched: &mut [Watched],
-    recorders: &mut [(&str, Running)],
-    seen: &Seen,
-    folder: &Path,
-    started: Instant,
-    seconds: f64,
-) -> Result<()> {
-    let path = folder.join("progress.tsv");
+fn watch(watched: &mut [Watched], seen: &Seen, folder: &Path, started: Instant, seconds: f64) -> Result<()> {
+    let path = folder.join(PROGRESS);
     let mut progress = File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
     let names: Vec<&str> = watched.iter().map(|watched| watched.name).collect();
     writeln!(progress, "seconds\tlines\tlosses\t{}", names.join(" [MB]\t") + " [MB]")?;
@@ -331,7 +326,7 @@ fn watch(
         thread::sleep(every);
         let mut line = format!("{:.0}", started.elapsed().as_secs_f64());
         for count in [&seen.lines, &seen.losses] {
-            line += &format!("\t{}", count.load(Ordering::Relaxed));
+            line += &format!("\t{}", count.load(Relaxed));
         }
         for watched in &mut *watched {
             let found = look(&watched.process, started);
@@ -340,8 +335,10 @@ fn watch(
         }
         writeln!(progress, "{line}")?;
         are_open = false;
-        for (name, running) in &mut *recorders {
-            are_open |= !has_ended(name, &mut running.0)?;
+        for Watched { name, recorder, .. } in &mut *watched {
+            if let Some(running) = recorder {
+                are_open |= !has_ended(name, &mut running.0)?;
+            }
         }
         ensure!(
             started.elapsed().as_secs_f64() <= seconds + 120.0,

@@ -1,22 +1,27 @@
 //! Rust source, parsed, its tokens, and which of it is for tests only.
 
-use anyhow::{Context, Result};
+use crate::tree;
+use anyhow::Result;
 use proc_macro2::{Delimiter, Ident, LineColumn, TokenStream, TokenTree};
-use std::{fs, path::Path};
+use std::path::Path;
 use syn::{Attribute, Expr, ExprLit, ImplItem, Item, Lit, Meta, Token, punctuated::Punctuated};
 
 /// Reads and parses a file.
 pub fn parse(file: &Path) -> Result<syn::File> {
-    let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    syn::parse_file(&text).map_err(|error| {
+    syn::parse_file(&tree::text(file)?).map_err(|error| {
         let LineColumn { line, .. } = error.span().start();
         anyhow::anyhow!("{}:{line}: {error}", file.display())
     })
 }
 
+/// Whether the token is this punctuation mark.
+pub fn is_mark(token: &TokenTree, mark: char) -> bool {
+    matches!(token, TokenTree::Punct(punct) if punct.as_char() == mark)
+}
+
 /// The tokens, without the attributes that documentation becomes. A group gives its delimiter and "end"; `#!` is one.
 pub fn code(tokens: TokenStream) -> Vec<String> {
-    let is_inner = |token: &TokenTree| matches!(token, TokenTree::Punct(mark) if mark.as_char() == '!');
+    let is_inner = |token: &TokenTree| is_mark(token, '!');
     let is_documentation = |token: &TokenTree| match token {
         TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
             matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
@@ -27,7 +32,7 @@ pub fn code(tokens: TokenStream) -> Vec<String> {
     let mut tokens = tokens.into_iter().peekable();
     while let Some(token) = tokens.next() {
         match token {
-            TokenTree::Punct(mark) if mark.as_char() == '#' => {
+            token if is_mark(&token, '#') => {
                 let mark = tokens.next_if(is_inner).map_or("#", |_| "#!");
                 if tokens.next_if(is_documentation).is_none() {
                     code.push(mark.to_owned());

@@ -18,7 +18,10 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+use Outcome::{Failed, Passed, Skipped};
+use When::{Always, Full, NotQuick, Quick};
+
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Only formatting, imports, lints, unit tests and the estimator's closed loop, for use between edits
     #[arg(long)]
@@ -43,7 +46,7 @@ impl Options {
 }
 
 /// Time that a step took.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 struct Taken {
     /// Wall-clock time.
     time: Duration,
@@ -52,7 +55,7 @@ struct Taken {
 }
 
 /// How a step ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 enum Outcome {
     Passed(Taken),
     Failed(Taken, String),
@@ -88,12 +91,12 @@ struct Step {
 impl Step {
     /// A step that the others wait for, left out by `--quick`.
     const fn here(name: &'static str, alone: &'static str, run: fn() -> Result<()>) -> Self {
-        Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Here(run) }
+        Self { name, alone, needed: false, when: NotQuick, budget_s: None, run: Run::Here(run) }
     }
 
     /// A step that runs in parallel with the others, left out by `--quick`.
     const fn beside(name: &'static str, alone: &'static str) -> Self {
-        Self { name, alone, needed: false, when: When::NotQuick, budget_s: None, run: Run::Beside }
+        Self { name, alone, needed: false, when: NotQuick, budget_s: None, run: Run::Beside }
     }
 
     const fn within(self, budget_s: u64) -> Self {
@@ -110,7 +113,6 @@ impl Step {
 }
 
 /// How a step runs.
-#[derive(Clone, Copy)]
 enum Run {
     /// In this process, one at a time.
     Here(fn() -> Result<()>),
@@ -125,30 +127,25 @@ const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads
 const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
-    Step::here("set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false))
-        .within(5)
-        .needed()
-        .when(When::Always),
+    Step::here("set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false)).within(5).needed().when(Always),
     Step::here("lock files", "cargo metadata --locked", || {
-        Part::each(|part| {
-            process::output(part.cargo().args(["metadata", "--format-version", "1", "--locked"])).map(drop)
-        })
+        Part::each(|part| workspace::metadata(&part.folder()).map(drop))
     })
     .within(5)
     .needed()
-    .when(When::Always),
+    .when(Always),
     Step::here("formatting", "cargo fmt --all --check", || {
         Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))
     })
     .within(10)
-    .when(When::Always),
-    Step::here("arrows", "cargo xtask check-arrows", arrows::run).within(15).when(When::Always),
+    .when(Always),
+    Step::here("arrows", "cargo xtask check-arrows", arrows::run).within(15).when(Always),
     Step::here("supply", "cargo xtask check-supply", || supply::run(&supply::Options::default())).within(10),
     // No synchronisation is needed: whatever runs an image builds it, and waits for a build in progress.
     Step::beside("firmware", "cargo xtask build-firmware"),
     Step::here("lints, host", "cargo clippy --workspace --all-targets -- -D warnings", lint_host)
         .within(200)
-        .when(When::Always),
+        .when(Always),
     Step::here(
         "unit tests, closed loop",
         "cargo test-lean --lib --bins, and `cargo test-lean --test closed_loop`",
@@ -160,7 +157,7 @@ const STEPS: &[Step] = &[
         },
     )
     .within(90)
-    .when(When::Quick),
+    .when(Quick),
     Step::here(
         "lints, firmware",
         "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
@@ -197,32 +194,32 @@ const STEPS: &[Step] = &[
         test_probe,
     )
     .within(540)
-    .when(When::Full),
+    .when(Full),
     Step::here("tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long)
         .within(180)
-        .when(When::Full),
+        .when(Full),
     Step::here(
         "properties, other cases",
         "PROPTEST_RNG_SEED=N cargo test-lean --lib --test app --test closed_loop --test robust --test wire",
         test_other_cases,
     )
     .within(120)
-    .when(When::Full),
+    .when(Full),
     Step::here(
         "lints, other features",
         "cargo clippy -p inerter --no-default-features --features FEATURE",
         lint_other_features,
     )
     .within(240)
-    .when(When::Full),
+    .when(Full),
     Step::here("Python package, release", "cargo xtask wheel", || wheel::run(&wheel::Options { debug: false }))
         .within(480)
-        .when(When::Full),
-    Step::beside("whole table of accuracy", "cargo xtask accuracy").when(When::Full),
-    Step::beside("whole table of changes", "cargo xtask changes").when(When::Full),
-    Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).within(600).when(When::Full),
-    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(840).when(When::Full),
-    Step::here("soak", "cargo xtask soak", || soak::run(&soak::Options::USUAL)).within(300).when(When::Full),
+        .when(Full),
+    Step::beside("whole table of accuracy", "cargo xtask accuracy").when(Full),
+    Step::beside("whole table of changes", "cargo xtask changes").when(Full),
+    Step::here("fuzzing", "cargo xtask fuzz", || fuzz::run(&fuzz::Options::USUAL)).within(600).when(Full),
+    Step::here("chaos", "cargo xtask chaos", || chaos::run(&chaos::Options::USUAL)).within(840).when(Full),
+    Step::here("soak", "cargo xtask soak", || soak::run(&soak::Options::USUAL)).within(300).when(Full),
 ];
 
 /// Runs the steps and prints one line for each at the end.
@@ -235,7 +232,7 @@ pub fn run(options: &Options) -> Result<()> {
     let failed: Vec<_> = STEPS
         .iter()
         .zip(&outcomes)
-        .filter(|(_, outcome)| matches!(outcome, Outcome::Failed(..)))
+        .filter(|(_, outcome)| matches!(outcome, Failed(..)))
         .map(|(step, _)| format!("{} (alone: `{}`)", step.name, step.alone))
         .collect();
     if !failed.is_empty() {
@@ -254,22 +251,20 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         let mut stopped = false;
         for (place, step) in steps.iter().enumerate() {
             outcomes.push(match step.run {
-                _ if stopped => Outcome::Skipped("an earlier step failed"),
-                _ if options.quick && !matches!(step.when, When::Always | When::Quick) => {
-                    Outcome::Skipped("left out by --quick")
-                }
-                _ if !options.quick && step.when == When::Quick => Outcome::Skipped("with --quick only"),
-                _ if !options.full && step.when == When::Full => Outcome::Skipped("with --full only"),
-                _ if options.full && step.alone.ends_with(" --short") => Outcome::Skipped("measured whole, below"),
+                _ if stopped => Skipped("an earlier step failed"),
+                _ if options.quick && !matches!(step.when, Always | Quick) => Skipped("left out by --quick"),
+                _ if !options.quick && step.when == Quick => Skipped("with --quick only"),
+                _ if !options.full && step.when == Full => Skipped("with --full only"),
+                _ if options.full && step.alone.ends_with(" --short") => Skipped("measured whole, below"),
                 Run::Beside => {
                     // Fails only after a panic, which is passed on below.
                     let _ = sender.send((place, step));
-                    Outcome::Skipped("did not end")
+                    Skipped("did not end")
                 }
                 Run::Here(run) => {
                     process::heading(step.name);
                     let outcome = outcome(step, run);
-                    stopped = matches!(outcome, Outcome::Failed(..)) && (step.needed || options.fail_fast);
+                    stopped = matches!(outcome, Failed(..)) && (step.needed || options.fail_fast);
                     outcome
                 }
             });
@@ -278,7 +273,7 @@ fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
         for (place, outcome) in beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)) {
             if let (Some(step), Some(own)) = (steps.get(place), outcomes.get_mut(place)) {
                 process::heading(step.name);
-                println!("{}", said_beside(step).and_then(|file| Ok(fs::read_to_string(file)?)).unwrap_or_default());
+                println!("{}", said_beside(step).and_then(tree::text).unwrap_or_default());
                 *own = outcome;
             }
         }
@@ -291,10 +286,10 @@ fn outcome(step: &Step, run: impl FnOnce() -> Result<()>) -> Outcome {
     let result = run();
     let taken = Taken { time: start.elapsed(), processor: process::spent() - spent };
     match result {
-        Ok(()) => Outcome::Passed(taken),
+        Ok(()) => Passed(taken),
         Err(error) => {
             eprintln!("{}: {error:#}", step.name);
-            Outcome::Failed(taken, format!("{error:#}"))
+            Failed(taken, format!("{error:#}"))
         }
     }
 }
@@ -337,12 +332,12 @@ fn summary(steps: &[Step], outcomes: &[Outcome], time: Duration, budget_min: u64
             )
         };
         lines.push(match outcome {
-            Outcome::Passed(taken) => {
+            Passed(taken) => {
                 let over = step.budget_s.is_some_and(|budget| taken.time > Duration::from_secs(budget));
                 format!("  passed  {}{}", took(taken), if over { "  over its budget" } else { "" })
             }
-            Outcome::Skipped(reason) => format!("  skipped {name:<26} {reason}"),
-            Outcome::Failed(taken, reason) => {
+            Skipped(reason) => format!("  skipped {name:<26} {reason}"),
+            Failed(taken, reason) => {
                 format!("  FAILED  {}  {}", took(taken), reason.lines().next().unwrap_or_default())
             }
         });
@@ -380,9 +375,8 @@ fn lint_all(command: &mut Command) -> Result<()> {
 }
 
 fn lint_one(package: &str, features: &[&str]) -> Result<()> {
-    let mut command = process::cargo();
-    command.args(["clippy", "--locked", "--package", package]).args(features);
-    process::run(command.args(["--", "--deny", "warnings"]))
+    let clippy = ["clippy", "--locked", "--package", package];
+    process::run(process::cargo().args(clippy).args(features).args(["--", "--deny", "warnings"]))
 }
 
 fn lint_firmware() -> Result<()> {
@@ -391,24 +385,15 @@ fn lint_firmware() -> Result<()> {
         let reason = "the distribution's compiler builds the firmware here, and this clippy belongs to another";
         return inerter_needs::list(&skipped_list()?, "lints, firmware", reason).context("the list of skipped tests");
     }
-    let denied = ["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"];
-    let mut command = toolchain.cargo("clippy");
-    command.arg("--locked");
-    for package in LIBRARIES.iter().chain(tree::FIRMWARE_PACKAGES) {
-        command.args(["--package", package]);
-    }
-    process::run(command.args(denied))?;
+    let lint = |arguments: &[&str]| process::run(&mut toolchain.clippy(arguments));
+    let packages = LIBRARIES.iter().chain(tree::FIRMWARE_PACKAGES);
+    lint(&packages.flat_map(|package| ["--package", *package]).collect::<Vec<_>>())?;
     foreign::lint(&toolchain)?;
     // As firmware by others would use core.
-    let mut command = toolchain.cargo("clippy");
-    command.args(["--locked", "--package", "inerter-core", "--example", "firmware"]);
-    process::run(command.args(denied))?;
-    for features in OTHER_BOARDS {
-        let mut command = toolchain.cargo("clippy");
-        command.args(["--locked", "--package", "inerter-stm32g474", "--no-default-features", "--features", features]);
-        process::run(command.args(denied))?;
-    }
-    Ok(())
+    lint(&["--package", "inerter-core", "--example", "firmware"])?;
+    OTHER_BOARDS.iter().try_for_each(|features| {
+        lint(&["--package", "inerter-stm32g474", "--no-default-features", "--features", features])
+    })
 }
 
 /// Tests the program as released, whose library for probes takes minutes to compile, and the transcript of the smallest
@@ -460,7 +445,7 @@ fn test() -> Result<()> {
         let others = Part::each(|part| if part == Part::Twin { Ok(()) } else { process::run(&mut tests(part)) });
         let (twin, spent) = twin.join().map_err(|_| anyhow::anyhow!("the twin's tests could not be started"))?;
         process::count(spent);
-        println!("\n{}", fs::read_to_string(&said).with_context(|| format!("cannot read {}", said.display()))?);
+        println!("\n{}", tree::text(&said)?);
         match (others, twin) {
             (Err(others), Err(twin)) => bail!("{others:#}; {twin:#}"),
             (others, twin) => others.and(twin),
@@ -517,13 +502,13 @@ mod tests {
     #[test]
     fn a_failing_step_is_named_and_the_others_still_run() {
         let steps = [
-            step("one", false, When::Always, || bail!("broken\nin detail")),
-            step("two", true, When::Always, || bail!("needed")),
-            step("three", false, When::Always, || Ok(())),
+            step("one", false, Always, || bail!("broken\nin detail")),
+            step("two", true, Always, || bail!("needed")),
+            step("three", false, Always, || Ok(())),
         ];
         let outcomes = run_steps(&steps, &Options::default());
-        assert!(matches!(outcomes[0], Outcome::Failed(..)) && matches!(outcomes[1], Outcome::Failed(..)));
-        assert_eq!(outcomes[2], Outcome::Skipped("an earlier step failed"));
+        assert!(matches!(outcomes[0], Failed(..)) && matches!(outcomes[1], Failed(..)));
+        assert_eq!(outcomes[2], Skipped("an earlier step failed"));
         let text = summary(&steps, &outcomes, Duration::ZERO, 25);
         assert!(text.contains("FAILED  one") && text.contains("broken") && !text.contains("in detail"), "{text}");
     }
@@ -531,15 +516,14 @@ mod tests {
     #[test]
     fn a_budget_is_shown_and_all_are_25_or_80_minutes() {
         let long = Step::here("long", "", || Ok(())).within(1);
-        let taken =
-            |time| Outcome::Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
+        let taken = |time| Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
         let text = summary(&[long], &[taken(2)], Duration::from_secs(60), 1);
         assert!(text.contains("2.0 s") && text.contains("90.0 s  over its budget"), "{text}");
         assert!(text.ends_with("1.0 min of 1; 1.5 min of processor time"), "{text}");
         let text = summary(&[], &[], Duration::from_secs(61), 1);
         assert!(text.ends_with("1.0 min of 1, over its budget; 0.0 min of processor time"), "{text}");
         for full in [false, true] {
-            let run = |step: &&Step| step.when != When::Quick && (full || step.when != When::Full);
+            let run = |step: &&Step| step.when != Quick && (full || step.when != Full);
             let budget_s: u64 = STEPS.iter().filter(run).filter_map(|step| step.budget_s).sum();
             assert_eq!(budget_s, 60 * Options { full, ..Options::default() }.budget_min());
         }
@@ -548,20 +532,15 @@ mod tests {
 
     #[test]
     fn what_is_left_out_is_named() {
-        let long = [step("long one", false, When::NotQuick, || bail!("must not run"))];
-        let outcomes = run_steps(&long, &Options { quick: true, ..Options::default() });
-        assert!(
-            summary(&long, &outcomes, Duration::ZERO, 3)
-                .contains("skipped long one                   left out by --quick")
-        );
-        let campaign = [step("campaign", false, When::Full, || bail!("lost a sample"))];
-        let outcomes = run_steps(&campaign, &Options::default());
-        assert!(
-            summary(&campaign, &outcomes, Duration::ZERO, 25)
-                .contains("skipped campaign                   with --full only")
-        );
+        let told = |steps: &[Step], options: Options| summary(steps, &run_steps(steps, &options), Duration::ZERO, 25);
+        let long = [step("long one", false, NotQuick, || bail!("must not run"))];
+        let text = told(&long, Options { quick: true, ..Options::default() });
+        assert!(text.contains("skipped long one                   left out by --quick"), "{text}");
+        let campaign = [step("campaign", false, Full, || bail!("lost a sample"))];
+        let text = told(&campaign, Options::default());
+        assert!(text.contains("skipped campaign                   with --full only"), "{text}");
         let outcomes = run_steps(&campaign, &Options { full: true, ..Options::default() });
-        assert!(matches!(outcomes[0], Outcome::Failed(..)), "{outcomes:?}");
+        assert!(matches!(outcomes[0], Failed(..)), "{outcomes:?}");
     }
 
     #[test]
@@ -580,12 +559,12 @@ mod tests {
 
     #[test]
     fn a_step_beside_the_others_counts_as_they_do() {
-        let beside = |alone| Step::beside("a test beside", alone).when(When::Always);
+        let beside = |alone| Step::beside("a test beside", alone).when(Always);
         for (alone, reason) in [("cargo fmt", "not ours"), ("cargo xtask --no-such-option", "failed")] {
-            let steps = [beside(alone), step("two", false, When::Always, || Ok(()))];
+            let steps = [beside(alone), step("two", false, Always, || Ok(()))];
             let outcomes = run_steps(&steps, &Options::default());
-            assert!(matches!(&outcomes[0], Outcome::Failed(_, why) if why.contains(reason)), "{outcomes:?}");
-            assert!(matches!(outcomes[1], Outcome::Passed(_)), "{outcomes:?}");
+            assert!(matches!(&outcomes[0], Failed(_, why) if why.contains(reason)), "{outcomes:?}");
+            assert!(matches!(outcomes[1], Passed(_)), "{outcomes:?}");
         }
         fs::remove_file(said_beside(&beside("")).unwrap()).unwrap();
         for step in STEPS.iter().filter(|step| matches!(step.run, Run::Beside)) {
@@ -595,8 +574,8 @@ mod tests {
 
     #[test]
     fn fail_fast_stops() {
-        let steps = [step("one", false, When::Always, || bail!("broken")), step("two", false, When::Always, || Ok(()))];
+        let steps = [step("one", false, Always, || bail!("broken")), step("two", false, Always, || Ok(()))];
         let outcomes = run_steps(&steps, &Options { fail_fast: true, ..Options::default() });
-        assert!(matches!(outcomes[1], Outcome::Skipped(_)));
+        assert!(matches!(outcomes[1], Skipped(_)));
     }
 }

@@ -10,7 +10,7 @@ use crate::{
 use anyhow::{Result, ensure};
 use std::path::Path;
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Fetch the list of known vulnerabilities from github.com, and look for each package in it
     #[arg(long)]
@@ -60,9 +60,16 @@ pub fn run(options: &Options) -> Result<()> {
 /// Checks one of them. Licences are read from the packages, which must therefore be present.
 fn check(folder: &Path, lints: &[&str], options: &Options) -> Result<()> {
     process::run(process::cargo().current_dir(folder).args(["fetch", "--locked", "--quiet"]))?;
-    let mut command = tool::DENY.command()?;
-    command.current_dir(folder).args(["--locked", "--config"]).arg(tree::root().join("deny.toml"));
-    command.args((!options.advisories).then_some("--offline"));
-    command.args(["check", "--hide-inclusion-graph"]).args(lints).args(CHECKS);
-    process::run(command.args(options.advisories.then_some("advisories")))
+    process::run(
+        tool::DENY
+            .command()?
+            .current_dir(folder)
+            .args(["--locked", "--config"])
+            .arg(tree::root().join("deny.toml"))
+            .args((!options.advisories).then_some("--offline"))
+            .args(["check", "--hide-inclusion-graph"])
+            .args(lints)
+            .args(CHECKS)
+            .args(options.advisories.then_some("advisories")),
+    )
 }

@@ -5,14 +5,14 @@
 
 use crate::tree;
 use anyhow::{Context, Result, bail, ensure};
-use std::{fmt::Write, fs, path::PathBuf};
+use std::{fs, path::PathBuf};
 
 /// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
 /// change to the code usually has a larger effect.
 pub const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Write the table instead of comparing with it
     #[arg(long)]
@@ -20,7 +20,7 @@ pub struct Options {
 }
 
 /// One figure.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Row {
     /// Name of the figure and of the row.
     pub name: String,
@@ -76,14 +76,13 @@ impl Table {
     /// The table as Markdown.
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
-        // Writing to a String cannot fail.
         let checked = if self.repeats { "; checked by `cargo xtask test`" } else { "" };
-        let _ = writeln!(text, "Written by `cargo xtask {} --update`{checked}.\n", self.name);
+        text += &format!("Written by `cargo xtask {} --update`{checked}.\n\n", self.name);
         text.push_str("| figure | value | unit | goal |\n|---|--:|---|---|\n");
         for row in &self.rows {
             let reached = if row.misses() { "**missed**" } else { "reached" };
             let goal = row.goal.map(|goal| format!("at most {goal}, {reached}")).unwrap_or_default();
-            let _ = writeln!(text, "| {} | {} | {} | {goal} |", row.name, figure(row.value), row.unit);
+            text += &format!("| {} | {} | {} | {goal} |\n", row.name, figure(row.value), row.unit);
         }
         text
     }
@@ -102,7 +101,7 @@ impl Table {
     }
 
     /// Prints the table, then writes it or compares it with the committed one.
-    pub fn settle(&self, options: Options) -> Result<()> {
+    pub fn settle(&self, options: &Options) -> Result<()> {
         self.print();
         if options.update {
             return self.write();
@@ -125,6 +124,11 @@ impl Table {
 
 fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
+}
+
+/// The cells of a row, between an empty one before the first mark and one behind the last.
+pub fn cells(line: &str) -> Vec<&str> {
+    line.split('|').map(str::trim).collect()
 }
 
 /// Names and values of a table's rows; other lines are skipped.

@@ -95,12 +95,14 @@ fn folder() -> Result<PathBuf> {
 fn install_compiled(folder: &Path) -> Result<()> {
     let pip = process::first_line(Command::new("python3").args(["-m", "pip", "--version"]));
     ensure!(pip.is_some(), "no pip on this machine");
-    let mut command = Command::new("python3");
-    command.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--root-user-action", "ignore"]);
-    command.args(["--no-deps", "--only-binary", ":all:", "--require-hashes", "--upgrade", "--target"]);
-    command.arg(folder.join("python")).arg("--requirement");
-    command.arg(tree::root().join("host-tools/xtask/deny-requirements.txt"));
-    process::run_shown(&mut command)
+    process::run_shown(
+        Command::new("python3")
+            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--root-user-action", "ignore"])
+            .args(["--no-deps", "--only-binary", ":all:", "--require-hashes", "--upgrade", "--target"])
+            .arg(folder.join("python"))
+            .arg("--requirement")
+            .arg(tree::root().join("host-tools/xtask/deny-requirements.txt")),
+    )
 }
 
 #[cfg(test)]

@@ -14,7 +14,6 @@ use std::{
 const DISTRIBUTION_LINKER: &str = "/usr/bin/ld.lld";
 
 /// A compiler that can make the image.
-#[derive(Debug)]
 pub struct Toolchain {
     /// Whether it is the distribution's compiler rather than the one that started this program.
     distribution: bool,
@@ -71,6 +70,14 @@ impl Toolchain {
             cargo.arg("-Zbuild-std=core").env("RUSTC_BOOTSTRAP", "1");
         }
         cargo
+    }
+
+    /// Lints of the firmware's target, none of which may warn; unsafe code must say why it is sound.
+    pub fn clippy(&self, arguments: &[&str]) -> Command {
+        let mut clippy = self.cargo("clippy");
+        clippy.arg("--locked").args(arguments);
+        clippy.args(["--", "--deny", "warnings", "--deny", "clippy::undocumented_unsafe_blocks"]);
+        clippy
     }
 }
 

@@ -59,7 +59,7 @@ pub fn remove(folder: impl AsRef<Path>) -> Result<()> {
     named("remove", folder.as_ref(), |path| if path.exists() { fs::remove_dir_all(path) } else { Ok(()) })
 }
 
-/// All files below a folder.
+/// All files below a folder, in order.
 pub fn files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     let mut folders = vec![root().join(folder)];
@@ -69,6 +69,7 @@ pub fn files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
             if path.is_dir() { &mut folders } else { &mut files }.push(path);
         }
     }
+    files.sort();
     Ok(files)
 }
 

@@ -4,11 +4,9 @@
 use crate::{
     accuracy, process, python,
     table::Options,
-    tree,
     workspace::{self, Part},
 };
 use anyhow::Result;
-use std::process::Command;
 
 /// What the other methods import.
 const IMPORTS: &str = "numpy, scipy";
@@ -24,12 +22,11 @@ pub fn run(options: &Options) -> Result<()> {
     for left in ["rivals.json", "plant.json"] {
         let _ = std::fs::remove_file(folder.join(left));
     }
-    accuracy::tested("validation", &["--data", &path])?;
+    accuracy::tested("validation", ["--data", &path])?;
     let python = python::environment(&folder.join("python"), IMPORTS, REQUIREMENTS, false)?;
-    let scripts = tree::root().join("tests/python");
-    process::run(Command::new(&python).arg(scripts.join("validation.py")).arg(&folder))?;
+    process::run(python::script(&python, "validation.py").arg(&folder))?;
     let inerter = workspace::tested(Part::Main, "inerter")?;
-    process::run(Command::new(python).arg(scripts.join("plant.py")).arg(&folder).arg(inerter))?;
+    process::run(python::script(&python, "plant.py").args([&folder, &inerter]))?;
     let update = options.update.then_some("--update");
-    accuracy::tested("validation", &["--rivals", &path].into_iter().chain(update).collect::<Vec<_>>())
+    accuracy::tested("validation", ["--rivals", &path].into_iter().chain(update))
 }

@@ -24,7 +24,7 @@ const LONG: &str = "tests/test_notebooks.py::test_a_notebook_prints_what_stands_
 /// Names the real cargo if maturin was given this program as cargo.
 pub const CARGO: &str = "INERTER_CARGO";
 
-#[derive(clap::Args, Clone, Copy, Debug, Default)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Build it quickly, as the tests do, not for speed
     #[arg(long)]

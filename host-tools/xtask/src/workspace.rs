@@ -96,8 +96,26 @@ pub fn skipped_list() -> Result<PathBuf> {
     Ok(target()?.join("skipped.txt"))
 }
 
+/// What `cargo metadata` reports of the workspace in a folder and of all packages that its lock file names.
+pub fn metadata(folder: &Path) -> Result<Value> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(folder).args(["metadata", "--format-version", "1", "--locked"]);
+    parsed(&process::output(&mut cargo)?)
+}
+
+fn parsed(json: &str) -> Result<Value> {
+    serde_json::from_str(json).context("`cargo metadata` printed no JSON")
+}
+
+/// What `cargo tree` lists in a folder: a line for each package, name and version first; some come again.
+pub fn packages(folder: &Path, edges: &str, arguments: &[&str]) -> Result<String> {
+    let mut cargo = process::cargo();
+    cargo.current_dir(folder).args(["tree", "--locked", "--edges", edges, "--prefix", "none", "--format", "{p}"]);
+    process::output(cargo.args(arguments))
+}
+
 /// One member of a workspace.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Member {
     /// Package name.
     pub name: String,
@@ -110,7 +128,7 @@ pub struct Member {
 }
 
 /// One declared dependency.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub struct Use {
     /// Package name, whatever it is renamed to.
     pub name: String,
@@ -119,7 +137,7 @@ pub struct Use {
 }
 
 /// The workspace as cargo reports it.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Workspace {
     /// All members.
     pub members: Vec<Member>,
@@ -146,7 +164,7 @@ impl Workspace {
 
     /// Reads the JSON of `cargo metadata`.
     pub fn parse(json: &str) -> Result<Self> {
-        let value: Value = serde_json::from_str(json).context("`cargo metadata` printed no JSON")?;
+        let value = parsed(json)?;
         let members = array(&value, "packages")?.iter().map(member).collect::<Result<Vec<_>>>()?;
         Ok(Self { members, target: text(&value, "target_directory")?.into() })
     }
@@ -194,9 +212,8 @@ pub fn tested(part: Part, name: &str) -> Result<PathBuf> {
 
 /// The host program as a user installs it, except for the feature `probe`.
 pub fn installed() -> Result<PathBuf> {
-    let mut build = process::cargo();
-    build.args(["build", "--package", "inerter", "--no-default-features", "--features", "inerter/lean"]);
-    process::run(build.args(["--quiet", "--bin", "inerter", "--release"]))?;
+    let lean = ["build", "--package", "inerter", "--no-default-features", "--features", "inerter/lean"];
+    process::run(process::cargo().args(lean).args(["--quiet", "--bin", "inerter", "--release"]))?;
     program("inerter", "release")
 }
 

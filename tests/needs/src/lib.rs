@@ -9,6 +9,8 @@ mod random;
 pub use random::Random;
 
 use std::{
+    env,
+    ffi::OsString,
     fs::OpenOptions,
     io::{self, Write},
     path::{Path, PathBuf},
@@ -28,15 +30,16 @@ pub fn or_skip<T>(found: Result<T, String>) -> Option<T> {
     match found {
         Ok(found) => Some(found),
         Err(reason) => {
-            assert!(!is_required(), "{reason}");
+            assert!(set(REQUIRED).is_none(), "{reason}");
             skip(&reason);
             None
         }
     }
 }
 
-fn is_required() -> bool {
-    std::env::var_os(REQUIRED).is_some_and(|value| !value.is_empty())
+/// The value of a variable, unless it is empty.
+fn set(variable: &str) -> Option<OsString> {
+    env::var_os(variable).filter(|value| !value.is_empty())
 }
 
 /// Reports the running test as skipped: on standard error and in the list.
@@ -47,7 +50,7 @@ pub fn skip(reason: &str) {
     let name = running_test();
     // Not `eprintln`: the test harness swallows what a passing test prints. Nobody may read standard error.
     let _ = writeln!(io::stderr(), "skipped: {name} ({reason})");
-    if let Some(list) = std::env::var_os(LIST).filter(|list| !list.is_empty()) {
+    if let Some(list) = set(LIST) {
         self::list(Path::new(&list), &name, reason)
             .unwrap_or_else(|error| panic!("cannot write {}: {error}", list.display()));
     }
@@ -62,7 +65,7 @@ pub fn list(list: &Path, name: &str, reason: &str) -> io::Result<()> {
 
 /// Test program and test: the harness names the thread of each test by it.
 fn running_test() -> String {
-    let program = std::env::args_os().next().map(PathBuf::from).unwrap_or_default();
+    let program = env::args_os().next().map(PathBuf::from).unwrap_or_default();
     let program = program.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     // Cargo ends the name with a hash.
     let program = program.rsplit_once('-').map_or(program.as_str(), |(name, _)| name);
@@ -73,7 +76,10 @@ fn running_test() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::process::{Command, Output};
+    use std::{
+        fs,
+        process::{self, Command, Output},
+    };
 
     #[test]
     fn the_running_test_is_named() {
@@ -82,25 +88,25 @@ mod tests {
 
     #[test]
     fn a_line_for_each_skip() {
-        let list = std::env::temp_dir().join(format!("inerter-needs-{}", std::process::id()));
+        let list = env::temp_dir().join(format!("inerter-needs-{}", process::id()));
         super::list(&list, "a", "two\nlines").unwrap();
         super::list(&list, "b", "no image").unwrap();
-        let text = std::fs::read_to_string(&list).unwrap();
-        std::fs::remove_file(&list).unwrap();
+        let text = fs::read_to_string(&list).unwrap();
+        fs::remove_file(&list).unwrap();
         assert_eq!(text, "a (two lines)\nb (no image)\n");
     }
 
     /// Not a test of its own: what the next one starts as another process.
     #[test]
     fn needs_something_where_asked_to() {
-        if std::env::var_os("INERTER_NEEDS_NOTHING_FOUND").is_some() {
+        if env::var_os("INERTER_NEEDS_NOTHING_FOUND").is_some() {
             assert_eq!(or_skip::<()>(Err("nothing found".into())), None);
         }
         assert_eq!(or_skip(Ok(1)), Some(1));
     }
 
     fn without(required: &str, list: &Path) -> Output {
-        Command::new(std::env::current_exe().unwrap())
+        Command::new(env::current_exe().unwrap())
             .args(["--exact", "tests::needs_something_where_asked_to"])
             .env("INERTER_NEEDS_NOTHING_FOUND", "1")
             .env(REQUIRED, required)
@@ -111,13 +117,13 @@ mod tests {
 
     #[test]
     fn a_skip_is_told_and_listed_and_fails_where_it_is_required() {
-        let list = std::env::temp_dir().join(format!("inerter-needs-list-{}", std::process::id()));
+        let list = env::temp_dir().join(format!("inerter-needs-list-{}", process::id()));
         let skipped = without("", &list);
         let line = "inerter_needs: tests::needs_something_where_asked_to (nothing found)";
         assert!(skipped.status.success());
         assert!(String::from_utf8_lossy(&skipped.stderr).contains(&format!("skipped: {line}")));
-        assert_eq!(std::fs::read_to_string(&list).unwrap(), format!("{line}\n"));
-        std::fs::remove_file(&list).unwrap();
+        assert_eq!(fs::read_to_string(&list).unwrap(), format!("{line}\n"));
+        fs::remove_file(&list).unwrap();
         assert!(!without("1", &list).status.success());
         assert!(!list.exists());
     }

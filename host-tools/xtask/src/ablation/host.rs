@@ -177,7 +177,6 @@ struct Column {
 }
 
 /// When removing a part counts as a loss.
-#[derive(Clone, Copy)]
 enum Lost {
     Less(&'static str),
     More(&'static str),
@@ -235,9 +234,13 @@ fn measured(folder: &Path, edits: &[Edit]) -> Result<Counts> {
     copy::tree(&tree, &[])?;
     copy::edit(&tree.join(FOLDER), edits)?;
     let build = folder.join("build");
-    let mut cargo = process::cargo();
-    cargo.current_dir(&tree).env("RUSTFLAGS", "-A warnings").arg("build").arg("--target-dir").arg(&build);
-    process::run(cargo.args(["--quiet", "--package", "inerter-tests", "--bin", "measure"]))?;
+    process::run(
+        process::cargo()
+            .current_dir(&tree)
+            .env("RUSTFLAGS", "-A warnings")
+            .args(["build", "--quiet", "--package", "inerter-tests", "--bin", "measure", "--target-dir"])
+            .arg(&build),
+    )?;
     counts(&process::output(Command::new(build.join("debug/measure")).arg("ablation_host"))?)
 }
 

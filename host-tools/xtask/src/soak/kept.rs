@@ -1,6 +1,9 @@
 //! Hours soaked so far, in portions after each of which a run can be stopped: docs/tables/soak.md.
 
-use crate::{table::Row, tree};
+use crate::{
+    table::{self, Row},
+    tree,
+};
 use anyhow::Result;
 
 /// The committed table, from the root.
@@ -11,7 +14,7 @@ const PORTION_H: f64 = 1.0;
 const LEAST_H: f64 = 0.05;
 
 /// A portion that met all goals.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 struct Portion {
     /// Commit of the tree that was soaked.
     commit: String,
@@ -39,7 +42,7 @@ impl Portion {
 }
 
 /// All portions so far.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Kept(Vec<Portion>);
 
 impl Kept {
@@ -66,7 +69,7 @@ impl Kept {
 
     fn parse(text: &str) -> Self {
         let portion = |line: &str| {
-            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            let cells = table::cells(line);
             let [_, commit, figures @ .., _] = &cells[..] else { return None };
             let figures: Vec<f64> = figures.iter().filter_map(|figure| figure.parse().ok()).collect();
             let [hours, samples, lost, grown, apart_s] = figures[..] else { return None };
