@@ -70,6 +70,11 @@ impl<SPI: SpiDevice, RESET: OutputPin> Ads131m04<SPI, RESET> {
         &self.config
     }
 
+    /// Returns bus and pin. The chip stays as it is.
+    pub fn release(self) -> (SPI, RESET) {
+        (self.spi, self.reset)
+    }
+
     /// Resets the chip by its pin, makes sure that it is an ADS131M04, writes every register, reads each back, turns
     /// both CRCs on and locks the interface. Takes about 4 ms. The clock at CLKIN must run.
     ///

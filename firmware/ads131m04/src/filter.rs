@@ -76,8 +76,16 @@ impl Osr {
         3 * (n - 1) + (m - 1) * n
     }
 
+    /// Conversions after a step that still contain data from before: `3` with sinc3 alone, else `2`.
+    /// After a reset two come from the fast-settling filter, so [`SETTLING`](Self::SETTLING) are left out in every
+    /// case.
+    pub const fn settling(self) -> u32 {
+        let (_, m) = self.stages();
+        if m == 1 { 3 } else { 2 }
+    }
+
     /// Conversions not to be used after a reset, a change of set-up or a resynchronisation: two of the fast-settling
-    /// filter (SBAS890, "Fast-Settling Filter"), and up to three in which sinc3 settles (two if a sinc1 follows).
+    /// filter (SBAS890, "Fast-Settling Filter"), and up to three in which sinc3 settles.
     pub const SETTLING: u32 = 5;
 
     /// Weights of the counts latched by this DRDY edge and the three before, in 256ths.

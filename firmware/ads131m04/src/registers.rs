@@ -105,6 +105,10 @@ pub mod cfg {
     /// Global chop delay after reset, 16 tMOD. Chop itself stays off: it changes the group delay that positions are
     /// matched to.
     pub const GC_DLY_16: u16 = 0x0600;
+    /// Global chop.
+    pub const GC_EN: u16 = 1 << 8;
+    /// Current detection.
+    pub const CD_EN: u16 = 1 << 0;
 }
 
 /// Gain of a channel's amplifier: full scale is 1.2 V divided by it.
@@ -131,6 +135,13 @@ pub enum Gain {
     X64 = 6,
     /// +-9.375 mV.
     X128 = 7,
+}
+
+impl Gain {
+    /// The factor.
+    pub const fn factor(self) -> u32 {
+        1 << self as u32
+    }
 }
 
 /// The STATUS register, which is also the response to a NULL command.

@@ -413,6 +413,7 @@ mod tests {
                 state.gate(&active.signal, position);
             }
             let bad = (0..60_u8).filter(|&ago| state.line.at(ago).bad).count();
+            // The sign's kernels reach five samples to both sides of the stop.
             assert_eq!(bad, if coulomb_like && have_told { 11 } else { 0 }, "{coulomb_like} {have_told}");
         }
     }

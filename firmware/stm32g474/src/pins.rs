@@ -2,7 +2,7 @@
 
 use embassy_stm32::gpio::{AfType, Flex};
 
-/// Connects a pin to a peripheral for good.
+/// Connects a pin to a peripheral for good. Inlined at each pin it would take more flash.
 #[inline(never)]
 pub fn connect(mut pin: Flex<'static>, function: u8, kind: AfType) {
     pin.set_as_af_unchecked(function, kind);

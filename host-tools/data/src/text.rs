@@ -161,12 +161,12 @@ pub fn settings_note(reading: &Reading) -> Option<String> {
 
 /// An event for a person.
 pub fn event_words(machine: Machine, kind: &EventKind) -> String {
-    use EventKind::*;
+    use EventKind::{Changed, Fault, Panicked, ResetBy, SourceChanged, Warned};
     match kind {
-        Started => "the device has started".into(),
-        SourceEnded => "no more samples: the motion has ended".into(),
-        EstimatorReset => "the estimator restarts".into(),
-        SettingsChanged => "the settings were changed".into(),
+        EventKind::Started => "the device has started".into(),
+        EventKind::SourceEnded => "no more samples: the motion has ended".into(),
+        EventKind::EstimatorReset => "the estimator restarts".into(),
+        EventKind::SettingsChanged => "the settings were changed".into(),
         SourceChanged(source) => format!("samples now come from: {source:?}").to_lowercase(),
         Fault(fault) => format!("fault: {fault}"),
         Panicked(text) => format!("the firmware failed before this start: {text}; please report it"),
@@ -178,13 +178,17 @@ pub fn event_words(machine: Machine, kind: &EventKind) -> String {
 
 /// Whether an event reports a fault that matters to a recording.
 pub fn is_trouble(kind: &EventKind) -> bool {
-    use EventKind::*;
     match kind {
-        Fault(_) | Panicked(_) | Changed(_) | Warned(_) => true,
-        ResetBy(cause) => {
+        EventKind::Fault(_) | EventKind::Panicked(_) | EventKind::Changed(_) | EventKind::Warned(_) => true,
+        // A cause that is new here is trouble until somebody says that it is not.
+        EventKind::ResetBy(cause) => {
             !matches!(cause, ResetCause::PowerOn | ResetCause::Pin | ResetCause::Software | ResetCause::OptionBytes)
         }
-        Started | SourceEnded | EstimatorReset | SettingsChanged | SourceChanged(_) => false,
+        EventKind::Started
+        | EventKind::SourceEnded
+        | EventKind::EstimatorReset
+        | EventKind::SettingsChanged
+        | EventKind::SourceChanged(_) => false,
     }
 }
 

@@ -118,8 +118,12 @@ impl Look {
 
     /// 95 % uncertainty of the instant \[us\]: where the phases around it are far apart, half their distance.
     fn u95_us(&self) -> f64 {
-        let around = PHASES.windows(2).find(|around| self.at_us * TICKS_PER_US < f64::from(around[1]));
-        around.map_or(U95_US, |around| U95_US.max(f64::from(around[1] - around[0]) / TICKS_PER_US / 2.0))
+        let at = self.at_us * TICKS_PER_US;
+        let phases = || PHASES.map(f64::from).into_iter();
+        // The phases are on a circle.
+        let after = phases().find(|phase| *phase > at).unwrap_or(TICKS + f64::from(PHASES[0]));
+        let before = phases().rfind(|phase| *phase <= at).unwrap_or(f64::from(PHASES[PHASES.len() - 1]) - TICKS);
+        U95_US.max((after - before) / TICKS_PER_US / 2.0)
     }
 
     /// The best fit to the lags found at each phase \[us, steps\].
@@ -171,12 +175,12 @@ fn judge(looks: [Look; 2], report: &mut Report) -> bool {
     let late = |converter: &str, off: f64, u95: f64| {
         let word = if off > 0.0 { "late" } else { "early" };
         let off = off.abs();
-        format!("{converter} samples {off:.1} +- {u95:.1} us too {word}: force and position are not simultaneous")
+        format!("{converter} samples {off:.1} +- {u95:.2} us too {word}: force and position are not simultaneous")
     };
     let cause = match (force_is_off, terminal_is_off) {
         (false, false) => None,
         (true, true) if (force - terminal).abs() < NEAR_US => Some(format!(
-            "both converters sample {force:.1} +- {force_u95:.1} us off: a trigger other than the sampling clock starts them"
+            "both converters sample {force:.1} +- {force_u95:.2} us off: a trigger other than the sampling clock starts them"
         )),
         (true, _) => Some(late("the force's converter", force, force_u95)),
         (false, true) => Some(late("the terminal's converter", terminal, terminal_u95)),
@@ -215,6 +219,17 @@ mod tests {
     }
 
     #[test]
+    fn an_instant_is_as_sure_as_the_phases_around_it_are_close() {
+        let u95_us = |at_us| Look { at_us, settling_us: 0.2 }.u95_us();
+        assert_eq!(u95_us(0.631), U95_US);
+        // From 2585 ticks round to 40, and from 300 to 450.
+        for at_us in [0.1, 15.5] {
+            assert!((u95_us(at_us) - 80.0 / 168.0 / 2.0).abs() < 1e-9, "{at_us}");
+        }
+        assert!((u95_us(2.631) - 150.0 / 168.0 / 2.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn what_is_off_is_named() {
         let judged = |force: f64, terminal: f64| {
             let mut report = Report::default();
@@ -224,7 +239,7 @@ mod tests {
         assert_eq!(judged(0.63, 0.7), None);
         assert!(judged(8.4, 8.4).is_some_and(|cause| cause.contains("a trigger other than")));
         assert!(
-            judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter samples 2.0 +- 0.4 us too late"))
+            judged(2.6, 0.63).is_some_and(|cause| cause.contains("force's converter samples 2.0 +- 0.45 us too late"))
         );
         assert!(judged(0.63, 2.6).is_some_and(|cause| cause.contains("terminal's converter")));
         let mut report = Report::default();

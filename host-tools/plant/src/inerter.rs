@@ -118,7 +118,7 @@ impl Inerter {
             ("stiffness_n_per_m", (self.stiffness_n_per_m / inertance_kg).sqrt()),
             ("presliding_m", (self.presliding_n_per_m() / inertance_kg).sqrt()),
             ("contact_damping_n_s_per_m", self.contact_damping_n_s_per_m / inertance_kg),
-            ("viscous_n_s_per_m", self.viscous(self.viscous_asymmetry.signum()) / inertance_kg),
+            ("viscous_n_s_per_m", self.greatest_viscous() / inertance_kg),
             ("stribeck_velocity_m_per_s", self.stribeck_n_s_per_m() / inertance_kg),
         ]
         .into_iter()
@@ -129,9 +129,14 @@ impl Inerter {
         Ok(())
     }
 
+    /// The viscous friction in the direction that has more of it \[N s/m\].
+    fn greatest_viscous(&self) -> f64 {
+        self.viscous(self.viscous_asymmetry.signum())
+    }
+
     /// An upper bound of the rates of all modes of the device \[rad/s\]; sets the length of a step.
     pub(crate) fn fastest_rad_per_s(&self) -> f64 {
-        let viscous = self.viscous(self.viscous_asymmetry.signum()) + self.stribeck_n_s_per_m();
+        let viscous = self.greatest_viscous() + self.stribeck_n_s_per_m();
         let stiffness = self.stiffness_n_per_m + self.presliding_n_per_m();
         let damping = (self.contact_damping_n_s_per_m + viscous) / self.inertance_kg;
         damping.max((stiffness / self.inertance_kg).sqrt())

@@ -128,8 +128,9 @@ pub fn run(options: &Options) -> Result<()> {
     }
     println!("\n{}", table(&rows));
     let findings: Vec<_> = rows.iter().filter_map(|(name, session)| Some((name, session.finding.as_ref()?))).collect();
+    let ours = if options.ours { " --ours" } else { "" };
     for (name, finding) in &findings {
-        println!("finding in {name}: {}\n  again: cargo xtask fuzz {name} --input {0}", finding.display());
+        println!("finding in {name}: {}\n  again: cargo xtask fuzz {name}{ours} --input {0}", finding.display());
     }
     ensure!(findings.is_empty(), "{} of {} targets found something", findings.len(), rows.len());
     Ok(())
@@ -154,6 +155,7 @@ fn build(targets: &[&Target], options: &Options) -> Result<PathBuf> {
         command.env("RUSTC_BOOTSTRAP", "1").arg("-Zprofile-rustflags");
         command.arg("--config").arg(format!("profile.fuzz.rustflags={flags:?}"));
         command.args(["--config", "profile.fuzz.package.'*'.rustflags=[]"]);
+        command.args(["--config", "profile.fuzz.build-override.rustflags=[]"]);
         folder.push("ours");
         process::run(command.env("CARGO_TARGET_DIR", &folder))?;
     } else {

@@ -112,14 +112,19 @@ impl Instrument {
     }
 }
 
-/// Settings of a calibration without error, a memory of the whole run. The force codes of the instruments are those of
-/// the default settings.
+/// Settings of a calibration without error, a memory of the whole run.
 fn calibrated(device: &Inerter) -> Settings {
     let sensors = cases::sensors(0);
+    let conversions = sensors.oversampling;
+    let defaults = Settings::default();
     Settings {
         sample_rate_hz: sensors.sample_rate_hz,
         metres_per_count: sensors.metres_per_count,
-        newtons_per_code: sensors.newtons_per_code,
+        oversampling: conversions,
+        newtons_per_code: sensors.newtons_per_sample_code(),
+        force_zero_code: sensors.force_zero_code * conversions,
+        force_min_code: (sensors.force_min_code * conversions).max(defaults.force_min_code),
+        force_max_code: (sensors.force_max_code * conversions).min(defaults.force_max_code),
         metres_per_terminal_code: sensors.metres_per_terminal_code,
         structure_mass_kg: device.structure_mass_kg,
         stiffness_n_per_m: device.stiffness_n_per_m,
@@ -130,7 +135,7 @@ fn calibrated(device: &Inerter) -> Settings {
         timebase_u95: 0.0,
         publish_rate_hz: 10.0,
         memory_s: 100.0,
-        ..Settings::default()
+        ..defaults
     }
 }
 

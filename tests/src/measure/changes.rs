@@ -33,7 +33,8 @@ impl Step {
             Changed::Inertance => &mut device.inertance_kg,
             Changed::Viscous => &mut device.viscous_n_s_per_m,
             Changed::Coulomb => &mut device.coulomb_n,
-            Changed::Offset => &mut device.constant_force_n,
+            // A machine without an offset would keep none, whatever it is multiplied by.
+            Changed::Offset => unreachable!("no step of the offset"),
         };
         *changed *= self.times;
         device

@@ -89,9 +89,9 @@ fn only_settings_that_change_what_was_gathered_forget_it() {
     }
 }
 
-/// Whether the source ends with this record.
-fn is_end(record: &Record) -> bool {
-    matches!(record, Record::Event(Event { kind: EventKind::SourceEnded, .. }))
+/// Whether the last of these records is the end of the source.
+fn have_ended(records: &[Record]) -> bool {
+    matches!(records.last(), Some(Record::Event(Event { kind: EventKind::SourceEnded, .. })))
 }
 
 #[test]
@@ -102,7 +102,7 @@ fn estimates_from_a_source_that_waits_equal_cores_to_the_bit_and_none_is_lost() 
     // The link has room for less than one estimate, and the host reads slowly.
     rig.set_room(100);
     let start = rig.send(Command::Start);
-    let records = rig.read_until(5, 70, is_end);
+    let records = rig.read_until(5, 70, have_ended);
     assert!(records.contains(&done(start)));
     assert_eq!(estimates(&records), all_by_core(&Settings::default(), &samples));
     let (_, end) = by_core(&Settings::default(), &samples);
@@ -141,7 +141,7 @@ fn a_source_that_waits_streams_every_sample() {
     rig.script.push_all(&samples);
     rig.set_room(50);
     rig.send(Command::Start);
-    let records = rig.read_until(1, 50, is_end);
+    let records = rig.read_until(1, 50, have_ended);
     // The device reports the end of the source after its last sample.
     assert_eq!(raw_samples(&records), samples);
 }
@@ -172,7 +172,7 @@ fn sums_come_once_a_second_and_at_the_end() {
     // The link has room for less than the sums of one bank: the source waits, and no sum is lost.
     rig.set_room(100);
     rig.send(Command::Start);
-    let mut records = rig.read_until(1, 50, is_end);
+    let mut records = rig.read_until(1, 50, have_ended);
     records.retain(|record| matches!(record, Record::Estimate(_) | Record::Sums(_) | Record::MoreSums(_)));
     assert_eq!(records, expected);
 
@@ -231,7 +231,7 @@ fn what_goes_with_an_estimate_follows_it_and_reversals_and_changes_come_when_the
     };
     rig.script.push_all(&samples);
     rig.send(Command::Start);
-    let mut records = rig.read_until(1, 50, is_end);
+    let mut records = rig.read_until(1, 50, have_ended);
     records.retain(is_ours);
     assert_eq!(records, expected);
     let published = records.windows(3).filter_map(|three| match three {

@@ -518,11 +518,11 @@ impl TestDevice {
         self.frames().into_iter().map(message).collect()
     }
 
-    /// The records up to one of this kind, for a host that reads `count` bytes each time that some milliseconds have
+    /// The records until they are all, for a host that reads `count` bytes each time that some milliseconds have
     /// passed.
-    pub fn read_until(&mut self, milliseconds: u64, count: usize, is_last: impl Fn(&Record) -> bool) -> Vec<Record> {
+    pub fn read_until(&mut self, milliseconds: u64, count: usize, are_all: impl Fn(&[Record]) -> bool) -> Vec<Record> {
         let mut records = Vec::new();
-        while !records.iter().any(&is_last) {
+        while !are_all(&records) {
             self.pass(milliseconds);
             records.extend(self.read_bytes(count).into_iter().map(message));
         }

@@ -112,15 +112,15 @@ impl Filter {
         };
         let product = |a: &[f64], b: &[f64]| whole(a).iter().zip(whole(b)).map(|(a, b)| a * b).sum::<f64>();
         let square = |taps: &[f64]| product(taps, taps);
-        let noise_of_one = noise_n * noise_n;
+        let noise_variance = noise_n * noise_n;
         let acceleration_square = ROUNDING * settings.metres_per_count.powi(2) * square(&kernels.second);
         Self {
             noise_n,
-            noise_square: noise_of_one * square(&kernels.force),
-            rate_square: noise_of_one * square(&kernels.rate),
-            bend_square: noise_of_one * square(&kernels.second),
-            bend_with_force: noise_of_one * product(&kernels.second, &kernels.force),
-            third_square: noise_of_one * square(&kernels.third),
+            noise_square: noise_variance * square(&kernels.force),
+            rate_square: noise_variance * square(&kernels.rate),
+            bend_square: noise_variance * square(&kernels.second),
+            bend_with_force: noise_variance * product(&kernels.second, &kernels.force),
+            third_square: noise_variance * square(&kernels.third),
             steps_square: law.inertance_kg.powi(2) * acceleration_square,
             acceleration_square,
             kernels,

@@ -17,7 +17,7 @@ pub struct Parameters<T = f64> {
     pub viscous_n_s_per_m: T,
     /// Coulomb friction `fc` \[N\].
     pub coulomb_n: T,
-    /// Contact stiffness `ks`; 0 if unknown \[N/m\].
+    /// Contact stiffness `ks`; as a number 0 if unknown \[N/m\].
     pub stiffness_n_per_m: T,
     /// Contact damping `cs` \[N s/m\].
     pub contact_damping_n_s_per_m: T,

@@ -122,6 +122,7 @@ impl Whitening {
     /// If the weights are right, the numbers have variance 1 and are independent.
     pub fn whitened(&self, position: impl Iterator<Item = f64>, force: impl Iterator<Item = f64>, rows: &mut [f64]) {
         let mut slots = rows.iter_mut();
+        // The values first: the longer iterator would lose a slot at the end of each call.
         let mut put = |values: &[f64]| values.iter().zip(slots.by_ref()).for_each(|(value, slot)| *slot = *value);
         let mut factors = self.factors.iter();
         let mut is_first = true;

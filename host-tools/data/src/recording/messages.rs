@@ -74,7 +74,7 @@ impl<R: Read> Messages<R> {
         self.walker.offset()
     }
 
-    /// The bytes of the latest message of the stream.
+    /// The bytes of the message of the stream that [`next`](Self::next) has just returned.
     pub(super) fn bytes(&self) -> &[u8] {
         &self.known.bytes
     }

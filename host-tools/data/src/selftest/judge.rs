@@ -469,8 +469,8 @@ pub fn throughput(heard: &Streamed) -> [Check; 5] {
             Some(missing as f64),
             // A frame that is lost on the way leaves a gap in the sequence of frames.
             |_| match (bad_frames, overruns) {
-                (0, _) => "the sampler itself lost them: see its overruns",
-                (_, Some(0.0)) => "the link does not keep up: see the frames",
+                (0, Some(overruns)) if overruns > 0.0 => "the sampler itself lost them: see its overruns",
+                (0, _) => "the sampler itself lost them, after its last report",
                 _ => "the sampler or the link does not keep up",
             },
         ),

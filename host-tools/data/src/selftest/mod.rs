@@ -43,8 +43,10 @@ impl Verdict {
     }
 }
 
-/// Checks whose failure explains that of others, the strongest first.
-const EXPLAINED: [(&str, &[&str]); 2] = [("sampling", &["samples_lost", "overruns"]), ("overruns", &["samples_lost"])];
+/// Checks whose failure explains that of others, the strongest first, unless the last one of a row failed too: where
+/// frames are lost, samples may be lost on the way.
+const EXPLAINED: [(&str, &[&str], Option<&str>); 2] =
+    [("sampling", &["samples_lost", "overruns"], None), ("overruns", &["samples_lost"], Some("frames_lost"))];
 
 /// One property of the board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -161,8 +163,9 @@ impl SelfTest {
     /// The failed check that explains others that failed, if there is one.
     fn cause(&self) -> Option<&Check> {
         let failed = |name: &str| self.checks.iter().find(|check| check.name == name && check.verdict == Verdict::Fail);
-        EXPLAINED.iter().find_map(|(cause, symptoms)| {
-            failed(cause).filter(|_| symptoms.iter().any(|symptom| failed(symptom).is_some()))
+        EXPLAINED.iter().find_map(|(cause, symptoms, unless)| {
+            let explains = symptoms.iter().any(|symptom| failed(symptom).is_some());
+            failed(cause).filter(|_| explains && unless.is_none_or(|unless| failed(unless).is_none()))
         })
     }
 

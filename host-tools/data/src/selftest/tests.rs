@@ -302,7 +302,7 @@ fn lost_samples_are_told_of_the_sampler_or_of_the_link() {
 #[test]
 fn the_check_that_explains_others_comes_first_and_its_cause_is_in_the_summary() {
     let test = |failed: &[&'static str]| {
-        let names = ["samples_lost", "overruns", "restart", "sampling"];
+        let names = ["frames_lost", "samples_lost", "overruns", "restart", "sampling"];
         let check = |name: &'static str| {
             let cause = failed.contains(&name).then(|| format!("cause of {name}"));
             Check::words(name, name, "", "", cause)
@@ -313,13 +313,15 @@ fn the_check_that_explains_others_comes_first_and_its_cause_is_in_the_summary() 
     for (failed, first, named) in [
         (&["samples_lost", "overruns", "sampling"][..], "sampling", Some("sampling")),
         (&["samples_lost", "overruns", "restart"], "overruns", Some("overruns")),
+        (&["frames_lost", "samples_lost", "overruns"], "frames_lost", None),
+        (&["frames_lost", "samples_lost", "sampling"], "sampling", Some("sampling")),
         (&["overruns", "sampling"], "sampling", Some("sampling")),
         (&["restart", "sampling"], "restart", None),
         (&["overruns"], "overruns", None),
     ] {
         let test = test(failed);
         assert_eq!((test.failed().first(), test.failed().len()), (Some(&first), failed.len()));
-        let counts = format!("{} passed, {} failed, 0 skipped", 4 - failed.len(), failed.len());
+        let counts = format!("{} passed, {} failed, 0 skipped", 5 - failed.len(), failed.len());
         let cause = named.map(|name| format!("; likely cause: cause of {name}")).unwrap_or_default();
         assert_eq!(test.summary(), counts + &cause);
     }

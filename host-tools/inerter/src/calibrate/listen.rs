@@ -75,7 +75,7 @@ fn batches(
 }
 
 impl Heard {
-    /// Everything for this long, counted in samples. Runs of hours are heard without keeping the samples.
+    /// Everything for this long, counted in samples. `keep_samples` is false for runs of hours.
     pub fn listen(
         device: &mut Device,
         dialogue: &mut impl Dialogue,

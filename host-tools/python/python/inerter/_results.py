@@ -25,7 +25,7 @@ _UNITS = {
 
 
 class _Shown:
-    """A dataclass whose `repr` is printable: Python's own rule leaves fillers and selectors as they are."""
+    """Base of a dataclass whose `repr` is printable: Python's own rule leaves fillers and selectors as they are."""
 
     def __repr__(self) -> str:
         of: Any = self

@@ -32,7 +32,7 @@ const CELL: usize = 60;
 const VALUE: usize = 200;
 /// Maximum number of columns of a CSV: ours have about 50 for each kind of machine. Each row has a cell for each column
 /// of all rows, so rows with columns of their own would make it grow with the square of their number.
-const MOST_COLUMNS: usize = 1024;
+const MOST_CSV_COLUMNS: usize = 1024;
 
 pub fn run(args: &Args) -> Result<(), Error> {
     match &args.command {
@@ -110,11 +110,11 @@ fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> 
     args.limits.check([], [], args.force)?;
     let choice = Choice { device: args.device.clone(), from: args.from.clone(), to: args.to.clone(), conditions };
     let listed = Store::open(url)?.runs(&choice)?;
+    listed.damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
     // Before anything is judged and written.
     let columns = args.csv.then(|| csv_columns(url, &listed.rows)).transpose()?;
     let within = within(args, &listed.rows)?;
     let said = heard(print(args, &listed.rows, columns.as_deref(), within.as_deref()), true);
-    listed.damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
     intact(url, &listed.damages)?;
     if within.is_some() && listed.rows.is_empty() {
         return Err(Error::NothingHeld);
@@ -238,9 +238,9 @@ fn is_object(name: &&str) -> bool {
 fn csv_columns<'a>(url: &str, rows: &'a [Row]) -> Result<Vec<&'a str>, Error> {
     let mut known = BTreeSet::new();
     let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
-    let names: Vec<&str> = columns.filter(|name| known.insert(*name)).take(MOST_COLUMNS + 1).collect();
-    if names.len() > MOST_COLUMNS {
-        return Err(Error::WideCsv { url: url.into(), most: MOST_COLUMNS });
+    let names: Vec<&str> = columns.filter(|name| known.insert(*name)).take(MOST_CSV_COLUMNS + 1).collect();
+    if names.len() > MOST_CSV_COLUMNS {
+        return Err(Error::WideCsv { url: url.into(), most: MOST_CSV_COLUMNS });
     }
     Ok(names)
 }

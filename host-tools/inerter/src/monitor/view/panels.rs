@@ -68,6 +68,7 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
     } else {
         [bottom].into()
     };
+    // In one area, the force alone.
     for ((signal, path), area) in [(Signal::Force, "force_n"), (Signal::Position, "position_m")].iter().zip(&*areas) {
         charts::trace(frame, *area, state, theme, *signal, path);
     }
