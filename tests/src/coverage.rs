@@ -1,10 +1,10 @@
 //! Width and coverage of the intervals if every stated value is true.
 
 use crate::{
-    grid::{Error, Motion, calibrated, each, error, mean, published, raw, seeded, shaken, three, truth},
+    grid::{Error, Motion, calibrated, each, errors, mean, published, raw, seeded, shaken},
     updates::rms,
 };
-use inerter_core::{LawStatus, NORMAL_COVERAGE, Parameters, Settings, Source};
+use inerter_core::{LawStatus, NORMAL_COVERAGE, Settings, Source};
 use inerter_plant::{Inerter, Sensors};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -100,12 +100,6 @@ fn at_most(covered: u64, all: u64) -> f64 {
 
 /// Errors and half widths of the three parameters in one run, if given, and whether the law is reported as broken.
 pub type Outcome = ([Option<(f64, f64)>; 3], bool);
-
-/// Errors of the parameters of a whole run, with their half widths.
-pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
-    let (found, truth) = (three(parameters), truth(device));
-    std::array::from_fn(|i| Some(error(found[i].known()?, truth[i])))
-}
 
 impl Bench {
     /// All runs of a motion, with seeds from `first` on.

@@ -1,6 +1,6 @@
 //! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
-use crate::{coverage::errors, linear::Cholesky, sums::gram};
+use crate::{linear::Cholesky, sums::gram};
 use inerter_core::{Estimate, Interval, Parameter, Parameters, Published, RawSample, Settings, State};
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
@@ -283,6 +283,12 @@ pub fn four(parameters: &Parameters) -> [Parameter; 4] {
 /// Error of a value, and its half width.
 pub fn error(found: Interval, truth: f64) -> (f64, f64) {
     (f64::from(found.value) - truth, f64::from(found.u95))
+}
+
+/// Errors of the parameters of a whole run, with their half widths.
+pub fn errors(parameters: &Parameters, device: &Inerter) -> [Option<(f64, f64)>; 3] {
+    let (found, truth) = (three(parameters), truth(device));
+    std::array::from_fn(|i| Some(error(found[i].known()?, truth[i])))
 }
 
 /// Mean of some values.

@@ -1,9 +1,9 @@
 //! Small violations of the law, scaled by their effect on the parameters, and the resulting coverage of the intervals.
 
 use crate::{
-    coverage::{Outcome, cells, errors},
+    coverage::{Outcome, cells},
     diagnose::{Added, Case, Replayed, clean_case},
-    grid::{Error, MOTIONS, Motion, each, three},
+    grid::{Error, MOTIONS, Motion, each, errors, three},
     sheet::{self, significant},
 };
 use inerter_analysis::diagnose::Kind;

@@ -1,8 +1,8 @@
 //! Predictions for motions, and the results of simulated runs.
 
 use crate::{
-    coverage::{errors, stated_true},
-    grid::{Error, calibrated, each, raw, seeded},
+    coverage::stated_true,
+    grid::{Error, calibrated, each, errors, raw, seeded},
 };
 use inerter_analysis::plan::{Expected, Limits, Peaks};
 use inerter_core::{Machine, Settings};

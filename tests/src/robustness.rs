@@ -1,10 +1,7 @@
 //! The robustness sheet: one imperfection of rig or device at a time, the estimates, and the faults that the device
 //! reports.
 
-use crate::{
-    coverage::errors,
-    grid::{Column, Error, calibrated, error, mean, raw, seeded, sensors as rig, shaken, three, truth},
-};
+use crate::grid::{Column, Error, calibrated, error, errors, mean, raw, seeded, sensors as rig, shaken, three, truth};
 use inerter_core::{Counters, Published, Regime, Settings, State};
 use inerter_plant::{Inerter, Sensors};
 use std::array::from_fn;

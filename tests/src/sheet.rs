@@ -5,6 +5,7 @@ use std::{
     fmt::Display,
     fs,
     path::{Path, PathBuf},
+    str::FromStr,
 };
 
 /// Maximum relative difference from the committed figure. Mathematical libraries differ in the last digits of a sine,
@@ -95,6 +96,12 @@ fn given(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error>
             Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
         }
     }
+}
+
+/// The number of these in the first word, which may have underscores; `usual` without a word.
+pub fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N, Error> {
+    let Some(word) = words.first() else { return Ok(usual) };
+    word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of {these}").into())
 }
 
 /// Three digits of a number; a dash if it is not finite.

@@ -1,6 +1,6 @@
 //! Fits in f64 to the exact sums that core publishes, as a host computes them.
 
-use crate::{linear::Cholesky, updates::SEPARABLE};
+use crate::linear::Cholesky;
 use inerter_core::{MoreSums, Sums};
 use inerter_data::replay::Outcome;
 
@@ -8,6 +8,9 @@ use inerter_data::replay::Outcome;
 pub const REGRESSORS: usize = 7;
 /// Index of the force, here and in a row of [`updates`](crate::updates).
 const FORCE: usize = 4;
+
+/// Part of its diagonal within which a matrix of sums must be positive definite.
+pub const SEPARABLE: f64 = 1e-13;
 
 /// Sums of products in SI units.
 pub fn matrix(sums: &Sums, more: &MoreSums) -> [[f64; REGRESSORS]; REGRESSORS] {

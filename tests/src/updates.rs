@@ -9,9 +9,6 @@ use inerter_core::{Bank, RawSample, Settings, State};
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
 pub type Row = [f64; 5];
 
-/// Part of its diagonal within which the matrix of a bank's rows must be positive definite.
-pub const SEPARABLE: f64 = 1e-13;
-
 /// One row for each update of a bank since its memory was last reset.
 pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
     let active = settings.validate()?;
@@ -66,7 +63,7 @@ mod tests {
         let samples: Vec<RawSample> = simulated.lasting(8.0).map(|sample| raw(&sample)).collect();
         let rows = rows(&settings, &samples, Bank::Fast).unwrap();
         assert!((900..1000).contains(&rows.len()), "{}", rows.len());
-        let values = fit(rows.iter().copied(), SEPARABLE).unwrap();
+        let values = fit(rows.iter().copied(), sums::SEPARABLE).unwrap();
         assert!((values[0] - device.inertance_kg - device.structure_mass_kg).abs() < 0.02, "{values:?}");
         assert!((values[2] - device.coulomb_n).abs() < 0.2, "{values:?}");
         assert!((0.3..0.6).contains(&rms(rows.iter().map(|row| left(&values, row)))));

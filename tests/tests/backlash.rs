@@ -4,8 +4,8 @@ use inerter_core::{Contact, Reversal, Route, Settings, Status};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::bench_sensors;
 use inerter_tests::backlash::{Run, cell, goal, instruments, run, sensed_goal, settings};
-use inerter_tests::coverage::{Bench, errors, stated_true};
-use inerter_tests::grid::{Instruments, MOTIONS, RIGS, published, raw, shaken};
+use inerter_tests::coverage::{Bench, stated_true};
+use inerter_tests::grid::{Instruments, MOTIONS, RIGS, errors, published, raw, shaken};
 
 const RIG: Instruments = RIGS[0];
 

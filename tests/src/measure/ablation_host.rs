@@ -5,9 +5,8 @@
 use inerter_analysis::diagnose::{Cause, Kind};
 use inerter_core::{LawStatus, Parameters};
 use inerter_tests::{
-    coverage::errors,
     diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
-    grid::{Error, Motion, each, motion},
+    grid::{Error, Motion, each, errors, motion},
 };
 
 /// No table has this seed.

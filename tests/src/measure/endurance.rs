@@ -4,10 +4,12 @@
 //! The sample counter, the encoder and every running sum wrap on the way. Each repetition must add exactly the same
 //! amount to the sums of the whole run, and the values published at its end must not change.
 
-use super::number;
 use inerter_core::{Active, Bank, Counters, Detail, Estimate, Published, RawSample, Settings, State};
 use inerter_plant::{Inerter, Sensors};
-use inerter_tests::grid::{self, Error};
+use inerter_tests::{
+    grid::{self, Error},
+    sheet::number,
+};
 
 /// Default number of samples.
 const SAMPLES: u64 = 1_000_000_000;

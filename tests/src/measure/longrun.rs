@@ -4,12 +4,12 @@
 //! Two runs: one alternates all motions and rest, the other is the slow motion alone, whose inertance is the hardest to
 //! maintain. Prints the largest differences, and fails if one exceeds its bound.
 
-use super::number;
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Simulation};
 use inerter_tests::{
     grid::{self, Error},
     reference::{BOUNDS, Pair},
+    sheet::number,
 };
 use std::thread;
 

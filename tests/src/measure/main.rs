@@ -1,7 +1,7 @@
 //! Measures the tables of docs/tables, and runs the tests that are too long for the suite: `cargo xtask NAME`.
 
 use inerter_tests::grid::Error;
-use std::{process::ExitCode, str::FromStr};
+use std::process::ExitCode;
 
 mod ablation_host;
 mod accuracy;
@@ -62,10 +62,4 @@ fn measured() -> Result<bool, Error> {
         return Err(format!("the first argument is one of {}", names.join(", ")).into());
     };
     measure(rest)
-}
-
-/// The number of these in the first word, which may have underscores; `usual` without a word.
-fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N, Error> {
-    let Some(word) = words.first() else { return Ok(usual) };
-    word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of {these}").into())
 }

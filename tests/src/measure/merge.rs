@@ -7,8 +7,7 @@ use inerter_data::{replay::replay_samples, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_tests::{
-    coverage::errors,
-    grid::{Error, NAMES, each},
+    grid::{Error, NAMES, each, errors},
     sheet::{self, significant},
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};

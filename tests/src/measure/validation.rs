@@ -12,7 +12,8 @@ use inerter_tests::{
     defects::draw::Draw,
     grid::{Error, calibrated, error, four, raw, sensors, shaken, three, truth},
     sheet::{self, Asked, line, row, significant},
-    updates::{SEPARABLE, fit, left, rms, rows},
+    sums::SEPARABLE,
+    updates::{fit, left, rms, rows},
 };
 use serde_json::{Value, json};
 use std::{fs, path::Path};

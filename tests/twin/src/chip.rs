@@ -46,7 +46,7 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Registers, Storage, Unknown, Width, World};
+use crate::{Board, Cycles, Registers, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
@@ -200,21 +200,6 @@ pub const CLOCK_OFF: Unknown = Unknown { what: "the peripheral's clock is off" }
 const BACKUP_SHUT: Unknown = Unknown { what: "the backup domain is write-protected (PWR_CR1.DBP)" };
 /// No register block at this address.
 pub const NOTHING: Unknown = Unknown { what: "no peripheral at this address" };
-
-/// The error that ends the run.
-fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
-    Err(Unknown { what })
-}
-
-/// The same where a condition holds.
-fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
-    if condition { refuse(what) } else { Ok(()) }
-}
-
-/// Reads a register without listing it as read before any write: programs read it to change single bits.
-fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
-    if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
-}
 
 /// Interrupt numbers (RM0440 table 97), and for the tests also their names.
 macro_rules! interrupts {

@@ -187,6 +187,21 @@ impl Storage {
     }
 }
 
+/// The error that ends the run.
+pub fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
+    Err(Unknown { what })
+}
+
+/// The same where a condition holds.
+pub fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
+    if condition { refuse(what) } else { Ok(()) }
+}
+
+/// Reads a register without listing it as read before any write: programs read it to change single bits.
+pub fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
+    if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

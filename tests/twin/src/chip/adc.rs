@@ -26,8 +26,8 @@ use super::dmamux::Request;
 use super::errata::Errata;
 use super::pin::Pin;
 use super::rules::Rules;
-use super::{refuse, refuse_if};
 use crate::registers::Storage;
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Reference voltage of all converters \[V\].

@@ -19,7 +19,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 use super::pin::Pin;
-use super::refuse_if;
+use crate::registers::refuse_if;
 use crate::{Cycles, Unknown, World};
 
 /// Chip select, active low.

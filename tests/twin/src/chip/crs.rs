@@ -2,7 +2,7 @@
 //!
 //! The twin's oscillator is exact, so trimming changes nothing and each synchronisation reports success.
 
-use super::peek;
+use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const CR: u32 = 0x00;

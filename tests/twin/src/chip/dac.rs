@@ -9,7 +9,7 @@
 
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 use std::collections::VecDeque;
 

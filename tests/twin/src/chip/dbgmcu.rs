@@ -1,6 +1,6 @@
 //! Debug support of the chip (RM0440 section 47.6): the device ID. The freeze bits are storage.
 
-use super::peek;
+use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 /// Category 3 devices of the G4, revision X (RM0440 47.6.1).

@@ -10,7 +10,7 @@
 //! written.
 
 use super::errata::Errata;
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Number of channels of a controller.

@@ -5,7 +5,7 @@
 //!
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
-use super::refuse;
+use crate::registers::refuse;
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Number of multiplexer channels.

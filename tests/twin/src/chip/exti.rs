@@ -3,7 +3,7 @@
 //! Lines 0 to 15 are pins (SYSCFG selects the port), 16 is the PVD, 18 the USB wake-up. Event masks (EMR) are storage,
 //! as the twin has no sleep mode that needs them.
 
-use super::peek;
+use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const IMR1: u32 = 0x00;

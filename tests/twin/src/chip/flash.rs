@@ -12,7 +12,7 @@
 //! Not modelled: fast programming, mass erase, write and read protection, single-bank mode, securable areas.
 
 use super::rom;
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{

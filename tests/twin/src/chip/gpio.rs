@@ -3,7 +3,7 @@
 //! Modelled: mode, pull, input, output, set and reset registers, alternate functions. Output speed and type are
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
-use super::{peek, refuse};
+use crate::registers::{peek, refuse};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MODER: u32 = 0x00;

@@ -4,7 +4,7 @@
 //! later.
 
 use super::rcc::LSI_HZ;
-use super::refuse;
+use crate::registers::refuse;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
 
 const KR: u32 = 0x00;

@@ -4,7 +4,7 @@
 //! baud rate set in the registers; a remote end at another rate causes framing errors. Modelled: FIFO with thresholds
 //! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 

@@ -19,7 +19,8 @@ use super::gpio::Mode;
 use super::jumpers::{FLOATING_V, Output};
 use super::pin::Pin;
 use super::spi::Frame;
-use super::{BadAccess, Chip, refuse, refuse_if};
+use super::{BadAccess, Chip};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).

@@ -1,6 +1,6 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
-use super::{peek, refuse_if};
+use crate::registers::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const CR1: u32 = 0x00;

@@ -7,7 +7,7 @@
 //! If the crystal fails ([`Rcc::break_crystal`]) while the clock security system (CSS) monitors it, the core falls back
 //! to HSI and the NMI is raised. Not modelled: clock output, LSE, clocks in sleep mode.
 
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{
     Cycles, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},

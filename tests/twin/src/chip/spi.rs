@@ -10,8 +10,8 @@ use std::collections::VecDeque;
 
 use super::clocks::Clocks;
 use super::errata::Errata;
-use super::{refuse, refuse_if};
 use crate::registers::Storage;
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 // CR1.

@@ -1,7 +1,7 @@
 //! System configuration (RM0440 section 10.2): the port of each external interrupt line, and MEM_MODE; the rest is
 //! storage.
 
-use super::{peek, refuse_if};
+use crate::registers::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const MEMRMP: u32 = 0x00;

@@ -1,7 +1,7 @@
 //! Backup registers (RM0440 section 36.6): 32 words that survive a reset but not a loss of power. Tamper detection is
 //! refused.
 
-use super::peek;
+use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
 const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;

@@ -7,7 +7,7 @@
 //! Glossary: *tick*: a clock of the counter, after the prescaler. *Update*: the counter restarts.
 
 use super::rcc::LSI_HZ;
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
 const CR1: u32 = 0x00;

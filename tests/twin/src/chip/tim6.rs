@@ -8,7 +8,7 @@
 //! 33.4.2.
 
 use super::clocks::Clocks;
-use super::refuse_if;
+use crate::registers::refuse_if;
 use crate::{Cycles, Registers, Unknown, Width};
 
 // CR1.

@@ -15,7 +15,7 @@
 //! as the hosts here send no such token.
 
 use super::clocks::Clocks;
-use super::{refuse, refuse_if};
+use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
