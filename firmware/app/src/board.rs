@@ -259,7 +259,50 @@ where
 
 #[cfg(test)]
 mod tests {
-    use super::Load;
+    use super::*;
+    use embassy_futures::block_on;
+
+    /// A source of one sample, which remembers what it was asked.
+    #[derive(Default)]
+    struct One {
+        rate_hz: Option<f64>,
+        is_halted: bool,
+    }
+
+    impl SampleSource for One {
+        fn pace(&self) -> Pace {
+            Pace::OnDemand
+        }
+
+        async fn read(&mut self, into: &mut [RawSample]) -> Result<usize, SourceError> {
+            into[0].index = 7;
+            Ok(1)
+        }
+
+        async fn configure(&mut self, settings: &Settings) -> Result<(), SourceError> {
+            self.rate_hz = Some(settings.sample_rate_hz);
+            Ok(())
+        }
+
+        async fn halt(&mut self) {
+            self.is_halted = true;
+        }
+    }
+
+    /// Used like a task that borrows its source.
+    #[test]
+    fn a_borrowed_source_does_what_its_own_does() {
+        async fn all(mut source: impl SampleSource) -> (Pace, u32) {
+            let mut samples = [RawSample::default(); 2];
+            source.configure(&Settings { sample_rate_hz: 500.0, ..Settings::default() }).await.unwrap();
+            assert_eq!(source.read(&mut samples).await, Ok(1));
+            source.halt().await;
+            (source.pace(), samples[0].index)
+        }
+        let mut one = One::default();
+        assert_eq!(block_on(all(&mut one)), (Pace::OnDemand, 7));
+        assert_eq!((one.rate_hz, one.is_halted), (Some(500.0), true));
+    }
 
     #[test]
     fn load_is_what_was_worked_since_the_last_look() {
