@@ -157,6 +157,7 @@ mod tests {
         let mut player = Player::new();
         assert_eq!(player.step(), Step { force: 2048, terminal: 2048, count: 0 });
         player.head_for(&Knot { force: 100 * 16, terminal: 200 * 16, advance: 640 });
+        assert!(!player.stands());
         let last = (0..64).map(|_| player.step()).last();
         assert_eq!(last, Some(Step { force: 100, terminal: 200, count: 2 }));
         for _ in 0..200 {

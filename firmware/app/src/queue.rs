@@ -281,6 +281,23 @@ mod tests {
     }
 
     #[test]
+    fn samples_stay_when_the_sampler_halts_and_go_with_the_link() {
+        for (before, after, left) in [
+            (Source::Sampler, Source::Stopped, 3),
+            (Source::Sampler, Source::Sampler, 3),
+            (Source::Sampler, Source::Link, 0),
+            (Source::Link, Source::Stopped, 0),
+            (Source::Link, Source::Sampler, 0),
+        ] {
+            let queue = SampleQueue::<4>::new();
+            queue.change_source(before);
+            assert_eq!(queue.give_now(before, &samples(0..3)), Ok(0));
+            assert_eq!(queue.change_source(after), before);
+            assert_eq!((queue.source(), 4 - queue.free()), (after, left), "{before:?} {after:?}");
+        }
+    }
+
+    #[test]
     fn the_end_comes_after_the_last_sample() {
         let queue = SampleQueue::<4>::new();
         queue.change_source(Source::Sampler);
