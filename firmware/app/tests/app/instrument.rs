@@ -78,11 +78,18 @@ fn refused_settings_name_the_setting_and_change_nothing() {
 fn only_settings_that_change_what_was_gathered_forget_it() {
     let mut rig = TestDevice::new();
     for (name, value, reset) in [
+        ("structure_mass_u95_kg", 0.1, false),
+        ("stiffness_u95_n_per_m", 1e4, false),
         ("skew_u95_s", 2e-6, false),
+        ("force_gain_u95", 0.002, false),
+        ("lead_u95", 0.002, false),
+        ("timebase_u95", 2e-5, false),
         ("memory_s", 5.0, false),
         ("publish_rate_hz", 2.0, false),
         ("machine", 1.0, false),
         ("skew_s", 1e-5, true),
+        ("structure_mass_kg", 0.5, true),
+        ("force_zero_code", 10.0, true),
     ] {
         let events = events(&rig.tell(write(&[(name, value)])));
         assert_eq!(events.contains(&EventKind::EstimatorReset), reset, "{name}");
@@ -444,18 +451,22 @@ fn stop_halts_the_sampler_and_start_goes_on() {
 }
 
 #[test]
-fn discontinuities_are_counted_over_resets() {
+fn gaps_and_saturated_samples_are_counted_over_resets() {
     let mut rig = TestDevice::with(live());
-    let samples = shaken(2_000);
+    let mut samples = shaken(2_000);
+    let at_the_limit = Settings::default().force_max_code as i32;
+    samples[600..602].iter_mut().for_each(|sample| sample.force_code = at_the_limit);
     let with_losses = samples.iter().filter(|sample| !matches!(sample.index, 500..530 | 900));
     rig.feed(with_losses);
     let health = rig.health();
     assert_eq!((health.index, health.discontinuities, health.lost_samples), (1_999, 2, 31));
+    assert_eq!(health.saturated, 2);
     rig.tell(Command::ResetEstimator);
     rig.script.push([Ok(RawSample { index: 2_000, ..RawSample::default() })]);
-    rig.script.push([Ok(RawSample { index: 2_010, ..RawSample::default() })]);
+    rig.script.push([Ok(RawSample { index: 2_010, force_code: at_the_limit, ..RawSample::default() })]);
     let health = rig.health();
     assert_eq!((health.index, health.discontinuities, health.lost_samples), (2_010, 3, 40));
+    assert_eq!(health.saturated, 3);
 }
 
 #[test]
