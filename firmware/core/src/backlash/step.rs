@@ -25,8 +25,8 @@ const REACH_BITS: i32 = 25;
 const SIDE_BITS: u32 = 24;
 /// Smallest divisor: the square of the side [2^-48]. Below it there is no value.
 const LEAST_SIDE: i64 = 1 << 34;
-/// Largest variance of the residual [units^2 as scaled], so that its quotient by [`LEAST_SIDE`] fits 64 bits: of a reach
-/// of 13 bits and more, a noise of a 32nd to a 16th of the greatest. Above it there is no value.
+/// Largest variance of the residual [units^2 as scaled], so that its quotient by [`LEAST_SIDE`] fits 64 bits. If the
+/// greatest reach has 13 bits or more, this is a noise of 1/32 to 1/16 of it. Above it there is no value.
 const MOST_VARIANCE: u64 = 1 << 40;
 /// Fraction bits of the polynomials.
 const Q: u32 = 30;

@@ -43,8 +43,8 @@ impl Verdict {
     }
 }
 
-/// Checks whose failure explains that of others, the strongest first, unless the last one of a row failed too: where
-/// frames are lost, samples may be lost on the way.
+/// Checks whose failure explains that of others, the strongest first. If the check at the end of a row failed too, the
+/// row explains nothing: lost frames may have carried the samples.
 const EXPLAINED: [(&str, &[&str], Option<&str>); 2] =
     [("sampling", &["samples_lost", "overruns"], None), ("overruns", &["samples_lost"], Some("frames_lost"))];
 

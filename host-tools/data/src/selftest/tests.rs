@@ -294,6 +294,14 @@ fn lost_samples_are_told_of_the_sampler_or_of_the_link() {
     assert!(reason(&by_link, "samples_lost").contains("the link"), "{by_link:?}");
     assert_eq!(failed(&by_sampler), ["samples_lost", "overruns"]);
     assert!(reason(&by_sampler, "samples_lost").starts_with("the sampler itself"), "{by_sampler:?}");
+    for (bad_frames, overruns, words) in [
+        (0, 1, "the sampler itself lost them: see its overruns"),
+        (0, 0, "the sampler itself lost them, after its last report"),
+        (1, 0, "the sampler or the link does not keep up"),
+        (1, 1, "the sampler or the link does not keep up"),
+    ] {
+        assert_eq!(reason(&lost(bad_frames, overruns), "samples_lost"), words, "{bad_frames} {overruns}");
+    }
     for cause in ["a DMA transfer was lost", "another trigger"] {
         assert!(reason(&by_sampler, "overruns").contains(cause), "{by_sampler:?}");
     }
