@@ -2,27 +2,23 @@
 //!
 //! Li, Liang and Wang, "Two-terminal manipulation of masses ... Part I", section 4: three tones, 0.053 Hz for the
 //! friction, 3.2 Hz for the rest, 15.9 Hz to validate. As in the paper, the lower terminal is moved and the load cell
-//! is on the upper one; in addition the terminal's displacement is measured, and [`mod@identify`] with its intervals
-//! replaces tuning by eye. Blind means that only the structure mass of the device is given, which the paper weighed.
+//! is on the upper one; in addition the terminal's displacement is measured, and
+//! [`identify`](mod@crate::identify) with its intervals replaces tuning by eye. Blind means that only the structure
+//! mass of the device is given, which the paper weighed.
 //!
 //! Not from the paper: its Coulomb friction is missing from our copy of the text, 50 N is our choice; noise, encoder
 //! and sample rate are those of our bench.
 
 use std::f64::consts::TAU;
 
-use inerter_core::{Interval, Machine};
+use inerter_core::Machine;
 use inerter_plant::{Excitation, Inerter, Plant, Sensors, Simulation};
 
 use crate::{
-    identify::{self, FoundStatus, IdentifyError, Options, identify},
-    response::{self, Agreement, ModelParameters, Point},
+    identify::{Found, FoundStatus, IdentifyError, Options, Parameters, identify},
+    response::{self, Agreement, Point},
 };
-use inerter_data::{
-    limits::field,
-    replay::{Outcome, replay},
-    run::Run,
-    series::Series,
-};
+use inerter_data::{limits::field, run::Run, series::Series};
 
 /// Band in which the paper calls the nonideal effects insignificant \[rad/s\].
 pub const PUBLISHED_BAND_RAD_PER_S: (f64, f64) = (0.1, 40.0);
@@ -30,6 +26,18 @@ pub const PUBLISHED_BAND_RAD_PER_S: (f64, f64) = (0.1, 40.0);
 pub const WITHIN: Agreement = Agreement { decibels: 1.0, degrees: 5.0 };
 /// Seed of the motions; a tone does not depend on it.
 const SEED: u64 = 2011;
+/// Origin of the paper's values that were adjusted by eye.
+const TUNED: &str = "tuned at 3.2 Hz";
+/// The first parameters of the model: index in [`PLANS`] of the test that shows each, the unit that it is shown in with
+/// how many of it make one SI unit, and the origin of the paper's value.
+const SHOWN: [(usize, (&str, f64), &str); 6] = [
+    (1, ("kg", 1.0), "calculated from the flywheel"),
+    (1, ("N s/m", 1.0), TUNED),
+    (0, ("N", 1.0), "missing: 50 N is our choice"),
+    (1, ("kN/m", 1e-3), TUNED),
+    (1, ("N s/m", 1.0), TUNED),
+    (1, ("µm", 1e6), TUNED),
+];
 
 /// A test as the paper describes it.
 #[derive(Clone, Copy, Debug)]
@@ -71,10 +79,6 @@ impl Plan {
 pub struct Test {
     /// Its plan.
     pub plan: Plan,
-    /// The recording.
-    pub run: Run,
-    /// The result of the estimator.
-    pub outcome: Outcome,
     /// Force over the terminal's displacement at the tone's frequency.
     pub response: Option<Point>,
     /// `(time, measured, calculated)` \[s, N, N\].
@@ -130,7 +134,7 @@ pub struct Reproduction {
     /// The parameters.
     pub parameters: Vec<Recovered>,
     /// The complete model with the values found.
-    pub model: ModelParameters,
+    pub model: Parameters,
     /// Band in which the ideal mass is within [`WITHIN`] of the complete model \[rad/s\].
     pub band_rad_per_s: Option<(Option<f64>, Option<f64>)>,
     /// Agreement at the ends of the paper's band.
@@ -139,36 +143,68 @@ pub struct Reproduction {
     pub resonance: (f64, f64),
 }
 
-/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`]; `progress` gets the
-/// completed fraction, from 0 to 1.
+/// Identifies the device from the recordings of the three tests, in the order of [`PLANS`], stage by stage as in the
+/// paper; `progress` gets the completed fraction, from 0 to 1.
 pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reproduction, IdentifyError> {
     let device = Inerter::paper();
-    let mut tests = Vec::new();
-    for (plan, run) in PLANS.into_iter().zip(runs) {
-        let outcome = replay(&run, |_, _| -> Result<(), IdentifyError> { Ok(()) })?;
-        let response = response::measured(&Series::of(&run)).points.into_iter().next();
-        tests.push(Test { plan, run, outcome, response, force: Vec::new() });
-    }
     progress(0.2);
-    let parameters = identified(&tests, by_estimator(&tests, &device))?;
-    let found = |name: &str| parameters.iter().find(|one| one.name == name).and_then(|one| one.value).unwrap_or(0.0);
+    let found = identify(&runs, &Options { staged: true, ..Options::default() }, &mut |_| ())?;
+    let truths: Parameters = Parameters::from(&device);
+    let mut parameters: Vec<Recovered> = found
+        .parameters
+        .named()
+        .into_iter()
+        .zip(truths.named())
+        .zip(SHOWN)
+        .map(|(((name, found), (_, truth)), (place, shown, published))| {
+            let named = field(Machine::Linear, name);
+            Recovered {
+                name,
+                label: named.label,
+                symbol: named.symbol,
+                shown,
+                value: found.value,
+                u95: found.u95,
+                truth: *truth,
+                published,
+                from: format!("{} Hz", PLANS[place].frequency_hz),
+            }
+        })
+        .collect();
+    let weighed = Found::known(device.structure_mass_kg, 0.0);
+    let structure = &found.parameters.structure_mass_kg;
+    let structure = if structure.status == FoundStatus::Given { &weighed } else { structure };
+    parameters.push(Recovered {
+        name: "structure_mass_kg",
+        label: "Structure mass",
+        symbol: "mr",
+        shown: ("kg", 1.0),
+        value: structure.value,
+        u95: structure.u95,
+        truth: device.structure_mass_kg,
+        published: "weighed",
+        from: "weighed, as in the paper".into(),
+    });
+    let values = found.model();
     let identified = Inerter {
-        inertance_kg: found("inertance_kg"),
-        viscous_n_s_per_m: found("viscous_n_s_per_m"),
-        coulomb_n: found("coulomb_n"),
-        stiffness_n_per_m: found("stiffness_n_per_m"),
-        contact_damping_n_s_per_m: found("contact_damping_n_s_per_m"),
-        backlash_m: found("backlash_m").max(0.0),
-        structure_mass_kg: found("structure_mass_kg"),
+        inertance_kg: values.inertance_kg,
+        viscous_n_s_per_m: values.viscous_n_s_per_m,
+        coulomb_n: values.coulomb_n,
+        stiffness_n_per_m: values.stiffness_n_per_m,
+        contact_damping_n_s_per_m: values.contact_damping_n_s_per_m,
+        backlash_m: values.backlash_m.max(0.0),
+        structure_mass_kg: structure.value.unwrap_or(0.0),
         ..device
     };
-    for (number, test) in tests.iter_mut().enumerate() {
-        test.force = calculated(test, &identified)?;
+    let mut tests = Vec::new();
+    for ((number, plan), run) in PLANS.into_iter().enumerate().zip(&runs) {
+        let series = Series::of(run);
+        let response = response::measured(&series).points.into_iter().next();
+        tests.push(Test { plan, response, force: calculated(&plan, &series, &identified)? });
         progress(0.4 + 0.2 * (number + 1) as f64);
     }
     // The device alone: the structure mass belongs to the rig.
-    let model =
-        ModelParameters { structure_mass_kg: 0.0, ..ModelParameters::from(&identify::Parameters::from(&identified)) };
+    let model = Parameters { structure_mass_kg: 0.0, ..Parameters::from(&identified) };
     let band = response::ideal_band(&model, WITHIN);
     let turning = |end: Option<f64>| end.map(|hertz| hertz * TAU);
     let (low, high) = PUBLISHED_BAND_RAD_PER_S;
@@ -186,83 +222,16 @@ pub fn reproduce(runs: [Run; 3], mut progress: impl FnMut(f64)) -> Result<Reprod
 }
 
 /// The measured force, and that of a device with the values found, with the same motion and without noise.
-fn calculated(test: &Test, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>, IdentifyError> {
+fn calculated(plan: &Plan, series: &Series, identified: &Inerter) -> Result<Vec<(f64, f64, f64)>, IdentifyError> {
     // Parameters that are impossible in the plant explain nothing.
     let impossible = |_| IdentifyError::Diverged;
-    let excitation = Excitation::parse(&test.plan.motion(), SEED).map_err(impossible)?;
+    let excitation = Excitation::parse(&plan.motion(), SEED).map_err(impossible)?;
     let plant = Plant::new(*identified, excitation).map_err(impossible)?;
     let perfect = Sensors { newtons_per_code: 1e-3, ..Sensors::default() };
     let simulation = Simulation::of(plant, perfect).map_err(impossible)?;
-    let series = Series::of(&test.run);
     let measured = series.stretches.iter().flat_map(|stretch| stretch.force_n.iter());
     let both = measured
         .zip(simulation)
         .map(|(measured, sample)| (sample.t_s, *measured, f64::from(sample.force_code) * perfect.newtons_per_code));
     Ok(both.collect())
-}
-
-/// The complete model fitted to the three tests, stage by stage as in the paper, instead of the instrument's own
-/// results.
-fn identified(tests: &[Test], by_estimator: Vec<Recovered>) -> Result<Vec<Recovered>, IdentifyError> {
-    let runs: Vec<Run> = tests.iter().map(|test| test.run.clone()).collect();
-    let found = identify(&runs, &Options { staged: true, ..Options::default() }, &mut |_| ())?;
-    let complete = found.parameters.named();
-    let recovered = |one: Recovered| match complete.iter().find(|(name, _)| *name == one.name) {
-        // The structure mass is weighed.
-        Some((_, found)) if found.status != FoundStatus::Given => {
-            Recovered { value: found.value, u95: found.u95, ..one }
-        }
-        _ => one,
-    };
-    Ok(by_estimator.into_iter().map(recovered).collect())
-}
-
-/// The instrument's own results after each test, stage by stage as in the paper.
-fn by_estimator(tests: &[Test], device: &Inerter) -> Vec<Recovered> {
-    let one = |name: &'static str, figure: u32, shown, truth, published, of: fn(&Outcome) -> Option<Interval>| {
-        let named = field(Machine::Linear, name);
-        let test = tests.iter().find(|test| test.plan.figure == figure);
-        let known = test.and_then(|test| of(&test.outcome));
-        Recovered {
-            name,
-            label: named.label,
-            symbol: named.symbol,
-            shown,
-            value: known.map(|found| f64::from(found.value)),
-            u95: known.map(|found| f64::from(found.u95)),
-            truth,
-            published,
-            from: test.map(|test| format!("{} Hz", test.plan.frequency_hz)).unwrap_or_default(),
-        }
-    };
-    let tuned = "tuned at 3.2 Hz";
-    vec![
-        one("inertance_kg", 9, ("kg", 1.0), device.inertance_kg, "calculated from the flywheel", |outcome| {
-            outcome.estimate.whole_run.inertance_kg.known()
-        }),
-        one("viscous_n_s_per_m", 9, ("N s/m", 1.0), device.viscous_n_s_per_m, tuned, |outcome| {
-            outcome.estimate.whole_run.viscous_n_s_per_m.known()
-        }),
-        one("coulomb_n", 8, ("N", 1.0), device.coulomb_n, "missing: 50 N is our choice", |outcome| {
-            outcome.estimate.whole_run.coulomb_n.known()
-        }),
-        one("stiffness_n_per_m", 9, ("kN/m", 1e-3), device.stiffness_n_per_m, tuned, |outcome| {
-            outcome.detail.stiffness_n_per_m.known()
-        }),
-        one("contact_damping_n_s_per_m", 9, ("N s/m", 1.0), device.contact_damping_n_s_per_m, tuned, |outcome| {
-            outcome.detail.contact_damping_n_s_per_m.known()
-        }),
-        one("backlash_m", 9, ("µm", 1e6), device.backlash_m, tuned, |outcome| outcome.detail.backlash.known()),
-        Recovered {
-            name: "structure_mass_kg",
-            label: "Structure mass",
-            symbol: "mr",
-            shown: ("kg", 1.0),
-            value: Some(device.structure_mass_kg),
-            u95: Some(0.0),
-            truth: device.structure_mass_kg,
-            published: "weighed",
-            from: "weighed, as in the paper".into(),
-        },
-    ]
 }

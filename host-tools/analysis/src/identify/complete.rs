@@ -10,9 +10,8 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 
 use super::{
-    Parameters,
     model::{Input, Node, Response, Start, delayed, load_cell, simpson, simulate},
-    name::{Name, SHARED},
+    parameters::{Name, Parameters, SHARED},
     prepared::Prepared,
     spectrum::Whitening,
 };

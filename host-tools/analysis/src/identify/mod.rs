@@ -12,7 +12,7 @@ mod condition;
 mod error;
 mod linear;
 mod model;
-mod name;
+mod parameters;
 mod prepared;
 mod result;
 mod spectrum;
@@ -33,11 +33,12 @@ use inerter_data::{
     series::{Series, Stretch},
 };
 use linear::Linear;
-use name::{Name, SHARED};
+pub use parameters::Parameters;
+use parameters::{Name, SHARED};
 use prepared::Prepared;
 pub use result::{
-    Correlation, Found, FoundParameters, FoundStatus, Identified, Model, Parameters, SegmentFit, SegmentParameters,
-    Validation, Whiteness,
+    Correlation, Found, FoundParameters, FoundStatus, Identified, Model, SegmentFit, SegmentParameters, Validation,
+    Whiteness,
 };
 use stages::Stages;
 use uncertainty::Errors;

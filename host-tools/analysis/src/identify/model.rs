@@ -10,7 +10,7 @@
 
 use std::f64::consts::TAU;
 
-use super::Parameters;
+use super::parameters::Parameters;
 
 /// Coefficients of a series, constant first.
 const LENGTH: usize = 8;

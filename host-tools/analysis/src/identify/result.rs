@@ -1,73 +1,9 @@
 //! Results of an identification, for programs and for people.
 
-use std::f64::consts::TAU;
-
 use inerter_data::json::ParameterJson;
-use inerter_plant::Inerter;
 use serde::Serialize;
 
-use crate::response::ModelParameters;
-
-/// The parameters of the complete model: their values, all finite, or what is known of each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Parameters<T = f64> {
-    /// Effective inertance `mt` \[kg\].
-    pub inertance_kg: T,
-    /// Viscous friction `cf` \[N s/m\].
-    pub viscous_n_s_per_m: T,
-    /// Coulomb friction `fc` \[N\].
-    pub coulomb_n: T,
-    /// Contact stiffness `ks`; as a number 0 if unknown \[N/m\].
-    pub stiffness_n_per_m: T,
-    /// Contact damping `cs` \[N s/m\].
-    pub contact_damping_n_s_per_m: T,
-    /// Total backlash `eps` \[m\].
-    pub backlash_m: T,
-    /// Structure mass `mr` \[kg\].
-    pub structure_mass_kg: T,
-    /// Force offset `F0`; with several files that of the first one \[N\].
-    pub offset_n: T,
-    /// Delay `tau` of the force relative to the displacements \[s\].
-    pub skew_s: T,
-}
-
-impl Parameters {
-    /// Natural frequency of the inertance on the contact's spring \[Hz\].
-    pub(super) fn own_hz(&self) -> f64 {
-        (self.stiffness_n_per_m / self.inertance_kg).max(0.0).sqrt() / TAU
-    }
-}
-
-/// A simulated device, with a load cell without offset and delay.
-impl From<&Inerter> for Parameters {
-    fn from(device: &Inerter) -> Self {
-        Self {
-            inertance_kg: device.inertance_kg,
-            viscous_n_s_per_m: device.viscous_n_s_per_m,
-            coulomb_n: device.coulomb_n,
-            stiffness_n_per_m: device.stiffness_n_per_m,
-            contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
-            backlash_m: device.backlash_m,
-            structure_mass_kg: device.structure_mass_kg,
-            offset_n: 0.0,
-            skew_s: 0.0,
-        }
-    }
-}
-
-/// The linear part: without Coulomb friction, backlash and offset.
-impl From<&Parameters> for ModelParameters {
-    fn from(parameters: &Parameters) -> Self {
-        Self {
-            inertance_kg: parameters.inertance_kg,
-            viscous_n_s_per_m: parameters.viscous_n_s_per_m,
-            stiffness_n_per_m: parameters.stiffness_n_per_m,
-            contact_damping_n_s_per_m: parameters.contact_damping_n_s_per_m,
-            structure_mass_kg: parameters.structure_mass_kg,
-            skew_s: parameters.skew_s,
-        }
-    }
-}
+use super::parameters::{Parameters, SHARED};
 
 /// Whether a parameter can be used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -120,23 +56,6 @@ impl Found {
 
 /// The parameters as found.
 pub type FoundParameters = Parameters<Found>;
-
-impl FoundParameters {
-    /// Name and parameter, in order.
-    pub fn named(&self) -> [(&'static str, &Found); 9] {
-        [
-            ("inertance_kg", &self.inertance_kg),
-            ("viscous_n_s_per_m", &self.viscous_n_s_per_m),
-            ("coulomb_n", &self.coulomb_n),
-            ("stiffness_n_per_m", &self.stiffness_n_per_m),
-            ("contact_damping_n_s_per_m", &self.contact_damping_n_s_per_m),
-            ("backlash_m", &self.backlash_m),
-            ("structure_mass_kg", &self.structure_mass_kg),
-            ("offset_n", &self.offset_n),
-            ("skew_s", &self.skew_s),
-        ]
-    }
-}
 
 /// What was fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -243,18 +162,12 @@ pub struct Identified {
 impl Identified {
     /// The best values, for [`super::predicted`]; parameters that are not identifiable are 0.
     pub fn model(&self) -> Parameters {
-        let p = &self.parameters;
-        let value = |found: &Found| found.value.unwrap_or_default();
-        Parameters {
-            inertance_kg: value(&p.inertance_kg),
-            viscous_n_s_per_m: value(&p.viscous_n_s_per_m),
-            coulomb_n: value(&p.coulomb_n),
-            stiffness_n_per_m: value(&p.stiffness_n_per_m),
-            contact_damping_n_s_per_m: value(&p.contact_damping_n_s_per_m),
-            backlash_m: value(&p.backlash_m),
-            structure_mass_kg: value(&p.structure_mass_kg),
-            offset_n: value(&p.offset_n),
-            skew_s: value(&p.skew_s),
+        let mut found = self.parameters.clone();
+        let offset_n = found.offset_n.value.unwrap_or_default();
+        let mut model = Parameters { offset_n, ..Parameters::default() };
+        for name in SHARED {
+            name.set(&mut model, name.slot(&mut found).value.unwrap_or_default());
         }
+        model
     }
 }

@@ -6,11 +6,10 @@ use super::{
     IdentifyError, Validation,
     complete::{self, Fitted, State, Task},
     judged,
-    name::Name,
+    parameters::{Name, Parameters},
     prepared::{Prepared, motion},
     uncertainty::Errors,
 };
-use crate::identify::Parameters;
 
 /// The result of the stages.
 pub struct Stages {

@@ -15,8 +15,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     complete::{Fitted, Task, cost_with, counting, error_rows, prediction},
-    name::Name,
     over_noise,
+    parameters::Name,
     prepared::{Prepared, motion},
     result::{Correlation, Found, FoundStatus},
 };

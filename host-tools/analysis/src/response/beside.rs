@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use rustfft::num_complex::Complex;
 use serde::Serialize;
 
-use super::{Input, Method, ModelParameters, Response, ideal, model};
+use super::{Input, Method, Response, ideal, model};
+use crate::identify::Parameters;
 
 /// Magnitude and phase.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -54,7 +55,7 @@ pub struct Beside {
 
 impl Beside {
     /// Each measured point with the models of `parameters`.
-    pub fn of(response: &Response, parameters: &ModelParameters) -> Self {
+    pub fn of(response: &Response, parameters: &Parameters) -> Self {
         let row = |point: &super::Point| Row {
             frequency_hz: point.frequency_hz,
             measured: point.response.into(),
@@ -85,7 +86,7 @@ mod tests {
 
     #[test]
     fn far_below_resonance_all_three_agree_where_friction_is_none() {
-        let parameters = ModelParameters { inertance_kg: 300.0, stiffness_n_per_m: 2e6, ..ModelParameters::default() };
+        let parameters = Parameters { inertance_kg: 300.0, stiffness_n_per_m: 2e6, ..Parameters::default() };
         let response = Complex::new(-300.0 * (2.0 * PI).powi(2), 0.0);
         let point = Point { frequency_hz: 1.0, response, coherence: 1.0, error: 0.01 };
         let beside =

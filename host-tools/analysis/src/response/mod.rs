@@ -21,7 +21,7 @@ mod welch;
 
 pub use beside::{Beside, Polar, Row};
 use inerter_data::series::Series;
-pub use model::{Agreement, ModelParameters, equivalent_viscous, ideal, ideal_band, model};
+pub use model::{Agreement, equivalent_viscous, ideal, ideal_band, model};
 pub use point::{Input, Method, Point, Response};
 pub use rustfft::num_complex::Complex;
 

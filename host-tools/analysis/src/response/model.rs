@@ -6,32 +6,17 @@ use inerter_data::series::Series;
 use rustfft::num_complex::Complex;
 
 use super::Input;
+use crate::identify::Parameters;
 
 /// Limits of the search for the band \[Hz\].
 const SEARCH_HZ: (f64, f64) = (1e-5, 1e4);
 /// Points of it per decade.
 const PER_DECADE: i32 = 200;
 
-/// The complete linear model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ModelParameters {
-    /// Effective inertance `mt` \[kg\].
-    pub inertance_kg: f64,
-    /// Viscous friction `cf` \[N s/m\].
-    pub viscous_n_s_per_m: f64,
-    /// Contact stiffness `ks` \[N/m\]; 0 if unknown, and then taken as infinite.
-    pub stiffness_n_per_m: f64,
-    /// Contact damping `cs` \[N s/m\].
-    pub contact_damping_n_s_per_m: f64,
-    /// Structure mass `mr` on the measured terminal \[kg\].
-    pub structure_mass_kg: f64,
-    /// Delay of the force relative to the displacement \[s\].
-    pub skew_s: f64,
-}
-
-/// The load cell's reading over the displacement \[N/m\].
-pub fn model(parameters: &ModelParameters, input: Input, frequency_hz: f64) -> Complex<f64> {
-    let ModelParameters { inertance_kg, viscous_n_s_per_m, stiffness_n_per_m, .. } = *parameters;
+/// The load cell's reading over the displacement \[N/m\], by the linear part of the complete model: without Coulomb
+/// friction, backlash and offset. An unknown stiffness is taken as infinite.
+pub fn model(parameters: &Parameters, input: Input, frequency_hz: f64) -> Complex<f64> {
+    let Parameters { inertance_kg, viscous_n_s_per_m, stiffness_n_per_m, .. } = *parameters;
     let s = Complex::new(0.0, TAU * frequency_hz);
     let screw = s * s * inertance_kg + s * viscous_n_s_per_m;
     let contact = s * parameters.contact_damping_n_s_per_m + stiffness_n_per_m;
@@ -63,13 +48,13 @@ pub struct Agreement {
 impl Agreement {
     /// Complete model over ideal one at a frequency, between the terminals: the structure mass and the delay belong to
     /// the rig.
-    pub fn at(parameters: &ModelParameters, frequency_hz: f64) -> Self {
-        let device = ModelParameters { structure_mass_kg: 0.0, skew_s: 0.0, ..*parameters };
+    pub fn at(parameters: &Parameters, frequency_hz: f64) -> Self {
+        let device = Parameters { structure_mass_kg: 0.0, skew_s: 0.0, ..*parameters };
         let ratio = model(&device, Input::Terminal, frequency_hz) / ideal(device.inertance_kg, frequency_hz);
         Self { decibels: 20.0 * ratio.norm().log10(), degrees: ratio.arg() * 180.0 / PI }
     }
 
-    fn holds(&self, parameters: &ModelParameters, frequency_hz: f64) -> bool {
+    fn holds(&self, parameters: &Parameters, frequency_hz: f64) -> bool {
         let there = Self::at(parameters, frequency_hz);
         there.decibels.abs() <= self.decibels && there.degrees.abs() <= self.degrees
     }
@@ -77,7 +62,7 @@ impl Agreement {
 
 /// The widest band, by frequency ratio, in which the ideal inertance agrees with the complete model to `within`: its
 /// lower and upper end \[Hz\], each to six digits; `None` for an end beyond 1e-5 or 1e4 Hz.
-pub fn ideal_band(parameters: &ModelParameters, within: Agreement) -> Option<(Option<f64>, Option<f64>)> {
+pub fn ideal_band(parameters: &Parameters, within: Agreement) -> Option<(Option<f64>, Option<f64>)> {
     let decade = 10f64.powf(1.0 / f64::from(PER_DECADE));
     let count = ((SEARCH_HZ.1 / SEARCH_HZ.0).log10() * f64::from(PER_DECADE)).round() as i32;
     let frequency = |number: i32| SEARCH_HZ.0 * decade.powi(number);

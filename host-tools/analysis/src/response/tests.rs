@@ -3,14 +3,17 @@ use inerter_plant::Sensors;
 use inerter_simulate::{Setup, bench_sensors};
 
 use super::*;
-use crate::simulated::recorded;
+use crate::{identify::Parameters, simulated::recorded};
 
-const PAPER: ModelParameters = ModelParameters {
+const PAPER: Parameters = Parameters {
     inertance_kg: 299.4906,
     viscous_n_s_per_m: 31.4,
+    coulomb_n: 0.0,
     stiffness_n_per_m: 2.1e6,
     contact_damping_n_s_per_m: 1200.0,
+    backlash_m: 0.0,
     structure_mass_kg: 1.515,
+    offset_n: 0.0,
     skew_s: 0.0,
 };
 
@@ -54,7 +57,7 @@ fn a_tone_shows_the_model_with_its_friction_at_its_frequency() {
         let [point] = response.points.as_slice() else { panic!("{excite}: {response:?}") };
         assert!((point.frequency_hz / frequency_hz - 1.0).abs() < 2e-4, "{excite}: {point:?}");
         let friction = equivalent_viscous(&series, 50.0).unwrap();
-        let parameters = ModelParameters { viscous_n_s_per_m: PAPER.viscous_n_s_per_m + friction, ..PAPER };
+        let parameters = Parameters { viscous_n_s_per_m: PAPER.viscous_n_s_per_m + friction, ..PAPER };
         let off = (point.response / model(&parameters, Input::Terminal, point.frequency_hz) - 1.0).norm();
         // At 0.053 Hz the screw sticks for some degrees at each end, which viscous friction never does.
         assert!(off < if excite == "slow" { 0.06 } else { 0.03 }, "{excite}: {off} {point:?}");
@@ -81,8 +84,8 @@ fn the_papers_device_is_ideal_from_1_2_to_27_rad_per_s() {
     assert!((low / (31.4 / (299.4906 * 5f64.to_radians().tan())) - 1.0).abs() < 1e-3, "{low}");
     let lifted = (2.1e6 / 299.4906 * (1.0 - 10f64.powf(-0.05))).sqrt();
     assert!((high / lifted - 1.0).abs() < 1e-2, "{high} against {lifted}");
-    let rigid = ModelParameters { inertance_kg: 1.0, ..ModelParameters::default() };
+    let rigid = Parameters { inertance_kg: 1.0, ..Parameters::default() };
     assert_eq!(ideal_band(&rigid, within), Some((None, None)));
-    let damper = ModelParameters { viscous_n_s_per_m: 1e9, ..rigid };
+    let damper = Parameters { viscous_n_s_per_m: 1e9, ..rigid };
     assert_eq!(ideal_band(&damper, within), None);
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::{
     identify::Identified,
-    response::{self, Beside, ModelParameters},
+    response::{self, Beside},
 };
 
 /// An identification in JSON.
@@ -28,6 +28,6 @@ impl<'a> IdentifyJson<'a> {
 
 /// The frequency response of each run, with the models from the values found.
 pub fn responses(runs: &[Run], found: &Identified) -> Vec<Beside> {
-    let model = ModelParameters::from(&found.model());
+    let model = found.model();
     runs.iter().map(|run| Beside::of(&response::measured(&Series::of(run)), &model)).collect()
 }

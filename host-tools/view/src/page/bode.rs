@@ -2,7 +2,10 @@
 
 use std::f64::consts::PI;
 
-use inerter_analysis::response::{self, Complex, Input, Method, ModelParameters, Response, ideal, model};
+use inerter_analysis::{
+    identify::Parameters,
+    response::{self, Complex, Input, Method, Response, ideal, model},
+};
 use inerter_data::words::{amount_text, plural};
 
 use super::{
@@ -96,7 +99,7 @@ pub(super) fn bode(content: &Content) -> Made {
         (0..=400).map(|n| low_hz * step.powi(n)).map(|f| (f, show(f, of(f)))).collect()
     };
     let complete = |f: f64| model(&content.model, response.input, f);
-    let rubbing = ModelParameters {
+    let rubbing = Parameters {
         viscous_n_s_per_m: content.model.viscous_n_s_per_m + content.equivalent_viscous.unwrap_or(0.0),
         ..content.model
     };

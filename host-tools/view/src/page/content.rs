@@ -4,7 +4,8 @@ use inerter_analysis::law::{Kernels, Law};
 use inerter_analysis::rows::Row;
 use inerter_analysis::{
     fit::{Beside, Products, directions},
-    response::{self, ModelParameters, Response},
+    identify::Parameters,
+    response::{self, Response},
     results::{Replayed, replayed},
     told::Told,
 };
@@ -57,7 +58,7 @@ pub struct Content {
     /// The measured frequency response.
     pub response: Response,
     /// The complete linear model.
-    pub model: ModelParameters,
+    pub model: Parameters,
     /// Equivalent viscous friction of the dry friction in this motion \[N s/m\].
     pub equivalent_viscous: Option<f64>,
 }
@@ -189,11 +190,11 @@ fn close_s(outcome: &Outcome, duration_s: f64) -> f64 {
     wanted_s.clamp(0.25, 120.0).min(duration_s)
 }
 
-fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
+fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> Parameters {
     let contact = |measured: Parameter, set: f64| {
         measured.usable().filter(|found| found.value > 0.0).map_or(set, |found| f64::from(found.value))
     };
-    ModelParameters {
+    Parameters {
         inertance_kg: law.inertance_kg,
         viscous_n_s_per_m: law.viscous_n_s_per_m,
         stiffness_n_per_m: contact(outcome.detail.stiffness_n_per_m, settings.stiffness_n_per_m),
@@ -203,6 +204,7 @@ fn model(outcome: &Outcome, settings: &Settings, law: &Law) -> ModelParameters {
         ),
         structure_mass_kg: settings.structure_mass_kg,
         skew_s: settings.skew_s,
+        ..Parameters::default()
     }
 }
 

@@ -1,6 +1,73 @@
-//! The parameters that all stretches share: names, indices and kinds.
+//! The parameters of the complete model, and which of them all stretches share.
 
-use super::Parameters;
+use std::f64::consts::TAU;
+
+use inerter_plant::Inerter;
+use serde::Serialize;
+
+/// The parameters of the complete model: their values, all finite, or what is known of each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Parameters<T = f64> {
+    /// Effective inertance `mt` \[kg\].
+    pub inertance_kg: T,
+    /// Viscous friction `cf` \[N s/m\].
+    pub viscous_n_s_per_m: T,
+    /// Coulomb friction `fc` \[N\].
+    pub coulomb_n: T,
+    /// Contact stiffness `ks`; as a number 0 if unknown \[N/m\].
+    pub stiffness_n_per_m: T,
+    /// Contact damping `cs` \[N s/m\].
+    pub contact_damping_n_s_per_m: T,
+    /// Total backlash `eps` \[m\].
+    pub backlash_m: T,
+    /// Structure mass `mr` \[kg\].
+    pub structure_mass_kg: T,
+    /// Force offset `F0`; with several files that of the first one \[N\].
+    pub offset_n: T,
+    /// Delay `tau` of the force relative to the displacements \[s\].
+    pub skew_s: T,
+}
+
+impl Parameters {
+    /// Natural frequency of the inertance on the contact's spring \[Hz\].
+    pub(super) fn own_hz(&self) -> f64 {
+        (self.stiffness_n_per_m / self.inertance_kg).max(0.0).sqrt() / TAU
+    }
+}
+
+/// A simulated device, with a load cell without offset and delay.
+impl From<&Inerter> for Parameters {
+    fn from(device: &Inerter) -> Self {
+        Self {
+            inertance_kg: device.inertance_kg,
+            viscous_n_s_per_m: device.viscous_n_s_per_m,
+            coulomb_n: device.coulomb_n,
+            stiffness_n_per_m: device.stiffness_n_per_m,
+            contact_damping_n_s_per_m: device.contact_damping_n_s_per_m,
+            backlash_m: device.backlash_m,
+            structure_mass_kg: device.structure_mass_kg,
+            offset_n: 0.0,
+            skew_s: 0.0,
+        }
+    }
+}
+
+impl<T> Parameters<T> {
+    /// Name and parameter, in order.
+    pub fn named(&self) -> [(&'static str, &T); 9] {
+        [
+            ("inertance_kg", &self.inertance_kg),
+            ("viscous_n_s_per_m", &self.viscous_n_s_per_m),
+            ("coulomb_n", &self.coulomb_n),
+            ("stiffness_n_per_m", &self.stiffness_n_per_m),
+            ("contact_damping_n_s_per_m", &self.contact_damping_n_s_per_m),
+            ("backlash_m", &self.backlash_m),
+            ("structure_mass_kg", &self.structure_mass_kg),
+            ("offset_n", &self.offset_n),
+            ("skew_s", &self.skew_s),
+        ]
+    }
+}
 
 /// Parameters that all stretches share, in the order of their columns, each at its own index: `name as usize`.
 pub const SHARED: [Name; 8] = [
