@@ -65,15 +65,13 @@ pub struct Finding {
     /// The same for a person.
     #[serde(skip)]
     pub text: Vec<String>,
-    #[serde(skip)]
-    settings: Vec<(&'static str, f64)>,
 }
 
 impl Finding {
     /// An empty finding.
     pub fn new(step: Step) -> Self {
         let (measured, values, u95) = Default::default();
-        Self { step, measured, values, u95, remarks: Vec::new(), text: Vec::new(), settings: Vec::new() }
+        Self { step, measured, values, u95, remarks: Vec::new(), text: Vec::new() }
     }
 
     /// Adds a figure, rounded to six digits.
@@ -88,13 +86,12 @@ impl Finding {
     }
 
     /// Adds a resulting setting.
-    pub fn set(&mut self, name: &'static str, value: f64) {
+    pub fn set(&mut self, name: &str, value: f64) {
         self.values.insert(name.into(), Value::from(value));
-        self.settings.push((name, value));
     }
 
     /// Adds a resulting setting with its uncertainty.
-    pub fn set_with(&mut self, name: &'static str, value: f64, u95: f64) {
+    pub fn set_with(&mut self, name: &str, value: f64, u95: f64) {
         self.set(name, value);
         self.u95.insert(name.into(), Value::from(rounded_up(u95)));
     }
@@ -121,13 +118,15 @@ impl Finding {
 
     /// Whether it has resulting settings.
     pub fn has_settings(&self) -> bool {
-        !self.settings.is_empty()
+        !self.values.is_empty()
     }
 
     /// The settings with the finding's values.
     pub fn adopted_by(&self, settings: &Settings) -> Result<Settings, SettingsError> {
         let mut settings = *settings;
-        self.settings.iter().try_for_each(|(name, value)| settings.set_by_name(name, *value))?;
+        for (name, value) in &self.values {
+            settings.set_by_name(name, value.as_f64().unwrap_or(f64::NAN))?;
+        }
         settings.validate()?;
         Ok(settings)
     }

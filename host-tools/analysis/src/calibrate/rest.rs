@@ -25,32 +25,6 @@ const LOAD_PART: f64 = 2e-4;
 /// Allowed movement of the screw within a window, in counts: an encoder at the edge of a count toggles by one.
 const MOST_COUNTS: f64 = 2.0;
 
-/// The verdict on a window of samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Standing {
-    /// Too few samples so far.
-    NotYet,
-    /// At rest, with the level.
-    Steady(Level),
-    /// The force wanders by this much, and this much is allowed \[codes\].
-    Wanders {
-        /// Difference of the blocks' means.
-        wander_code: f64,
-        /// What is allowed.
-        allowed_code: f64,
-    },
-    /// The screw moves by this many encoder counts.
-    Turns {
-        /// Counts.
-        counts: f64,
-    },
-    /// This share of the samples is at a rail.
-    Saturated {
-        /// Their share.
-        share: f64,
-    },
-}
-
 /// A force at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Level {
@@ -89,7 +63,11 @@ pub enum Of {
 pub struct Watch {
     settings: Settings,
     of: Of,
+    /// Length of the window \[s\].
+    seconds: f64,
     per_block: usize,
+    /// Number of samples so far.
+    heard: usize,
     blocks: VecDeque<Block>,
     now: Block,
     taken: usize,
@@ -105,7 +83,9 @@ impl Watch {
         Self {
             settings: *settings,
             of,
+            seconds,
             per_block,
+            heard: 0,
             blocks: VecDeque::with_capacity(BLOCKS),
             now: Block::default(),
             taken: 0,
@@ -114,7 +94,7 @@ impl Watch {
         }
     }
 
-    /// Processes the next sample; true if a block is complete and [`standing`](Self::standing) may have changed.
+    /// Processes the next sample; true if a block is complete and [`level`](Self::level) may have changed.
     pub fn take(&mut self, sample: &RawSample) -> bool {
         let code = f64::from(sample.force_code);
         let origin = *self.origin.get_or_insert(sample.position_count);
@@ -129,6 +109,7 @@ impl Watch {
         now.most_count = now.most_count.max(count);
         now.differences += self.last_code.replace(code).map_or(0.0, |last| (code - last).powi(2));
         now.saturated += usize::from(code <= self.settings.force_min_code || code >= self.settings.force_max_code);
+        self.heard += 1;
         self.taken += 1;
         if self.taken < self.per_block {
             return false;
@@ -149,20 +130,26 @@ impl Watch {
         self.origin
     }
 
-    /// The verdict on the latest window.
-    pub fn standing(&self) -> Standing {
+    /// Time for which it has listened \[s\].
+    pub fn heard_s(&self) -> f64 {
+        self.heard as f64 / self.settings.sample_rate_hz
+    }
+
+    /// The level in the latest window, or why it is not at rest; `at` says where, for a person.
+    pub fn level(&self, at: &str) -> Result<Level, CalibrateError> {
         if self.blocks.len() < BLOCKS {
-            return Standing::NotYet;
+            return Err(CalibrateError::TooShort { seconds: self.heard_s(), needed: self.seconds });
         }
+        let at = at.to_string();
         let samples = (BLOCKS * self.per_block) as f64;
         let saturated: usize = self.blocks.iter().map(|block| block.saturated).sum();
         if saturated > 0 && self.of == Of::Force {
-            return Standing::Saturated { share: saturated as f64 / samples };
+            return Err(CalibrateError::Saturated { at, share: 100.0 * (saturated as f64 / samples) });
         }
         let range = |of: fn(&Block) -> [f64; 2]| extent(self.blocks.iter().flat_map(of));
         let counts = range(|block| [block.least_count, block.most_count]);
         if counts > MOST_COUNTS {
-            return Standing::Turns { counts };
+            return Err(CalibrateError::Moving { at, counts });
         }
         let differences: f64 = self.blocks.iter().map(|block| block.differences).sum();
         let noise_code = (0.5 * differences / samples).sqrt();
@@ -173,14 +160,12 @@ impl Watch {
         let allowed_code = together([by_noise, LOAD_PART * load]) + 1.0;
         let wander_code = range(|block| [block.code; 2]);
         if wander_code > allowed_code && self.of == Of::Force {
-            return Standing::Wanders { wander_code, allowed_code };
+            let [wander, allowed] = [wander_code, allowed_code].map(|code| code * self.settings.newtons_per_code.abs());
+            let unit = unit(self.settings.machine, "N");
+            return Err(CalibrateError::Unsteady { at, wander, allowed, unit });
         }
-        Standing::Steady(Level {
-            code,
-            count: mean(|block| block.count),
-            noise_code,
-            seconds: samples / self.settings.sample_rate_hz,
-        })
+        let seconds = samples / self.settings.sample_rate_hz;
+        Ok(Level { code, count: mean(|block| block.count), noise_code, seconds })
     }
 }
 
@@ -188,33 +173,11 @@ impl Watch {
 pub fn level(samples: &[RawSample], settings: &Settings, seconds: f64, at: &str) -> Result<Level, CalibrateError> {
     let mut watch = Watch::new(settings, Of::Force, seconds, None);
     for sample in samples {
-        if watch.take(sample)
-            && let Standing::Steady(level) = watch.standing()
-        {
-            return Ok(level);
+        if watch.take(sample) && watch.level(at).is_ok() {
+            break;
         }
     }
-    let listened = samples.len() as f64 / settings.sample_rate_hz;
-    Err(watch.standing().refusal(settings, listened, seconds, at))
-}
-
-impl Standing {
-    /// The verdict as an error, if a level was needed.
-    pub fn refusal(&self, settings: &Settings, seconds: f64, needed: f64, at: &str) -> CalibrateError {
-        let at = at.to_string();
-        let newtons = settings.newtons_per_code.abs();
-        match *self {
-            Self::NotYet | Self::Steady(_) => CalibrateError::TooShort { seconds, needed },
-            Self::Saturated { share } => CalibrateError::Saturated { at, share: 100.0 * share },
-            Self::Turns { counts } => CalibrateError::Moving { at, counts },
-            Self::Wanders { wander_code, allowed_code } => CalibrateError::Unsteady {
-                at,
-                wander: wander_code * newtons,
-                allowed: allowed_code * newtons,
-                unit: unit(settings.machine, "N"),
-            },
-        }
-    }
+    watch.level(at)
 }
 
 /// The code at zero force.

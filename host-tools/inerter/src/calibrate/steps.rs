@@ -7,7 +7,7 @@ use inerter_analysis::{
         encoder, finding,
         force::{self, Load},
         load_cell,
-        rest::{self, Of, Standing, Watch},
+        rest::{self, Of, Watch},
         rounded_up, timebase,
     },
     skew::{Skew, skew},
@@ -78,27 +78,20 @@ impl<D: Dialogue> Station<'_, D> {
         at: &str,
     ) -> Result<Result<(rest::Level, i32), CalibrateError>, Error> {
         let mut watch = Watch::new(&self.settings, of, seconds, origin);
-        let (dialogue, rate_hz) = (&mut *self.dialogue, self.settings.sample_rate_hz);
-        let (mut taken, mut found) = (0_u64, None);
+        let dialogue = &mut *self.dialogue;
         each_batch(self.device, |_, samples| {
             for sample in &samples {
-                taken += 1;
-                if watch.take(sample)
-                    && let Standing::Steady(level) = watch.standing()
-                {
-                    found = Some(level);
+                if watch.take(sample) && watch.level(at).is_ok() {
                     return Ok(true);
                 }
             }
-            let listened_s = taken as f64 / rate_hz;
+            let listened_s = watch.heard_s();
             let label = if listened_s < 2.0 * seconds { "measuring" } else { "waiting for rest" };
             dialogue.progress(label, (listened_s / seconds).min(0.99))?;
             Ok(listened_s >= seconds + PATIENCE_S)
         })?;
         self.dialogue.progress("measuring", 1.0)?;
-        let listened_s = taken as f64 / rate_hz;
-        let refused = || watch.standing().refusal(&self.settings, listened_s, seconds, at);
-        Ok(found.map(|level| (level, watch.origin().unwrap_or(0))).ok_or_else(refused))
+        Ok(watch.level(at).map(|level| (level, watch.origin().unwrap_or(0))))
     }
 
     /// Diagnosis of the force channel.
