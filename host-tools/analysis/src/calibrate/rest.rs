@@ -70,10 +70,9 @@ pub struct Watch {
     heard: usize,
     blocks: VecDeque<Block>,
     now: Block,
-    taken: usize,
     last_code: Option<f64>,
-    /// Position from which encoder counts are measured.
-    origin: Option<i32>,
+    /// Position from which encoder counts are measured, once there is one.
+    pub origin: Option<i32>,
 }
 
 impl Watch {
@@ -88,7 +87,6 @@ impl Watch {
             heard: 0,
             blocks: VecDeque::with_capacity(BLOCKS),
             now: Block::default(),
-            taken: 0,
             last_code: None,
             origin,
         }
@@ -99,7 +97,7 @@ impl Watch {
         let code = f64::from(sample.force_code);
         let origin = *self.origin.get_or_insert(sample.position_count);
         let count = f64::from(sample.position_count.wrapping_sub(origin)) / self.settings.oversampling;
-        if self.taken == 0 {
+        if self.heard.is_multiple_of(self.per_block) {
             self.now = Block { least_count: count, most_count: count, ..Block::default() };
         }
         let now = &mut self.now;
@@ -110,24 +108,17 @@ impl Watch {
         now.differences += self.last_code.replace(code).map_or(0.0, |last| (code - last).powi(2));
         now.saturated += usize::from(code <= self.settings.force_min_code || code >= self.settings.force_max_code);
         self.heard += 1;
-        self.taken += 1;
-        if self.taken < self.per_block {
+        if !self.heard.is_multiple_of(self.per_block) {
             return false;
         }
-        let samples = self.taken as f64;
+        let samples = self.per_block as f64;
         now.code /= samples;
         now.count /= samples;
         if self.blocks.len() == BLOCKS {
             self.blocks.pop_front();
         }
         self.blocks.push_back(*now);
-        self.taken = 0;
         true
-    }
-
-    /// Position from which encoder counts are measured, once there is one.
-    pub fn origin(&self) -> Option<i32> {
-        self.origin
     }
 
     /// Time for which it has listened \[s\].

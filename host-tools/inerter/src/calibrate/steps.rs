@@ -91,7 +91,7 @@ impl<D: Dialogue> Station<'_, D> {
             Ok(listened_s >= seconds + PATIENCE_S)
         })?;
         self.dialogue.progress("measuring", 1.0)?;
-        Ok(watch.level(at).map(|level| (level, watch.origin().unwrap_or(0))))
+        Ok(watch.level(at).map(|level| (level, watch.origin.unwrap_or(0))))
     }
 
     /// Diagnosis of the force channel.
