@@ -125,30 +125,24 @@ impl Products {
         if (sums.index, sums.bank, sums.updates) != (more.index, more.bank, more.updates) {
             return Err(FitError::Torn);
         }
-        let Sums { sums: first, units, updates, bank, .. } = sums;
-        Ok(Self::summed(*bank, [units.as_slice(), &more.units], first.iter().chain(&more.sums), f64::from(*updates)))
+        let units = joined(&sums.units, &more.units);
+        Ok(Self::summed(sums.bank, [units; 2], joined(&sums.sums, &more.sums), f64::from(sums.updates)))
     }
 
-    /// From the exact sums of several runs, in the order of [`Sums`] and [`MoreSums`]; in these units, and rounded to
-    /// the coarser ones.
-    pub(crate) fn merged(bank: Bank, [units, rounded]: [[f64; COUNT]; 2], sums: &[i128], updates: u64) -> Self {
-        Self { units: rounded, ..Self::summed(bank, [&units, &[]], sums.iter(), updates as f64) }
-    }
-
-    /// From exact sums in these units, the lower triangle by rows.
-    fn summed<'a>(
+    /// From exact sums, in the order of [`Sums`] and [`MoreSums`], the lower triangle by rows; in these units, and
+    /// rounded to the others.
+    pub(crate) fn summed(
         bank: Bank,
-        [units, more_units]: [&[f64]; 2],
-        sums: impl Iterator<Item = &'a i128>,
+        [units, rounded]: [[f64; COUNT]; 2],
+        sums: [i128; PRODUCTS],
         updates: f64,
     ) -> Self {
-        let units: [f64; COUNT] = joined(units, more_units);
         let mut matrix = [[0.0; COUNT]; COUNT];
         for ((row, column), sum) in pairs().zip(sums) {
-            let sum = *sum as f64 * units[row] * units[column];
+            let sum = sum as f64 * units[row] * units[column];
             (matrix[row][column], matrix[column][row]) = (sum, sum);
         }
-        Self { sums: matrix, updates, bank, units }
+        Self { sums: matrix, updates, bank, units: rounded }
     }
 
     /// The sums of both together, from one run.
@@ -475,7 +469,7 @@ pub fn directions(
 }
 
 /// Weights that select one coefficient.
-fn unit_of<const N: usize>(place: usize) -> [f64; N] {
+pub(crate) fn unit_of<const N: usize>(place: usize) -> [f64; N] {
     std::array::from_fn(|other| f64::from(u8::from(other == place)))
 }
 

@@ -10,7 +10,7 @@
 //!
 //! Source: docs/THEORY.md, "Several runs together".
 
-use std::collections::{BTreeMap, btree_map::Entry};
+use std::collections::BTreeMap;
 
 use inerter_core::{Bank, LawStatus, MoreSums, Motion, NORMAL_COVERAGE, Settings, Sums, constants::CLEAR_OF_STEPS};
 use inerter_data::{
@@ -24,7 +24,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::{
     calibrate::student,
-    fit::{Beside, COUNT, Directions, FitError, PRODUCTS, Products, directions, each, joined, pairs},
+    fit::{Beside, COUNT, Directions, FitError, PRODUCTS, Products, directions, each, joined, pairs, unit_of},
     law::extent,
 };
 
@@ -36,8 +36,6 @@ const FREE: [&str; 3] = ["force_zero_code", "metres_per_terminal_code", "termina
 const ALIKE: f64 = 0.01;
 /// Probability below which a difference between runs is not chance.
 const UNLIKELY: f64 = 1e-3;
-/// No influence between parameters: the identity.
-const APART: [[f64; 4]; 4] = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
 /// The bisections leave 1e-24 of the squared range.
 const BISECTIONS: u32 = 80;
 
@@ -226,11 +224,10 @@ impl Runs {
                 return Err(MergeError::Settings { settings, runs: [first.name.clone(), part.name] });
             }
         }
-        match self.parts.entry(part.key()) {
-            // The result does not depend on which came first.
-            Entry::Occupied(mut there) if stored(&part) < stored(there.get()) => drop(there.insert(part)),
-            Entry::Occupied(_) => {}
-            Entry::Vacant(place) => drop(place.insert(part)),
+        let key = part.key();
+        // The result does not depend on which came first.
+        if self.parts.get(&key).is_none_or(|there| stored(&part) < stored(there)) {
+            self.parts.insert(key, part);
         }
         Ok(())
     }
@@ -284,7 +281,7 @@ impl Runs {
     /// The law fitted to all runs; `offset_n` is the force offset, if known.
     pub fn merged(&self, offset_n: Option<f64>) -> Result<Merged, FitError> {
         let bank = self.bank()?;
-        let (products, updates) = self.products(bank)?;
+        let products = self.products(bank)?;
         let shares = self.shares(bank, &products)?;
         let spreads = self.spreads();
         let again = encoder_again(&shares);
@@ -297,7 +294,7 @@ impl Runs {
         Ok(Merged {
             fit: directions(&products, &settings, &beside, offset_n)?,
             bank,
-            updates,
+            updates: products.updates() as u64,
             names: self.names(),
             apart: spreads.map(|spread| spread.map(|spread| spread.deviation as f32)),
             differs: spreads.map(|spread| spread.is_some_and(|spread| spread.is_unlikely)),
@@ -317,14 +314,14 @@ impl Runs {
         if let Some(bank) = [Bank::Fast, Bank::Slow].into_iter().find(is_of_all) {
             return Ok(bank);
         }
-        let (settings, (fast, _)) = (self.settings(), self.products(Bank::Fast)?);
+        let fast = self.products(Bank::Fast)?;
         let [acceleration, _] = fast.mean_squares();
-        let is_clear = acceleration > CLEAR_OF_STEPS * fast.steps_square(&settings);
+        let is_clear = acceleration > CLEAR_OF_STEPS * fast.steps_square(&self.settings());
         Ok(if is_clear { Bank::Fast } else { Bank::Slow })
     }
 
-    /// The exact sums of all runs, and the number of updates in them.
-    fn products(&self, bank: Bank) -> Result<(Products, u64), FitError> {
+    /// The exact sums of all runs.
+    fn products(&self, bank: Bank) -> Result<Products, FitError> {
         // A tare changes the force's unit by powers of two, so the finest unit divides each of the others.
         let units = self.parts.values().map(|part| part.units(bank));
         let of_all = |pick: fn(f64, f64) -> f64| {
@@ -334,7 +331,7 @@ impl Runs {
         let (Some(finest), Some(coarsest)) = (of_all(f64::min), of_all(f64::max)) else {
             return Err(FitError::TooShort { observations: 0.0 });
         };
-        let (mut all, mut updates) = ([0_i128; PRODUCTS], 0_u64);
+        let (mut all, mut updates) = ([0_i128; PRODUCTS], 0.0);
         for part in self.parts.values() {
             let units = part.units(bank);
             let doublings: [u32; COUNT] = std::array::from_fn(|i| (units[i] / finest[i]).log2().round() as u32);
@@ -342,9 +339,9 @@ impl Runs {
                 // One run reaches at most 2^94.
                 *all = all.wrapping_add(sum.wrapping_shl(doublings[row] + doublings[column]));
             }
-            updates += u64::from(part.sums(bank).0.updates);
+            updates += f64::from(part.sums(bank).0.updates);
         }
-        Ok((Products::merged(bank, [finest, coarsest], &all, updates), updates))
+        Ok(Products::summed(bank, [finest, coarsest], all, updates))
     }
 
     /// Each run's share of the total.
@@ -359,45 +356,42 @@ impl Runs {
         }
         if let [one] = shares.as_mut_slice() {
             // Exactly.
-            (one.influence, one.correlation) = (APART, APART);
-        }
-        let updates: f64 = shares.iter().map(|share| share.products.updates()).sum();
-        let strokes: f64 = shares.iter().map(|share| share.strokes).sum();
-        let squares = shares.iter().fold([0.0; 2], |all, share| {
-            std::array::from_fn(|i| all[i] + share.mean_squares[i] * share.products.updates())
-        });
-        for share in &mut shares {
-            let own = share.products.updates();
-            share.of_updates = own / updates;
-            share.of_strokes = if strokes > 0.0 { share.strokes / strokes } else { share.of_updates };
-            share.of_squares = std::array::from_fn(|i| {
-                if squares[i] > 0.0 { share.mean_squares[i] * own / squares[i] } else { share.of_updates }
-            });
+            (one.influence, one.correlation) = (identity(), identity());
         }
         Ok(shares)
     }
 
     /// Statistics of all motions besides the sums; for a single run its own.
     fn motion(&self, shares: &[Share], products: &Products) -> Motion {
-        let settings = self.settings();
-        let sum = |part: fn(&Share) -> f64, own: fn(&Motion) -> f32| {
-            shares.iter().map(|share| part(share) * f64::from(own(&share.part.motion))).sum::<f64>() as f32
+        let total = |part: &dyn Fn(&Share) -> f64| shares.iter().map(part).sum::<f64>();
+        let updates = total(&|share| share.products.updates());
+        let strokes = total(&|share| share.strokes);
+        let squares = [0, 1].map(|i| total(&|share| share.square(i)));
+        // A run's share of the updates, of the strokes, and of the squares of acceleration and velocity.
+        let of_updates = |share: &Share| share.products.updates() / updates;
+        let of_strokes = |share: &Share| if strokes > 0.0 { share.strokes / strokes } else { of_updates(share) };
+        let of_squares = |i: usize, share: &Share| {
+            if squares[i] > 0.0 { share.square(i) / squares[i] } else { of_updates(share) }
+        };
+        let of_acceleration = |share: &Share| of_squares(0, share);
+        let sum = |part: &dyn Fn(&Share) -> f64, own: fn(&Motion) -> f32| {
+            total(&|share| part(share) * f64::from(own(&share.part.motion))) as f32
         };
         Motion {
-            repeats: sum(|of| of.of_strokes, |own| own.repeats),
-            apart: sum(|of| of.of_squares[0], |own| own.apart),
-            frequency_squared: sum(|of| of.of_squares[0], |own| own.frequency_squared),
-            low_squared: sum(|of| of.of_squares[1], |own| own.low_squared),
-            acceleration_squared: sum(|of| of.of_updates, |own| own.acceleration_squared),
+            repeats: sum(&of_strokes, |own| own.repeats),
+            apart: sum(&of_acceleration, |own| own.apart),
+            frequency_squared: sum(&of_acceleration, |own| own.frequency_squared),
+            low_squared: sum(&|share| of_squares(1, share), |own| own.low_squared),
+            acceleration_squared: sum(&of_updates, |own| own.acceleration_squared),
             readings: match shares {
                 [one] => one.part.motion.readings,
-                _ => products.readings(&settings) as f32,
+                _ => products.readings(&self.settings()) as f32,
             },
-            steady: sum(|of| of.of_updates, |own| own.steady),
-            reversals_again: sum(|_| 1.0, |own| own.reversals_again),
+            steady: sum(&of_updates, |own| own.steady),
+            reversals_again: sum(&|_| 1.0, |own| own.reversals_again),
             friction_in_curvature: [
-                sum(|of| of.of_updates, |own| own.friction_in_curvature[0]),
-                sum(|of| of.of_updates, |own| own.friction_in_curvature[1]),
+                sum(&of_updates, |own| own.friction_in_curvature[0]),
+                sum(&of_updates, |own| own.friction_in_curvature[1]),
             ],
         }
     }
@@ -432,10 +426,6 @@ struct Share<'a> {
     mean_squares: [f64; 2],
     /// Number of strokes in its motion.
     strokes: f64,
-    /// Its share of the updates, of the strokes, and of the squares of acceleration and velocity.
-    of_updates: f64,
-    of_strokes: f64,
-    of_squares: [f64; 2],
 }
 
 impl<'a> Share<'a> {
@@ -447,15 +437,17 @@ impl<'a> Share<'a> {
         Self {
             part,
             influence: products.influence(inverse),
-            correlation: products.correlation().unwrap_or(APART),
+            correlation: products.correlation().unwrap_or_else(|_| identity()),
             steps_share: products.steps_share(settings),
             products,
             mean_squares,
             strokes: if strokes.is_finite() { strokes } else { 0.0 },
-            of_updates: 1.0,
-            of_strokes: 1.0,
-            of_squares: [1.0; 2],
         }
+    }
+
+    /// Sum of the squares of acceleration or velocity.
+    fn square(&self, i: usize) -> f64 {
+        self.mean_squares[i] * self.products.updates()
     }
 
     /// Effect of its own errors, correlated as in its own fit, on a parameter of the fit to all. A parameter that the
@@ -546,6 +538,11 @@ impl Spread {
         }
         Some(Self { deviation: most.sqrt(), freedom, is_unlikely: chance < UNLIKELY })
     }
+}
+
+/// No influence between parameters: the identity.
+fn identity() -> [[f64; 4]; 4] {
+    std::array::from_fn(unit_of)
 }
 
 /// The stored form of a value.
