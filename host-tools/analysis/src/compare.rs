@@ -113,27 +113,6 @@ fn differing(one: &Side, other: &Side) -> Option<&'static str> {
     differs(|settings| settings.newtons_per_code).then_some("the force's scale (newtons_per_code)")
 }
 
-/// Effect of the rig's errors on a parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Shared {
-    /// Proportional to something that is positive in both runs: inertance with structure, stiffness, damping.
-    Positive,
-    /// Proportional to the value, with its sign.
-    Signed,
-    /// Dependent on the motion, or on how it was measured.
-    Nothing,
-}
-
-impl Shared {
-    fn of(place: usize, source: Source) -> Self {
-        match (NAMES[place], source) {
-            ("inertance_kg", _) | ("stiffness_n_per_m" | "contact_damping_n_s_per_m", Source::Gain) => Self::Positive,
-            ("viscous_n_s_per_m" | "coulomb_n" | "offset_n", _) => Self::Signed,
-            _ => Self::Nothing,
-        }
-    }
-}
-
 /// The verdict on a difference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -206,7 +185,8 @@ impl Compared {
     /// For a person: the difference in that unit, and the verdict on it; `None` for the first run.
     pub fn difference_text(&self, factor: f64) -> Option<(String, &'static str)> {
         let difference = self.difference.map_or("-".into(), |Difference { value, u95, .. }| {
-            signed(&interval_text(factor * value, factor * u95), value)
+            let sign = if value > 0.0 { "+" } else { "" };
+            format!("{sign}{}", interval_text(factor * value, factor * u95))
         });
         let said = match self.verdict? {
             Verdict::Differs => "differs",
@@ -229,17 +209,10 @@ impl Compared {
     }
 }
 
-fn signed(text: &str, value: f64) -> String {
-    if value > 0.0 { format!("+{text}") } else { text.into() }
-}
-
 /// Compares runs with the first one: the parameters that at least one of them identifies. `rigs` states for each run
 /// whether it shares the rig of the first.
 pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
-    let [first, others @ ..] = sides else { return Err(CompareError::One) };
-    if others.is_empty() {
-        return Err(CompareError::One);
-    }
+    let [first, _, ..] = sides else { return Err(CompareError::One) };
     let of = |machine: Machine| sides.iter().find(|side| side.settings.machine == machine);
     if let (Some(linear), Some(rotary)) = (of(Machine::Linear), of(Machine::Rotary)) {
         return Err(CompareError::Machine { runs: [linear.name.clone(), rotary.name.clone()] });
@@ -295,11 +268,18 @@ impl Difference {
         let squares = Source::ALL.map(|source| {
             let (one, two) = (part(first, source), part(other, source));
             let is_shared = rig.is_shared() && source.is_shared();
-            match Shared::of(place, source) {
-                Shared::Positive if is_shared => (two - one).powi(2),
-                Shared::Signed if is_shared => {
+            match (NAMES[place], source) {
+                // Proportional to something positive in both runs: inertance with structure, stiffness, damping.
+                ("inertance_kg", _) | ("stiffness_n_per_m" | "contact_damping_n_s_per_m", Source::Gain)
+                    if is_shared =>
+                {
+                    (two - one).powi(2)
+                }
+                // Proportional to the value, with its sign.
+                ("viscous_n_s_per_m" | "coulomb_n" | "offset_n", _) if is_shared => {
                     (two.copysign(other.value.into()) - one.copysign(first.value.into())).powi(2)
                 }
+                // Dependent on the motion, or on how it was measured.
                 _ => one.powi(2) + two.powi(2),
             }
         });

@@ -1,9 +1,10 @@
 //! Compared runs, and their differences.
 
 use inerter_data::limits::{Judged, NAMES};
-use serde::{Serialize, Serializer};
+use serde::Serialize;
+use serde_json::{Value, json};
 
-use super::replayed::LimitsJson;
+use super::{by_name::ByName, replayed::LimitsJson};
 use crate::compare::{Compared, Difference, Rig, Row, Side, Verdict};
 
 /// A comparison in JSON.
@@ -12,10 +13,9 @@ pub struct CompareJson {
     kind: &'static str,
     files: Vec<String>,
     /// For each run.
-    rigs: Vec<RigJson>,
+    rigs: Vec<Value>,
     /// For each name a list with one entry per run, in order.
-    #[serde(serialize_with = "by_name")]
-    parameters: Vec<(&'static str, Vec<RunJson>)>,
+    parameters: ByName<Vec<RunJson>>,
     /// The verdicts on limits for each run, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     limits: Option<Vec<LimitsJson>>,
@@ -28,28 +28,21 @@ impl CompareJson {
         Self {
             kind: "compare",
             files: sides.iter().map(|side| side.name.clone()).collect(),
-            rigs: rigs.iter().map(RigJson::from).collect(),
-            parameters: rows.iter().map(of_row).collect(),
+            rigs: rigs.iter().map(rig_json).collect(),
+            parameters: ByName(rows.iter().map(of_row).collect()),
             limits: within.map(|all| all.iter().map(|judged| LimitsJson::new(judged)).collect()),
         }
     }
 }
 
 /// Whether a run shares the first one's rig.
-#[derive(Clone, Debug, Serialize)]
-struct RigJson {
-    rig: &'static str,
-    reason: Option<String>,
-}
-
-impl From<&Rig> for RigJson {
-    fn from(rig: &Rig) -> Self {
-        match rig {
-            Rig::Same => Self { rig: "same", reason: None },
-            Rig::Assumed => Self { rig: "assumed", reason: None },
-            Rig::Other(reason) => Self { rig: "other", reason: Some(reason.clone()) },
-        }
-    }
+fn rig_json(rig: &Rig) -> Value {
+    let (rig, reason) = match rig {
+        Rig::Same => ("same", None),
+        Rig::Assumed => ("assumed", None),
+        Rig::Other(reason) => ("other", Some(reason)),
+    };
+    json!({ "rig": rig, "reason": reason })
 }
 
 /// A parameter of a run in the comparison. JSON has null for a half width that is infinite.
@@ -79,8 +72,4 @@ impl From<&Compared> for RunJson {
             verdict: compared.verdict,
         }
     }
-}
-
-fn by_name<S: Serializer>(rows: &[(&'static str, Vec<RunJson>)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(rows.iter().map(|(name, runs)| (name, runs)))
 }

@@ -14,6 +14,7 @@ use inerter_data::{
 };
 use inerter_wire::EstimatorEvent;
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::{
     calibrate::{CalibrateError, refuse_saturated},
@@ -162,8 +163,8 @@ impl Diagnosed {
 
     /// For a program.
     pub fn json(&self, machine: Machine) -> DiagnosisJson {
-        let gates = self.gates.iter().map(|(kind, times)| CauseJson::gate(*kind, *times));
-        let causes = self.causes().iter().map(|cause| CauseJson::new(machine, cause));
+        let gates = self.gates.iter().map(gate_json);
+        let causes = self.causes().iter().map(|cause| cause_json(machine, cause));
         DiagnosisJson {
             kind: "diagnosis",
             law: self.outcome.law.into(),
@@ -178,46 +179,22 @@ impl Diagnosed {
 pub struct DiagnosisJson {
     kind: &'static str,
     law: LawJson,
-    causes: Vec<CauseJson>,
+    causes: Vec<Value>,
     corrected: Option<ParametersJson>,
 }
 
-/// A cause in JSON, which has null for a half width that is infinite.
-#[derive(Clone, Debug, Serialize)]
-pub struct CauseJson {
-    name: &'static str,
-    value: f64,
-    u95: Option<f64>,
-    unit: &'static str,
-    f: Option<f64>,
-    period_m: Option<f64>,
-    rival: Option<&'static str>,
+/// A gate that samples failed in JSON, and how often.
+fn gate_json((kind, times): &(WarningKind, u32)) -> Value {
+    json!({
+        "name": warning_name(*kind), "value": f64::from(*times), "u95": null, "unit": "times", "f": null,
+        "period_m": null, "rival": null,
+    })
 }
 
-impl CauseJson {
-    /// A cause that was found.
-    fn new(machine: Machine, cause: &Cause) -> Self {
-        Self {
-            name: cause.kind.name(),
-            value: cause.value,
-            u95: Some(cause.u95),
-            unit: cause.unit(machine),
-            f: Some(cause.f),
-            period_m: cause.period_m,
-            rival: cause.rival.map(Kind::name),
-        }
-    }
-
-    /// A gate that samples failed, and how often.
-    fn gate(kind: WarningKind, times: u32) -> Self {
-        Self {
-            name: warning_name(kind),
-            value: f64::from(times),
-            u95: None,
-            unit: "times",
-            f: None,
-            period_m: None,
-            rival: None,
-        }
-    }
+/// A cause that was found in JSON, which has null for a half width that is infinite.
+fn cause_json(machine: Machine, cause: &Cause) -> Value {
+    json!({
+        "name": cause.kind.name(), "value": cause.value, "u95": cause.u95, "unit": cause.unit(machine), "f": cause.f,
+        "period_m": cause.period_m, "rival": cause.rival.map(Kind::name),
+    })
 }

@@ -7,6 +7,7 @@ use inerter_data::{
 };
 use serde::Serialize;
 
+use super::by_name::ByName;
 use crate::merge::Merged;
 
 /// A fit in JSON.
@@ -27,7 +28,7 @@ pub struct FitJson {
     residual_rms_n: f64,
     /// By how much the runs differ beyond their scatter, and for which parameters that is more than chance.
     #[serde(skip_serializing_if = "Option::is_none")]
-    apart: Option<ApartJson>,
+    apart: Option<ByName<Option<f32>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     differs: Option<Vec<&'static str>>,
     /// Runs for which the law does not hold.
@@ -35,14 +36,6 @@ pub struct FitJson {
     /// Runs with too little motion to be summed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     nothing_summed: Vec<String>,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct ApartJson {
-    inertance_kg: Option<f32>,
-    viscous_n_s_per_m: Option<f32>,
-    coulomb_n: Option<f32>,
-    offset_n: Option<f32>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -66,7 +59,6 @@ impl FitJson {
         let name = |i: usize| parameter(Machine::Linear, i).path;
         let differing = differs.iter().enumerate().filter(|(_, differs)| **differs).map(|(i, _)| name(i)).collect();
         let are_several = names.len() > 1;
-        let [inertance_kg, viscous_n_s_per_m, coulomb_n, offset_apart_n] = *apart;
         let (file, files) = match names.as_slice() {
             [one] => (Some(one.clone()), Vec::new()),
             _ => (None, names.clone()),
@@ -90,12 +82,7 @@ impl FitJson {
                 difference_and_twice_offset_n: ParameterJson::offset(fit.difference_n),
             },
             residual_rms_n: fit.residual_rms_n,
-            apart: are_several.then_some(ApartJson {
-                inertance_kg,
-                viscous_n_s_per_m,
-                coulomb_n,
-                offset_n: offset_apart_n,
-            }),
+            apart: are_several.then(|| ByName((0..4).map(|i| (name(i), apart[i])).collect())),
             differs: are_several.then_some(differing),
             law_broken: broken.clone(),
             nothing_summed: empty.clone(),

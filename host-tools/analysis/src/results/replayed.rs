@@ -121,7 +121,7 @@ impl Replayed {
             last: EstimateJson::last(t_s, &self.outcome.estimated(), &self.settings, Some(counters)),
             uncertainty: Some(self.uncertainty()),
             warnings: self.warnings.iter().cloned().chain(remarks).collect(),
-            advice: self.advice.as_ref().map(|advice| AdviceJson::new(advice, self.settings.machine)),
+            advice: self.advice.as_ref().map(|advice| advice_json(advice, self.settings.machine)),
             limits: within.map(LimitsJson::new),
         }
     }
@@ -150,7 +150,7 @@ pub struct LastJson {
     pub warnings: Vec<WarningJson>,
     /// A motion that would have identified what this one could not.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub advice: Option<AdviceJson>,
+    pub advice: Option<Value>,
     /// Its verdicts on limits, if there are any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub limits: Option<LimitsJson>,
@@ -170,35 +170,24 @@ impl LimitsJson {
     }
 }
 
-/// Advice for what a run could not identify.
-#[derive(Clone, Debug, Serialize)]
-pub struct AdviceJson {
-    /// Names of the parameters that it could not identify.
-    lacking: Vec<&'static str>,
-    /// Names of those that the motion would identify clearly better.
-    told: Vec<&'static str>,
-    duration_s: Option<f64>,
-    parts: Vec<Value>,
-    /// The predicted intervals, as half widths.
-    predicted: Map<String, Value>,
-    text: String,
+/// Advice in JSON: names of the parameters that a run could not identify, of those that the motion would identify
+/// clearly better, and the predicted intervals, as half widths.
+fn advice_json(advice: &Advice, machine: Machine) -> Value {
+    let names = |places: &[usize]| places.iter().map(|place| name(*place)).collect::<Vec<_>>();
+    let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
+    // Null if it is infinite.
+    let u95 = |(place, u95): (usize, &f64)| (name(place).to_string(), json!({ "u95": u95 }));
+    json!({
+        "lacking": names(&advice.lacking),
+        "told": names(&advice.told),
+        "duration_s": sketch.map(|sketch| duration_s(&sketch.parts)),
+        "parts": sketch.iter().flat_map(|sketch| &sketch.parts).map(Part::json).collect::<Vec<_>>(),
+        "predicted": sketch.iter().flat_map(|sketch| sketch.u95.iter().enumerate()).map(u95).collect::<Map<_, _>>(),
+        "text": advice.sentence(machine),
+    })
 }
 
-impl AdviceJson {
-    fn new(advice: &Advice, machine: Machine) -> Self {
-        let name = |place: &usize| parameter(Machine::Linear, *place).path;
-        let sketch = advice.motion.as_ref().map(|(sketch, _)| sketch);
-        let u95 = |(place, u95): (usize, &f64)| {
-            // Null if it is infinite.
-            (name(&place).to_string(), json!({ "u95": u95 }))
-        };
-        Self {
-            lacking: advice.lacking.iter().map(name).collect(),
-            told: advice.told.iter().map(name).collect(),
-            duration_s: sketch.map(|sketch| duration_s(&sketch.parts)),
-            parts: sketch.iter().flat_map(|sketch| &sketch.parts).map(Part::json).collect(),
-            predicted: sketch.iter().flat_map(|sketch| sketch.u95.iter().enumerate()).map(u95).collect(),
-            text: advice.sentence(machine),
-        }
-    }
+/// Name of a parameter of the law.
+fn name(place: usize) -> &'static str {
+    parameter(Machine::Linear, place).path
 }
