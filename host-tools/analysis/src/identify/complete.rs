@@ -13,6 +13,7 @@ use super::{
     model::{Input, Node, Response, Start, delayed, load_cell, simpson, simulate},
     parameters::{Name, Parameters, SHARED},
     prepared::Prepared,
+    result::Validation,
     spectrum::Whitening,
 };
 
@@ -28,6 +29,15 @@ struct Weighed<'a> {
     disturbed: Vec<Columns>,
     whitening: Whitening,
     start: Start,
+}
+
+impl Weighed<'_> {
+    /// Displacement of the screw, and the load cell's force as means over two samples.
+    fn predicted(&self, device: &Parameters) -> Columns {
+        let response = simulate(device, &self.input, self.start);
+        let cell = mean_cell(device, &response, &self.acceleration, self.prepared.period_s);
+        (response.position_m, cell)
+    }
 }
 
 /// Prior knowledge of a parameter: value and standard deviation.
@@ -77,6 +87,13 @@ pub struct Fitted {
     pub disturbed: Vec<DVector<f64>>,
     /// Weights of the stretches.
     whitenings: Vec<Whitening>,
+}
+
+impl Fitted {
+    /// RMS ratio of the residual to what the noise explains.
+    pub fn over_noise(&self) -> f64 {
+        (2.0 * self.cost / self.residual.len().max(1) as f64).sqrt()
+    }
 }
 
 struct Problem<'a> {
@@ -157,12 +174,7 @@ impl Problem<'_> {
                 weighed.whitening.whitened(none(), late.iter().map(|a| -a), rows);
                 return;
             }
-            let predicted = |device: &Parameters| {
-                let response = simulate(device, &weighed.input, weighed.start);
-                let cell = mean_cell(device, &response, &weighed.acceleration, period_s);
-                (response.position_m, cell)
-            };
-            let ((x_up, f_up), (x_down, f_down)) = (predicted(&at(step)), predicted(&at(-down)));
+            let ((x_up, f_up), (x_down, f_down)) = (weighed.predicted(&at(step)), weighed.predicted(&at(-down)));
             let per = -1.0 / (step + down);
             let difference = |up: &[f64], down: &[f64]| -> Vec<f64> {
                 up.iter().zip(down).map(|(up, down)| (up - down) * per).collect()
@@ -196,12 +208,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let mut rest = rows.as_mut_slice();
         for (number, weighed) in self.stretches.iter().enumerate() {
             let mine = rest.split_off_mut(..weighed.whitening.rows())?;
-            let response = simulate(&device, &weighed.input, weighed.start);
-            let device = Parameters { offset_n: self.offset(weighed.prepared.file), ..device };
-            let cell = mean_cell(&device, &response, &weighed.acceleration, weighed.prepared.period_s);
+            let offset_n = self.offset(weighed.prepared.file);
+            let (position, cell) = weighed.predicted(&Parameters { offset_n, ..device });
             let zero = self.zero(number);
-            let position =
-                weighed.prepared.position.iter().zip(&response.position_m).map(|(x, predicted)| x - predicted - zero);
+            let position = weighed.prepared.position.iter().zip(&position).map(|(x, predicted)| x - predicted - zero);
             let predicted = cell.iter().zip(&weighed.jumps).map(|(cell, jump)| cell + jump);
             let force = weighed.prepared.mean_force.iter().zip(predicted).map(|(f, predicted)| f - predicted);
             weighed.whitening.whitened(position, force, mine);
@@ -490,6 +500,28 @@ pub fn counting(prepared: &Prepared) -> std::ops::Range<usize> {
     let count = prepared.force.len();
     let end = ((0.1 / prepared.period_s) as usize).min(count / 8);
     prepared.settling() + end..count - end
+}
+
+/// How well a model explains the rest of each stretch after its fitted part.
+pub fn judged(stretches: &[Prepared], state: &State, fitted: f64) -> Option<Validation> {
+    let (mut left, mut all, mut count) = (0.0, 0.0, 0usize);
+    for (number, prepared) in stretches.iter().enumerate() {
+        let (_, force) = prediction(state, number, prepared);
+        let range = counting(prepared);
+        let from = range.start.max((fitted * prepared.force.len() as f64) as usize);
+        let offset_n = state.offsets[prepared.file];
+        let pairs = prepared.force.iter().zip(&force).take(range.end).skip(from);
+        for (measured, predicted) in pairs {
+            left += (measured - predicted).powi(2);
+            all += (measured - offset_n).powi(2);
+            count += 1;
+        }
+    }
+    (count > 0 && all > 0.0).then(|| Validation {
+        fitted,
+        residual_rms_n: (left / count as f64).sqrt(),
+        explained: 1.0 - left / all,
+    })
 }
 
 /// Displacement and force of each sample.

@@ -41,17 +41,11 @@ pub struct Smooth {
 }
 
 impl Smooth {
-    /// From samples with this period; nothing up to `least_hz` is removed.
-    pub fn of(samples: &[f64], period_s: f64, least_hz: f64) -> Self {
+    /// From samples with this period. Nothing up to `least_hz` is removed; everything above `most_hz` is, for cases
+    /// where the noise is worse than the loss.
+    pub fn of(samples: &[f64], period_s: f64, least_hz: f64, most_hz: f64) -> Self {
         let noise = white_noise(samples);
-        let band_hz = band_hz(samples, period_s, noise).max(least_hz).min(WIDEST / period_s);
-        Self { nodes: smoothed(samples, period_s, band_hz), noise, band_hz }
-    }
-
-    /// From samples with this period, up to a given frequency: for cases where the noise is worse than the loss.
-    pub fn up_to(samples: &[f64], period_s: f64, most_hz: f64) -> Self {
-        let noise = white_noise(samples);
-        let band_hz = band_hz(samples, period_s, noise).min(most_hz).min(WIDEST / period_s);
+        let band_hz = band_hz(samples, period_s, noise).max(least_hz).min(most_hz).min(WIDEST / period_s);
         Self { nodes: smoothed(samples, period_s, band_hz), noise, band_hz }
     }
 
@@ -213,7 +207,7 @@ mod tests {
             ]
         };
         let samples: Vec<f64> = (0..20_000).map(|place| motion(place)[0] + 1e-6 * noise(place)).collect();
-        let smooth = Smooth::of(&samples, 1e-3, 1.0);
+        let smooth = Smooth::of(&samples, 1e-3, 1.0, f64::INFINITY);
         assert!((smooth.noise - 1e-6).abs() < 0.1e-6, "{}", smooth.noise);
         assert!((6.4..15.0).contains(&smooth.band_hz), "{}", smooth.band_hz);
         let rms = |of: usize| {
@@ -229,7 +223,7 @@ mod tests {
     #[test]
     fn a_disturbance_is_as_large_as_what_is_left_of_the_noise() {
         let samples: Vec<f64> = (0..20_000).map(|place| 1e-6 * noise(place)).collect();
-        let smooth = Smooth::of(&samples, 1e-3, 25.0);
+        let smooth = Smooth::of(&samples, 1e-3, 25.0, f64::INFINITY);
         let still = Smooth { nodes: vec![[0.0; 3]; 20_000], ..smooth.clone() };
         let disturbed = still.disturbed(1e-3, 1.0, 1);
         let rms =
@@ -244,7 +238,7 @@ mod tests {
     #[test]
     fn too_little_is_no_reason_to_fall_over() {
         for samples in [&[][..], &[1.0][..], &[1.0; 8][..]] {
-            assert_eq!(Smooth::of(samples, 1e-3, 1.0).nodes.len(), samples.len());
+            assert_eq!(Smooth::of(samples, 1e-3, 1.0, f64::INFINITY).nodes.len(), samples.len());
         }
     }
 }

@@ -18,14 +18,13 @@ mod result;
 mod spectrum;
 mod stages;
 mod uncertainty;
-mod validation;
 mod whiteness;
 
 use inerter_core::constants::{FAST_BOX_S, STRUCTURE_MODEL_U95};
 use inerter_core::{BacklashSize, Interval, Parameter, Regime, Settings};
 use inerter_plant::Excitation;
 
-use complete::{Fitted, State, Task, counting, prediction};
+use complete::{Fitted, State, Task, counting, judged, prediction};
 use condition::Smooth;
 pub use error::IdentifyError;
 use inerter_data::{
@@ -42,7 +41,6 @@ pub use result::{
 };
 use stages::Stages;
 use uncertainty::Errors;
-use validation::{judged, over_noise};
 use whiteness::whiteness;
 
 use crate::{
@@ -100,34 +98,37 @@ pub fn identify(runs: &[Run], options: &Options, progress: &mut dyn FnMut(f64)) 
     let mut notes = notes(runs, &lines);
     let (with, without): (Vec<&Run>, Vec<&Run>) =
         runs.iter().partition(|run| options.excite.is_some() || run.settings.terminal_sensor);
-    if with.is_empty() {
+    let found = if with.is_empty() {
         if options.staged {
             return Err(IdentifyError::Terminal);
         }
-        return linear_only(runs, lines, notes);
-    }
-    let words = "no terminal displacement, so it is in the linear fits only";
-    notes.extend(without.into_iter().map(|run| format!("{}: {words}", run.name)));
-    let stretches = prepared(&with, MOST_SAMPLES / runs.len(), options, &start, &mut notes)?;
-    let mut share = 0.2;
-    let mut tick = || {
-        share += (0.95 - share) * 0.12;
-        progress(share);
-    };
-    let task = task(runs, options);
-    let start = if start.stiffness_n_per_m > 0.0 { start } else { scanned(&stretches, &start) };
-    let stages = if options.staged {
-        stages::fit(&first_settings(runs), &stretches, &task, &start, &mut tick)?
+        linear_only(runs, &lines)?
     } else {
-        let state = State::new(&stretches, &start);
-        let fitted = complete::fit(&stretches, &task, &state, false, &mut tick).ok_or(IdentifyError::Diverged)?;
-        let fitted = elsewhere(&stretches, &task, fitted, &mut tick);
-        let validation = validated(&stretches, &task, &fitted.state, &mut tick);
-        Stages { fitted, task, stretches, validation }
+        let words = "no terminal displacement, so it is in the linear fits only";
+        notes.extend(without.into_iter().map(|run| format!("{}: {words}", run.name)));
+        let stretches = prepared(&with, MOST_SAMPLES / runs.len(), options, &start, &mut notes)?;
+        let mut share = 0.2;
+        let mut tick = || {
+            share += (0.95 - share) * 0.12;
+            progress(share);
+        };
+        let task = task(runs, options);
+        let start = if start.stiffness_n_per_m > 0.0 { start } else { scanned(&stretches, &start) };
+        let stages = if options.staged {
+            stages::fit(&first_settings(runs), &stretches, &task, &start, &mut tick)?
+        } else {
+            let state = State::new(&stretches, &start);
+            let fitted = complete::fit(&stretches, &task, &state, false, &mut tick).ok_or(IdentifyError::Diverged)?;
+            let fitted = elsewhere(&stretches, &task, fitted, &mut tick);
+            let validation = validated(&stretches, &task, &fitted.state, &mut tick);
+            Stages { fitted, task, stretches, validation }
+        };
+        let found = complete_result(runs, &stages, options, &mut notes, &mut tick)?;
+        progress(1.0);
+        Identified { start: Some(start), ..found }
     };
-    let identified = complete_result(runs, lines, &stages, options, notes, &mut tick)?;
-    progress(1.0);
-    Ok(Identified { start: Some(start), ..identified })
+    let segments = lines.into_iter().map(|line| line.segments).collect();
+    Ok(Identified { segments, notes, ..found })
 }
 
 /// What the load cell would read, one number per sample of all stretches in sequence.
@@ -138,7 +139,8 @@ pub fn predicted(parameters: &Parameters, series: &Series) -> Vec<f64> {
     let mut force = Vec::with_capacity(series.len());
     for stretch in &series.stretches {
         let simulated = (!stretch.terminal_m.is_empty() && parameters.stiffness_n_per_m > 0.0).then(|| {
-            let smooth = Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * parameters.own_hz());
+            let least_hz = OWN_BAND * parameters.own_hz();
+            let smooth = Smooth::of(&stretch.terminal_m, series.period_s, least_hz, f64::INFINITY);
             let stretches = [Prepared::new(0, stretch, smooth, series.period_s, &Settings::default())];
             prediction(&State::new(&stretches, parameters), 0, &stretches[0]).1
         });
@@ -153,7 +155,7 @@ fn by_law(parameters: &Parameters, stretch: &Stretch, period_s: f64) -> Vec<f64>
         let dry = if *v == 0.0 { 0.0 } else { p.coulomb_n * v.signum() };
         (p.inertance_kg + p.structure_mass_kg) * a + p.viscous_n_s_per_m * v + dry + p.offset_n
     };
-    Smooth::up_to(&stretch.position_m, period_s, LAW_HZ).nodes.iter().map(force).collect()
+    Smooth::of(&stretch.position_m, period_s, 0.0, LAW_HZ).nodes.iter().map(force).collect()
 }
 
 /// Notes on the runs for a person.
@@ -215,7 +217,7 @@ fn prepared(
             };
             let smooth = match &options.excite {
                 Some(excitation) => Smooth::stated(excitation, stretch.start_s, series.period_s, taken),
-                None => Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * start.own_hz()),
+                None => Smooth::of(&stretch.terminal_m, series.period_s, OWN_BAND * start.own_hz(), f64::INFINITY),
             };
             stretches.push(Prepared::new(number, &stretch, smooth, series.period_s, &run.settings));
         }
@@ -293,7 +295,7 @@ fn rough_inertance_kg(run: &Run) -> Option<f64> {
     let series = Series::of(run);
     let stretch = series.stretches.iter().max_by_key(|stretch| stretch.force_n.len())?;
     let rms = |values: &mut dyn Iterator<Item = f64>| values.map(|x| x * x).sum::<f64>().sqrt();
-    let nodes = Smooth::up_to(&stretch.position_m, series.period_s, LAW_HZ).nodes;
+    let nodes = Smooth::of(&stretch.position_m, series.period_s, 0.0, LAW_HZ).nodes;
     let ratio = rms(&mut stretch.force_n.iter().copied()) / rms(&mut nodes.iter().map(|[_, _, a]| *a));
     ratio.is_finite().then_some(ratio).filter(|ratio| *ratio > 0.0)
 }
@@ -319,7 +321,7 @@ fn scanned(stretches: &[Prepared], start: &Parameters) -> Parameters {
 /// The best of several fits that start with other values of the contact damping, if the residual is too large: impacts
 /// create false minima along it.
 fn elsewhere(stretches: &[Prepared], task: &Task, fitted: Fitted, tick: &mut dyn FnMut()) -> Fitted {
-    if over_noise(&fitted) < SUSPICIOUS || fitted.state.parameters.backlash_m <= 0.0 {
+    if fitted.over_noise() < SUSPICIOUS || fitted.state.parameters.backlash_m <= 0.0 {
         return fitted;
     }
     let mut best = fitted;
@@ -344,7 +346,7 @@ fn validated(stretches: &[Prepared], task: &Task, best: &State, tick: &mut dyn F
 }
 
 /// The result if only encoder and force are known.
-fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<Identified, IdentifyError> {
+fn linear_only(runs: &[Run], lines: &[Linear]) -> Result<Identified, IdentifyError> {
     let settings = first_settings(runs);
     let wholes = lines.iter().map(|line| line.whole).collect::<Result<Vec<Products>, _>>()?;
     let whole = wholes.into_iter().reduce(|before, products| products.and(&before));
@@ -394,20 +396,15 @@ fn linear_only(runs: &[Run], lines: Vec<Linear>, notes: Vec<String>) -> Result<I
     let identified = Identified {
         model: Model::Linear,
         parameters,
-        start: None,
         offsets_n: vec![law.offset_n.value().map(f64::from)],
         correlation,
         residual_rms_n: whole.judging(&whole)?.0,
-        residual_rms_m: None,
-        residual_over_noise: None,
-        whiteness: None,
         validation: validation.map(|(residual_rms_n, explained)| Validation {
             fitted: FITTED,
             residual_rms_n,
             explained,
         }),
-        segments: lines.into_iter().map(|line| line.segments).collect(),
-        notes,
+        ..Identified::default()
     };
     let residual = law_residual(&identified.model(), &runs[0]);
     Ok(Identified { whiteness: whiteness(&residual), ..identified })
@@ -426,25 +423,24 @@ fn law_residual(parameters: &Parameters, run: &Run) -> Vec<f64> {
 /// The result of the complete model.
 fn complete_result(
     runs: &[Run],
-    lines: Vec<Linear>,
     stages: &Stages,
     options: &Options,
-    mut notes: Vec<String>,
+    notes: &mut Vec<String>,
     tick: &mut dyn FnMut(),
 ) -> Result<Identified, IdentifyError> {
     let Stages { fitted, task, stretches, validation } = stages;
     let settings = first_settings(runs);
     let errors = Errors::of(fitted, stretches, &settings).ok_or(IdentifyError::Diverged)?;
-    let mut found = SHARED.map(|name| errors.judged(name, fitted, task, stretches));
+    let mut found = SHARED.map(|name| errors.judged(name, task));
     if !options.no_profiles {
-        for name in errors.weak(fitted) {
-            found[name as usize].profile = errors.profile(name, fitted, stretches, task);
+        for name in errors.weak() {
+            found[name as usize].profile = errors.profile(name, task);
             tick();
         }
     }
     let offset_n = fitted.state.parameters.offset_n;
     let offset_u95 = errors.offset_u95(0, settings.force_gain_u95, offset_n).unwrap_or(f64::NAN);
-    let ratio = over_noise(fitted);
+    let ratio = fitted.over_noise();
     if ratio > DOUBTFUL {
         notes.push(format!(
             "the model's residual is {ratio:.1} times what the sensors' noise explains: the device or the rig has something that \
@@ -477,7 +473,6 @@ fn complete_result(
     Ok(Identified {
         model: Model::Complete,
         parameters,
-        start: None,
         offsets_n: fitted.state.offsets.iter().copied().map(Some).collect(),
         correlation: Some(errors.correlation()),
         residual_rms_n: rms(true),
@@ -485,7 +480,6 @@ fn complete_result(
         residual_over_noise: Some(ratio),
         whiteness: whiteness(&fitted.white),
         validation: *validation,
-        segments: lines.into_iter().map(|line| line.segments).collect(),
-        notes,
+        ..Identified::default()
     })
 }

@@ -58,12 +58,13 @@ impl Found {
 pub type FoundParameters = Parameters<Found>;
 
 /// What was fitted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Model {
     /// All of the model: the terminal's displacement is known.
     Complete,
     /// Inertance, friction and offset: only encoder and force are known.
+    #[default]
     Linear,
 }
 
@@ -130,7 +131,7 @@ pub struct SegmentParameters {
 }
 
 /// What the data identify about the device.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Identified {
     /// What was fitted.
     pub model: Model,

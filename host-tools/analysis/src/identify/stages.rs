@@ -4,8 +4,7 @@ use inerter_core::Settings;
 
 use super::{
     IdentifyError, Validation,
-    complete::{self, Fitted, State, Task},
-    judged,
+    complete::{self, Fitted, State, Task, judged},
     parameters::{Name, Parameters},
     prepared::{Prepared, motion},
     uncertainty::Errors,
@@ -50,7 +49,7 @@ pub fn fit(
     let only = Task { known: task.known, ..Task::default().with(Name::Coulomb, true, None) };
     let state = State::new(&slow, start);
     let friction = complete::fit(&slow, &only, &state, false, tick).ok_or(IdentifyError::Diverged)?;
-    let u95 = Errors::of(&friction, &slow, settings).and_then(|errors| errors.u95(Name::Coulomb, &friction));
+    let u95 = Errors::of(&friction, &slow, settings).and_then(|errors| errors.u95(Name::Coulomb));
     let coulomb = friction.state.parameters.coulomb_n;
     let known = u95.filter(|u95| u95.is_finite() && *u95 > 0.0).map(|u95| (coulomb, u95 / 2.0));
     let rest = of(&middle);

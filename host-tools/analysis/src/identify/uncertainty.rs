@@ -15,8 +15,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     complete::{Fitted, Task, cost_with, counting, error_rows, prediction},
-    over_noise,
-    parameters::Name,
+    parameters::{Name, Parameters},
     prepared::{Prepared, motion},
     result::{Correlation, Found, FoundStatus},
 };
@@ -41,8 +40,9 @@ const IMPACTS: f64 = 2.0;
 const SLOWEST: f64 = 0.02;
 
 /// Errors of one fit.
-pub struct Errors {
-    names: Vec<Name>,
+pub struct Errors<'a> {
+    fitted: &'a Fitted,
+    stretches: &'a [Prepared],
     covariance: DMatrix<f64>,
     naive: DVector<f64>,
     /// Squares of the standard errors.
@@ -50,9 +50,9 @@ pub struct Errors {
     systematic: Vec<f64>,
 }
 
-impl Errors {
+impl<'a> Errors<'a> {
     /// `None` if the normal matrix cannot be inverted at all.
-    pub fn of(fitted: &Fitted, stretches: &[Prepared], settings: &Settings) -> Option<Self> {
+    pub fn of(fitted: &'a Fitted, stretches: &'a [Prepared], settings: &Settings) -> Option<Self> {
         let jacobian = &fitted.jacobian;
         // Normalised columns, so that units do not affect singularity.
         let lengths: Vec<f64> = jacobian.column_iter().map(|column| column.norm().max(1e-300)).collect();
@@ -123,37 +123,43 @@ impl Errors {
                 (scale * scale * squares + clock * clock).sqrt()
             })
             .collect();
-        Some(Self { names: fitted.free.clone(), naive: inverse.diagonal(), covariance, variance, systematic })
+        Some(Self { fitted, stretches, naive: inverse.diagonal(), covariance, variance, systematic })
     }
 
     fn place(&self, name: Name) -> Option<usize> {
-        self.names.iter().position(|other| *other == name)
+        self.fitted.free.iter().position(|other| *other == name)
+    }
+
+    /// The fitted parameters.
+    fn parameters(&self) -> &Parameters {
+        &self.fitted.state.parameters
     }
 
     /// Standard error in the parameter's unit.
-    fn error(&self, place: usize, fitted: &Fitted) -> f64 {
-        self.names[place].scale(&fitted.state.parameters) * self.variance[place].max(0.0).sqrt()
+    fn error(&self, place: usize) -> f64 {
+        self.fitted.free[place].scale(self.parameters()) * self.variance[place].max(0.0).sqrt()
     }
 
     /// Half width of the interval.
-    pub fn u95(&self, name: Name, fitted: &Fitted) -> Option<f64> {
+    pub fn u95(&self, name: Name) -> Option<f64> {
         let place = self.place(name)?;
-        let impacts = if fitted.state.parameters.backlash_m > LEAST_BACKLASH_M { IMPACTS } else { 1.0 };
+        let impacts = if self.parameters().backlash_m > LEAST_BACKLASH_M { IMPACTS } else { 1.0 };
         // A residual that noise does not explain need not average out.
-        let doubt = over_noise(fitted).powi(2).max(1.0);
-        let chance = (impacts * COVERAGE * self.error(place, fitted)).hypot(model_u95(name, fitted));
+        let doubt = self.fitted.over_noise().powi(2).max(1.0);
+        let chance = (impacts * COVERAGE * self.error(place)).hypot(model_u95(name, self.parameters()));
         Some((doubt * chance).hypot(self.systematic[place]))
     }
 
     /// Half width of the interval of a file's offset.
     pub fn offset_u95(&self, file: usize, gain: f64, value: f64) -> Option<f64> {
-        let error = self.variance.get(self.names.len() + file)?.max(0.0).sqrt();
+        let error = self.variance.get(self.fitted.free.len() + file)?.max(0.0).sqrt();
         Some((COVERAGE * error).hypot(gain * value))
     }
 
     /// Correlations of the shared parameters.
     pub fn correlation(&self) -> Correlation {
-        let count = self.names.len();
+        let names = &self.fitted.free;
+        let count = names.len();
         let at = |row: usize, column: usize| self.covariance[(row, column)];
         let matrix = (0..count)
             .map(|row| {
@@ -165,23 +171,23 @@ impl Errors {
                     .collect()
             })
             .collect();
-        Correlation { names: self.names.iter().map(|name| name.key()).collect(), matrix }
+        Correlation { names: names.iter().map(|name| name.key()).collect(), matrix }
     }
 
     /// The parameter most correlated with this one, if the correlation is large.
     fn partner(&self, name: Name) -> Option<(Name, f64)> {
         let place = self.place(name)?;
         let correlation = self.correlation();
-        let others = self.names.iter().zip(&correlation.matrix[place]).filter(|(other, _)| **other != name);
+        let others = self.fitted.free.iter().zip(&correlation.matrix[place]).filter(|(other, _)| **other != name);
         let most = others.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
         (most.1.abs() > TOGETHER).then_some((*most.0, *most.1))
     }
 
     /// The result for a parameter.
-    pub fn judged(&self, name: Name, fitted: &Fitted, task: &Task, stretches: &[Prepared]) -> Found {
-        let value = name.of(&fitted.state.parameters);
+    pub fn judged(&self, name: Name, task: &Task) -> Found {
+        let value = name.of(self.parameters());
         let known = task.known_of(name);
-        let Some(u95) = self.u95(name, fitted) else {
+        let Some(u95) = self.u95(name) else {
             let u95 = known.map(|(_, deviation)| 2.0 * deviation);
             return Found { value: Some(value), u95, status: FoundStatus::Given, ..Found::default() };
         };
@@ -194,13 +200,13 @@ impl Errors {
             )),
             None => Found::unknown(format!("this motion hardly depends on {symbol}: {value:.3e} within {u95:.1e}")),
         };
-        let slow = is_slow(fitted, stretches);
+        let slow = self.is_slow();
         match name {
             Name::Stiffness | Name::Damping if slow => Found::unknown(format!(
                 "the motion is too slow for {symbol}: the contact's force changes only where the screw reverses"
             )),
             Name::Structure | Name::Skew => match known {
-                Some((_, deviation)) if self.place(name).is_some_and(|at| self.error(at, fitted) > 0.7 * deviation) => {
+                Some((_, deviation)) if self.place(name).is_some_and(|at| self.error(at) > 0.7 * deviation) => {
                     Found { status: FoundStatus::Given, ..found }
                 }
                 Some(_) => found,
@@ -208,12 +214,12 @@ impl Errors {
                 None => self.bound(name, found, cannot),
             },
             Name::Backlash => {
-                let steps = stretches.iter().map(|prepared| prepared.step_m).fold(0.0, f64::max);
+                let steps = self.stretches.iter().map(|prepared| prepared.step_m).fold(0.0, f64::max);
                 let u95 = if slow { u95.hypot(steps) } else { u95 };
                 let found = Found::known(value, u95);
-                let (low, high) = span(stretches);
+                let (low, high) = span(self.stretches);
                 let reverses = low < 0.0 && high > 0.0;
-                let stretch = (high - low) / fitted.state.parameters.stiffness_n_per_m;
+                let stretch = (high - low) / self.parameters().stiffness_n_per_m;
                 match () {
                     () if !reverses => Found::unknown("the force never changes sign: one flank carries all the force"),
                     () if u95 > 0.5 * stretch && u95 > value => cannot(),
@@ -232,14 +238,14 @@ impl Errors {
     }
 
     /// Parameters for which a quadratic approximation may fail, weakest first.
-    pub fn weak(&self, fitted: &Fitted) -> Vec<Name> {
+    pub fn weak(&self) -> Vec<Name> {
         let mut weak: Vec<(Name, f64)> = self
-            .names
+            .fitted
+            .free
             .iter()
             .filter(|name| !matches!(name, Name::Structure | Name::Skew))
             .filter_map(|name| {
-                let u95 = self.u95(*name, fitted)?;
-                let relative = u95 / name.of(&fitted.state.parameters).abs().max(1e-300);
+                let relative = self.u95(*name)? / name.of(self.parameters()).abs().max(1e-300);
                 (relative > WEAK || self.partner(*name).is_some()).then_some((*name, relative))
             })
             .collect();
@@ -249,13 +255,14 @@ impl Errors {
 
     /// Ends of the interval where the sum of squares, with all other parameters refitted, has grown by as much as at
     /// the end of a quadratic one's interval. The systematic part is added.
-    pub fn profile(&self, name: Name, fitted: &Fitted, stretches: &[Prepared], task: &Task) -> Option<[f64; 2]> {
+    pub fn profile(&self, name: Name, task: &Task) -> Option<[f64; 2]> {
         let place = self.place(name)?;
-        let value = name.of(&fitted.state.parameters);
-        let error = self.error(place, fitted);
+        let value = name.of(self.parameters());
+        let error = self.error(place);
         let coloured = self.variance[place] / self.naive[place];
         let wanted = COVERAGE * COVERAGE * coloured;
-        let least = cost_with(stretches, task, &fitted.state, None)?;
+        let cost = |held| cost_with(self.stretches, task, &self.fitted.state, held);
+        let least = cost(None)?;
         let end = |side: f64| -> Option<f64> {
             let mut distance = COVERAGE * error;
             for _ in 0..3 {
@@ -264,7 +271,7 @@ impl Errors {
                     // Friction and backlash cannot be negative.
                     return Some(0.0);
                 }
-                let grown = 2.0 * (cost_with(stretches, task, &fitted.state, Some((name, at)))? - least).max(0.0);
+                let grown = 2.0 * (cost(Some((name, at)))? - least).max(0.0);
                 let factor = (wanted / grown.max(1e-3 * wanted)).sqrt();
                 distance *= factor;
                 if (0.95..1.05).contains(&factor) {
@@ -275,12 +282,18 @@ impl Errors {
         };
         Some([end(-1.0)?, end(1.0)?])
     }
+
+    /// Whether the motion is far slower than the device.
+    fn is_slow(&self) -> bool {
+        let (v, x) = motion(self.stretches.iter());
+        let p = self.parameters();
+        v < SLOWEST * SLOWEST * x * p.stiffness_n_per_m / p.inertance_kg
+    }
 }
 
 /// Errors that averaging does not remove, measured on simulated devices (docs/tables/identify.md): impacts between
 /// samples, a terminal motion that is not quite smooth.
-fn model_u95(name: Name, fitted: &Fitted) -> f64 {
-    let p = &fitted.state.parameters;
+fn model_u95(name: Name, p: &Parameters) -> f64 {
     match name {
         Name::Inertance => 2e-4 * p.inertance_kg,
         Name::Stiffness => 5e-4 * p.stiffness_n_per_m,
@@ -290,13 +303,6 @@ fn model_u95(name: Name, fitted: &Fitted) -> f64 {
         Name::Backlash => 2e-7,
         Name::Structure | Name::Skew => 0.0,
     }
-}
-
-/// Whether the motion is far slower than the device.
-fn is_slow(fitted: &Fitted, stretches: &[Prepared]) -> bool {
-    let (v, x) = motion(stretches.iter());
-    let p = &fitted.state.parameters;
-    v < SLOWEST * SLOWEST * x * p.stiffness_n_per_m / p.inertance_kg
 }
 
 /// Approximate minimum and maximum force of the contact.
