@@ -4,7 +4,6 @@
 //! spectrum's median, which neither lines nor drift affect: `sigma^2 = median / ln 2 * rate / 2`. A line's amplitude is
 //! the content of its band above that floor.
 
-use inerter_core::Settings;
 use inerter_data::{names::unit, run::Run, words::amount_text};
 use rustfft::{FftPlanner, num_complex::Complex};
 
@@ -37,51 +36,9 @@ const STEPS: f64 = 0.3;
 /// Share of the range that should remain on either side of zero.
 const ROOM: f64 = 0.15;
 
-/// Interference at one grid frequency.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Mains {
-    /// 50 or 60 Hz.
-    pub frequency_hz: f64,
-    /// Amplitude of the fundamental and each harmonic below half the sample rate \[codes\].
-    pub amplitudes_code: Vec<f64>,
-}
-
-impl Mains {
-    /// All of them together: root sum of squares \[codes\].
-    pub fn amplitude_code(&self) -> f64 {
-        self.amplitudes_code.iter().map(|amplitude| amplitude * amplitude).sum::<f64>().sqrt()
-    }
-}
-
-/// The state of a force channel at rest.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Diagnosis {
-    /// Length \[s\].
-    pub seconds: f64,
-    /// Rate against the host's clock, if known.
-    pub rate: Option<Rate>,
-    /// Number of missing samples.
-    pub lost: u64,
-    /// Number of samples.
-    pub samples: usize,
-    /// Mean code.
-    pub mean_code: f64,
-    /// White noise of one sample, rms \[codes\].
-    pub noise_code: f64,
-    /// Everything that is not constant, rms \[codes\].
-    pub total_rms_code: f64,
-    /// Difference between the largest and the smallest code.
-    pub peak_to_peak_code: f64,
-    /// Drift \[codes/s\], with its uncertainty.
-    pub drift_code_per_s: (f64, f64),
-    /// Share of the samples that are at a rail.
-    pub saturated: f64,
-    /// The stronger of 50 and 60 Hz; amplitudes are zero if nothing stands out.
-    pub mains: Mains,
-}
-
-/// Diagnoses a device at rest.
-pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateError> {
+/// Diagnoses the force channel of a device at rest: its state, what is wrong with it, and what to do about it. `rate`
+/// is that against the host's clock, if known.
+pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Finding, CalibrateError> {
     let settings = &run.settings;
     let codes: Vec<f64> = run.samples.iter().map(|sample| f64::from(sample.force_code)).collect();
     let seconds = codes.len() as f64 / settings.sample_rate_hz;
@@ -95,24 +52,137 @@ pub fn diagnose(run: &Run, rate: Option<Rate>) -> Result<Diagnosis, CalibrateErr
     if turned > 4.0 {
         return Err(CalibrateError::Moving { at: String::new(), counts: turned });
     }
+    // Everything in codes.
     let mean_code = mean(&codes);
     let squares: f64 = codes.iter().map(|code| (code - mean_code).powi(2)).sum();
-    let at_rail = |code: &&f64| **code <= settings.force_min_code || **code >= settings.force_max_code;
+    let peak_to_peak = extent(codes.iter().copied());
+    let (drift, drift_u95) = drift(&codes, settings.sample_rate_hz);
     let spectrum = Spectrum::of(&codes, settings.sample_rate_hz);
-    let [fifty, sixty] = [50.0, 60.0].map(|frequency_hz| spectrum.mains(frequency_hz));
-    Ok(Diagnosis {
-        seconds,
-        rate,
-        lost: run.discontinuities().1,
-        samples: codes.len(),
-        mean_code,
-        noise_code: spectrum.noise(),
-        total_rms_code: (squares / codes.len() as f64).sqrt(),
-        peak_to_peak_code: extent(codes.iter().copied()),
-        drift_code_per_s: drift(&codes, settings.sample_rate_hz),
-        saturated: codes.iter().filter(at_rail).count() as f64 / codes.len() as f64,
-        mains: if fifty.amplitude_code() >= sixty.amplitude_code() { fifty } else { sixty },
-    })
+    let noise = spectrum.noise();
+    let [fifty, sixty] = [50.0, 60.0].map(|mains_hz| {
+        let amplitudes = spectrum.mains(mains_hz);
+        let together = amplitudes.iter().map(|amplitude| amplitude * amplitude).sum::<f64>().sqrt();
+        (mains_hz, amplitudes, together)
+    });
+    let (mains_hz, amplitudes, mains) = if fifty.2 >= sixty.2 { fifty } else { sixty };
+    let (_, lost) = run.discontinuities();
+    let at_rail = |code: &&f64| **code <= settings.force_min_code || **code >= settings.force_max_code;
+    let saturated = codes.iter().filter(at_rail).count() as f64 / codes.len() as f64;
+
+    let mut finding = Finding::new(Step::LoadCell);
+    let newtons = settings.newtons_per_code.abs();
+    let range_code = settings.force_max_code - settings.force_min_code;
+    let rate_hz = rate.map(|rate| settings.sample_rate_hz * (1.0 + rate.deviation));
+    finding.measure_all([
+        ("sample_rate_hz", rate_hz.unwrap_or(f64::NAN)),
+        ("stated_sample_rate_hz", settings.sample_rate_hz),
+        ("duration_s", seconds),
+        ("lost_samples", lost as f64),
+        ("saturated", saturated),
+        ("mean_code", mean_code),
+        ("noise_code", noise),
+        ("noise_n", noise * newtons),
+        ("rms_n", (squares / codes.len() as f64).sqrt() * newtons),
+        ("drift_n_per_s", drift * newtons),
+        ("drift_u95_n_per_s", drift_u95 * newtons),
+        ("mains_hz", if mains > 0.0 { mains_hz } else { f64::NAN }),
+        ("mains_n", mains * newtons),
+        ("range_n", range_code * newtons),
+        ("peak_to_peak_of_range", peak_to_peak / range_code),
+    ]);
+    let by_host = rate_hz.map_or_else(String::new, |rate| format!(", {rate:.1} by this computer's clock"));
+    finding.say(format!("{:.0} samples a second stated{by_host}; {lost} lost", settings.sample_rate_hz));
+    let unit = unit(settings.machine, "N");
+    let amount = |code: f64, decimals| amount_text(code * newtons, decimals);
+    finding.say(format!(
+        "noise {} {unit} rms per sample ({noise:.2} codes), drift {}{} ± {} {unit}/s, range ±{} {unit}",
+        amount(noise, 4),
+        if drift < 0.0 { "" } else { "+" },
+        amount(drift, 4),
+        amount(drift_u95, 4),
+        amount(0.5 * range_code, 0)
+    ));
+    finding.say(if mains > 0.0 {
+        let each: Vec<String> = amplitudes.iter().map(|code| amount(*code, 3)).collect();
+        format!(
+            "mains {} {unit} in amplitude at {mains_hz:.0} Hz and harmonics ({} {unit})",
+            amount(mains, 4),
+            each.join(", ")
+        )
+    } else {
+        "no mains pickup".into()
+    });
+
+    if saturated > 0.0 {
+        finding.remark(
+            Level::Bad,
+            "saturated",
+            "the code is at its limit: a wire of the cell is loose, the cell is overloaded, or the gain is too high",
+        );
+        return Ok(finding);
+    }
+    if peak_to_peak == 0.0 {
+        finding.remark(
+            Level::Bad,
+            "dead",
+            "the code never changes: the converter does not run, or its input is shorted",
+        );
+        return Ok(finding);
+    }
+    if let Some(rate) = rate.filter(|rate| rate.deviation.abs() > 1e-3 + rate.scatter_u95) {
+        finding.remark(Level::Bad, "rate", format!(
+            "the sample rate is {:.2} % off that stated: sample_rate_hz is not the device's, or its crystal does not run",
+            100.0 * rate.deviation
+        ));
+    }
+    if lost > 0 {
+        finding.remark(
+            Level::Doubtful,
+            "lost",
+            format!("{lost} samples were lost: shorten the cable, use USB, or close other programs"),
+        );
+    }
+    if noise > NOISE_OF_RANGE * range_code {
+        finding.remark(Level::Bad, "noise", format!(
+            "noise is {:.2} % of the range; 0.2 % is usual: check the cable's screen, the ground and the cell's supply",
+            100.0 * noise / range_code
+        ));
+    }
+    if noise < STEPS * settings.oversampling.sqrt() {
+        finding.remark(Level::Doubtful, "gain", format!(
+            "the noise is below one step of the converter ({} {unit}): the gain is too low, and the steps limit the resolution",
+            amount_text(newtons, 4)
+        ));
+    }
+    let takes_room = mains > MAINS_OF_RANGE * range_code;
+    if takes_room || mains > HARMLESS_MAINS * noise && mains > STEPS {
+        let level = if takes_room { Level::Bad } else { Level::Doubtful };
+        finding.remark(level, "mains", format!(
+            "mains pickup is {:.1} times the noise (up to {HARMLESS_MAINS:.0} is harmless): ground the cable's screen at \
+             one end only, keep it away from drives, and use a USB isolator where grounds differ",
+            mains / noise
+        ));
+    }
+    if drift.abs() > HARMLESS_DRIFT_PER_S * noise + drift_u95 {
+        finding.remark(
+            Level::Doubtful,
+            "drift",
+            "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
+             slow motion is affected first",
+        );
+    }
+    let room = (mean_code - settings.force_min_code).min(settings.force_max_code - mean_code) / range_code;
+    if room < ROOM {
+        finding.remark(
+            Level::Doubtful,
+            "off_centre",
+            format!("only {:.0} % of the range is left on one side: adjust the amplifier's offset", 100.0 * room),
+        );
+    }
+    if finding.remarks.is_empty() {
+        finding.say("no fault found");
+    }
+    Ok(finding)
 }
 
 /// Slope of the means of twelve blocks, so that correlation within a block does not reduce the uncertainty.
@@ -159,11 +229,12 @@ impl Spectrum {
         (self.floor * self.spacing_hz * self.density.len() as f64).sqrt()
     }
 
-    fn mains(&self, frequency_hz: f64) -> Mains {
+    /// Amplitude of a grid's frequency and of each harmonic below half the sample rate.
+    fn mains(&self, frequency_hz: f64) -> Vec<f64> {
         let half_rate_hz = self.spacing_hz * self.density.len() as f64;
         let below = (1..=HARMONICS).map(|harmonic| f64::from(harmonic) * frequency_hz);
         let lines = below.take_while(|line_hz| line_hz + LINE_HALF_HZ < half_rate_hz);
-        Mains { frequency_hz, amplitudes_code: lines.map(|line_hz| self.line(line_hz)).collect() }
+        lines.map(|line_hz| self.line(line_hz)).collect()
     }
 
     /// Amplitude of a line; zero if the band holds no more than chance explains.
@@ -176,134 +247,6 @@ impl Spectrum {
         // The window correlates adjacent bins: half as many are independent.
         let by_chance = 5.0 * self.floor * f64::sqrt(2.0 * bins);
         if above > by_chance { (2.0 * above * self.spacing_hz).sqrt() } else { 0.0 }
-    }
-}
-
-/// Describes a diagnosis, with what is wrong and what to do about it.
-pub fn judge(diagnosis: &Diagnosis, settings: &Settings) -> Finding {
-    let mut finding = Finding::new(Step::LoadCell);
-    let newtons = settings.newtons_per_code.abs();
-    let range_code = settings.force_max_code - settings.force_min_code;
-    let noise = diagnosis.noise_code;
-    let mains = diagnosis.mains.amplitude_code();
-    let (drift, drift_u95) = diagnosis.drift_code_per_s;
-    let room = (diagnosis.mean_code - settings.force_min_code).min(settings.force_max_code - diagnosis.mean_code);
-    let rate_hz = diagnosis.rate.map(|rate| settings.sample_rate_hz * (1.0 + rate.deviation));
-    finding.measure_all([
-        ("sample_rate_hz", rate_hz.unwrap_or(f64::NAN)),
-        ("stated_sample_rate_hz", settings.sample_rate_hz),
-        ("duration_s", diagnosis.seconds),
-        ("lost_samples", diagnosis.lost as f64),
-        ("saturated", diagnosis.saturated),
-        ("mean_code", diagnosis.mean_code),
-        ("noise_code", noise),
-        ("noise_n", noise * newtons),
-        ("rms_n", diagnosis.total_rms_code * newtons),
-        ("drift_n_per_s", drift * newtons),
-        ("drift_u95_n_per_s", drift_u95 * newtons),
-        ("mains_hz", if mains > 0.0 { diagnosis.mains.frequency_hz } else { f64::NAN }),
-        ("mains_n", mains * newtons),
-        ("range_n", range_code * newtons),
-        ("peak_to_peak_of_range", diagnosis.peak_to_peak_code / range_code),
-    ]);
-    let rate = rate_hz.map_or_else(String::new, |rate| format!(", {rate:.1} by this computer's clock"));
-    finding.say(format!("{:.0} samples a second stated{rate}; {} lost", settings.sample_rate_hz, diagnosis.lost));
-    let unit = unit(settings.machine, "N");
-    let amount = |code: f64, decimals| amount_text(code * newtons, decimals);
-    finding.say(format!(
-        "noise {} {unit} rms per sample ({noise:.2} codes), drift {}{} ± {} {unit}/s, range ±{} {unit}",
-        amount(noise, 4),
-        if drift < 0.0 { "" } else { "+" },
-        amount(drift, 4),
-        amount(drift_u95, 4),
-        amount(0.5 * range_code, 0)
-    ));
-    finding.say(if mains > 0.0 {
-        let each: Vec<String> = diagnosis.mains.amplitudes_code.iter().map(|code| amount(*code, 3)).collect();
-        let frequency = diagnosis.mains.frequency_hz;
-        format!(
-            "mains {} {unit} in amplitude at {frequency:.0} Hz and harmonics ({} {unit})",
-            amount(mains, 4),
-            each.join(", ")
-        )
-    } else {
-        "no mains pickup".into()
-    });
-    remarks(&mut finding, diagnosis, settings, room / range_code);
-    if finding.remarks.is_empty() {
-        finding.say("no fault found");
-    }
-    finding
-}
-
-fn remarks(finding: &mut Finding, diagnosis: &Diagnosis, settings: &Settings, room: f64) {
-    let newtons = settings.newtons_per_code.abs();
-    let range_code = settings.force_max_code - settings.force_min_code;
-    let (noise, mains) = (diagnosis.noise_code, diagnosis.mains.amplitude_code());
-    let (drift, drift_u95) = diagnosis.drift_code_per_s;
-    if diagnosis.saturated > 0.0 {
-        return finding.remark(
-            Level::Bad,
-            "saturated",
-            "the code is at its limit: a wire of the cell is loose, the cell is overloaded, or the gain is too high",
-        );
-    }
-    if diagnosis.peak_to_peak_code == 0.0 {
-        return finding.remark(
-            Level::Bad,
-            "dead",
-            "the code never changes: the converter does not run, or its input is shorted",
-        );
-    }
-    if let Some(rate) = diagnosis.rate.filter(|rate| rate.deviation.abs() > 1e-3 + rate.scatter_u95) {
-        finding.remark(Level::Bad, "rate", format!(
-            "the sample rate is {:.2} % off that stated: sample_rate_hz is not the device's, or its crystal does not run",
-            100.0 * rate.deviation
-        ));
-    }
-    if diagnosis.lost > 0 {
-        finding.remark(
-            Level::Doubtful,
-            "lost",
-            format!("{} samples were lost: shorten the cable, use USB, or close other programs", diagnosis.lost),
-        );
-    }
-    if noise > NOISE_OF_RANGE * range_code {
-        finding.remark(Level::Bad, "noise", format!(
-            "noise is {:.2} % of the range; 0.2 % is usual: check the cable's screen, the ground and the cell's supply",
-            100.0 * noise / range_code
-        ));
-    }
-    if noise < STEPS * settings.oversampling.sqrt() {
-        finding.remark(Level::Doubtful, "gain", format!(
-            "the noise is below one step of the converter ({} {}): the gain is too low, and the steps limit the resolution",
-            amount_text(newtons, 4),
-            unit(settings.machine, "N")
-        ));
-    }
-    let takes_room = mains > MAINS_OF_RANGE * range_code;
-    if takes_room || mains > HARMLESS_MAINS * noise && mains > STEPS {
-        let level = if takes_room { Level::Bad } else { Level::Doubtful };
-        finding.remark(level, "mains", format!(
-            "mains pickup is {:.1} times the noise (up to {HARMLESS_MAINS:.0} is harmless): ground the cable's screen at \
-             one end only, keep it away from drives, and use a USB isolator where grounds differ",
-            mains / noise
-        ));
-    }
-    if drift.abs() > HARMLESS_DRIFT_PER_S * noise + drift_u95 {
-        finding.remark(
-            Level::Doubtful,
-            "drift",
-            "the zero drifts: let cell and amplifier warm up for a quarter of an hour, and keep draughts off; \
-             slow motion is affected first",
-        );
-    }
-    if room < ROOM {
-        finding.remark(
-            Level::Doubtful,
-            "off_centre",
-            format!("only {:.0} % of the range is left on one side: adjust the amplifier's offset", 100.0 * room),
-        );
     }
 }
 

@@ -16,11 +16,12 @@ fn sensors() -> Sensors {
     }
 }
 
-fn look(sensors: Sensors, motion: &str, seconds: f64) -> Result<(Diagnosis, Finding), CalibrateError> {
-    let run = recorded(&setup(Inerter::paper(), sensors, motion, seconds));
-    let diagnosis = diagnose(&run, None)?;
-    let finding = judge(&diagnosis, &run.settings);
-    Ok((diagnosis, finding))
+fn look(sensors: Sensors, motion: &str, seconds: f64) -> Result<Finding, CalibrateError> {
+    diagnose(&recorded(&setup(Inerter::paper(), sensors, motion, seconds)), None)
+}
+
+fn figure(finding: &Finding, name: &str) -> f64 {
+    finding.measured[name].as_f64().unwrap()
 }
 
 fn codes(finding: &Finding) -> Vec<&'static str> {
@@ -30,11 +31,11 @@ fn codes(finding: &Finding) -> Vec<&'static str> {
 #[test]
 fn a_good_cell_is_called_good_and_its_noise_is_right() {
     for seed in 0..10 {
-        let (diagnosis, finding) = look(Sensors { seed, ..sensors() }, "hold", 10.0).unwrap();
+        let finding = look(Sensors { seed, ..sensors() }, "hold", 10.0).unwrap();
         assert!(finding.remarks.is_empty(), "{:?}", finding.remarks);
-        let noise_n = diagnosis.noise_code * 0.01;
+        let noise_n = figure(&finding, "noise_n");
         assert!((noise_n - 1.0).abs() < 0.06, "{noise_n}");
-        assert_eq!(diagnosis.mains.amplitude_code(), 0.0);
+        assert_eq!(figure(&finding, "mains_n"), 0.0);
     }
 }
 
@@ -42,23 +43,24 @@ fn a_good_cell_is_called_good_and_its_noise_is_right() {
 fn mains_are_measured_beside_noise_and_drift_and_told_50_from_60() {
     for (hz, seed) in [(50.0, 1), (60.0, 2), (49.9, 3), (60.1, 4)] {
         let sensors = Sensors { pickup_n: 12.0, pickup_hz: hz, force_drift_n_per_s: 0.5, seed, ..sensors() };
-        let (diagnosis, finding) = look(sensors, "hold", 10.0).unwrap();
-        let amplitude_n = diagnosis.mains.amplitude_code() * 0.01;
+        let finding = look(sensors, "hold", 10.0).unwrap();
+        let amplitude_n = figure(&finding, "mains_n");
         assert!((amplitude_n - 12.0).abs() < 0.3, "{hz} {amplitude_n}");
-        assert_eq!(diagnosis.mains.frequency_hz, f64::round(hz / 10.0) * 10.0);
-        assert!((diagnosis.noise_code * 0.01 - 1.0).abs() < 0.08, "{}", diagnosis.noise_code);
-        let (drift, u95) = diagnosis.drift_code_per_s;
-        assert!((drift * 0.01 - 0.5).abs() < u95 * 0.01 + 1e-3, "{drift} {u95}");
+        assert_eq!(figure(&finding, "mains_hz"), f64::round(hz / 10.0) * 10.0);
+        let noise_n = figure(&finding, "noise_n");
+        assert!((noise_n - 1.0).abs() < 0.08, "{noise_n}");
+        let [drift, u95] = ["drift_n_per_s", "drift_u95_n_per_s"].map(|name| figure(&finding, name));
+        assert!((drift - 0.5).abs() < u95 + 1e-3, "{drift} {u95}");
         assert_eq!(codes(&finding), ["mains", "drift"]);
     }
     // Harmless interference gets no remark.
-    let (_, finding) = look(Sensors { pickup_n: 4.0, ..sensors() }, "hold", 10.0).unwrap();
-    assert!(finding.remarks.is_empty() && finding.measured["mains_n"].as_f64().unwrap() > 3.5, "{finding:?}");
+    let finding = look(Sensors { pickup_n: 4.0, ..sensors() }, "hold", 10.0).unwrap();
+    assert!(finding.remarks.is_empty() && figure(&finding, "mains_n") > 3.5, "{finding:?}");
 }
 
 #[test]
 fn faults_are_named() {
-    let named = |sensors| codes(&look(sensors, "hold", 5.0).unwrap().1);
+    let named = |sensors| codes(&look(sensors, "hold", 5.0).unwrap());
     assert_eq!(named(Sensors { force_noise_n: 8.0, ..sensors() }), ["noise"]);
     assert_eq!(named(Sensors { force_noise_n: 0.0, ..sensors() }), ["dead"]);
     assert_eq!(named(Sensors { force_noise_n: 2e-3, force_offset_n: 2e-3, ..sensors() }), ["gain"]);
@@ -66,7 +68,7 @@ fn faults_are_named() {
     assert_eq!(named(Sensors { force_offset_n: -1100.0, ..sensors() }), ["off_centre"]);
     assert_eq!(named(Sensors { lost_probability: 0.01, ..sensors() }), ["lost"]);
     assert_eq!(named(Sensors { pickup_n: 60.0, ..sensors() }), ["mains"]);
-    let (_, finding) = look(Sensors { pickup_n: 60.0, ..sensors() }, "hold", 5.0).unwrap();
+    let finding = look(Sensors { pickup_n: 60.0, ..sensors() }, "hold", 5.0).unwrap();
     assert!(!finding.is_good() && finding.problems() == 1);
     assert!(matches!(look(sensors(), "mid", 5.0), Err(CalibrateError::Moving { .. })));
     assert!(matches!(look(sensors(), "hold", 2.0), Err(CalibrateError::TooShort { .. })));
@@ -74,14 +76,8 @@ fn faults_are_named() {
 
 #[test]
 fn a_rate_that_is_not_the_one_stated_is_named() {
-    let (diagnosis, _) = look(sensors(), "hold", 5.0).unwrap();
-    let settings = Settings {
-        newtons_per_code: 0.01,
-        force_min_code: -131_000.0,
-        force_max_code: 131_000.0,
-        ..Settings::default()
-    };
+    let run = recorded(&setup(Inerter::paper(), sensors(), "hold", 5.0));
     let rate = |deviation| Some(Rate { deviation, scatter_u95: 1e-4, seconds: 5.0 });
-    assert_eq!(codes(&judge(&Diagnosis { rate: rate(0.02), ..diagnosis.clone() }, &settings)), ["rate"]);
-    assert!(judge(&Diagnosis { rate: rate(1e-4), ..diagnosis }, &settings).remarks.is_empty());
+    assert_eq!(codes(&diagnose(&run, rate(0.02)).unwrap()), ["rate"]);
+    assert!(diagnose(&run, rate(1e-4)).unwrap().remarks.is_empty());
 }

@@ -98,8 +98,7 @@ impl<D: Dialogue> Station<'_, D> {
     pub fn load_cell(&mut self, seconds: f64) -> Result<Finding, Error> {
         let heard = self.listen(seconds.max(load_cell::LEAST_S), true)?;
         let rate = timebase::rate(&heard.arrivals, self.settings.sample_rate_hz).ok();
-        let diagnosis = load_cell::diagnose(&heard.run, rate)?;
-        Ok(load_cell::judge(&diagnosis, &self.settings))
+        Ok(load_cell::diagnose(&heard.run, rate)?)
     }
 
     /// The code at zero force.

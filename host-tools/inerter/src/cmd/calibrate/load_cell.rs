@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use inerter_analysis::calibrate::load_cell::{diagnose, judge};
+use inerter_analysis::calibrate::load_cell::diagnose;
 
 use super::common::{SourceArgs, StepArgs, at_device, listening_time, report};
 use crate::Error;
@@ -28,13 +28,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Error> {
     match args.source.run()? {
-        Some(run) => report(
-            &judge(&diagnose(&run, None)?, &run.settings),
-            &run.name,
-            run.settings.machine,
-            args.step.json,
-            false,
-        ),
+        Some(run) => report(&diagnose(&run, None)?, &run.name, run.settings.machine, args.step.json, false),
         None => at_device(&args.step, |rig| rig.load_cell(args.duration.as_secs_f64())),
     }
 }
