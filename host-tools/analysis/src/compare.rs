@@ -219,10 +219,10 @@ pub fn compare(sides: &[Side], rigs: &[Rig]) -> Result<Vec<Row>, CompareError> {
     }
     let row = |place: usize| {
         let runs = sides.iter().zip(rigs).enumerate().map(|(number, (side, rig))| {
-            let difference = first.told.found(place).zip(side.told.found(place)).filter(|_| number > 0);
+            let difference = first.told.found[place].zip(side.told.found[place]).filter(|_| number > 0);
             Compared {
-                found: side.told.found(place),
-                doubt: side.told.doubt(place),
+                found: side.told.found[place],
+                doubt: side.told.doubts.of(place),
                 difference: difference.map(|(first, other)| Difference::of(place, &first, &other, rig)),
                 verdict: None,
             }

@@ -95,8 +95,8 @@ struct Own {
 struct Part {
     name: String,
     settings: Settings,
-    fast: (Sums, MoreSums),
-    slow: (Sums, MoreSums),
+    /// The sums of each bank.
+    banks: [(Sums, MoreSums); 2],
     /// Bank of its estimate.
     bank: Bank,
     motion: Motion,
@@ -108,10 +108,7 @@ struct Part {
 
 impl Part {
     fn sums(&self, bank: Bank) -> &(Sums, MoreSums) {
-        match bank {
-            Bank::Fast => &self.fast,
-            Bank::Slow => &self.slow,
-        }
+        &self.banks[bank as usize]
     }
 
     /// Exact sums of a bank.
@@ -128,7 +125,7 @@ impl Part {
 
     /// A key unique to each run; for a run with nothing summed, its name.
     fn key(&self) -> Key {
-        let is_empty = self.fast.0.updates == 0 && self.slow.0.updates == 0;
+        let is_empty = self.banks.iter().all(|(sums, _)| sums.updates == 0);
         ([self.exact(Bank::Fast), self.exact(Bank::Slow)], is_empty.then(|| self.name.clone()))
     }
 
@@ -194,8 +191,7 @@ impl Runs {
         let part = Part {
             name: name.to_string(),
             settings: *settings,
-            fast: outcome.fast,
-            slow: outcome.slow,
+            banks: [outcome.fast, outcome.slow],
             bank: outcome.estimate.bank,
             motion,
             model_u95,

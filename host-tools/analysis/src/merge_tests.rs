@@ -206,12 +206,12 @@ fn what_no_estimator_could_have_given_is_refused() {
     };
     let with = |change: &dyn Fn(&mut Part)| read(change).is_err();
     assert!(!with(&|_| {}));
-    assert!(with(&|part| part.fast.0.units[4] *= 2.0) && with(&|part| part.slow.1.units[0] = f64::NAN));
-    assert!(with(&|part| part.fast.1.updates += 1) && with(&|part| part.fast.0.bank = Bank::Slow));
+    assert!(with(&|part| part.banks[0].0.units[4] *= 2.0) && with(&|part| part.banks[1].1.units[0] = f64::NAN));
+    assert!(with(&|part| part.banks[0].1.updates += 1) && with(&|part| part.banks[0].0.bank = Bank::Slow));
     assert!(with(&|part| part.settings.sample_rate_hz = f64::NAN) && with(&|part| part.settings.memory_s = -1.0));
     // Sums of any size are handled.
     for sum in [i128::MAX, i128::MIN, 0] {
-        let _ = read(&|part| part.fast.0.sums.fill(sum)).unwrap().and(nine()[1].clone()).unwrap().merged(None);
+        let _ = read(&|part| part.banks[0].0.sums.fill(sum)).unwrap().and(nine()[1].clone()).unwrap().merged(None);
     }
 }
 

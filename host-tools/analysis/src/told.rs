@@ -23,8 +23,10 @@ pub struct Quantity {
 /// The parameters of [`NAMES`] that a run identifies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Told {
-    found: [Option<Quantity>; NAMES.len()],
-    doubts: Doubts,
+    /// Each parameter, if the motion identifies it.
+    pub found: [Option<Quantity>; NAMES.len()],
+    /// Why they prove nothing, if there is a reason.
+    pub doubts: Doubts,
 }
 
 impl Told {
@@ -46,21 +48,11 @@ impl Told {
         }
     }
 
-    /// The parameter at this index of [`NAMES`], if the motion identifies it.
-    pub fn found(&self, place: usize) -> Option<Quantity> {
-        self.found.get(place).copied().flatten()
-    }
-
-    /// Why it proves nothing, if there is a reason.
-    pub fn doubt(&self, place: usize) -> Option<&'static str> {
-        self.doubts.of(place)
-    }
-
     /// The verdicts of the run on limits.
     pub fn within(&self, limits: &Limits) -> Vec<limits::Judged> {
         limits.judge(|place| Measured {
-            found: self.found(place).map(|Quantity { value, budget }| (value, budget.u95())),
-            doubt: self.doubt(place),
+            found: self.found[place].map(|Quantity { value, budget }| (value, budget.u95())),
+            doubt: self.doubts.of(place),
         })
     }
 }

@@ -57,7 +57,7 @@ pub fn counts_per_revolution(counts: f64, revolutions: f64, lines: Option<f64>) 
     }
 }
 
-fn mismatch(ratio: f64) -> String {
+fn mismatch(ratio: f64) -> &'static str {
     let near = |value: f64| (ratio / value - 1.0).abs() < 0.1;
     match ratio {
         _ if ratio < 0.05 => HALF,
@@ -76,7 +76,6 @@ fn mismatch(ratio: f64) -> String {
         }
         _ => "were there more revolutions? Noise on A and B also adds counts: check them with a scope",
     }
-    .into()
 }
 
 /// The scale from displacements, each with the encoder's count there; `gauge_u95_m` is the gauge's uncertainty.

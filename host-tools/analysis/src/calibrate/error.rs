@@ -92,7 +92,7 @@ pub enum CalibrateError {
     /// Counts and revolutions do not agree.
     #[error("{counts:.0} counts in {revolutions} revolutions are {per_revolution:.0} each, not {expected:.0}")]
     #[diagnostic(code(inerter::calibrate::counts), help("{help}"))]
-    Counts { counts: f64, revolutions: f64, per_revolution: f64, expected: f64, help: String },
+    Counts { counts: f64, revolutions: f64, per_revolution: f64, expected: f64, help: &'static str },
 
     /// No whole number is close enough.
     #[error("{per_revolution:.1} counts per revolution, give or take {tolerance:.1}, fits many encoders")]

@@ -50,18 +50,12 @@ pub fn rate(arrivals: &[Arrival], sample_rate_hz: f64) -> Result<Rate, Calibrate
     let seconds_at = |arrival: &Arrival| arrival.elapsed.saturating_sub(first.elapsed) as f64 / sample_rate_hz;
     let late = |arrival: &Arrival| arrival.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9 - seconds_at(arrival);
     let seconds = seconds_at(last);
-    let mut earliest: Vec<(f64, f64)> = Vec::new();
-    let mut stretch = -1.0;
-    for arrival in arrivals {
-        let place = (seconds_at(arrival) / seconds * STRETCHES).floor();
-        let point = (seconds_at(arrival), late(arrival));
-        match earliest.last_mut() {
-            Some(least) if place == stretch && point.1 < least.1 => *least = point,
-            Some(_) if place == stretch => {}
-            _ => earliest.push(point),
-        }
-        stretch = place;
-    }
+    let place = |arrival: &Arrival| (seconds_at(arrival) / seconds * STRETCHES).floor();
+    let earliest = arrivals.chunk_by(|one, other| place(one) == place(other)).filter_map(|part| {
+        let points = part.iter().map(|arrival| (seconds_at(arrival), late(arrival)));
+        points.min_by(|(_, one), (_, other)| one.total_cmp(other))
+    });
+    let earliest: Vec<(f64, f64)> = earliest.collect();
     let short = CalibrateError::TooShort { seconds, needed: 2.0 };
     if earliest.len() < LEAST {
         return Err(short);

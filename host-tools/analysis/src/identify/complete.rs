@@ -136,7 +136,7 @@ impl Problem<'_> {
                 name if name.has_floor() => value.max(0.0),
                 _ => *value,
             };
-            name.set(&mut parameters, value);
+            *name.slot(&mut parameters) = value;
         }
         parameters
     }
@@ -475,7 +475,7 @@ pub fn cost_with(stretches: &[Prepared], task: &Task, best: &State, held: Option
     let weighed = weigh(stretches, best, 1.0, true);
     let (mut task, mut state) = (task.clone(), best.clone());
     if let Some((name, value)) = held {
-        name.set(&mut state.parameters, value);
+        *name.slot(&mut state.parameters) = value;
         task.free[name as usize] = false;
     }
     let (_, cost, _) = minimised(&weighed, &task, &state, first_steps(stretches, &best.parameters));

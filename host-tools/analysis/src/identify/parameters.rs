@@ -122,10 +122,6 @@ impl Name {
         *self.slot(&mut p)
     }
 
-    pub fn set(self, p: &mut Parameters, value: f64) {
-        *self.slot(p) = value;
-    }
-
     /// Its place among the parameters.
     pub fn slot<T>(self, p: &mut Parameters<T>) -> &mut T {
         match self {

@@ -167,7 +167,7 @@ impl Identified {
         let offset_n = found.offset_n.value.unwrap_or_default();
         let mut model = Parameters { offset_n, ..Parameters::default() };
         for name in SHARED {
-            name.set(&mut model, name.slot(&mut found).value.unwrap_or_default());
+            *name.slot(&mut model) = name.slot(&mut found).value.unwrap_or_default();
         }
         model
     }
