@@ -6,11 +6,15 @@
 
 use std::{f64::consts::TAU, path::PathBuf};
 
-use inerter_analysis::calibrate::{
-    Finding, Level,
-    direction::Known,
-    force::{Gravity, Load},
-    timebase::HOST_PPM,
+use inerter_analysis::{
+    calibrate::{
+        CalibrateError, Finding, Level,
+        direction::Known,
+        force::{Gravity, Load},
+        timebase::HOST_PPM,
+    },
+    fit::FitError,
+    skew::SkewError,
 };
 use inerter_core::{Machine, Settings};
 use inerter_data::{
@@ -154,8 +158,8 @@ impl<'a, D: Dialogue> Wizard<'a, D> {
                     }
                 }
                 // The measurement is at fault, not the link or the program.
-                Err(error @ (Error::Calibrate(_) | Error::Fit(_) | Error::Skew(_))) => {
-                    self.rig.dialogue.explain(&error);
+                Err(error) if error.is::<CalibrateError>() || error.is::<FitError>() || error.is::<SkewError>() => {
+                    self.rig.dialogue.explain(&*error);
                     self.retry()?
                 }
                 Err(error) => return Err(error),

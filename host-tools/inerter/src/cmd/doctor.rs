@@ -12,6 +12,7 @@ use super::{args::LinkArgs, print::Kind, terminal::note};
 use crate::{
     Error,
     doctor::{Check, Condition, examine},
+    error::Failure,
 };
 
 /// Find what prevents this machine from using a device.
@@ -45,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     print(&checks, args.json, &mut io::stdout().lock())?;
     let problems = checks.iter().filter(|check| check.condition == Condition::Problem).count();
     if problems > 0 {
-        return Err(Error::Doctor { problems });
+        return Err(Failure::Doctor { problems }.into());
     }
     if !args.json {
         note("nothing prevents this machine from using a device");

@@ -21,7 +21,7 @@ use crate::{
         store::{AddArgs, Args, Command, GetArgs, ListArgs, RemoveArgs, ShowArgs, VerifyArgs},
         terminal::{self, Progress, say, tidy_at_interrupts},
     },
-    error::{DialogueError, Shown},
+    error::{DialogueError, Failure, Shown},
 };
 
 /// Characters of a run's name that a table shows.
@@ -73,7 +73,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
-            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
+            Err(error @ StoreError::Data(inerter_data::Error::Interrupted)) => return Err(error.into()),
             // There is no other file; or the store is at fault, and the other files would fail too.
             Err(error)
                 if args.files.len() == 1
@@ -89,11 +89,11 @@ fn add(args: &AddArgs) -> Result<(), Error> {
             }
             Err(error) => {
                 failed += 1;
-                say(format!("error: {}", Shown(error)));
+                say(format!("error: {}", Shown(error.into())));
             }
         }
     }
-    if failed > 0 { Err(Error::NotAdded { failed, of: args.files.len() }) } else { Ok(()) }
+    if failed > 0 { Err(Failure::NotAdded { failed, of: args.files.len() }.into()) } else { Ok(()) }
 }
 
 fn short(place: &Place) -> &str {
@@ -117,7 +117,7 @@ fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> 
     let said = heard(print(args, &listed.rows, columns.as_deref(), within.as_deref()), true);
     intact(url, &listed.damages)?;
     if within.is_some() && listed.rows.is_empty() {
-        return Err(Error::NothingHeld);
+        return Err(Failure::NothingHeld.into());
     }
     prove(&held(&listed.rows, within.as_deref())).and(said)
 }
@@ -157,7 +157,8 @@ fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
 
 /// Fails if files of the store are damaged.
 fn intact(url: &str, damages: &[Damage]) -> Result<(), Error> {
-    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
+    let files = damages.len();
+    if files == 0 { Ok(()) } else { Err(Failure::StoreDamage { url: url.into(), files }.into()) }
 }
 
 fn print(args: &ListArgs, rows: &[Row], columns: Option<&[&str]>, within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
@@ -240,7 +241,7 @@ fn csv_columns<'a>(url: &str, rows: &'a [Row]) -> Result<Vec<&'a str>, Error> {
     let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
     let names: Vec<&str> = columns.filter(|name| known.insert(*name)).take(MOST_CSV_COLUMNS + 1).collect();
     if names.len() > MOST_CSV_COLUMNS {
-        return Err(Error::WideCsv { url: url.into(), most: MOST_CSV_COLUMNS });
+        return Err(Failure::WideCsv { url: url.into(), most: MOST_CSV_COLUMNS }.into());
     }
     Ok(names)
 }
