@@ -1,7 +1,7 @@
 //! Bridges that send datagrams (UDP).
 //!
-//! Teleplot: text, `name:milliseconds:value;milliseconds:value§unit|g`, one line per quantity. Source: README of Teleplot,
-//! "Telemetry Format"; a datagram stays below the 1432 bytes named there.
+//! Teleplot: text, `name:milliseconds:value;milliseconds:value§unit|g`, one line per quantity. Source: README of
+//! Teleplot, "Telemetry Format"; a datagram stays below the 1432 bytes named there.
 //!
 //! PlotJuggler: its UDP server with the protocol JSON; one object per datagram, its time in `timestamp` \[s\].
 
