@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use inerter_analysis::plan::{Asked, PlanError, Planned};
-use inerter_core::Machine;
 use inerter_data::{
     csv::motion,
     export::Source,
@@ -12,7 +11,7 @@ use inerter_data::{
     wav,
     words::three_digits,
 };
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::{
     args::FileSettingsArgs,
@@ -123,14 +122,13 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let planned = asked.planned::<Error>(|part| progress.set_part(part));
     progress.done();
     let planned = planned?;
-    let written = args.files.write(&planned)?;
+    let (files, texts): (Vec<_>, Vec<_>) = args.files.write(&planned)?.into_iter().unzip();
     planned.remarks().iter().for_each(note);
     let machine = planned.expected().settings.machine;
     if args.json {
-        print_machine_json(machine, &planned.json(&written))?;
+        print_machine_json(machine, &planned.json(&files))?;
     } else {
-        let files = written.iter().map(|file| file.text(machine));
-        planned.text().into_iter().chain(files).try_for_each(output::line)?;
+        planned.text().into_iter().chain(texts).try_for_each(output::line)?;
     }
     planned.missed().map_or(Ok(()), |missed| Err(missed.into()))
 }
@@ -192,20 +190,19 @@ impl FileArgs {
         }
     }
 
-    /// Writes the requested files.
-    fn write(&self, planned: &Planned) -> Result<Vec<Written>, Error> {
+    /// Writes the requested files; describes each for a program, and for a person.
+    fn write(&self, planned: &Planned) -> Result<Vec<(Value, String)>, Error> {
         let settings = &planned.expected().settings;
         let (machine, rate_hz) = (settings.machine, self.rate_hz.unwrap_or(settings.sample_rate_hz));
         let mut written = Vec::new();
-        let mut add = |format, path: &Path, full_scale_m| {
-            written.push(Written { format, file: path.display().to_string(), rate_hz, full_scale_m });
-        };
         if self.output.is_some() || self.wav.is_some() {
             self.check_rate(rate_hz)?;
         }
         if let Some(path) = &self.output {
             motion::write(path, self.force, machine, &planned.comments(), planned.points(rate_hz))?;
-            add("csv", path, None);
+            let file = path.display().to_string();
+            let text = format!("{file}: {rate_hz} points a second; `inerter simulate --motion` tries it out");
+            written.push((json!({ "format": "csv", "file": file, "rate_hz": rate_hz }), text));
         }
         if let Some(path) = &self.wav {
             let peak_m = planned.peaks().stroke_m;
@@ -221,7 +218,10 @@ impl FileArgs {
             );
             let values = planned.points(rate_hz).map(|point| point.terminal_m);
             wav::write(path, self.force, rate_hz as u32, full_scale_m, &comment, values)?;
-            add("wav", path, Some(full_scale_m));
+            let file = path.display().to_string();
+            let text = format!("{file}: {rate_hz} Hz, 24 bits, full scale is {full_scale_m:?} {metres}");
+            let line = json!({ "format": "wav", "file": file, "rate_hz": rate_hz, "full_scale_m": full_scale_m });
+            written.push((line, text));
         }
         Ok(written)
     }
@@ -229,28 +229,4 @@ impl FileArgs {
 
 fn full_scale(value: f64, wanted: &'static str) -> PlanError {
     PlanError::Limit { name: "--full-scale-m", value, wanted, help: "leave it out: full scale is then the stroke" }
-}
-
-/// A file that was written.
-#[derive(Debug, Serialize)]
-struct Written {
-    /// `csv` or `wav`.
-    format: &'static str,
-    file: String,
-    /// Points per second \[Hz\].
-    rate_hz: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    /// Displacement of full scale \[m\].
-    full_scale_m: Option<f64>,
-}
-
-impl Written {
-    /// One line for a person.
-    fn text(&self, machine: Machine) -> String {
-        let Self { file, rate_hz, .. } = self;
-        match self.full_scale_m {
-            Some(metres) => format!("{file}: {rate_hz} Hz, 24 bits, full scale is {metres:?} {}", unit(machine, "m")),
-            None => format!("{file}: {rate_hz} points a second; `inerter simulate --motion` tries it out"),
-        }
-    }
 }
