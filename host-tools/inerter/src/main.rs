@@ -7,7 +7,6 @@
 
 mod calibrate;
 mod cmd;
-mod doctor;
 mod error;
 mod exit;
 mod feature;
