@@ -9,7 +9,7 @@ use inerter_data::{
     words::csv_text,
 };
 
-use super::{reports::junit, terminal::tidy_at_interrupts};
+use super::{print::csv_line, reports::junit, terminal::tidy_at_interrupts};
 use crate::{
     Error,
     error::{Failure, is_broken_pipe},
@@ -124,12 +124,11 @@ pub fn judged_line(machine: Machine, judged: &Judged) -> String {
 }
 
 /// A row for each parameter of each run.
-fn csv(runs: &[Held]) -> Vec<u8> {
+fn csv(runs: &[Held]) -> String {
     fn number(number: Option<impl ToString>) -> String {
         number.map(|number| number.to_string()).unwrap_or_default()
     }
     let text = |text: &str| csv_text(text).into_owned();
-    let mut table = csv::Writer::from_writer(Vec::new());
     let head =
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
     let all = runs.iter().flat_map(|held| held.judged.iter().map(move |judged| (held, judged)));
@@ -146,9 +145,5 @@ fn csv(runs: &[Held]) -> Vec<u8> {
             text(judged.reason.unwrap_or_default()),
         ]
     });
-    for row in std::iter::once(head).chain(rows) {
-        // It writes to memory, and every row has the same number of cells.
-        let _ = table.write_record(row);
-    }
-    table.into_inner().unwrap_or_default()
+    std::iter::once(head).chain(rows).map(csv_line).collect()
 }
