@@ -1,37 +1,22 @@
-//! Every way in which the program can fail.
+//! Failures of the program itself, and how any failure is shown.
 //!
-//! There is one enum per boundary, each beside its reader or writer; this one only joins them. Every message names the
-//! file, field, line, port or version, and its help says what to do next.
+//! There is one enum per boundary, each beside its reader or writer; here are those that belong to no library. Every
+//! message names the file, field, line, port or version, and its help says what to do next.
 
 use std::{fmt::Display, io::ErrorKind, path::PathBuf};
 
-use inerter_analysis::{
-    calibrate::CalibrateError, compare::CompareError, contact::ContactError, fit::FitError, identify::IdentifyError,
-    merge::MergeError, plan::PlanError, skew::SkewError,
-};
 use inerter_data::{
-    backup::BackupError,
-    csv::CsvError,
-    limits::LimitsError,
     output::OutputError,
-    recording::RecordingError,
-    settings::SettingsInputError,
     words::{plural, printable, shortened_to},
 };
-use inerter_device::{DeviceError, flash::FlashError, image::ImageError, update::UpdateError};
-use inerter_flags::ConfigError;
-use inerter_simulate::SimulateError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-use crate::monitor::MonitorError;
+/// Any failure, with help for a person.
+pub use miette::Report as Error;
 
-/// Any failure, with help for a person. A variant without a message has that of the error that it holds.
+/// A failure of a command as a whole.
 #[derive(Debug, thiserror::Error, Diagnostic)]
-#[error(transparent)]
-pub enum Error {
-    /// The file with flags cannot be used.
-    #[diagnostic(transparent)]
-    Config(#[from] ConfigError),
+pub enum Failure {
     /// The program was built without the requested feature.
     #[error("this `inerter` was built without its feature `{feature}`, which {needed_by} needs")]
     #[diagnostic(
@@ -48,12 +33,6 @@ pub enum Error {
         /// What works without it; may be empty.
         instead: String,
     },
-    /// A file cannot be used or written, settings do not fit it, or the user pressed Ctrl-C before the work was done.
-    #[diagnostic(transparent)]
-    Data(#[from] inerter_data::Error),
-    /// The device cannot be reached, or its answer cannot be used.
-    #[diagnostic(transparent)]
-    Device(#[from] DeviceError),
     /// This machine cannot use a device that is there.
     #[error("{} found", plural(*problems as u64, "problem"))]
     #[diagnostic(code(inerter::doctor), help("each is listed above with what to do"))]
@@ -62,10 +41,6 @@ pub enum Error {
     #[error("with --csv -, standard output carries the samples: --json and --estimates need a file")]
     #[diagnostic(code(inerter::standard_output), help("name a file: --csv run.csv"))]
     StandardOutput,
-    /// A store cannot be used.
-    #[cfg(feature = "tables")]
-    #[diagnostic(transparent)]
-    Store(#[from] inerter_store::StoreError),
     /// Some recordings were not added.
     #[error("{failed} of {of} recordings were not added")]
     #[diagnostic(
@@ -100,15 +75,6 @@ pub enum Error {
         )
     )]
     WideCsv { url: String, most: usize },
-    /// A simulation cannot be set up.
-    #[diagnostic(transparent)]
-    Simulate(#[from] SimulateError),
-    /// A fit gives no result.
-    #[diagnostic(transparent)]
-    Fit(#[from] FitError),
-    /// Limits cannot be read.
-    #[diagnostic(transparent)]
-    LimitsFile(#[from] LimitsError),
     /// A device is not shown to be within its limits.
     #[error("{run} is not proven to be within its limits: {fail} of {of} fail, {undecided} undecided")]
     #[diagnostic(code(inerter::limits::verdict), help("{}", limits_help(run, wants)))]
@@ -138,52 +104,6 @@ pub enum Error {
     #[error("no run matches: nothing was checked against the limits")]
     #[diagnostic(code(inerter::limits::nothing), help("`inerter store ls STORE` lists the runs that there are"))]
     NothingHeld,
-    /// Runs cannot be compared.
-    #[diagnostic(transparent)]
-    Compare(#[from] CompareError),
-    /// Runs do not belong together.
-    #[diagnostic(transparent)]
-    Merge(#[from] MergeError),
-    /// A motion cannot identify the skew.
-    #[diagnostic(transparent)]
-    Skew(#[from] SkewError),
-    /// The contact stiffness cannot be found.
-    #[diagnostic(transparent)]
-    Contact(#[from] ContactError),
-    /// Samples, loads or displacements do not give a calibration.
-    #[diagnostic(transparent)]
-    Calibrate(#[from] CalibrateError),
-    /// A question was not answered.
-    #[diagnostic(transparent)]
-    Dialogue(#[from] DialogueError),
-    /// A backup is of another device.
-    #[diagnostic(transparent)]
-    Backup(#[from] BackupError),
-    /// A figure cannot be drawn.
-    #[cfg(feature = "reports")]
-    #[diagnostic(transparent)]
-    Page(#[from] inerter_view::page::PageError),
-    /// Nothing can be identified.
-    #[diagnostic(transparent)]
-    Identify(#[from] IdentifyError),
-    /// No motion can be planned, or none that achieves the goal.
-    #[diagnostic(transparent)]
-    Plan(#[from] PlanError),
-    /// A file is not firmware for the board.
-    #[diagnostic(transparent)]
-    Image(#[from] ImageError),
-    /// The monitor cannot open a requested view.
-    #[diagnostic(transparent)]
-    Monitor(#[from] MonitorError),
-    /// An update over USB failed.
-    #[diagnostic(transparent)]
-    Update(#[from] UpdateError),
-    /// A board's self-test failed.
-    #[diagnostic(transparent)]
-    SelfTest(#[from] SelfTestError),
-    /// Programming through a probe failed.
-    #[diagnostic(transparent)]
-    Flash(#[from] FlashError),
 }
 
 /// A self-test that did not pass.
@@ -266,32 +186,19 @@ pub enum DialogueError {
     UnconfirmedRemoval,
 }
 
-/// Converts failures of `inerter-data` through its own enum.
-macro_rules! from_data {
-    ($($error:ty),*) => {$(
-        impl From<$error> for Error {
-            fn from(error: $error) -> Self {
-                Self::Data(error.into())
-            }
-        }
-    )*};
-}
-
-from_data!(CsvError, RecordingError, SettingsInputError, OutputError);
-
 /// Maximum length of a message, in characters: it may repeat a name of any length from a file.
 const MOST_LETTERS: usize = 2000;
 
 /// A failure made safe for a terminal: its text may quote files and devices.
 #[derive(Debug, thiserror::Error)]
 #[error("{}", shown(&.0.to_string()))]
-pub struct Shown<E: Diagnostic>(pub E);
+pub struct Shown(pub Error);
 
 fn shown(text: &str) -> String {
     printable(&shortened_to(MOST_LETTERS, text)).into_owned()
 }
 
-impl<E: Diagnostic> Diagnostic for Shown<E> {
+impl Diagnostic for Shown {
     fn code<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
         self.0.code()
     }
@@ -309,14 +216,13 @@ impl<E: Diagnostic> Diagnostic for Shown<E> {
     }
 }
 
-impl Error {
-    /// The user pressed Ctrl-C where the work could not be finished early.
-    pub const INTERRUPTED: Self = Self::Data(inerter_data::Error::Interrupted);
-
-    /// True if the reader of our output has gone away, which is not a fault: `inerter replay run.csv | head`.
-    pub fn is_broken_pipe(&self) -> bool {
-        matches!(self, Self::Data(inerter_data::Error::Output(OutputError::Write { source, .. })) if source.kind() == ErrorKind::BrokenPipe)
-    }
+/// True if the reader of our output has gone away, which is not a fault: `inerter replay run.csv | head`.
+pub fn is_broken_pipe(error: &Error) -> bool {
+    let output = match error.downcast_ref() {
+        Some(inerter_data::Error::Output(output)) => Some(output),
+        _ => error.downcast_ref(),
+    };
+    matches!(output, Some(OutputError::Write { source, .. }) if source.kind() == ErrorKind::BrokenPipe)
 }
 
 fn is_or_are(count: usize) -> &'static str {

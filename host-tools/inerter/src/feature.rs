@@ -3,7 +3,7 @@
 //! Their options and commands always exist, so that the command line, its manual and `inerter.toml` are the same in
 //! every build. If a feature is missing, they are refused.
 
-use crate::Error;
+use crate::{Error, error::Failure};
 
 /// A feature of `Cargo.toml`.
 pub struct Feature {
@@ -24,7 +24,7 @@ impl Feature {
     pub fn check(self, option: &'static str, is_given: bool, others: &'static str) -> Result<(), Error> {
         if is_given && !self.is_built_in {
             let instead = format!("; or leave {option} out: {others}");
-            return Err(Error::BuiltWithout { feature: self.name, needed_by: option, instead });
+            return Err(Failure::BuiltWithout { feature: self.name, needed_by: option, instead }.into());
         }
         Ok(())
     }

@@ -7,7 +7,6 @@
 
 mod calibrate;
 mod cmd;
-mod doctor;
 mod error;
 mod exit;
 mod feature;
@@ -15,7 +14,7 @@ mod feature;
 mod hostile;
 mod monitor;
 
-use error::{Error, Shown};
+use error::{Error, Shown, is_broken_pipe};
 
 use std::{
     ffi::OsString,
@@ -64,10 +63,10 @@ fn main() -> ExitCode {
     // Fails only if a hook is already set.
     miette::set_hook(Box::new(move |_| Box::new(options.clone().build()))).ok();
     match run() {
-        Err(error) if !error.is_broken_pipe() => {
+        Err(error) if !is_broken_pipe(&error) => {
             let code = exit::code(&error);
             // If standard error is closed, nobody reads it.
-            let report = format!("{:?}", miette::Report::new(Shown(error)));
+            let report = format!("{:?}", Error::new(Shown(error)));
             writeln!(io::stderr(), "{}", report.trim_end()).ok();
             ExitCode::from(code)
         }

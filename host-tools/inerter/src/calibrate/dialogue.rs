@@ -12,12 +12,11 @@ pub trait Dialogue {
     /// Asks for a line; an empty one gives `default`.
     fn ask(&mut self, question: &str, default: &str) -> Result<String, Error>;
 
-    /// Shows that this fraction of `label` is done, from 0 to 1; fails with [`Error::INTERRUPTED`] when the person
-    /// wants to stop.
+    /// Shows that this fraction of `label` is done, from 0 to 1; fails when the person wants to stop.
     fn progress(&mut self, label: &'static str, fraction: f64) -> Result<(), Error>;
 
     /// Shows an error with its help.
-    fn explain(&mut self, error: &impl Diagnostic) {
+    fn explain(&mut self, error: &dyn Diagnostic) {
         self.say(&error.to_string());
         if let Some(help) = error.help() {
             self.say(&format!("  {help}"));

@@ -78,7 +78,7 @@ impl Heard {
     /// Everything for this long, counted in samples. `keep_samples` is false for runs of hours.
     pub fn listen(
         device: &mut Device,
-        dialogue: &mut impl Dialogue,
+        dialogue: &mut dyn Dialogue,
         seconds: f64,
         keep_samples: bool,
     ) -> Result<Self, Error> {

@@ -36,17 +36,17 @@ const PATIENCE_S: f64 = 20.0;
 const STAND_S: f64 = 1.0;
 
 /// A device, the person beside it, and the settings as they would become.
-pub struct Station<'a, D> {
+pub struct Station<'a> {
     /// The device; nothing is written to it here.
     pub device: &'a mut Device,
-    pub dialogue: &'a mut D,
+    pub dialogue: &'a mut dyn Dialogue,
     /// The settings that findings are based on: the device's own, with those accepted so far.
     pub settings: Settings,
     /// Whether the person can be asked to try again.
     pub may_ask: bool,
 }
 
-impl<D: Dialogue> Station<'_, D> {
+impl Station<'_> {
     fn listen(&mut self, seconds: f64, keep_samples: bool) -> Result<Heard, Error> {
         let mut heard = Heard::listen(self.device, self.dialogue, seconds, keep_samples)?;
         heard.run.settings = self.settings;
@@ -169,9 +169,7 @@ impl<D: Dialogue> Station<'_, D> {
 
     /// Whether force and position have the same positive direction.
     pub fn direction(&mut self, seconds: f64, known: Known) -> Result<Finding, Error> {
-        let heard = self.listen(seconds, true)?;
-        let outcome = replay(&heard.run, |_, _| Ok::<(), Error>(()))?;
-        Ok(direction(&heard.run, &outcome, known)?)
+        direction_of(&self.listen(seconds, true)?.run, known)
     }
 
     /// The residual delay of the force, under the settings as they would become.
@@ -267,6 +265,12 @@ pub fn skew_words(found: &Skew, machine: Machine) -> [String; 3] {
         ),
     ];
     words.map(|words| description(machine, &words))
+}
+
+/// Whether force and position have the same positive direction in a run.
+pub fn direction_of(run: &Run, known: Known) -> Result<Finding, Error> {
+    let outcome = replay(run, |_, _| Ok::<(), Error>(()))?;
+    Ok(direction(run, &outcome, known)?)
 }
 
 /// The residual delay of the force in a run, as a finding.

@@ -6,11 +6,15 @@
 
 use std::{f64::consts::TAU, path::PathBuf};
 
-use inerter_analysis::calibrate::{
-    Finding, Level,
-    direction::Known,
-    force::{Gravity, Load},
-    timebase::HOST_PPM,
+use inerter_analysis::{
+    calibrate::{
+        CalibrateError, Finding, Level,
+        direction::Known,
+        force::{Gravity, Load},
+        timebase::HOST_PPM,
+    },
+    fit::FitError,
+    skew::SkewError,
 };
 use inerter_core::{Machine, Settings};
 use inerter_data::{
@@ -37,8 +41,8 @@ const SKEW_S: f64 = 20.0;
 const TIMEBASE_S: f64 = 60.0;
 
 /// The sequence of all steps.
-pub struct Wizard<'a, D> {
-    rig: Station<'a, D>,
+pub struct Wizard<'a> {
+    rig: Station<'a>,
     known: Known,
 }
 
@@ -49,9 +53,9 @@ enum Verdict {
     Skip,
 }
 
-impl<'a, D: Dialogue> Wizard<'a, D> {
+impl<'a> Wizard<'a> {
     /// A wizard for this device and this person.
-    pub fn new(device: &'a mut Device, dialogue: &'a mut D) -> Self {
+    pub fn new(device: &'a mut Device, dialogue: &'a mut dyn Dialogue) -> Self {
         let settings = *device.settings();
         Self { rig: Station { device, dialogue, settings, may_ask: true }, known: Known::default() }
     }
@@ -130,7 +134,7 @@ impl<'a, D: Dialogue> Wizard<'a, D> {
         &mut self,
         title: &str,
         about: &str,
-        mut body: impl FnMut(&mut Station<'a, D>) -> Result<Finding, Error>,
+        mut body: impl FnMut(&mut Station<'a>) -> Result<Finding, Error>,
     ) -> Result<bool, Error> {
         self.say("");
         self.say(&format!("{title}. {about}"));
@@ -154,8 +158,8 @@ impl<'a, D: Dialogue> Wizard<'a, D> {
                     }
                 }
                 // The measurement is at fault, not the link or the program.
-                Err(error @ (Error::Calibrate(_) | Error::Fit(_) | Error::Skew(_))) => {
-                    self.rig.dialogue.explain(&error);
+                Err(error) if error.is::<CalibrateError>() || error.is::<FitError>() || error.is::<SkewError>() => {
+                    self.rig.dialogue.explain(&*error);
                     self.retry()?
                 }
                 Err(error) => return Err(error),
@@ -238,7 +242,7 @@ impl<'a, D: Dialogue> Wizard<'a, D> {
 }
 
 /// Shows a finding to a person.
-fn show(dialogue: &mut impl Dialogue, finding: &Finding, machine: Machine) {
+fn show(dialogue: &mut dyn Dialogue, finding: &Finding, machine: Machine) {
     for line in &finding.text {
         dialogue.say(&format!("  {}", description(machine, line)));
     }
@@ -264,7 +268,7 @@ pub fn write(device: &mut Device, settings: &Settings) -> Result<(), Error> {
     Ok(saved?)
 }
 
-fn loads(rig: &mut Station<'_, impl Dialogue>) -> Result<Finding, Error> {
+fn loads(rig: &mut Station) -> Result<Finding, Error> {
     let machine = rig.settings.machine;
     let sizes = loop {
         let question = match machine {
@@ -326,7 +330,7 @@ fn sizes(text: &str, machine: Machine) -> Result<Vec<(f64, bool)>, Error> {
     Ok(sizes)
 }
 
-fn encoder(rig: &mut Station<'_, impl Dialogue>) -> Result<Finding, Error> {
+fn encoder(rig: &mut Station) -> Result<Finding, Error> {
     let dialogue = &mut *rig.dialogue;
     let lines = dialogue.ask_number("lines per revolution from the encoder's label (empty: unknown)", "", PLAIN)?;
     let revolutions = dialogue.ask_number("revolutions to turn by hand", "10", PLAIN)?;

@@ -42,7 +42,7 @@ impl Dialogue for Technician {
 
     fn ask(&mut self, question: &str, default: &str) -> Result<String, Error> {
         self.said.push(question.into());
-        self.patience = self.patience.checked_sub(1).ok_or(Error::INTERRUPTED)?;
+        self.patience = self.patience.checked_sub(1).ok_or(inerter_data::Error::Interrupted)?;
         if self.answers.front().is_some_and(|(part, _)| question.contains(part)) {
             let (_, answer) = self.answers.pop_front().unwrap();
             return Ok(answer.into());
@@ -148,7 +148,8 @@ fn ctrl_c_at_any_question_leaves_the_device_as_it_was() {
         technician.patience = patience;
         let mut device = connected(&virtual_device);
         let mut wizard = Wizard::new(&mut device, &mut technician);
-        assert!(matches!(wizard.run(), Err(Error::Data(inerter_data::Error::Interrupted))));
+        let error = wizard.run().unwrap_err();
+        assert!(matches!(error.downcast_ref(), Some(inerter_data::Error::Interrupted)), "{error}");
         let accepted: Vec<_> = wizard.accepted().iter().map(|(name, ..)| *name).collect();
         assert_eq!(accepted, expected);
         drop(device);

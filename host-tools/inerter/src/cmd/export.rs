@@ -15,7 +15,7 @@ use super::{
     print::print_json,
     terminal::{self, Progress},
 };
-use crate::{Error, feature::Feature};
+use crate::{Error, error::Failure, feature::Feature};
 
 /// Write samples and estimates for Excel, pandas, MATLAB, PlotJuggler.
 ///
@@ -106,7 +106,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         Feature::TABLES.check(option, file.is_some(), "--csv and --mcap are always built in")?;
     }
     if args.to_stdout() && (args.json || args.estimates) {
-        return Err(Error::StandardOutput);
+        return Err(Failure::StandardOutput.into());
     }
     let targets = args.targets();
     let csv = targets.iter().find(|(format, _)| *format == Format::Csv).map(|(_, path)| path);

@@ -9,8 +9,12 @@ use inerter_data::{
     words::csv_text,
 };
 
-use super::{reports::junit, terminal::tidy_at_interrupts};
-use crate::{Error, feature::Feature};
+use super::{print::csv_line, reports::junit, terminal::tidy_at_interrupts};
+use crate::{
+    Error,
+    error::{Failure, is_broken_pipe},
+    feature::Feature,
+};
 
 /// The limits that a device is checked against.
 #[derive(clap::Args)]
@@ -87,28 +91,29 @@ pub fn prove(runs: &[Held]) -> Result<(), Error> {
     let count = |held: &Held, wanted: Verdict| held.judged.iter().filter(|judged| judged.verdict == wanted).count();
     let unproven: Vec<&Held> = runs.iter().filter(|held| verdict(held.judged) != Verdict::Pass).collect();
     let runs_with = |wanted: Verdict| unproven.iter().filter(|held| verdict(held.judged) == wanted).count();
-    match unproven.as_slice() {
-        [] => Ok(()),
-        [held] if runs.len() == 1 && held.is_file => Err(Error::Limits {
+    let failure = match unproven.as_slice() {
+        [] => return Ok(()),
+        [held] if runs.len() == 1 && held.is_file => Failure::Limits {
             run: held.run.clone(),
             fail: count(held, Verdict::Fail),
             undecided: count(held, Verdict::Undecided),
             of: held.judged.len(),
             wants: held.judged.iter().filter_map(|judged| judged.want(held.machine)).collect::<Vec<_>>().join(", "),
-        }),
-        _ => Err(Error::LimitsOfRuns {
+        },
+        _ => Failure::LimitsOfRuns {
             fail: runs_with(Verdict::Fail),
             undecided: runs_with(Verdict::Undecided),
             of: runs.len(),
             are_files: unproven.iter().all(|held| held.is_file),
-        }),
-    }
+        },
+    };
+    Err(failure.into())
 }
 
 /// The result of writing output; if `goes_on`, a closed reader is no reason to stop.
 pub fn heard(said: Result<(), Error>, goes_on: bool) -> Result<(), Error> {
     match said {
-        Err(error) if goes_on && error.is_broken_pipe() => Ok(()),
+        Err(error) if goes_on && is_broken_pipe(&error) => Ok(()),
         said => said,
     }
 }
@@ -119,12 +124,11 @@ pub fn judged_line(machine: Machine, judged: &Judged) -> String {
 }
 
 /// A row for each parameter of each run.
-fn csv(runs: &[Held]) -> Vec<u8> {
+fn csv(runs: &[Held]) -> String {
     fn number(number: Option<impl ToString>) -> String {
         number.map(|number| number.to_string()).unwrap_or_default()
     }
     let text = |text: &str| csv_text(text).into_owned();
-    let mut table = csv::Writer::from_writer(Vec::new());
     let head =
         ["run", "parameter", "value", "u95", "min", "max", "verdict", "needed_u95", "reason"].map(str::to_string);
     let all = runs.iter().flat_map(|held| held.judged.iter().map(move |judged| (held, judged)));
@@ -141,9 +145,5 @@ fn csv(runs: &[Held]) -> Vec<u8> {
             text(judged.reason.unwrap_or_default()),
         ]
     });
-    for row in std::iter::once(head).chain(rows) {
-        // It writes to memory, and every row has the same number of cells.
-        let _ = table.write_record(row);
-    }
-    table.into_inner().unwrap_or_default()
+    std::iter::once(head).chain(rows).map(csv_line).collect()
 }

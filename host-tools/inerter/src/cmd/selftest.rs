@@ -173,7 +173,9 @@ pub fn run(args: &Args) -> Result<(), Error> {
     }
     match outcome {
         // A board that stops answering has failed; the results up to that point still count.
-        Err(Error::Device(error)) if !matches!(error, DeviceError::Interrupted) => {
+        Err(error)
+            if error.downcast_ref::<DeviceError>().is_some_and(|error| !matches!(error, DeviceError::Interrupted)) =>
+        {
             let check = Check::words("whole", "Self-test as a whole", "completed", "aborted", Some(error.to_string()));
             bench.add([check])?;
         }

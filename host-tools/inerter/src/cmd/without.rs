@@ -3,7 +3,7 @@
 use inerter_core::Machine;
 use inerter_data::{limits::Judged, selftest::SelfTest};
 
-use crate::{Error, feature::Feature};
+use crate::{Error, error::Failure, feature::Feature};
 
 /// Value parsers for arguments: here they accept any text, since the command is refused.
 pub mod values {
@@ -12,7 +12,7 @@ pub mod values {
 }
 
 fn lacks<T>(feature: Feature, needed_by: &'static str) -> Result<T, Error> {
-    Err(Error::BuiltWithout { feature: feature.name, needed_by, instead: String::new() })
+    Err(Failure::BuiltWithout { feature: feature.name, needed_by, instead: String::new() }.into())
 }
 
 /// Commands that are refused.

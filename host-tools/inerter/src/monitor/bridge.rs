@@ -5,9 +5,6 @@
 
 mod datagrams;
 mod foxglove;
-mod plotjuggler;
-mod teleplot;
 
+pub use datagrams::{PlotJuggler, Teleplot};
 pub use foxglove::Foxglove;
-pub use plotjuggler::PlotJuggler;
-pub use teleplot::Teleplot;

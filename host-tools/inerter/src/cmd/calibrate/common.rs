@@ -95,10 +95,7 @@ pub fn connect(args: &StepArgs) -> Result<Device, Error> {
 }
 
 /// Runs a step with a device, reports the finding, and saves it if requested.
-pub fn at_device(
-    args: &StepArgs,
-    step: impl FnOnce(&mut Station<'_, Person>) -> Result<Finding, Error>,
-) -> Result<(), Error> {
+pub fn at_device(args: &StepArgs, step: impl FnOnce(&mut Station) -> Result<Finding, Error>) -> Result<(), Error> {
     let mut device = connect(args)?;
     let mut person = Person::new(args.json);
     let settings = *device.settings();

@@ -2,9 +2,17 @@
 
 use std::{collections::BTreeMap, time::Duration};
 
-use inerter_analysis::calibrate::refuse_saturated;
+use inerter_analysis::{calibrate::refuse_saturated, contact::ContactLaw, skew};
 use inerter_core::Machine;
-use inerter_data::{output, replay::Outcome, run::Run, settings::SettingsInputError};
+use inerter_data::{
+    json::{BacklashJson, ParameterJson, rounded_s},
+    names::unit,
+    output,
+    replay::Outcome,
+    run::Run,
+    settings::SettingsInputError,
+    text::value_text,
+};
 use serde::Serialize;
 
 use super::{
@@ -14,7 +22,7 @@ use super::{
 };
 use crate::{
     Error,
-    calibrate::{Heard, wizard},
+    calibrate::{Heard, steps::skew_words, wizard},
 };
 
 /// What they take.
@@ -110,4 +118,74 @@ fn report<J: Serialize>(
         (true, true) => format!("saved on the device: {}", listed("", " = ", ", ")),
         (true, false) => format!("use it with: {}", listed("--set ", "=", " ")),
     })?)
+}
+
+/// A skew in JSON.
+#[derive(Serialize)]
+pub struct SkewJson {
+    left_s: f64,
+    u95_s: f64,
+    viscous_before_n_s_per_m: ParameterJson,
+    viscous_after_n_s_per_m: ParameterJson,
+    force_rms_n: f64,
+    residual_before_rms_n: f64,
+    residual_after_rms_n: f64,
+}
+
+/// The delay of the force relative to the position.
+pub fn skew(run: &Run, outcome: &Outcome) -> Result<Shown<SkewJson>, Error> {
+    let found = skew::skew(run, outcome)?;
+    // To the nanosecond: more digits would be noise.
+    let (skew_s, skew_u95_s) = (rounded_s(found.skew_s), rounded_s(found.u95_s));
+    Ok(Shown {
+        what: "skew",
+        words: skew_words(&found, run.settings.machine).to_vec(),
+        values: vec![("skew_s", skew_s), ("skew_u95_s", skew_u95_s)],
+        better: found.is_better_than(&run.settings),
+        json: SkewJson {
+            left_s: rounded_s(found.left_s),
+            u95_s: skew_u95_s,
+            viscous_before_n_s_per_m: found.viscous_before.into(),
+            viscous_after_n_s_per_m: found.viscous_after.into(),
+            force_rms_n: found.force_rms_n,
+            residual_before_rms_n: found.residual_rms_n[0],
+            residual_after_rms_n: found.residual_rms_n[1],
+        },
+    })
+}
+
+/// A contact in JSON.
+#[derive(Serialize)]
+pub struct StiffnessJson {
+    found_stiffness_n_per_m: ParameterJson,
+    found_contact_damping_n_s_per_m: ParameterJson,
+    backlash_m: BacklashJson,
+}
+
+/// Stiffness and damping of the contact, from the displacement sensor of the terminal.
+pub fn stiffness(run: &Run, outcome: &Outcome) -> Result<Shown<StiffnessJson>, Error> {
+    let contact = ContactLaw::of(&outcome.detail, &run.settings)?;
+    let ContactLaw { stiffness, damping } = contact;
+    let settings = contact.adopted_by(&run.settings);
+    Ok(Shown {
+        what: "stiffness",
+        words: vec![format!(
+            "contact stiffness {} {}, contact damping {} {}",
+            value_text(&stiffness),
+            unit(run.settings.machine, "N/m"),
+            value_text(&damping),
+            unit(run.settings.machine, "N s/m")
+        )],
+        values: vec![
+            ("stiffness_n_per_m", settings.stiffness_n_per_m),
+            ("stiffness_u95_n_per_m", settings.stiffness_u95_n_per_m),
+            ("contact_damping_n_s_per_m", settings.contact_damping_n_s_per_m),
+        ],
+        better: contact.is_better_than(&run.settings),
+        json: StiffnessJson {
+            found_stiffness_n_per_m: stiffness.into(),
+            found_contact_damping_n_s_per_m: damping.into(),
+            backlash_m: outcome.detail.backlash.into(),
+        },
+    })
 }

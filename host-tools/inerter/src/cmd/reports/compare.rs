@@ -16,7 +16,7 @@ use crate::{
     cmd::{
         compare::{Args, Rigs},
         limits::{Held, heard, judged_line, prove},
-        print::print_machine_json,
+        print::{aligned, print_machine_json},
         terminal,
     },
 };
@@ -95,7 +95,7 @@ fn tell(comparison: &Comparison, machine: Machine) -> Result<(), Error> {
 /// One line per run, with aligned columns.
 fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
     let first = row.runs.first().and_then(|run| run.doubt);
-    let cells: Vec<[String; 4]> = comparison
+    let cells: Vec<Vec<String>> = comparison
         .sides
         .iter()
         .zip(&row.runs)
@@ -104,19 +104,9 @@ fn lines(comparison: &Comparison, row: &Row, factor: f64) -> Vec<String> {
             let (difference, said) = run.difference_text(factor).unwrap_or_default();
             let reason = if run.verdict.is_none() { run.doubt.map(str::to_string) } else { run.reason(first) };
             let said = [said.to_string()].into_iter().chain(reason).filter(|word| !word.is_empty());
-            [
-                side.name.clone(),
-                run.value_text(comparison.shown_rig(number), factor),
-                difference,
-                said.collect::<Vec<_>>().join(": "),
-            ]
+            let said = said.collect::<Vec<_>>().join(": ");
+            vec![side.name.clone(), run.value_text(comparison.shown_rig(number), factor), difference, said]
         })
         .collect();
-    let width = |place: usize| cells.iter().map(|row| row[place].chars().count()).max().unwrap_or(0);
-    let widths = [width(0), width(1), width(2)];
-    let line = |[name, value, difference, said]: &[String; 4]| {
-        let [of_name, of_value, of_difference] = widths;
-        format!("{name:<of_name$}   {value:<of_value$}   {difference:<of_difference$}   {said}").trim_end().to_string()
-    };
-    cells.iter().map(line).collect()
+    aligned(&cells, "   ")
 }

@@ -3,7 +3,6 @@
 use inerter_analysis::results::replayed;
 use inerter_data::{export::Source, json::machine_json, settings::Overrides, words::plural};
 use inerter_store::{Outcome, Place, Store, StoreError};
-use miette::Diagnostic;
 use serde_json::{Value, json};
 
 use crate::{
@@ -14,6 +13,7 @@ use crate::{
         shard::StoreArgs,
         terminal::{self, Progress, say},
     },
+    error::Failure,
 };
 
 /// Replays the runs that the batch does not have yet. A run that fails is saved with its error, and the others
@@ -55,12 +55,12 @@ pub fn run(url: &str, args: &StoreArgs, settings: &FileSettingsArgs, as_json: bo
         plural(todo.len() as u64, "run"),
         args.batch
     ));
-    if failed > 0 { Err(Error::NotReplayed { failed, of: todo.len() }) } else { Ok(()) }
+    if failed > 0 { Err(Failure::NotReplayed { failed, of: todo.len() }.into()) } else { Ok(()) }
 }
 
 /// Whether the store, not the run, is at fault; such an error is not saved as a result.
 fn is_of_store(error: &Error) -> bool {
-    matches!(error, Error::Store(error) if !matches!(error, StoreError::Damaged { .. }))
+    error.downcast_ref::<StoreError>().is_some_and(|error| !matches!(error, StoreError::Damaged { .. }))
 }
 
 /// The last line of `replay --json`.

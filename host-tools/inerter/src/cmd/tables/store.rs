@@ -1,6 +1,6 @@
 //! `inerter store`: runs kept in a folder or in S3, with tables that other programs query.
 
-use std::{collections::BTreeSet, io};
+use std::collections::BTreeSet;
 
 use inerter_analysis::results::LimitsJson;
 use inerter_core::Machine;
@@ -17,11 +17,11 @@ use crate::{
     Error,
     cmd::{
         limits::{Held, heard, judged_line, prove},
-        print::print_json,
+        print::{aligned, csv_line, print_json},
         store::{AddArgs, Args, Command, GetArgs, ListArgs, RemoveArgs, ShowArgs, VerifyArgs},
         terminal::{self, Progress, say, tidy_at_interrupts},
     },
-    error::{DialogueError, Shown},
+    error::{DialogueError, Failure, Shown},
 };
 
 /// Characters of a run's name that a table shows.
@@ -73,7 +73,7 @@ fn add(args: &AddArgs) -> Result<(), Error> {
                     output::line(format!("{name}: {how} as {}", short(added.row.place())))?;
                 }
             }
-            Err(StoreError::Data(inerter_data::Error::Interrupted)) => return Err(Error::INTERRUPTED),
+            Err(error @ StoreError::Data(inerter_data::Error::Interrupted)) => return Err(error.into()),
             // There is no other file; or the store is at fault, and the other files would fail too.
             Err(error)
                 if args.files.len() == 1
@@ -89,11 +89,11 @@ fn add(args: &AddArgs) -> Result<(), Error> {
             }
             Err(error) => {
                 failed += 1;
-                say(format!("error: {}", Shown(error)));
+                say(format!("error: {}", Shown(error.into())));
             }
         }
     }
-    if failed > 0 { Err(Error::NotAdded { failed, of: args.files.len() }) } else { Ok(()) }
+    if failed > 0 { Err(Failure::NotAdded { failed, of: args.files.len() }.into()) } else { Ok(()) }
 }
 
 fn short(place: &Place) -> &str {
@@ -113,20 +113,20 @@ fn list(url: &str, args: &ListArgs, conditions: &[String]) -> Result<(), Error> 
     listed.damages.iter().for_each(|damage| say(format!("error: {}: {}", damage.file, damage.problem)));
     // Before anything is judged and written.
     let columns = args.csv.then(|| csv_columns(url, &listed.rows)).transpose()?;
-    let within = within(args, &listed.rows)?;
-    let said = heard(print(args, &listed.rows, columns.as_deref(), within.as_deref()), true);
+    let runs = judged(args, &listed.rows)?;
+    let said = heard(print(args, &runs, columns.as_deref()), true);
     intact(url, &listed.damages)?;
-    if within.is_some() && listed.rows.is_empty() {
-        return Err(Error::NothingHeld);
+    if args.limits.are_given() && runs.is_empty() {
+        return Err(Failure::NothingHeld.into());
     }
-    prove(&held(&listed.rows, within.as_deref())).and(said)
+    prove(&held(&runs)).and(said)
 }
 
-/// The verdicts for each run, if there are limits; writes the files that hold them.
-fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Error> {
-    if !args.limits.are_given() {
-        return Ok(None);
-    }
+/// A run with its verdicts, if there are limits.
+type Run<'a> = (&'a Row, Option<Vec<Judged>>);
+
+/// Checks each run against the limits, and writes the files that hold the verdicts.
+fn judged<'a>(args: &ListArgs, rows: &'a [Row]) -> Result<Vec<Run<'a>>, Error> {
     let of = |machine: Machine| match rows.iter().any(|row| row.machine() == machine) {
         true => args.limits.read(machine),
         false => Ok(None),
@@ -136,36 +136,34 @@ fn within(args: &ListArgs, rows: &[Row]) -> Result<Option<Vec<Vec<Judged>>>, Err
         // Report a mistake in the limits file even if there are no runs.
         args.limits.read(Machine::Linear).or_else(|error| args.limits.read(Machine::Rotary).map_err(|_| error))?;
     }
-    let judged = |row: &Row| {
+    let judged = |row: &'a Row| {
         let limits = if row.machine() == Machine::Linear { &linear } else { &rotary };
-        limits.as_ref().map_or_else(Vec::new, |limits| row.within(limits))
+        (row, limits.as_ref().map(|limits| row.within(limits)))
     };
-    let within: Vec<Vec<Judged>> = rows.iter().map(judged).collect();
-    args.limits.write(args.force, &held(rows, Some(&within)))?;
-    Ok(Some(within))
+    let runs: Vec<Run> = rows.iter().map(judged).collect();
+    args.limits.write(args.force, &held(&runs))?;
+    Ok(runs)
 }
 
-fn held<'a>(rows: &[Row], within: Option<&'a [Vec<Judged>]>) -> Vec<Held<'a>> {
-    let of = |(row, judged): (&Row, &'a Vec<Judged>)| Held {
-        run: row.name().into(),
-        is_file: false,
-        machine: row.machine(),
-        judged,
+fn held<'a>(runs: &'a [Run]) -> Vec<Held<'a>> {
+    let of = |(row, judged): &'a Run| {
+        let judged = judged.as_deref()?;
+        Some(Held { run: row.name().into(), is_file: false, machine: row.machine(), judged })
     };
-    rows.iter().zip(within.unwrap_or_default()).map(of).collect()
+    runs.iter().filter_map(of).collect()
 }
 
 /// Fails if files of the store are damaged.
 fn intact(url: &str, damages: &[Damage]) -> Result<(), Error> {
-    if damages.is_empty() { Ok(()) } else { Err(Error::StoreDamage { url: url.into(), files: damages.len() }) }
+    let files = damages.len();
+    if files == 0 { Ok(()) } else { Err(Failure::StoreDamage { url: url.into(), files }.into()) }
 }
 
-fn print(args: &ListArgs, rows: &[Row], columns: Option<&[&str]>, within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
-    let judged = |number: usize| within.and_then(|all| all.get(number));
+fn print(args: &ListArgs, runs: &[Run], columns: Option<&[&str]>) -> Result<(), Error> {
     if args.json {
-        let mut lines = rows.iter().enumerate().map(|(number, row)| {
+        let mut lines = runs.iter().map(|(row, judged)| {
             let mut line = json!(row);
-            if let Some(judged) = judged(number) {
+            if let Some(judged) = judged {
                 let limits = machine_json(row.machine(), &LimitsJson::new(judged));
                 line["limits"] = serde_json::from_slice(&limits).unwrap_or_default();
             }
@@ -174,36 +172,27 @@ fn print(args: &ListArgs, rows: &[Row], columns: Option<&[&str]>, within: Option
         return Ok(lines.try_for_each(output::line)?);
     }
     if let Some(columns) = columns {
-        return csv(rows, columns, within);
+        return csv(args, runs, columns);
     }
-    if rows.is_empty() {
+    if runs.is_empty() {
         say("no run matches");
         return Ok(());
     }
     let mut head: Vec<String> =
         ["run", "device", "date", "length", "inertance", "viscous", "Coulomb", "law"].map(String::from).into();
-    head.extend(within.map(|_| "limits".to_string()));
+    head.extend(args.limits.are_given().then(|| "limits".to_string()));
     let mut table = vec![head];
-    table.extend(rows.iter().enumerate().map(|(number, row)| {
-        let verdict = judged(number).map(|judged| verdict(judged).to_string());
+    table.extend(runs.iter().map(|(row, judged)| {
+        let verdict = judged.as_deref().map(|judged| verdict(judged).to_string());
         cells(row).iter().map(|cell| cut(cell, CELL)).chain(verdict).collect()
     }));
-    let columns = table.first().map_or(0, Vec::len);
-    let width = |place: usize| {
-        let letters = |row: &Vec<String>| row.get(place).map_or(0, |cell| cell.chars().count());
-        table.iter().map(letters).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    for row in &table {
-        let line: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}")).collect();
-        output::line(line.join("  ").trim_end())?;
-    }
-    for (row, judged) in rows.iter().zip(within.unwrap_or_default()) {
-        let unproven = judged.iter().filter(|judged| judged.verdict != Verdict::Pass);
+    aligned(&table, "  ").iter().try_for_each(output::line)?;
+    for (row, judged) in runs {
+        let unproven = judged.iter().flatten().filter(|judged| judged.verdict != Verdict::Pass);
         let said = |judged: &Judged| format!("{}  {}", short(row.place()), judged_line(row.machine(), judged));
         unproven.map(said).try_for_each(output::line)?;
     }
-    say(plural(rows.len() as u64, "run"));
+    say(plural(runs.len() as u64, "run"));
     Ok(())
 }
 
@@ -240,36 +229,27 @@ fn csv_columns<'a>(url: &str, rows: &'a [Row]) -> Result<Vec<&'a str>, Error> {
     let columns = rows.iter().flat_map(Row::columns).filter(|name| !is_object(name));
     let names: Vec<&str> = columns.filter(|name| known.insert(*name)).take(MOST_CSV_COLUMNS + 1).collect();
     if names.len() > MOST_CSV_COLUMNS {
-        return Err(Error::WideCsv { url: url.into(), most: MOST_CSV_COLUMNS });
+        return Err(Failure::WideCsv { url: url.into(), most: MOST_CSV_COLUMNS }.into());
     }
     Ok(names)
 }
 
 /// These columns, and the verdict if there are limits.
-fn csv(rows: &[Row], names: &[&str], within: Option<&[Vec<Judged>]>) -> Result<(), Error> {
+fn csv(args: &ListArgs, runs: &[Run], names: &[&str]) -> Result<(), Error> {
     let cell = |value: Option<Value>| match value {
         Some(Value::String(text)) => csv_text(&text).into_owned(),
         Some(value @ (Value::Array(_) | Value::Object(_))) => csv_text(&value.to_string()).into_owned(),
         Some(value) => value.to_string(),
         None => String::new(),
     };
-    let head = names.iter().map(|name| csv_text(name).into_owned()).chain(within.map(|_| "limits".to_string()));
-    csv_line(head)?;
-    for (number, row) in rows.iter().enumerate() {
-        let judged = within.and_then(|all| all.get(number));
-        let verdict = judged.map(|judged| verdict(judged).to_string().to_lowercase());
-        csv_line(names.iter().map(|name| cell(row.get(name))).chain(verdict))?;
+    let limits = args.limits.are_given().then(|| "limits".to_string());
+    output::lines(csv_line(names.iter().map(|name| csv_text(name).into_owned()).chain(limits)))?;
+    // Lines are printed as they are made: rows with columns of their own make each other longer.
+    for (row, judged) in runs {
+        let verdict = judged.as_deref().map(|judged| verdict(judged).to_string().to_lowercase());
+        output::lines(csv_line(names.iter().map(|name| cell(row.get(name))).chain(verdict)))?;
     }
     Ok(())
-}
-
-/// Prints a line of CSV. Lines are printed as they are made: rows with columns of their own make each other longer.
-fn csv_line(cells: impl Iterator<Item = String>) -> Result<(), Error> {
-    let failed = |error: io::Error| output::OutputError::write("standard output", error);
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    writer.write_record(cells).map_err(|error| failed(io::Error::other(error)))?;
-    let bytes = writer.into_inner().map_err(|error| failed(error.into_error()))?;
-    Ok(output::lines(String::from_utf8_lossy(&bytes))?)
 }
 
 fn show(args: &ShowArgs) -> Result<(), Error> {
