@@ -9,11 +9,7 @@ use crate::{
     workspace::{self, Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
-    path::Path,
-};
+use std::{collections::BTreeSet, fs, path::Path};
 
 /// What one member may depend on.
 struct Law {
@@ -259,18 +255,8 @@ fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
 fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
     let mut faults = Vec::new();
     for file in &member.roots {
-        for circle in imports::circles(file).with_context(|| below(file, root))? {
-            let mut text = format!("{}: {} modules import each other in a circle:", member.name, circle.modules);
-            for imports::Import { from, to, paths } in &circle.imports {
-                let (from, to) = (below(from, root), below(to, root));
-                let mut lines = BTreeMap::<usize, Vec<&str>>::new();
-                paths.iter().for_each(|(path, line)| lines.entry(*line).or_default().push(path));
-                for (line, names) in lines {
-                    text += &format!("\n    {from}:{line} imports {} from {to}", names.join(", "));
-                }
-            }
-            faults.push(text);
-        }
+        let circles = imports::circles(file, root).with_context(|| tree::below(file, root))?;
+        faults.extend(circles.into_iter().map(|circle| format!("{}: {circle}", member.name)));
     }
     Ok(faults)
 }
@@ -301,12 +287,8 @@ fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
     if found == [root.join("memory.x")] {
         return Ok(Vec::new());
     }
-    let list: Vec<_> = found.iter().map(|path| below(path, root)).collect();
+    let list: Vec<_> = found.iter().map(|path| tree::below(path, root)).collect();
     Ok(vec![format!("memory.x: exactly one is allowed, at the root; found: {}", list.join(", "))])
-}
-
-fn below(path: &Path, root: &Path) -> String {
-    path.strip_prefix(root).unwrap_or(path).display().to_string()
 }
 
 #[cfg(test)]

@@ -26,6 +26,11 @@ pub fn root() -> PathBuf {
     here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
 }
 
+/// A path below a folder, without that folder.
+pub fn below(path: &Path, folder: &Path) -> String {
+    path.strip_prefix(folder).unwrap_or(path).display().to_string()
+}
+
 /// The bytes of a file.
 pub fn read(file: impl AsRef<Path>) -> Result<Vec<u8>> {
     named("read", file.as_ref(), fs::read)
