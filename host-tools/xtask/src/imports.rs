@@ -10,6 +10,7 @@
 use crate::{source, tree};
 use anyhow::{Context, Result, bail};
 use proc_macro2::{Ident, Span, TokenStream, TokenTree};
+use quote::ToTokens;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     path::{Path, PathBuf},
@@ -100,10 +101,8 @@ struct Written {
 
 /// Where a path is written, which decides what it imports.
 enum Place {
-    /// In a `use`; `modules`: which imports modules too, because others find them or their contents here.
-    Use { modules: bool },
-    /// In code.
-    Code,
+    /// In code, or in a `use`; `modules`: which imports modules too, because others find them or their contents here.
+    Path { modules: bool },
     /// At the call of a textual macro of this file.
     Macro(usize),
     /// At a call of this function of the type whose `impl` it is in.
@@ -167,10 +166,11 @@ impl Tree {
         for (at, module) in self.modules.iter().enumerate() {
             for Written { path, line, place } in &module.written {
                 let files = match place {
-                    Place::Use { modules } => self.files(at, path, *modules),
                     // A name from a `use` counts as imported there, unless it is a module that the path leads through.
-                    Place::Code if module.names.contains_key(&path[0]) && !self.is_module(at, &path[..1]) => continue,
-                    Place::Code => self.files(at, path, false),
+                    Place::Path { .. } if module.names.contains_key(&path[0]) && !self.is_module(at, &path[..1]) => {
+                        continue;
+                    }
+                    Place::Path { modules } => self.files(at, path, *modules),
                     Place::Macro(file) => vec![*file],
                     Place::Own(function) => {
                         self.function(at, function).and_then(|own| functions.get(&own).copied()).into_iter().collect()
@@ -260,32 +260,18 @@ impl Tree {
 impl Module {
     /// Records what the item defines, and the paths in it.
     fn define(&mut self, item: &Item) -> Result<()> {
-        let name = match item {
-            Item::Const(item) => Some(&item.ident),
-            Item::Enum(item) => Some(&item.ident),
-            Item::Fn(item) => Some(&item.sig.ident),
-            Item::Static(item) => Some(&item.ident),
-            Item::Struct(item) => Some(&item.ident),
-            Item::Trait(item) => Some(&item.ident),
-            Item::TraitAlias(item) => Some(&item.ident),
-            Item::Type(item) => Some(&item.ident),
-            Item::Union(item) => Some(&item.ident),
+        match item {
             Item::Macro(ItemMacro { ident: Some(name), .. }) => {
                 self.macros.insert(name.to_string(), self.file);
-                Some(name)
+                self.define_name(bare(name), Meaning::Item(self.file));
             }
             Item::Macro(item) if item.mac.path.is_ident("include") => {
                 let line = item.mac.path.segments[0].ident.span().start().line;
                 bail!("line {line}: modules from `include!` are not followed; declare them with `mod`");
             }
-            Item::Macro(item) => {
-                self.define_tokens(item.mac.tokens.clone());
-                None
-            }
-            _ => None,
-        };
-        if let Some(name) = name {
-            self.define_name(bare(name), Meaning::Item(self.file));
+            // The macro usually defines the items among its arguments.
+            Item::Macro(item) => self.define_tokens(item.mac.tokens.clone(), true),
+            item => self.define_tokens(item.to_token_stream(), false),
         }
         visit::visit_item(self, item);
         Ok(())
@@ -295,20 +281,22 @@ impl Module {
         self.names.entry(name).or_default().push(meaning);
     }
 
-    /// Items among a macro's arguments, which the macro usually defines.
-    fn define_tokens(&mut self, tokens: TokenStream) {
-        let mut keyword = false;
+    /// Records the items among tokens; `deep`: those in groups too.
+    fn define_tokens(&mut self, tokens: TokenStream, deep: bool) {
+        let (mut keyword, mut in_type) = (false, false);
         for token in tokens {
             match token {
-                TokenTree::Group(group) => self.define_tokens(group.stream()),
+                TokenTree::Group(group) if deep => self.define_tokens(group.stream(), deep),
                 TokenTree::Ident(ident) => {
                     if keyword {
-                        self.define_name(ident.to_string(), Meaning::Item(self.file));
+                        self.define_name(bare(&ident), Meaning::Item(self.file));
                     }
-                    keyword = ["struct", "enum", "union", "trait", "type", "fn", "const", "static"]
-                        .iter()
-                        .any(|word| ident == word);
+                    let keywords = ["struct", "enum", "union", "trait", "type", "fn", "const", "static"];
+                    keyword = !in_type && keywords.iter().any(|word| ident == word);
+                    in_type = false;
                 }
+                // `'static` and `*const` are parts of types.
+                TokenTree::Punct(mark) => (keyword, in_type) = (false, matches!(mark.as_char(), '\'' | '*')),
                 _ => keyword = false,
             }
         }
@@ -321,7 +309,7 @@ impl Module {
             UseTree::Group(group) => return group.items.iter().for_each(|tree| self.define_use(tree, before, again)),
             UseTree::Glob(glob) => {
                 self.globs.push(before.to_vec());
-                return self.write(before.to_vec(), glob.star_token.spans[0], Place::Use { modules: true });
+                return self.write(before.to_vec(), glob.star_token.spans[0], Place::Path { modules: true });
             }
             UseTree::Name(name) => (&name.ident, &name.ident),
             UseTree::Rename(rename) => (&rename.ident, &rename.rename),
@@ -333,7 +321,7 @@ impl Module {
         if path != [name.as_str()] {
             self.define_name(name, Meaning::Path(path.clone()));
         }
-        self.write(path, ident.span(), Place::Use { modules: again });
+        self.write(path, ident.span(), Place::Path { modules: again });
     }
 
     fn write(&mut self, path: Vec<String>, span: Span, place: Place) {
@@ -366,7 +354,7 @@ impl Module {
                     if goes_on && let Some(written) = self.written.last_mut() {
                         written.path.push(bare(&name));
                     } else if in_path {
-                        self.write(vec![bare(&name)], name.span(), Place::Code);
+                        self.write(vec![bare(&name)], name.span(), Place::Path { modules: false });
                     }
                 }
                 TokenTree::Group(group) => {
@@ -445,7 +433,7 @@ impl<'ast> Visit<'ast> for Module {
         if let (None, Some(first)) = (&path.leading_colon, path.segments.first()) {
             match path.segments.get(1) {
                 Some(second) if first.ident == "Self" => self.call(&second.ident),
-                _ => self.write(names(path), first.ident.span(), Place::Code),
+                _ => self.write(names(path), first.ident.span(), Place::Path { modules: false }),
             }
         }
         visit::visit_path(self, path);
