@@ -261,21 +261,14 @@ impl Modules {
     }
 
     /// These modules with all their dependencies, each after those it needs.
-    fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
+    fn order(&self, wanted: &[impl AsRef<str>]) -> Result<Vec<String>> {
         let mut order = Vec::new();
-        let mut left: Vec<(String, bool)> = wanted.iter().rev().map(|name| (name.to_string(), false)).collect();
-        while let Some((name, needs_are_there)) = left.pop() {
-            if order.contains(&name) || self.builtin.contains(&name) {
-                continue;
-            }
-            if needs_are_there {
-                order.push(name);
-                continue;
-            }
-            let needs = needs(&self.load(&name)?);
-            left.push((name, true));
-            left.extend(needs.into_iter().map(|need| (need, false)));
+        for name in wanted.iter().map(|name| name.as_ref().to_owned()).filter(|name| !self.builtin.contains(name)) {
+            let needs = self.order(&needs(&self.load(&name)?))?;
+            order.extend(needs.into_iter().chain([name]));
         }
+        let mut known = BTreeSet::new();
+        order.retain(|name| known.insert(name.clone()));
         Ok(order)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::tree;
 use anyhow::Result;
-use proc_macro2::{Delimiter, Ident, LineColumn, TokenStream, TokenTree};
+use proc_macro2::{Delimiter, Group, Ident, LineColumn, TokenStream, TokenTree};
 use quote::ToTokens;
 use std::path::{Path, PathBuf};
 use syn::{
@@ -20,30 +20,17 @@ pub fn parse(file: &Path) -> Result<syn::File> {
     })
 }
 
-/// Whether the token is this punctuation mark.
-fn is_mark(token: &TokenTree, mark: char) -> bool {
-    matches!(token, TokenTree::Punct(punct) if punct.as_char() == mark)
-}
-
 /// The tokens, without the attributes that documentation becomes. A group gives its delimiter and "end"; `#!` is one.
 pub fn code(tokens: TokenStream) -> Vec<String> {
-    let is_inner = |token: &TokenTree| is_mark(token, '!');
-    let is_documentation = |token: &TokenTree| match token {
-        TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
-            matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
-        }
-        _ => false,
-    };
-    let mut code = Vec::new();
-    let mut tokens = tokens.into_iter().peekable();
-    while let Some(token) = tokens.next() {
+    let mut code: Vec<String> = Vec::new();
+    for token in tokens {
+        let in_attribute = code.last().is_some_and(|last| last == "#" || last == "#!");
         match token {
-            token if is_mark(&token, '#') => {
-                let mark = tokens.next_if(is_inner).map_or("#", |_| "#!");
-                if tokens.next_if(is_documentation).is_none() {
-                    code.push(mark.to_owned());
-                }
+            TokenTree::Punct(mark) if in_attribute && mark.as_char() == '!' => {
+                code.pop();
+                code.push("#!".to_owned());
             }
+            TokenTree::Group(group) if in_attribute && is_documentation(&group) => drop(code.pop()),
             TokenTree::Group(group) => {
                 code.push(format!("{:?}", group.delimiter()));
                 code.extend(self::code(group.stream()));
@@ -53,6 +40,11 @@ pub fn code(tokens: TokenStream) -> Vec<String> {
         }
     }
     code
+}
+
+fn is_documentation(group: &Group) -> bool {
+    let first = group.stream().into_iter().next();
+    group.delimiter() == Delimiter::Bracket && matches!(first, Some(TokenTree::Ident(name)) if name == "doc")
 }
 
 /// The file of a module: beside the one that declares it if that is a crate's root or itself stands for a folder, else
