@@ -9,7 +9,7 @@ use crate::{
     workspace::{self, Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
-use std::{collections::BTreeSet, fs, path::Path};
+use std::{collections::BTreeSet, path::Path};
 
 /// What one member may depend on. Names stand in one text, with blanks between them.
 struct Law {
@@ -227,23 +227,9 @@ fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
 
 /// The linker takes the root `memory.x` for every member, so a second one would misstate what is linked.
 fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
-    let mut found = Vec::new();
-    let mut folders = vec![root.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))? {
-            let entry = entry?;
-            let path = entry.path();
-            let name = entry.file_name();
-            if entry.file_type()?.is_dir() {
-                if name != ".git" && name != "target" && path != target {
-                    folders.push(path);
-                }
-            } else if name == "memory.x" {
-                found.push(path);
-            }
-        }
-    }
-    found.sort();
+    let left_out = |folder: &Path| folder == target || folder.ends_with(".git") || folder.ends_with("target");
+    let mut found = tree::files_except(root, left_out)?;
+    found.retain(|path| path.ends_with("memory.x"));
     if found == [root.join("memory.x")] {
         return Ok(Vec::new());
     }
