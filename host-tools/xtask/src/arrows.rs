@@ -9,41 +9,27 @@ use crate::{
     workspace::{self, Member, Workspace},
 };
 use anyhow::{Context, Result, bail};
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fs,
-    path::Path,
-};
+use std::{collections::BTreeSet, path::Path};
 
-/// What one member may depend on.
+/// What one member may depend on. Names stand in one text, with blanks between them.
 struct Law {
     member: &'static str,
     /// Other members it may use.
-    may_use: &'static [&'static str],
+    may_use: &'static str,
     /// Further members that only its tests may use.
-    tests_may_use: &'static [&'static str],
+    tests_may_use: &'static str,
     /// Packages that must not be among its direct or indirect dependencies, with its default features; `dfu-*` means
     /// all names that begin with `dfu-`.
     never: &'static [&'static [&'static str]],
 }
 
-impl Law {
-    /// A member that uses none of ours.
-    const fn of(member: &'static str) -> Self {
-        Self { member, may_use: &[], tests_may_use: &[], never: &[] }
-    }
-
-    const fn may_use(self, may_use: &'static [&'static str]) -> Self {
-        Self { may_use, ..self }
-    }
-
-    const fn tests_may_use(self, tests_may_use: &'static [&'static str]) -> Self {
-        Self { tests_may_use, ..self }
-    }
-
-    const fn never(self, never: &'static [&'static [&'static str]]) -> Self {
-        Self { never, ..self }
-    }
+const fn law(
+    member: &'static str,
+    may_use: &'static str,
+    tests_may_use: &'static str,
+    never: &'static [&'static [&'static str]],
+) -> Law {
+    Law { member, may_use, tests_may_use, never }
 }
 
 /// Packages that parse a command line.
@@ -59,125 +45,93 @@ const TABLES: &[&str] = &["parquet", "hdf5-pure"];
 /// programs are on no right-hand side. This matters most for the twin, as its emulator is GPL. Only `inerter-fuzz` may
 /// use `inerter-tests`.
 const LAWS: &[Law] = &[
-    Law::of("inerter-core").tests_may_use(&["inerter-needs", "inerter-plant"]),
-    Law::of("inerter-wire").may_use(&["inerter-core"]).tests_may_use(&["inerter-needs"]),
-    Law::of("inerter-app").may_use(&["inerter-core", "inerter-wire"]).tests_may_use(&["inerter-needs"]),
-    Law::of("ads131m04").tests_may_use(&["inerter-needs"]),
-    Law::of("inerter-qemu").may_use(&["inerter-core", "inerter-wire", "inerter-app"]),
-    Law::of("inerter-stm32g474").may_use(&["inerter-core", "inerter-wire", "inerter-app", "ads131m04"]),
-    Law::of("inerter-plant"),
-    Law::of("inerter-serve").never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
-    Law::of("inerter-flags").may_use(&["inerter-core", "inerter-wire", "inerter-data"]).never(&[USB, SCREEN, TABLES]),
-    Law::of("inerter-jumpers").may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant"]).never(&[
-        COMMAND_LINE,
-        USB,
-        SCREEN,
-        TABLES,
-    ]),
-    Law::of("inerter-data")
-        .may_use(&["inerter-core", "inerter-wire"])
-        .tests_may_use(&["inerter-needs", "inerter-plant", "inerter-simulate"])
-        .never(&[COMMAND_LINE, USB, SCREEN, &["plotters"]]),
-    Law::of("inerter-analysis")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-plant"])
-        .tests_may_use(&["inerter-needs", "inerter-simulate"])
-        .never(&[COMMAND_LINE, USB, SCREEN, TABLES]),
-    Law::of("inerter-device").may_use(&["inerter-core", "inerter-wire"]).never(&[COMMAND_LINE, SCREEN, TABLES]),
-    Law::of("inerter-simulate")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-app", "inerter-plant", "inerter-data"])
-        .never(&[COMMAND_LINE, SCREEN]),
-    Law::of("inerter-store").may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"]).never(&[
-        COMMAND_LINE,
-        USB,
-        SCREEN,
-    ]),
-    Law::of("inerter-view")
-        .may_use(&["inerter-core", "inerter-wire", "inerter-data", "inerter-analysis"])
-        .tests_may_use(&["inerter-plant", "inerter-simulate"])
-        .never(&[COMMAND_LINE, USB]),
-    Law::of("inerter-demo")
-        .may_use(&[
-            "inerter-core",
-            "inerter-wire",
-            "inerter-plant",
-            "inerter-data",
-            "inerter-device",
-            "inerter-simulate",
-            "inerter-view",
-        ])
-        .never(&[COMMAND_LINE, SCREEN]),
-    Law::of("inerter")
-        .may_use(&[
-            "inerter-core",
-            "inerter-wire",
-            "inerter-app",
-            "inerter-plant",
-            "inerter-jumpers",
-            "inerter-data",
-            "inerter-analysis",
-            "inerter-device",
-            "inerter-simulate",
-            "inerter-store",
-            "inerter-view",
-            "inerter-serve",
-            "inerter-flags",
-        ])
-        .tests_may_use(&["inerter-needs"]),
-    Law::of("inerter-python")
-        .may_use(&[
-            "inerter-core",
-            "inerter-wire",
-            "inerter-data",
-            "inerter-analysis",
-            "inerter-device",
-            "inerter-simulate",
-            "inerter-store",
-            "inerter-view",
-        ])
-        .never(&[COMMAND_LINE, SCREEN]),
-    Law::of("inerter-needs"),
-    Law::of("inerter-originals"),
-    Law::of("xtask").may_use(&["inerter-needs"]),
-    Law::of("inerter-tests")
-        .may_use(&[
-            "inerter-needs",
-            "inerter-core",
-            "inerter-wire",
-            "inerter-app",
-            "inerter-plant",
-            "inerter-data",
-            "inerter-analysis",
-            "inerter-device",
-            "inerter-simulate",
-            "inerter-view",
-        ])
-        .never(&[COMMAND_LINE, SCREEN]),
-    Law::of("inerter-bench").may_use(&["inerter-core", "inerter-plant"]),
-    Law::of("inerter-fuzz")
-        .may_use(&[
-            "inerter-core",
-            "inerter-wire",
-            "inerter-plant",
-            "inerter-data",
-            "inerter-device",
-            "inerter-serve",
-            "inerter-flags",
-            "inerter-tests",
-        ])
-        .never(&[&["ratatui", "crossterm", "indicatif"]]),
-    Law::of("inerter-guest"),
-    Law::of("inerter-twin").may_use(&[
-        "inerter-needs",
-        "inerter-guest",
-        "inerter-core",
-        "inerter-wire",
-        "inerter-app",
-        "inerter-plant",
+    law("inerter-core", "", "inerter-needs inerter-plant", &[]),
+    law("inerter-wire", "inerter-core", "inerter-needs", &[]),
+    law("inerter-app", "inerter-core inerter-wire", "inerter-needs", &[]),
+    law("ads131m04", "", "inerter-needs", &[]),
+    law("inerter-qemu", "inerter-core inerter-wire inerter-app", "", &[]),
+    law("inerter-stm32g474", "inerter-core inerter-wire inerter-app ads131m04", "", &[]),
+    law("inerter-plant", "", "", &[]),
+    law("inerter-serve", "", "", &[COMMAND_LINE, USB, SCREEN, TABLES]),
+    law("inerter-flags", "inerter-core inerter-wire inerter-data", "", &[USB, SCREEN, TABLES]),
+    law(
         "inerter-jumpers",
-        "ads131m04",
-    ]),
-    Law::of("inerter-foreign"),
-    Law::of("inerter-published"),
+        "inerter-core inerter-wire inerter-app inerter-plant",
+        "",
+        &[COMMAND_LINE, USB, SCREEN, TABLES],
+    ),
+    law(
+        "inerter-data",
+        "inerter-core inerter-wire",
+        "inerter-needs inerter-plant inerter-simulate",
+        &[COMMAND_LINE, USB, SCREEN, &["plotters"]],
+    ),
+    law(
+        "inerter-analysis",
+        "inerter-core inerter-wire inerter-data inerter-plant",
+        "inerter-needs inerter-simulate",
+        &[COMMAND_LINE, USB, SCREEN, TABLES],
+    ),
+    law("inerter-device", "inerter-core inerter-wire", "", &[COMMAND_LINE, SCREEN, TABLES]),
+    law(
+        "inerter-simulate",
+        "inerter-core inerter-wire inerter-app inerter-plant inerter-data",
+        "",
+        &[COMMAND_LINE, SCREEN],
+    ),
+    law("inerter-store", "inerter-core inerter-wire inerter-data inerter-analysis", "", &[COMMAND_LINE, USB, SCREEN]),
+    law(
+        "inerter-view",
+        "inerter-core inerter-wire inerter-data inerter-analysis",
+        "inerter-plant inerter-simulate",
+        &[COMMAND_LINE, USB],
+    ),
+    law(
+        "inerter-demo",
+        "inerter-core inerter-wire inerter-plant inerter-data inerter-device inerter-simulate inerter-view",
+        "",
+        &[COMMAND_LINE, SCREEN],
+    ),
+    law(
+        "inerter",
+        "inerter-core inerter-wire inerter-app inerter-plant inerter-jumpers inerter-data inerter-analysis \
+         inerter-device inerter-simulate inerter-store inerter-view inerter-serve inerter-flags",
+        "inerter-needs",
+        &[],
+    ),
+    law(
+        "inerter-python",
+        "inerter-core inerter-wire inerter-data inerter-analysis inerter-device inerter-simulate \
+         inerter-store inerter-view",
+        "",
+        &[COMMAND_LINE, SCREEN],
+    ),
+    law("inerter-needs", "", "", &[]),
+    law("inerter-originals", "", "", &[]),
+    law("xtask", "inerter-needs", "", &[]),
+    law(
+        "inerter-tests",
+        "inerter-needs inerter-core inerter-wire inerter-app inerter-plant inerter-data inerter-analysis \
+         inerter-device inerter-simulate inerter-view",
+        "",
+        &[COMMAND_LINE, SCREEN],
+    ),
+    law("inerter-bench", "inerter-core inerter-plant", "", &[]),
+    law(
+        "inerter-fuzz",
+        "inerter-core inerter-wire inerter-plant inerter-data inerter-device inerter-serve inerter-flags inerter-tests",
+        "",
+        &[&["ratatui", "crossterm", "indicatif"]],
+    ),
+    law("inerter-guest", "", "", &[]),
+    law(
+        "inerter-twin",
+        "inerter-needs inerter-guest inerter-core inerter-wire inerter-app inerter-plant inerter-jumpers ads131m04",
+        "",
+        &[],
+    ),
+    law("inerter-foreign", "", "", &[]),
+    law("inerter-published", "", "", &[]),
 ];
 
 /// Checks the whole tree.
@@ -205,23 +159,29 @@ pub fn run() -> Result<()> {
 fn arrow_faults(workspace: &Workspace) -> Vec<String> {
     let mut faults = Vec::new();
     for member in &workspace.members {
-        let Some(law) = law(member) else {
+        let Some(law) = law_of(member) else {
             faults.push(format!("{}: this member has no law; add it to the table", member.name));
             continue;
         };
         for used in &member.uses {
             let name = used.name.as_str();
-            let may = law.may_use.contains(&name) || (used.dev && law.tests_may_use.contains(&name));
+            let may = has(law.may_use, name) || (used.dev && has(law.tests_may_use, name));
             if !may && workspace.member(name).is_some() {
                 let how = if used.dev { "uses in its tests" } else { "uses" };
-                faults.push(format!("{} {how} {name}; it may use: {}", member.name, listed(law.may_use)));
+                let listed =
+                    if law.may_use.is_empty() { "none of ours".into() } else { law.may_use.replace(' ', ", ") };
+                faults.push(format!("{} {how} {name}; it may use: {listed}", member.name));
             }
         }
     }
     faults
 }
 
-fn law(member: &Member) -> Option<&'static Law> {
+fn has(names: &str, name: &str) -> bool {
+    names.split(' ').any(|one| one == name)
+}
+
+fn law_of(member: &Member) -> Option<&'static Law> {
     LAWS.iter().find(|law| law.member == member.name)
 }
 
@@ -233,7 +193,7 @@ fn missing_faults(workspace: &Workspace) -> Vec<String> {
 
 /// Packages that a member must not pull in, on any system.
 fn never_faults(member: &Member) -> Result<Vec<String>> {
-    let Some(law) = law(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
+    let Some(law) = law_of(member).filter(|law| !law.never.is_empty()) else { return Ok(Vec::new()) };
     let printed = workspace::packages(&member.folder, "normal", &["--package", law.member, "--target", "all"])?;
     let found = forbidden(&law.never.concat(), &printed);
     Ok(found
@@ -259,54 +219,22 @@ fn forbidden<'a>(never: &[&str], printed: &'a str) -> BTreeSet<&'a str> {
 fn circle_faults(member: &Member, root: &Path) -> Result<Vec<String>> {
     let mut faults = Vec::new();
     for file in &member.roots {
-        for circle in imports::circles(file).with_context(|| below(file, root))? {
-            let mut text = format!("{}: {} modules import each other in a circle:", member.name, circle.modules);
-            for imports::Import { from, to, paths } in &circle.imports {
-                let (from, to) = (below(from, root), below(to, root));
-                let mut lines = BTreeMap::<usize, Vec<&str>>::new();
-                paths.iter().for_each(|(path, line)| lines.entry(*line).or_default().push(path));
-                for (line, names) in lines {
-                    text += &format!("\n    {from}:{line} imports {} from {to}", names.join(", "));
-                }
-            }
-            faults.push(text);
-        }
+        let circles = imports::circles(file, root).with_context(|| tree::below(file, root))?;
+        faults.extend(circles.into_iter().map(|circle| format!("{}: {circle}", member.name)));
     }
     Ok(faults)
 }
 
-fn listed(names: &[&str]) -> String {
-    if names.is_empty() { "none of ours".into() } else { names.join(", ") }
-}
-
 /// The linker takes the root `memory.x` for every member, so a second one would misstate what is linked.
 fn memory_faults(root: &Path, target: &Path) -> Result<Vec<String>> {
-    let mut found = Vec::new();
-    let mut folders = vec![root.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))? {
-            let entry = entry?;
-            let path = entry.path();
-            let name = entry.file_name();
-            if entry.file_type()?.is_dir() {
-                if name != ".git" && name != "target" && path != target {
-                    folders.push(path);
-                }
-            } else if name == "memory.x" {
-                found.push(path);
-            }
-        }
-    }
-    found.sort();
+    let left_out = |folder: &Path| folder == target || folder.ends_with(".git") || folder.ends_with("target");
+    let mut found = tree::files_except(root, left_out)?;
+    found.retain(|path| path.ends_with("memory.x"));
     if found == [root.join("memory.x")] {
         return Ok(Vec::new());
     }
-    let list: Vec<_> = found.iter().map(|path| below(path, root)).collect();
+    let list: Vec<_> = found.iter().map(|path| tree::below(path, root)).collect();
     Ok(vec![format!("memory.x: exactly one is allowed, at the root; found: {}", list.join(", "))])
-}
-
-fn below(path: &Path, root: &Path) -> String {
-    path.strip_prefix(root).unwrap_or(path).display().to_string()
 }
 
 #[cfg(test)]
@@ -399,7 +327,7 @@ mod tests {
                 "inerter-fuzz",
                 "inerter-twin",
             ] {
-                let uses = law.may_use.contains(&program) || law.tests_may_use.contains(&program);
+                let uses = has(law.may_use, program) || has(law.tests_may_use, program);
                 assert!(!uses || (law.member, program) == ("inerter-fuzz", "inerter-tests"), "{}", law.member);
             }
         }

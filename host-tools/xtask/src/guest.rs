@@ -19,7 +19,7 @@ use crate::{
     process, setup, tree,
     workspace::{self, Part},
 };
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
@@ -102,16 +102,15 @@ fn fetch(folder: &Path) -> Result<()> {
             folder.display()
         );
     }
-    let kernel = kernel_package()?;
     let packages = folder.join("fetched");
     tree::remove(&packages)?;
     tree::make(&packages)?;
-    println!("guest: downloading {kernel}, {BUSYBOX} and {}, about 72 MB", UPDATER[0]);
-    if download(&kernel, &packages).is_err() {
-        println!("guest: the package list may be out of date");
-        update_list()?;
-        download(&kernel_package()?, &packages).context("Debian's kernel and busybox could not be fetched")?;
-    }
+    let kernel = download(&packages).or_else(|error| {
+        println!("guest: {error:#}; the package list may be missing or out of date");
+        println!("guest: $ apt-get update");
+        process::run(Command::new("apt-get").args(["-qq", "update"])).context("try `sudo apt-get update`")?;
+        download(&packages)
+    })?;
 
     let root = packages.join("root");
     let mut names = Vec::new();
@@ -125,7 +124,7 @@ fn fetch(folder: &Path) -> Result<()> {
     names.sort();
     let version = kernel.strip_prefix("linux-image-").context("a kernel package without a version in its name")?;
     let image = fs::read(root.join("boot").join(format!("vmlinuz-{version}"))).context("reading the kernel")?;
-    write(&folder.join("vmlinux"), &decompressed_kernel(&image)?)?;
+    write(&folder.join("vmlinux"), &decompressed_kernel(&image, &packages.join("kernel"))?)?;
     write(&folder.join("base.cpio"), &base(&root, version)?)?;
     for (name, place) in UPDATER_FILES.iter().zip(["usr/bin", "usr/lib/x86_64-linux-gnu"]) {
         let file = root.join(place).join(name);
@@ -136,27 +135,16 @@ fn fetch(folder: &Path) -> Result<()> {
     tree::remove(packages)
 }
 
-/// The package that the name for the newest kernel depends on. Fetches the package list if the machine has none yet.
-fn kernel_package() -> Result<String> {
-    let ask = || process::output(Command::new("apt-cache").args(["depends", KERNEL]));
-    if let Some(name) = depends(&ask().unwrap_or_default()) {
-        return Ok(name);
-    }
-    println!("guest: no package list yet");
-    update_list()?;
-    depends(&ask()?).with_context(|| format!("this system has no package {KERNEL}, which is Debian's on amd64"))
-}
-
-/// Fetches the mirror's package list.
-fn update_list() -> Result<()> {
-    println!("guest: $ apt-get update");
-    process::run(Command::new("apt-get").args(["-qq", "update"])).context("try `sudo apt-get update`")
-}
-
-/// Puts the packages of kernel, busybox and updater into the folder.
-fn download(kernel: &str, folder: &Path) -> Result<()> {
-    let download = ["download", kernel, BUSYBOX];
-    process::run(Command::new("apt-get").args(download).args(UPDATER).current_dir(folder))
+/// Puts the packages of the newest kernel, busybox and updater into the folder, and returns the first one's name.
+fn download(folder: &Path) -> Result<String> {
+    let printed = process::output(Command::new("apt-cache").args(["depends", KERNEL]))?;
+    let kernel = depends(&printed)
+        .with_context(|| format!("this system has no package {KERNEL}, which is Debian's on amd64"))?;
+    println!("guest: downloading {kernel}, {BUSYBOX} and {}, about 72 MB", UPDATER[0]);
+    let packages = ["download", &kernel, BUSYBOX];
+    process::run(Command::new("apt-get").args(packages).args(UPDATER).current_dir(folder))
+        .context("Debian's kernel and busybox could not be fetched")?;
+    Ok(kernel)
 }
 
 /// The first dependency that `apt-cache depends` lists.
@@ -168,13 +156,14 @@ fn depends(printed: &str) -> Option<String> {
 // ---- the kernel
 
 /// The kernel inside a bzImage (Linux, Documentation/arch/x86/boot.rst, fields setup_sects, payload_offset,
-/// payload_length).
-fn decompressed_kernel(image: &[u8]) -> Result<Vec<u8>> {
-    let packed = payload(image).context("not an x86 kernel image")?;
-    let (program, package) = unpacker(packed).context("the kernel is packed in an unknown format")?;
+/// payload_length), which is written to the file `packed` first.
+fn decompressed_kernel(image: &[u8], packed: &Path) -> Result<Vec<u8>> {
+    let bytes = payload(image).context("not an x86 kernel image")?;
+    let (program, package) = unpacker(bytes).context("the kernel is packed in an unknown format")?;
     // The compressed data are followed by their uncompressed length, which gzip contains itself.
     let length = if program == "gzip" { 0 } else { 4 };
-    let kernel = filter(program, package, &packed[..packed.len().saturating_sub(length)])?;
+    tree::write(packed, &bytes[..bytes.len().saturating_sub(length)])?;
+    let kernel = decompressed(program, package, packed)?;
     ensure!(kernel.starts_with(b"\x7fELF"), "the kernel image does not contain an ELF file");
     Ok(kernel)
 }
@@ -204,24 +193,14 @@ fn unpacker(packed: &[u8]) -> Option<(&'static str, &'static str)> {
     }
 }
 
-/// Sends bytes through a decompressor.
-fn filter(program: &str, package: &str, bytes: &[u8]) -> Result<Vec<u8>> {
-    use std::io::Write;
-    let mut child = Command::new(program)
+/// The contents of a file as a decompressor prints them.
+fn decompressed(program: &str, package: &str, file: &Path) -> Result<Vec<u8>> {
+    let output = Command::new(program)
         .arg("-dc")
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
+        .stdin(fs::File::open(file)?)
+        .stderr(Stdio::inherit())
+        .output()
         .with_context(|| format!("cannot start {program}; `sudo apt-get install {package}`"))?;
-    let mut input = child.stdin.take().context("no pipe")?;
-    let result = std::thread::scope(|scope| {
-        let writer = scope.spawn(move || input.write_all(bytes));
-        let output = child.wait_with_output();
-        writer.join().map(|written| (written, output))
-    });
-    let Ok((written, output)) = result else { bail!("{program}: the thread that feeds it panicked") };
-    written.with_context(|| format!("feeding {program}"))?;
-    let output = output?;
     ensure!(output.status.success(), "{program} failed ({})", output.status);
     Ok(output.stdout)
 }
@@ -232,14 +211,15 @@ fn filter(program: &str, package: &str, bytes: &[u8]) -> Result<Vec<u8>> {
 fn base(root: &Path, version: &str) -> Result<Vec<u8>> {
     let mut archive = Archive::default();
     for folder in ["bin", "dev", "modules", "proc", "sys", "tmp"] {
-        archive.folder(folder);
+        archive.entry(folder, FOLDER, &[]);
     }
-    archive.console();
+    // Without it the first program has no output.
+    archive.entry("dev/console", CONSOLE, &[]);
     archive.file("init", 0o755, INIT.as_bytes());
     let busybox = ["bin/busybox", "usr/bin/busybox"].map(|path| root.join(path));
     let busybox = busybox.iter().find(|path| path.is_file()).context("no busybox in its package")?;
     archive.file("bin/busybox", 0o755, &fs::read(busybox)?);
-    archive.link("bin/sh", "busybox");
+    archive.entry("bin/sh", LINK, b"busybox");
     let modules = Modules::read(root, version)?;
     let order = modules.order(MODULES)?;
     for name in &order {
@@ -275,27 +255,20 @@ impl Modules {
         let path = self.files.get(name).with_context(|| format!("the kernel has no module {name}"))?;
         let bytes = tree::read(path)?;
         match unpacker(&bytes) {
-            Some((program, package)) => filter(program, package, &bytes),
+            Some((program, package)) => decompressed(program, package, path),
             None => Ok(bytes),
         }
     }
 
     /// These modules with all their dependencies, each after those it needs.
-    fn order(&self, wanted: &[&str]) -> Result<Vec<String>> {
+    fn order(&self, wanted: &[impl AsRef<str>]) -> Result<Vec<String>> {
         let mut order = Vec::new();
-        let mut left: Vec<(String, bool)> = wanted.iter().rev().map(|name| (name.to_string(), false)).collect();
-        while let Some((name, needs_are_there)) = left.pop() {
-            if order.contains(&name) || self.builtin.contains(&name) {
-                continue;
-            }
-            if needs_are_there {
-                order.push(name);
-                continue;
-            }
-            let needs = needs(&self.load(&name)?);
-            left.push((name, true));
-            left.extend(needs.into_iter().map(|need| (need, false)));
+        for name in wanted.iter().map(|name| name.as_ref().to_owned()).filter(|name| !self.builtin.contains(name)) {
+            let needs = self.order(&needs(&self.load(&name)?))?;
+            order.extend(needs.into_iter().chain([name]));
         }
+        let mut known = BTreeSet::new();
+        order.retain(|name| known.insert(name.clone()));
         Ok(order)
     }
 }
@@ -313,27 +286,25 @@ fn needs(module: &[u8]) -> Vec<String> {
 
 /// The programs without symbols, and the libraries that they need, at the paths where this machine has them.
 fn programs(folder: &Path) -> Result<Archive> {
-    let mut files = BTreeMap::new();
     for (part, name) in PROGRAMS {
-        let program = workspace::tested(*part, name)?;
-        let stripped = folder.join(name);
-        process::run(Command::new("strip").arg("-o").args([&stripped, &program]))?;
-        for library in libraries(&process::output(Command::new("ldd").arg(&program))?)? {
-            files.insert(library.trim_start_matches('/').to_owned(), PathBuf::from(library));
+        process::run(Command::new("strip").arg("-o").args([folder.join(name), workspace::tested(*part, name)?]))?;
+    }
+    let mut files = BTreeMap::new();
+    for name in PROGRAMS.iter().map(|(_, name)| *name).chain([UPDATER_FILES[0]]) {
+        let program = folder.join(name);
+        let mut ldd = Command::new("ldd");
+        for needed in libraries(&process::output(ldd.env("LD_LIBRARY_PATH", folder).arg(&program))?)? {
+            // One of the updater's libraries is fetched; all others are this machine's, at the same paths.
+            let place = match Path::new(needed).starts_with(folder) {
+                true => format!("lib/x86_64-linux-gnu/{}", UPDATER_FILES[1]),
+                false => needed.trim_start_matches('/').to_owned(),
+            };
+            files.insert(place, PathBuf::from(needed));
         }
-        files.insert(format!("bin/{name}"), stripped);
+        files.insert(format!("bin/{name}"), program);
     }
-    let [updater, library] = UPDATER_FILES.map(|name| folder.join(name));
-    // One of the updater's libraries is fetched; the others are this machine's, at the same paths.
-    for needed in libraries(&process::output(Command::new("ldd").env("LD_LIBRARY_PATH", folder).arg(&updater))?)? {
-        let place = match Path::new(needed).starts_with(folder) {
-            true => format!("lib/x86_64-linux-gnu/{}", UPDATER_FILES[1]),
-            false => needed.trim_start_matches('/').to_owned(),
-        };
-        files.insert(place, PathBuf::from(needed));
-    }
+    let library = folder.join(UPDATER_FILES[1]);
     ensure!(files.values().any(|path| *path == library), "dfu-util needs another libusb than {}", UPDATER_FILES[1]);
-    files.insert(format!("bin/{}", UPDATER_FILES[0]), updater);
     let mut archive = Archive::default();
     let folders: BTreeSet<&Path> = files
         .keys()
@@ -341,7 +312,7 @@ fn programs(folder: &Path) -> Result<Archive> {
         .filter(|path| *path != Path::new(""))
         .collect();
     for folder in folders {
-        archive.folder(&folder.to_string_lossy());
+        archive.entry(&folder.to_string_lossy(), FOLDER, &[]);
     }
     for (name, path) in &files {
         archive.file(name, 0o755, &tree::read(path)?);
@@ -363,6 +334,11 @@ fn libraries(printed: &str) -> Result<Vec<&str>> {
 
 // ---- archives
 
+/// Modes of the entries that are no files.
+const FOLDER: u32 = 0o040_755;
+const LINK: u32 = 0o120_777;
+const CONSOLE: u32 = 0o020_600;
+
 /// An archive as the kernel unpacks it (Linux, Documentation/driver-api/early-userspace/buffer-format.rst: newc).
 #[derive(Default)]
 struct Archive {
@@ -371,10 +347,11 @@ struct Archive {
 }
 
 impl Archive {
-    fn entry(&mut self, name: &str, mode: u32, device: (u32, u32), content: &[u8]) {
+    fn entry(&mut self, name: &str, mode: u32, content: &[u8]) {
         self.entries += 1;
+        let [major, minor] = if mode == CONSOLE { [5, 1] } else { [0, 0] };
         let name_length = name.len() as u32 + 1;
-        let fields = [self.entries, mode, 0, 0, 1, 0, content.len() as u32, 0, 0, device.0, device.1, name_length, 0];
+        let fields = [self.entries, mode, 0, 0, 1, 0, content.len() as u32, 0, 0, major, minor, name_length, 0];
         self.bytes.extend(b"070701");
         for field in fields {
             self.bytes.extend(format!("{field:08X}").bytes());
@@ -390,25 +367,12 @@ impl Archive {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
     }
 
-    fn folder(&mut self, name: &str) {
-        self.entry(name, 0o040_755, (0, 0), &[]);
-    }
-
     fn file(&mut self, name: &str, permissions: u32, content: &[u8]) {
-        self.entry(name, 0o100_000 | permissions, (0, 0), content);
-    }
-
-    fn link(&mut self, name: &str, to: &str) {
-        self.entry(name, 0o120_777, (0, 0), to.as_bytes());
-    }
-
-    /// `/dev/console`, without which the first program has no output.
-    fn console(&mut self) {
-        self.entry("dev/console", 0o020_600, (5, 1), &[]);
+        self.entry(name, 0o100_000 | permissions, content);
     }
 
     fn finish(mut self) -> Vec<u8> {
-        self.entry("TRAILER!!!", 0, (0, 0), &[]);
+        self.entry("TRAILER!!!", 0, &[]);
         self.bytes
     }
 }

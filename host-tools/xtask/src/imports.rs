@@ -7,12 +7,12 @@
 //! `f`; a call on any other value is not, as its type is not known here. `mod x;` alone imports nothing, nor does `use
 //! a::b;` where `b` is a module: the paths through it do.
 
-use crate::source::{self, is_mark};
+use crate::{source, tree};
 use anyhow::{Context, Result, bail};
 use proc_macro2::{Ident, Span, TokenStream, TokenTree};
+use quote::ToTokens;
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
-    iter,
     path::{Path, PathBuf},
 };
 use syn::{
@@ -21,41 +21,21 @@ use syn::{
     visit::{self, Visit},
 };
 
-/// An import cycle: modules each of which imports the next one, and the last one the first.
-pub struct Circle {
-    /// How many modules.
-    pub modules: usize,
-    /// Its imports: file and line, what is imported, and the file that has it.
-    pub imports: Vec<Import>,
-}
-
-/// A file's imports from another one.
-pub struct Import {
-    /// The importing file.
-    pub from: PathBuf,
-    /// The imported file.
-    pub to: PathBuf,
-    /// The paths as they are written, each with its first line.
-    pub paths: BTreeMap<String, usize>,
-}
-
-/// The import cycles in the crate with this root file.
-pub fn circles(root: &Path) -> Result<Vec<Circle>> {
-    let tree = Tree::read(root)?;
-    let imports = tree.imports();
-    let next = |file: usize| imports.keys().filter(move |(from, _)| *from == file).map(|(_, to)| *to);
-    let reach: Vec<HashSet<usize>> = (0..tree.files.len())
-        .map(|file| {
-            let mut reached = HashSet::new();
-            let mut left: Vec<usize> = next(file).collect();
-            while let Some(file) = left.pop() {
-                if reached.insert(file) {
-                    left.extend(next(file));
-                }
-            }
-            reached
-        })
-        .collect();
+/// The import cycles in the crate with this root file: how many modules, each of which imports the next one, and the
+/// last one the first; then each import with its line and the two files, by their paths below `base`.
+pub fn circles(root: &Path, base: &Path) -> Result<Vec<String>> {
+    let modules = Tree::read(root)?;
+    let imports = modules.imports();
+    let mut reach = vec![BTreeSet::<usize>::new(); modules.files.len()];
+    for (from, to) in imports.keys() {
+        reach[*from].insert(*to);
+    }
+    for through in 0..reach.len() {
+        let further = reach[through].clone();
+        for reached in reach.iter_mut().filter(|reached| reached.contains(&through)) {
+            reached.extend(&further);
+        }
+    }
     let mut circles = Vec::new();
     for (file, reached) in reach.iter().enumerate() {
         let circle: BTreeSet<usize> = reached.iter().copied().filter(|&other| reach[other].contains(&file)).collect();
@@ -63,17 +43,18 @@ pub fn circles(root: &Path) -> Result<Vec<Circle>> {
         if circle.first() != Some(&file) {
             continue;
         }
-        let within = imports.iter().filter(|((from, to), _)| circle.contains(from) && circle.contains(to));
-        circles.push(Circle {
-            modules: circle.len(),
-            imports: within
-                .map(|((from, to), paths)| Import {
-                    from: tree.files[*from].clone(),
-                    to: tree.files[*to].clone(),
-                    paths: paths.clone(),
-                })
-                .collect(),
-        });
+        let mut text = format!("{} modules import each other in a circle:", circle.len());
+        for ((from, to), paths) in &imports {
+            if circle.contains(from) && circle.contains(to) {
+                let [from, to] = [from, to].map(|file| tree::below(&modules.files[*file], base));
+                let mut lines = BTreeMap::<usize, Vec<&str>>::new();
+                paths.iter().for_each(|(path, line)| lines.entry(*line).or_default().push(path));
+                for (line, names) in lines {
+                    text += &format!("\n    {from}:{line} imports {} from {to}", names.join(", "));
+                }
+            }
+        }
+        circles.push(text);
     }
     Ok(circles)
 }
@@ -89,409 +70,308 @@ struct Tree {
 struct Module {
     file: usize,
     parent: Option<usize>,
-    names: HashMap<String, Vec<Definition>>,
+    names: HashMap<String, Vec<Meaning>>,
     /// The paths that `*` imports.
     globs: Vec<Vec<String>>,
-    /// Textual macros, which child modules and later ones see without a path.
-    macros: HashSet<String>,
-    /// `#[macro_use]`: its textual macros are its parent's too.
-    macro_use: bool,
-    items: Vec<Item>,
+    /// Textual macros, which child modules and later ones see without a path, and their files.
+    macros: HashMap<String, usize>,
+    /// Functions of types: in an `impl` without a trait, each after the path of the type.
+    functions: Vec<Vec<String>>,
+    /// The path of the type, while such an `impl` is read.
+    of: Option<Vec<String>>,
+    written: Vec<Written>,
 }
 
-/// What a name means.
-enum Definition {
-    Item,
+/// What a name means, or where a path leads.
+#[derive(PartialEq, Eq, Hash)]
+enum Meaning {
+    /// An item of this file.
+    Item(usize),
     Module(usize),
+    /// What the path means, which is never where another one leads.
     Path(Vec<String>),
 }
 
-/// What a path leads to.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Target {
-    Item(usize),
-    Module(usize),
+/// A path as it is written.
+struct Written {
+    path: Vec<String>,
+    line: usize,
+    place: Place,
 }
 
-/// A type of the crate, by the file that defines it.
-#[derive(Clone, PartialEq, Eq, Hash)]
-struct Type {
-    file: usize,
-    name: String,
-}
-
-/// Folders in which a module's files are looked for: those without a `#[path]`, and those with one.
-struct Folders {
-    own: PathBuf,
-    given: PathBuf,
+/// Where a path is written, which decides what it imports.
+enum Place {
+    /// In code, or in a `use`; `modules`: which imports modules too, because others find them or their contents here.
+    Path { modules: bool },
+    /// At the call of a textual macro of this file.
+    Macro(usize),
+    /// At a call of this function of the type whose `impl` it is in.
+    Own(Vec<String>),
 }
 
 impl Tree {
     fn read(root: &Path) -> Result<Self> {
         let mut tree = Self::default();
-        tree.file(root, None, None)?;
+        tree.module(root, source::parse(root)?.items, None, Path::new(""))?;
         Ok(tree)
     }
 
-    /// Adds the module of a file; the files of its modules lie in the folder `own`, or beside it if there is none.
-    fn file(&mut self, path: &Path, parent: Option<usize>, own: Option<PathBuf>) -> Result<usize> {
-        let parsed = source::parse(path)?;
+    /// Adds a module of a file; `within`: the names of the modules around it in the same file.
+    fn module(&mut self, path: &Path, items: Vec<Item>, parent: Option<usize>, within: &Path) -> Result<usize> {
         let file = self.files.iter().position(|known| known == path).unwrap_or_else(|| {
             self.files.push(path.to_path_buf());
             self.files.len() - 1
         });
-        let given = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        self.module(parsed.items, file, parent, &Folders { own: own.unwrap_or_else(|| given.clone()), given })
-    }
-
-    fn module(&mut self, items: Vec<Item>, file: usize, parent: Option<usize>, folders: &Folders) -> Result<usize> {
         let place = self.modules.len();
-        self.modules.push(Module { file, parent, ..Module::default() });
+        let macros = parent.map(|parent| self.modules[parent].macros.clone()).unwrap_or_default();
+        self.modules.push(Module { file, parent, macros, ..Module::default() });
         for item in items {
-            if source::only_for_tests(source::attributes(&item)) {
-                continue;
-            }
             match item {
-                Item::Mod(item) => self.child(place, item, folders)?,
-                item => {
-                    self.modules[place].define(&item)?;
-                    self.modules[place].items.push(item);
-                }
+                item if source::only_for_tests(&item) => {}
+                Item::Mod(item) => self.child(path, item, place, within)?,
+                item => self.modules[place].define(&item)?,
             }
         }
         Ok(place)
     }
 
     /// Adds a module declared by another one.
-    fn child(&mut self, parent: usize, mut item: ItemMod, folders: &Folders) -> Result<()> {
-        let (name, file) = (bare(&item.ident), self.modules[parent].file);
+    fn child(&mut self, path: &Path, mut item: ItemMod, parent: usize, within: &Path) -> Result<()> {
+        let name = bare(&item.ident);
         let child = match item.content.take() {
-            Some((_, items)) => {
-                let folder = folders.own.join(&name);
-                self.module(items, file, Some(parent), &Folders { own: folder.clone(), given: folder })?
-            }
+            Some((_, items)) => self.module(path, items, Some(parent), &within.join(&name))?,
             None => {
-                let (path, own) = match source::path_attribute(&item.attrs) {
-                    Some(path) => (folders.given.join(path), None),
-                    None => {
-                        let own = folders.own.join(&name);
-                        let beside = own.with_extension("rs");
-                        (if beside.is_file() { beside } else { own.join("mod.rs") }, Some(own))
-                    }
-                };
-                self.file(&path, Some(parent), own).with_context(|| format!("module {name}"))?
+                let path = source::module_file(path, within, &item);
+                let file = source::parse(&path);
+                file.and_then(|file| self.module(&path, file.items, Some(parent), Path::new("")))
+                    .with_context(|| format!("module {name}"))?
             }
         };
-        self.modules[child].macro_use = item.attrs.iter().any(|attribute| attribute.path().is_ident("macro_use"));
-        self.modules[parent].names.entry(name).or_default().push(Definition::Module(child));
+        if item.attrs.iter().any(|attribute| attribute.path().is_ident("macro_use")) {
+            let macros = self.modules[child].macros.clone();
+            self.modules[parent].macros.extend(macros);
+        }
+        self.modules[parent].define_name(name, Meaning::Module(child));
         Ok(())
     }
 
     /// Imports from file to file, with the paths and their lines.
     fn imports(&self) -> BTreeMap<(usize, usize), BTreeMap<String, usize>> {
-        let mut imports = BTreeMap::<_, BTreeMap<String, usize>>::new();
-        let own = self.own();
-        for (place, module) in self.modules.iter().enumerate() {
-            let mut paths = Paths { tree: self, own: &own, module: place, of: None, found: Vec::new() };
-            module.items.iter().for_each(|item| paths.visit_item(item));
-            for (file, path, line) in paths.found {
-                if file != module.file {
-                    imports.entry((module.file, file)).or_default().entry(path).or_insert(line);
+        let mut functions = HashMap::new();
+        for (at, module) in self.modules.iter().enumerate() {
+            let own = module.functions.iter().filter_map(|path| self.function(at, path));
+            functions.extend(own.map(|function| (function, module.file)));
+        }
+        let mut imports = BTreeMap::<_, BTreeMap<_, _>>::new();
+        for (at, module) in self.modules.iter().enumerate() {
+            for Written { path, line, place } in &module.written {
+                let files = match place {
+                    // A name from a `use` counts as imported there, unless it is a module that the path leads through.
+                    Place::Path { .. } if module.names.contains_key(&path[0]) && !self.is_module(at, &path[..1]) => {
+                        continue;
+                    }
+                    Place::Path { modules } => self.files(at, path, *modules),
+                    Place::Macro(file) => vec![*file],
+                    Place::Own(function) => {
+                        self.function(at, function).and_then(|own| functions.get(&own).copied()).into_iter().collect()
+                    }
+                };
+                for file in files.into_iter().filter(|file| *file != module.file) {
+                    imports.entry((module.file, file)).or_default().entry(path.join("::")).or_insert(*line);
                 }
             }
         }
         imports
     }
 
-    /// Which file's `impl` has each function of a type.
-    fn own(&self) -> HashMap<(Type, String), usize> {
-        let mut own = HashMap::new();
-        for (place, module) in self.modules.iter().enumerate() {
-            for item in &module.items {
-                let Item::Impl(item) = item else { continue };
-                let Some(of) = self.type_of(place, item) else { continue };
-                for member in &item.items {
-                    if let ImplItem::Fn(function) = member {
-                        own.insert((of.clone(), bare(&function.sig.ident)), module.file);
-                    }
-                }
-            }
-        }
-        own
+    /// A function of a type by the file of the type and both names.
+    fn function<'a>(&self, module: usize, path: &'a [String]) -> Option<(usize, &'a [String])> {
+        let names = path.len() - 2;
+        Some((*self.files(module, &path[..=names], false).first()?, &path[names..]))
     }
 
-    /// The type of an `impl` without a trait.
-    fn type_of(&self, module: usize, item: &ItemImpl) -> Option<Type> {
-        let (None, syn::Type::Path(path)) = (&item.trait_, &*item.self_ty) else { return None };
-        let path = names(&path.path);
-        let name = path.last()?.clone();
-        let defined = self.resolve(module, &path, &mut HashSet::new());
-        defined.into_iter().find_map(|target| match target {
-            Target::Item(file) => Some(Type { file, name: name.clone() }),
-            Target::Module(_) => None,
-        })
+    /// The files of the items that a path leads to; of the modules too if asked.
+    fn files(&self, module: usize, path: &[String], modules: bool) -> Vec<usize> {
+        let found = self.resolve(module, path, false, &mut HashSet::new());
+        let file = |meaning| match meaning {
+            Meaning::Item(file) => Some(file),
+            Meaning::Module(module) => modules.then(|| self.modules[module].file),
+            Meaning::Path(_) => None,
+        };
+        found.into_iter().filter_map(file).collect()
     }
 
-    /// Where a path that is written in a module leads; empty if it leaves the crate.
-    fn resolve(&self, module: usize, path: &[String], seen: &mut HashSet<(usize, String)>) -> HashSet<Target> {
-        let mut at = module;
-        let mut rest = path;
-        while let [first, others @ ..] = rest {
-            match first.as_str() {
-                "crate" => at = 0,
-                "self" => {}
-                "super" => match self.modules[at].parent {
-                    Some(parent) => at = parent,
-                    None => return HashSet::new(),
-                },
-                _ => break,
-            }
-            rest = others;
-        }
-        let anchored = rest.len() < path.len();
-        self.walk(at, rest, anchored, seen)
+    fn is_module(&self, module: usize, path: &[String]) -> bool {
+        let found = self.resolve(module, path, false, &mut HashSet::new());
+        found.iter().any(|meaning| matches!(meaning, Meaning::Module(_)))
     }
 
-    /// Where the rest of a path leads from a module. `anchored`: only there, nowhere else.
-    fn walk(
+    /// Where a path leads from a module; nowhere if it leaves the crate. `anchored`: what no file defines counts as the
+    /// module's. `seen`: the names that are being followed.
+    fn resolve(
         &self,
         module: usize,
         path: &[String],
         anchored: bool,
         seen: &mut HashSet<(usize, String)>,
-    ) -> HashSet<Target> {
-        let [name, rest @ ..] = path else { return HashSet::from([Target::Module(module)]) };
-        let mut targets = HashSet::new();
+    ) -> HashSet<Meaning> {
+        let [name, rest @ ..] = path else { return HashSet::from([Meaning::Module(module)]) };
         let here = &self.modules[module];
+        let start = match name.as_str() {
+            "crate" => Some(0),
+            "self" => Some(module),
+            "super" => here.parent,
+            _ => None,
+        };
+        if let Some(start) = start {
+            return self.resolve(start, rest, true, seen);
+        }
+        let mut found = HashSet::new();
         if seen.insert((module, name.clone())) {
-            if let Some(definitions) = here.names.get(name) {
-                let is_module = definitions.iter().any(|definition| matches!(definition, Definition::Module(_)));
-                for definition in definitions {
-                    match definition {
+            if let Some(meanings) = here.names.get(name) {
+                let is_module = meanings.iter().any(|meaning| matches!(meaning, Meaning::Module(_)));
+                for meaning in meanings {
+                    found.extend(match meaning {
                         // A function may have a module's name; a longer path leads through the module.
-                        Definition::Item if is_module && !rest.is_empty() => {}
-                        Definition::Item => targets.extend([Target::Item(here.file)]),
-                        Definition::Module(child) => targets.extend(self.walk(*child, rest, true, seen)),
-                        Definition::Path(to) => {
-                            targets.extend(self.resolve(module, &[to, rest].concat(), seen));
-                        }
-                    }
+                        Meaning::Item(_) if is_module && !rest.is_empty() => HashSet::new(),
+                        Meaning::Item(file) => HashSet::from([Meaning::Item(*file)]),
+                        Meaning::Module(child) => self.resolve(*child, rest, true, seen),
+                        Meaning::Path(to) => self.resolve(module, &[to, rest].concat(), false, seen),
+                    });
                 }
             } else {
                 for glob in &here.globs {
-                    for target in self.resolve(module, glob, seen) {
-                        if let Target::Module(through) = target {
-                            targets.extend(self.walk(through, path, false, seen));
+                    for meaning in self.resolve(module, glob, false, seen) {
+                        if let Meaning::Module(through) = meaning {
+                            found.extend(self.resolve(through, path, false, seen));
                         }
                     }
                 }
             }
             seen.remove(&(module, name.clone()));
         }
-        if targets.is_empty() && anchored {
-            targets.insert(Target::Item(here.file));
+        if found.is_empty() && anchored {
+            found.insert(Meaning::Item(here.file));
         }
-        targets
-    }
-
-    /// The file of a textual macro that a module sees.
-    fn textual_macro(&self, module: usize, name: &str) -> Option<usize> {
-        let mut up = iter::successors(Some(module), |&place| self.modules[place].parent);
-        up.find_map(|place| {
-            let below = self.modules.iter().filter(|child| child.parent == Some(place) && child.macro_use);
-            let mut seen = iter::once(&self.modules[place]).chain(below);
-            seen.find(|module| module.macros.contains(name)).map(|module| module.file)
-        })
+        found
     }
 }
 
 impl Module {
-    /// Records what the item defines, and what is imported inside of it.
+    /// Records what the item defines, and the paths in it.
     fn define(&mut self, item: &Item) -> Result<()> {
-        let name = match item {
-            Item::Const(item) => Some(&item.ident),
-            Item::Enum(item) => Some(&item.ident),
-            Item::Fn(item) => Some(&item.sig.ident),
-            Item::Static(item) => Some(&item.ident),
-            Item::Struct(item) => Some(&item.ident),
-            Item::Trait(item) => Some(&item.ident),
-            Item::TraitAlias(item) => Some(&item.ident),
-            Item::Type(item) => Some(&item.ident),
-            Item::Union(item) => Some(&item.ident),
+        match item {
             Item::Macro(ItemMacro { ident: Some(name), .. }) => {
-                self.macros.insert(name.to_string());
-                Some(name)
+                self.macros.insert(name.to_string(), self.file);
+                self.define_name(bare(name), Meaning::Item(self.file));
             }
             Item::Macro(item) if item.mac.path.is_ident("include") => {
                 let line = item.mac.path.segments[0].ident.span().start().line;
                 bail!("line {line}: modules from `include!` are not followed; declare them with `mod`");
             }
-            Item::Macro(item) => {
-                self.define_tokens(item.mac.tokens.clone());
-                None
-            }
-            _ => None,
-        };
-        if let Some(name) = name {
-            self.names.entry(bare(name)).or_default().push(Definition::Item);
+            // The macro usually defines the items among its arguments.
+            Item::Macro(item) => self.define_tokens(item.mac.tokens.clone(), true),
+            item => self.define_tokens(item.to_token_stream(), false),
         }
-        Uses(self).visit_item(item);
+        visit::visit_item(self, item);
         Ok(())
     }
 
-    /// Items among a macro's arguments, which the macro usually defines.
-    fn define_tokens(&mut self, tokens: TokenStream) {
-        let mut keyword = false;
+    fn define_name(&mut self, name: String, meaning: Meaning) {
+        self.names.entry(name).or_default().push(meaning);
+    }
+
+    /// Records the items among tokens; `deep`: those in groups too.
+    fn define_tokens(&mut self, tokens: TokenStream, deep: bool) {
+        let (mut keyword, mut in_type) = (false, false);
         for token in tokens {
             match token {
-                TokenTree::Group(group) => self.define_tokens(group.stream()),
+                TokenTree::Group(group) if deep => self.define_tokens(group.stream(), deep),
                 TokenTree::Ident(ident) => {
                     if keyword {
-                        self.names.entry(ident.to_string()).or_default().push(Definition::Item);
+                        self.define_name(bare(&ident), Meaning::Item(self.file));
                     }
-                    keyword = ["struct", "enum", "union", "trait", "type", "fn", "const", "static"]
-                        .iter()
-                        .any(|word| ident == word);
+                    let keywords = ["struct", "enum", "union", "trait", "type", "fn", "const", "static"];
+                    keyword = !in_type && keywords.iter().any(|word| ident == word);
+                    in_type = false;
                 }
+                // `'static` and `*const` are parts of types.
+                TokenTree::Punct(mark) => (keyword, in_type) = (false, matches!(mark.as_char(), '\'' | '*')),
                 _ => keyword = false,
             }
         }
     }
-}
 
-/// One name of a `use`.
-struct Leaf {
-    path: Vec<String>,
-    /// The name that it gets here; `None` for a `*`.
-    name: Option<String>,
-    span: Span,
-}
-
-/// The names of a `use`; empty if it names another crate with a leading `::`.
-fn leaves(item: &ItemUse) -> Vec<Leaf> {
-    let mut found = Vec::new();
-    if item.leading_colon.is_none() {
-        spread(&item.tree, &mut Vec::new(), &mut found);
-    }
-    found
-}
-
-fn spread(tree: &UseTree, before: &mut Vec<String>, found: &mut Vec<Leaf>) {
-    let mut leaf = |ident: &Ident, name: &Ident| {
-        let mut path = before.clone();
-        // `a::{self}` is `a`.
-        if ident != "self" || before.is_empty() {
-            path.push(bare(ident));
-        }
-        let name = if name == "self" { path.last().cloned() } else { Some(bare(name)) };
-        found.push(Leaf { path, name, span: ident.span() });
-    };
-    match tree {
-        UseTree::Path(path) => {
-            before.push(bare(&path.ident));
-            spread(&path.tree, before, found);
-            before.pop();
-        }
-        UseTree::Name(name) => leaf(&name.ident, &name.ident),
-        UseTree::Rename(rename) => leaf(&rename.ident, &rename.rename),
-        UseTree::Glob(glob) => {
-            found.push(Leaf { path: before.clone(), name: None, span: glob.star_token.spans[0] });
-        }
-        UseTree::Group(group) => group.items.iter().for_each(|tree| spread(tree, before, found)),
-    }
-}
-
-/// Records each `use`, including those inside functions.
-struct Uses<'a>(&'a mut Module);
-
-impl<'ast> Visit<'ast> for Uses<'_> {
-    fn visit_item_use(&mut self, item: &'ast ItemUse) {
-        for leaf in leaves(item) {
-            match leaf.name {
-                // A name that refers to itself, which is needed to give a macro a path.
-                Some(name) if leaf.path == [name.as_str()] => {}
-                Some(name) => self.0.names.entry(name).or_default().push(Definition::Path(leaf.path)),
-                None => self.0.globs.push(leaf.path),
+    /// Records the names of a `use`; `again`: others find them here too.
+    fn define_use(&mut self, tree: &UseTree, before: &[String], again: bool) {
+        let (ident, name) = match tree {
+            UseTree::Path(path) => return self.define_use(&path.tree, &joined(before, &path.ident), again),
+            UseTree::Group(group) => return group.items.iter().for_each(|tree| self.define_use(tree, before, again)),
+            UseTree::Glob(glob) => {
+                self.globs.push(before.to_vec());
+                return self.write(before.to_vec(), glob.star_token.spans[0], Place::Path { modules: true });
             }
+            UseTree::Name(name) => (&name.ident, &name.ident),
+            UseTree::Rename(rename) => (&rename.ident, &rename.rename),
+        };
+        // `a::{self}` is `a`.
+        let path = if ident == "self" && !before.is_empty() { before.to_vec() } else { joined(before, ident) };
+        let name = path.last().filter(|_| name == "self").cloned().unwrap_or_else(|| bare(name));
+        // A name that refers to itself is needed to give a macro a path.
+        if path != [name.as_str()] {
+            self.define_name(name, Meaning::Path(path.clone()));
         }
-    }
-}
-
-/// Finds the paths of a module's items.
-struct Paths<'a> {
-    tree: &'a Tree,
-    own: &'a HashMap<(Type, String), usize>,
-    module: usize,
-    /// The type of this `impl`.
-    of: Option<Type>,
-    /// File that is imported, path as it is written, line.
-    found: Vec<(usize, String, usize)>,
-}
-
-impl Paths<'_> {
-    fn targets(&self, path: &[String]) -> HashSet<Target> {
-        self.tree.resolve(self.module, path, &mut HashSet::new())
+        self.write(path, ident.span(), Place::Path { modules: again });
     }
 
-    fn add(&mut self, file: usize, path: &[String], span: Span) {
-        self.found.push((file, path.join("::"), span.start().line));
+    fn write(&mut self, path: Vec<String>, span: Span, place: Place) {
+        self.written.push(Written { path, line: span.start().line, place });
     }
 
     /// A call of the own function of this `impl`'s type.
     fn call(&mut self, name: &Ident) {
-        let Some(of) = self.of.clone() else { return };
-        let called = bare(name);
-        if let Some(&file) = self.own.get(&(of, called.clone())) {
-            self.add(file, &["Self".into(), called], name.span());
-        }
-    }
-
-    /// A path in code.
-    fn path(&mut self, path: &[String], span: Span) {
-        let names = &self.tree.modules[self.module].names;
-        // A name from a `use` counts as imported there, unless it is a module that the path leads through.
-        let through = |name: &String| {
-            self.targets(std::slice::from_ref(name)).iter().any(|target| matches!(target, Target::Module(_)))
-        };
-        if path.first().is_some_and(|name| names.contains_key(name) && !(path.len() > 1 && through(name))) {
-            return;
-        }
-        for target in self.targets(path) {
-            if let Target::Item(file) = target {
-                self.add(file, path, span);
-            }
+        if let Some(of) = &self.of {
+            let function = joined(of, name);
+            self.write(vec!["Self".into(), bare(name)], name.span(), Place::Own(function));
         }
     }
 
     /// The paths among tokens; `texts`: in strings too, as attributes contain them.
     fn tokens(&mut self, tokens: TokenStream, texts: bool) {
-        let tokens: Vec<_> = tokens.into_iter().collect();
-        let mut at = 0;
-        while let Some(token) = tokens.get(at) {
-            at += 1;
+        // Punctuation marks since the last other token, and whether that one is the end of a path.
+        let (mut marks, mut in_path) = (String::new(), false);
+        for token in tokens {
             match token {
-                TokenTree::Group(group) => self.tokens(group.stream(), texts),
+                TokenTree::Punct(mark) => {
+                    marks.push(mark.as_char());
+                    continue;
+                }
+                TokenTree::Ident(name) => {
+                    let goes_on = in_path && marks == "::";
+                    // After one dot it is a field or method, after `::` a name of another crate or of a type.
+                    let is_member = marks.ends_with("::") || (marks.ends_with('.') && !marks.ends_with(".."));
+                    in_path = goes_on || !is_member;
+                    if goes_on && let Some(written) = self.written.last_mut() {
+                        written.path.push(bare(&name));
+                    } else if in_path {
+                        self.write(vec![bare(&name)], name.span(), Place::Path { modules: false });
+                    }
+                }
+                TokenTree::Group(group) => {
+                    in_path = false;
+                    self.tokens(group.stream(), texts);
+                }
                 TokenTree::Literal(literal) => {
-                    if let (true, syn::Lit::Str(text)) = (texts, syn::Lit::new(literal.clone())) {
-                        // Prose is not a path.
-                        let text = Some(text.value()).filter(|text| text.contains("::"));
-                        let tokens = text.and_then(|text| text.parse::<TokenStream>().ok());
-                        self.tokens(tokens.unwrap_or_default(), false);
+                    in_path = false;
+                    // Prose is not a path.
+                    if let (true, syn::Lit::Str(text)) = (texts, syn::Lit::new(literal))
+                        && text.value().contains("::")
+                    {
+                        self.tokens(text.value().parse().unwrap_or_default(), false);
                     }
                 }
-                TokenTree::Ident(first) if !is_member(&tokens[..at - 1]) => {
-                    let mut path = vec![bare(first)];
-                    while let [colons @ .., TokenTree::Ident(ident)] = tokens.get(at..at + 3).unwrap_or_default() {
-                        if !is_double_colon(colons) {
-                            break;
-                        }
-                        path.push(bare(ident));
-                        at += 3;
-                    }
-                    self.path(&path, first.span());
-                }
-                TokenTree::Ident(_) | TokenTree::Punct(_) => {}
             }
+            marks.clear();
         }
     }
 }
@@ -501,39 +381,36 @@ fn bare(name: &Ident) -> String {
     name.unraw().to_string()
 }
 
+fn joined(before: &[String], name: &Ident) -> Vec<String> {
+    [before, &[bare(name)]].concat()
+}
+
 fn names(path: &syn::Path) -> Vec<String> {
     path.segments.iter().map(|segment| bare(&segment.ident)).collect()
 }
 
-fn is_double_colon(tokens: &[TokenTree]) -> bool {
-    matches!(tokens, [first, second] if is_mark(first, ':') && is_mark(second, ':'))
-}
-
-/// Whether the token after these is not a path of this crate: after one dot it is a field or method, after `::` a name
-/// of another crate or of a type.
-fn is_member(before: &[TokenTree]) -> bool {
-    match before {
-        [.., a, b] => (is_mark(b, '.') && !is_mark(a, '.')) || (is_mark(a, ':') && is_mark(b, ':')),
-        [a] => is_mark(a, '.'),
-        [] => false,
-    }
-}
-
-impl<'ast> Visit<'ast> for Paths<'_> {
+/// Records the paths of an item, except in what is for tests only.
+impl<'ast> Visit<'ast> for Module {
     fn visit_item(&mut self, item: &'ast Item) {
-        if !source::only_for_tests(source::attributes(item)) {
+        if !source::only_for_tests(item) {
             visit::visit_item(self, item);
         }
     }
 
     fn visit_impl_item(&mut self, item: &'ast ImplItem) {
-        if !source::member_only_for_tests(item) {
-            visit::visit_impl_item(self, item);
+        if source::only_for_tests(item) {
+            return;
         }
+        if let (ImplItem::Fn(function), Some(of)) = (item, &self.of) {
+            self.functions.push(joined(of, &function.sig.ident));
+        }
+        visit::visit_impl_item(self, item);
     }
 
     fn visit_item_impl(&mut self, item: &'ast ItemImpl) {
-        self.of = self.tree.type_of(self.module, item);
+        if let (None, syn::Type::Path(of)) = (&item.trait_, &*item.self_ty) {
+            self.of = Some(names(&of.path));
+        }
         visit::visit_item_impl(self, item);
         self.of = None;
     }
@@ -546,17 +423,9 @@ impl<'ast> Visit<'ast> for Paths<'_> {
     }
 
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
-        let again = !matches!(item.vis, Visibility::Inherited);
-        for leaf in leaves(item) {
-            for target in self.targets(&leaf.path) {
-                match target {
-                    Target::Item(file) => self.add(file, &leaf.path, leaf.span),
-                    Target::Module(module) if again || leaf.name.is_none() => {
-                        self.add(self.tree.modules[module].file, &leaf.path, leaf.span);
-                    }
-                    Target::Module(_) => {}
-                }
-            }
+        // A leading `::` names another crate.
+        if item.leading_colon.is_none() {
+            self.define_use(&item.tree, &[], !matches!(item.vis, Visibility::Inherited));
         }
     }
 
@@ -564,20 +433,20 @@ impl<'ast> Visit<'ast> for Paths<'_> {
         if let (None, Some(first)) = (&path.leading_colon, path.segments.first()) {
             match path.segments.get(1) {
                 Some(second) if first.ident == "Self" => self.call(&second.ident),
-                _ => self.path(&names(path), first.ident.span()),
+                _ => self.write(names(path), first.ident.span(), Place::Path { modules: false }),
             }
         }
         visit::visit_path(self, path);
     }
 
     fn visit_macro(&mut self, called: &'ast syn::Macro) {
-        match called.path.get_ident().map(|ident| (ident.to_string(), ident.span())) {
-            Some((name, span)) if !self.tree.modules[self.module].names.contains_key(&name) => {
-                if let Some(file) = self.tree.textual_macro(self.module, &name) {
-                    self.add(file, &[name], span);
+        match called.path.get_ident() {
+            Some(name) => {
+                if let Some(&file) = self.macros.get(&name.to_string()) {
+                    self.write(vec![name.to_string()], name.span(), Place::Macro(file));
                 }
             }
-            _ => self.visit_path(&called.path),
+            None => self.visit_path(&called.path),
         }
         self.tokens(called.tokens.clone(), false);
     }

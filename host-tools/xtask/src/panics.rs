@@ -67,9 +67,8 @@ struct Program {
     functions: Vec<Function>,
     /// Function by its address.
     at: HashMap<u64, usize>,
-    /// Files of the estimator named in panics.
-    named: Vec<String>,
-    allocators: Vec<String>,
+    /// Files of the estimator named in panics, and allocators.
+    faults: Vec<String>,
 }
 
 impl Program {
@@ -77,7 +76,9 @@ impl Program {
         let file = object::File::parse(bytes)?;
         let mut marks = BTreeMap::new();
         let mut symbols = Vec::new();
-        let mut allocators = Vec::new();
+        let sections = file.sections().filter(|section| section.address() != 0);
+        let named = sections.flat_map(|section| paths(section.data().unwrap_or_default()));
+        let mut faults: Vec<_> = named.map(|name| format!("a panic names {name}")).collect();
         for symbol in file.symbols() {
             let Ok(name) = symbol.name() else { continue };
             // Mapping symbols: code and constants in the same section (ELF for the Arm Architecture, 5.5.5).
@@ -86,7 +87,7 @@ impl Program {
             } else if symbol.kind() == SymbolKind::Text && symbol.size() > 0 {
                 let name = format!("{:#}", rustc_demangle::demangle(name));
                 if ALLOCATORS.iter().any(|part| name.contains(part)) {
-                    allocators.push(name.clone());
+                    faults.push(format!("an allocator: {name}"));
                 }
                 symbols.push((symbol.address() & !1, symbol.size(), name));
             }
@@ -103,9 +104,7 @@ impl Program {
             at.insert(address, functions.len());
             functions.push(Function { name, code, address, constants });
         }
-        let sections = file.sections().filter(|section| section.address() != 0);
-        let named = sections.flat_map(|section| paths(section.data().unwrap_or_default())).collect();
-        Ok(Self { functions, at, named, allocators })
+        Ok(Self { functions, at, faults })
     }
 
     fn estimator(&self) -> impl Iterator<Item = usize> + '_ {
@@ -113,8 +112,7 @@ impl Program {
     }
 
     fn faults(&self) -> Vec<String> {
-        let mut faults: Vec<_> = self.named.iter().map(|name| format!("a panic names {name}")).collect();
-        faults.extend(self.allocators.iter().map(|name| format!("an allocator: {name}")));
+        let mut faults = self.faults.clone();
         if self.estimator().next().is_none() {
             faults.push("no function of inerter-core has a symbol: nothing was checked".into());
         }
@@ -268,7 +266,7 @@ mod tests {
 
     fn program(functions: Vec<Function>) -> Program {
         let at = functions.iter().enumerate().map(|(place, function)| (function.address, place)).collect();
-        Program { functions, at, named: Vec::new(), allocators: Vec::new() }
+        Program { functions, at, faults: Vec::new() }
     }
 
     // Encodings as an assembler prints them.

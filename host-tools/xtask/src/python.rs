@@ -4,7 +4,7 @@ use crate::{
     process, tree,
     workspace::{self, Part},
 };
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use std::{
     path::{Path, PathBuf},
     process::Command,
@@ -44,17 +44,21 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
+/// The blocks of code of a page, each with its language in the first line.
+fn blocks(page: &str) -> impl Iterator<Item = &str> {
+    page.split("```").skip(1).step_by(2)
+}
+
 /// Snippets with what they print: each block of Python is followed by a block of text.
 fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
     let mut snippets = Vec::new();
-    let mut rest = page;
-    while let Some((_, after)) = rest.split_once("```python\n") {
-        let (code, after) = after.split_once("```").context("a snippet without an end")?;
-        let (between, after) = after.split_once("```text\n").context("a snippet without what it prints")?;
-        ensure!(!between.contains("```"), "{PAGE}: the snippet `{}` is not followed by what it prints", code.trim());
-        let (text, after) = after.split_once("```").context("a text without an end")?;
+    let mut blocks = blocks(page);
+    while let Some(block) = blocks.next() {
+        let Some(code) = block.strip_prefix("python\n") else { continue };
+        let Some(text) = blocks.next().and_then(|block| block.strip_prefix("text\n")) else {
+            bail!("{PAGE}: the snippet `{}` is not followed by what it prints", code.trim());
+        };
         snippets.push((code, text));
-        rest = after;
     }
     ensure!(!snippets.is_empty(), "{PAGE} has no snippets");
     Ok(snippets)
@@ -62,8 +66,7 @@ fn snippets(page: &str) -> Result<Vec<(&str, &str)>> {
 
 /// The commands that create the files.
 fn commands(page: &str) -> impl Iterator<Item = &str> {
-    let block = page.split_once("```sh\n").and_then(|(_, after)| after.split_once("```"));
-    block.map_or("", |(commands, _)| commands).lines()
+    blocks(page).find_map(|block| block.strip_prefix("sh\n")).unwrap_or_default().lines()
 }
 
 /// A Python with the packages that read our files.
@@ -105,7 +108,8 @@ pub fn script(python: &Path, name: &str) -> Command {
     command
 }
 
-fn pip(python: &Path) -> Command {
+/// `pip install`, ready for arguments.
+pub fn pip(python: &Path) -> Command {
     let mut pip = Command::new(python);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
     pip

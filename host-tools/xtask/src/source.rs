@@ -1,10 +1,16 @@
-//! Rust source, parsed, its tokens, and which of it is for tests only.
+//! Rust source, parsed, its tokens, where its modules are, and which of it is for tests only.
 
 use crate::tree;
 use anyhow::Result;
-use proc_macro2::{Delimiter, Ident, LineColumn, TokenStream, TokenTree};
-use std::path::Path;
-use syn::{Attribute, Expr, ExprLit, ImplItem, Item, Lit, Meta, Token, punctuated::Punctuated};
+use proc_macro2::{Delimiter, Group, Ident, LineColumn, TokenStream, TokenTree};
+use quote::ToTokens;
+use std::path::{Path, PathBuf};
+use syn::{
+    Attribute, Expr, ExprLit, ItemMod, Lit, Meta, Token,
+    ext::IdentExt,
+    parse::{ParseStream, Parser},
+    punctuated::Punctuated,
+};
 
 /// Reads and parses a file.
 pub fn parse(file: &Path) -> Result<syn::File> {
@@ -14,30 +20,17 @@ pub fn parse(file: &Path) -> Result<syn::File> {
     })
 }
 
-/// Whether the token is this punctuation mark.
-pub fn is_mark(token: &TokenTree, mark: char) -> bool {
-    matches!(token, TokenTree::Punct(punct) if punct.as_char() == mark)
-}
-
 /// The tokens, without the attributes that documentation becomes. A group gives its delimiter and "end"; `#!` is one.
 pub fn code(tokens: TokenStream) -> Vec<String> {
-    let is_inner = |token: &TokenTree| is_mark(token, '!');
-    let is_documentation = |token: &TokenTree| match token {
-        TokenTree::Group(group) if group.delimiter() == Delimiter::Bracket => {
-            matches!(group.stream().into_iter().next(), Some(TokenTree::Ident(name)) if name == "doc")
-        }
-        _ => false,
-    };
-    let mut code = Vec::new();
-    let mut tokens = tokens.into_iter().peekable();
-    while let Some(token) = tokens.next() {
+    let mut code: Vec<String> = Vec::new();
+    for token in tokens {
+        let in_attribute = code.last().is_some_and(|last| last == "#" || last == "#!");
         match token {
-            token if is_mark(&token, '#') => {
-                let mark = tokens.next_if(is_inner).map_or("#", |_| "#!");
-                if tokens.next_if(is_documentation).is_none() {
-                    code.push(mark.to_owned());
-                }
+            TokenTree::Punct(mark) if in_attribute && mark.as_char() == '!' => {
+                code.pop();
+                code.push("#!".to_owned());
             }
+            TokenTree::Group(group) if in_attribute && is_documentation(&group) => drop(code.pop()),
             TokenTree::Group(group) => {
                 code.push(format!("{:?}", group.delimiter()));
                 code.extend(self::code(group.stream()));
@@ -49,17 +42,36 @@ pub fn code(tokens: TokenStream) -> Vec<String> {
     code
 }
 
-/// The path in a module's `#[path]`.
-pub fn path_attribute(attributes: &[Attribute]) -> Option<String> {
-    let attribute = attributes.iter().find(|attribute| attribute.path().is_ident("path"))?;
-    match &attribute.meta.require_name_value().ok()?.value {
-        Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) => Some(text.value()),
-        _ => None,
-    }
+fn is_documentation(group: &Group) -> bool {
+    let first = group.stream().into_iter().next();
+    group.delimiter() == Delimiter::Bracket && matches!(first, Some(TokenTree::Ident(name)) if name == "doc")
 }
 
-/// Whether the item with these attributes is compiled for tests only.
-pub fn only_for_tests(attributes: &[Attribute]) -> bool {
+/// The file of a module: beside the one that declares it if that is a crate's root or itself stands for a folder, else
+/// below it. `within`: the names of the modules around it in that file.
+pub fn module_file(file: &Path, within: &Path, module: &ItemMod) -> PathBuf {
+    let folder = file.parent().unwrap_or(file);
+    for attribute in &module.attrs {
+        if let Meta::NameValue(given) = &attribute.meta
+            && given.path.is_ident("path")
+            && let Expr::Lit(ExprLit { lit: Lit::Str(text), .. }) = &given.value
+        {
+            return folder.join(text.value());
+        }
+    }
+    let within = within.join(module.ident.unraw().to_string());
+    let below = [file.with_extension(""), folder.into()].map(|folder| folder.join(&within));
+    let mut places = below.iter().flat_map(|place| [place.with_extension("rs"), place.join("mod.rs")]);
+    places.find(|place| place.is_file()).unwrap_or_else(|| folder.join(within))
+}
+
+/// Whether this item, or member of an `impl`, is compiled for tests only.
+pub fn only_for_tests(item: &impl ToTokens) -> bool {
+    let outer = |input: ParseStream| {
+        let attributes = Attribute::parse_outer(input)?;
+        input.parse::<TokenStream>().map(|_| attributes)
+    };
+    let attributes = outer.parse2(item.to_token_stream()).unwrap_or_default();
     attributes.iter().any(|attribute| {
         attribute.path().is_ident("test")
             || (attribute.path().is_ident("cfg") && attribute.parse_args().is_ok_and(|condition| is_test(&condition)))
@@ -76,39 +88,6 @@ fn is_test(condition: &Meta) -> bool {
         Some("test") => true,
         Some("all") => parts().is_some_and(|parts| parts.iter().any(is_test)),
         Some("any") => parts().is_some_and(|parts| !parts.is_empty() && parts.iter().all(is_test)),
-        _ => false,
-    }
-}
-
-/// An item's attributes.
-pub fn attributes(item: &Item) -> &[Attribute] {
-    match item {
-        Item::Const(item) => &item.attrs,
-        Item::Enum(item) => &item.attrs,
-        Item::ExternCrate(item) => &item.attrs,
-        Item::Fn(item) => &item.attrs,
-        Item::ForeignMod(item) => &item.attrs,
-        Item::Impl(item) => &item.attrs,
-        Item::Macro(item) => &item.attrs,
-        Item::Mod(item) => &item.attrs,
-        Item::Static(item) => &item.attrs,
-        Item::Struct(item) => &item.attrs,
-        Item::Trait(item) => &item.attrs,
-        Item::TraitAlias(item) => &item.attrs,
-        Item::Type(item) => &item.attrs,
-        Item::Union(item) => &item.attrs,
-        Item::Use(item) => &item.attrs,
-        _ => &[],
-    }
-}
-
-/// Whether a member of an `impl` is compiled for tests only.
-pub fn member_only_for_tests(item: &ImplItem) -> bool {
-    match item {
-        ImplItem::Const(item) => only_for_tests(&item.attrs),
-        ImplItem::Fn(item) => only_for_tests(&item.attrs),
-        ImplItem::Type(item) => only_for_tests(&item.attrs),
-        ImplItem::Macro(item) => only_for_tests(&item.attrs),
         _ => false,
     }
 }

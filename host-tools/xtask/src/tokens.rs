@@ -9,13 +9,13 @@ use crate::{
 };
 use anyhow::{Context, Result};
 use proc_macro2::TokenStream;
+use quote::ToTokens;
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::{Path, PathBuf},
 };
 use syn::{
     ImplItem, Item, ItemMod,
-    ext::IdentExt,
     spanned::Spanned,
     visit::{self, Visit},
 };
@@ -82,37 +82,30 @@ impl Source {
         Ok(source)
     }
 
-    /// The file of a module: beside this one if this is a crate's root or itself stands for a folder, else below it.
-    fn file_of(&self, module: &ItemMod) -> Option<PathBuf> {
-        let folder = self.path.parent()?;
-        if let Some(path) = source::path_attribute(&module.attrs) {
-            return Some(folder.join(path));
+    /// Whether the item is for tests only; if so, counts it.
+    fn is_test(&mut self, item: &impl ToTokens) -> bool {
+        let is_test = source::only_for_tests(item);
+        if is_test {
+            self.test_tokens += count(&item.span().source_text().unwrap_or_default());
         }
-        let name = module.ident.unraw().to_string();
-        let below = [self.path.with_extension(""), folder.into()].map(|folder| folder.join(&name));
-        let mut places = below.iter().flat_map(|place| [place.with_extension("rs"), place.join("mod.rs")]);
-        places.find(|place| place.is_file())
+        is_test
     }
 }
 
 impl<'ast> Visit<'ast> for Source {
     fn visit_item(&mut self, item: &'ast Item) {
-        let is_test = source::only_for_tests(source::attributes(item));
+        let is_test = self.is_test(item);
         if let Item::Mod(module @ ItemMod { content: None, .. }) = item {
-            let file = self.file_of(module);
-            if is_test { &mut self.test_modules } else { &mut self.modules }.extend(file);
+            let file = source::module_file(&self.path, Path::new(""), module);
+            if is_test { &mut self.test_modules } else { &mut self.modules }.push(file);
         }
-        if is_test {
-            self.test_tokens += count(&item.span().source_text().unwrap_or_default());
-        } else {
+        if !is_test {
             visit::visit_item(self, item);
         }
     }
 
     fn visit_impl_item(&mut self, item: &'ast ImplItem) {
-        if source::member_only_for_tests(item) {
-            self.test_tokens += count(&item.span().source_text().unwrap_or_default());
-        } else {
+        if !self.is_test(item) {
             visit::visit_impl_item(self, item);
         }
     }

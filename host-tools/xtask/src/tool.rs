@@ -1,6 +1,6 @@
 //! Third-party subcommands of cargo: found on this machine, or installed below `target/tools`.
 
-use crate::{process, toolchain::at_least, tree, workspace};
+use crate::{process, python, toolchain::at_least, tree, workspace};
 use anyhow::{Context, Result, ensure};
 use std::{
     path::{Path, PathBuf},
@@ -96,8 +96,8 @@ fn install_compiled(folder: &Path) -> Result<()> {
     let pip = process::first_line(Command::new("python3").args(["-m", "pip", "--version"]));
     ensure!(pip.is_some(), "no pip on this machine");
     process::run_shown(
-        Command::new("python3")
-            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--root-user-action", "ignore"])
+        python::pip(Path::new("python3"))
+            .args(["--root-user-action", "ignore"])
             .args(["--no-deps", "--only-binary", ":all:", "--require-hashes", "--upgrade", "--target"])
             .arg(folder.join("python"))
             .arg("--requirement")

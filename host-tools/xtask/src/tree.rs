@@ -26,6 +26,11 @@ pub fn root() -> PathBuf {
     here.ancestors().nth(2).map(Path::to_path_buf).unwrap_or(here)
 }
 
+/// A path below a folder, without that folder.
+pub fn below(path: &Path, folder: &Path) -> String {
+    path.strip_prefix(folder).unwrap_or(path).display().to_string()
+}
+
 /// The bytes of a file.
 pub fn read(file: impl AsRef<Path>) -> Result<Vec<u8>> {
     named("read", file.as_ref(), fs::read)
@@ -61,12 +66,21 @@ pub fn remove(folder: impl AsRef<Path>) -> Result<()> {
 
 /// All files below a folder, in order.
 pub fn files(folder: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
+    files_except(folder, |_| false)
+}
+
+/// The same without those in some folders.
+pub fn files_except(folder: impl AsRef<Path>, left_out: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     let mut folders = vec![root().join(folder)];
     while let Some(folder) = folders.pop() {
         for entry in named("read", &folder, fs::read_dir)? {
-            let path = entry?.path();
-            if path.is_dir() { &mut folders } else { &mut files }.push(path);
+            let entry = entry?;
+            if !entry.file_type()?.is_dir() {
+                files.push(entry.path());
+            } else if !left_out(&entry.path()) {
+                folders.push(entry.path());
+            }
         }
     }
     files.sort();
