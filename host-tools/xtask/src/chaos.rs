@@ -16,31 +16,25 @@ use std::{collections::BTreeMap, path::Path, process::Command};
 #[derive(clap::Args)]
 pub struct Options {
     /// One campaign; by default all of them, one after another
-    pub campaign: Option<String>,
+    campaign: Option<String>,
     /// How often each program is killed; other disturbances happen as often, or a fraction of that
-    #[arg(long, default_value_t = Self::USUAL.kills)]
-    pub kills: u64,
+    #[arg(long, default_value_t = 100)]
+    kills: u64,
     /// How many hosts connect and disconnect
-    #[arg(long, default_value_t = Self::USUAL.cycles)]
-    pub cycles: u64,
+    #[arg(long, default_value_t = 5_000)]
+    cycles: u64,
     /// Seed of all random draws
-    #[arg(long, default_value_t = Self::USUAL.seed)]
-    pub seed: u64,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// Number of seeds, run one after another
-    #[arg(long, value_name = "N", default_value_t = Self::USUAL.seeds)]
-    pub seeds: u64,
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seeds: u64,
     /// Write what passed into docs/tables/chaos.md, and skip what is already there
     #[arg(long)]
-    pub keep: bool,
+    keep: bool,
     /// Disturb the program as released instead of a debug build: slow writers run 3 to 30 times faster
     #[arg(long)]
-    pub release: bool,
-}
-
-impl Options {
-    /// All campaigns at their usual size.
-    pub const USUAL: Self =
-        Self { campaign: None, kills: 100, cycles: 5_000, seed: 1, seeds: 1, keep: false, release: false };
+    release: bool,
 }
 
 /// How a campaign ended.

@@ -24,12 +24,12 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands, dfuse, requests or flags
     target: Option<String>,
     /// Time for each target, in seconds
-    #[arg(long, default_value_t = Self::USUAL.seconds)]
+    #[arg(long, default_value_t = 30)]
     seconds: u32,
     /// Seed of libFuzzer's random numbers; by default a new one each time, which the printed command shows
     #[arg(long, value_name = "N")]
@@ -47,12 +47,6 @@ pub struct Options {
     /// Run the target on this input alone, to reproduce a finding
     #[arg(long, value_name = "FILE", requires = "target")]
     input: Option<PathBuf>,
-}
-
-impl Options {
-    /// All targets from the committed corpora.
-    pub const USUAL: Self =
-        Self { target: None, seconds: 30, seed: None, fast: false, ours: false, keep: false, input: None };
 }
 
 /// A fuzz target: a program of `tests/fuzz`.

@@ -37,10 +37,10 @@ const PAGE_BYTES: f64 = 4096.0;
 pub struct Options {
     /// How long, in minutes
     #[arg(long, default_value_t = 10.0)]
-    pub minutes: f64,
+    minutes: f64,
     /// Write docs/tables/monitor-load.md
     #[arg(long)]
-    pub update: bool,
+    update: bool,
 }
 
 /// A program that is killed when dropped.

@@ -53,19 +53,14 @@ const PROGRESS: &str = "progress.tsv";
 #[derive(clap::Args)]
 pub struct Options {
     /// How long, in hours; 3 minutes by default
-    #[arg(long, default_value_t = Self::USUAL.hours)]
-    pub hours: f64,
+    #[arg(long, default_value_t = 0.05)]
+    hours: f64,
     /// Leave out the image in QEMU
     #[arg(long)]
-    pub no_qemu: bool,
+    no_qemu: bool,
     /// Soak in portions, write each into docs/tables/soak.md, and continue until the table has so many hours
     #[arg(long, conflicts_with = "no_qemu")]
-    pub keep: bool,
-}
-
-impl Options {
-    /// Three minutes of everything.
-    pub const USUAL: Self = Self { hours: 0.05, no_qemu: false, keep: false };
+    keep: bool,
 }
 
 /// A watched process.
