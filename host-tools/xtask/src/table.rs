@@ -126,20 +126,19 @@ fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
 }
 
-/// The cells of a row, between an empty one before the first mark and one behind the last.
-pub fn cells(line: &str) -> Vec<&str> {
-    line.split('|').map(str::trim).collect()
+/// The cells of a row that has so many.
+pub fn cells<const N: usize>(line: &str) -> Option<[&str; N]> {
+    let cells = line.strip_prefix("| ")?.strip_suffix(" |")?.split('|');
+    cells.map(str::trim).collect::<Vec<_>>().try_into().ok()
 }
 
 /// Names and values of a table's rows; other lines are skipped.
 fn parse(markdown: &str) -> Vec<(String, f64)> {
-    markdown
-        .lines()
-        .filter_map(|line| {
-            let mut cells = line.strip_prefix('|')?.split('|').map(str::trim);
-            Some((cells.next()?.to_owned(), cells.next()?.parse().ok()?))
-        })
-        .collect()
+    let row = |line: &str| {
+        let [name, value, ..] = cells::<4>(line)?;
+        Some((name.to_owned(), value.parse().ok()?))
+    };
+    markdown.lines().filter_map(row).collect()
 }
 
 /// What differs by more than the tolerance, misses a goal that the table reached, or is in only one of the two.
