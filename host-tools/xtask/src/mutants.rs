@@ -222,8 +222,7 @@ impl Package {
             let file = known.with_context(|| format!("there is no {only} in {}", self.sources()))?;
             return Ok(vec![Scope::File(file.clone())]);
         }
-        let is_new =
-            |(file, sum): &(&String, &String)| record.0.get(*file).is_none_or(|tested| tested.sum != **sum);
+        let is_new = |(file, sum): &(&String, &String)| record.0.get(*file).is_none_or(|tested| tested.sum != **sum);
         let mut left: Vec<_> = files.iter().filter(is_new).map(|(file, _)| file.clone()).collect();
         left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
         Ok(left.into_iter().map(Scope::File).collect())
