@@ -8,7 +8,12 @@ use crate::{
     process, workspace,
 };
 use anyhow::{Context, Result};
-use std::{collections::BTreeMap, path::Path, process::Command};
+use std::{
+    cmp::Ordering::{self, Greater, Less},
+    collections::BTreeMap,
+    path::Path,
+    process::Command,
+};
 
 /// An interval that grows by this factor shows what the part is for: a choice.
 const WIDER: f64 = 1.02;
@@ -190,52 +195,20 @@ const PARTS: &[Heuristic] = &[
 /// What the program counts, by name.
 type Counts = BTreeMap<String, f64>;
 
-/// One column of the table.
-struct Column {
-    /// What is counted, and the total of which it is a share [%].
-    name: &'static str,
-    of: Option<&'static str>,
-    /// What is lost if it decreases, or increases.
-    lost: Lost,
-}
-
-/// When removing a part counts as a loss.
-enum Lost {
-    Less(&'static str),
-    More(&'static str),
-}
-
-const COLUMNS: [Column; 8] = [
-    Column { name: "first", of: None, lost: Lost::Less("names") },
-    Column { name: "sized", of: None, lost: Lost::Less("sizes") },
-    Column { name: "right", of: Some("corrected"), lost: Lost::Less("honesty") },
-    Column { name: "wrong", of: None, lost: Lost::More("no false names") },
-    Column { name: "outside", of: Some("given"), lost: Lost::More("honesty") },
-    Column { name: "unsaid", of: Some("given"), lost: Lost::More("honesty") },
-    Column { name: "assumed", of: Some("given"), lost: Lost::More("fewer assumptions") },
-    Column { name: WIDTH, of: None, lost: Lost::More("sharpness") },
+/// The table's columns: what is counted, the total of which it is a share [%], whether fewer or more are a loss, and what
+/// is lost then.
+const COLUMNS: [(&str, Option<&str>, Ordering, &str); 8] = [
+    ("first", None, Less, "names"),
+    ("sized", None, Less, "sizes"),
+    ("right", Some("corrected"), Less, "honesty"),
+    ("wrong", None, Greater, "no false names"),
+    ("outside", Some("given"), Greater, "honesty"),
+    ("unsaid", Some("given"), Greater, "honesty"),
+    ("assumed", Some("given"), Greater, "fewer assumptions"),
+    (WIDTH, None, Greater, "sharpness"),
 ];
 /// The one column that is a mean, not a count.
 const WIDTH: &str = "width";
-
-impl Column {
-    fn value(&self, counts: &Counts) -> Result<f64> {
-        let count = |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
-        match self.of {
-            Some(of) => Ok(100.0 * count(self.name)? / count(of)?.max(1.0)),
-            None => count(self.name),
-        }
-    }
-
-    /// What gets worse with this change; differences up to [`BY_CHANCE`] and [`WIDER`] are ignored.
-    fn lost(&self, before: f64, after: f64) -> Option<&'static str> {
-        let chance = if self.name == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
-        match self.lost {
-            Lost::Less(what) => (after < before - chance).then_some(what),
-            Lost::More(what) => (after > before + chance).then_some(what),
-        }
-    }
-}
 
 /// Builds and runs everything, then writes or compares the table.
 pub fn run(update: bool) -> Result<()> {
@@ -270,11 +243,24 @@ fn counts(output: &str) -> Result<Counts> {
 
 fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Result<String> {
     let (mut cells, mut lost) = (Vec::new(), Vec::new());
-    for column in &COLUMNS {
-        let [before, after] = [column.value(whole)?, column.value(without)?];
-        lost.extend(column.lost(before, after).filter(|what| !lost.contains(what)));
-        cells.push(match column.of {
-            _ if column.name == WIDTH => format!("{:.2}", after / before),
+    for (column, of, loss, what) in COLUMNS {
+        let value = |counts: &Counts| -> Result<f64> {
+            let count =
+                |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
+            match of {
+                Some(of) => Ok(100.0 * count(column)? / count(of)?.max(1.0)),
+                None => count(column),
+            }
+        };
+        let [before, after] = [value(whole)?, value(without)?];
+        // Smaller differences are ignored.
+        let chance = if column == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
+        let bound = if loss == Less { before - chance } else { before + chance };
+        if after.partial_cmp(&bound) == Some(loss) && !lost.contains(&what) {
+            lost.push(what);
+        }
+        cells.push(match of {
+            _ if column == WIDTH => format!("{:.2}", after / before),
             Some(_) => format!("{before:.1} to {after:.1}"),
             None => format!("{before} to {after}"),
         });
