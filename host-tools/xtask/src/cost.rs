@@ -25,18 +25,11 @@ pub struct Options {
     tokens: bool,
 }
 
-/// The program as a user installs it.
-struct Installed {
-    name: &'static str,
-    features: &'static [&'static str],
-    /// Upper limit for its size \[MB\].
-    most_mb: f64,
-}
-
-const INSTALLED: [Installed; 3] = [
-    Installed { name: "program of a release", features: &["--all-features"], most_mb: 30.0 },
-    Installed { name: "program, `cargo install`", features: &[], most_mb: 30.0 },
-    Installed { name: "program, `--no-default-features`", features: &["--no-default-features"], most_mb: 15.0 },
+/// The program as a user installs it: name, features, and upper limit for its size \[MB\].
+const INSTALLED: [(&str, &[&str], f64); 3] = [
+    ("program of a release", &["--all-features"], 30.0),
+    ("program, `cargo install`", &[], 30.0),
+    ("program, `--no-default-features`", &["--no-default-features"], 15.0),
 ];
 
 /// Measures each product and compares with the committed table, or writes it.
@@ -47,11 +40,11 @@ pub fn run(options: &Options) -> Result<()> {
     ensure!(cfg!(unix), "the processor time of what cargo starts is counted on Unix only");
     let folder = workspace::target()?.join("cost");
     let mut rows = Vec::new();
-    for Installed { name, features, most_mb } in &INSTALLED {
+    for (name, features, most_mb) in INSTALLED {
         let mut build = process::cargo();
-        build.args(["build", "--locked", "--release", "--package", "inerter"]).args(*features);
+        build.args(["build", "--locked", "--release", "--package", "inerter"]).args(features);
         rows.push(minutes(&format!("{name}: compiling"), &folder, &mut build)?);
-        let row = crates(&format!("{name}: crates"), LINKED, &[&["--package", "inerter"], *features].concat())?;
+        let row = crates(&format!("{name}: crates"), LINKED, &[&["--package", "inerter"], features].concat())?;
         rows.push(match rows.get(1) {
             Some(first) if features.contains(&"--no-default-features") => row.at_most(first.value / 2.0),
             _ => row,
@@ -59,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
         let path = folder.join(format!("release/inerter{}", std::env::consts::EXE_SUFFIX));
         let bytes = fs::metadata(&path).with_context(|| format!("no program at {}", path.display()))?.len();
         let size = (bytes as f64 / 1e5).round() / 10.0;
-        rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(*most_mb));
+        rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(most_mb));
     }
     let some = ["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"];
     rows.push(crates("program without `probe` and `bridges` alone: crates", LINKED, &some)?);

@@ -3,7 +3,7 @@
 use crate::{
     firmware::{self, Image},
     icount, process,
-    table::{Options, Row, Table},
+    table::{Options, Row, Table, number},
     tree,
     workspace::{self, Part},
 };
@@ -53,16 +53,15 @@ pub fn run(options: &Options) -> Result<()> {
     rows[0].goal = Some(FLASH_GOAL);
     rows[5].goal = Some(RAM_GOAL);
     let figures = twin(&board)?;
-    let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
-    let (without, stack) = (rows[5].value, figure("stack_bytes")?);
+    let (without, stack) = (rows[5].value, number(&figures, "stack_bytes", &figures)?);
     for (name, bytes) in [("board, RAM: worst stack", stack), ("board, RAM with the worst stack", without + stack)] {
         rows.push(Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
     }
     rows.extend(loads(&figures)?);
     let qemu = firmware::build(Image::QEMU)?;
     rows.extend(self::rows("qemu", &measure(&qemu)?));
-    let report = icount::measure(&qemu)?;
-    rows.push(Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
+    let (_, state_bytes) = icount::measure(&qemu)?;
+    rows.push(Row::new("RAM: state of the estimator", state_bytes, "bytes"));
     let table = Table {
         name: "size",
         title: "Size and load of the images",
@@ -98,7 +97,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
     let loads = figures["loads"].as_array().with_context(|| format!("no list `loads` in {figures}"))?;
     let mut rows = Vec::new();
     for load in loads {
-        let figure = |name: &str| load[name].as_f64().with_context(|| format!("no number `{name}` in {load}"));
+        let figure = |name: &str| number(load, name, load);
         let with = load["with"].as_str().with_context(|| format!("no text `with` in {load}"))?;
         // The digital front end delivers single samples: its load is reported, without a goal.
         let digital = with.starts_with("ADS131M04");

@@ -367,9 +367,7 @@ fn memory(watched: &Watched) -> Vec<Row> {
 
 /// What is missing from a recording of this many seconds, and how far its samples and the host's clock are apart.
 fn recorded(info: &Value, name: &str, rate_hz: f64, asked_s: f64) -> Result<Vec<Row>> {
-    let number = |key: &str| {
-        info[key].as_f64().with_context(|| format!("no number `{key}` in the output of `inerter info` for {name}"))
-    };
+    let number = |key: &str| table::number(info, key, format_args!("the output of `inerter info` for {name}"));
     let samples = number("samples")?;
     let missing = (1.0 - samples / (rate_hz * asked_s)).max(0.0) * 100.0;
     let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);

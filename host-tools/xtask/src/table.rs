@@ -5,7 +5,8 @@
 
 use crate::tree;
 use anyhow::{Context, Result, bail, ensure};
-use std::{fs, path::PathBuf};
+use serde_json::Value;
+use std::{fmt::Display, fs, path::PathBuf};
 
 /// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
 /// change to the code usually has a larger effect.
@@ -124,6 +125,12 @@ impl Table {
 
 fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
+}
+
+/// A number in `place`, by its path, such as `step.mean`.
+pub fn number(value: &Value, path: &str, place: impl Display) -> Result<f64> {
+    let found = path.split('.').try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
+    found.with_context(|| format!("no number `{path}` in {place}"))
 }
 
 /// The cells of a row that has so many.
