@@ -52,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
         let path = folder.join(format!("release/inerter{}", std::env::consts::EXE_SUFFIX));
         let bytes = fs::metadata(&path).with_context(|| format!("no program at {}", path.display()))?.len();
         let size = (bytes as f64 / 1e5).round() / 10.0;
-        rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(most_mb));
+        rows.push(Row::new(format!("{name}: size"), size, "MB").at_most(most_mb));
     }
     let some = ["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"];
     rows.push(crates("program without `probe` and `bridges` alone: crates", LINKED, &some)?);

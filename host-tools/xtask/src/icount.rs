@@ -80,7 +80,7 @@ fn parse(printed: &str) -> Result<(Vec<Row>, f64)> {
             ("publication beside its sample: mean", "solve", 1.0, None),
         ] {
             let name = format!("{} kHz, {what}", rate_hz / 1000.0);
-            rows.push(Row { goal, ..Row::new(&name, number(rate, path)? / parts, "instructions") });
+            rows.push(Row { goal, ..Row::new(name, number(rate, path)? / parts, "instructions") });
         }
     }
     Ok((rows, number(&value, "state_bytes")?))

@@ -88,41 +88,32 @@ const GOAL: f64 = 95.0;
 const NO_REASON: &str = "no reason yet";
 
 /// The mutants of a package that are tested together.
-enum Scope {
-    File(String),
-    /// Every Nth of all mutants, from a given first one.
-    Sample {
-        every: NonZeroUsize,
-        from: usize,
-    },
+struct Scope {
+    /// The file, or the name of the sample in the table.
+    name: String,
+    /// How `cargo-mutants` selects them.
+    arguments: Vec<String>,
 }
 
 impl Scope {
-    /// Its name in the table.
-    fn name(&self) -> String {
-        match self {
-            Self::File(file) => file.clone(),
-            Self::Sample { every, from: 0 } => format!("{SAMPLE}{every}"),
-            Self::Sample { every, from } => format!("{SAMPLE}{every} from {from}"),
-        }
+    fn file(name: String) -> Self {
+        Self { arguments: vec!["--file".into(), name.clone()], name }
     }
 
-    fn arguments(&self) -> Vec<String> {
-        match self {
-            Self::File(file) => vec!["--file".into(), file.clone()],
-            Self::Sample { every, from } => {
-                vec!["--shard".into(), format!("{from}/{every}"), "--sharding".into(), "round-robin".into()]
-            }
-        }
+    /// Every Nth of all mutants, from a given first one.
+    fn sample(every: NonZeroUsize, from: usize) -> Self {
+        let start = if from > 0 { format!(" from {from}") } else { String::new() };
+        let shard = ["--shard", &format!("{from}/{every}"), "--sharding", "round-robin"].map(str::to_owned);
+        Self { name: format!("{SAMPLE}{every}{start}"), arguments: shard.into() }
     }
 
     /// The changes, without their positions in the file, which move, and without the file if there is only one.
     fn without_places(&self, lines: &[String]) -> Vec<String> {
         let without = |line: &String| {
             let (place, change) = line.split_once(": ").unwrap_or_default();
-            match self {
-                Self::File(_) => change.to_owned(),
-                Self::Sample { .. } => format!("{}: {change}", place.split(':').next().unwrap_or_default()),
+            match place.split(':').next() {
+                Some(file) if is_sample(&self.name) => format!("{file}: {change}"),
+                _ => change.to_owned(),
             }
         };
         lines.iter().map(without).collect()
@@ -131,6 +122,10 @@ impl Scope {
 
 /// Prefix of a sample's name in the table.
 const SAMPLE: &str = "one mutant of ";
+
+fn is_sample(name: &str) -> bool {
+    name.starts_with(SAMPLE)
+}
 
 /// Results for the mutants of one file, or of a sample.
 #[derive(Debug, Default, PartialEq)]
@@ -161,17 +156,7 @@ pub fn run(options: &Options) -> Result<()> {
         let mut record = Record::parse(&tree::text_if_there(package.table())?);
         let (files, mut sound) = (package.files()?, BTreeSet::new());
         record.forget_all_but(&files);
-        let mut left = match options.sample {
-            Some(every) => {
-                ensure!(
-                    options.from < every.get(),
-                    "a sample of one in {every} begins with a mutant from 0 to {}",
-                    every.get() - 1
-                );
-                vec![Scope::Sample { every, from: options.from }]
-            }
-            None => package.left(&record, &files, options.file.as_deref())?,
-        };
+        let mut left = package.left(&record, &files, options)?;
         println!("{}: {} of {} files to test", package.name, left.len(), files.len());
         if options.status {
             continue;
@@ -214,18 +199,23 @@ impl Package {
         Ok(files)
     }
 
-    /// Files whose present contents are untested, short ones first, so that a run that is stopped early has completed
-    /// more of them.
-    fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<Vec<Scope>> {
-        if let Some(only) = only {
-            let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
+    /// What was asked for; else the files whose present contents are untested, short ones first, so that a run that is
+    /// stopped early has completed more of them.
+    fn left(&self, record: &Record, files: &BTreeMap<String, String>, options: &Options) -> Result<Vec<Scope>> {
+        if let Some(every) = options.sample {
+            let last = every.get() - 1;
+            ensure!(options.from <= last, "a sample of one in {every} begins with a mutant from 0 to {last}");
+            return Ok(vec![Scope::sample(every, options.from)]);
+        }
+        if let Some(only) = &options.file {
+            let known = files.keys().find(|file| *file == only || file.ends_with(&format!("/{only}")));
             let file = known.with_context(|| format!("there is no {only} in {}", self.sources()))?;
-            return Ok(vec![Scope::File(file.clone())]);
+            return Ok(vec![Scope::file(file.clone())]);
         }
         let is_new = |(file, sum): &(&String, &String)| record.0.get(*file).is_none_or(|tested| tested.sum != **sum);
         let mut left: Vec<_> = files.iter().filter(is_new).map(|(file, _)| file.clone()).collect();
         left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
-        Ok(left.into_iter().map(Scope::File).collect())
+        Ok(left.into_iter().map(Scope::file).collect())
     }
 
     /// What each pass skips; it takes the mutants that the previous one missed. Only the last one runs the goldens.
@@ -240,9 +230,10 @@ impl Package {
         let folder = workspace::target()?.join("mutants");
         let started = Instant::now();
         // Before the tests: a source that is edited meanwhile no longer matches.
-        let sum = match scope {
-            Scope::File(file) => code_sum(&tree::text(file)?).with_context(|| file.clone())?,
-            Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
+        let sum = if is_sample(&scope.name) {
+            sum(self.files()?.into_values().collect::<String>().as_bytes())
+        } else {
+            code_sum(&tree::text(&scope.name)?).with_context(|| scope.name.clone())?
         };
         tree::make(folder.join(self.name))?;
         copy::tree(&folder.join("tree"), &[])?;
@@ -261,13 +252,13 @@ impl Package {
         let survived = scope.without_places(&missed.unwrap_or_default());
         println!(
             "{}: {} caught, {} by a golden only, {} survived, in {:.0} s",
-            scope.name(),
+            scope.name,
             tested.caught,
             tested.golden.len(),
             survived.len(),
             started.elapsed().as_secs_f64()
         );
-        record.take(&scope.name(), tested, survived);
+        record.take(&scope.name, tested, survived);
         Ok(())
     }
 
@@ -284,7 +275,7 @@ impl Package {
         command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
         command.args(match only {
-            None => scope.arguments(),
+            None => scope.arguments.clone(),
             Some(only) => only.iter().flat_map(|mutant| ["--re".to_owned(), exactly(mutant)]).collect(),
         });
         command.args(["--timeout", WAIT_S, "--build-timeout", WAIT_S]);
@@ -437,12 +428,12 @@ impl Record {
 
     /// Removes the results of files that are gone.
     fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
-        self.0.retain(|name, _| files.contains_key(name) || name.starts_with(SAMPLE));
+        self.0.retain(|name, _| files.contains_key(name) || is_sample(name));
     }
 
     /// Mutants caught in all files, or in samples.
     fn caught(&self, in_samples: bool) -> Caught {
-        let rows = self.0.iter().filter(|(name, _)| name.starts_with(SAMPLE) == in_samples);
+        let rows = self.0.iter().filter(|(name, _)| is_sample(name) == in_samples);
         rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survivors, .. })| Caught {
             rows: sum.rows + 1,
             caught: sum.caught + caught + golden.len(),
@@ -570,15 +561,15 @@ mod tests {
     fn a_sample_stands_apart_and_tells_of_all() {
         let mut record = record();
         let every = NonZeroUsize::new(40).unwrap();
-        let sample = Scope::Sample { every, from: 0 };
-        assert_eq!(sample.arguments(), ["--shard", "0/40", "--sharding", "round-robin"]);
-        let other = Scope::Sample { every, from: 7 };
-        assert_eq!(other.arguments(), ["--shard", "7/40", "--sharding", "round-robin"]);
-        assert_ne!(other.name(), sample.name());
+        let sample = Scope::sample(every, 0);
+        assert_eq!(sample.arguments, ["--shard", "0/40", "--sharding", "round-robin"]);
+        let other = Scope::sample(every, 7);
+        assert_eq!(other.arguments, ["--shard", "7/40", "--sharding", "round-robin"]);
+        assert_ne!(other.name, sample.name);
         let place = "firmware/core/src/ldl.rs:3:4: replace < with == in solve".to_owned();
         let survived = sample.without_places(&vec![place; 7]);
         assert_eq!(survived[6], "firmware/core/src/ldl.rs: replace < with == in solve");
-        record.take(&sample.name(), Tested { caught: 93, ..Tested::default() }, survived);
+        record.take(&sample.name, Tested { caught: 93, ..Tested::default() }, survived);
         record.forget_all_but(&[].into());
         let summary = record.summary();
         assert!(summary.contains("A sample: 93 of 100 mutants are caught (93.0 %"), "{summary}");
@@ -595,7 +586,7 @@ mod tests {
     #[test]
     fn places_move_and_are_left_out() {
         let place = "firmware/wire/src/crc.rs:14:17: replace < with == in table".to_owned();
-        let scope = Scope::File("firmware/wire/src/crc.rs".into());
+        let scope = Scope::file("firmware/wire/src/crc.rs".into());
         assert_eq!(scope.without_places(&[place]), ["replace < with == in table"]);
     }
 }

@@ -21,17 +21,17 @@ const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
 #[derive(Default)]
-pub struct Sizes {
+struct Sizes {
     /// Code and vector table.
-    pub text: u64,
+    text: u64,
     /// Constants.
-    pub rodata: u64,
+    rodata: u64,
     /// Variables with a value at the start: in flash and in RAM.
-    pub data: u64,
+    data: u64,
     /// Variables without one.
-    pub bss: u64,
+    bss: u64,
     /// Part of `text` in functions of `inerter-core`; inlined code counts where it was inlined.
-    pub core_text: u64,
+    core_text: u64,
 }
 
 /// Goal for the load: a quarter of 168 MHz, at one instruction per cycle.
@@ -81,7 +81,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn rows(image: &str, sizes: &Sizes) -> Vec<Row> {
-    let row = |name: &str, value: u64| Row::new(&format!("{image}, {name}"), value as f64, "bytes");
+    let row = |name: &str, value: u64| Row::new(format!("{image}, {name}"), value as f64, "bytes");
     vec![
         row("flash", sizes.text + sizes.rodata + sizes.data),
         row("flash: code", sizes.text),
@@ -106,7 +106,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
         let row = Row::new(&name, figure("instructions_per_s")?, "instructions/s");
         rows.push(row.within(LOAD_TOLERANCE).at_most(LOAD_GOAL));
         let percent = |bound: &str, fraction: f64| {
-            let row = Row::new(&format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
+            let row = Row::new(format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
             row.within(LOAD_TOLERANCE)
         };
         rows.push(percent("optimistic", figure("least")?));
@@ -124,7 +124,7 @@ fn twin(image: &Path) -> Result<Value> {
 }
 
 /// Reads the sizes out of an image.
-pub fn measure(image: &Path) -> Result<Sizes> {
+fn measure(image: &Path) -> Result<Sizes> {
     sizes(&tree::read(image)?).with_context(|| format!("{} is not an image", image.display()))
 }
 

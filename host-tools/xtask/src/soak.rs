@@ -360,8 +360,8 @@ fn memory(watched: &Watched) -> Vec<Row> {
     };
     let grown = (most(middle_s, last_s) / most(settled_s, middle_s) - 1.0) * 100.0;
     vec![
-        Row::new(&format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
-        Row::new(&format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
+        Row::new(format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
+        Row::new(format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
     ]
 }
 
@@ -370,7 +370,7 @@ fn recorded(info: &Value, name: &str, rate_hz: f64, asked_s: f64) -> Result<Vec<
     let number = |key: &str| table::number(info, key, format_args!("the output of `inerter info` for {name}"));
     let samples = number("samples")?;
     let missing = (1.0 - samples / (rate_hz * asked_s)).max(0.0) * 100.0;
-    let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);
+    let row = |what: &str, value: f64, unit| Row::new(format!("{name}: {what}"), value, unit);
     Ok(vec![
         row("samples", samples, ""),
         row("missing of the time asked for", missing, "%").at_most(MOST_MISSING),
@@ -394,7 +394,7 @@ fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &st
     ensure!(replayed.len() >= 10, "{name}: the replay printed only {} lines", replayed.len());
     let same = replayed.iter().zip(&sent).filter(|(one, other)| one == other).count();
     let differ = replayed.len().max(sent.len()) - same;
-    Ok(Row::new(&format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")
+    Ok(Row::new(format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")
         .at_most(0.0))
 }
 

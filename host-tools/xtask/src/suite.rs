@@ -406,12 +406,11 @@ fn document() -> Result<()> {
     const LIBRARIES: &[&str] = &["--lib", "--examples"];
     const PROGRAMS: &[&str] =
         &["--bins", "--examples", "--exclude", "inerter-originals", "--exclude", "inerter-stm32g474"];
-    let document = |part: Part, chosen: &[&str]| {
-        process::run(part.whole("doc").arg("--no-deps").args(chosen).env("RUSTDOCFLAGS", "-D warnings"))
-    };
-    Part::each(|part| match part {
-        Part::Main => document(part, LIBRARIES).and_then(|()| document(part, PROGRAMS)),
-        Part::Bench | Part::Twin => document(part, &[]),
+    Part::each(|part| {
+        let all: &[&[&str]] = if part == Part::Main { &[LIBRARIES, PROGRAMS] } else { &[&[]] };
+        all.iter().try_for_each(|chosen| {
+            process::run(part.whole("doc").arg("--no-deps").args(*chosen).env("RUSTDOCFLAGS", "-D warnings"))
+        })
     })
 }
 

@@ -10,7 +10,7 @@ use std::{fmt::Display, fs, path::PathBuf};
 
 /// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
 /// change to the code usually has a larger effect.
-pub const TOLERANCE: f64 = 0.03;
+const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
 #[derive(clap::Args)]
@@ -35,8 +35,8 @@ pub struct Row {
 
 impl Row {
     /// A figure without a goal.
-    pub fn new(name: &str, value: f64, unit: &'static str) -> Self {
-        Self { name: name.to_owned(), value, unit, goal: None, tolerance: TOLERANCE }
+    pub fn new(name: impl Into<String>, value: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, unit, goal: None, tolerance: TOLERANCE }
     }
 
     /// A figure that varies from run to run.
@@ -75,7 +75,7 @@ pub struct Table {
 
 impl Table {
     /// The table as Markdown.
-    pub fn markdown(&self) -> String {
+    fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
         let checked = if self.repeats { "; checked by `cargo xtask test`" } else { "" };
         text += &format!("Written by `cargo xtask {} --update`{checked}.\n\n", self.name);
