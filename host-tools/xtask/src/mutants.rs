@@ -240,13 +240,13 @@ impl Package {
         let (mut tested, mut missed) = (Tested { sum, ..Tested::default() }, None);
         for pass in self.passes() {
             if missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
-                let found = self.pass(&pass, scope, &folder, missed.as_deref(), sound)?;
+                let [caught, left] = self.pass(&pass, scope, &folder, missed.as_deref(), sound)?;
                 if pass.is_empty() && !self.goldens.is_empty() {
-                    tested.golden = scope.without_places(&found.caught);
+                    tested.golden = scope.without_places(&caught);
                 } else {
-                    tested.caught += found.caught.len();
+                    tested.caught += caught.len();
                 }
-                missed = Some(found.missed);
+                missed = Some(left);
             }
         }
         let survived = scope.without_places(&missed.unwrap_or_default());
@@ -262,7 +262,7 @@ impl Package {
         Ok(())
     }
 
-    /// Runs one pass on these mutants: all of them, or some.
+    /// Runs one pass on these mutants, all of them or some: those caught, and those missed.
     fn pass(
         &self,
         skipped: &Skipped,
@@ -270,7 +270,7 @@ impl Package {
         folder: &Path,
         only: Option<&[String]>,
         sound: &mut BTreeSet<Skipped>,
-    ) -> Result<Outcomes> {
+    ) -> Result<[Vec<String>; 2]> {
         let mut command = tool::MUTANTS.command()?;
         command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
@@ -287,15 +287,13 @@ impl Package {
         let status = process::spawn(&mut command)?.wait()?;
         // 2: some were missed, 3: some took too long.
         ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
-        let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
+        let mut outcomes = outcomes(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
             // No expression can select struct fields that are omitted, so all of those were tried.
-            for lines in [&mut outcomes.caught, &mut outcomes.missed] {
-                lines.retain(|line| only.contains(line));
-            }
+            outcomes.iter_mut().for_each(|lines| lines.retain(|line| only.contains(line)));
         }
         // If there is no mutant, no test has run.
-        if !(outcomes.caught.is_empty() && outcomes.missed.is_empty()) {
+        if outcomes.iter().any(|lines| !lines.is_empty()) {
             sound.insert(skipped.clone());
         }
         Ok(outcomes)
@@ -314,27 +312,19 @@ fn with_limits(command: Command) -> Command {
     limited
 }
 
-/// The results of `cargo-mutants`: lines with file, position and change.
-struct Outcomes {
-    /// Caught by a test that failed or never ended.
-    caught: Vec<String>,
-    missed: Vec<String>,
-}
-
-impl Outcomes {
-    fn read(folder: &Path) -> Result<Self> {
-        let lines = |name: &str| -> Result<Vec<String>> {
-            Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
-        };
-        // Mutants that do not compile are left out. A link failure means that a compiler was killed during an
-        // incremental build.
-        for path in tree::files(folder.join("log"))? {
-            let is_broken = tree::text(&path)?.contains("error: linking with");
-            ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
-        }
-        let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
-        Ok(Self { caught, missed: lines("missed.txt")? })
+/// What `cargo-mutants` left in this folder, lines with file, position and change: the mutants caught by a test that
+/// failed or never ended, and those that were missed.
+fn outcomes(folder: &Path) -> Result<[Vec<String>; 2]> {
+    let lines = |name: &str| -> Result<Vec<String>> {
+        Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
+    };
+    // Mutants that do not compile are left out. A link failure means that a compiler was killed during an incremental
+    // build.
+    for path in tree::files(folder.join("log"))? {
+        let is_broken = tree::text(&path)?.contains("error: linking with");
+        ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
     }
+    Ok([[lines("caught.txt")?, lines("timeout.txt")?].concat(), lines("missed.txt")?])
 }
 
 /// A regular expression for exactly this text.

@@ -87,26 +87,25 @@ struct Step {
     run: Option<fn() -> Result<()>>,
 }
 
-impl Step {
-    /// A step that the others wait for; it runs by its own command, in this process.
-    const fn own(when: When, budget_s: u64, name: &'static str, alone: &'static str) -> Self {
-        Self { name, alone, needed: false, when, budget_s: Some(budget_s), run: None }
-    }
+/// A step that the others wait for; it runs by its own command, in this process.
+const fn own(when: When, budget_s: u64, name: &'static str, alone: &'static str) -> Step {
+    Step { name, alone, needed: false, when, budget_s: Some(budget_s), run: None }
+}
 
-    /// The same by a function.
-    const fn here(when: When, budget_s: u64, name: &'static str, alone: &'static str, run: fn() -> Result<()>) -> Self {
-        Self { run: Some(run), ..Self::own(when, budget_s, name, alone) }
-    }
+/// The same by a function.
+const fn here(when: When, budget_s: u64, name: &'static str, alone: &'static str, run: fn() -> Result<()>) -> Step {
+    Step { run: Some(run), ..own(when, budget_s, name, alone) }
+}
 
-    /// A step that runs by its own command, at the lowest priority, in parallel with the following steps: tests that
-    /// wait for wall-clock time leave processors idle. Its output is shown at the end.
-    const fn beside(when: When, name: &'static str, alone: &'static str) -> Self {
-        Self { budget_s: None, ..Self::own(when, 0, name, alone) }
-    }
+/// A step that runs by its own command, at the lowest priority, in parallel with the following steps: tests that wait
+/// for wall-clock time leave processors idle. Its output is shown at the end.
+const fn beside(when: When, name: &'static str, alone: &'static str) -> Step {
+    Step { budget_s: None, ..own(when, 0, name, alone) }
+}
 
-    const fn needed(self) -> Self {
-        Self { needed: true, ..self }
-    }
+/// Without this step the later ones are pointless.
+const fn needed(step: Step) -> Step {
+    Step { needed: true, ..step }
 }
 
 const LIBRARIES: &[&str] = &["inerter-core", "inerter-wire", "inerter-app", "ads131m04"];
@@ -116,22 +115,21 @@ const OTHER_BOARDS: &[&str] = &["board-weact", "board-nucleo,hang"];
 
 const STEPS: &[Step] = &[
     // Without the lines about this Rust, and that everything is there.
-    Step::here(Always, 5, "set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false)).needed(),
-    Step::here(Always, 5, "lock files", "cargo metadata --locked", || {
+    needed(here(Always, 5, "set-up", "cargo xtask setup", || setup::ensure(setup::ALL, false))),
+    needed(here(Always, 5, "lock files", "cargo metadata --locked", || {
         Part::each(|part| workspace::metadata(&part.folder()).map(drop))
-    })
-    .needed(),
-    Step::here(Always, 10, "formatting", "cargo fmt --all --check", || {
+    })),
+    here(Always, 10, "formatting", "cargo fmt --all --check", || {
         Part::each(|part| process::run(part.cargo().args(["fmt", "--all", "--check"])))
     }),
-    Step::own(Always, 15, "arrows", "cargo xtask check-arrows"),
-    Step::own(NotQuick, 10, "supply", "cargo xtask check-supply"),
+    own(Always, 15, "arrows", "cargo xtask check-arrows"),
+    own(NotQuick, 10, "supply", "cargo xtask check-supply"),
     // No synchronisation is needed: whatever runs an image builds it, and waits for a build in progress.
-    Step::beside(NotQuick, "firmware", "cargo xtask build-firmware"),
-    Step::here(Always, 200, "lints, host", "cargo clippy --workspace --all-targets -- -D warnings", || {
+    beside(NotQuick, "firmware", "cargo xtask build-firmware"),
+    here(Always, 200, "lints, host", "cargo clippy --workspace --all-targets -- -D warnings", || {
         Part::each(|part| lint_all(&mut part.whole("clippy")))
     }),
-    Step::here(
+    here(
         Quick,
         90,
         "unit tests, closed loop",
@@ -141,76 +139,75 @@ const STEPS: &[Step] = &[
             chosen.into_iter().try_for_each(|chosen| process::run(Part::Main.all("test").args(chosen)))
         },
     ),
-    Step::here(
+    here(
         NotQuick,
         60,
         "lints, firmware",
         "cargo clippy -p inerter-qemu -p inerter-stm32g474 --target thumbv7em-none-eabihf -- -D warnings",
         lint_firmware,
     ),
-    Step::here(
+    here(
         NotQuick,
         60,
         "documentation",
         "RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --lib --examples",
         document,
     ),
-    Step::here(NotQuick, 420, "tests, compiled", "cargo test-lean --no-run", || {
+    needed(here(NotQuick, 420, "tests, compiled", "cargo test-lean --no-run", || {
         Part::each(|part| process::run(part.all("test").arg("--no-run")))
-    })
-    .needed(),
-    Step::own(NotQuick, 15, "Linux guest", "cargo xtask guest"),
-    Step::beside(NotQuick, "endurance", "cargo xtask endurance 20000000"),
-    Step::beside(NotQuick, "no panic in the estimator", "cargo xtask check-panics"),
-    Step::beside(NotQuick, "table of sizes", "cargo xtask size"),
-    Step::beside(NotQuick, "table of instructions", "cargo xtask icount"),
-    Step::beside(NotQuick, "table of accuracy", "cargo xtask accuracy --short"),
-    Step::beside(NotQuick, "table of changes", "cargo xtask changes --short"),
-    Step::beside(NotQuick, "table of robustness", "cargo xtask robustness"),
+    })),
+    own(NotQuick, 15, "Linux guest", "cargo xtask guest"),
+    beside(NotQuick, "endurance", "cargo xtask endurance 20000000"),
+    beside(NotQuick, "no panic in the estimator", "cargo xtask check-panics"),
+    beside(NotQuick, "table of sizes", "cargo xtask size"),
+    beside(NotQuick, "table of instructions", "cargo xtask icount"),
+    beside(NotQuick, "table of accuracy", "cargo xtask accuracy --short"),
+    beside(NotQuick, "table of changes", "cargo xtask changes --short"),
+    beside(NotQuick, "table of robustness", "cargo xtask robustness"),
     // Before the tests: these leave a processor to the steps in parallel.
-    Step::own(NotQuick, 20, "Python", "cargo xtask python"),
-    Step::own(NotQuick, 180, "Python package", "cargo xtask wheel --debug"),
-    Step::here(NotQuick, 500, "tests", "cargo test-lean", test),
-    Step::here(
+    own(NotQuick, 20, "Python", "cargo xtask python"),
+    own(NotQuick, 180, "Python package", "cargo xtask wheel --debug"),
+    here(NotQuick, 500, "tests", "cargo test-lean", test),
+    here(
         Full,
         540,
         "tests, probe",
         "cargo test -p inerter -p inerter-device, and `cargo test -p inerter --no-default-features --test transcripts`",
         test_probe,
     ),
-    Step::here(Full, 180, "tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long),
-    Step::here(
+    here(Full, 180, "tests of the twin, long", "cargo test -- --ignored, in tests/twin", test_twin_long),
+    here(
         Full,
         120,
         "properties, other cases",
         "PROPTEST_RNG_SEED=N cargo test-lean --lib --test app --test closed_loop --test robust --test wire",
         test_other_cases,
     ),
-    Step::here(
+    here(
         Full,
         240,
         "lints, other features",
         "cargo clippy -p inerter --no-default-features --features FEATURE",
         lint_other_features,
     ),
-    Step::own(Full, 480, "Python package, release", "cargo xtask wheel"),
-    Step::beside(Full, "whole table of accuracy", "cargo xtask accuracy"),
-    Step::beside(Full, "whole table of changes", "cargo xtask changes"),
-    Step::own(Full, 600, "fuzzing", "cargo xtask fuzz"),
-    Step::own(Full, 840, "chaos", "cargo xtask chaos"),
-    Step::own(Full, 300, "soak", "cargo xtask soak"),
+    own(Full, 480, "Python package, release", "cargo xtask wheel"),
+    beside(Full, "whole table of accuracy", "cargo xtask accuracy"),
+    beside(Full, "whole table of changes", "cargo xtask changes"),
+    own(Full, 600, "fuzzing", "cargo xtask fuzz"),
+    own(Full, 840, "chaos", "cargo xtask chaos"),
+    own(Full, 300, "soak", "cargo xtask soak"),
 ];
 
 /// Runs a command line of this program in this process.
 pub type Own = fn(&str) -> Result<()>;
 
 /// Runs the steps and prints one line for each at the end.
-pub fn run(options: &Options, own: Own) -> Result<()> {
+pub fn run(options: &Options, run_own: Own) -> Result<()> {
     let list = skipped_list()?;
     // Without what an earlier run skipped.
     tree::write(&list, "")?;
     let start = Instant::now();
-    let outcomes = run_steps(STEPS, options, own);
+    let outcomes = run_steps(STEPS, options, run_own);
     println!("\n{}\n{}", summary(STEPS, &outcomes, start.elapsed(), options.budget_min()), skips(&list)?);
     let failed: Vec<_> = STEPS
         .iter()
@@ -230,7 +227,7 @@ pub fn own_commands() -> impl Iterator<Item = &'static str> {
     STEPS.iter().filter(|step| step.run.is_none()).map(|step| step.alone)
 }
 
-fn run_steps(steps: &[Step], options: &Options, own: Own) -> Vec<Outcome> {
+fn run_steps(steps: &[Step], options: &Options, run_own: Own) -> Vec<Outcome> {
     thread::scope(|scope| {
         let (sender, queue) = mpsc::channel::<(usize, &Step)>();
         let beside = scope.spawn(move || -> Vec<(usize, Outcome)> {
@@ -252,7 +249,7 @@ fn run_steps(steps: &[Step], options: &Options, own: Own) -> Vec<Outcome> {
                 }
                 Some(_) => {
                     process::heading(step.name);
-                    let outcome = outcome(step, || step.run.map_or_else(|| own(step.alone), |run| run()));
+                    let outcome = outcome(step, || step.run.map_or_else(|| run_own(step.alone), |run| run()));
                     stopped = matches!(outcome, Failed(..)) && (step.needed || options.fail_fast);
                     outcome
                 }
@@ -464,7 +461,7 @@ mod tests {
     use super::*;
 
     fn step(name: &'static str, needed: bool, when: When, run: fn() -> Result<()>) -> Step {
-        Step { needed, ..Step::here(when, 0, name, "", run) }
+        Step { needed, ..here(when, 0, name, "", run) }
     }
 
     fn run_steps(steps: &[Step], options: &Options) -> Vec<Outcome> {
@@ -473,7 +470,7 @@ mod tests {
 
     #[test]
     fn a_step_without_a_function_runs_by_its_own_command() {
-        let outcomes = run_steps(&[Step::own(Always, 1, "one", "cargo xtask one")], &Options::default());
+        let outcomes = run_steps(&[own(Always, 1, "one", "cargo xtask one")], &Options::default());
         assert!(matches!(&outcomes[0], Failed(_, why) if why == "own: cargo xtask one"), "{outcomes:?}");
     }
 
@@ -493,7 +490,7 @@ mod tests {
 
     #[test]
     fn a_budget_is_shown_and_all_are_25_or_80_minutes() {
-        let long = Step::own(Always, 1, "long", "");
+        let long = own(Always, 1, "long", "");
         let taken = |time| Passed(Taken { time: Duration::from_secs(time), processor: Duration::from_secs(90) });
         let text = summary(&[long], &[taken(2)], Duration::from_secs(60), 1);
         assert!(text.contains("2.0 s") && text.contains("90.0 s  over its budget"), "{text}");
@@ -535,7 +532,7 @@ mod tests {
 
     #[test]
     fn a_step_beside_the_others_counts_as_they_do() {
-        let beside = |alone| Step::beside(Always, "a test beside", alone);
+        let beside = |alone| beside(Always, "a test beside", alone);
         for (alone, reason) in [("cargo fmt", "not ours"), ("cargo xtask --no-such-option", "failed")] {
             let steps = [beside(alone), step("two", false, Always, || Ok(()))];
             let outcomes = run_steps(&steps, &Options::default());

@@ -68,7 +68,8 @@ mod tests {
 
     #[test]
     fn runs_are_added_and_read_back() {
-        let run = |samples, findings: u64| [Some(1000), samples, Some(30), Some(70), Some(80 + findings), Some(findings)];
+        let run =
+            |samples, findings: u64| [Some(1000), samples, Some(30), Some(70), Some(80 + findings), Some(findings)];
         let mut kept = Kept::default();
         kept.add("wire", run(None, 0), "ac2bb3a");
         kept.add("estimator", run(Some(5), 0), "ac2bb3a");
