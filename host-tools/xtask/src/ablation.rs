@@ -9,10 +9,10 @@ mod host;
 
 use crate::{
     copy::{self, Edit},
-    process, table, tree, workspace,
+    process, tree, workspace,
 };
 use anyhow::{Context, Result, bail, ensure};
-use heuristics::{HEURISTICS, Heuristic, buys};
+use heuristics::{HEURISTICS, buys, settle};
 use std::{path::Path, process::Command};
 
 /// Fraction of the interval that is added to both errors before their ratio is taken: three seeds resolve no less.
@@ -25,40 +25,14 @@ const BY_CHANCE: i64 = 1;
 
 /// One cell and parameter of the program's output.
 struct Cell {
-    group: String,
     name: String,
     rms: f64,
     u95: f64,
-    given: u32,
-    silent: u32,
-    outside: u32,
-    broken: u32,
-    named: u32,
-    is_inertance: bool,
+    /// Silent, outside, given, broken and named.
+    counts: [u32; 5],
 }
 
-/// One row of the table.
-struct Row {
-    name: &'static str,
-    /// Errors relative to those of the whole estimator, over all cells; the worst cell and its factor.
-    error: f64,
-    worst: (String, f64),
-    u95: f64,
-    /// With the part and without it, in the order of [`COUNTS`].
-    counts: [(u32, u32); COUNTS.len()],
-    /// The test that fails without it.
-    test: Option<&'static str>,
-}
-
-/// What a cell adds to silent, outside, given, broken and named.
-const COUNTS: [fn(&Cell) -> u32; 5] = [
-    |cell| cell.silent,
-    |cell| cell.outside,
-    |cell| cell.given,
-    // Each run is reported once per parameter.
-    |cell| if cell.group == "clean" && cell.is_inertance { cell.broken } else { 0 },
-    |cell| if ["friction", "samples"].contains(&&*cell.group) && cell.is_inertance { cell.named } else { 0 },
-];
+type Cells = Vec<Cell>;
 
 #[derive(clap::Args)]
 pub struct Options {
@@ -76,19 +50,12 @@ pub fn run(options: &Options) -> Result<()> {
         return host::run(options.update);
     }
     let folder = workspace::target()?.join("ablation");
-    let whole = measured(&folder, &[])?;
-    let mut rows = Vec::new();
-    for Heuristic { name, edits, test } in HEURISTICS {
-        let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
-        let row = Row { test: *test, ..compared(name, &whole, &without)? };
-        println!("{}", row.line());
-        rows.push(row);
-    }
-    table::settle_text("ablation", "cargo xtask ablation", &markdown(&rows), options.update)
+    let table = ("ablation", "cargo xtask ablation", HEAD);
+    settle(table, HEURISTICS, options.update, |edits| measured(&folder, edits), line)
 }
 
 /// The program's output with this core.
-fn measured(folder: &Path, edits: &[Edit]) -> Result<Vec<Cell>> {
+fn measured(folder: &Path, edits: &[Edit]) -> Result<Cells> {
     copy::tree(&folder.join("tree"), &["firmware/core", "host-tools/plant", "tests/needs"])?;
     copy::edit(&folder.join("tree/firmware/core/src"), edits)?;
     copy::written(&folder.join("program/src/main.rs"), &tree::read("tests/src/bin/ablation.rs")?)?;
@@ -113,85 +80,68 @@ fn workspace(ours: &str) -> Result<String> {
     ))
 }
 
-fn cells(output: &str) -> Result<Vec<Cell>> {
+fn cells(output: &str) -> Result<Cells> {
     let each = output.lines().map(|line| {
         let fields: Vec<&str> = line.split('\t').collect();
-        let [group, cell, parameter, rms, u95, given, silent, outside, broken, named, _runs] = fields.as_slice() else {
+        let [group, cell, parameter, rms, u95, given, silent, outside, broken, named, _runs] = fields[..] else {
             bail!("`{line}` is not a line of output");
         };
+        let count = |field: &str| field.parse::<u32>();
+        // Each run is reported once per parameter.
+        let once = |groups: &[&str]| u32::from(groups.contains(&group) && parameter == "mt");
+        let (broken, named) = (count(broken)? * once(&["clean"]), count(named)? * once(&["friction", "samples"]));
         Ok(Cell {
-            group: (*group).to_owned(),
             name: format!("{cell}, {parameter}"),
             rms: rms.parse()?,
             u95: u95.parse()?,
-            given: given.parse()?,
-            silent: silent.parse()?,
-            outside: outside.parse()?,
-            broken: broken.parse()?,
-            named: named.parse()?,
-            is_inertance: *parameter == "mt",
+            counts: [count(silent)?, count(outside)?, count(given)?, broken, named],
         })
     });
     each.collect()
 }
 
-fn compared(name: &'static str, whole: &[Cell], without: &[Cell]) -> Result<Row> {
+/// A row of the table: errors relative to those of the whole estimator, over all cells, the worst cell and its factor,
+/// the intervals, and the counts with the part and without it.
+fn line(name: &str, whole: &Cells, without: &Cells, test: Option<&str>) -> Result<String> {
     let same = whole.iter().map(|cell| &cell.name).eq(without.iter().map(|cell| &cell.name));
     ensure!(same, "the runs are not the same");
     let (mut logarithms, mut widths, mut count) = (0.0, 0.0, 0.0);
-    let mut worst = (String::new(), 1.0);
-    for (before, after) in whole.iter().zip(without).filter(|(before, after)| before.given > 0 && after.given > 0) {
+    let (mut worst, mut most) = ("-".to_owned(), 1.0);
+    for (before, after) in whole.iter().zip(without) {
         let floor = FLOOR * before.u95;
         let factor = (after.rms + floor) / (before.rms + floor);
         let width = after.u95 / before.u95;
-        if !(factor.is_finite() && width.is_finite() && factor > 0.0 && width > 0.0) {
+        let is_given = [before, after].iter().all(|cell| cell.counts[2] > 0);
+        if !(is_given && factor.is_finite() && width.is_finite() && factor > 0.0 && width > 0.0) {
             continue;
         }
         logarithms += factor.ln();
         widths += width.ln();
         count += 1.0;
-        if factor > worst.1 {
-            worst = (before.name.clone(), factor);
+        if factor > most {
+            (worst, most) = (format!("{factor:.2} ({})", before.name), factor);
         }
     }
-    Ok(Row {
-        name,
-        error: f64::exp(logarithms / f64::max(count, 1.0)),
-        worst,
-        u95: f64::exp(widths / f64::max(count, 1.0)),
-        counts: COUNTS.map(|of| (whole.iter().map(of).sum(), without.iter().map(of).sum())),
-        test: None,
-    })
+    let [error, u95] = [logarithms, widths].map(|sum| f64::exp(sum / f64::max(count, 1.0)));
+    let sum = |cells: &Cells, place: usize| cells.iter().map(|cell| cell.counts[place]).sum::<u32>();
+    let counts = [0, 1, 2, 3, 4].map(|place| [sum(whole, place), sum(without, place)]);
+    let more = counts.map(|[before, after]| i64::from(after) - i64::from(before));
+    let [silent, outside, given, broken, named] = more;
+    let all = [
+        (most >= WORSE.0 || error >= WORSE.1, "accuracy"),
+        (silent > 0 || outside > BY_CHANCE, "honesty"),
+        (u95 >= WORSE.1, "sharpness"),
+        (given < 0, "values"),
+        (broken > 0, "clean runs not called broken"),
+        (named < 0, "names"),
+    ];
+    // What gets worse without it.
+    let lost: Vec<_> = all.into_iter().filter_map(|(is_lost, what)| is_lost.then_some(what)).collect();
+    let counts = counts.map(|[before, after]| format!("{before} to {after}")).join(" | ");
+    Ok(format!("| {name} | {error:.2} | {worst} | {u95:.2} | {counts} | {} |", buys(&lost, test)))
 }
 
-impl Row {
-    /// What gets worse without it.
-    fn buys(&self) -> String {
-        let more = self.counts.map(|(before, after)| i64::from(after) - i64::from(before));
-        let [silent, outside, given, broken, named] = more;
-        let all = [
-            (self.worst.1 >= WORSE.0 || self.error >= WORSE.1, "accuracy"),
-            (silent > 0 || outside > BY_CHANCE, "honesty"),
-            (self.u95 >= WORSE.1, "sharpness"),
-            (given < 0, "values"),
-            (broken > 0, "clean runs not called broken"),
-            (named < 0, "names"),
-        ];
-        let lost: Vec<_> = all.into_iter().filter_map(|(is_lost, what)| is_lost.then_some(what)).collect();
-        buys(&lost, self.test)
-    }
-
-    fn line(&self) -> String {
-        let counts = self.counts.map(|(before, after)| format!("{before} to {after}")).join(" | ");
-        let (cell, factor) = &self.worst;
-        let worst = if cell.is_empty() { "-".into() } else { format!("{factor:.2} ({cell})") };
-        format!("| {} | {:.2} | {worst} | {:.2} | {counts} | {} |", self.name, self.error, self.u95, self.buys())
-    }
-}
-
-fn markdown(rows: &[Row]) -> String {
-    let mut text = String::from(
-        "# Ablation
+const HEAD: &str = "# Ablation
 
 `cargo xtask ablation --update` writes this table: the estimator without one part of it at a time, on the same runs as with it (`tests/src/bin/ablation.rs`: clean runs and
 rigs, friction, samples, contacts and changes, three seeds that no other table has). A copy of core is edited and built (`host-tools/xtask/src/ablation/heuristics.rs`); the source of the firmware has no switch.
@@ -203,11 +153,7 @@ rigs, friction, samples, contacts and changes, three seeds that no other table h
 
 | without | error | worst | U95 | silent | outside | given | broken | named | buys |
 |---|--:|---|--:|--:|--:|--:|--:|--:|---|
-",
-    );
-    text.extend(rows.iter().map(|row| row.line() + "\n"));
-    text
-}
+";
 
 #[cfg(test)]
 mod tests {
@@ -225,11 +171,12 @@ mod tests {
             format!("clean\treference, mid\tmt\t{rms}\t{u95}\t{given}\t{silent}\t{silent}\t{broken}\t0\t3\n")
         };
         let whole = cells(&line(0.5, 1.0, 3, 0, 0)).unwrap();
-        let row = |other: String| compared("x", &whole, &cells(&other).unwrap()).unwrap();
-        assert_eq!(row(line(0.5, 1.0, 3, 0, 0)).buys(), "**nothing here**");
-        let worse = row(line(1.1, 1.5, 2, 1, 2));
-        assert_eq!(worse.buys(), "accuracy, honesty, sharpness, values, clean runs not called broken");
-        assert!(worse.line().contains("2.00 (reference, mid, mt)"), "{}", worse.line());
+        let told = |other: String| super::line("x", &whole, &cells(&other).unwrap(), None).unwrap();
+        let same = told(line(0.5, 1.0, 3, 0, 0));
+        assert_eq!(same, "| x | 1.00 | - | 1.00 | 0 to 0 | 0 to 0 | 3 to 3 | 0 to 0 | 0 to 0 | **nothing here** |");
+        let worse = told(line(1.1, 1.5, 2, 1, 2));
+        let lost = "| accuracy, honesty, sharpness, values, clean runs not called broken |";
+        assert!(worse.contains("2.00 (reference, mid, mt)") && worse.ends_with(lost), "{worse}");
         assert!(cells("a\tb\n").is_err());
     }
 

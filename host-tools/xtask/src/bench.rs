@@ -17,10 +17,10 @@ const REQUIREMENTS: &str = "tests/python/requirements.txt";
 pub struct Options {
     /// Leave out the Python packages
     #[arg(long)]
-    pub no_python: bool,
+    no_python: bool,
     /// Write docs/tables/bench.md
     #[arg(long)]
-    pub update: bool,
+    update: bool,
 }
 
 /// Runs the comparison and writes `docs/tables/bench.md` if asked.

@@ -6,50 +6,35 @@
 //! stopped.
 
 use crate::{
-    commit::{UNKNOWN, commit},
+    commit::commit,
     process, table, tree,
     workspace::{self, Part},
 };
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use std::{collections::BTreeMap, path::Path, process::Command};
 
 #[derive(clap::Args)]
 pub struct Options {
     /// One campaign; by default all of them, one after another
-    pub campaign: Option<String>,
+    campaign: Option<String>,
     /// How often each program is killed; other disturbances happen as often, or a fraction of that
-    #[arg(long, default_value_t = Self::USUAL.kills)]
-    pub kills: u64,
+    #[arg(long, default_value_t = 100)]
+    kills: u64,
     /// How many hosts connect and disconnect
-    #[arg(long, default_value_t = Self::USUAL.cycles)]
-    pub cycles: u64,
+    #[arg(long, default_value_t = 5_000)]
+    cycles: u64,
     /// Seed of all random draws
-    #[arg(long, default_value_t = Self::USUAL.seed)]
-    pub seed: u64,
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// Number of seeds, run one after another
-    #[arg(long, value_name = "N", default_value_t = Self::USUAL.seeds)]
-    pub seeds: u64,
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seeds: u64,
     /// Write what passed into docs/tables/chaos.md, and skip what is already there
     #[arg(long)]
-    pub keep: bool,
+    keep: bool,
     /// Disturb the program as released instead of a debug build: slow writers run 3 to 30 times faster
     #[arg(long)]
-    pub release: bool,
-}
-
-impl Options {
-    /// All campaigns at their usual size.
-    pub const USUAL: Self =
-        Self { campaign: None, kills: 100, cycles: 5_000, seed: 1, seeds: 1, keep: false, release: false };
-}
-
-/// How a campaign ended.
-#[derive(Clone)]
-struct Line {
-    name: String,
-    outcome: String,
-    seconds: String,
-    figures: String,
+    release: bool,
 }
 
 pub fn run(options: &Options) -> Result<()> {
@@ -68,29 +53,31 @@ pub fn run(options: &Options) -> Result<()> {
     for seed in options.seed..options.seed.saturating_add(options.seeds) {
         for test in &chosen {
             let key = Key { name: short(test).to_owned(), seed, kills: options.kills, cycles: options.cycles };
-            if options.keep && kept.rows.contains_key(&key) {
+            if options.keep && kept.0.contains_key(&key) {
                 println!("{} with seed {seed} is already in {TABLE}", key.name);
                 continue;
             }
             process::heading(&format!("{}, seed {seed}", key.name));
-            let line = campaign(test, &key, options.release, &report)?;
-            if options.keep && line.outcome == "passed" {
-                let figures = line.figures + if options.release { "; release build" } else { "" };
-                kept.rows.insert(key, Row { commit: commit.clone(), seconds: line.seconds, figures });
+            let passed = campaign(test, &key, options.release, &report)?;
+            if options.keep
+                && let Some([seconds, figures]) = passed
+            {
+                let build = if options.release { "; release build" } else { "" };
+                kept.add(key, &commit, &seconds, &(figures + build));
                 tree::write(TABLE, kept.markdown())?;
             }
         }
     }
-    let lines = lines(&tree::text(&report)?);
+    let report = tree::text(&report)?;
+    let lines = lines(&report);
     println!("\n{}", table(&lines));
-    let failed: Vec<&str> =
-        lines.iter().filter(|line| line.outcome == "FAILED").map(|line| line.name.as_str()).collect();
+    let failed: Vec<&str> = lines.iter().filter(|line| line[1] == "FAILED").map(|line| line[0]).collect();
     ensure!(failed.is_empty(), "failed: {}", failed.join(", "));
     Ok(())
 }
 
-/// Runs one, and returns its line.
-fn campaign(test: &str, key: &Key, release: bool, report: &Path) -> Result<Line> {
+/// Runs one; returns its time and its figures if it passed.
+fn campaign(test: &str, key: &Key, release: bool, report: &Path) -> Result<Option<[String; 2]>> {
     let before = lines(&tree::text(report)?).len();
     let mut command = tests(release);
     command.args(["--exact", test, "--nocapture"]);
@@ -98,17 +85,15 @@ fn campaign(test: &str, key: &Key, release: bool, report: &Path) -> Result<Line>
         command.env(format!("INERTER_CHAOS_{variable}"), value.to_string());
     }
     let ended = process::run(command.env("INERTER_CHAOS_REPORT", report));
-    let told = lines(&tree::text(report)?).into_iter().skip(before);
-    let told: Vec<Line> = told.filter(|line| line.name == key.name).collect();
-    // A missing line does not pass, nor does a failure after the line.
-    match &told[..] {
-        [line] if ended.is_ok() || line.outcome == "FAILED" => Ok(line.clone()),
-        _ => {
-            let line = format!("{}\tFAILED\t?\tended before it reported\n", key.name);
-            tree::write(report, tree::text(report)? + &line)?;
-            lines(&line).pop().context("a line")
-        }
+    let text = tree::text(report)?;
+    let told = lines(&text).into_iter().skip(before).filter(|line| line[0] == key.name);
+    match told.collect::<Vec<_>>()[..] {
+        [[_, "passed", seconds, figures]] if ended.is_ok() => return Ok(Some([seconds, figures].map(str::to_owned))),
+        [[_, outcome, ..]] if ended.is_ok() || outcome == "FAILED" => {}
+        // A missing line does not pass, nor does a failure after the line.
+        _ => tree::write(report, format!("{text}{}\tFAILED\t?\tended before it reported\n", key.name))?,
     }
+    Ok(None)
 }
 
 /// The committed table, from the root.
@@ -123,52 +108,33 @@ struct Key {
     cycles: u64,
 }
 
-/// Result of a campaign that passed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Row {
-    /// Commit of the tree that was tested.
-    commit: String,
-    seconds: String,
-    figures: String,
-}
-
-/// Runs that passed, as in the table.
+/// Rows of the campaigns that passed, as in the table.
 #[derive(Debug, Default, PartialEq, Eq)]
-struct Kept {
-    rows: BTreeMap<Key, Row>,
-}
+struct Kept(BTreeMap<Key, String>);
 
 impl Kept {
+    fn add(&mut self, key: Key, commit: &str, seconds: &str, figures: &str) {
+        let Key { name, seed, kills, cycles } = &key;
+        let figures = figures.replace('|', "/");
+        let row = format!("| {name} | {seed} | {kills} | {cycles} | {commit} | {seconds} | {figures} |\n");
+        self.0.insert(key, row);
+    }
+
     fn parse(text: &str) -> Self {
         let row = |line: &str| {
-            let cells = table::cells(line);
-            let [_, name, seed, kills, cycles, rest @ .., _] = &cells[..] else { return None };
-            let [Ok(seed), Ok(kills), Ok(cycles)] = [*seed, *kills, *cycles].map(str::parse) else { return None };
-            let (commit, seconds, figures) = match *rest {
-                [commit, seconds, figures] => (commit, seconds, figures),
-                // A row from an earlier version of this program, which recorded no commit.
-                [seconds, figures] => (UNKNOWN, seconds, figures),
-                _ => return None,
-            };
-            let [name, commit, seconds, figures] = [*name, commit, seconds, figures].map(str::to_owned);
-            Some((Key { name, seed, kills, cycles }, Row { commit, seconds, figures }))
+            let [name, seed, kills, cycles, ..] = table::cells::<7>(line)?;
+            let [Ok(seed), Ok(kills), Ok(cycles)] = [seed, kills, cycles].map(str::parse) else { return None };
+            Some((Key { name: name.to_owned(), seed, kills, cycles }, format!("{line}\n")))
         };
-        Self { rows: text.lines().filter_map(row).collect() }
+        Self(text.lines().filter_map(row).collect())
     }
 
     fn markdown(&self) -> String {
-        let mut text = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which skips the campaigns in this table. To repeat one, \
-                        delete its row. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
-                        `-dirty` it had changes besides.\n\n\
-                        | campaign | seed | kills | cycles | commit | time s | figures |\n|---|--:|--:|--:|---|--:|---|\n"
-            .to_owned();
-        for (Key { name, seed, kills, cycles }, Row { commit, seconds, figures }) in &self.rows {
-            text.push_str(&format!(
-                "| {name} | {seed} | {kills} | {cycles} | {commit} | {seconds} | {} |\n",
-                figures.replace('|', "/")
-            ));
-        }
-        text
+        let head = "# Campaigns that passed\n\nWritten by `cargo xtask chaos --keep`, which skips the campaigns in this table. To repeat one, \
+                    delete its row. *kills* and *cycles* are the sizes that were asked for, *commit* is the tree that was tried; with \
+                    `-dirty` it had changes besides.\n\n\
+                    | campaign | seed | kills | cycles | commit | time s | figures |\n|---|--:|--:|--:|---|--:|---|\n";
+        std::iter::once(head).chain(self.0.values().map(String::as_str)).collect()
     }
 }
 
@@ -190,17 +156,14 @@ fn short(test: &str) -> &str {
     test.rsplit("::").next().unwrap_or(test)
 }
 
-fn lines(report: &str) -> Vec<Line> {
-    let line = |text: &str| {
-        let mut parts = text.splitn(4, '\t').map(str::to_owned);
-        Some(Line { name: parts.next()?, outcome: parts.next()?, seconds: parts.next()?, figures: parts.next()? })
-    };
-    report.lines().filter_map(line).collect()
+/// Name, outcome, seconds and figures of each campaign in a report.
+fn lines(report: &str) -> Vec<[&str; 4]> {
+    report.lines().filter_map(|line| line.splitn(4, '\t').collect::<Vec<_>>().try_into().ok()).collect()
 }
 
-fn table(lines: &[Line]) -> String {
+fn table(lines: &[[&str; 4]]) -> String {
     let row =
-        |Line { name, outcome, seconds, figures }: &Line| format!("{outcome:<7} {name:<26} {seconds:>5} s  {figures}");
+        |[name, outcome, seconds, figures]: &[&str; 4]| format!("{outcome:<7} {name:<26} {seconds:>5} s  {figures}");
     lines.iter().map(row).collect::<Vec<_>>().join("\n")
 }
 
@@ -210,27 +173,23 @@ mod tests {
 
     #[test]
     fn what_is_kept_is_read_back() {
-        let key = |name: &str, seed| Key { name: name.into(), seed, kills: 100, cycles: 5000 };
-        let row =
-            |commit: &str, figures: &str| Row { commit: commit.into(), seconds: "41".into(), figures: figures.into() };
-        let rows = [
-            (key("kills", 1), row("ac2bb3a", "255 kills; none lost")),
-            (key("kills", 2), row("ac2bb3a-dirty", "254 kills")),
-            (key("unruly", 1), row(UNKNOWN, "61 behaviours; most: kB 26604 (record at Noise), ms 350")),
-        ];
-        let kept = Kept { rows: rows.into() };
-        assert_eq!(Kept::parse(&kept.markdown()), kept);
+        let mut kept = Kept::default();
+        for (name, seed, commit, figures) in [
+            ("kills", 10, "ac2bb3a-dirty", "254 kills"),
+            ("kills", 9, "ac2bb3a", "255 kills | none lost"),
+            ("unruly", 1, "unknown", "61 behaviours; most: kB 26604 (record at Noise), ms 350"),
+        ] {
+            kept.add(Key { name: name.into(), seed, kills: 100, cycles: 5000 }, commit, "41", figures);
+        }
+        let text = kept.markdown();
+        assert!(text.contains("|\n| kills | 9 | 100 | 5000 | ac2bb3a | 41 | 255 kills / none lost |\n| kills | 10 |"));
+        assert_eq!(Kept::parse(&text), kept);
     }
 
     #[test]
-    fn a_row_without_a_commit_is_kept() {
-        let old = "| campaign | seed | kills | cycles | time s | figures |\n|---|--:|--:|--:|--:|---|\n\
-                   | kills | 7 | 100 | 5000 | 41 | 255 kills |\n| half a row | 7 |\n";
-        let kept = Kept::parse(old);
-        let key = Key { name: "kills".into(), seed: 7, kills: 100, cycles: 5000 };
-        let row = Row { commit: UNKNOWN.into(), seconds: "41".into(), figures: "255 kills".into() };
-        assert_eq!(kept.rows, [(key, row)].into());
-        assert_eq!(Kept::parse(&kept.markdown()), kept);
+    fn the_committed_table_is_as_it_is_written() {
+        let text = tree::text(TABLE).unwrap();
+        assert_eq!(Kept::parse(&text).markdown(), text);
     }
 
     #[test]

@@ -3,11 +3,8 @@
 use crate::{process, tree};
 use std::process::Command;
 
-/// Placeholder for an unknown commit.
-pub const UNKNOWN: &str = "unknown";
-
-/// The commit that is checked out, and whether the tree differs from it.
+/// The commit that is checked out, and whether the tree differs from it; "unknown" outside of a repository.
 pub fn commit() -> String {
     let describe = ["describe", "--always", "--dirty", "--exclude", "*"];
-    process::first_line(Command::new("git").args(describe).current_dir(tree::root())).unwrap_or(UNKNOWN.to_owned())
+    process::first_line(Command::new("git").args(describe).current_dir(tree::root())).unwrap_or("unknown".to_owned())
 }

@@ -25,18 +25,11 @@ pub struct Options {
     tokens: bool,
 }
 
-/// The program as a user installs it.
-struct Installed {
-    name: &'static str,
-    features: &'static [&'static str],
-    /// Upper limit for its size \[MB\].
-    most_mb: f64,
-}
-
-const INSTALLED: [Installed; 3] = [
-    Installed { name: "program of a release", features: &["--all-features"], most_mb: 30.0 },
-    Installed { name: "program, `cargo install`", features: &[], most_mb: 30.0 },
-    Installed { name: "program, `--no-default-features`", features: &["--no-default-features"], most_mb: 15.0 },
+/// The program as a user installs it: name, features, and upper limit for its size \[MB\].
+const INSTALLED: [(&str, &[&str], f64); 3] = [
+    ("program of a release", &["--all-features"], 30.0),
+    ("program, `cargo install`", &[], 30.0),
+    ("program, `--no-default-features`", &["--no-default-features"], 15.0),
 ];
 
 /// Measures each product and compares with the committed table, or writes it.
@@ -46,39 +39,32 @@ pub fn run(options: &Options) -> Result<()> {
     }
     ensure!(cfg!(unix), "the processor time of what cargo starts is counted on Unix only");
     let folder = workspace::target()?.join("cost");
-    let (mut rows, mut counted) = (Vec::new(), Vec::new());
-    for Installed { name, features, most_mb } in &INSTALLED {
+    let mut rows = Vec::new();
+    for (name, features, most_mb) in INSTALLED {
         let mut build = process::cargo();
-        build.args(["build", "--locked", "--release", "--package", "inerter"]).args(*features);
-        rows.push(minutes(&format!("{name}: compiling"), from_nothing(&folder, &mut build)?));
-        let count = crates(LINKED, &[&["--package", "inerter"], *features].concat())? as f64;
-        let row = Row::new(&format!("{name}: crates"), count, "");
-        rows.push(match counted.first() {
-            Some(first) if features.contains(&"--no-default-features") => row.at_most(first / 2.0),
+        build.args(["build", "--locked", "--release", "--package", "inerter"]).args(features);
+        rows.push(minutes(&format!("{name}: compiling"), &folder, &mut build)?);
+        let row = crates(&format!("{name}: crates"), LINKED, &[&["--package", "inerter"], features].concat())?;
+        rows.push(match rows.get(1) {
+            Some(first) if features.contains(&"--no-default-features") => row.at_most(first.value / 2.0),
             _ => row,
         });
-        counted.push(count);
         let path = folder.join(format!("release/inerter{}", std::env::consts::EXE_SUFFIX));
         let bytes = fs::metadata(&path).with_context(|| format!("no program at {}", path.display()))?.len();
         let size = (bytes as f64 / 1e5).round() / 10.0;
-        rows.push(Row::new(&format!("{name}: size"), size, "MB").at_most(*most_mb));
+        rows.push(Row::new(format!("{name}: size"), size, "MB").at_most(most_mb));
     }
-    let name = "program without `probe` and `bridges` alone: crates";
-    let count =
-        crates(LINKED, &["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"])?;
-    rows.push(Row::new(name, count as f64, ""));
+    let some = ["--package", "inerter", "--no-default-features", "--features", "reports,screen,tables"];
+    rows.push(crates("program without `probe` and `bridges` alone: crates", LINKED, &some)?);
     let wheel = ["build", "--locked", "--release", "--package", "inerter-python"];
-    rows.push(minutes("Python package: compiling", from_nothing(&folder, process::cargo().args(wheel))?));
-    rows.push(Row::new("Python package: crates", crates(LINKED, &["--package", "inerter-python"])? as f64, ""));
+    rows.push(minutes("Python package: compiling", &folder, process::cargo().args(wheel))?);
+    rows.push(crates("Python package: crates", LINKED, &["--package", "inerter-python"])?);
     let demo = ["run", "--locked", "--package", "xtask", "--", "demo"];
-    let spent_s = from_nothing(&folder, process::cargo().args(demo))?;
-    rows.push(minutes("demo, compiled and run", spent_s).at_most(DEMO_GOAL_MIN));
-    let count = crates(LINKED, &["--package", "xtask", "--package", "inerter-demo"])? as f64;
-    rows.push(Row::new("demo: crates on the host", count, ""));
-    let spent_s = from_nothing(&folder, Part::Main.all("test").arg("--no-run"))?;
-    rows.push(minutes("tests of the main workspace: compiling", spent_s));
-    let count = crates("normal,build,dev", &[&["--workspace"], Part::Main.features()].concat())? as f64;
-    rows.push(Row::new("tests of the main workspace: crates", count, ""));
+    rows.push(minutes("demo, compiled and run", &folder, process::cargo().args(demo))?.at_most(DEMO_GOAL_MIN));
+    rows.push(crates("demo: crates on the host", LINKED, &["--package", "xtask", "--package", "inerter-demo"])?);
+    rows.push(minutes("tests of the main workspace: compiling", &folder, Part::Main.all("test").arg("--no-run"))?);
+    let all = [&["--workspace"], Part::Main.features()].concat();
+    rows.push(crates("tests of the main workspace: crates", "normal,build,dev", &all)?);
     tree::remove(&folder)?;
     let table = Table {
         name: "cost",
@@ -94,25 +80,22 @@ pub fn run(options: &Options) -> Result<()> {
     table.settle(&options.table)
 }
 
-fn minutes(name: &str, seconds: f64) -> Row {
-    println!("{name}: {:.1} min of processor time", seconds / 60.0);
-    Row::new(name, (seconds / 6.0).round() / 10.0, "min of processor time").within(TIME_TOLERANCE)
-}
-
-/// Processor time of a cargo command in an empty folder \[s\].
-fn from_nothing(folder: &Path, command: &mut Command) -> Result<f64> {
+/// Processor time of a cargo command in an empty folder.
+fn minutes(name: &str, folder: &Path, command: &mut Command) -> Result<Row> {
     tree::remove(folder)?;
     let before = process::spent();
     process::run(command.env("CARGO_TARGET_DIR", folder).env("CARGO_INCREMENTAL", "0"))?;
-    Ok((process::spent() - before).as_secs_f64())
+    let seconds = (process::spent() - before).as_secs_f64();
+    println!("{name}: {:.1} min of processor time", seconds / 60.0);
+    Ok(Row::new(name, (seconds / 6.0).round() / 10.0, "min of processor time").within(TIME_TOLERANCE))
 }
 
 /// Dependency edges that are compiled for a program.
 const LINKED: &str = "normal,build";
 
 /// How many packages are compiled, by name and version.
-fn crates(edges: &str, arguments: &[&str]) -> Result<usize> {
-    Ok(distinct(&workspace::packages(&tree::root(), edges, arguments)?))
+fn crates(name: &str, edges: &str, arguments: &[&str]) -> Result<Row> {
+    Ok(Row::new(name, distinct(&workspace::packages(&tree::root(), edges, arguments)?) as f64, ""))
 }
 
 /// Lines of `cargo tree`, each package once.

@@ -30,7 +30,7 @@ const FASTER: f64 = 10.0;
 pub struct Options {
     /// Write docs/tables/files.md
     #[arg(long)]
-    pub update: bool,
+    update: bool,
 }
 
 /// One export.

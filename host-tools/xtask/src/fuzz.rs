@@ -24,12 +24,12 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
-#[derive(clap::Args, Clone, Debug)]
+#[derive(clap::Args)]
 pub struct Options {
     /// Run this target alone: wire, estimator, mcap, csv, settings, image, commands, dfuse, requests or flags
     target: Option<String>,
     /// Time for each target, in seconds
-    #[arg(long, default_value_t = Self::USUAL.seconds)]
+    #[arg(long, default_value_t = 30)]
     seconds: u32,
     /// Seed of libFuzzer's random numbers; by default a new one each time, which the printed command shows
     #[arg(long, value_name = "N")]
@@ -49,30 +49,20 @@ pub struct Options {
     input: Option<PathBuf>,
 }
 
-impl Options {
-    /// All targets from the committed corpora.
-    pub const USUAL: Self =
-        Self { target: None, seconds: 30, seed: None, fast: false, ours: false, keep: false, input: None };
-}
-
-/// A fuzz target: a program of `tests/fuzz`.
-struct Target {
-    name: &'static str,
-    /// Maximum input size \[bytes\].
-    longest: usize,
-}
+/// A fuzz target: a program of `tests/fuzz`, and its maximum input size \[bytes\].
+type Target = (&'static str, usize);
 
 const TARGETS: &[Target] = &[
-    Target { name: "wire", longest: 2_048 },
-    Target { name: "estimator", longest: 256 },
-    Target { name: "mcap", longest: 8_192 },
-    Target { name: "csv", longest: 2_048 },
-    Target { name: "settings", longest: 8_192 },
-    Target { name: "image", longest: 1_024 },
-    Target { name: "commands", longest: 2_048 },
-    Target { name: "dfuse", longest: 512 },
-    Target { name: "requests", longest: 1_024 },
-    Target { name: "flags", longest: 1_024 },
+    ("wire", 2_048),
+    ("estimator", 256),
+    ("mcap", 8_192),
+    ("csv", 2_048),
+    ("settings", 8_192),
+    ("image", 1_024),
+    ("commands", 2_048),
+    ("dfuse", 512),
+    ("requests", 1_024),
+    ("flags", 1_024),
 ];
 
 /// Flags that count coverage for libFuzzer; `cargo fuzz` passes these and [`COMPARES`].
@@ -95,36 +85,40 @@ const SEEDS: &str = "INERTER_FUZZ_SEEDS";
 
 /// Runs the targets; fails if one has found something.
 pub fn run(options: &Options) -> Result<()> {
-    let chosen: Vec<&Target> = match &options.target {
-        None => TARGETS.iter().collect(),
-        Some(name) => vec![TARGETS.iter().find(|target| target.name == name).with_context(|| {
-            let names: Vec<_> = TARGETS.iter().map(|target| target.name).collect();
-            format!("there is no target `{name}`; the targets are {}", names.join(", "))
-        })?],
-    };
+    let mut chosen = TARGETS.to_vec();
+    if let Some(wanted) = &options.target {
+        chosen.retain(|(name, _)| name == wanted);
+        let names: Vec<_> = TARGETS.iter().map(|(name, _)| *name).collect();
+        ensure!(!chosen.is_empty(), "there is no target `{wanted}`; the targets are {}", names.join(", "));
+    }
     let programs = build(&chosen, options)?;
     let folder = workspace::target()?.join("fuzz");
-    if let (Some(input), [target]) = (&options.input, &chosen[..]) {
-        return process::run(Command::new(programs.join(target.name)).args(LIMITS).arg(input));
+    if let (Some(input), [(name, _)]) = (&options.input, &chosen[..]) {
+        return process::run(Command::new(programs.join(name)).args(LIMITS).arg(input));
     }
     // Taken before a corpus is written, which would count as a difference.
     let commit = commit();
     let mut rows = Vec::new();
-    for target in chosen {
-        let place = Place::new(target, programs.join(target.name), folder.join(target.name));
+    for (name, longest) in chosen {
+        let place = Place {
+            program: programs.join(name),
+            longest: format!("-max_len={longest}"),
+            packed: folder_of_targets().join("corpus").join(name),
+            folder: folder.join(name),
+        };
         let session = place.fuzz(options)?;
         if options.keep {
             // Without time nothing is fuzzed.
             if options.seconds > 0 {
                 let of = if options.ours { ", our crates" } else { "" };
-                kept::add(&format!("{}{of}", target.name), session.total(&commit))?;
+                kept::add(&format!("{name}{of}"), session.figures(), &commit)?;
             }
             // Judged by our edges, inputs that reach those of libraries would be dropped.
             if session.finding.is_none() && !options.ours {
                 place.keep()?;
             }
         }
-        rows.push((target.name, session));
+        rows.push((name, session));
     }
     println!("\n{}", table(&rows));
     let findings: Vec<_> = rows.iter().filter_map(|(name, session)| Some((name, session.finding.as_ref()?))).collect();
@@ -142,12 +136,12 @@ fn folder_of_targets() -> PathBuf {
 
 /// Compiles the targets with counters and returns their folder. Build scripts get no counters because a target triple
 /// is given.
-fn build(targets: &[&Target], options: &Options) -> Result<PathBuf> {
+fn build(targets: &[Target], options: &Options) -> Result<PathBuf> {
     let host = process::output(process::rustc().args(["--print", "host-tuple"]))?.trim().to_owned();
     let mut command = Part::Main.cargo();
     command.args(["build", "--profile", "fuzz", "--locked", "--target", &host]);
     command.args(["--package", "inerter-fuzz", "--features", "libfuzzer"]);
-    command.args(targets.iter().flat_map(|target| ["--bin", target.name]));
+    command.args(targets.iter().flat_map(|(name, _)| ["--bin", *name]));
     let flags: Vec<&str> = FLAGS.iter().copied().chain((!options.fast).then_some(COMPARES)).collect();
     let mut folder = workspace::target()?;
     if options.ours {
@@ -193,16 +187,11 @@ impl Session {
         }
     }
 
-    /// As a row of the table of all runs.
-    fn total(&self, commit: &str) -> kept::Total {
-        kept::Total {
-            inputs: self.inputs,
-            samples: self.samples,
-            seconds: self.seconds.round() as u64,
-            edges: self.edges,
-            findings: self.finding.is_some().into(),
-            commit: commit.to_owned(),
-        }
+    /// For the table of all runs.
+    fn figures(&self) -> kept::Figures {
+        let Self { inputs, seconds, edges: [half, end], samples, finding } = self;
+        let findings = u64::from(finding.is_some());
+        [Some(*inputs), *samples, Some(seconds.round() as u64), Some(*half), Some(*end), Some(findings)]
     }
 }
 
@@ -212,26 +201,17 @@ struct Place {
     longest: String,
     /// The committed corpus, packed.
     packed: PathBuf,
-    /// The same as single files, written again for each run.
-    corpus: PathBuf,
-    seeds: PathBuf,
-    found: PathBuf,
-    merged: PathBuf,
-    findings: PathBuf,
+    /// Holds a folder for each of the following.
+    folder: PathBuf,
 }
 
+/// The committed corpus as single files, written again for each run; what the target writes; what was found and stays;
+/// what is left of all of them; findings.
+const FOLDERS: [&str; 5] = ["corpus", "seeds", "found", "merged", "findings"];
+
 impl Place {
-    fn new(target: &Target, program: PathBuf, folder: PathBuf) -> Self {
-        Self {
-            program,
-            longest: format!("-max_len={}", target.longest),
-            packed: folder_of_targets().join("corpus").join(target.name),
-            corpus: folder.join("corpus"),
-            seeds: folder.join("seeds"),
-            found: folder.join("found"),
-            merged: folder.join("merged"),
-            findings: folder.join("findings"),
-        }
+    fn folders(&self) -> [PathBuf; 5] {
+        FOLDERS.map(|name| self.folder.join(name))
     }
 
     fn command(&self) -> Command {
@@ -244,27 +224,28 @@ impl Place {
     /// no corpus.
     fn fuzz(&self, options: &Options) -> Result<Session> {
         let Options { seconds, seed, keep: with_seeds, .. } = *options;
-        for folder in [&self.corpus, &self.seeds, &self.merged] {
+        let [corpus, seeds, found, merged, findings] = self.folders();
+        for folder in [&corpus, &seeds, &merged] {
             empty(folder)?;
         }
-        for folder in [&self.found, &self.findings] {
+        for folder in [&found, &findings] {
             tree::make(folder)?;
         }
         if self.packed.exists() {
             for (number, input) in unpack(&tree::read(&self.packed)?)?.iter().enumerate() {
-                fs::write(self.corpus.join(format!("{number:04}")), input)?;
+                fs::write(corpus.join(format!("{number:04}")), input)?;
             }
         }
         if with_seeds || !self.packed.exists() {
-            process::run(self.command().env(SEEDS, &self.seeds).stderr(Stdio::null()))?;
+            process::run(self.command().env(SEEDS, &seeds).stderr(Stdio::null()))?;
         }
         let mut command = self.command();
-        command.args([&self.found, &self.corpus, &self.seeds]);
+        command.args([found, corpus, seeds]);
         // A limit of 0 means no limit to libFuzzer, so run only the corpus.
         command.arg(if seconds == 0 { "-runs=0".into() } else { format!("-max_total_time={seconds}") });
         command
             .arg(format!("-seed={}", seed.unwrap_or_else(new_seed)))
-            .arg(format!("-artifact_prefix={}/", self.findings.display()))
+            .arg(format!("-artifact_prefix={}/", findings.display()))
             .args(["-print_final_stats=1", "-report_slow_units=60"]);
         println!("{}", process::shown(&command));
         self.watch(&mut command, Duration::from_secs(seconds.into()))
@@ -295,18 +276,19 @@ impl Place {
 
     /// Rebuilds the committed corpus: few inputs that reach as much as all of them.
     fn keep(&self) -> Result<()> {
+        let [corpus, seeds, found, merged, _] = self.folders();
         let mut command = self.command();
         command.args(["-merge=1", "-use_counters=0"]);
-        command.args([&self.merged, &self.corpus, &self.seeds, &self.found]).stderr(Stdio::null());
+        command.args([&merged, &corpus, &seeds, &found]).stderr(Stdio::null());
         process::run(&mut command)?;
-        let mut inputs = tree::files(&self.merged)?.iter().map(tree::read).collect::<Result<Vec<_>>>()?;
+        let mut inputs = tree::files(&merged)?.iter().map(tree::read).collect::<Result<Vec<_>>>()?;
         inputs.sort_by(|one, other| one.len().cmp(&other.len()).then(one.cmp(other)));
         let packed = pack(&inputs);
         fs::create_dir_all(self.packed.parent().context("a folder")?)?;
         tree::write(&self.packed, &packed)?;
         println!("{}: {} inputs, {} bytes", self.packed.display(), inputs.len(), packed.len());
         // Inputs that reach anything new are in the corpus now.
-        empty(&self.found)
+        empty(&found)
     }
 }
 
@@ -395,13 +377,13 @@ mod tests {
     #[test]
     fn each_target_is_a_program_with_a_corpus_and_a_row() {
         let table = tree::text("docs/tables/fuzz.md").unwrap();
-        for target in TARGETS {
-            assert!(table.contains(&format!("\n| {} |", target.name)), "{}", target.name);
+        for (name, longest) in TARGETS {
+            assert!(table.contains(&format!("\n| {name} |")), "{name}");
             let folder = folder_of_targets();
-            assert!(folder.join("src/bin").join(target.name).with_extension("rs").is_file(), "{}", target.name);
-            let packed = fs::read(folder.join("corpus").join(target.name)).unwrap();
+            assert!(folder.join("src/bin").join(name).with_extension("rs").is_file(), "{name}");
+            let packed = fs::read(folder.join("corpus").join(name)).unwrap();
             let inputs = unpack(&packed).unwrap();
-            assert!(!inputs.is_empty() && inputs.iter().all(|input| input.len() <= target.longest), "{}", target.name);
+            assert!(!inputs.is_empty() && inputs.iter().all(|input| input.len() <= *longest), "{name}");
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use crate::{
     firmware::{self, Image},
-    table::{Options, Row, Table},
+    table::{Options, Row, Table, number},
 };
 use anyhow::{Context, Result};
 use serde_json::Value;
@@ -25,19 +25,10 @@ const SOLVE_GOAL: f64 = 8000.0;
 /// Solves per publication: the recent memory, the part of it in motion, and the whole run.
 const SOLVES: f64 = 3.0;
 
-/// What the image reports of itself.
-#[derive(Debug)]
-pub struct Report {
-    /// Instructions at each sample rate; the slow bank's share falls with the rate.
-    rows: Vec<Row>,
-    /// State of the estimator, in bytes.
-    pub state_bytes: f64,
-}
-
 /// Compares with the committed table, or writes it.
 pub fn run(options: &Options) -> Result<()> {
     let image = firmware::build(Image::QEMU)?;
-    let Report { rows, .. } = measure(&image)?;
+    let (rows, _) = measure(&image)?;
     let table = Table {
         name: "icount",
         title: "Instructions on the Cortex-M4F",
@@ -55,21 +46,19 @@ pub fn run(options: &Options) -> Result<()> {
     table.settle(options)
 }
 
-/// Runs the image's own measurement in QEMU.
-pub fn measure(image: &Path) -> Result<Report> {
+/// Runs the image's own measurement in QEMU: instructions at each sample rate, as the slow bank's share falls with the
+/// rate, and the state of the estimator in bytes.
+pub fn measure(image: &Path) -> Result<(Vec<Row>, f64)> {
     let printed = firmware::run(image, &["icount"], LIMIT).context("the image's measurement did not run")?;
     parse(&printed)
 }
 
 /// Reads the one JSON line that the image prints.
-fn parse(printed: &str) -> Result<Report> {
+fn parse(printed: &str) -> Result<(Vec<Row>, f64)> {
     let line = printed.lines().rev().find(|line| line.starts_with('{'));
     let line = line.with_context(|| format!("the image printed no JSON line; it printed: {}", printed.trim()))?;
     let value: Value = serde_json::from_str(line).with_context(|| format!("the image's line is not JSON: {line}"))?;
-    let number = |value: &Value, path: &str| {
-        let found = path.split('.').try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
-        found.with_context(|| format!("no number `{path}` in the image's line: {line}"))
-    };
+    let number = |value: &Value, path: &str| number(value, path, format_args!("the image's line: {line}"));
     let rates = value["rates"].as_array().with_context(|| format!("no list `rates` in the image's line: {line}"))?;
     let mut rows = Vec::new();
     for rate in rates {
@@ -91,10 +80,10 @@ fn parse(printed: &str) -> Result<Report> {
             ("publication beside its sample: mean", "solve", 1.0, None),
         ] {
             let name = format!("{} kHz, {what}", rate_hz / 1000.0);
-            rows.push(Row { goal, ..Row::new(&name, number(rate, path)? / parts, "instructions") });
+            rows.push(Row { goal, ..Row::new(name, number(rate, path)? / parts, "instructions") });
         }
     }
-    Ok(Report { rows, state_bytes: number(&value, "state_bytes")? })
+    Ok((rows, number(&value, "state_bytes")?))
 }
 
 #[cfg(test)]
@@ -105,7 +94,7 @@ mod tests {
 
     #[test]
     fn the_images_line_is_read() {
-        let Report { rows, .. } = parse(&format!("booting\n{LINE}\n")).unwrap();
+        let (rows, _) = parse(&format!("booting\n{LINE}\n")).unwrap();
         assert_eq!(rows.len(), 8);
         assert_eq!([rows[0].value, rows[1].value], [883.0, 3654.0]);
         assert_eq!(rows[0], Row::new("1 kHz, sample: mean", 883.0, "instructions"));

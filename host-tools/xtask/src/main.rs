@@ -159,57 +159,71 @@ fn main() -> ExitCode {
     }
 }
 
+/// Runs a command line of this program, such as `cargo xtask size`.
+fn own(line: &str) -> anyhow::Result<()> {
+    run(Arguments::try_parse_from(line.split(' ').skip(1))?.command)
+}
+
 fn run(command: Command) -> anyhow::Result<()> {
+    use Command::*;
     match command {
-        Command::Setup(options) => setup::run(&options),
-        Command::Demo(options) => demo::run(&options),
-        Command::Test(options) => suite::run(&options),
-        Command::Data(options) => data::run(&options),
-        Command::BuildFirmware => firmware::run_build(),
-        Command::Guest(options) => guest::run(&options),
-        Command::CheckArrows => arrows::run(),
-        Command::CheckPanics => panics::run(),
-        Command::CheckPlatforms => platforms::run(),
-        Command::CheckSupply(options) => supply::run(&options),
-        Command::Release(options) => release::run(&options),
-        Command::Cost(options) => cost::run(&options),
-        Command::Size(options) => size::run(&options),
-        Command::Icount(options) => icount::run(&options),
-        Command::Accuracy(options) => accuracy::long_table("accuracy", &options),
-        Command::Changes(options) => accuracy::long_table("changes", &options),
-        Command::Robustness(options) => accuracy::table("robustness", &options),
-        Command::Coverage(options) => accuracy::table("coverage", &options),
-        Command::Diagnose(options) => accuracy::table("diagnose", &options),
-        Command::Plan(options) => accuracy::table("plan", &options),
-        Command::Skew(options) => accuracy::table("skew", &options),
-        Command::Rates(options) => rates::run(&options),
-        Command::Scale(options) => rates::scale(&options),
-        Command::Merge(options) => accuracy::table("merge", &options),
-        Command::Defects(options) => accuracy::table("defects", &options),
-        Command::Ablation(options) => ablation::run(&options),
-        Command::Validation(options) => validation::run(&options),
-        Command::Identify(options) => accuracy::table("identify", &options),
-        Command::BenchIdentify => bench::identify(),
-        Command::Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
-        Command::Endurance(arguments) => accuracy::tested("endurance", &arguments.arguments),
-        Command::MonitorLoad(options) => monitor_load::run(&options),
-        Command::Chaos(options) => chaos::run(&options),
-        Command::Soak(options) => soak::run(&options),
-        Command::Bench(options) => bench::run(&options),
-        Command::BenchFiles(options) => files::run(&options),
-        Command::Fuzz(options) => fuzz::run(&options),
-        Command::Mutants(options) => mutants::run(&options),
-        Command::Python => python::run(),
-        Command::Wheel(options) => wheel::run(&options),
+        Setup(options) => setup::run(&options),
+        Demo(options) => demo::run(&options),
+        Test(options) => suite::run(&options, own),
+        Data(options) => data::run(&options),
+        BuildFirmware => firmware::run_build(),
+        Guest(options) => guest::run(&options),
+        CheckArrows => arrows::run(),
+        CheckPanics => panics::run(),
+        CheckPlatforms => platforms::run(),
+        CheckSupply(options) => supply::run(&options),
+        Release(options) => release::run(&options),
+        Cost(options) => cost::run(&options),
+        Size(options) => size::run(&options),
+        Icount(options) => icount::run(&options),
+        Accuracy(options) => accuracy::long_table("accuracy", &options),
+        Changes(options) => accuracy::long_table("changes", &options),
+        Robustness(options) => accuracy::table("robustness", &options),
+        Coverage(options) => accuracy::table("coverage", &options),
+        Diagnose(options) => accuracy::table("diagnose", &options),
+        Plan(options) => accuracy::table("plan", &options),
+        Skew(options) => accuracy::table("skew", &options),
+        Rates(options) => rates::run(&options),
+        Scale(options) => rates::scale(&options),
+        Merge(options) => accuracy::table("merge", &options),
+        Defects(options) => accuracy::table("defects", &options),
+        Ablation(options) => ablation::run(&options),
+        Validation(options) => validation::run(&options),
+        Identify(options) => accuracy::table("identify", &options),
+        BenchIdentify => bench::identify(),
+        Longrun(arguments) => accuracy::with_arguments("longrun", &arguments),
+        Endurance(arguments) => accuracy::tested("endurance", &arguments.arguments),
+        MonitorLoad(options) => monitor_load::run(&options),
+        Chaos(options) => chaos::run(&options),
+        Soak(options) => soak::run(&options),
+        Bench(options) => bench::run(&options),
+        BenchFiles(options) => files::run(&options),
+        Fuzz(options) => fuzz::run(&options),
+        Mutants(options) => mutants::run(&options),
+        Python => python::run(),
+        Wheel(options) => wheel::run(&options),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
+    use super::Arguments;
+    use clap::{CommandFactory, Parser};
 
     #[test]
     fn the_command_line_is_consistent() {
-        super::Arguments::command().debug_assert();
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn each_step_of_the_suite_is_a_command() {
+        for line in super::suite::own_commands() {
+            assert!(Arguments::try_parse_from(line.split(' ').skip(1)).is_ok(), "{line}");
+        }
     }
 }

@@ -37,10 +37,10 @@ const PAGE_BYTES: f64 = 4096.0;
 pub struct Options {
     /// How long, in minutes
     #[arg(long, default_value_t = 10.0)]
-    pub minutes: f64,
+    minutes: f64,
     /// Write docs/tables/monitor-load.md
     #[arg(long)]
-    pub update: bool,
+    update: bool,
 }
 
 /// A program that is killed when dropped.
@@ -206,8 +206,7 @@ fn rows(looks: &[Look], info: &Value, drawn_bytes: f64) -> Result<Vec<Row>> {
     let settled: Vec<&Look> = looks.iter().filter(|look| look.at_s >= SETTLED_S.min(last.at_s / 2.0)).collect();
     let grown = settled.first().zip(settled.last()).map_or(f64::NAN, |(first, last)| last.memory_mb - first.memory_mb);
     let most = looks.iter().map(|look| look.memory_mb).fold(0.0, f64::max);
-    let number =
-        |name: &str| info[name].as_f64().with_context(|| format!("no number `{name}` in the output of `inerter info`"));
+    let number = |name: &str| table::number(info, name, "the output of `inerter info`");
     let (samples, seconds) = (number("samples")?, host_s(info)?);
     Ok(vec![
         Row::new("samples recorded", samples, ""),

@@ -18,8 +18,7 @@ use anyhow::{Context, Result, anyhow, ensure};
 use proc_macro2::TokenStream;
 use sha2::{Digest, Sha256};
 use std::{
-    cell::Cell,
-    collections::{BTreeMap, VecDeque},
+    collections::{BTreeMap, BTreeSet},
     fs,
     num::NonZeroUsize,
     path::Path,
@@ -55,38 +54,24 @@ struct Package {
     goldens: &'static [&'static str],
     /// Parts of the names of its slow tests, which run only on mutants that the others miss.
     slow: &'static [&'static str],
-    /// Which passes have succeeded on the unchanged source.
-    sound: Cell<[bool; Pass::COUNT]>,
 }
 
-impl Package {
-    const fn new(name: &'static str, goldens: &'static [&'static str], slow: &'static [&'static str]) -> Self {
-        Self { name, goldens, slow, sound: Cell::new([false; Pass::COUNT]) }
-    }
-}
+const PACKAGES: [Package; 3] = [
+    Package { name: "core", goldens: &[], slow: &[] },
+    Package {
+        name: "wire",
+        goldens: &["both_ways", "document_is_up_to_date"],
+        slow: &["every_single_byte", "any_damage"],
+    },
+    Package {
+        name: "app",
+        goldens: &[],
+        slow: &["power_may_fail_again", "power_failure_anywhere", "any_content_is_survived"],
+    },
+];
 
-fn packages() -> [Package; 3] {
-    [
-        Package::new("core", &[], &[]),
-        Package::new("wire", &["both_ways", "document_is_up_to_date"], &["every_single_byte", "any_damage"]),
-        Package::new("app", &[], &["power_may_fail_again", "power_failure_anywhere", "any_content_is_survived"]),
-    ]
-}
-
-/// The tests that a pass runs on a file's mutants; each pass takes those that the previous one missed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pass {
-    /// All tests but goldens and slow ones.
-    Quick,
-    /// All but goldens.
-    Slow,
-    /// All.
-    Golden,
-}
-
-impl Pass {
-    const COUNT: usize = 3;
-}
+/// Parts of the names of the tests that a pass skips.
+type Skipped = Vec<&'static str>;
 
 /// CPU time limit of one compiler or test process \[s\]. A test that takes more would never end, and counts as caught;
 /// a mutant that the compiler does not finish does not compile, and is left out. CPU time rather than wall-clock time:
@@ -103,102 +88,83 @@ const GOAL: f64 = 95.0;
 const NO_REASON: &str = "no reason yet";
 
 /// The mutants of a package that are tested together.
-enum Scope {
-    File(String),
-    /// Every Nth of all mutants, from a given first one.
-    Sample {
-        every: NonZeroUsize,
-        from: usize,
-    },
+struct Scope {
+    /// The file, or the name of the sample in the table.
+    name: String,
+    /// How `cargo-mutants` selects them.
+    arguments: Vec<String>,
 }
 
 impl Scope {
-    /// Its name in the table.
-    fn name(&self) -> String {
-        match self {
-            Self::File(file) => file.clone(),
-            Self::Sample { every, from: 0 } => format!("{SAMPLE}{every}"),
-            Self::Sample { every, from } => format!("{SAMPLE}{every} from {from}"),
-        }
+    fn file(name: String) -> Self {
+        Self { arguments: vec!["--file".into(), name.clone()], name }
     }
 
-    fn arguments(&self) -> Vec<String> {
-        match self {
-            Self::File(file) => vec!["--file".into(), file.clone()],
-            Self::Sample { every, from } => {
-                vec!["--shard".into(), format!("{from}/{every}"), "--sharding".into(), "round-robin".into()]
+    /// Every Nth of all mutants, from a given first one.
+    fn sample(every: NonZeroUsize, from: usize) -> Self {
+        let start = if from > 0 { format!(" from {from}") } else { String::new() };
+        let shard = ["--shard", &format!("{from}/{every}"), "--sharding", "round-robin"].map(str::to_owned);
+        Self { name: format!("{SAMPLE}{every}{start}"), arguments: shard.into() }
+    }
+
+    /// The changes, without their positions in the file, which move, and without the file if there is only one.
+    fn without_places(&self, lines: &[String]) -> Vec<String> {
+        let without = |line: &String| {
+            let (place, change) = line.split_once(": ").unwrap_or_default();
+            match place.split(':').next() {
+                Some(file) if is_sample(&self.name) => format!("{file}: {change}"),
+                _ => change.to_owned(),
             }
-        }
-    }
-
-    /// The change, without the position in the file, which moves, and without the file if there is only one.
-    fn without_place(&self, line: &str) -> String {
-        let (place, change) = line.split_once(": ").unwrap_or_default();
-        match self {
-            Self::File(_) => change.to_owned(),
-            Self::Sample { .. } => format!("{}: {change}", place.split(':').next().unwrap_or_default()),
-        }
+        };
+        lines.iter().map(without).collect()
     }
 }
 
 /// Prefix of a sample's name in the table.
 const SAMPLE: &str = "one mutant of ";
 
+fn is_sample(name: &str) -> bool {
+    name.starts_with(SAMPLE)
+}
+
 /// Results for the mutants of one file, or of a sample.
 #[derive(Debug, Default, PartialEq)]
 struct Tested {
     /// Checksum of the source when it was tested.
     sum: String,
+    /// How many were caught by a test that is no golden.
     caught: usize,
-    /// Caught only by a golden.
-    golden: usize,
-    survived: usize,
+    /// Those that only a golden catches.
+    golden: Vec<String>,
+    /// Each with its reason.
+    survivors: Vec<(String, String)>,
 }
 
-/// The committed results of a package.
+/// The committed results of a package, by file.
 #[derive(Debug, Default, PartialEq)]
-struct Record {
-    files: BTreeMap<String, Tested>,
-    /// Survivors by file, each with its reason; and mutants that only a golden catches.
-    survivors: BTreeMap<String, Vec<(String, String)>>,
-    golden: BTreeMap<String, Vec<String>>,
-}
+struct Record(BTreeMap<String, Tested>);
 
 /// Tests the remaining files, and fails if a finished package misses the goal.
 pub fn run(options: &Options) -> Result<()> {
     let is_chosen = |package: &Package| options.package.as_ref().is_none_or(|name| name == package.name);
-    let chosen: Vec<Package> = packages().into_iter().filter(is_chosen).collect();
-    ensure!(!chosen.is_empty(), "the packages are {}", packages().map(|package| package.name).join(", "));
+    let chosen: Vec<Package> = PACKAGES.into_iter().filter(is_chosen).collect();
+    ensure!(!chosen.is_empty(), "the packages are {}", PACKAGES.map(|package| package.name).join(", "));
     let started = Instant::now();
     let limit = options.minutes.map(|minutes| Duration::from_secs(60 * minutes));
     let mut missed = Vec::new();
     for package in chosen {
         let mut record = Record::parse(&tree::text_if_there(package.table())?);
-        let files = package.files()?;
+        let (files, mut sound) = (package.files()?, BTreeSet::new());
         record.forget_all_but(&files);
-        let mut left = match options.sample {
-            Some(every) => {
-                ensure!(
-                    options.from < every.get(),
-                    "a sample of one in {every} begins with a mutant from 0 to {}",
-                    every.get() - 1
-                );
-                [Scope::Sample { every, from: options.from }].into()
-            }
-            None => package.left(&record, &files, options.file.as_deref())?,
-        };
+        let mut left = package.left(&record, &files, options)?;
         println!("{}: {} of {} files to test", package.name, left.len(), files.len());
         if options.status {
             continue;
         }
-        while let Some(scope) = left.pop_front() {
-            if limit.is_some_and(|limit| started.elapsed() > limit) {
-                left.push_front(scope);
-                break;
-            }
-            package.test(&scope, &mut record)?;
+        while !left.is_empty() && limit.is_none_or(|limit| started.elapsed() <= limit) {
+            package.test(&left.remove(0), &mut record, &mut sound)?;
             tree::make("tests/mutants")?;
-            tree::write(package.table(), record.markdown(&package))?;
+            tree::write(package.table(), record.markdown(package.name))?;
         }
         println!("{}: {}", package.name, record.summary());
         let percent = record.caught(options.sample.is_some()).percent();
@@ -233,96 +199,104 @@ impl Package {
         Ok(files)
     }
 
-    /// Files whose present contents are untested, short ones first, so that a run that is stopped early has completed
-    /// more of them.
-    fn left(&self, record: &Record, files: &BTreeMap<String, String>, only: Option<&str>) -> Result<VecDeque<Scope>> {
-        if let Some(only) = only {
-            let known = files.keys().find(|file| file.as_str() == only || file.ends_with(&format!("/{only}")));
-            let file = known.with_context(|| format!("there is no {only} in {}", self.sources()))?;
-            return Ok([Scope::File(file.clone())].into());
+    /// What was asked for; else the files whose present contents are untested, short ones first, so that a run that is
+    /// stopped early has completed more of them.
+    fn left(&self, record: &Record, files: &BTreeMap<String, String>, options: &Options) -> Result<Vec<Scope>> {
+        if let Some(every) = options.sample {
+            let last = every.get() - 1;
+            ensure!(options.from <= last, "a sample of one in {every} begins with a mutant from 0 to {last}");
+            return Ok(vec![Scope::sample(every, options.from)]);
         }
-        let is_new =
-            |(file, sum): &(&String, &String)| record.files.get(*file).is_none_or(|tested| tested.sum != **sum);
+        if let Some(only) = &options.file {
+            let known = files.keys().find(|file| *file == only || file.ends_with(&format!("/{only}")));
+            let file = known.with_context(|| format!("there is no {only} in {}", self.sources()))?;
+            return Ok(vec![Scope::file(file.clone())]);
+        }
+        let is_new = |(file, sum): &(&String, &String)| record.0.get(*file).is_none_or(|tested| tested.sum != **sum);
         let mut left: Vec<_> = files.iter().filter(is_new).map(|(file, _)| file.clone()).collect();
         left.sort_by_cached_key(|file| fs::metadata(tree::root().join(file)).map_or(0, |metadata| metadata.len()));
-        Ok(left.into_iter().map(Scope::File).collect())
+        Ok(left.into_iter().map(Scope::file).collect())
     }
 
-    /// Tests the mutants of a file, or a sample of all.
-    fn test(&self, scope: &Scope, record: &mut Record) -> Result<()> {
+    /// What each pass skips; it takes the mutants that the previous one missed. Only the last one runs the goldens.
+    fn passes(&self) -> Vec<Skipped> {
+        let mut passes = vec![[self.goldens, self.slow].concat(), self.goldens.to_vec(), Vec::new()];
+        passes.dedup();
+        passes
+    }
+
+    /// Tests the mutants of a file, or a sample of all. `sound`: passes that have succeeded on the unchanged source.
+    fn test(&self, scope: &Scope, record: &mut Record, sound: &mut BTreeSet<Skipped>) -> Result<()> {
         let folder = workspace::target()?.join("mutants");
         let started = Instant::now();
         // Before the tests: a source that is edited meanwhile no longer matches.
-        let sum = match scope {
-            Scope::File(file) => code_sum(&tree::text(file)?).with_context(|| file.clone())?,
-            Scope::Sample { .. } => sum(self.files()?.into_values().collect::<String>().as_bytes()),
+        let sum = if is_sample(&scope.name) {
+            sum(self.files()?.into_values().collect::<String>().as_bytes())
+        } else {
+            code_sum(&tree::text(&scope.name)?).with_context(|| scope.name.clone())?
         };
         tree::make(folder.join(self.name))?;
         copy::tree(&folder.join("tree"), &[])?;
-        let mut caught = Vec::new();
-        let mut golden = Vec::new();
-        let mut missed = None;
-        for (pass, is_needed) in
-            [(Pass::Quick, true), (Pass::Slow, !self.slow.is_empty()), (Pass::Golden, !self.goldens.is_empty())]
-        {
-            if is_needed && missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
-                let found = self.pass(pass, scope, &folder, missed.as_deref())?;
-                if pass == Pass::Golden { &mut golden } else { &mut caught }.extend(found.caught);
-                missed = Some(found.missed);
+        let (mut tested, mut missed) = (Tested { sum, ..Tested::default() }, None);
+        for pass in self.passes() {
+            if missed.as_ref().is_none_or(|missed: &Vec<String>| !missed.is_empty()) {
+                let [caught, left] = self.pass(&pass, scope, &folder, missed.as_deref(), sound)?;
+                if pass.is_empty() && !self.goldens.is_empty() {
+                    tested.golden = scope.without_places(&caught);
+                } else {
+                    tested.caught += caught.len();
+                }
+                missed = Some(left);
             }
         }
-        let places_left_out = |lines: &[String]| lines.iter().map(|line| scope.without_place(line)).collect();
-        let survived: Vec<String> = places_left_out(&missed.unwrap_or_default());
-        let tested = Tested { sum, caught: caught.len(), golden: golden.len(), survived: survived.len() };
+        let survived = scope.without_places(&missed.unwrap_or_default());
         println!(
             "{}: {} caught, {} by a golden only, {} survived, in {:.0} s",
-            scope.name(),
+            scope.name,
             tested.caught,
-            tested.golden,
-            tested.survived,
+            tested.golden.len(),
+            survived.len(),
             started.elapsed().as_secs_f64()
         );
-        record.take(&scope.name(), tested, survived, places_left_out(&golden));
+        record.take(&scope.name, tested, survived);
         Ok(())
     }
 
-    /// Runs one pass on these mutants: all of them, or some.
-    fn pass(&self, pass: Pass, scope: &Scope, folder: &Path, only: Option<&[String]>) -> Result<Outcomes> {
-        let mut sound = self.sound.get();
+    /// Runs one pass on these mutants, all of them or some: those caught, and those missed.
+    fn pass(
+        &self,
+        skipped: &Skipped,
+        scope: &Scope,
+        folder: &Path,
+        only: Option<&[String]>,
+        sound: &mut BTreeSet<Skipped>,
+    ) -> Result<[Vec<String>; 2]> {
         let mut command = tool::MUTANTS.command()?;
         command.arg("--in-place");
         command.args(["--package", &format!("inerter-{}", self.name), "--no-shuffle"]);
         command.args(match only {
-            None => scope.arguments(),
+            None => scope.arguments.clone(),
             Some(only) => only.iter().flat_map(|mutant| ["--re".to_owned(), exactly(mutant)]).collect(),
         });
         command.args(["--timeout", WAIT_S, "--build-timeout", WAIT_S]);
-        command.args(["--baseline", if sound[pass as usize] { "skip" } else { "run" }, "--cap-lints", "true"]);
+        command.args(["--baseline", if sound.contains(skipped) { "skip" } else { "run" }, "--cap-lints", "true"]);
         command.args(["--no-times", "--output"]).arg(folder.join(self.name));
-        command.args(["--", "--locked", "--"]).args(self.left_out(pass).flat_map(|name| ["--skip", name]));
+        command.args(["--", "--locked", "--"]).args(skipped.iter().flat_map(|name| ["--skip", *name]));
         let mut command = with_limits(command);
         command.current_dir(folder.join("tree")).env("CARGO_TARGET_DIR", folder.join("build"));
         let status = process::spawn(&mut command)?.wait()?;
         // 2: some were missed, 3: some took too long.
         ensure!(matches!(status.code(), Some(0 | 2 | 3)), "`{}` failed ({status})", process::shown(&command));
-        let mut outcomes = Outcomes::read(&folder.join(self.name).join("mutants.out"))?;
+        let mut outcomes = outcomes(&folder.join(self.name).join("mutants.out"))?;
         if let Some(only) = only {
             // No expression can select struct fields that are omitted, so all of those were tried.
-            for lines in [&mut outcomes.caught, &mut outcomes.missed] {
-                lines.retain(|line| only.contains(line));
-            }
+            outcomes.iter_mut().for_each(|lines| lines.retain(|line| only.contains(line)));
         }
         // If there is no mutant, no test has run.
-        sound[pass as usize] |= !(outcomes.caught.is_empty() && outcomes.missed.is_empty());
-        self.sound.set(sound);
+        if outcomes.iter().any(|lines| !lines.is_empty()) {
+            sound.insert(skipped.clone());
+        }
         Ok(outcomes)
-    }
-
-    /// Parts of the names of the tests that this pass skips.
-    fn left_out(&self, pass: Pass) -> impl Iterator<Item = &'static str> {
-        let goldens = if pass != Pass::Golden { self.goldens } else { &[] };
-        let slow = if pass == Pass::Quick { self.slow } else { &[] };
-        goldens.iter().chain(slow).copied()
     }
 }
 
@@ -338,27 +312,19 @@ fn with_limits(command: Command) -> Command {
     limited
 }
 
-/// The results of `cargo-mutants`: lines with file, position and change.
-struct Outcomes {
-    /// Caught by a test that failed or never ended.
-    caught: Vec<String>,
-    missed: Vec<String>,
-}
-
-impl Outcomes {
-    fn read(folder: &Path) -> Result<Self> {
-        let lines = |name: &str| -> Result<Vec<String>> {
-            Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
-        };
-        // Mutants that do not compile are left out. A link failure means that a compiler was killed during an
-        // incremental build.
-        for path in tree::files(folder.join("log"))? {
-            let is_broken = tree::text(&path)?.contains("error: linking with");
-            ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
-        }
-        let caught = [lines("caught.txt")?, lines("timeout.txt")?].concat();
-        Ok(Self { caught, missed: lines("missed.txt")? })
+/// What `cargo-mutants` left in this folder, lines with file, position and change: the mutants caught by a test that
+/// failed or never ended, and those that were missed.
+fn outcomes(folder: &Path) -> Result<[Vec<String>; 2]> {
+    let lines = |name: &str| -> Result<Vec<String>> {
+        Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
+    };
+    // Mutants that do not compile are left out. A link failure means that a compiler was killed during an incremental
+    // build.
+    for path in tree::files(folder.join("log"))? {
+        let is_broken = tree::text(&path)?.contains("error: linking with");
+        ensure!(!is_broken, "linking failed ({}): delete target/mutants/build and start again", path.display());
     }
+    Ok([[lines("caught.txt")?, lines("timeout.txt")?].concat(), lines("missed.txt")?])
 }
 
 /// A regular expression for exactly this text.
@@ -390,96 +356,86 @@ impl Record {
     /// Reads what [`markdown`](Self::markdown) writes.
     fn parse(text: &str) -> Self {
         let mut record = Self::default();
-        let (mut survivors, mut file) = (true, String::new());
+        let (mut survivors, mut file) = (true, "");
         for line in text.lines() {
             if let Some(title) = line.strip_prefix("## ") {
                 survivors = title == SURVIVORS;
             } else if let Some(name) = line.strip_prefix("### ") {
-                file = name.trim_matches('`').to_owned();
+                file = name.trim_matches('`');
             } else if let Some(change) = line.strip_prefix("- `") {
                 let (change, rest) = change.split_once('`').unwrap_or((change, ""));
+                let tested = record.0.entry(file.to_owned()).or_default();
                 if survivors {
                     let reason = rest.strip_prefix(": ").unwrap_or(NO_REASON);
-                    record.survivors.entry(file.clone()).or_default().push((change.to_owned(), reason.to_owned()));
+                    tested.survivors.push((change.to_owned(), reason.to_owned()));
                 } else {
-                    record.golden.entry(file.clone()).or_default().push(change.to_owned());
+                    tested.golden.push(change.to_owned());
                 }
-            } else if let [_, name, caught, golden, survived, sum, _] = table::cells(line)[..]
-                && let [Ok(caught), Ok(golden), Ok(survived)] = [caught, golden, survived].map(str::parse)
+            } else if let Some([name, caught, _, _, sum]) = table::cells::<5>(line)
+                && let Ok(caught) = caught.parse()
             {
-                let tested = Tested { sum: sum.to_owned(), caught, golden, survived };
-                record.files.insert(name.trim_matches('`').to_owned(), tested);
+                let tested = Tested { sum: sum.to_owned(), caught, ..Tested::default() };
+                record.0.insert(name.trim_matches('`').to_owned(), tested);
             }
         }
         record
     }
 
-    fn markdown(&self, package: &Package) -> String {
+    fn markdown(&self, package: &str) -> String {
         let mut text = format!(
-            "# Mutants of inerter-{}\n\nWritten by `cargo xtask mutants {0}`, which continues with the files that have no row here or have changed \
+            "# Mutants of inerter-{package}\n\nWritten by `cargo xtask mutants {package}`, which continues with the files that have no row here or have changed \
              since. {}.\n\n| file | caught | by a golden only | survived | sum |\n|---|--:|--:|--:|---|\n",
-            package.name,
             self.summary()
         );
-        for (file, Tested { sum, caught, golden, survived }) in &self.files {
-            text += &format!("| `{file}` | {caught} | {golden} | {survived} | {sum} |\n");
+        for (file, Tested { sum, caught, golden, survivors }) in &self.0 {
+            text += &format!("| `{file}` | {caught} | {} | {} | {sum} |\n", golden.len(), survivors.len());
         }
-        text += &format!("\n## {SURVIVORS}\n");
-        for (file, mutants) in &self.survivors {
-            text += &format!("\n### `{file}`\n\n");
-            for (change, reason) in mutants {
-                text += &format!("- `{change}`: {reason}\n");
-            }
-        }
-        if !self.golden.is_empty() {
-            text += &format!("\n## {GOLDEN}\n");
-            for (file, mutants) in &self.golden {
-                text += &format!("\n### `{file}`\n\n");
-                for change in mutants {
-                    text += &format!("- `{change}`\n");
-                }
-            }
-        }
-        text
+        let survivors = self.lists(|tested| {
+            let line = |(change, reason): &(String, String)| format!("- `{change}`: {reason}\n");
+            tested.survivors.iter().map(line).collect()
+        });
+        text += &format!("\n## {SURVIVORS}\n{survivors}");
+        let golden = self.lists(|tested| tested.golden.iter().map(|change| format!("- `{change}`\n")).collect());
+        if golden.is_empty() { text } else { format!("{text}\n## {GOLDEN}\n{golden}") }
+    }
+
+    /// A list for each file, of the lines that this gives for it.
+    fn lists(&self, lines: impl Fn(&Tested) -> String) -> String {
+        let lists = self.0.iter().map(|(file, tested)| (file, lines(tested))).filter(|(_, lines)| !lines.is_empty());
+        lists.map(|(file, lines)| format!("\n### `{file}`\n\n{lines}")).collect()
     }
 
     /// Adds the results for a file's mutants. A reason stays with the same change.
-    fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>, golden: Vec<String>) {
-        let mut known = self.survivors.remove(file).unwrap_or_default();
+    fn take(&mut self, file: &str, tested: Tested, survived: Vec<String>) {
+        let mut known = self.0.remove(file).unwrap_or_default().survivors;
         let survivors = survived.into_iter().map(|change| match known.iter().position(|(other, _)| *other == change) {
             Some(place) => known.remove(place),
             None => (change, NO_REASON.to_owned()),
         });
         let survivors = survivors.collect();
-        self.survivors.insert(file.to_owned(), survivors);
-        self.survivors.retain(|_, changes| !changes.is_empty());
-        self.golden.insert(file.to_owned(), golden);
-        self.golden.retain(|_, changes| !changes.is_empty());
-        self.files.insert(file.to_owned(), tested);
+        self.0.insert(file.to_owned(), Tested { survivors, ..tested });
     }
 
-    /// Removes the rows of files that are gone.
+    /// Removes the results of files that are gone.
     fn forget_all_but(&mut self, files: &BTreeMap<String, String>) {
-        let is_there = |name: &String| files.contains_key(name) || name.starts_with(SAMPLE);
-        self.files.retain(|name, _| is_there(name));
-        self.survivors.retain(|name, _| is_there(name));
-        self.golden.retain(|name, _| is_there(name));
+        self.0.retain(|name, _| files.contains_key(name) || is_sample(name));
     }
 
     /// Mutants caught in all files, or in samples.
     fn caught(&self, in_samples: bool) -> Caught {
-        let rows = self.files.iter().filter(|(name, _)| name.starts_with(SAMPLE) == in_samples);
-        rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survived, .. })| Caught {
+        let rows = self.0.iter().filter(|(name, _)| is_sample(name) == in_samples);
+        rows.fold(Caught::default(), |sum, (_, Tested { caught, golden, survivors, .. })| Caught {
             rows: sum.rows + 1,
-            caught: sum.caught + caught + golden,
-            golden: sum.golden + golden,
-            all: sum.all + caught + golden + survived,
+            caught: sum.caught + caught + golden.len(),
+            golden: sum.golden + golden.len(),
+            all: sum.all + caught + golden.len() + survivors.len(),
         })
     }
 
     fn summary(&self) -> String {
         let (files, samples) = (self.caught(false), self.caught(true));
-        let reasons = self.survivors.values().flatten().filter(|(_, reason)| reason != NO_REASON).count();
+        let listed = self.0.values().flat_map(|tested| &tested.survivors);
+        let reasons = listed.filter(|(_, reason)| reason != NO_REASON).count();
         let survivors = files.all + samples.all - files.caught - samples.caught;
         let mut text = String::new();
         if files.rows > 0 {
@@ -530,16 +486,12 @@ mod tests {
 
     fn record() -> Record {
         let mut record = Record::default();
-        let tested = |sum: &str, survived| Tested { sum: sum.into(), caught: 7, golden: 1, survived };
+        let tested = |sum: &str, caught, golden| Tested { sum: sum.into(), caught, golden, ..Tested::default() };
         let change = "replace < with <= in Crc::table";
-        record.take(
-            "a/src/crc.rs",
-            tested("0123", 2),
-            vec![change.into(), change.into()],
-            vec!["replace f -> u8 with 0".into()],
-        );
-        record.take("a/src/lib.rs", tested("4567", 0), Vec::new(), Vec::new());
-        record.survivors.get_mut("a/src/crc.rs").unwrap()[0].1 = "the table ends there: nothing differs".into();
+        let golden = vec!["replace f -> u8 with 0".into()];
+        record.take("a/src/crc.rs", tested("0123", 7, golden), vec![change.into(), change.into()]);
+        record.take("a/src/lib.rs", tested("4567", 8, Vec::new()), Vec::new());
+        record.0.get_mut("a/src/crc.rs").unwrap().survivors[0].1 = "the table ends there: nothing differs".into();
         record
     }
 
@@ -562,19 +514,29 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_back() {
-        assert_eq!(Record::parse(&record().markdown(&packages()[1])), record());
+        assert_eq!(Record::parse(&record().markdown("wire")), record());
+        for Package { name, .. } in PACKAGES {
+            let text = tree::text(format!("tests/mutants/{name}.md")).unwrap();
+            assert_eq!(Record::parse(&text).markdown(name), text);
+        }
+    }
+
+    #[test]
+    fn each_pass_skips_fewer_tests() {
+        let [core, wire, app] = PACKAGES.map(|package| package.passes().iter().map(Vec::len).collect::<Vec<_>>());
+        assert_eq!((core, wire, app), (vec![0], vec![4, 2, 0], vec![3, 0]));
     }
 
     #[test]
     fn reasons_stay_with_their_mutants_and_files_that_are_gone_go() {
         let mut record = record();
         let changes = vec!["replace a with b in new".to_owned(), "replace < with <= in Crc::table".to_owned()];
-        record.take("a/src/crc.rs", Tested::default(), changes, Vec::new());
-        let reasons: Vec<&str> = record.survivors["a/src/crc.rs"].iter().map(|(_, reason)| reason.as_str()).collect();
+        record.take("a/src/crc.rs", Tested::default(), changes);
+        let survivors = &record.0["a/src/crc.rs"].survivors;
+        let reasons: Vec<&str> = survivors.iter().map(|(_, reason)| reason.as_str()).collect();
         assert_eq!(reasons, [NO_REASON, "the table ends there: nothing differs"]);
         record.forget_all_but(&[("a/src/lib.rs".to_owned(), String::new())].into());
-        assert_eq!(record.files.len(), 1);
-        assert!(record.survivors.is_empty());
+        assert_eq!(record.0.into_keys().collect::<Vec<_>>(), ["a/src/lib.rs"]);
     }
 
     #[test]
@@ -589,21 +551,21 @@ mod tests {
     fn a_sample_stands_apart_and_tells_of_all() {
         let mut record = record();
         let every = NonZeroUsize::new(40).unwrap();
-        let sample = Scope::Sample { every, from: 0 };
-        assert_eq!(sample.arguments(), ["--shard", "0/40", "--sharding", "round-robin"]);
-        let other = Scope::Sample { every, from: 7 };
-        assert_eq!(other.arguments(), ["--shard", "7/40", "--sharding", "round-robin"]);
-        assert_ne!(other.name(), sample.name());
-        let survived = sample.without_place("firmware/core/src/ldl.rs:3:4: replace < with == in solve");
-        assert_eq!(survived, "firmware/core/src/ldl.rs: replace < with == in solve");
-        let tested = Tested { caught: 93, survived: 7, ..Tested::default() };
-        record.take(&sample.name(), tested, vec![survived; 7], Vec::new());
+        let sample = Scope::sample(every, 0);
+        assert_eq!(sample.arguments, ["--shard", "0/40", "--sharding", "round-robin"]);
+        let other = Scope::sample(every, 7);
+        assert_eq!(other.arguments, ["--shard", "7/40", "--sharding", "round-robin"]);
+        assert_ne!(other.name, sample.name);
+        let place = "firmware/core/src/ldl.rs:3:4: replace < with == in solve".to_owned();
+        let survived = sample.without_places(&vec![place; 7]);
+        assert_eq!(survived[6], "firmware/core/src/ldl.rs: replace < with == in solve");
+        record.take(&sample.name, Tested { caught: 93, ..Tested::default() }, survived);
         record.forget_all_but(&[].into());
         let summary = record.summary();
         assert!(summary.contains("A sample: 93 of 100 mutants are caught (93.0 %"), "{summary}");
         assert!(summary.contains("86.3 to 96.6 % with 95 %"), "{summary}");
         assert_eq!((record.caught(true).all, record.caught(false).all), (100, 0));
-        assert_eq!(Record::parse(&record.markdown(&packages()[0])), record);
+        assert_eq!(Record::parse(&record.markdown("core")), record);
     }
 
     #[test]
@@ -613,10 +575,8 @@ mod tests {
 
     #[test]
     fn places_move_and_are_left_out() {
-        assert_eq!(
-            Scope::File("firmware/wire/src/crc.rs".into())
-                .without_place("firmware/wire/src/crc.rs:14:17: replace < with == in table"),
-            "replace < with == in table"
-        );
+        let place = "firmware/wire/src/crc.rs:14:17: replace < with == in table".to_owned();
+        let scope = Scope::file("firmware/wire/src/crc.rs".into());
+        assert_eq!(scope.without_places(&[place]), ["replace < with == in table"]);
     }
 }

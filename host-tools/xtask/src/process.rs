@@ -7,8 +7,10 @@ use std::{
     fs::File,
     io::{self, Read},
     path::Path,
-    process::{Child, ChildStdout, Command, ExitStatus, Stdio},
-    time::{Duration, Instant},
+    process::{Child, Command, ExitStatus, Stdio},
+    sync::mpsc,
+    thread,
+    time::Duration,
 };
 use wait4::Wait4;
 
@@ -83,20 +85,28 @@ pub fn run_into(command: &mut Command, file: &Path) -> Result<()> {
 
 /// Runs to the end and returns what was printed; errors stay on the terminal.
 pub fn output(command: &mut Command) -> Result<String> {
-    let (child, mut pipe) = piped(command)?;
-    let mut printed = Vec::new();
-    pipe.read_to_end(&mut printed)?;
-    let status = ended(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
-    ensure!(status.success(), "`{}` failed ({status})", shown(command));
-    Ok(String::from_utf8_lossy(&printed).into_owned())
+    output_within(command, Duration::MAX)
 }
 
-/// Starts a program whose output comes through a pipe; errors stay on the terminal.
-fn piped(command: &mut Command) -> Result<(Child, ChildStdout)> {
-    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::inherit());
-    let mut child = spawn(command)?;
-    let pipe = child.stdout.take().context("no pipe to the program's output")?;
-    Ok((child, pipe))
+/// The same with a time limit, at which the program is killed.
+pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
+    let mut child = spawn(command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::inherit()))?;
+    let mut pipe = child.stdout.take().context("no pipe to the program's output")?;
+    let (sender, printed) = mpsc::channel();
+    thread::spawn(move || {
+        let mut bytes = Vec::new();
+        // Fails if the limit is over.
+        let _ = sender.send(pipe.read_to_end(&mut bytes).map(|_| bytes));
+    });
+    let Ok(printed) = printed.recv_timeout(limit) else {
+        // Both calls fail only if the program has just ended by itself.
+        let _ = child.kill();
+        let _ = child.wait();
+        bail!("`{}` was still running after {} s and was ended", shown(command), limit.as_secs());
+    };
+    let status = ended(child).with_context(|| format!("waiting for `{}`", shown(command)))?;
+    ensure!(status.success(), "`{}` failed ({status})", shown(command));
+    Ok(String::from_utf8_lossy(&printed?).into_owned())
 }
 
 /// The version line of a program that may be missing.
@@ -108,32 +118,6 @@ pub fn version(program: impl AsRef<OsStr>) -> Option<String> {
 pub fn first_line(command: &mut Command) -> Option<String> {
     let done = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
     String::from_utf8_lossy(&done.stdout).lines().next().filter(|_| done.status.success()).map(str::to_owned)
-}
-
-/// Runs with a time limit and returns what was printed; the program is killed at the limit.
-pub fn output_within(command: &mut Command, limit: Duration) -> Result<String> {
-    let text = shown(command);
-    let (mut child, mut pipe) = piped(command)?;
-    let reader = std::thread::spawn(move || {
-        let mut bytes = Vec::new();
-        pipe.read_to_end(&mut bytes).map(|_| bytes)
-    });
-    let start = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().with_context(|| format!("waiting for `{text}`"))? {
-            break status;
-        }
-        if start.elapsed() > limit {
-            // Both calls fail only if the program has just ended by itself.
-            let _ = child.kill();
-            let _ = child.wait();
-            bail!("`{text}` was still running after {} s and was ended", limit.as_secs());
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    let bytes = reader.join().map_err(|_| anyhow::anyhow!("the reader of `{text}` panicked"))??;
-    ensure!(status.success(), "`{text}` failed ({status})");
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// A line above a step's own output.

@@ -3,7 +3,7 @@
 use crate::{
     firmware::{self, Image},
     icount, process,
-    table::{Options, Row, Table},
+    table::{Options, Row, Table, number},
     tree,
     workspace::{self, Part},
 };
@@ -21,17 +21,17 @@ const CCM: std::ops::Range<u64> = 0x1000_0000..0x1000_8000;
 
 /// Sizes by section and by crate, in bytes.
 #[derive(Default)]
-pub struct Sizes {
+struct Sizes {
     /// Code and vector table.
-    pub text: u64,
+    text: u64,
     /// Constants.
-    pub rodata: u64,
+    rodata: u64,
     /// Variables with a value at the start: in flash and in RAM.
-    pub data: u64,
+    data: u64,
     /// Variables without one.
-    pub bss: u64,
+    bss: u64,
     /// Part of `text` in functions of `inerter-core`; inlined code counts where it was inlined.
-    pub core_text: u64,
+    core_text: u64,
 }
 
 /// Goal for the load: a quarter of 168 MHz, at one instruction per cycle.
@@ -53,16 +53,15 @@ pub fn run(options: &Options) -> Result<()> {
     rows[0].goal = Some(FLASH_GOAL);
     rows[5].goal = Some(RAM_GOAL);
     let figures = twin(&board)?;
-    let figure = |name: &str| figures[name].as_f64().with_context(|| format!("no number `{name}` in {figures}"));
-    let (without, stack) = (rows[5].value, figure("stack_bytes")?);
+    let (without, stack) = (rows[5].value, number(&figures, "stack_bytes", &figures)?);
     for (name, bytes) in [("board, RAM: worst stack", stack), ("board, RAM with the worst stack", without + stack)] {
         rows.push(Row::new(name, bytes, "bytes").within(STACK_TOLERANCE));
     }
     rows.extend(loads(&figures)?);
     let qemu = firmware::build(Image::QEMU)?;
     rows.extend(self::rows("qemu", &measure(&qemu)?));
-    let report = icount::measure(&qemu)?;
-    rows.push(Row::new("RAM: state of the estimator", report.state_bytes, "bytes"));
+    let (_, state_bytes) = icount::measure(&qemu)?;
+    rows.push(Row::new("RAM: state of the estimator", state_bytes, "bytes"));
     let table = Table {
         name: "size",
         title: "Size and load of the images",
@@ -82,7 +81,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 fn rows(image: &str, sizes: &Sizes) -> Vec<Row> {
-    let row = |name: &str, value: u64| Row::new(&format!("{image}, {name}"), value as f64, "bytes");
+    let row = |name: &str, value: u64| Row::new(format!("{image}, {name}"), value as f64, "bytes");
     vec![
         row("flash", sizes.text + sizes.rodata + sizes.data),
         row("flash: code", sizes.text),
@@ -98,7 +97,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
     let loads = figures["loads"].as_array().with_context(|| format!("no list `loads` in {figures}"))?;
     let mut rows = Vec::new();
     for load in loads {
-        let figure = |name: &str| load[name].as_f64().with_context(|| format!("no number `{name}` in {load}"));
+        let figure = |name: &str| number(load, name, load);
         let with = load["with"].as_str().with_context(|| format!("no text `with` in {load}"))?;
         // The digital front end delivers single samples: its load is reported, without a goal.
         let digital = with.starts_with("ADS131M04");
@@ -107,7 +106,7 @@ fn loads(figures: &Value) -> Result<Vec<Row>> {
         let row = Row::new(&name, figure("instructions_per_s")?, "instructions/s");
         rows.push(row.within(LOAD_TOLERANCE).at_most(LOAD_GOAL));
         let percent = |bound: &str, fraction: f64| {
-            let row = Row::new(&format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
+            let row = Row::new(format!("{name}, {bound}"), (fraction * 1e3).round() / 10.0, "% of the cycles");
             row.within(LOAD_TOLERANCE)
         };
         rows.push(percent("optimistic", figure("least")?));
@@ -125,7 +124,7 @@ fn twin(image: &Path) -> Result<Value> {
 }
 
 /// Reads the sizes out of an image.
-pub fn measure(image: &Path) -> Result<Sizes> {
+fn measure(image: &Path) -> Result<Sizes> {
     sizes(&tree::read(image)?).with_context(|| format!("{} is not an image", image.display()))
 }
 

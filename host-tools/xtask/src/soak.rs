@@ -20,6 +20,7 @@ use crate::{
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Value, json};
 use std::{
+    collections::BTreeMap,
     fs::{self, File},
     io::{BufRead, BufReader, Read, Write},
     net::{TcpStream, UdpSocket},
@@ -53,19 +54,14 @@ const PROGRESS: &str = "progress.tsv";
 #[derive(clap::Args)]
 pub struct Options {
     /// How long, in hours; 3 minutes by default
-    #[arg(long, default_value_t = Self::USUAL.hours)]
-    pub hours: f64,
+    #[arg(long, default_value_t = 0.05)]
+    hours: f64,
     /// Leave out the image in QEMU
     #[arg(long)]
-    pub no_qemu: bool,
+    no_qemu: bool,
     /// Soak in portions, write each into docs/tables/soak.md, and continue until the table has so many hours
     #[arg(long, conflicts_with = "no_qemu")]
-    pub keep: bool,
-}
-
-impl Options {
-    /// Three minutes of everything.
-    pub const USUAL: Self = Self { hours: 0.05, no_qemu: false, keep: false };
+    keep: bool,
 }
 
 /// A watched process.
@@ -102,15 +98,18 @@ impl Drop for Simulator {
     }
 }
 
+/// Counted by other threads.
+type Count = Arc<AtomicU64>;
+
 /// What the views received.
 #[derive(Clone, Default)]
 struct Seen {
-    page: Arc<AtomicU64>,
-    foxglove: Arc<AtomicU64>,
-    datagrams: Arc<AtomicU64>,
-    lines: Arc<AtomicU64>,
+    page: Count,
+    foxglove: Count,
+    datagrams: Count,
+    lines: Count,
     /// Lines that report a loss.
-    losses: Arc<AtomicU64>,
+    losses: Count,
 }
 
 pub fn run(options: &Options) -> Result<()> {
@@ -161,36 +160,27 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
 
     let seen = Seen::default();
     let (teleplot, plotjuggler) = (datagrams(&seen)?, datagrams(&seen)?);
-    let duration = seconds.to_string();
-    let mut command = Command::new(program);
-    command.args(["monitor", "--json", "--connect", &address, "--record", "monitor.mcap", "--force"]);
-    command.args(["--web", "--bind", "127.0.0.1:0", "--share", "127.0.0.1:0", "--foxglove", "127.0.0.1:0"]);
-    command.args(["--teleplot", &teleplot, "--plotjuggler", &plotjuggler, "--duration", &duration]);
-    let mut monitor = spawn(&mut command, folder)?;
+    let record = ["monitor", "--json", "--connect", &address, "--record", "monitor.mcap"];
+    let serve = ["--web", "--bind", "127.0.0.1:0", "--share", "127.0.0.1:0", "--foxglove", "127.0.0.1:0"];
+    let send = ["--teleplot", &teleplot, "--plotjuggler", &plotjuggler];
+    let mut monitor = start(program, folder, seconds, &[&record[..], &serve, &send].concat())?;
     let output = monitor.0.stdout.take().context("no pipe to the monitor")?;
     watched.push(Watched::recorder("monitor", monitor));
     let (sender, views) = channel();
     let counted = seen.clone();
     thread::spawn(move || listen(output, &sender, &counted));
-    let (mut page, mut shared, mut foxglove) = (String::new(), String::new(), String::new());
-    while [&page, &shared, &foxglove].into_iter().any(String::is_empty) {
+    let mut places = BTreeMap::new();
+    while ["page", "shared device", "Foxglove"].into_iter().any(|view| !places.contains_key(view)) {
         let (view, place) =
             views.recv_timeout(Duration::from_secs(20)).context("the monitor does not print where its views are")?;
-        match view.as_str() {
-            "page" => page = place,
-            "shared device" => shared = place,
-            "Foxglove" => foxglove = place,
-            _ => {}
-        }
+        places.insert(view, place);
     }
-    look_on(&format!("{page}live"), "", &[], &seen.page)?;
-    look_on(&foxglove, "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n", &subscriptions(), &seen.foxglove)?;
+    look_on(&format!("{}live", places["page"]), "", &[], &seen.page)?;
+    look_on(&places["Foxglove"], "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n", &subscriptions(), &seen.foxglove)?;
 
     // The other programs start later and end earlier.
-    let beside = (seconds - 10.0).to_string();
-    let mut command = Command::new(program);
-    command.args(["record", "-o", "beside.mcap", "--force", "--connect", &shared, "--duration", &beside]);
-    watched.push(Watched::recorder("recorder beside", spawn(&mut command, folder)?));
+    let record = ["record", "-o", "beside.mcap", "--connect", &places["shared device"]];
+    watched.push(Watched::recorder("recorder beside", start(program, folder, seconds - 10.0, &record)?));
 
     // Each with the time that was asked for.
     let mut recordings = vec![("monitor.mcap", RATE_HZ, seconds), ("beside.mcap", RATE_HZ, seconds - 10.0)];
@@ -201,12 +191,10 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
         let simulator = Simulator(simulator);
         watched.push(Watched::new("simulator of the image", pid));
         watched.push(Watched::new("QEMU", child_of(pid).context("no QEMU process below its simulator")?));
-        let mut command = Command::new(program);
         let rest_s = (seconds - started.elapsed().as_secs_f64()).max(5.0);
-        let duration = rest_s.to_string();
-        command.args(["record", "-o", "qemu.mcap", "--force", "--connect", &address, "--duration", &duration]);
         recordings.push(("qemu.mcap", QEMU_RATE_HZ, rest_s));
-        watched.push(Watched::recorder("recorder of the image", spawn(&mut command, folder)?));
+        let record = ["record", "-o", "qemu.mcap", "--connect", &address];
+        watched.push(Watched::recorder("recorder of the image", start(program, folder, rest_s, &record)?));
         qemu = Some(simulator);
     }
     watch(&mut watched, &seen, folder, started, seconds)?;
@@ -235,12 +223,15 @@ fn soak(program: &Path, image: Option<&Path>, folder: &Path, seconds: f64) -> Re
     Ok(rows)
 }
 
-fn spawn(command: &mut Command, folder: &Path) -> Result<Running> {
+/// Starts our program with these arguments, for so long.
+fn start(program: &Path, folder: &Path, seconds: f64, arguments: &[&str]) -> Result<Running> {
     let path = folder.join(WORDS);
     let words = File::options().create(true).append(true).open(&path);
     let words = words.with_context(|| format!("cannot write {}", path.display()))?;
+    let mut command = Command::new(program);
+    command.args(arguments).args(["--force", "--duration", &seconds.to_string()]);
     command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(words);
-    process::spawn(command).map(Running)
+    process::spawn(&mut command).map(Running)
 }
 
 /// The first child of a process.
@@ -281,7 +272,7 @@ fn datagrams(seen: &Seen) -> Result<String> {
 }
 
 /// Opens a view's WebSocket, as a browser does, sends this message, and counts what arrives.
-fn look_on(url: &str, header: &str, message: &[u8], count: &Arc<AtomicU64>) -> Result<()> {
+fn look_on(url: &str, header: &str, message: &[u8], count: &Count) -> Result<()> {
     let (_, place) = url.split_once("://").with_context(|| format!("no address of a view: {url}"))?;
     let (host, path) = place.split_once('/').unwrap_or((place, ""));
     let mut stream = TcpStream::connect(host).with_context(|| format!("the view at {url} cannot be reached"))?;
@@ -369,19 +360,17 @@ fn memory(watched: &Watched) -> Vec<Row> {
     };
     let grown = (most(middle_s, last_s) / most(settled_s, middle_s) - 1.0) * 100.0;
     vec![
-        Row::new(&format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
-        Row::new(&format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
+        Row::new(format!("{}: memory, most", watched.name), most(0.0, last_s), "MB"),
+        Row::new(format!("{}: grown after the first minute", watched.name), grown, "%").at_most(GROWTH),
     ]
 }
 
 /// What is missing from a recording of this many seconds, and how far its samples and the host's clock are apart.
 fn recorded(info: &Value, name: &str, rate_hz: f64, asked_s: f64) -> Result<Vec<Row>> {
-    let number = |key: &str| {
-        info[key].as_f64().with_context(|| format!("no number `{key}` in the output of `inerter info` for {name}"))
-    };
+    let number = |key: &str| table::number(info, key, format_args!("the output of `inerter info` for {name}"));
     let samples = number("samples")?;
     let missing = (1.0 - samples / (rate_hz * asked_s)).max(0.0) * 100.0;
-    let row = |what: &str, value: f64, unit| Row::new(&format!("{name}: {what}"), value, unit);
+    let row = |what: &str, value: f64, unit| Row::new(format!("{name}: {what}"), value, unit);
     Ok(vec![
         row("samples", samples, ""),
         row("missing of the time asked for", missing, "%").at_most(MOST_MISSING),
@@ -405,7 +394,7 @@ fn replayed(program: &Path, folder: &Path, name: &str, info: &Value, device: &st
     ensure!(replayed.len() >= 10, "{name}: the replay printed only {} lines", replayed.len());
     let same = replayed.iter().zip(&sent).filter(|(one, other)| one == other).count();
     let differ = replayed.len().max(sent.len()) - same;
-    Ok(Row::new(&format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")
+    Ok(Row::new(format!("{name}: of {} replayed lines, others than a device's", replayed.len()), differ as f64, "")
         .at_most(0.0))
 }
 

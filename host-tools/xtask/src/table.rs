@@ -5,11 +5,12 @@
 
 use crate::tree;
 use anyhow::{Context, Result, bail, ensure};
-use std::{fs, path::PathBuf};
+use serde_json::Value;
+use std::{fmt::Display, fs, path::PathBuf};
 
 /// How much a figure may change before the table must be updated, as a fraction. Compilers differ by about a percent; a
 /// change to the code usually has a larger effect.
-pub const TOLERANCE: f64 = 0.03;
+const TOLERANCE: f64 = 0.03;
 
 /// Compare, or write.
 #[derive(clap::Args)]
@@ -34,8 +35,8 @@ pub struct Row {
 
 impl Row {
     /// A figure without a goal.
-    pub fn new(name: &str, value: f64, unit: &'static str) -> Self {
-        Self { name: name.to_owned(), value, unit, goal: None, tolerance: TOLERANCE }
+    pub fn new(name: impl Into<String>, value: f64, unit: &'static str) -> Self {
+        Self { name: name.into(), value, unit, goal: None, tolerance: TOLERANCE }
     }
 
     /// A figure that varies from run to run.
@@ -74,7 +75,7 @@ pub struct Table {
 
 impl Table {
     /// The table as Markdown.
-    pub fn markdown(&self) -> String {
+    fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n{}\n\n", self.title, self.about.trim());
         let checked = if self.repeats { "; checked by `cargo xtask test`" } else { "" };
         text += &format!("Written by `cargo xtask {} --update`{checked}.\n\n", self.name);
@@ -126,20 +127,25 @@ fn figure(value: f64) -> String {
     if value == value.trunc() { format!("{value}") } else { format!("{value:.1}") }
 }
 
-/// The cells of a row, between an empty one before the first mark and one behind the last.
-pub fn cells(line: &str) -> Vec<&str> {
-    line.split('|').map(str::trim).collect()
+/// A number in `place`, by its path, such as `step.mean`.
+pub fn number(value: &Value, path: &str, place: impl Display) -> Result<f64> {
+    let found = path.split('.').try_fold(value, |value, name| value.get(name)).and_then(Value::as_f64);
+    found.with_context(|| format!("no number `{path}` in {place}"))
+}
+
+/// The cells of a row that has so many.
+pub fn cells<const N: usize>(line: &str) -> Option<[&str; N]> {
+    let cells = line.strip_prefix("| ")?.strip_suffix(" |")?.split('|');
+    cells.map(str::trim).collect::<Vec<_>>().try_into().ok()
 }
 
 /// Names and values of a table's rows; other lines are skipped.
 fn parse(markdown: &str) -> Vec<(String, f64)> {
-    markdown
-        .lines()
-        .filter_map(|line| {
-            let mut cells = line.strip_prefix('|')?.split('|').map(str::trim);
-            Some((cells.next()?.to_owned(), cells.next()?.parse().ok()?))
-        })
-        .collect()
+    let row = |line: &str| {
+        let [name, value, ..] = cells::<4>(line)?;
+        Some((name.to_owned(), value.parse().ok()?))
+    };
+    markdown.lines().filter_map(row).collect()
 }
 
 /// What differs by more than the tolerance, misses a goal that the table reached, or is in only one of the two.

@@ -3,25 +3,53 @@
 //!
 //! The source itself has no switch for this. A passage that is not found exactly once has moved; update this list.
 
-use crate::copy::Edit;
+use crate::{copy::Edit, table};
+use anyhow::{Context, Result};
 
-/// One part of the estimator that could be left out.
+/// One part of the estimator that could be left out; neighbours of the same name are left out together.
 pub struct Heuristic {
     /// What it does, with its section of docs/THEORY.md.
     pub name: &'static str,
-    /// Passages of its source and their replacements, in files below firmware/core/src, or in those that the host's
-    /// list gives.
-    pub edits: &'static [Edit],
+    /// A file below firmware/core/src, or below the folder of the host's list, a passage of it, and its replacement.
+    pub edit: Edit,
     /// The test that fails without it, if the runs of the ablation do not show what it is for.
     pub test: Option<&'static str>,
 }
 
-pub const fn one(name: &'static str, edits: &'static [Edit]) -> Heuristic {
-    Heuristic { name, edits, test: None }
+pub const fn one(name: &'static str, file: &'static str, text: &'static str, instead: &'static str) -> Heuristic {
+    Heuristic { name, edit: (file, text, instead), test: None }
 }
 
-pub const fn tested(test: &'static str, name: &'static str, edits: &'static [Edit]) -> Heuristic {
-    Heuristic { name, edits, test: Some(test) }
+pub const fn tested(
+    test: &'static str,
+    name: &'static str,
+    file: &'static str,
+    text: &'static str,
+    instead: &'static str,
+) -> Heuristic {
+    Heuristic { test: Some(test), ..one(name, file, text, instead) }
+}
+
+/// Writes or compares the table of this name, which `command` makes: below its head, what `line` says of each part from
+/// what is `measured` with it and without it.
+pub fn settle<M>(
+    (name, command, head): (&str, &str, &str),
+    parts: &[Heuristic],
+    update: bool,
+    measured: impl Fn(&[Edit]) -> Result<M>,
+    line: impl Fn(&str, &M, &M, Option<&str>) -> Result<String>,
+) -> Result<()> {
+    let whole = measured(&[])?;
+    let mut text = head.to_owned();
+    for together in parts.chunk_by(|one, next| one.name == next.name) {
+        let Heuristic { name, test, .. } = together[0];
+        let edits: Vec<Edit> = together.iter().map(|part| part.edit).collect();
+        let without = measured(&edits).with_context(|| format!("without \"{name}\""))?;
+        let line = line(name, &whole, &without, test)?;
+        println!("{line}");
+        text += &(line + "\n");
+    }
+    table::settle_text(name, command, &text, update)
 }
 
 /// What a part contributes: what gets worse without it, or else the test that fails.
@@ -41,12 +69,10 @@ pub fn must_be_found(heuristics: &[Heuristic], folder: &str, tests: &[&str]) {
     let files = tests.iter().flat_map(|folder| fs::read_dir(root.join(folder)).unwrap());
     let paths = files.map(|entry| entry.unwrap().path()).filter(|path| path.is_file());
     let tests: Vec<String> = paths.map(|path| fs::read_to_string(path).unwrap()).collect();
-    for Heuristic { name, edits, test } in heuristics {
-        for (file, text, instead) in *edits {
-            let source = fs::read_to_string(root.join(folder).join(file)).unwrap();
-            assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
-            assert_ne!(text, instead, "{name}");
-        }
+    for Heuristic { name, edit: (file, text, instead), test } in heuristics {
+        let source = fs::read_to_string(root.join(folder).join(file)).unwrap();
+        assert_eq!(source.matches(text).count(), 1, "{name}: `{text}` in {file}");
+        assert_ne!(text, instead, "{name}");
         let is_written = |test: &str| tests.iter().any(|source| source.contains(&format!("fn {test}(")));
         assert!(test.is_none_or(is_written), "{name}: no test {test:?}");
     }
@@ -57,220 +83,280 @@ pub const HEURISTICS: &[Heuristic] = &[
     tested(
         "a_force_that_jumps_gives_each_sample_all_of_its_sign",
         "2: where the force jumps with the friction each sample has all of its sign",
-        &[("line.rs", "feedback.jumps_are_clear && self.jump", "false && self.jump")],
+        "line.rs",
+        "feedback.jumps_are_clear && self.jump",
+        "false && self.jump",
     ),
     one(
         "2: kink and bend taken out of the sign's velocity",
-        &[("estimator.rs", "let lost = if feedback.coulomb_like && near {", "let lost = if false && near {")],
+        "estimator.rs",
+        "let lost = if feedback.coulomb_like && near {",
+        "let lost = if false && near {",
     ),
     tested(
         "emps_as_recorded",
         "2: reversals are tested for Coulomb's friction",
-        &[(
-            "estimator.rs",
-            "state.feedback.coulomb_like = state.velocity_reversals.coulomb_like();",
-            "state.feedback.coulomb_like = true;",
-        )],
+        "estimator.rs",
+        "state.feedback.coulomb_like = state.velocity_reversals.coulomb_like();",
+        "state.feedback.coulomb_like = true;",
     ),
     tested(
         "a_reversal_that_may_have_stuck_counts_where_there_is_no_other",
         "2: where friction could not hold a reversal, others do not count in that",
-        &[("sign.rs", "may_be_held && self.free > 0", "may_be_held && self.free == u16::MAX")],
+        "sign.rs",
+        "may_be_held && self.free > 0",
+        "may_be_held && self.free == u16::MAX",
     ),
     one(
         "2: nor do those whose kink the force may hide",
-        &[(
-            "estimator.rs",
-            "if 2 * u64::from(predicted.unsigned_abs()) >= feedback.kink(m).unsigned_abs() {",
-            "if true {",
-        )],
+        "estimator.rs",
+        "if 2 * u64::from(predicted.unsigned_abs()) >= feedback.kink(m).unsigned_abs() {",
+        "if true {",
     ),
     one(
         "2: reversals are located anew by force and friction",
-        &[("estimator.rs", "if self.feedback.coulomb_like && self.feedback.friction_known {", "if false {")],
+        "estimator.rs",
+        "if self.feedback.coulomb_like && self.feedback.friction_known {",
+        "if false {",
     ),
     one(
         "2: what creeps is left out before friction is known",
-        &[("estimator.rs", "middle.bad |= creeps;", "let _ = creeps;")],
+        "estimator.rs",
+        "middle.bad |= creeps;",
+        "let _ = creeps;",
     ),
     one(
         "3: windows of rest are left out",
-        &[("estimator.rs", "line.resting = u16::from(signal.delay) + signal.rest_block;", "line.resting = 0;")],
+        "estimator.rs",
+        "line.resting = u16::from(signal.delay) + signal.rest_block;",
+        "line.resting = 0;",
     ),
     one(
         "3: grazing reversals are left out",
-        &[(
-            "estimator.rs",
-            "if force.unsigned_abs() < self.feedback.weak_force_code {",
-            "if false && force.unsigned_abs() < self.feedback.weak_force_code {",
-        )],
+        "estimator.rs",
+        "if force.unsigned_abs() < self.feedback.weak_force_code {",
+        "if false && force.unsigned_abs() < self.feedback.weak_force_code {",
     ),
     one(
         "3: reversals that may have stuck are left out",
-        &[("estimator.rs", "middle.bad |= middle.may_be_held(feedback);", "")],
+        "estimator.rs",
+        "middle.bad |= middle.may_be_held(feedback);",
+        "",
     ),
     tested(
         "a_clean_run_is_not_called_broken",
         "3: what lies beside a stop that friction may hold is left out",
-        &[("estimator.rs", "line.hold(signal.sign_half_width, signal.codes_per_count, &self.feedback);", "")],
+        "estimator.rs",
+        "line.hold(signal.sign_half_width, signal.codes_per_count, &self.feedback);",
+        "",
     ),
     one(
         "1: slow motion is fitted in the slow bank",
-        &[(
-            "report.rs",
-            "const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;",
-            "const CLEAR_OF_STEPS: f32 = 0.0;",
-        )],
+        "report.rs",
+        "const CLEAR_OF_STEPS: f32 = constants::CLEAR_OF_STEPS as f32;",
+        "const CLEAR_OF_STEPS: f32 = 0.0;",
     ),
     tested(
         "emps_with_an_encoder_400_times_as_coarse",
         "1: coarse motion that the slow bank smooths away is fitted in the fast one",
-        &[("report.rs", "(times(among) && smoothed())", "(among.is_nan() && smoothed())")],
+        "report.rs",
+        "(times(among) && smoothed())",
+        "(among.is_nan() && smoothed())",
     ),
     one(
         "6: the encoder's attenuation is given back",
-        &[("fit.rs", "*value += all * 0.5 * (1.0 + kept);", "let _ = (&value, kept);")],
+        "fit.rs",
+        "*value += all * 0.5 * (1.0 + kept);",
+        "let _ = (&value, kept);",
     ),
     tested(
         "what_slow_steps_take_is_known_to_a_half",
         "6: half of the attenuation stays uncertain",
-        &[("fit.rs", "*steps = magnitude(all) * 0.5;", "*steps = 0.0;")],
+        "fit.rs",
+        "*steps = magnitude(all) * 0.5;",
+        "*steps = 0.0;",
     ),
     one(
         "6: inertance refused where steps are most of the acceleration",
-        &[("fit.rs", "if of_itself > MOST_STEPS {", "if false && of_itself > MOST_STEPS {")],
+        "fit.rs",
+        "if of_itself > MOST_STEPS {",
+        "if false && of_itself > MOST_STEPS {",
     ),
     one(
         "6: noise weighed by the kernel at the motion's frequency",
-        &[("systematic.rs", "let kernel = 1.0 / square(square(root));", "let kernel = 1.0 + 0.0 * root;")],
+        "systematic.rs",
+        "let kernel = 1.0 / square(square(root));",
+        "let kernel = 1.0 + 0.0 * root;",
     ),
     one(
         "6: steps have a quarter of their share in the scatter",
-        &[("systematic.rs", "const STEPS: f32 = 0.25;", "const STEPS: f32 = 1.0;")],
+        "systematic.rs",
+        "const STEPS: f32 = 0.25;",
+        "const STEPS: f32 = 1.0;",
     ),
     one(
         "6: steps that repeat with the motion",
-        &[("systematic.rs", "const MOST_REPEATS: f32 = 8.0;", "const MOST_REPEATS: f32 = 1.0;")],
+        "systematic.rs",
+        "const MOST_REPEATS: f32 = 8.0;",
+        "const MOST_REPEATS: f32 = 1.0;",
     ),
     tested(
         "an_exact_fit_has_an_interval_that_holds_the_mirrored_fit",
         "6: an exact fit is uncertain by its rounding",
-        &[("fit.rs", "if !is_exact {", "if !is_exact || true {")],
+        "fit.rs",
+        "if !is_exact {",
+        "if !is_exact || true {",
     ),
     one(
         "6: friction near rest is told from friction away from it",
-        &[("regime.rs", "const RATIO: f32 = 1.5;", "const RATIO: f32 = 1e9;")],
+        "regime.rs",
+        "const RATIO: f32 = 1.5;",
+        "const RATIO: f32 = 1e9;",
     ),
     one(
         "6: what friction near rest moves beyond chance widens the interval",
-        &[("regime.rs", "const MOVED: f32 = constants::MOVED as f32;", "const MOVED: f32 = 0.0;")],
+        "regime.rs",
+        "const MOVED: f32 = constants::MOVED as f32;",
+        "const MOVED: f32 = 0.0;",
     ),
     one(
         "6: friction that hides in a tone widens the interval",
-        &[("regime.rs", "const HIDDEN: f32 = 6.0;", "const HIDDEN: f32 = 1e9;")],
+        "regime.rs",
+        "const HIDDEN: f32 = 6.0;",
+        "const HIDDEN: f32 = 1e9;",
     ),
-    one("6: a creeping screw is a spring", &[("regime.rs", "const SPRING: f32 = 0.6;", "const SPRING: f32 = 0.0;")]),
+    one("6: a creeping screw is a spring", "regime.rs", "const SPRING: f32 = 0.6;", "const SPRING: f32 = 0.0;"),
     one(
         "6: Stribeck where the viscous friction is negative",
-        &[("regime.rs", "if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {", "if false && viscous.u95 < 0.0 {")],
+        "regime.rs",
+        "if fc > 0.0 && viscous.value + viscous.u95 < 0.0 {",
+        "if false && viscous.u95 < 0.0 {",
     ),
     one(
         "6: impacts of the flanks widen the interval",
-        &[("regime.rs", "const IMPACTS: f32 = 0.4;", "const IMPACTS: f32 = 0.0;")],
+        "regime.rs",
+        "const IMPACTS: f32 = 0.4;",
+        "const IMPACTS: f32 = 0.0;",
     ),
-    one("6: a broken law widens and withholds", &[("regime.rs", "const REACH: f32 = 3.1;", "const REACH: f32 = 0.0;")]),
+    one("6: a broken law widens and withholds", "regime.rs", "const REACH: f32 = 3.1;", "const REACH: f32 = 0.0;"),
     one(
         "6: the first judgement may begin anew",
-        &[("trial.rs", "const JUDGED_UPDATES: u32 = 200;", "const JUDGED_UPDATES: u32 = u32::MAX;")],
+        "trial.rs",
+        "const JUDGED_UPDATES: u32 = 200;",
+        "const JUDGED_UPDATES: u32 = u32::MAX;",
     ),
     tested(
         "a_tone_in_coarse_counts_has_its_inertance_within_its_interval",
         "6: a tone is read too large or too small by its place among the counts",
-        &[("systematic.rs", "const AMPLITUDE: f32 = 0.01234;", "const AMPLITUDE: f32 = 0.0;")],
+        "systematic.rs",
+        "const AMPLITUDE: f32 = 0.01234;",
+        "const AMPLITUDE: f32 = 0.0;",
     ),
     tested(
         "a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals",
         "6: reversals that come again are placed by the same counts",
-        &[("systematic.rs", "* motion.reversals_again;", "* 0.0;")],
+        "systematic.rs",
+        "* motion.reversals_again;",
+        "* 0.0;",
     ),
     tested(
         "a_slow_tone_of_the_same_clock_breaks_no_law_and_is_within_its_intervals",
         "6: a residual of steps that come again scatters more",
-        &[("report.rs", "* (repeats - 1.0) }", "* 0.0 * repeats }")],
+        "report.rs",
+        "* (repeats - 1.0) }",
+        "* 0.0 * repeats }",
     ),
     tested(
         "a_clean_run_is_not_called_broken",
         "6: it waits until it is known whether flanks part",
-        &[("trial.rs", "const WAITED_UPDATES: u32 = 800;", "const WAITED_UPDATES: u32 = 0;")],
+        "trial.rs",
+        "const WAITED_UPDATES: u32 = 800;",
+        "const WAITED_UPDATES: u32 = 0;",
     ),
     one(
         "6: slipped counts are left out",
-        &[("plausible.rs", "&& self.slips(bent, force)", "&& false && self.slips(bent, force)")],
+        "plausible.rs",
+        "&& self.slips(bent, force)",
+        "&& false && self.slips(bent, force)",
     ),
     one(
         "6: a clipped force is left out",
-        &[("plausible.rs", "self.resolution > 0 && self.is_clipped_now(force)", "false && self.is_clipped_now(force)")],
+        "plausible.rs",
+        "self.resolution > 0 && self.is_clipped_now(force)",
+        "false && self.is_clipped_now(force)",
     ),
     one(
         "6: a dead force is left out",
-        &[("plausible.rs", "let dead = self.reversals == DEAD_REVERSALS;", "let dead = false; self.reversals = 0;")],
+        "plausible.rs",
+        "let dead = self.reversals == DEAD_REVERSALS;",
+        "let dead = false; self.reversals = 0;",
     ),
-    one(
-        "6: a negative inertance is a wrong sign",
-        &[("report.rs", "value + u95 < 0.0", "value.is_nan() && u95 < 0.0")],
-    ),
+    one("6: a negative inertance is a wrong sign", "report.rs", "value + u95 < 0.0", "value.is_nan() && u95 < 0.0"),
     tested(
         "what_no_impact_leaves_breaks_the_law_whatever_the_flanks_do",
         "6: what no impact leaves breaks the law whatever the flanks do",
-        &[("regime.rs", "const BEYOND_IMPACTS: f32 = 0.1 * 0.1;", "const BEYOND_IMPACTS: f32 = 1e9;")],
+        "regime.rs",
+        "const BEYOND_IMPACTS: f32 = 0.1 * 0.1;",
+        "const BEYOND_IMPACTS: f32 = 1e9;",
     ),
     tested(
         "a_wide_gap_is_in_the_interval_of_the_inertance",
         "6: a structure is half a gap ahead, then half a gap behind",
-        &[("systematic.rs", "const GAP: f32 = 0.45;", "const GAP: f32 = 0.0;")],
+        "systematic.rs",
+        "const GAP: f32 = 0.45;",
+        "const GAP: f32 = 0.0;",
     ),
     tested(
         "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
         "6: a stiffness within its interval explains a residual",
-        &[("systematic.rs", "if bent.is_finite() {", "if bent < 0.0 {")],
+        "systematic.rs",
+        "if bent.is_finite() {",
+        "if bent < 0.0 {",
     ),
     tested(
         "a_stiffness_as_wrong_as_it_is_stated_breaks_no_law_and_is_in_the_friction",
         "6: and widens Coulomb friction",
-        &[("systematic.rs", "if per_compliance == 0.0 {", "if per_compliance < f32::INFINITY {")],
+        "systematic.rs",
+        "if per_compliance == 0.0 {",
+        "if per_compliance < f32::INFINITY {",
     ),
     one(
         "7: a skew is undone by whole samples first",
-        &[("settings.rs", "let whole = (samples + half) as i32;", "let whole = (0.0 * (samples + half)) as i32;")],
+        "settings.rs",
+        "let whole = (samples + half) as i32;",
+        "let whole = (0.0 * (samples + half)) as i32;",
     ),
     tested(
         "each_reversal_tells_its_own_backlash_with_the_sensor",
         "8: samples beside a change of the flanks are left out",
-        &[("backlash/active.rs", "const GUARD_S: f32 = 0.004;", "const GUARD_S: f32 = 0.0;")],
+        "backlash/active.rs",
+        "const GUARD_S: f32 = 0.004;",
+        "const GUARD_S: f32 = 0.0;",
     ),
     one(
         "8: strokes that come again repeat the encoder's steps in the backlash",
-        &[("backlash/report.rs", "let share = (repeats - 1.0) / sums.accepted as f32;", "let share: f32 = 0.0;")],
+        "backlash/report.rs",
+        "let share = (repeats - 1.0) / sums.accepted as f32;",
+        "let share: f32 = 0.0;",
     ),
     tested(
         "backlash_of_all_widths_is_found_in_all_motions",
         "8: the same with the sensor, and 8 patterns at most",
-        &[(
-            "backlash/report.rs",
-            "let share = greater((repeats - 1.0) / reversals as f32, 1.0 / patterns);",
-            "let share = 0.0 * patterns;",
-        )],
+        "backlash/report.rs",
+        "let share = greater((repeats - 1.0) / reversals as f32, 1.0 / patterns);",
+        "let share = 0.0 * patterns;",
     ),
     one(
         "8: reversals far from the median are left out",
-        &[("backlash/pool.rs", "const OUTLIER: u64 = 35;", "const OUTLIER: u64 = 35_000_000;")],
+        "backlash/pool.rs",
+        "const OUTLIER: u64 = 35;",
+        "const OUTLIER: u64 = 35_000_000;",
     ),
     one(
         "8: a part of a count stays uncertain",
-        &[("backlash/report.rs", "const COUNT_PART: f32 = 0.4;", "const COUNT_PART: f32 = 0.0;")],
+        "backlash/report.rs",
+        "const COUNT_PART: f32 = 0.4;",
+        "const COUNT_PART: f32 = 0.0;",
     ),
-    one(
-        "9: a change of the device begins anew",
-        &[("change.rs", "self.begins_anew = true;", "self.begins_anew = false;")],
-    ),
+    one("9: a change of the device begins anew", "change.rs", "self.begins_anew = true;", "self.begins_anew = false;"),
 ];

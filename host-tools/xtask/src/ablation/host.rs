@@ -2,13 +2,18 @@
 //! identified affects the intervals. A copy of the whole tree, without one part at a time, is compared with the tree
 //! itself on the same runs.
 
-use super::heuristics::{Heuristic, buys, one, tested};
+use super::heuristics::{Heuristic, buys, one, settle, tested};
 use crate::{
     copy::{self, Edit},
-    process, table, workspace,
+    process, workspace,
 };
 use anyhow::{Context, Result};
-use std::{collections::BTreeMap, path::Path, process::Command};
+use std::{
+    cmp::Ordering::{self, Greater, Less},
+    collections::BTreeMap,
+    path::Path,
+    process::Command,
+};
 
 /// An interval that grows by this factor shows what the part is for: a choice.
 const WIDER: f64 = 1.02;
@@ -22,210 +27,194 @@ const FOLDER: &str = "host-tools/analysis/src/diagnose";
 const PARTS: &[Heuristic] = &[
     one(
         "reversals are located anew by what was found",
-        &[("search.rs", "Located::of(aligned, self.law, &known(&self.found))", "Located::of(aligned, self.law, &[])")],
+        "search.rs",
+        "Located::of(aligned, self.law, &known(&self.found))",
+        "Located::of(aligned, self.law, &[])",
     ),
     one(
         "rows are whitened",
-        &[
-            ("filter.rs", "Sight::White(widest_s) => {", "Sight::White(widest_s) if widest_s < 0.0 => {"),
-            ("filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
-        ],
+        "filter.rs",
+        "Sight::White(widest_s) => {",
+        "Sight::White(widest_s) if widest_s < 0.0 => {",
     ),
+    one("rows are whitened", "filter.rs", "Sight::Box(_) => vec![1.0],", "_ => vec![1.0],"),
     tested(
         "a_cause_is_named_in_stop_and_go",
         "where too few rows remain, other kernels are used",
-        &[("search.rs", "if worse.is_empty() || is_fit() {", "if worse.is_empty() || is_fit() || true {")],
+        "search.rs",
+        "if worse.is_empty() || is_fit() {",
+        "if worse.is_empty() || is_fit() || true {",
     ),
     one(
         "repeated samples are not counted as independent",
-        &[("filter.rs", "1.0 + share * (self.repeats - 1.0)", "1.0 + 0.0 * share")],
+        "filter.rs",
+        "1.0 + share * (self.repeats - 1.0)",
+        "1.0 + 0.0 * share",
     ),
     tested(
         "what_breaks_the_law",
         "the two parts of the run that say most are left out",
-        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting.max(1.0) * strength.min(by_scatter)")],
+        "selection.rs",
+        "lasting * strength.min(by_scatter)",
+        "lasting.max(1.0) * strength.min(by_scatter)",
     ),
     tested(
         "what_wanders_is_no_cause",
         "parts of the run that differ are less evidence",
-        &[("selection.rs", "lasting * strength.min(by_scatter)", "lasting * strength.min(by_scatter.max(strength))")],
+        "selection.rs",
+        "lasting * strength.min(by_scatter)",
+        "lasting * strength.min(by_scatter.max(strength))",
     ),
     tested(
         "a_distance_is_right_in_slow_motion",
         "the least of three solutions counts",
-        &[("selection.rs", "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];", "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];")],
+        "selection.rs",
+        "const TAKEN: [f64; 3] = [0.0, 1.0, 1.5];",
+        "const TAKEN: [f64; 3] = [0.0, 0.0, 0.0];",
     ),
     tested(
         "noise_of_a_slow_motion_is_no_cause",
         "a column that is mostly noise is not used",
-        &[("selection.rs", "const LEAST_OVER_NOISE: f64 = 25.0;", "const LEAST_OVER_NOISE: f64 = 0.0;")],
+        "selection.rs",
+        "const LEAST_OVER_NOISE: f64 = 25.0;",
+        "const LEAST_OVER_NOISE: f64 = 0.0;",
     ),
     one(
         "a size must be physically plausible",
-        &[(
-            "candidate.rs",
-            "let coulomb_n = law.coulomb_n.max(0.0);",
-            "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
-        )],
+        "candidate.rs",
+        "let coulomb_n = law.coulomb_n.max(0.0);",
+        "let coulomb_n = law.coulomb_n.max(0.0);\n        if coulomb_n >= 0.0 {\n            return true;\n        }",
     ),
+    one("what comes close is tried as well", "search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
     one(
         "what comes close is tried as well",
-        &[
-            ("search.rs", "const CLOSE: f64 = 0.5;", "const CLOSE: f64 = 2.0;"),
-            (
-                "search.rs",
-                "let close: Vec<Found> = close.copied().collect();",
-                "let close: Vec<Found> = close.copied().chain([*first]).take(1).collect();",
-            ),
-        ],
+        "search.rs",
+        "let close: Vec<Found> = close.copied().collect();",
+        "let close: Vec<Found> = close.copied().chain([*first]).take(1).collect();",
     ),
     tested(
         "of_causes_that_explain_alike_the_simplest_is_named",
         "an additional size must explain enough",
-        &[("search.rs", "const WORTH: f64 = 8.0;", "const WORTH: f64 = 0.0;")],
+        "search.rs",
+        "const WORTH: f64 = 8.0;",
+        "const WORTH: f64 = 0.0;",
     ),
     tested(
         "nothing_is_named_beside_the_only_cause",
         "each is judged anew beside the others, and held against what could stand in its place",
-        &[("search.rs", "if !self.weigh(&rows) {", "if true {")],
+        "search.rs",
+        "if !self.weigh(&rows) {",
+        "if true {",
     ),
     one(
         "velocities, distances and shapes are sought beside all others",
-        &[("found.rs", "if term.scale().is_none() {", "if true {")],
+        "found.rs",
+        "if term.scale().is_none() {",
+        "if true {",
     ),
     tested(
         "the_distance_is_right_where_all_of_friction_turns",
         "all of Coulomb friction may turn",
-        &[("found.rs", "&[false, true] } else { &[false] }", "&[false] } else { &[false] }")],
+        "found.rs",
+        "&[false, true] } else { &[false] }",
+        "&[false] } else { &[false] }",
     ),
     tested(
         "what_is_beside_a_skew_is_named_too",
         "after a skew is undone the search begins again",
-        &[("search.rs", "const MOST_UNDONE: usize = 6;", "const MOST_UNDONE: usize = 1;")],
+        "search.rs",
+        "const MOST_UNDONE: usize = 6;",
+        "const MOST_UNDONE: usize = 1;",
     ),
     one(
         "a skew that others explain is none",
-        &[("search.rs", "cause.kind == Kind::Skew && cause.f < LIMIT;", "cause.kind == Kind::Skew && cause.f < 0.0;")],
+        "search.rs",
+        "cause.kind == Kind::Skew && cause.f < LIMIT;",
+        "cause.kind == Kind::Skew && cause.f < 0.0;",
     ),
     one(
         "where flanks may part, what was found must be most of it, and clear",
-        &[(
-            "search.rs",
-            "filter(|cause| is_most && is_clear(cause))",
-            "filter(|cause| is_most || !is_clear(cause) || true)",
-        )],
+        "search.rs",
+        "filter(|cause| is_most && is_clear(cause))",
+        "filter(|cause| is_most || !is_clear(cause) || true)",
     ),
-    one(
-        "other lengths of a turn are possible",
-        &[("fitted.rs", "if encoder.counts_per_turn.is_some() {", "if true {")],
-    ),
+    one("other lengths of a turn are possible", "fitted.rs", "if encoder.counts_per_turn.is_some() {", "if true {"),
     one(
         "what moves a parameter widens its interval",
-        &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [0.0, 0.0];")],
+        "hidden.rs",
+        "const MOVED: [f64; 2] = [1.6, 1.2];",
+        "const MOVED: [f64; 2] = [0.0, 0.0];",
     ),
     tested(
         "the_point_on_the_frontier_is_where_90_percent_are_held",
         "so does the chance variation",
-        &[("hidden.rs", "const MOVED: [f64; 2] = [1.6, 1.2];", "const MOVED: [f64; 2] = [1.6, 0.0];")],
+        "hidden.rs",
+        "const MOVED: [f64; 2] = [1.6, 1.2];",
+        "const MOVED: [f64; 2] = [1.6, 0.0];",
     ),
     tested(
         "what_is_too_small_to_be_named_widens_the_interval_by_the_samples",
         "a poorly determined cause widens beyond twice its chance",
-        &[(
-            "hidden.rs",
-            "let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;",
-            "let is_moved = is_far || moves.are_told && moved.abs() < 0.0;",
-        )],
+        "hidden.rs",
+        "let is_moved = is_far || moves.are_told && moved.abs() > CHANCE * chance;",
+        "let is_moved = is_far || moves.are_told && moved.abs() < 0.0;",
     ),
     one(
         "what is far beyond chance widens also where little is left of it",
-        &[("hidden.rs", "const FAR: f64 = 7.0;", "const FAR: f64 = f64::INFINITY;")],
+        "hidden.rs",
+        "const FAR: f64 = 7.0;",
+        "const FAR: f64 = f64::INFINITY;",
     ),
     one(
         "a poorly determined cause becomes an assumption and widens nothing",
-        &[("hidden.rs", "pub const TOLD: f64 = 1.6;", "pub const TOLD: f64 = 1e9;")],
+        "hidden.rs",
+        "pub const TOLD: f64 = 1.6;",
+        "pub const TOLD: f64 = 1e9;",
     ),
     tested(
         "in_a_tone_inertance_rests_on_a_position_that_does_not_give_way",
         "a position that gives way may be assumed",
-        &[("candidate.rs", "all.push(Self { kind: Kind::Compliance, term: Term::Bent });", "")],
+        "candidate.rs",
+        "all.push(Self { kind: Kind::Compliance, term: Term::Bent });",
+        "",
     ),
     one(
         "a skew and what acts at the reversals widen nothing",
-        &[("hidden.rs", "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)", "kind != Kind::Structure")],
+        "hidden.rs",
+        "!matches!(kind, Kind::Skew | Kind::Stribeck | Kind::Presliding)",
+        "kind != Kind::Structure",
     ),
     one(
         "repeated steps count in the chance variation",
-        &[(
-            "hidden.rs",
-            "f64::from(patterns.next().unwrap_or(1.0)) * steps",
-            "f64::from(patterns.next().unwrap_or(1.0).min(1.0)) * steps",
-        )],
+        "hidden.rs",
+        "f64::from(patterns.next().unwrap_or(1.0)) * steps",
+        "f64::from(patterns.next().unwrap_or(1.0).min(1.0)) * steps",
     ),
 ];
 
 /// What the program counts, by name.
 type Counts = BTreeMap<String, f64>;
 
-/// One column of the table.
-struct Column {
-    /// What is counted, and the total of which it is a share [%].
-    name: &'static str,
-    of: Option<&'static str>,
-    /// What is lost if it decreases, or increases.
-    lost: Lost,
-}
-
-/// When removing a part counts as a loss.
-enum Lost {
-    Less(&'static str),
-    More(&'static str),
-}
-
-const COLUMNS: [Column; 8] = [
-    Column { name: "first", of: None, lost: Lost::Less("names") },
-    Column { name: "sized", of: None, lost: Lost::Less("sizes") },
-    Column { name: "right", of: Some("corrected"), lost: Lost::Less("honesty") },
-    Column { name: "wrong", of: None, lost: Lost::More("no false names") },
-    Column { name: "outside", of: Some("given"), lost: Lost::More("honesty") },
-    Column { name: "unsaid", of: Some("given"), lost: Lost::More("honesty") },
-    Column { name: "assumed", of: Some("given"), lost: Lost::More("fewer assumptions") },
-    Column { name: WIDTH, of: None, lost: Lost::More("sharpness") },
+/// The table's columns: what is counted, the total of which it is a share [%], whether fewer or more are a loss, and what
+/// is lost then.
+const COLUMNS: [(&str, Option<&str>, Ordering, &str); 8] = [
+    ("first", None, Less, "names"),
+    ("sized", None, Less, "sizes"),
+    ("right", Some("corrected"), Less, "honesty"),
+    ("wrong", None, Greater, "no false names"),
+    ("outside", Some("given"), Greater, "honesty"),
+    ("unsaid", Some("given"), Greater, "honesty"),
+    ("assumed", Some("given"), Greater, "fewer assumptions"),
+    (WIDTH, None, Greater, "sharpness"),
 ];
 /// The one column that is a mean, not a count.
 const WIDTH: &str = "width";
 
-impl Column {
-    fn value(&self, counts: &Counts) -> Result<f64> {
-        let count = |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
-        match self.of {
-            Some(of) => Ok(100.0 * count(self.name)? / count(of)?.max(1.0)),
-            None => count(self.name),
-        }
-    }
-
-    /// What gets worse with this change; differences up to [`BY_CHANCE`] and [`WIDER`] are ignored.
-    fn lost(&self, before: f64, after: f64) -> Option<&'static str> {
-        let chance = if self.name == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
-        match self.lost {
-            Lost::Less(what) => (after < before - chance).then_some(what),
-            Lost::More(what) => (after > before + chance).then_some(what),
-        }
-    }
-}
-
 /// Builds and runs everything, then writes or compares the table.
 pub fn run(update: bool) -> Result<()> {
     let folder = workspace::target()?.join("ablation/host");
-    let whole = measured(&folder, &[])?;
-    let mut text = String::from(HEAD);
-    for Heuristic { name, edits, test } in PARTS {
-        let without = measured(&folder, edits).with_context(|| format!("without \"{name}\""))?;
-        let line = line(name, &whole, &without, *test)?;
-        println!("{line}");
-        text += &(line + "\n");
-    }
-    table::settle_text("ablation-host", "cargo xtask ablation --host", &text, update)
+    let table = ("ablation-host", "cargo xtask ablation --host", HEAD);
+    settle(table, PARTS, update, |edits| measured(&folder, edits), line)
 }
 
 /// What the program counts with this host.
@@ -254,11 +243,24 @@ fn counts(output: &str) -> Result<Counts> {
 
 fn line(name: &str, whole: &Counts, without: &Counts, test: Option<&str>) -> Result<String> {
     let (mut cells, mut lost) = (Vec::new(), Vec::new());
-    for column in &COLUMNS {
-        let [before, after] = [column.value(whole)?, column.value(without)?];
-        lost.extend(column.lost(before, after).filter(|what| !lost.contains(what)));
-        cells.push(match column.of {
-            _ if column.name == WIDTH => format!("{:.2}", after / before),
+    for (column, of, loss, what) in COLUMNS {
+        let value = |counts: &Counts| -> Result<f64> {
+            let count =
+                |name: &str| counts.get(name).copied().with_context(|| format!("the program counts no `{name}`"));
+            match of {
+                Some(of) => Ok(100.0 * count(column)? / count(of)?.max(1.0)),
+                None => count(column),
+            }
+        };
+        let [before, after] = [value(whole)?, value(without)?];
+        // Smaller differences are ignored.
+        let chance = if column == WIDTH { (WIDER - 1.0) * before } else { BY_CHANCE };
+        let bound = if loss == Less { before - chance } else { before + chance };
+        if after.partial_cmp(&bound) == Some(loss) && !lost.contains(&what) {
+            lost.push(what);
+        }
+        cells.push(match of {
+            _ if column == WIDTH => format!("{:.2}", after / before),
             Some(_) => format!("{before:.1} to {after:.1}"),
             None => format!("{before} to {after}"),
         });

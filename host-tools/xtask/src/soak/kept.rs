@@ -13,37 +13,12 @@ const PORTION_H: f64 = 1.0;
 /// Shortest portion \[h\]: shorter runs do not settle.
 const LEAST_H: f64 = 0.05;
 
-/// A portion that met all goals.
-#[derive(Debug, PartialEq)]
-struct Portion {
-    /// Commit of the tree that was soaked.
-    commit: String,
+/// All portions so far: their hours, and their rows.
+#[derive(Debug, Default, PartialEq)]
+pub struct Kept {
     hours: f64,
-    /// Total of all recordings.
-    samples: f64,
-    lost: f64,
-    /// Largest growth of any process \[%\], and difference between samples and clock \[s\].
-    grown: f64,
-    apart_s: f64,
+    rows: String,
 }
-
-impl Portion {
-    fn of(commit: &str, hours: f64, rows: &[Row]) -> Self {
-        let of = |what: &'static str| rows.iter().filter(move |row| row.name.contains(what)).map(|row| row.value);
-        Self {
-            commit: commit.to_owned(),
-            hours,
-            samples: rows.iter().filter(|row| row.name.ends_with(": samples")).map(|row| row.value).sum(),
-            lost: of(" lost").sum(),
-            grown: of(": grown").fold(f64::NEG_INFINITY, f64::max),
-            apart_s: of(" apart").fold(0.0, f64::max),
-        }
-    }
-}
-
-/// All portions so far.
-#[derive(Debug, PartialEq)]
-pub struct Kept(Vec<Portion>);
 
 impl Kept {
     /// Those in the table.
@@ -53,45 +28,51 @@ impl Kept {
 
     /// Length of the next portion \[h\] towards this many hours in total.
     pub fn next_h(&self, wanted_h: f64) -> Option<f64> {
-        let left_h = wanted_h - self.hours();
+        let left_h = wanted_h - self.hours;
         (left_h >= LEAST_H).then_some(left_h.min(PORTION_H))
     }
 
-    /// Adds a portion with these figures, and writes the table.
-    pub fn add(&mut self, commit: &str, hours: f64, rows: &[Row]) -> Result<()> {
-        self.0.push(Portion::of(commit, hours, rows));
+    /// Adds a portion that met all goals with these figures, and writes the table.
+    pub fn add(&mut self, commit: &str, hours: f64, figures: &[Row]) -> Result<()> {
+        self.hours += hours;
+        self.rows += &row(commit, hours, figures);
         tree::write(TABLE, self.markdown())
     }
 
-    fn hours(&self) -> f64 {
-        self.0.iter().map(|portion| portion.hours).sum()
-    }
-
     fn parse(text: &str) -> Self {
-        let portion = |line: &str| {
-            let cells = table::cells(line);
-            let [_, commit, figures @ .., _] = &cells[..] else { return None };
-            let figures: Vec<f64> = figures.iter().filter_map(|figure| figure.parse().ok()).collect();
-            let [hours, samples, lost, grown, apart_s] = figures[..] else { return None };
-            Some(Portion { commit: (*commit).to_owned(), hours, samples, lost, grown, apart_s })
-        };
-        Self(text.lines().filter_map(portion).collect())
+        let mut kept = Self::default();
+        for line in text.lines() {
+            if let Some([_, hours, ..]) = table::cells::<6>(line)
+                && let Ok(hours) = hours.parse::<f64>()
+            {
+                kept.hours += hours;
+                kept.rows += &format!("{line}\n");
+            }
+        }
+        kept
     }
 
     fn markdown(&self) -> String {
-        let mut text = format!(
+        let Self { hours, rows } = self;
+        format!(
             "# Soaked so far\n\nWritten by `cargo xtask soak --hours H --keep`, which adds portions of {PORTION_H} h at most until H hours stand \
              here. All programs begin anew with each. *samples* and *lost* are of all recordings, frames among what is lost; *grown* is the \
              process that grew most after its first minute, *apart* how far samples and the host's clock were apart at most; *commit* is the \
-             tree that was soaked; with `-dirty` it had changes besides.\n\n{:.2} hours in all.\n\n\
-             | commit | hours | samples | lost | grown % | apart s |\n|---|--:|--:|--:|--:|--:|\n",
-            self.hours()
-        );
-        for Portion { commit, hours, samples, lost, grown, apart_s } in &self.0 {
-            text += &format!("| {commit} | {hours:.2} | {samples} | {lost} | {grown:.1} | {apart_s:.3} |\n");
-        }
-        text
+             tree that was soaked; with `-dirty` it had changes besides.\n\n{hours:.2} hours in all.\n\n\
+             | commit | hours | samples | lost | grown % | apart s |\n|---|--:|--:|--:|--:|--:|\n{rows}"
+        )
     }
+}
+
+/// A portion: the totals of all recordings, the largest growth of any process \[%\], and the largest difference between
+/// samples and clock \[s\].
+fn row(commit: &str, hours: f64, figures: &[Row]) -> String {
+    let of = |what: &'static str| figures.iter().filter(move |row| row.name.contains(what)).map(|row| row.value);
+    let samples: f64 = figures.iter().filter(|row| row.name.ends_with(": samples")).map(|row| row.value).sum();
+    let lost: f64 = of(" lost").sum();
+    let grown = of(": grown").fold(f64::NEG_INFINITY, f64::max);
+    let apart_s = of(" apart").fold(0.0, f64::max);
+    format!("| {commit} | {hours:.2} | {samples} | {lost} | {grown:.1} | {apart_s:.3} |\n")
 }
 
 #[cfg(test)]
@@ -100,15 +81,9 @@ mod tests {
 
     #[test]
     fn portions_are_read_back_and_counted() {
-        let portion = |commit: &str, hours| Portion {
-            commit: commit.into(),
-            hours,
-            samples: 14_400_000.0,
-            lost: 0.0,
-            grown: -0.5,
-            apart_s: 0.125,
-        };
-        let kept = Kept(vec![portion("ac2bb3a", 1.0), portion("ac2bb3a-dirty", 0.25)]);
+        let rows = "| ac2bb3a | 1.00 | 14400000 | 0 | -0.5 | 0.125 |\n\
+                    | ac2bb3a-dirty | 0.25 | 3600000 | 0 | 0.1 | 0.016 |\n";
+        let kept = Kept { hours: 1.25, rows: rows.to_owned() };
         assert_eq!(Kept::parse(&kept.markdown()), kept);
         let next = |wanted_h| kept.next_h(wanted_h);
         assert_eq!([next(24.0), next(1.5), next(1.26), next(1.0)], [Some(1.0), Some(0.25), None, None]);
@@ -116,16 +91,15 @@ mod tests {
 
     #[test]
     fn the_worst_figures_are_kept() {
-        let row = |name: &str, value| Row::new(name, value, "");
-        let rows = [
-            row("monitor: grown after the first minute", 0.5),
-            row("QEMU: grown after the first minute", 2.0),
-            row("monitor.mcap: samples", 100.0),
-            row("monitor.mcap: samples lost", 3.0),
-            row("qemu.mcap: samples", 25.0),
-            row("qemu.mcap: samples and the host's clock apart", 0.01),
+        let figure = |name: &str, value| Row::new(name, value, "");
+        let figures = [
+            figure("monitor: grown after the first minute", 0.5),
+            figure("QEMU: grown after the first minute", 2.0),
+            figure("monitor.mcap: samples", 100.0),
+            figure("monitor.mcap: samples lost", 3.0),
+            figure("qemu.mcap: samples", 25.0),
+            figure("qemu.mcap: samples and the host's clock apart", 0.01),
         ];
-        let Portion { samples, lost, grown, apart_s, .. } = Portion::of("ac2bb3a", 1.0, &rows);
-        assert_eq!([samples, lost, grown, apart_s], [125.0, 3.0, 2.0, 0.01]);
+        assert_eq!(row("ac2bb3a", 1.0, &figures), "| ac2bb3a | 1.00 | 125 | 3 | 2.0 | 0.010 |\n");
     }
 }
