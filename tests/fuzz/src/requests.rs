@@ -37,7 +37,7 @@ const MOST: usize = 64;
 const HANGS: Duration = Duration::from_secs(2);
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
+pub fn check(mut input: Input) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
     let has_kept_much = Arc::new(AtomicBool::new(false));
     let router = router(has_kept_much.clone());
@@ -46,7 +46,6 @@ pub fn check(input: &[u8]) {
         let server = tokio::spawn(serve_connection(theirs, router));
         let (mut reader, mut writer) = tokio::io::split(&mut ours);
         let ask = async {
-            let mut input = Input(input);
             while !input.is_empty() {
                 // Fails once the server has closed the connection.
                 if writer.write_all(input.counted()).await.is_err() {
