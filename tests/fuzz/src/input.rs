@@ -57,7 +57,7 @@ pub fn seed(head: &[u8], rest: impl AsRef<[u8]>) -> Vec<u8> {
 }
 
 /// Encodes bytes for [`Input::counted`].
-pub fn counted(bytes: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(bytes.len()).unwrap_or(u16::MAX);
-    [&length.to_le_bytes()[..], bytes].concat()
+pub fn counted(bytes: impl AsRef<[u8]>) -> Vec<u8> {
+    let length = u16::try_from(bytes.as_ref().len()).unwrap_or(u16::MAX);
+    seed(&length.to_le_bytes(), bytes)
 }

@@ -110,7 +110,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         seeds.extend([0, 1].map(|machine| seed(&[2, machine], text)));
     }
     for texts in [["inerter 0.1.0", "c8a2d5a", "nucleo-g474re", "205735883537"], ["", " ", "\"", "\n\u{1b}é"]] {
-        seeds.push(seed(&[3], texts.map(|text| counted(text.as_bytes())).concat()));
+        seeds.push(seed(&[3], texts.map(counted).concat()));
     }
     seeds
 }
