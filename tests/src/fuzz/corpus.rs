@@ -158,7 +158,6 @@ fn streams() -> All {
 }
 
 fn requests(all: &mut All) {
-    let stream = add(all, "every-command");
     let commands = [
         Command::Hello,
         Command::ReadSettings,
@@ -176,13 +175,11 @@ fn requests(all: &mut All) {
         Command::FactoryReset,
         Command::ReadSettings,
     ];
-    stream.requests(1, commands);
-
+    add(all, "every-command").requests(1, commands);
     add(all, "tare").requests(1, [Command::Tare, Command::ReadSettings]);
 
-    let stream = add(all, "tare-with-nothing-to-measure");
-    stream.requests(1, [Command::Stop, Command::Tare, shaken(0, 8), Command::Tare]);
-    stream.requests(5, [Command::InjectEnd, Command::Tare]);
+    let commands = [Command::Stop, Command::Tare, shaken(0, 8), Command::Tare, Command::InjectEnd, Command::Tare];
+    add(all, "tare-with-nothing-to-measure").requests(1, commands);
 
     let stream = add(all, "unknown-commands");
     for number in [15u32, 20, 127, 128, 1_000, u32::MAX] {
@@ -200,21 +197,11 @@ fn requests(all: &mut All) {
     }
 
     add(all, "flood-of-hellos").requests(0, repeat_n(Command::Hello, 150));
-
-    let stream = add(all, "flood-of-saves");
-    for id in 0..50 {
-        stream.requests(2 * id, [set(&[("memory_s", 10.0 + f64::from(id))]), Command::SaveSettings]);
-    }
-
-    let stream = add(all, "flood-of-factory-resets");
-    for id in 0..10 {
-        stream.requests(3 * id, [Command::SaveSettings, Command::FactoryReset, Command::FactoryReset]);
-    }
-
-    let stream = add(all, "start-and-stop");
-    for id in 0..20 {
-        stream.requests(2 * id, [Command::Stop, Command::Start]);
-    }
+    let saves = (0..50).flat_map(|n| [set(&[("memory_s", 10.0 + f64::from(n))]), Command::SaveSettings]);
+    add(all, "flood-of-saves").requests(0, saves);
+    let resets = [Command::SaveSettings, Command::FactoryReset, Command::FactoryReset];
+    add(all, "flood-of-factory-resets").requests(0, repeat_n(resets, 10).flatten());
+    add(all, "start-and-stop").requests(0, repeat_n([Command::Stop, Command::Start], 20).flatten());
 
     let stream = add(all, "streams-of-all-kinds");
     stream.requests(0, (0..16).map(streams_of));
@@ -223,21 +210,17 @@ fn requests(all: &mut All) {
 }
 
 fn settings(all: &mut All) {
-    let stream = add(all, "settings-out-of-range");
-    for (number, info) in (0u8..).zip(Settings::TABLE) {
-        let beyond = |value: f64, by: f64| value + by * value.abs().max(1e-6) * 1e-6;
+    let beyond = |value: f64, by: f64| value + by * value.abs().max(1e-6) * 1e-6;
+    let commands = (0u8..).zip(Settings::TABLE).flat_map(|(number, info)| {
         let pairs = [(11.0, beyond(info.max, 1.0)), (12.0, beyond(info.min, -1.0))];
-        let commands = pairs.map(|(memory_s, value)| write_numbers([(17, memory_s), (number, value)]));
-        stream.requests(2 * u16::from(number), commands);
-    }
-    stream.request(100, Command::ReadSettings);
+        pairs.map(|(memory_s, value)| write_numbers([(17, memory_s), (number, value)]))
+    });
+    add(all, "settings-out-of-range").requests(0, commands).request(100, Command::ReadSettings);
 
-    let stream = add(all, "settings-not-finite");
-    for (id, value) in (0..).zip([f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY]) {
-        stream.requests(2 * id, [write_numbers([(17, 11.0), (12, value)]), write_numbers([(0, value)])]);
-    }
+    let commands = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY]
+        .map(|value| [write_numbers([(17, 11.0), (12, value)]), write_numbers([(0, value)])]);
+    add(all, "settings-not-finite").requests(0, commands.into_iter().flatten());
 
-    let stream = add(all, "settings-zero-and-fractions");
     let pairs = [
         ("metres_per_count", 0.0),
         ("newtons_per_code", -0.0),
@@ -246,12 +229,15 @@ fn settings(all: &mut All) {
         ("force_zero_code", 0.1),
         ("front_end", 0.5),
     ];
-    stream.requests(0, pairs.map(|pair| set(&[pair]))).request(6, Command::ReadSettings);
+    let commands = pairs.map(|pair| set(&[pair]));
+    add(all, "settings-zero-and-fractions").requests(0, commands).request(6, Command::ReadSettings);
 
-    let stream = add(all, "settings-repeated");
-    stream.request(1, set(&[("memory_s", 10.0), ("memory_s", 10.0)]));
-    stream.request(2, set(&[("memory_s", 10.0), ("skew_s", 0.0), ("memory_s", 11.0)]));
-    stream.request(3, Command::ReadSettings);
+    let commands = [
+        set(&[("memory_s", 10.0), ("memory_s", 10.0)]),
+        set(&[("memory_s", 10.0), ("skew_s", 0.0), ("memory_s", 11.0)]),
+        Command::ReadSettings,
+    ];
+    add(all, "settings-repeated").requests(1, commands);
 
     let stream = add(all, "settings-unknown");
     for number in [Settings::COUNT as u8, 47, 48, 63, 64, 127, 128, 255] {
@@ -259,10 +245,12 @@ fn settings(all: &mut All) {
     }
     stream.request(1, Command::ReadSettings);
 
-    let stream = add(all, "settings-in-conflict");
-    stream.request(1, set(&[("force_min_code", 200_000.0), ("force_max_code", 100_000.0)]));
-    stream.request(2, set(&[("force_min_code", 262_080.0)]));
-    stream.request(3, Command::ReadSettings);
+    let commands = [
+        set(&[("force_min_code", 200_000.0), ("force_max_code", 100_000.0)]),
+        set(&[("force_min_code", 262_080.0)]),
+        Command::ReadSettings,
+    ];
+    add(all, "settings-in-conflict").requests(1, commands);
 
     let stream = add(all, "settings-too-many");
     let full = || (0..MAX_SETTINGS as u8).map(|number| (number, 1.0));
@@ -274,10 +262,8 @@ fn settings(all: &mut All) {
     stream.payload(&bytes).payload(&[4, 2, 48]).payload(&[5, 2, 0xFF, 0xFF, 0xFF, 0xFF, 0x0F]);
     stream.request(6, write_numbers([]));
 
-    let stream = add(all, "rates-that-are-not-offered");
-    stream.requests(0, [50.0, 500.0, 1_000.5, 3_999.0, 5_000.0, 3_906.25].map(rate));
-    stream.request(9, Command::ReadSettings);
-
+    let commands = [50.0, 500.0, 1_000.5, 3_999.0, 5_000.0, 3_906.25].map(rate);
+    add(all, "rates-that-are-not-offered").requests(0, commands).request(9, Command::ReadSettings);
     add(all, "rates-in-turn").requests(0, [2_000.0, 4_000.0, 1_000.0, 4_000.0, 2_000.0, 1_000.0].map(rate));
 }
 
@@ -309,10 +295,14 @@ fn injections(all: &mut All) {
     stream.requests(0, (0..12).map(|id| inject((0..16).map(|place| sample(id * 16 + place)))));
     stream.requests(12, [Command::InjectEnd, Command::InjectEnd]);
 
-    let stream = add(all, "injection-without-samples");
-    stream.requests(0, [Command::InjectEnd, Command::Inject(Samples::default())]);
-    stream.requests(2, [Command::InjectEnd, Command::InjectEnd, Command::Start]);
-
+    let commands = [
+        Command::InjectEnd,
+        Command::Inject(Samples::default()),
+        Command::InjectEnd,
+        Command::InjectEnd,
+        Command::Start,
+    ];
+    add(all, "injection-without-samples").requests(0, commands);
     add(all, "injection-of-a-thousand")
         .requests(0, (0..32).map(|id| shaken(id * 32, 32)))
         .request(32, Command::InjectEnd);
