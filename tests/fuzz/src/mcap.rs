@@ -170,7 +170,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
     for (place, frame) in (0u8..).zip(&frames) {
         // Kind and payload, without the step and the length that `payloads` prepends.
         let payload = wire::payloads(frame).split_off(3);
-        let message = seed(&[4 + place % 4, 60], counted(&payload));
+        let message = seed(&[4 + place % 4, 60], counted(payload));
         messages.extend(&message);
         if place == 7 {
             messages.extend(seed(&[0, 1], counted(b"the cable was moved")));
@@ -184,9 +184,9 @@ pub fn seeds() -> Vec<Vec<u8>> {
         let all: Vec<u8> = frames
             .iter()
             .take(count)
-            .flat_map(|frame| seed(&[5, 100], counted(&wire::payloads(frame).split_off(3))))
+            .flat_map(|frame| seed(&[5, 100], counted(wire::payloads(frame).split_off(3))))
             .collect();
-        record(&mut Input(&seed(&[describe], &all)), &file).expect("a file that can be written");
+        record(&mut Input(&seed(&[describe], all)), &file).expect("a file that can be written");
         let bytes = std::fs::read(&file).expect("a file that was written");
         seeds.push(seed(&[EDIT], &bytes));
         seeds.push(seed(&[0], &bytes[..bytes.len() * 2 / 3]));
