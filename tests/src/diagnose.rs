@@ -206,30 +206,25 @@ impl Replayed {
 impl Case {
     /// One run through the estimator and the tests for causes.
     pub fn diagnosed(&self, motion: &Motion, seed: u64) -> Result<Diagnosis, Error> {
-        let (run, outcome) = self.run(motion, seed, true)?;
+        let run = self.recorded(motion, seed, true)?;
+        let outcome = replayed(&run)?;
         Ok(diagnose(&Series::of(&run), &run.settings, &outcome.published(), Encoder::default(), &|| {})?)
     }
 
     /// Causes named without being asked for in one run, with the contact's stiffness stated or not.
     pub fn told(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<Vec<Cause>, Error> {
-        let (run, outcome) = self.run(motion, seed, with_stiffness)?;
-        Ok(suspected(&Gated::of(&run, &[]), &run.settings, &outcome.published()))
+        let run = self.recorded(motion, seed, with_stiffness)?;
+        Ok(suspected(&Gated::of(&run, &[]), &run.settings, &replayed(&run)?.published()))
     }
 
     /// The estimator's result for one run.
     pub fn estimated(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
-        Ok(self.run(motion, seed, true)?.1)
+        replayed(&self.recorded(motion, seed, true)?)
     }
 
     /// One run, with the causes named without being asked for and the parameters judged by the samples.
     pub fn replayed(&self, motion: &Motion, seed: u64) -> Result<Replayed, Error> {
         Replayed::of(&self.recorded(motion, seed, true)?)
-    }
-
-    fn run(&self, motion: &Motion, seed: u64, with_stiffness: bool) -> Result<(Run, Outcome), Error> {
-        let run = self.recorded(motion, seed, with_stiffness)?;
-        let outcome = replayed(&run)?;
-        Ok((run, outcome))
     }
 
     /// The plant's true states, [`WITHIN`] times per sample.

@@ -23,11 +23,10 @@ mod outcome;
 mod requests;
 mod shrink;
 
-pub use corpus::{Expected, Item, corpus, made as made_corpus, write as write_corpus};
+pub use corpus::{Item, corpus, made as made_corpus, outcomes, write as write_corpus};
 pub use device::{Conditions, End, Link, Played, play, with_probe};
 pub use judge::judge;
 pub use make::{Stream, request, stream};
-pub use outcome::outcome;
 pub use requests::Requests;
 pub use shrink::shrink;
 

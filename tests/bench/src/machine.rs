@@ -1,6 +1,7 @@
 //! The machine of the bench: its motion, its sensors, and the regressors that one matched kernel makes of them.
 
 use crate::kernels::Kernels;
+use inerter_core::RawSample;
 
 /// Samples per second.
 pub const RATE_HZ: f64 = 1000.0;
@@ -24,16 +25,7 @@ pub const REST_S: f64 = 480.0;
 const BOX: usize = 4;
 /// Window of the gate at rest \[samples\], and what the encoder may move in it \[counts\].
 const REST_WINDOW: usize = 24;
-const REST_COUNTS: i64 = 2;
-
-/// One raw sample of the machine.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Raw {
-    /// Encoder count.
-    pub count: i64,
-    /// Force code.
-    pub force_code: i64,
-}
+const REST_COUNTS: i32 = 2;
 
 /// Input of a method at one update.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +48,7 @@ impl Update {
 /// The run: motion, then rest.
 pub struct Run {
     /// What the sensors gave.
-    pub raw: Vec<Raw>,
+    pub raw: Vec<RawSample>,
     /// Raw samples that belong to the motion.
     pub moving: usize,
     /// What the kernels made of it.
@@ -88,7 +80,7 @@ const RAMP: f64 = 2.5;
 pub const STROKES: usize = 4;
 
 /// Plays the motion by the law, then the rest, through the sensors; also returns the number of samples in the motion.
-fn record() -> (Vec<Raw>, usize) {
+fn record() -> (Vec<RawSample>, usize) {
     let mut noise = Noise(0x1234_5678_9abc_def1);
     let mut raw = Vec::new();
     let period = 1.0 / RATE_HZ;
@@ -109,22 +101,27 @@ fn record() -> (Vec<Raw>, usize) {
         let acceleration = step / period;
         let friction = if velocity == 0.0 { step.signum() } else { velocity.signum() };
         let force = mass * acceleration + viscous * velocity + coulomb * friction + offset;
-        raw.push(sensed(position, force + FORCE_NOISE_N * noise.normal()));
+        raw.push(sensed(raw.len(), position, force + FORCE_NOISE_N * noise.normal()));
         position += velocity * period + 0.5 * step * period;
         velocity += step;
     }
     for _ in 0..(REST_S * RATE_HZ) as usize {
         let flicker = if noise.next() & 1 == 0 { 0.25 } else { 1.25 };
         let edge = (position / METRES_PER_COUNT).floor();
-        raw.push(sensed((edge + flicker) * METRES_PER_COUNT, offset + FORCE_NOISE_N * noise.normal()));
+        let position = (edge + flicker) * METRES_PER_COUNT;
+        raw.push(sensed(raw.len(), position, offset + FORCE_NOISE_N * noise.normal()));
     }
     (raw, moving)
 }
 
 /// What encoder and load cell make of position and force.
-fn sensed(position: f64, force: f64) -> Raw {
-    let count = (position / METRES_PER_COUNT).floor() as i64;
-    Raw { count, force_code: (force / NEWTONS_PER_CODE).round() as i64 }
+fn sensed(index: usize, position: f64, force: f64) -> RawSample {
+    RawSample {
+        index: index as u32,
+        position_count: (position / METRES_PER_COUNT).floor() as i32,
+        force_code: (force / NEWTONS_PER_CODE).round() as i32,
+        terminal_code: 0,
+    }
 }
 
 /// A fixed sequence of random numbers (xorshift).
@@ -146,9 +143,9 @@ impl Noise {
 }
 
 /// Regressors and force of every sample that a whole kernel reaches.
-fn regressors(raw: &[Raw]) -> Vec<Update> {
-    let positions: Vec<f64> = raw.iter().map(|sample| sample.count as f64 * METRES_PER_COUNT).collect();
-    let forces: Vec<f64> = raw.iter().map(|sample| sample.force_code as f64 * NEWTONS_PER_CODE).collect();
+fn regressors(raw: &[RawSample]) -> Vec<Update> {
+    let positions: Vec<f64> = raw.iter().map(|sample| f64::from(sample.position_count) * METRES_PER_COUNT).collect();
+    let forces: Vec<f64> = raw.iter().map(|sample| f64::from(sample.force_code) * NEWTONS_PER_CODE).collect();
     // The sign over one sample, from the velocity over four on either side.
     let signs: Vec<f64> = (0..raw.len())
         .map(|n| {
@@ -162,7 +159,7 @@ fn regressors(raw: &[Raw]) -> Vec<Update> {
             let middle = start + kernels.span / 2;
             let from = middle.saturating_sub(REST_WINDOW / 2);
             let window = &raw[from..(from + REST_WINDOW).min(raw.len())];
-            let counts = window.iter().map(|sample| sample.count);
+            let counts = window.iter().map(|sample| sample.position_count);
             let travel = counts.clone().max().unwrap_or(0) - counts.min().unwrap_or(0);
             Update {
                 phi: [

@@ -23,7 +23,7 @@ use answers::Instrument;
 use cases::Case;
 use inerter_core::{RawSample, Settings, State};
 use machine::{FORGETTING, MEMORY, METRES_PER_COUNT, NEWTONS_PER_CODE, RATE_HZ, Run, Update};
-use methods::{FlightCovariance, FlightInverse, IdspKalman, Method, Ours, Textbook32, Textbook64, Tuning};
+use methods::{Entry, METHODS, Ours, Tuning};
 use report::Report;
 use std::{
     error::Error,
@@ -95,35 +95,30 @@ fn nanoseconds(count: usize, mut run: impl FnMut()) -> f64 {
     best * 1e9 / count as f64
 }
 
-fn line<M: Method>(run: &Run, name: &str, arithmetic: &str, fresh: impl Fn() -> M) -> Line {
-    let mut method = fresh();
-    run.motion().iter().for_each(|update| method.update(update));
+fn line(run: &Run, tuning: &Tuning, (name, arithmetic, _, fresh): &Entry) -> Line {
+    let mut method = fresh(tuning);
+    method.updates(run.motion());
     let motion = method.parameters();
-    run.updates[run.motion..].iter().for_each(|update| method.update(update));
+    method.updates(&run.updates[run.motion..]);
     let rest = method.parameters();
     let nanoseconds = nanoseconds(run.motion, || {
-        let mut method = fresh();
-        black_box(run.motion()).iter().for_each(|update| method.update(update));
+        let mut method = fresh(tuning);
+        method.updates(black_box(run.motion()));
         black_box(method.parameters());
     });
-    Line { name: name.into(), arithmetic: arithmetic.into(), nanoseconds, motion, rest, remark: method.remark() }
+    let (name, arithmetic) = ((*name).into(), (*arithmetic).into());
+    Line { name, arithmetic, nanoseconds, motion, rest, remark: method.remark() }
 }
 
 /// Our line: regressors are integers before the clock starts, as they are in the instrument.
-fn our_line(run: &Run) -> Line {
-    let scale = Tuning::of(&run.updates, FORGETTING).scale;
-    let integers: Vec<_> = run.motion().iter().map(|update| scale.quantised(update)).collect();
+fn our_line(run: &Run, tuning: &Tuning) -> Line {
+    let integers: Vec<_> = run.motion().iter().map(|update| tuning.quantised(update)).collect();
     let time = nanoseconds(integers.len(), || {
-        let mut ours = Ours::new(scale);
+        let mut ours = Ours::new(*tuning);
         black_box(&integers).iter().for_each(|regressors| ours.take(regressors));
         black_box(&ours);
     });
-    let remark = "with whole-run sums; held at rest".into();
-    Line {
-        nanoseconds: time,
-        remark,
-        ..line(run, "ours: update (`inerter_core::rls`)", "i32, i64", || Ours::new(scale))
-    }
+    Line { nanoseconds: time, ..line(run, tuning, &METHODS[0]) }
 }
 
 /// The whole instrument on the raw counts and codes: both banks, sign, gates, updates, solves and intervals.
@@ -136,18 +131,7 @@ fn instrument_line(run: &Run) -> Result<Line, Box<dyn Error>> {
         ..Settings::default()
     };
     let active = settings.validate()?;
-    let samples: Vec<RawSample> = run
-        .raw
-        .iter()
-        .enumerate()
-        .map(|(index, raw)| RawSample {
-            index: index as u32,
-            position_count: raw.count as i32,
-            force_code: raw.force_code as i32,
-            terminal_code: 0,
-        })
-        .collect();
-    let (moving, resting) = samples.split_at(run.moving);
+    let (moving, resting) = run.raw.split_at(run.moving);
     let mut state = State::new(&active);
     let mut parameters = |samples: &[RawSample]| {
         samples.iter().for_each(|sample| {
@@ -210,21 +194,15 @@ fn compare(options: &[&str]) -> Result<(), Box<dyn Error>> {
 }
 
 fn rust_lines(run: &Run) -> Result<Vec<Line>, Box<dyn Error>> {
-    let walk = Tuning::of(run.motion(), FORGETTING).walk;
-    Ok(vec![
-        our_line(run),
-        instrument_line(run)?,
-        line(run, "textbook covariance RLS", "f32", || Textbook32::new(FORGETTING, false)),
-        line(run, "textbook covariance RLS", "f64", || Textbook64::new(FORGETTING, false)),
-        line(run, "textbook covariance RLS behind our gate", "f32", || Textbook32::new(FORGETTING, true)),
-        line(run, "`flight-solver` 0.2, `RlsParallel`", "f32", || FlightCovariance::new(FORGETTING, true)),
-        line(run, "`flight-solver` 0.2, `RlsParallel`, order limit off, variance 1e3", "f32", || {
-            FlightCovariance::new(FORGETTING, false)
-        }),
-        line(run, "`flight-solver` 0.2, `InverseQrRls`", "f32", || FlightInverse::new(FORGETTING)),
-        line(run, "`idsp` 0.23, `kalman`, covariance / 0.999", "f32", || IdspKalman::new(FORGETTING, None)),
-        line(run, "`idsp` 0.23, `kalman`, random walk", "f32", || IdspKalman::new(FORGETTING, Some(walk))),
-    ])
+    let tuning = tuning(run);
+    let mut lines = vec![our_line(run, &tuning), instrument_line(run)?];
+    lines.extend(METHODS[1..].iter().map(|entry| line(run, &tuning, entry)));
+    Ok(lines)
+}
+
+/// The random walk forgets by the motion alone.
+fn tuning(run: &Run) -> Tuning {
+    Tuning { walk: Tuning::of(run.motion(), FORGETTING).walk, ..Tuning::of(&run.updates, FORGETTING) }
 }
 
 #[cfg(test)]
@@ -248,7 +226,7 @@ mod tests {
     #[test]
     fn ours_is_held_at_rest() {
         let run = Run::new();
-        for line in [our_line(&run), instrument_line(&run).unwrap()] {
+        for line in [our_line(&run, &tuning(&run)), instrument_line(&run).unwrap()] {
             assert!((line.rest[0] / TRUTH[0] - 1.0).abs() < 0.01, "{line:?}");
         }
     }

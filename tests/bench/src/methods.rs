@@ -10,6 +10,10 @@ use nalgebra::{SVector, Vector1};
 pub trait Method {
     /// Takes one update.
     fn update(&mut self, update: &Update);
+    /// Takes one after the other, without a virtual call for each.
+    fn updates(&mut self, updates: &[Update]) {
+        updates.iter().for_each(|update| self.update(update));
+    }
     /// Current parameters, in the order of the regressors.
     fn parameters(&self) -> [f64; 4];
     /// Their variances for a residual of unit variance, if the method offers them.
@@ -43,9 +47,9 @@ macro_rules! textbook {
 
         impl $name {
             /// With or without the gate at rest.
-            pub fn new(forgetting: f64, gated: bool) -> Self {
+            pub fn new(tuning: &Tuning, gated: bool) -> Self {
                 let covariance = diagonal([VARIANCE as $float; 4]);
-                Self { theta: [0.0; 4], covariance, forgetting: forgetting as $float, gated }
+                Self { theta: [0.0; 4], covariance, forgetting: tuning.forgetting as $float, gated }
             }
         }
 
@@ -94,12 +98,12 @@ pub struct FlightCovariance {
 impl FlightCovariance {
     /// With the guards as the crate has them; or without the one that limits how fast the covariance falls, and with
     /// that of the initial variances 1e2 to 1e5 for which its error is least.
-    pub fn new(forgetting: f64, limited: bool) -> Self {
+    pub fn new(tuning: &Tuning, limited: bool) -> Self {
         let (mut guards, mut variance) = (CovarianceGuards::default(), VARIANCE as f32);
         if !limited {
             (guards.max_order_decrement, variance) = (0.0, 1e3);
         }
-        Self { filter: RlsParallel::new(variance, forgetting as f32, guards), guarded: 0 }
+        Self { filter: RlsParallel::new(variance, tuning.forgetting as f32, guards), guarded: 0 }
     }
 }
 
@@ -135,8 +139,8 @@ pub struct FlightInverse(InverseQrRls<4, 1>);
 
 impl FlightInverse {
     /// With this forgetting.
-    pub fn new(forgetting: f64) -> Self {
-        Self(InverseQrRls::new(VARIANCE as f32, forgetting as f32))
+    pub fn new(tuning: &Tuning) -> Self {
+        Self(InverseQrRls::new(VARIANCE as f32, tuning.forgetting as f32))
     }
 }
 
@@ -168,12 +172,13 @@ pub struct IdspKalman {
 }
 
 impl IdspKalman {
-    /// With the variances of a random walk per update, or with forgetting.
-    pub fn new(forgetting: f64, walk: Option<[f64; 4]>) -> Self {
+    /// With a random walk, or with forgetting.
+    pub fn new(tuning: &Tuning, walks: bool) -> Self {
+        let walk = || Transition::identity(diagonal(tuning.walk.map(|one| one as f32)));
         Self {
             estimate: Estimate::new([0.0; 4], diagonal([VARIANCE as f32; 4])),
-            transition: walk.map(|noise| Transition::identity(diagonal(noise.map(|one| one as f32)))),
-            forgetting: forgetting as f32,
+            transition: walks.then(walk),
+            forgetting: tuning.forgetting as f32,
         }
     }
 }
@@ -202,34 +207,6 @@ impl Method for IdspKalman {
     }
 }
 
-/// How our update is set up for some regressors.
-#[derive(Clone, Copy, Debug)]
-pub struct Scale {
-    /// Binary places of the regressors and of the target.
-    places: [i32; 5],
-    /// Updates that it remembers.
-    memory: u32,
-}
-
-impl Scale {
-    /// Places by the greatest of each regressor, as the settings give them to the instrument.
-    pub fn of(updates: &[Update], forgetting: f64) -> Self {
-        let greatest = updates
-            .iter()
-            .map(row)
-            .fold([f64::MIN_POSITIVE; 5], |greatest, row| std::array::from_fn(|i| greatest[i].max(row[i].abs())));
-        let places = greatest.map(|value| 29 - value.log2().floor() as i32);
-        // A float beyond the integers, as without forgetting, becomes the greatest integer.
-        Self { places, memory: (1.0 - forgetting).recip().round() as u32 }
-    }
-
-    /// Regressors as the instrument has them.
-    pub fn quantised(&self, update: &Update) -> [i32; 5] {
-        let row = row(update);
-        std::array::from_fn(|i| (row[i] * f64::powi(2.0, self.places[i])).round() as i32)
-    }
-}
-
 fn row(update: &Update) -> [f64; 5] {
     let [a, b, c, d] = update.phi;
     [a, b, c, d, update.target]
@@ -237,22 +214,22 @@ fn row(update: &Update) -> [f64; 5] {
 
 /// `inerter_core::rls`, as the instrument runs it for one bank: running averages and whole-run sums, held at rest.
 pub struct Ours {
-    scale: Scale,
+    tuning: Tuning,
     recent: rls::Moments,
     whole: rls::Totals,
 }
 
 impl Ours {
     /// Before any update.
-    pub fn new(scale: Scale) -> Self {
-        Self { scale, recent: rls::Moments::default(), whole: rls::Totals::default() }
+    pub fn new(tuning: Tuning) -> Self {
+        Self { tuning, recent: rls::Moments::default(), whole: rls::Totals::default() }
     }
 
     #[inline]
     /// Takes normalised regressors.
     pub fn take(&mut self, regressors: &[i32; 5]) {
         let products = rls::products(regressors);
-        self.recent.update(&products, self.scale.memory);
+        self.recent.update(&products, self.tuning.memory);
         self.whole.update(&products);
     }
 }
@@ -260,7 +237,7 @@ impl Ours {
 impl Method for Ours {
     fn update(&mut self, update: &Update) {
         if update.moving {
-            let regressors = self.scale.quantised(update);
+            let regressors = self.tuning.quantised(update);
             self.take(&regressors);
         }
     }
@@ -273,13 +250,14 @@ impl Method for Ours {
         let matrix = nalgebra::SMatrix::<f64, 4, 4>::from_fn(scaled);
         let right = SVector::<f64, 4>::from_fn(|row, _| scaled(row, 4));
         let Some(solution) = matrix.try_inverse().map(|inverse| inverse * right) else { return [f64::NAN; 4] };
-        let places = self.scale.places;
+        let places = self.tuning.places;
         std::array::from_fn(|i| solution[i] * (at(4, 4) / at(i, i)).sqrt() * f64::powi(2.0, places[i] - places[4]))
     }
-}
 
-/// Makes a method that has seen no data, from its tuning.
-pub type Fresh = fn(&Tuning) -> Box<dyn Method>;
+    fn remark(&self) -> String {
+        "with whole-run sums; held at rest".into()
+    }
+}
 
 /// What a method is told beforehand.
 #[derive(Clone, Copy, Debug)]
@@ -288,8 +266,10 @@ pub struct Tuning {
     pub forgetting: f64,
     /// A random walk that forgets as fast: its variances per update.
     pub walk: [f64; 4],
-    /// For ours.
-    pub scale: Scale,
+    /// For ours: binary places of the regressors and of the target.
+    pub places: [i32; 5],
+    /// For ours: updates that it remembers.
+    pub memory: u32,
 }
 
 impl Tuning {
@@ -300,22 +280,54 @@ impl Tuning {
             let square = updates.iter().map(|update| update.phi[i] * update.phi[i]).sum::<f64>() / count;
             (1.0 - forgetting).powi(2) / square
         });
-        Self { forgetting, walk, scale: Scale::of(updates, forgetting) }
+        // By the greatest of each regressor, as the settings give them to the instrument.
+        let greatest = updates
+            .iter()
+            .map(row)
+            .fold([f64::MIN_POSITIVE; 5], |greatest, row| std::array::from_fn(|i| greatest[i].max(row[i].abs())));
+        let places = greatest.map(|value| 29 - value.log2().floor() as i32);
+        // A float beyond the integers, as without forgetting, becomes the greatest integer.
+        Self { forgetting, walk, places, memory: (1.0 - forgetting).recip().round() as u32 }
+    }
+
+    /// Regressors as the instrument has them.
+    pub fn quantised(&self, update: &Update) -> [i32; 5] {
+        let row = row(update);
+        std::array::from_fn(|i| (row[i] * f64::powi(2.0, self.places[i])).round() as i32)
     }
 }
 
-/// The Rust methods for the reports, ours first. The random walk is a method of its own only if something is forgotten.
-pub const METHODS: [(&str, Fresh); 8] = [
-    ("ours: update (`inerter_core::rls`)", |tuning| Box::new(Ours::new(tuning.scale))),
-    ("textbook covariance RLS, f32", |tuning| Box::new(Textbook32::new(tuning.forgetting, false))),
-    ("textbook covariance RLS, f64", |tuning| Box::new(Textbook64::new(tuning.forgetting, false))),
-    ("`flight-solver`, `RlsParallel`", |tuning| Box::new(FlightCovariance::new(tuning.forgetting, true))),
-    (UNLIMITED, |tuning| Box::new(FlightCovariance::new(tuning.forgetting, false))),
-    ("`flight-solver`, `InverseQrRls`", |tuning| Box::new(FlightInverse::new(tuning.forgetting))),
-    ("`idsp`, `kalman`, forgetting", |tuning| Box::new(IdspKalman::new(tuning.forgetting, None))),
-    (WALK, |tuning| Box::new(IdspKalman::new(tuning.forgetting, Some(tuning.walk)))),
+/// A Rust method: its name and number formats in the first table, its name in the others (none if it is not in them),
+/// and what makes one that has seen no data.
+pub type Entry = (&'static str, &'static str, Option<&'static str>, fn(&Tuning) -> Box<dyn Method>);
+
+/// The Rust methods, ours first. The random walk is a method of its own only if something is forgotten.
+pub const METHODS: [Entry; 9] = [
+    (OURS, "i32, i64", Some(OURS), |tuning| Box::new(Ours::new(*tuning))),
+    ("textbook covariance RLS", "f32", Some("textbook covariance RLS, f32"), |tuning| {
+        Box::new(Textbook32::new(tuning, false))
+    }),
+    ("textbook covariance RLS", "f64", Some("textbook covariance RLS, f64"), |tuning| {
+        Box::new(Textbook64::new(tuning, false))
+    }),
+    ("textbook covariance RLS behind our gate", "f32", None, |tuning| Box::new(Textbook32::new(tuning, true))),
+    ("`flight-solver` 0.2, `RlsParallel`", "f32", Some("`flight-solver`, `RlsParallel`"), |tuning| {
+        Box::new(FlightCovariance::new(tuning, true))
+    }),
+    ("`flight-solver` 0.2, `RlsParallel`, order limit off, variance 1e3", "f32", Some(UNLIMITED), |tuning| {
+        Box::new(FlightCovariance::new(tuning, false))
+    }),
+    ("`flight-solver` 0.2, `InverseQrRls`", "f32", Some("`flight-solver`, `InverseQrRls`"), |tuning| {
+        Box::new(FlightInverse::new(tuning))
+    }),
+    ("`idsp` 0.23, `kalman`, covariance / 0.999", "f32", Some("`idsp`, `kalman`, forgetting"), |tuning| {
+        Box::new(IdspKalman::new(tuning, false))
+    }),
+    ("`idsp` 0.23, `kalman`, random walk", "f32", Some(WALK), |tuning| Box::new(IdspKalman::new(tuning, true))),
 ];
 
+/// Ours.
+const OURS: &str = "ours: update (`inerter_core::rls`)";
 /// The one whose guard is set not to act.
 pub const UNLIMITED: &str = "`flight-solver`, `RlsParallel`, order limit off, variance 1e3";
 /// The one with a random walk.

@@ -8,9 +8,10 @@ use crate::{
     },
 };
 use inerter_core::{Backlash, BacklashSize, Changed, Interval, Reason, Route};
+use std::borrow::Borrow;
 
 /// One line of a table.
-fn line(cells: &[String]) -> String {
+fn line<S: Borrow<str>>(cells: &[S]) -> String {
     format!("| {} |\n", cells.join(" | "))
 }
 
@@ -74,7 +75,7 @@ law is one of first order in `w cs/ks`, which costs 0.2 % of ks at 13 Hz.
                 }))
             })
         };
-        text += &line(&[INSTRUMENT.into(), "-".into(), ours("mid"), "-".into(), ours("random")]);
+        text += &line(&[INSTRUMENT, "-", &ours("mid"), "-", &ours("random")]);
         for answer in self.answers {
             let mut cells = vec![answer.name.clone()];
             for motion in ["mid", "random"] {
@@ -123,7 +124,7 @@ polynomial, a new one at each reversal, and there is no `phi` for it. Value and 
             }
         }
         text += &line(&cells);
-        text + &line(&["every other".into(), "no such unknown".into(), "".into(), "no such unknown".into(), "".into()])
+        text + &line(&["every other", "no such unknown", "", "no such unknown", ""])
     }
 
     fn intervals(&self) -> String {
@@ -155,8 +156,7 @@ this device does not need: thinned, a covariance is the narrower one.
             coverage(&runs.collect::<Vec<_>>(), truth)
         };
         let ([random, random_width], [mid, _]) = (ours("random"), ours("mid"));
-        let none = || "-".to_owned();
-        text += &line(&[INSTRUMENT.into(), none(), random, random_width, mid, none(), none(), none()]);
+        text += &line(&[INSTRUMENT, "-", &random, &random_width, &mid, "-", "-", "-"]);
         for answer in self.answers {
             let cell = |question, truth| {
                 let runs: Option<Vec<_>> = answer
@@ -219,7 +219,7 @@ default. A short memory follows by itself; a long one must be told.
             (_, false) => "wrongly".into(),
         };
         let [short, long] = ours;
-        text += &line(&[INSTRUMENT.into(), short, long, announcement]);
+        text += &line(&[INSTRUMENT, &short, &long, &announcement]);
         for answer in self.answers {
             let [short, long] = MEMORIES_S.map(|memory_s| {
                 let outcomes = answer.to(self.cases, Question::Change { memory_s });
@@ -278,7 +278,7 @@ unknowns cannot be told apart.
                 unknown => format!("not identifiable in {unknown} of {SEEDS}"),
             }
         });
-        text += &line(&[INSTRUMENT.into(), "-".into(), short, "-".into(), long, "yes".into()]);
+        text += &line(&[INSTRUMENT, "-", &short, "-", &long, "yes"]);
         for answer in self.answers {
             let mut cells = vec![answer.name.clone()];
             for duration_s in SLOW_S {

@@ -8,13 +8,15 @@
 use inerter_tests::fuzz::{Conditions, Link, corpus, findings, stream};
 use inerter_wire::Request;
 
-use crate::{input::Input, wire};
+use crate::{
+    input::{Input, seed},
+    wire,
+};
 
 const PAYLOADS: u8 = 0x80;
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let (kind, portion) = (input.byte(), input.byte());
     let conditions = Conditions {
         portion: [64, 1, 3, 17, 200, 4_096, 1 + usize::from(portion)][usize::from(portion) % 7],
@@ -33,8 +35,8 @@ pub fn seeds() -> Vec<Vec<u8>> {
     let streams = corpus().expect("tests/corpus").into_iter().map(|item| item.bytes);
     let streams = streams.chain((0..40).map(|seed| stream(seed).bytes)).filter(|stream| stream.len() < 3_000);
     for (number, stream) in (0u8..).zip(streams) {
-        seeds.push([&[number & 0x0F, number][..], &stream].concat());
-        seeds.push([&[PAYLOADS | number & 0x0F, number][..], &wire::payloads(&stream)].concat());
+        seeds.push(seed(&[number & 0x0F, number], &stream));
+        seeds.push(seed(&[PAYLOADS | number & 0x0F, number], wire::payloads(&stream)));
     }
     seeds
 }

@@ -19,7 +19,7 @@ use inerter_data::{
 use inerter_plant::{Excitation, Inerter, Sensors, Simulation};
 use miette::Diagnostic;
 
-use crate::input::Input;
+use crate::input::{Input, seed};
 
 /// Settings given or not, by the bits of the first byte from bit 1 on.
 const GIVEN: [(&str, f64); 7] = [
@@ -36,10 +36,14 @@ const GIVEN: [(&str, f64); 7] = [
 const REPLAYED: usize = 1_000;
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let kind = input.byte();
     if kind & 1 == 1 { check_motion(input.rest()) } else { check_samples(kind >> 1, input.rest()) }
+}
+
+/// What was read; an error is displayed.
+pub fn shown<T>(read: Result<T, impl Diagnostic>) -> Option<T> {
+    read.inspect_err(|error| show(error)).ok()
 }
 
 /// Displays an error with its help and its place in the file.
@@ -53,19 +57,13 @@ pub fn show(error: &dyn Diagnostic) {
 }
 
 fn check_motion(bytes: &[u8]) {
-    let read = match motion::parse("m.csv", bytes) {
-        Ok(read) => read,
-        Err(error) => return show(&error),
-    };
+    let Some(read) = shown(motion::parse("m.csv", bytes)) else { return };
     assert!(read.period_s > 0.0 && read.period_s.is_finite() && read.terminal_m.len() >= 8);
     assert!(read.terminal_m.iter().all(|value| value.is_finite()));
 }
 
 fn check_samples(given: u8, bytes: &[u8]) {
-    let table = match parse("r.csv", bytes) {
-        Ok(table) => table,
-        Err(error) => return show(&error),
-    };
+    let Some(table) = shown(parse("r.csv", bytes)) else { return };
     let length = table.t_s.len();
     assert!(length > 0 && table.encoder_count.len() == length && table.force_n.len() == length);
     assert!(table.line.len() == length && [0, length].contains(&table.terminal_m.len()));
@@ -95,10 +93,13 @@ fn check_run(run: &Run) {
     let series = Series::of(run);
     let mut values = series.stretches.iter().flat_map(|stretch| stretch.position_m.iter().chain(&stretch.force_n));
     assert!(values.all(|value| value.is_finite()));
+    check_replay(run, REPLAYED);
+}
+
+/// Replays up to this many samples of a run.
+pub fn check_replay(run: &Run, most: usize) {
     if let Ok(mut replay) = Replay::new(&run.settings, run.start_s) {
-        for sample in run.samples.iter().take(REPLAYED) {
-            replay.step(sample).for_each(drop);
-        }
+        run.samples.iter().take(most).for_each(|sample| replay.step(sample).for_each(drop));
         assert!(replay.outcome().t_s.is_finite());
     }
 }
@@ -136,31 +137,30 @@ pub fn seeds() -> Vec<Vec<u8>> {
             table.force_n.push(f64::from(sample.force_code) * 2e-3);
         }
         let plain = text(&table);
-        seeds.push([&[kind], plain.as_bytes()].concat());
+        seeds.push(seed(&[kind], &plain));
         let european = plain.replace(',', ";").replace('.', ",");
-        seeds.push([&[kind], "# a comment\r\n\r\n".as_bytes(), european.replace('\n', "\r\n").as_bytes()].concat());
+        seeds.push(seed(&[kind], format!("# a comment\r\n\r\n{}", european.replace('\n', "\r\n"))));
         table.machine = Machine::Rotary;
         table.terminal_m = table.t_s.iter().map(|t_s| t_s.sin()).collect();
-        seeds.push([&[kind | 0b100000], text(&table).as_bytes()].concat());
-        seeds.push([&[kind], text(&table).replace(',', "\t").replace("force", "\"force\"").as_bytes()].concat());
+        seeds.push(seed(&[kind | 0b100000], text(&table)));
+        seeds.push(seed(&[kind], text(&table).replace(',', "\t").replace("force", "\"force\"")));
         // With a missing sample, and truncated.
         table.t_s.drain(5..6);
         table.machine = Machine::Linear;
         let cut = text(&table);
-        seeds.push([&[kind], &cut.as_bytes()[..cut.len() - 4]].concat());
+        seeds.push(seed(&[kind], &cut[..cut.len() - 4]));
     }
     let point = |k: u32| {
         let t_s = f64::from(k) * 1e-3;
         motion::Point { t_s, terminal_m: t_s.sin(), velocity_m_per_s: t_s.cos(), acceleration_m_per_s2: 0.0 }
     };
     for machine in [Machine::Linear, Machine::Rotary] {
-        let text = motion::text(machine, &["a motion".into()], (0..20).map(point));
-        seeds.push([&[1], text.as_bytes()].concat());
+        seeds.push(seed(&[1], motion::text(machine, &["a motion".into()], (0..20).map(point))));
     }
     for other in
         [&b"PK\x03\x04"[..], b"\xff\xfet\0_\0", b"t_s,encoder_count,force_n\n0,1.5,2\n", b"1,2,3\n", b"time;count\n"]
     {
-        seeds.push([&[2], other].concat());
+        seeds.push(seed(&[2], other));
     }
     seeds
 }

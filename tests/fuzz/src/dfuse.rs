@@ -164,14 +164,13 @@ fn image_of(length: usize) -> Rc<Image> {
 }
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    if let Ok(description) = str::from_utf8(input)
+pub fn check(mut input: Input) {
+    if let Ok(description) = str::from_utf8(input.0)
         && is_readable(description)
         && let Ok(DfuProtocol::Dfuse { memory_layout, .. }) = DfuProtocol::new(description, (1, 0x1A))
     {
         assert!(memory_layout.len() < 1 << 16, "{description}");
     }
-    let mut input = Input(input);
     let kind = input.byte();
     let [scripted, upload, leaves, told, hangs] = [0, 1, 2, 3, 4].map(|bit| kind >> bit & 1 == 1);
     let image = image_of(1 + usize::from(input.half() % 9_000));

@@ -50,45 +50,125 @@ const MOTIONS: [(&str, f64, f64); 8] = [
 ];
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let property = input.byte();
     let settings = settings(&mut input);
     let samples = samples(&mut input, &settings);
-    let all = run(&settings, &samples);
+    let run = Run::new(settings, samples);
     let [turn, position, force] = [0, 1, 2].map(|bit| property >> bit & 1 == 1);
     match (turn, position || force) {
-        (false, false) => check_again(&settings, &samples, &all),
-        (false, true) => check_elsewhere(&settings, &samples, &all, u32::from(property)),
-        (true, true) => check_turned(&settings, &samples, &all, position, force),
-        (true, false) => check_mirrored(&settings, &samples, &all),
+        (false, false) => run.check_again(),
+        (false, true) => run.check_elsewhere(u32::from(property)),
+        (true, true) => run.check_turned(position, force),
+        (true, false) => run.check_mirrored(),
     }
 }
 
-/// The results of a run.
+/// A run and its results.
 struct Run {
+    settings: Settings,
+    samples: Vec<RawSample>,
     outputs: Vec<Output>,
     last: Published,
     state: Box<State>,
     active: Active,
 }
 
-fn run(settings: &Settings, samples: &[RawSample]) -> Run {
-    let active = settings.validate().expect("settings that are valid");
-    let mut state = Box::new(State::new(&active));
-    let outputs = steps(&active, &mut state, samples);
-    let last = active.publish(&state);
-    check_published(&last);
-    assert_eq!(state.counters().samples, samples.len() as u64);
-    for bank in [Bank::Fast, Bank::Slow] {
-        check_sums(&active, &state, bank);
+impl Run {
+    fn new(settings: Settings, samples: Vec<RawSample>) -> Self {
+        let active = settings.validate().expect("settings that are valid");
+        let mut state = Box::new(State::new(&active));
+        let outputs = steps(&active, &mut state, &samples);
+        let last = active.publish(&state);
+        check_published(&last);
+        assert_eq!(state.counters().samples, samples.len() as u64);
+        for bank in [Bank::Fast, Bank::Slow] {
+            check_sums(&active, &state, bank);
+        }
+        Self { settings, samples, outputs, last, state, active }
     }
-    Run { outputs, last, state, active }
-}
 
-/// The results of a run with each sample changed.
-fn run_changed(settings: &Settings, samples: &[RawSample], change: impl Fn(&RawSample) -> RawSample) -> Run {
-    run(settings, &samples.iter().map(change).collect::<Vec<_>>())
+    /// The run with each sample changed.
+    fn changed(&self, settings: Settings, change: impl Fn(&RawSample) -> RawSample) -> Self {
+        Self::new(settings, self.samples.iter().map(change).collect())
+    }
+
+    /// A reset state must behave like a new one.
+    fn check_again(&self) {
+        let mut state = self.state.clone();
+        state.reset(&self.active);
+        assert_eq!(steps(&self.active, &mut state, &self.samples), self.outputs, "{:?}", self.settings);
+        assert_eq!(self.active.publish(&state), self.last);
+    }
+
+    /// The estimates must be equal bit for bit, whatever their index.
+    fn compare(&self, changed: &Self) {
+        let estimates = |run: &Self| -> Vec<Estimate> {
+            run.outputs.iter().filter_map(Output::estimate).map(|estimate| Estimate { index: 0, ..estimate }).collect()
+        };
+        let (one, other) = (estimates(changed), estimates(self));
+        assert_eq!(one.len(), other.len());
+        if let Some((one, other)) = one.iter().zip(&other).find(|(one, other)| one != other) {
+            panic!("{one:#?}\ninstead of\n{other:#?}\nwith {:?}", self.settings);
+        }
+    }
+
+    /// Counters with another origin must change nothing but the index.
+    fn check_elsewhere(&self, seed: u32) {
+        let (index, position) = (seed.wrapping_mul(0x9E37_79B9), seed.wrapping_mul(0x85EB_CA6B) as i32);
+        let moved = self.changed(self.settings, |sample| RawSample {
+            index: sample.index.wrapping_add(index),
+            position_count: sample.position_count.wrapping_add(position),
+            ..*sample
+        });
+        self.compare(&moved);
+        assert_eq!(moved.state.counters(), self.state.counters());
+    }
+
+    /// Inverted wiring, with settings that say so.
+    fn check_turned(&self, position: bool, force: bool) {
+        let Some((turned, code)) = turned_force(&self.settings) else { return };
+        let mut other = if force { turned } else { self.settings };
+        if position {
+            other.metres_per_count = -other.metres_per_count;
+        }
+        if force {
+            other.newtons_per_code = -other.newtons_per_code;
+        }
+        let turned = self.changed(other, |sample| RawSample {
+            position_count: if position { sample.position_count.wrapping_neg() } else { sample.position_count },
+            force_code: if force { code(sample.force_code) } else { sample.force_code },
+            ..*sample
+        });
+        self.compare(&turned);
+    }
+
+    /// The same device, moved in the opposite direction.
+    fn check_mirrored(&self) {
+        let Some((settings, code)) = turned_force(&self.settings) else { return };
+        let turned = self.changed(settings, |sample| RawSample {
+            position_count: sample.position_count.wrapping_neg(),
+            force_code: code(sample.force_code),
+            terminal_code: sample.terminal_code.wrapping_neg(),
+            ..*sample
+        });
+        let (here, there) = (self.last.estimate, turned.last.estimate);
+        // Otherwise a rounding has decided which bank is clear of steps, which samples are good, or whether the
+        // memories restart: the two know different data.
+        let is_alike = (here.bank, here.updates) == (there.bank, there.updates);
+        for (here, there, is_recent) in
+            [(here.recent, there.recent, true), (here.whole_run, there.whole_run, false)]
+        {
+            for (place, sign) in [1.0, 1.0, 1.0, -1.0].into_iter().enumerate() {
+                let (here, there) = (four(&here)[place], four(&there)[place]);
+                // The bank of the whole run is not published.
+                let must_fit = is_alike && is_recent && place == 0;
+                let judged = judge_mirrored(here, there, sign, is_alike, must_fit);
+                let judged = judged.unwrap_or_else(|wrong| panic!("{place}: {wrong}: {here:?} and {there:?}"));
+                judged.into_iter().for_each(tell_mirrored);
+            }
+        }
+    }
 }
 
 /// Runs the samples; returns the outputs that contain something.
@@ -164,38 +244,6 @@ fn check_sums(active: &Active, state: &State, bank: Bank) {
     assert!((ones - f64::from(sums.updates)).abs() <= 1e-9 * ones, "{ones} of {}", sums.updates);
 }
 
-/// A reset state must behave like a new one.
-fn check_again(settings: &Settings, samples: &[RawSample], all: &Run) {
-    let mut state = all.state.clone();
-    state.reset(&all.active);
-    assert_eq!(steps(&all.active, &mut state, samples), all.outputs, "{settings:?}");
-    assert_eq!(all.active.publish(&state), all.last);
-}
-
-/// The estimates must be equal bit for bit, whatever their index.
-fn compare(one: &Run, other: &Run, settings: &Settings) {
-    let estimates = |run: &Run| -> Vec<Estimate> {
-        run.outputs.iter().filter_map(Output::estimate).map(|estimate| Estimate { index: 0, ..estimate }).collect()
-    };
-    let (one, other) = (estimates(one), estimates(other));
-    assert_eq!(one.len(), other.len());
-    if let Some((one, other)) = one.iter().zip(&other).find(|(one, other)| one != other) {
-        panic!("{one:#?}\ninstead of\n{other:#?}\nwith {settings:?}");
-    }
-}
-
-/// Counters with another origin must change nothing but the index.
-fn check_elsewhere(settings: &Settings, samples: &[RawSample], all: &Run, seed: u32) {
-    let (index, position) = (seed.wrapping_mul(0x9E37_79B9), seed.wrapping_mul(0x85EB_CA6B) as i32);
-    let moved = run_changed(settings, samples, |sample| RawSample {
-        index: sample.index.wrapping_add(index),
-        position_count: sample.position_count.wrapping_add(position),
-        ..*sample
-    });
-    compare(&moved, all, settings);
-    assert_eq!(moved.state.counters(), all.state.counters());
-}
-
 /// Mirrors the force code about zero, with matching settings. `None` if the mirrored limits are not valid.
 fn turned_force(settings: &Settings) -> Option<(Settings, impl Fn(i32) -> i32)> {
     let zero = settings.force_zero_code as i64;
@@ -209,50 +257,6 @@ fn turned_force(settings: &Settings) -> Option<(Settings, impl Fn(i32) -> i32)> 
     // A code beyond 32 bits saturates on both sides.
     let turn = move |code: i32| (2 * zero - i64::from(code)).clamp(i32::MIN.into(), i32::MAX.into()) as i32;
     Some((turned_settings, turn))
-}
-
-/// Inverted wiring, with settings that say so.
-fn check_turned(settings: &Settings, samples: &[RawSample], all: &Run, position: bool, force: bool) {
-    let Some((turned, code)) = turned_force(settings) else { return };
-    let mut other = if force { turned } else { *settings };
-    if position {
-        other.metres_per_count = -other.metres_per_count;
-    }
-    if force {
-        other.newtons_per_code = -other.newtons_per_code;
-    }
-    let turned = run_changed(&other, samples, |sample| RawSample {
-        position_count: if position { sample.position_count.wrapping_neg() } else { sample.position_count },
-        force_code: if force { code(sample.force_code) } else { sample.force_code },
-        ..*sample
-    });
-    compare(&turned, all, settings);
-}
-
-/// The same device, moved in the opposite direction.
-fn check_mirrored(settings: &Settings, samples: &[RawSample], all: &Run) {
-    let Some((settings, code)) = turned_force(settings) else { return };
-    let turned = run_changed(&settings, samples, |sample| RawSample {
-        position_count: sample.position_count.wrapping_neg(),
-        force_code: code(sample.force_code),
-        terminal_code: sample.terminal_code.wrapping_neg(),
-        ..*sample
-    });
-    let (here, there) = (all.last.estimate, turned.last.estimate);
-    // Otherwise a rounding has decided which bank is clear of steps, which samples are good, or whether the memories
-    // restart: the two know different data.
-    let is_alike = (here.bank, here.updates) == (there.bank, there.updates);
-    for (here, there, is_recent) in [(here.recent, there.recent, true), (here.whole_run, there.whole_run, false)] {
-        for (place, sign) in [1.0, 1.0, 1.0, -1.0].into_iter().enumerate() {
-            let (here, there) = (four(&here)[place], four(&there)[place]);
-            // The bank of the whole run is not published.
-            let must_fit = is_alike && is_recent && place == 0;
-            let judged = judge_mirrored(here, there, sign, is_alike, must_fit);
-            if let Some(judged) = judged.unwrap_or_else(|wrong| panic!("{place}: {wrong}: {here:?} and {there:?}")) {
-                tell_mirrored(judged);
-            }
-        }
-    }
 }
 
 /// By what a value in the mirror was judged.
@@ -459,9 +463,7 @@ fn samples(input: &mut Input, settings: &Settings) -> Vec<RawSample> {
 
 /// The records that a simulated device sends.
 pub fn records() -> Vec<Record> {
-    let settings = calibrated();
-    let samples = &motions()[4];
-    let Run { outputs, last, state, active } = run(&settings, samples);
+    let Run { samples, outputs, last, state, active, .. } = Run::new(calibrated(), motions()[4].clone());
     let mut records: Vec<Record> =
         samples.chunks(32).step_by(40).map(|samples| Record::Samples(Samples::from_slice(samples).0)).collect();
     for Published { estimate, law, detail } in

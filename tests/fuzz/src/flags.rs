@@ -13,7 +13,7 @@ use clap::{Arg, ArgAction, Command, value_parser};
 use inerter_flags::{FlagsFile, Rules, apply};
 use inerter_serve::loopback;
 
-use crate::{csv::show, input::Input, scratch::Scratch};
+use crate::{csv::shown, input::Input, scratch};
 
 /// Flags that an automatically found file must not set.
 const GRAVE: [&str; 2] = ["force", "output"];
@@ -54,19 +54,15 @@ fn command() -> Command {
 }
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let first = input.byte();
     let (is_named, count) = (first & 1 == 1, usize::from(first >> 1) % 8);
     let words = input.take(count).iter().filter_map(|byte| WORDS.get(usize::from(*byte) % WORDS.len()));
     let typed: Vec<OsString> = ["inerter"].iter().chain(words).map(OsString::from).collect();
-    let scratch = Scratch::of(input.rest());
-    let file = FlagsFile { path: scratch.path().into(), is_named };
+    let scratch = scratch::file(input.rest());
+    let file = FlagsFile { path: scratch.to_path_buf(), is_named };
     let rules = Rules { grave: &GRAVE, is_here: |place| loopback(place).is_some() };
-    let applied = match apply(&command(), &file, &typed, &rules) {
-        Ok(applied) => applied,
-        Err(error) => return show(&error),
-    };
+    let Some(applied) = shown(apply(&command(), &file, &typed, &rules)) else { return };
     assert_eq!(applied.line.len(), typed.len() + applied.flags.len());
     let mut line = applied.line.iter();
     assert!(typed.iter().all(|word| line.any(|other| other == word)), "{typed:?} in {:?}", applied.line);

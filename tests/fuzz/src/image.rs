@@ -12,7 +12,10 @@ use inerter_device::{
     image::Image,
 };
 
-use crate::{csv::show, input::Input};
+use crate::{
+    csv::shown,
+    input::{Input, counted, seed},
+};
 
 #[path = "../../../host-tools/device/src/image/elf_file.rs"]
 mod elf_file;
@@ -20,8 +23,7 @@ mod elf_file;
 pub use elf_file::{ARM, code, elf, image};
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     match input.byte() % 3 {
         0 => check_file(input.rest()),
         1 => check_file(&[&code(0, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re"), input.rest()].concat()),
@@ -36,10 +38,7 @@ pub fn check(input: &[u8]) {
 }
 
 fn check_file(bytes: &[u8]) {
-    let image = match Image::parse("f.elf".into(), bytes) {
-        Ok(image) => image,
-        Err(error) => return show(&error),
-    };
+    let Some(image) = shown(Image::parse("f.elf".into(), bytes)) else { return };
     let pages: Vec<(u32, &[u8])> = image.pages().collect();
     assert!(pages.len() == image.page_count() && pages.windows(2).all(|pair| pair[0].0 < pair[1].0));
     for (address, content) in &pages {
@@ -70,17 +69,17 @@ fn check_file(bytes: &[u8]) {
 pub fn seeds() -> Vec<Vec<u8>> {
     let plain = code(300, "inerter 0.1.0", "c8a2d5a", "nucleo-g474re");
     let whole = image(300, "inerter 0.1.0", "c8a2d5a");
-    let mut seeds = vec![[&[0], &whole[..]].concat(), [&[0], &plain[..]].concat(), vec![1, 7, 7, 7]];
-    let segment = |address: u32, bytes: &[u8]| [&address.to_le_bytes()[..], &crate::input::counted(bytes)].concat();
+    let mut seeds = vec![seed(&[0], &whole), seed(&[0], &plain), vec![1, 7, 7, 7]];
+    let segment = |address: u32, bytes: &[u8]| seed(&address.to_le_bytes(), counted(bytes));
     for others in [vec![], segment(0x0802_0004, &[7; 9]), segment(0x0807_C000, &[1]), segment(0x2000_0000, &[1, 2])] {
         seeds.push([vec![2], segment(CODE.start, &plain), others].concat());
     }
-    seeds.push([&[0], &elf(243, &[(CODE.start, &plain[..])])[..]].concat());
-    seeds.push([&[0], &whole[..whole.len() - 9]].concat());
+    seeds.push(seed(&[0], elf(243, &[(CODE.start, &plain[..])])));
+    seeds.push(seed(&[0], &whole[..whole.len() - 9]));
     for other in
         [&b":020000040800F2\n"[..], b"DfuSe\x01", b"UF2\nWQ]\x9e", b"S00600004844521B\n", b"!<arch>\n", b"t_s,x\n"]
     {
-        seeds.push([&[0], other].concat());
+        seeds.push(seed(&[0], other));
     }
     seeds
 }

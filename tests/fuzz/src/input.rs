@@ -51,8 +51,13 @@ impl<'a> Input<'a> {
     }
 }
 
+/// An input of these bytes, one after the other.
+pub fn seed(head: &[u8], rest: impl AsRef<[u8]>) -> Vec<u8> {
+    [head, rest.as_ref()].concat()
+}
+
 /// Encodes bytes for [`Input::counted`].
-pub fn counted(bytes: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(bytes.len()).unwrap_or(u16::MAX);
-    [&length.to_le_bytes()[..], bytes].concat()
+pub fn counted(bytes: impl AsRef<[u8]>) -> Vec<u8> {
+    let length = u16::try_from(bytes.as_ref().len()).unwrap_or(u16::MAX);
+    seed(&length.to_le_bytes(), bytes)
 }

@@ -22,6 +22,8 @@ mod scratch;
 pub mod settings;
 pub mod wire;
 
+pub use input::Input;
+
 // The shared test files of inerter-device expect this name.
 use inerter_device::board;
 
@@ -35,7 +37,7 @@ pub const SEEDS: &str = "INERTER_FUZZ_SEEDS";
 macro_rules! target {
     ($name:ident) => {
         libfuzzer_sys::fuzz_target!(init: $crate::write_seeds($crate::$name::seeds), |input: &[u8]| {
-            $crate::$name::check(input)
+            $crate::$name::check($crate::Input(input))
         });
     };
 }
@@ -72,8 +74,8 @@ mod tests {
                 let seeds = crate::$name::seeds();
                 let corpus = unpacked(include_bytes!(concat!("../corpus/", stringify!($name))));
                 assert!(seeds.len() > 3 && corpus.len() > 3);
-                seeds.iter().map(Vec::as_slice).chain(corpus).for_each(crate::$name::check);
-                crate::$name::check(&[]);
+                seeds.iter().map(Vec::as_slice).chain(corpus).map(crate::Input).for_each(crate::$name::check);
+                crate::$name::check(crate::Input(&[]));
             }
         )+};
     }

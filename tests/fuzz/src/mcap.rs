@@ -6,13 +6,12 @@
 //! Properties: all readers agree on the contents of a file. A cut over the whole time contains the same samples. The
 //! recorder's output reads back frame by frame. Every error can be displayed.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use inerter_core::{RawSample, Settings};
 use inerter_data::{
     Error,
     recording::{self, Ending, Item, Recorder},
-    replay::Replay,
     settings::Overrides,
 };
 use inerter_wire::{
@@ -20,10 +19,9 @@ use inerter_wire::{
 };
 
 use crate::{
-    csv::show,
-    input::{Input, counted},
-    scratch::Scratch,
-    wire,
+    csv::{check_replay, show, shown},
+    input::{Input, counted, seed},
+    scratch, wire,
 };
 
 const MESSAGES: u8 = 1;
@@ -32,12 +30,10 @@ const EDIT: u8 = 2;
 const REPLAYED: usize = 500;
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let kind = input.byte();
     if kind & MESSAGES == 0 {
-        let file = Scratch::of(input.rest());
-        check_file(file.path(), kind & EDIT != 0);
+        check_file(&scratch::file(input.rest()), kind & EDIT != 0);
     } else {
         check_recorder(input, kind & EDIT != 0);
     }
@@ -49,17 +45,9 @@ fn check_file(path: &Path, edit: bool) {
         frames += u32::from(matches!(incoming.item, Item::Frame(Frame::Message { .. })))
     });
     let summary = recording::summary(path);
-    let contents = match contents {
-        Ok(contents) => contents,
-        Err(error) => {
-            assert!(summary.is_err());
-            return show(&error);
-        }
-    };
+    let Some(contents) = shown(contents) else { return assert!(summary.is_err()) };
     assert_eq!(contents.counts.messages, frames);
-    let one_by_one: Vec<RawSample> =
-        recording::samples(path).expect("what was read").map(|sample| sample.expect("what was read")).collect();
-    let overrides = Overrides::default();
+    let one_by_one = samples(path);
     let summary = match summary {
         Ok(summary) => summary,
         Err(error) => {
@@ -70,39 +58,34 @@ fn check_file(path: &Path, edit: bool) {
     assert_eq!(summary.extent.samples, one_by_one.len() as u64);
     assert_eq!(summary.contents.counts, contents.counts);
     assert!(summary.extent.periods >= summary.extent.missing);
-    match recording::read_run(path, &overrides) {
-        Ok(run) => {
-            assert_eq!(run.samples, one_by_one);
-            assert_eq!(run.elapsed().last().map(|(elapsed, _)| elapsed), Some(summary.extent.periods));
-            if let Ok(mut replay) = Replay::new(&run.settings, run.start_s) {
-                run.samples.iter().take(REPLAYED).for_each(|sample| replay.step(sample).for_each(drop));
-                assert!(replay.outcome().t_s.is_finite());
-            }
-        }
-        Err(error) => show(&error),
+    if let Some(run) = shown(recording::read_run(path, &Overrides::default())) {
+        assert_eq!(run.samples, one_by_one);
+        assert_eq!(run.elapsed().last().map(|(elapsed, _)| elapsed), Some(summary.extent.periods));
+        check_replay(&run, REPLAYED);
     }
     if edit && summary.settings.is_some() && !one_by_one.is_empty() {
         check_edit(path, &one_by_one);
     }
 }
 
-fn check_edit(path: &Path, all: &[RawSample]) {
-    let (everything, merged) = (Scratch::new(), Scratch::new());
-    let go_on = |_| Ok::<(), Error>(());
-    let samples = |path: &Path| -> Vec<RawSample> {
-        recording::samples(path).expect("a recording").map(|sample| sample.expect("a sample")).collect()
-    };
-    let cut =
-        recording::cut(path, f64::NEG_INFINITY..f64::INFINITY, everything.path(), false, go_on).expect("all of it");
-    assert_eq!(cut.samples, all.len() as u64);
-    assert_eq!(samples(everything.path()), all, "a part that is everything");
-    let paths: [PathBuf; 1] = [everything.path().into()];
-    let put_together = recording::merge(&paths, merged.path(), false, go_on).expect("one in a row");
-    assert_eq!((put_together.samples, put_together.frames), (cut.samples, cut.frames));
-    assert_eq!(samples(merged.path()), all);
+/// The samples of a recording that can be read.
+fn samples(path: &Path) -> Vec<RawSample> {
+    recording::samples(path).expect("a recording").map(|sample| sample.expect("a sample")).collect()
 }
 
-fn hello() -> Hello {
+fn check_edit(path: &Path, all: &[RawSample]) {
+    let (everything, merged) = (scratch::path(), scratch::path());
+    let go_on = |_| Ok::<(), Error>(());
+    let cut = recording::cut(path, f64::NEG_INFINITY..f64::INFINITY, &everything, false, go_on).expect("all of it");
+    assert_eq!(cut.samples, all.len() as u64);
+    assert_eq!(samples(&everything), all, "a part that is everything");
+    let put_together = recording::merge(&[everything.to_path_buf()], &merged, false, go_on).expect("one in a row");
+    assert_eq!((put_together.samples, put_together.frames), (cut.samples, cut.frames));
+    assert_eq!(samples(&merged), all);
+}
+
+/// A device that could have made a recording.
+pub fn hello() -> Hello {
     Hello {
         wire_version: WIRE_VERSION,
         firmware: Hello::text("inerter 0.1.0"),
@@ -116,8 +99,8 @@ fn hello() -> Hello {
 }
 
 fn check_recorder(mut input: Input, edit: bool) {
-    let file = Scratch::new();
-    let (frames, remarks) = record(&mut input, file.path()).expect("a file that can be written");
+    let file = scratch::path();
+    let (frames, remarks) = record(&mut input, &file).expect("a file that can be written");
     let (mut reader, mut expected) = (FrameReader::<Record>::new(), Vec::new());
     for frame in &frames {
         for mut part in [&frame[..], &[DELIMITER]] {
@@ -127,7 +110,7 @@ fn check_recorder(mut input: Input, edit: bool) {
         }
     }
     let (mut found, mut marked) = (Vec::new(), Vec::new());
-    let contents = recording::read(file.path(), |incoming| match incoming.item {
+    let contents = recording::read(&file, |incoming| match incoming.item {
         Item::Frame(frame) => found.push(format!("{frame:?}")),
         Item::Marker(text) => marked.push(text),
     });
@@ -135,7 +118,7 @@ fn check_recorder(mut input: Input, edit: bool) {
     assert_eq!((contents.ending, &contents.counts), (Ending::Closed, reader.counts()));
     assert_eq!(found, expected);
     assert_eq!(marked, remarks);
-    check_file(file.path(), edit);
+    check_file(&file, edit);
 }
 
 type Written = (Vec<Vec<u8>>, Vec<String>);
@@ -187,26 +170,26 @@ pub fn seeds() -> Vec<Vec<u8>> {
     for (place, frame) in (0u8..).zip(&frames) {
         // Kind and payload, without the step and the length that `payloads` prepends.
         let payload = wire::payloads(frame).split_off(3);
-        let message = [&[4 + place % 4, 60][..], &counted(&payload)].concat();
+        let message = seed(&[4 + place % 4, 60], counted(payload));
         messages.extend(&message);
         if place == 7 {
-            messages.extend([&[0, 1][..], &counted(b"the cable was moved")].concat());
+            messages.extend(seed(&[0, 1], counted(b"the cable was moved")));
         }
-        alone.push([&[MESSAGES | EDIT, place & 1][..], &message].concat());
+        alone.push(seed(&[MESSAGES | EDIT, place & 1], &message));
     }
     let mut seeds = vec![messages];
     seeds.extend(alone);
     for (describe, count) in [(0, frames.len()), (0, 3), (1, 5), (0, 0)] {
-        let file = Scratch::new();
+        let file = scratch::path();
         let all: Vec<u8> = frames
             .iter()
             .take(count)
-            .flat_map(|frame| [&[5, 100][..], &counted(&wire::payloads(frame).split_off(3))].concat())
+            .flat_map(|frame| seed(&[5, 100], counted(wire::payloads(frame).split_off(3))))
             .collect();
-        record(&mut Input(&[&[describe][..], &all].concat()), file.path()).expect("a file that can be written");
-        let bytes = std::fs::read(file.path()).expect("a file that was written");
-        seeds.push([&[EDIT], &bytes[..]].concat());
-        seeds.push([&[0], &bytes[..bytes.len() * 2 / 3]].concat());
+        record(&mut Input(&seed(&[describe], all)), &file).expect("a file that can be written");
+        let bytes = std::fs::read(&file).expect("a file that was written");
+        seeds.push(seed(&[EDIT], &bytes));
+        seeds.push(seed(&[0], &bytes[..bytes.len() * 2 / 3]));
     }
     seeds
 }

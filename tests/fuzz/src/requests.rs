@@ -7,16 +7,12 @@
 //! characters that are allowed in a header.
 
 use std::{
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering::SeqCst},
-    },
+    sync::atomic::{AtomicBool, Ordering::SeqCst},
     time::Duration,
 };
 
 use axum::{
     Router,
-    extract::State,
     extract::ws::{Message, WebSocket, WebSocketUpgrade},
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
@@ -28,7 +24,7 @@ use tokio::{
     time::timeout,
 };
 
-use crate::input::{Input, counted};
+use crate::input::{Input, counted, seed};
 
 /// Maximum length of a WebSocket message \[bytes\].
 const MOST: usize = 64;
@@ -36,17 +32,18 @@ const MOST: usize = 64;
 /// timeouts.
 const HANGS: Duration = Duration::from_secs(2);
 
+/// Whether more than that of a message was ever kept: a panic in the task of a connection would go unnoticed.
+static HAS_KEPT_MUCH: AtomicBool = AtomicBool::new(false);
+
 /// Checks an input.
-pub fn check(input: &[u8]) {
+pub fn check(mut input: Input) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().expect("a runtime");
-    let has_kept_much = Arc::new(AtomicBool::new(false));
-    let router = router(has_kept_much.clone());
+    let router = guarded(Router::new().route("/", get(page)).route("/live", get(live)));
     let answer = runtime.block_on(async {
         let (mut ours, theirs) = duplex(4096);
         let server = tokio::spawn(serve_connection(theirs, router));
         let (mut reader, mut writer) = tokio::io::split(&mut ours);
         let ask = async {
-            let mut input = Input(input);
             while !input.is_empty() {
                 // Fails once the server has closed the connection.
                 if writer.write_all(input.counted()).await.is_err() {
@@ -63,12 +60,8 @@ pub fn check(input: &[u8]) {
         timeout(HANGS, server).await.expect("it ends").expect("it does not panic");
         answer
     });
-    assert!(!has_kept_much.load(SeqCst), "more than {MOST} bytes of a message were kept");
+    assert!(!HAS_KEPT_MUCH.load(SeqCst), "more than {MOST} bytes of a message were kept");
     assert!(answer.is_empty() || answer.starts_with(b"HTTP/1."), "{:?}", String::from_utf8_lossy(&answer));
-}
-
-fn router(has_kept_much: Arc<AtomicBool>) -> Router {
-    guarded(Router::new().route("/", get(page)).route("/live", get(live)).with_state(has_kept_much))
 }
 
 async fn page(headers: HeaderMap) -> Response {
@@ -76,20 +69,20 @@ async fn page(headers: HeaderMap) -> Response {
     StatusCode::OK.into_response()
 }
 
-async fn live(State(flag): State<Arc<AtomicBool>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn live(headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
     assert_is_of_here(&headers);
-    limited(upgrade, MOST).on_upgrade(|socket| talk(socket, flag))
+    limited(upgrade, MOST).on_upgrade(talk)
 }
 
-/// Echoes messages. Sets the flag if one is too long, because a panic in this task would go unnoticed.
-async fn talk(mut socket: WebSocket, has_kept_much: Arc<AtomicBool>) {
+/// Echoes messages.
+async fn talk(mut socket: WebSocket) {
     while let Some(Ok(message)) = socket.recv().await {
         let length = match &message {
             Message::Text(text) => text.len(),
             Message::Binary(bytes) | Message::Ping(bytes) | Message::Pong(bytes) => bytes.len(),
             Message::Close(_) => 0,
         };
-        has_kept_much.fetch_or(length > MOST, SeqCst);
+        HAS_KEPT_MUCH.fetch_or(length > MOST, SeqCst);
         if send(&mut socket, message).await.is_none() {
             return;
         }
@@ -112,20 +105,19 @@ fn assert_is_of_here(headers: &HeaderMap) {
 pub fn seeds() -> Vec<Vec<u8>> {
     let upgrade = "GET /live HTTP/1.1\r\nHost: localhost:9\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\
                    Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
-    let texts = [
-        "GET / HTTP/1.1\r\nHost: 127.0.0.1:9\r\n\r\n".to_string(),
-        "GET / HTTP/1.1\r\nHost: [::1]:9\r\nOrigin: http://[::1]:9\r\n\r\n".into(),
-        "GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n".into(),
-        "GET / HTTP/1.1\r\nHost: [0::1]:+5\r\n\r\n".into(),
-        "GET / HTTP/1.1\r\nHost: [::1%1]:9\r\n\r\n".into(),
-        "GET / HTTP/1.1\r\nHost: LOCALHOST:09; x\r\nHost: localhost\r\nOrigin: null\r\n\r\n".into(),
-        "GET / HTTP/1.0\r\n\r\nGET /live HTTP/1.1\r\nHost: localhost\r\n\r\n".into(),
-        "POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n12345".into(),
-        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n12345\r\n0\r\n\r\n".into(),
-        format!("{upgrade}\r\n"),
-        format!("{upgrade}Origin: http://localhost:9\r\n\r\n"),
-        format!("{upgrade}Origin: http://evil.example\r\n\r\n"),
+    let plain = [
+        "GET / HTTP/1.1\r\nHost: 127.0.0.1:9\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: [::1]:9\r\nOrigin: http://[::1]:9\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: [0::1]:+5\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: [::1%1]:9\r\n\r\n",
+        "GET / HTTP/1.1\r\nHost: LOCALHOST:09; x\r\nHost: localhost\r\nOrigin: null\r\n\r\n",
+        "GET / HTTP/1.0\r\n\r\nGET /live HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        "POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n12345",
+        "POST / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n5\r\n12345\r\n0\r\n\r\n",
     ];
+    let origins = ["", "Origin: http://localhost:9\r\n", "Origin: http://evil.example\r\n"];
+    let upgrades = origins.map(|origin| counted(format!("{upgrade}{origin}\r\n")));
     // A text, a ping, a fragment without an end, a frame that is too long, a close; masked with zeros.
     let frames: [&[u8]; 5] = [
         b"\x81\x82\0\0\0\0hi",
@@ -134,11 +126,12 @@ pub fn seeds() -> Vec<Vec<u8>> {
         b"\x82\xff\0\0\0\0\x7f\xff\xff\xff\0\0\0\0",
         b"\x88\x82\0\0\0\0\x03\xe8",
     ];
-    let mut seeds: Vec<Vec<u8>> = texts.iter().map(|text| counted(text.as_bytes())).collect();
+    let mut seeds: Vec<Vec<u8>> = plain.map(counted).into();
+    seeds.extend(upgrades.clone());
     for frame in frames {
-        seeds.push([counted(format!("{upgrade}\r\n").as_bytes()), counted(frame)].concat());
+        seeds.push(seed(&upgrades[0], counted(frame)));
     }
-    let (begin, end) = texts[0].split_at(20);
-    seeds.push([counted(begin.as_bytes()), counted(end.as_bytes())].concat());
+    let (begin, end) = plain[0].split_at(20);
+    seeds.push([counted(begin), counted(end)].concat());
     seeds
 }

@@ -18,15 +18,14 @@ use inerter_wire::{
 
 use crate::{
     estimator,
-    input::{Input, counted},
+    input::{Input, counted, seed},
 };
 
 const REQUESTS: u8 = 1;
 const PAYLOADS: u8 = 2;
 
 /// Checks an input.
-pub fn check(input: &[u8]) {
-    let mut input = Input(input);
+pub fn check(mut input: Input) {
     let kind = input.byte();
     let has_payloads = kind & PAYLOADS != 0;
     if kind & REQUESTS == 0 {
@@ -61,37 +60,25 @@ pub fn frame<T: Message>(payload: &[u8], sequence: u16) -> Vec<u8> {
     out[..length].to_vec()
 }
 
-/// A decoded frame in comparable form, also if the message contains NaN.
-#[derive(Debug, PartialEq)]
-struct Found {
-    what: Frame<()>,
-    message: Vec<u8>,
-    frame: Vec<u8>,
-}
+/// A frame in comparable form, also if its message contains NaN: sequence number and encoding of the message, or what
+/// else was found; and the frame's bytes.
+type Found<T> = (Result<(u16, Vec<u8>), Frame<T>>, Vec<u8>);
 
 fn read<'a, T: Message>(
     portions: impl IntoIterator<Item = &'a [u8]>,
     mut each: impl FnMut(&T),
-) -> (Vec<Found>, Counts) {
+) -> (Vec<Found<T>>, Counts) {
     let (mut reader, mut found) = (FrameReader::<T>::new(), Vec::new());
     for mut input in portions {
         while let Some(frame) = reader.read(&mut input) {
-            let (what, message) = match frame {
+            let what = match frame {
                 Frame::Message { sequence, message } => {
                     each(&message);
-                    (Frame::Message { sequence, message: () }, encoded(&message, sequence))
+                    Ok((sequence, encoded(&message, sequence)))
                 }
-                Frame::Lost { frames } => (Frame::Lost { frames }, Vec::new()),
-                Frame::Restarted => (Frame::Restarted, Vec::new()),
-                Frame::Corrupt(corruption) => (Frame::Corrupt(corruption), Vec::new()),
-                Frame::Unknown { sequence, number, request } => {
-                    (Frame::Unknown { sequence, number, request }, Vec::new())
-                }
-                Frame::ForeignVersion { sequence, wire_version } => {
-                    (Frame::ForeignVersion { sequence, wire_version }, Vec::new())
-                }
+                other => Err(other),
             };
-            found.push(Found { what, message, frame: reader.frame_bytes().to_vec() });
+            found.push((what, reader.frame_bytes().to_vec()));
         }
         assert!(input.is_empty(), "bytes left over");
     }
@@ -105,21 +92,21 @@ fn encoded<T: Message>(message: &T, sequence: u16) -> Vec<u8> {
     out[..length].to_vec()
 }
 
-fn check_stream<T: Message + Debug>(stream: &[u8], portions: u8, each: impl Fn(&T)) {
+fn check_stream<T: Message + Debug + PartialEq>(stream: &[u8], portions: u8, each: impl Fn(&T)) {
     let whole = read([stream], &each);
     let size = 1 + usize::from(portions);
     assert_eq!(read::<T>(stream.chunks(size), |_| ()), whole, "in portions of {size}");
     let (head, tail) = stream.split_at(stream.len() * size / 64);
     assert_eq!(read::<T>([head, &[], tail], |_| ()), whole, "cut at {}", head.len());
     let (found, counts) = whole;
-    let count = |is: fn(&Frame<()>) -> bool| found.iter().filter(|found| is(&found.what)).count() as u32;
-    assert_eq!(counts.messages, count(|frame| matches!(frame, Frame::Message { .. })));
-    assert_eq!(counts.corrupt(), count(|frame| matches!(frame, Frame::Corrupt(_))));
-    for Found { what, message, .. } in &found {
-        let Frame::Message { sequence, .. } = *what else { continue };
+    let count = |is: fn(&Found<T>) -> bool| found.iter().filter(|found| is(found)).count() as u32;
+    assert_eq!(counts.messages, count(|(what, _)| what.is_ok()));
+    assert_eq!(counts.corrupt(), count(|(what, _)| matches!(what, Err(Frame::Corrupt(_)))));
+    for (what, _) in &found {
+        let Ok((_, message)) = what else { continue };
         let (again, _) = read::<T>([&message[..]], |_| ());
-        let [Found { what, message: twice, frame }] = &again[..] else { panic!("{again:?}") };
-        assert_eq!((what, twice), (&Frame::Message { sequence, message: () }, message), "written and read back");
+        let [(twice, frame)] = &again[..] else { panic!("{again:?}") };
+        assert_eq!(twice, what, "written and read back");
         assert_eq!(message.strip_suffix(&[DELIMITER]), Some(&frame[..]));
     }
 }
@@ -210,8 +197,8 @@ pub fn payloads(stream: &[u8]) -> Vec<u8> {
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut seeds = Vec::new();
     let mut add = |requests: u8, stream: &[u8]| {
-        seeds.push([&[requests | 20 << 2][..], stream].concat());
-        seeds.push([&[requests | PAYLOADS][..], &payloads(stream)].concat());
+        seeds.push(seed(&[requests | 20 << 2], stream));
+        seeds.push(seed(&[requests | PAYLOADS], payloads(stream)));
     };
     let frames = frames();
     add(0, &frames.concat());

@@ -13,7 +13,7 @@ mod emps;
 mod lodz;
 mod samples;
 
-pub use samples::{Error, Samples};
+pub use samples::{Error, Row};
 
 use std::{
     collections::BTreeMap,
@@ -24,7 +24,8 @@ use std::{
 /// Converts the originals into the folder; says what was written.
 pub fn convert(files: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut written = Vec::new();
-    let mut pairs = BTreeMap::<String, Pair>::new();
+    // The servo's log and the card's of each run.
+    let mut pairs = BTreeMap::<String, [Option<PathBuf>; 2]>::new();
     for file in files {
         let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if name.ends_with(".mat") {
@@ -33,17 +34,17 @@ pub fn convert(files: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> 
             let name = format!("arts/{}.csv", test.to_lowercase().replace("hz", "hz_"));
             written.push(write(folder, &name, of(file, arts::samples))?);
         } else if let Some(run) = name.strip_suffix("_mr.csv") {
-            pairs.entry(run.into()).or_default().servo = Some(file.clone());
+            pairs.entry(run.into()).or_default()[0] = Some(file.clone());
         } else if let Some(run) = name.strip_suffix("_ni.csv") {
-            pairs.entry(run.into()).or_default().card = Some(file.clone());
+            pairs.entry(run.into()).or_default()[1] = Some(file.clone());
         } else {
             return Err(
                 format!("{}: by its name none of the recordings that docs/DATA.md lists", file.display()).into()
             );
         }
     }
-    for (run, Pair { servo, card }) in pairs {
-        let (Some(servo), Some(card)) = (&servo, &card) else {
+    for (run, pair) in pairs {
+        let [Some(servo), Some(card)] = &pair else {
             return Err(
                 format!("{run}: both {run}_mr.csv, the servo's log, and {run}_ni.csv, the card's, are needed").into()
             );
@@ -57,22 +58,15 @@ pub fn convert(files: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, Error> 
     Ok(written)
 }
 
-/// The two logs of one run.
-#[derive(Default)]
-struct Pair {
-    servo: Option<PathBuf>,
-    card: Option<PathBuf>,
-}
-
 /// Reads a file; an error names it.
 fn of<T>(file: &Path, read: impl Fn(&[u8]) -> Result<T, Error>) -> Result<T, Error> {
     let bytes = fs::read(file).map_err(Error::from);
     bytes.and_then(|bytes| read(&bytes)).map_err(|error| format!("{}: {error}", file.display()).into())
 }
 
-fn write(folder: &Path, name: &str, samples: Result<Samples, Error>) -> Result<PathBuf, Error> {
-    let (samples, path) = (samples?, folder.join(name));
+fn write(folder: &Path, name: &str, rows: Result<Vec<Row>, Error>) -> Result<PathBuf, Error> {
+    let (rows, path) = (rows?, folder.join(name));
     fs::create_dir_all(path.parent().unwrap_or(folder))?;
-    fs::write(&path, samples.csv()).map_err(|error| format!("{}: {error}", path.display()))?;
+    fs::write(&path, samples::csv(&rows)).map_err(|error| format!("{}: {error}", path.display()))?;
     Ok(path)
 }

@@ -7,7 +7,7 @@
 //! Position is the integral of the servo's speed. The potentiometer shows the same motion on the card's clock, coarsely: the
 //! servo's clock is moved until both agree best. Time starts with the first sample of the card that both have.
 
-use crate::samples::{Error, Samples};
+use crate::samples::{Error, Row};
 
 /// Travel per turn of the motor, whose positive turn pulls \[m\].
 const TRAVEL_M: f64 = -0.020;
@@ -131,7 +131,7 @@ fn later_s(servo: &Series, potentiometer: &Series) -> f64 {
 }
 
 /// Both on one clock.
-pub fn join(servo: &Series, card: &Card) -> Result<Samples, Error> {
+pub fn join(servo: &Series, card: &Card) -> Result<Vec<Row>, Error> {
     let later_s = later_s(servo, &card.position);
     let interval_s = card.position.interval_s;
     let first = (later_s / interval_s).ceil().max(0.0) as usize;
@@ -146,7 +146,7 @@ pub fn join(servo: &Series, card: &Card) -> Result<Samples, Error> {
     if rows.len() < card.force_n.len() / 2 {
         return Err("servo and potentiometer do not show the same motion".into());
     }
-    Ok(Samples { rows })
+    Ok(rows)
 }
 
 #[cfg(test)]

@@ -1,14 +1,12 @@
 //! The instruments of the defects: load cell, encoder and sampler, written independently of the simulator.
 //!
-//! A defect acts at one of four places: on the force at the load cell, on the position at the encoder, on the time at
-//! which a sample is taken, or on the samples as sent.
+//! A defect acts at one of four places: on the force at the load cell or the position at the encoder (it changes the
+//! trace), on the time at which a sample is taken, on the force's electronics, or on the samples as sent.
 
 use super::{draw::Draw, plant::Trace};
 use inerter_core::RawSample;
 use inerter_plant::Sensors;
 
-/// Acts on a signal of the trace.
-pub type OnTrace = Box<dyn Fn(&mut Trace)>;
 /// Acts on the samples as sent.
 pub type OnSamples = Box<dyn Fn(&mut Vec<RawSample>, &mut Draw)>;
 /// Maps the nominal time of a sample to the time at which it is truly taken \[s\].
@@ -21,8 +19,6 @@ pub type OnForce = Box<dyn Fn(f64, f64, &mut Draw) -> f64>;
 pub struct Instruments {
     /// Scales, noise and offset.
     pub sensors: Sensors,
-    /// Defects of the signals before they are sampled.
-    pub on_trace: Vec<OnTrace>,
     /// When a sample is truly taken.
     pub clock: Option<Clock>,
     /// Defects of the force channel's electronics.
@@ -35,8 +31,7 @@ pub struct Instruments {
 
 impl Instruments {
     /// The samples of a trace.
-    pub fn samples(&self, mut trace: Trace, duration_s: f64, draw: &mut Draw) -> Vec<RawSample> {
-        self.on_trace.iter().for_each(|defect| defect(&mut trace));
+    pub fn samples(&self, trace: &Trace, duration_s: f64, draw: &mut Draw) -> Vec<RawSample> {
         let sensors = &self.sensors;
         let count = (duration_s * sensors.sample_rate_hz) as u32;
         let mut samples: Vec<RawSample> = (0..count)
@@ -129,7 +124,7 @@ mod tests {
         let sensors = Sensors { metres_per_count: 1e-3, newtons_per_code: 0.5, ..Sensors::default() };
         let instruments = Instruments { sensors, ..Instruments::default() };
         let trace = Trace { step_s: 1e-3, position_m: vec![1.7e-3; 50], force_n: vec![-1.1; 50] };
-        let samples = instruments.samples(trace, 0.02, &mut Draw::new(1, 1));
+        let samples = instruments.samples(&trace, 0.02, &mut Draw::new(1, 1));
         assert_eq!(samples.len(), 20);
         assert!(samples.iter().all(|sample| (sample.position_count, sample.force_code) == (1, -2)));
     }

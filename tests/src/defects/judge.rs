@@ -13,45 +13,26 @@
 //! - friction reported as `presliding` or `stribeck`: the parameters that this regime moves;
 //! - `moved_by`: if the interval with its share contains the true value, the value is right in `replay`; otherwise the
 //!   word counts if it names the defect;
-//! - `assumes`: if it names the defect ([`Word::Assumed`], counted separately, because every run of such a motion
+//! - `assumes`: if it names the defect ([`Verdict::Assumed`], counted separately, because every run of such a motion
 //!   reports it).
 //!
 //! Even in clean runs, 5 % of the values are expected to lie outside their interval. Clean runs are therefore judged in
 //! the same way, and both are also judged at twice the interval, which chance does not reach.
 
-use super::{
-    kinds::Kind,
-    made::{From, Made, make},
-    scene::Range,
-};
+use super::{kinds::Kind, made::make, scene::Range};
 use crate::grid::Error;
 use inerter_analysis::diagnose::{Judged, Kind as Cause, Latest, judged, suspected};
 use inerter_core::{LawStatus, Parameter, Regime, Status};
-use inerter_data::{
-    causes::warning_name,
-    replay::{Outcome, replay_samples},
-    settings::SettingsInputError,
-};
+use inerter_data::{causes::warning_name, replay::replay_samples, settings::SettingsInputError};
 use inerter_wire::EstimatorEvent;
-
-/// What the report says about a wrong parameter, in increasing order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Word {
-    /// Nothing that concerns it.
-    Silent,
-    /// The report lists it as an assumption, as for every run of this motion.
-    Assumed,
-    /// The report calls it doubtful.
-    Told,
-}
 
 /// One parameter at the end of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Value {
     /// Distance of the value from the true value, relative to the interval; `None` if no value is given.
     pub off: Option<f64>,
-    /// What the report says about it, in case it is wrong.
-    pub word: Word,
+    /// The verdict on it in case it is wrong.
+    pub word: Verdict,
 }
 
 /// The fitted value of a parameter, whether given or not.
@@ -77,22 +58,22 @@ pub struct Said {
     pub broken: bool,
     /// All other words: warnings, causes, and a friction regime other than Coulomb.
     pub words: Vec<&'static str>,
-    /// The plant that made it.
-    pub from: From,
+    /// Whether the second plant made it.
+    pub by_second: bool,
     /// Residual over what noise and steps explain, relative to its limit; 0 if unknown.
     pub misfit: f64,
     /// The flanks are known to stay closed, so a misfit breaks the law.
     pub closed: bool,
 }
 
-/// Verdict on a run: right, or wrong with or without a word.
+/// Verdict on a run or a value: right, or wrong with or without a word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
     /// No value lies outside its interval.
     Right,
-    /// Some values do, and the report mentions each of them.
+    /// Some values do, and the report calls each of them doubtful.
     Told,
-    /// At least one is mentioned only as an assumption.
+    /// At least one is mentioned only as an assumption, as in every run of this motion.
     Assumed,
     /// The report says nothing about at least one.
     Silent,
@@ -101,12 +82,7 @@ pub enum Verdict {
 /// The verdict on three values. A value is wrong if it is off by more than `intervals` intervals.
 pub fn verdict(values: &[Value; 3], intervals: f64) -> Verdict {
     let wrong = values.iter().filter(|value| value.off.is_some_and(|off| off > intervals));
-    match wrong.map(|value| value.word).min() {
-        None => Verdict::Right,
-        Some(Word::Told) => Verdict::Told,
-        Some(Word::Assumed) => Verdict::Assumed,
-        Some(Word::Silent) => Verdict::Silent,
-    }
+    wrong.map(|value| value.word).max().unwrap_or(Verdict::Right)
 }
 
 /// Which of mt, cf and fc a cause moves: from the list in the theory (14), by the regressor that it resembles.
@@ -138,13 +114,14 @@ pub fn is_harmful(said: &Said, clean: &Said) -> bool {
 
 /// Runs a kind of defect, or a clean run, through the steps of `inerter replay`.
 pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error> {
-    let Made { run, truth, from } = make(kind, motion, seed)?;
-    let mut latest = Latest::new(&run.settings);
+    let (scene, all) = make(kind, motion, seed)?;
+    let (settings, truth) = (&scene.settings, &scene.truth);
+    let mut latest = Latest::new(settings);
     let mut warnings = Vec::new();
     let mut changed = false;
-    let samples = run.samples.iter().copied().map(Ok::<_, SettingsInputError>);
+    let samples = all.iter().copied().map(Ok::<_, SettingsInputError>);
     let mut since = 0;
-    let outcome = replay_samples(&run.settings, run.start_s, samples, |_, event| {
+    let outcome = replay_samples(settings, 0.0, samples, |_, event| {
         match event {
             EstimatorEvent::Warned(warning) => {
                 warnings.push(warning_name(warning.kind));
@@ -152,33 +129,20 @@ pub fn run(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Said, Error>
             }
             EstimatorEvent::Changed(change) => {
                 changed = true;
-                since = run.samples.partition_point(|sample| sample.index <= change.index);
+                since = all.partition_point(|sample| sample.index <= change.index);
             }
             EstimatorEvent::Reversal(_) | EstimatorEvent::Estimate(_) => {}
         }
         Ok(())
     })?;
-    run.samples.iter().skip(since).for_each(|sample| latest.push(*sample));
+    all.iter().skip(since).for_each(|sample| latest.push(*sample));
     let gated = latest.gated();
-    let causes = suspected(&gated, &run.settings, &outcome.published());
-    let judged = judged(&gated.series, &run.settings, &outcome);
+    let causes = suspected(&gated, settings, &outcome.published());
+    let causes: Vec<&'static str> = causes.iter().map(|cause| cause.kind.name()).collect();
+    let judged = judged(&gated.series, settings, &outcome);
     warnings.extend(gated.left_out.iter().map(|kind| warning_name(*kind)));
     warnings.sort_unstable();
     warnings.dedup();
-    let causes: Vec<&'static str> = causes.iter().map(|cause| cause.kind.name()).collect();
-    let said = said(kind, &outcome, &judged, &warnings, &causes, changed, &truth);
-    Ok(Said { from, ..said })
-}
-
-fn said(
-    kind: Option<&Kind>,
-    outcome: &Outcome,
-    judged: &[Judged; 4],
-    warnings: &[&'static str],
-    causes: &[&'static str],
-    changed: bool,
-    truth: &[Range; 3],
-) -> Said {
     let names = kind.map_or(&[][..], |kind| kind.names);
     let broken = outcome.law.status == LawStatus::Broken;
     let regime = match outcome.detail.friction.regime {
@@ -190,37 +154,36 @@ fn said(
     let by_device = |i: usize| broken || warned || regime.is_some_and(|regime| reaches(regime)[i]);
     let is_named = |cause: Cause| names.contains(&cause.name());
     let parameters = crate::grid::three(&outcome.estimate.whole_run);
-    let device = std::array::from_fn(|i| Value {
-        off: off(&parameters[i], f64::from(parameters[i].u95()), truth[i]),
-        word: if by_device(i) { Word::Told } else { Word::Silent },
+    let value = |i: usize, u95: f32, word| Value { off: off(&parameters[i], f64::from(u95), truth[i]), word };
+    let device = std::array::from_fn(|i| {
+        value(i, parameters[i].u95(), if by_device(i) { Verdict::Told } else { Verdict::Silent })
     });
     let replay = std::array::from_fn(|i| {
-        let told =
-            by_device(i) || causes.iter().any(|cause| reaches(cause)[i]) || judged[i].moved_by.is_some_and(is_named);
-        let assumed = judged[i].assumes.iter().any(|cause| is_named(*cause));
-        Value {
-            off: off(&parameters[i], f64::from(judged[i].budget.u95()), truth[i]),
-            word: match (told, assumed) {
-                (true, _) => Word::Told,
-                (false, true) => Word::Assumed,
-                (false, false) => Word::Silent,
-            },
-        }
+        let Judged { budget, moved_by, assumes } = &judged[i];
+        let told = by_device(i) || causes.iter().any(|cause| reaches(cause)[i]) || moved_by.is_some_and(is_named);
+        let word = if told {
+            Verdict::Told
+        } else if assumes.iter().any(|cause| is_named(*cause)) {
+            Verdict::Assumed
+        } else {
+            Verdict::Silent
+        };
+        value(i, budget.u95(), word)
     });
     let fitted = std::array::from_fn(|i| Fitted {
         error: distance(&parameters[i], truth[i]),
         u95: f64::from(parameters[i].u95()),
     });
-    let words = warnings.iter().chain(causes).copied().chain(regime).chain(changed.then_some("changed"));
+    let words = warnings.into_iter().chain(causes).chain(regime).chain(changed.then_some("changed"));
     let misfit = outcome.law.misfit;
-    Said {
+    Ok(Said {
         device,
         replay,
         fitted,
         broken,
         words: words.collect(),
-        from: From::First,
+        by_second: scene.by_second,
         misfit: misfit.map_or(0.0, |misfit| f64::from(misfit.ratio / misfit.limit)),
         closed: !outcome.detail.contact.may_part(),
-    }
+    })
 }

@@ -7,7 +7,7 @@ mod kind;
 mod sampling;
 mod settings;
 
-pub use kind::{Group, Kind, Place};
+pub use kind::{Group, Kind};
 
 /// All kinds.
 pub fn all() -> Vec<&'static Kind> {

@@ -3,40 +3,20 @@
 use super::{
     draw::Draw,
     instruments::Instruments,
-    kinds::{Kind, Place},
-    plant::{Body, first_trace, trace},
-    scene::{Range, Scene, Seen},
+    kinds::Kind,
+    plant::{Body, Trace, first_trace, trace},
+    scene::{Scene, Seen},
 };
 use crate::{
     coverage::stated_true,
     grid::{Error, calibrated, truth},
 };
-use inerter_core::Settings;
-use inerter_data::run::Run;
+use inerter_core::{RawSample, Settings};
 use inerter_plant::{Excitation, Inerter, Sensors};
 use std::f64::consts::TAU;
 
 /// Motions, by the kind of excitation.
 pub const MOTIONS: [&str; 6] = ["slow tone", "tone", "fast tone", "multisine", "random", "two tones"];
-
-/// Which plant makes the runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum From {
-    /// The simulator's plant (`inerter-plant`).
-    First,
-    /// The defects' own plant.
-    Second,
-}
-
-/// One run and its true values.
-pub struct Made {
-    /// Settings and samples.
-    pub run: Run,
-    /// True values of mt, cf and fc.
-    pub truth: [Range; 3],
-    /// The plant that made it.
-    pub from: From,
-}
 
 /// A device of realistic size. In most cases its natural frequency is above the frequencies of the motions.
 fn device(draw: &mut Draw) -> Inerter {
@@ -88,40 +68,47 @@ fn excitation(motion: &str, seed: u64, draw: &mut Draw) -> Result<(Excitation, f
     Ok((Excitation::parse(&text, seed)?, duration_s))
 }
 
-/// Makes the run of a kind, a motion and a seed; a clean run if there is no kind.
-pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<Made, Error> {
+/// Makes the run of a kind, a motion and a seed; a clean run if there is no kind. Returns its ingredients and samples.
+pub fn make(kind: Option<&Kind>, motion: usize, seed: u64) -> Result<(Scene, Vec<RawSample>), Error> {
     // Device, rig and motion depend only on the seed, not on the defect.
     let mut draw = Draw::new(seed, motion as u64);
     let name = MOTIONS.get(motion).copied().unwrap_or_default();
     let device = device(&mut draw);
     let sensors = sensors(&device, &mut draw);
     let (excitation, duration_s) = excitation(name, seed, &mut draw)?;
-    let mut wants_second = draw.happens(0.5);
+    let by_second = draw.happens(0.5);
     let settings = Settings { skew_s: 0.0, ..stated_true(calibrated(&device, &sensors)) };
     let truth = truth(&device).map(|value| (value, value));
-    let traced = |device: &Inerter, body: &Body, wants_second: bool| {
-        if wants_second {
-            Ok(trace(device, body, &excitation, duration_s))
+    let traced = |scene: &Scene| {
+        if scene.by_second {
+            Ok(trace(&scene.device, &scene.body, &excitation, duration_s))
         } else {
-            first_trace(device, &excitation, duration_s)
+            first_trace(&scene.device, &excitation, duration_s)
         }
     };
-    let mut seen_trace = traced(&device, &Body::default(), wants_second)?;
-    let instruments = Instruments { sensors, ..Instruments::default() };
-    let seen = Seen::of(&seen_trace, duration_s);
-    let mut scene = Scene { device, body: Body::default(), instruments, settings, truth, seen, needs_second: false };
+    let mut scene = Scene {
+        device,
+        body: Body::default(),
+        trace: Trace::default(),
+        instruments: Instruments { sensors, ..Instruments::default() },
+        settings,
+        truth,
+        seen: Seen::default(),
+        by_second,
+    };
+    scene.trace = traced(&scene)?;
+    scene.seen = Seen::of(&scene.trace, duration_s);
     // The defect's random numbers depend on its name.
     let stream =
         kind.map_or(0, |kind| kind.name.bytes().fold(7, |sum: u64, byte| sum.wrapping_mul(31) + u64::from(byte)));
     let mut own = Draw::new(seed, 1000 + 8 * (stream & 0xffff_ffff) + motion as u64);
     if let Some(kind) = kind {
         (kind.make)(&mut scene, &mut own);
-        if kind.place == Place::Device {
-            wants_second |= scene.needs_second;
-            seen_trace = traced(&scene.device, &scene.body, wants_second)?;
+        // A defect of the device; the others change the instruments or the settings.
+        if (scene.device, scene.body, scene.by_second) != (device, Body::default(), by_second) {
+            scene.trace = traced(&scene)?;
         }
     }
-    let samples = scene.instruments.samples(seen_trace, duration_s, &mut own);
-    let run = Run { settings: scene.settings, samples, ..Run::default() };
-    Ok(Made { run, truth: scene.truth, from: if wants_second { From::Second } else { From::First } })
+    let samples = scene.instruments.samples(&scene.trace, duration_s, &mut own);
+    Ok((scene, samples))
 }

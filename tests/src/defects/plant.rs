@@ -49,7 +49,7 @@ impl Trace {
 }
 
 /// Forces on the screw besides the law; none by default.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
     /// Friction per force.
     pub load: f64,

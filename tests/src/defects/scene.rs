@@ -49,6 +49,8 @@ pub struct Scene {
     pub device: Inerter,
     /// Forces on its screw besides the law.
     pub body: Body,
+    /// Position and force of the clean run; a defect of the signals changes them.
+    pub trace: Trace,
     /// The rig.
     pub instruments: Instruments,
     /// The settings: exact for the rig without the defect.
@@ -57,17 +59,18 @@ pub struct Scene {
     pub truth: [Range; 3],
     /// Extremes of a clean run.
     pub seen: Seen,
-    /// Whether only the second plant can simulate the defect.
-    pub needs_second: bool,
+    /// Whether the second plant makes the run.
+    pub by_second: bool,
 }
 
 /// Counts per turn of common encoders.
 const TURN_COUNTS: [f64; 9] = [2000.0, 2048.0, 3600.0, 4000.0, 4096.0, 5000.0, 8192.0, 10_000.0, 20_000.0];
 
 impl Scene {
-    /// Adds a defect of the signals before they are sampled.
-    pub fn on_trace(&mut self, change: impl Fn(&mut Trace) + 'static) {
-        self.instruments.on_trace.push(Box::new(change));
+    /// The forces besides the law that only the second plant can simulate; it then makes the run.
+    pub fn second_body(&mut self) -> &mut Body {
+        self.by_second = true;
+        &mut self.body
     }
 
     /// Adds a defect of the samples as sent.

@@ -200,9 +200,9 @@ pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
     let portions = bytes.chunks(conditions.portion.max(1));
     let middle = portions.len() / 4..portions.len() * 3 / 4;
     for (place, portion) in portions.enumerate() {
-        bench.from_device.taken.set(!(conditions.deaf && middle.contains(&place)));
-        bench.to_idle.borrow_mut().extend(&elsewhere);
-        bench.to_device.borrow_mut().extend(portion.iter().copied());
+        bench.from_device.0.taken.set(!(conditions.deaf && middle.contains(&place)));
+        bench.to_idle.0.bytes.borrow_mut().extend(&elsewhere);
+        bench.to_device.0.bytes.borrow_mut().extend(portion);
         end = end.or_else(|| bench.pass(1));
     }
     let mut left_ms = LIMIT_MS * (1 + requests.that_wait() as u64);
@@ -220,10 +220,10 @@ pub fn play(stream: &[u8], conditions: &Conditions) -> Played {
 struct FuzzedDevice {
     device: Pin<Box<dyn Future<Output = Result<Restart, SettingsError>>>>,
     woken: Arc<Woken>,
-    to_device: Rc<RefCell<VecDeque<u8>>>,
+    to_device: Wire,
     /// To the unused link.
-    to_idle: Rc<RefCell<VecDeque<u8>>>,
-    from_device: Rc<Line>,
+    to_idle: Wire,
+    from_device: Wire,
     source: Script,
     flash: Flash,
     reader: FrameReader<Record>,
@@ -236,10 +236,10 @@ struct FuzzedDevice {
 impl FuzzedDevice {
     fn new(conditions: &Conditions) -> Self {
         MockDriver::get().reset();
-        let (to_device, to_idle, from_device) = (Rc::default(), Rc::default(), Rc::default());
+        let (to_device, to_idle, from_device) = (Wire::default(), Wire::default(), Wire::default());
         let (source, flash) = (Script::default(), Flash::blank());
-        let used = (Receiver(Rc::clone(&to_device)), Transmitter(Rc::clone(&from_device)));
-        let idle = (Receiver(Rc::clone(&to_idle)), Transmitter(Rc::default()));
+        let used = (to_device.clone(), from_device.clone());
+        let idle = (to_idle.clone(), Wire::default());
         let device = device(*conditions, source.clone(), flash.clone(), used, idle);
         Self {
             device: Box::pin(device),
@@ -292,7 +292,7 @@ impl FuzzedDevice {
     }
 
     fn read(&mut self) {
-        let bytes = std::mem::take(&mut *self.from_device.bytes.borrow_mut());
+        let bytes: Vec<u8> = self.from_device.0.bytes.borrow_mut().drain(..).collect();
         let mut input = bytes.as_slice();
         while let Some(frame) = self.reader.read(&mut input) {
             match frame {
@@ -324,20 +324,18 @@ async fn device(
     conditions: Conditions,
     source: Script,
     flash: Flash,
-    used: (Receiver, Transmitter),
-    idle: (Receiver, Transmitter),
+    used: (Wire, Wire),
+    idle: (Wire, Wire),
 ) -> Result<Restart, SettingsError> {
     let (app, mut state) = (Box::new(App::new()), Box::new(State::default()));
     let link = app.link_state();
-    match conditions.link {
-        Link::Single => run(&app, &mut state, board(conditions, source, flash, used)).await,
-        Link::First => {
-            let joined = link.join(used, idle);
-            link.set_open(true);
-            run(&app, &mut state, board(conditions, source, flash, joined)).await
-        }
-        Link::Second => run(&app, &mut state, board(conditions, source, flash, link.join(idle, used))).await,
-    }
+    let joined = match conditions.link {
+        Link::Single => return run(&app, &mut state, board(conditions, source, flash, used)).await,
+        Link::First => link.join(used, idle),
+        Link::Second => link.join(idle, used),
+    };
+    link.set_open(conditions.link == Link::First);
+    run(&app, &mut state, board(conditions, source, flash, joined)).await
 }
 
 fn board<R: Read, W: Write>(
@@ -379,37 +377,32 @@ fn moved<T>(waiting: &mut VecDeque<T>, into: &mut [T]) -> usize {
     count
 }
 
-struct Receiver(Rc<RefCell<VecDeque<u8>>>);
+/// One direction of a link.
+#[derive(Clone, Default)]
+struct Wire(Rc<Line>);
 
-impl ErrorType for Receiver {
+#[derive(Default)]
+struct Line {
+    bytes: RefCell<VecDeque<u8>>,
+    /// Whether the host reads what the device sends.
+    taken: Cell<bool>,
+}
+
+impl ErrorType for Wire {
     type Error = Infallible;
 }
 
-impl Read for Receiver {
+impl Read for Wire {
     async fn read(&mut self, into: &mut [u8]) -> Result<usize, Infallible> {
         poll_fn(|_| {
-            let count = moved(&mut self.0.borrow_mut(), into);
+            let count = moved(&mut self.0.bytes.borrow_mut(), into);
             if count == 0 { Poll::Pending } else { Poll::Ready(Ok(count)) }
         })
         .await
     }
 }
 
-struct Transmitter(Rc<Line>);
-
-/// The device's output.
-#[derive(Default)]
-struct Line {
-    bytes: RefCell<Vec<u8>>,
-    /// Whether the host reads.
-    taken: Cell<bool>,
-}
-
-impl ErrorType for Transmitter {
-    type Error = Infallible;
-}
-
-impl Write for Transmitter {
+impl Write for Wire {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         poll_fn(|_| if self.0.taken.get() { Poll::Ready(()) } else { Poll::Pending }).await;
         self.0.bytes.borrow_mut().extend(bytes);

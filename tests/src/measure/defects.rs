@@ -4,9 +4,9 @@
 use inerter_tests::{
     defects::{
         DEVELOPMENT,
-        judge::{Said, Verdict, Word, is_harmful, run, verdict},
+        judge::{Said, Verdict, is_harmful, run, verdict},
         kinds::{self, Group, Kind},
-        made::{From, MOTIONS},
+        made::MOTIONS,
         tally::Tally,
     },
     grid::{Error, each},
@@ -58,8 +58,8 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
     text += "\n## Together\n\n| runs | n | harmful | wrong: told | assumed | silent | silent % | device alone: silent % | beyond twice: silent % | device alone % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
     for (name, all) in [
         ("defects", tally(&mut defects())),
-        ("defects, first plant", tally(&mut defects().filter(|seen| seen.said.from == From::First))),
-        ("defects, second plant", tally(&mut defects().filter(|seen| seen.said.from == From::Second))),
+        ("defects, first plant", tally(&mut defects().filter(|seen| !seen.said.by_second))),
+        ("defects, second plant", tally(&mut defects().filter(|seen| seen.said.by_second))),
         ("clean", tally(&mut clean.iter())),
         ("wrong scales", tally(&mut scales())),
     ] {
@@ -158,8 +158,8 @@ fn characteristic(clean: &[&Said], harmful: &[&Said]) -> String {
         (false, true) => said.misfit,
         (false, false) => 0.0,
     };
-    let any = |said: &Said| match said.replay.iter().map(|value| value.word).max() {
-        Some(Word::Told) => f64::INFINITY,
+    let any = |said: &Said| match said.replay.iter().map(|value| value.word).min() {
+        Some(Verdict::Told) => f64::INFINITY,
         _ if said.words.is_empty() => said.misfit.min(1.0),
         _ => f64::INFINITY,
     };

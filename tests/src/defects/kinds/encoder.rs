@@ -1,15 +1,14 @@
 //! Defects of the encoder and of its mount.
 
 use super::kind::{Kind, kind};
-use crate::defects::{draw::Draw, scene::Scene};
-use crate::defects::{instruments::play, plant::Trace};
+use crate::defects::{draw::Draw, instruments::play, plant::Trace, scene::Scene};
 use inerter_core::RawSample;
 use std::f64::consts::TAU;
 
-/// Changes the position at the encoder, given the length of a count \[m\].
-fn on_shaft(scene: &mut Scene, change: impl Fn(&mut Trace, f64) + 'static) {
+/// Changes each position at the encoder, given the length of a count \[m\].
+fn on_shaft(scene: &mut Scene, change: impl Fn(f64, f64) -> f64) {
     let count_m = scene.instruments.sensors.metres_per_count;
-    scene.on_trace(move |trace| change(trace, count_m));
+    scene.trace.position_m.iter_mut().for_each(|x| *x = change(*x, count_m));
 }
 
 /// Adds the function's return value to the count of this sample and all later ones.
@@ -37,23 +36,16 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("an encoder off its centre", &["encoder_error"], |scene, draw| {
         let (off_m, counts, phase) = (draw.between(2e-6, 50e-6), turn_counts(scene, draw), draw.within(0.0, TAU));
-        on_shaft(scene, move |trace, count_m| {
-            let turn_m = counts * count_m;
-            trace.position_m.iter_mut().for_each(|x| *x += off_m * (TAU * *x / turn_m + phase).sin());
-        });
+        on_shaft(scene, |x, count_m| x + off_m * (TAU * x / (counts * count_m) + phase).sin());
     }),
     kind("an error within the encoder's lines", &["encoder_error"], |scene, draw| {
         let part = draw.between(0.3, 2.0);
-        on_shaft(scene, move |trace, count_m| {
-            trace.position_m.iter_mut().for_each(|x| *x += part * count_m * (TAU * *x / (4.0 * count_m)).sin());
-        });
+        on_shaft(scene, |x, count_m| x + part * count_m * (TAU * x / (4.0 * count_m)).sin());
     }),
     kind("a line that is missing", &["encoder_error", "count_slip"], |scene, draw| {
         let (counts, place) = (turn_counts(scene, draw), draw.unit());
-        on_shaft(scene, move |trace, count_m| {
-            // One line is four counts, which are missing each time it passes, in either direction.
-            trace.position_m.iter_mut().for_each(|x| *x -= 4.0 * count_m * (*x / (counts * count_m) + place).floor());
-        });
+        // One line is four counts, which are missing each time it passes, in either direction.
+        on_shaft(scene, |x, count_m| x - 4.0 * count_m * (x / (counts * count_m) + place).floor());
     }),
     kind("counts that slip once", &["count_slip"], |scene, draw| {
         let (place, by) = (draw.within(0.2, 0.8), (draw.sign() * draw.between(5.0, 500.0)) as i32);
@@ -91,14 +83,12 @@ pub const KINDS: [Kind; 12] = [
     }),
     kind("play between screw and encoder", &["encoder_error"], |scene, draw| {
         let width_m = draw.between(5e-6, 100e-6);
-        on_shaft(scene, move |trace, _| play(&mut trace.position_m, width_m));
+        play(&mut scene.trace.position_m, width_m);
     }),
     kind("an encoder on a frame that bends", &["compliance"], |scene, draw| {
         let stiffness = draw.between(3.0, 100.0) * scene.device.stiffness_n_per_m;
-        on_shaft(scene, move |trace, _| {
-            let bent = trace.position_m.iter().zip(&trace.force_n).map(|(x, force)| x + force / stiffness).collect();
-            trace.position_m = bent;
-        });
+        let Trace { position_m, force_n, .. } = &mut scene.trace;
+        position_m.iter_mut().zip(force_n).for_each(|(x, force)| *x += *force / stiffness);
     }),
     kind("an encoder that flickers", &[], |scene, draw| {
         let most = draw.between(1.0, 6.0);

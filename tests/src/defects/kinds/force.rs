@@ -2,13 +2,8 @@
 
 use super::kind::{Kind, kind};
 use crate::defects::instruments::{lag, play, resonance};
-use crate::defects::{draw::Draw, scene::Scene};
+use crate::defects::{draw::Draw, plant::Trace, scene::Scene};
 use std::f64::consts::TAU;
-
-/// Changes the force at the load cell.
-fn on_cell(scene: &mut Scene, change: impl Fn(&mut [f64], f64) + 'static) {
-    scene.on_trace(move |trace| change(&mut trace.force_n, trace.step_s));
-}
 
 /// Changes the force at the converter, given the time \[s\].
 fn on_force(scene: &mut Scene, change: impl Fn(f64, f64, &mut Draw) -> f64 + 'static) {
@@ -32,15 +27,14 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("a low-pass that nobody stated", &["skew"], |scene, draw| {
         let time_s = 1.0 / (TAU * draw.between(20.0, 200.0));
-        on_cell(scene, move |force, step_s| lag(force, step_s, time_s));
+        lag(&mut scene.trace.force_n, scene.trace.step_s, time_s);
     }),
     kind("a skew that nobody stated", &["skew"], |scene, draw| {
         let late_s = draw.sign() * draw.between(0.2e-3, 5e-3);
-        scene.on_trace(move |trace| {
-            let moved =
-                (0..trace.force_n.len()).map(|n| trace.at(&trace.force_n, n as f64 * trace.step_s - late_s)).collect();
-            trace.force_n = moved;
-        });
+        let trace = &scene.trace;
+        let moved =
+            (0..trace.force_n.len()).map(|n| trace.at(&trace.force_n, n as f64 * trace.step_s - late_s)).collect();
+        scene.trace.force_n = moved;
     }),
     kind("a skew that comes midway", &["skew"], |scene, draw| {
         let (samples, from) = (draw.within(1.0, 4.0) as usize, draw.within(0.2, 0.8));
@@ -52,17 +46,15 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("a load cell that sits loose", &["force_nonlinear"], |scene, draw| {
         let dead_n = draw.between(0.01, 0.1) * scene.seen.peak_n;
-        on_cell(scene, move |force, _| {
-            force.iter_mut().for_each(|force| *force -= force.clamp(-dead_n, dead_n));
-        });
+        scene.trace.force_n.iter_mut().for_each(|force| *force -= force.clamp(-dead_n, dead_n));
     }),
     kind("a load cell that is not straight", &["force_nonlinear"], |scene, draw| {
         let part = draw.sign() * draw.between(0.003, 0.05) / scene.seen.peak_n;
-        on_cell(scene, move |force, _| force.iter_mut().for_each(|force| *force += part * *force * *force));
+        scene.trace.force_n.iter_mut().for_each(|force| *force += part * *force * *force);
     }),
     kind("a force that saturates softly", &["clipped_force", "force_nonlinear"], |scene, draw| {
         let part = draw.between(0.01, 0.1) / scene.seen.peak_n.powi(2);
-        on_cell(scene, move |force, _| force.iter_mut().for_each(|force| *force -= part * force.powi(3)));
+        scene.trace.force_n.iter_mut().for_each(|force| *force -= part * force.powi(3));
     }),
     kind("a force clipped below its rails", &["clipped_force", "force_nonlinear"], |scene, draw| {
         let most = draw.within(0.6, 0.95) * scene.seen.peak_n;
@@ -109,15 +101,13 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("hysteresis of the load cell", &["force_nonlinear"], |scene, draw| {
         let width = draw.between(0.004, 0.06) * scene.seen.peak_n;
-        on_cell(scene, move |force, _| {
-            let mut late = force.to_vec();
-            play(&mut late, width);
-            force.iter_mut().zip(late).for_each(|(force, late)| *force = 0.5 * (*force + late));
-        });
+        let mut late = scene.trace.force_n.clone();
+        play(&mut late, width);
+        scene.trace.force_n.iter_mut().zip(late).for_each(|(force, late)| *force = 0.5 * (*force + late));
     }),
     kind("a mount that rings", &["skew", "compliance"], |scene, draw| {
         let (rate, damping) = (TAU * draw.between(40.0, 200.0), draw.between(0.02, 0.2));
-        on_cell(scene, move |force, step_s| resonance(force, step_s, rate, damping));
+        resonance(&mut scene.trace.force_n, scene.trace.step_s, rate, damping);
     }),
     kind("pickup of the mains", &[], |scene, draw| {
         let (amplitude_n, hz) = (draw.between(0.005, 0.1) * scene.seen.peak_n, draw.one_of(&[16.7, 50.0, 60.0]));
@@ -134,15 +124,12 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("coloured noise of the force", &[], |scene, draw| {
         let (rms_n, hz) = (draw.between(0.002, 0.05) * scene.seen.peak_n, draw.between(0.5, 20.0));
-        let seed = (draw.unit() * 1e9) as u64;
-        scene.on_trace(move |trace| {
-            let mut own = Draw::new(seed, 1);
-            let part = TAU * hz * trace.step_s;
-            let mut state = 0.0;
-            trace.force_n.iter_mut().for_each(|force| {
-                state += -part * state + (2.0 * part).sqrt() * own.noise();
-                *force += rms_n * state;
-            });
+        let mut own = Draw::new((draw.unit() * 1e9) as u64, 1);
+        let part = TAU * hz * scene.trace.step_s;
+        let mut state = 0.0;
+        scene.trace.force_n.iter_mut().for_each(|force| {
+            state += -part * state + (2.0 * part).sqrt() * own.noise();
+            *force += rms_n * state;
         });
     }),
     kind("noise that grows with the force", &[], |scene, draw| {
@@ -157,10 +144,8 @@ pub const KINDS: [Kind; 25] = [
     }),
     kind("crosstalk from the position", &["spring"], |scene, draw| {
         let rate = draw.sign() * draw.between(0.003, 0.05) * scene.seen.peak_n / scene.seen.stroke_m;
-        scene.on_trace(move |trace| {
-            let moved = trace.force_n.iter().zip(&trace.position_m).map(|(force, x)| force + rate * x).collect();
-            trace.force_n = moved;
-        });
+        let Trace { position_m, force_n, .. } = &mut scene.trace;
+        force_n.iter_mut().zip(position_m).for_each(|(force, x)| *force += rate * *x);
     }),
     kind("knocks against the rig", &[], |scene, draw| {
         let (height_n, every_s) = (draw.between(0.1, 1.0) * scene.seen.peak_n, draw.between(1.0, 8.0));

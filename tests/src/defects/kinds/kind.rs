@@ -2,15 +2,6 @@
 
 use crate::defects::{draw::Draw, scene::Scene};
 
-/// The place of a defect, as far as it matters for making the run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    /// In the plant.
-    Device,
-    /// In the instruments, the sampling or the settings.
-    Rig,
-}
-
 /// Whether the instrument can be expected to detect it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
@@ -24,8 +15,6 @@ pub enum Group {
 pub struct Kind {
     /// Name in the table.
     pub name: &'static str,
-    /// The place of the defect.
-    pub place: Place,
     /// Whether it can be detected.
     pub group: Group,
     /// Codes of the causes and warnings that name it correctly (docs/CLI.md).
@@ -34,7 +23,7 @@ pub struct Kind {
     pub make: fn(&mut Scene, &mut Draw),
 }
 
-/// A defect of the rig that the samples can show.
+/// A defect that the samples can show.
 pub const fn kind(name: &'static str, names: &'static [&'static str], make: fn(&mut Scene, &mut Draw)) -> Kind {
-    Kind { name, place: Place::Rig, group: Group::Defect, names, make }
+    Kind { name, group: Group::Defect, names, make }
 }

@@ -1,10 +1,10 @@
 //! Wrong scales. They form a group of their own, because another device would give exactly the same samples.
 
-use super::kind::{Group, Kind, Place};
+use super::kind::{Group, Kind};
 use crate::defects::{draw::Draw, instruments::creep, scene::Scene};
 
 const fn kind(name: &'static str, make: fn(&mut Scene, &mut Draw)) -> Kind {
-    Kind { name, place: Place::Rig, group: Group::Scale, names: &[], make }
+    Kind { name, group: Group::Scale, names: &[], make }
 }
 
 pub const KINDS: [Kind; 7] = [
@@ -27,7 +27,7 @@ pub const KINDS: [Kind; 7] = [
     // scale of a motion.
     kind("creep of the load cell", |scene, draw| {
         let (part, time_s) = (draw.between(0.005, 0.05), draw.between(0.5, 10.0));
-        scene.on_trace(move |trace| creep(&mut trace.force_n, trace.step_s, part, time_s));
+        creep(&mut scene.trace.force_n, scene.trace.step_s, part, time_s);
     }),
     kind("stiffness wrong", |scene, draw| {
         scene.settings.stiffness_n_per_m *= draw.one_of(&[0.3, 0.5, 2.0, 3.0]);
