@@ -120,6 +120,30 @@ fn parts_make_the_whole_again() {
     assert!(!folder.path().join("d.mcap").exists());
 }
 
+/// Linux allows any bytes in the name of a file; JSON does not.
+#[cfg(target_os = "linux")]
+#[test]
+fn names_that_are_not_text_are_reported_as_json_too() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+
+    let folder = tempfile::tempdir().unwrap();
+    simulate(folder.path(), &[]);
+    fs::rename(folder.path().join("run.mcap"), folder.path().join(OsStr::from_bytes(b"\xff.mcap"))).unwrap();
+    let commands: [&[&[u8]]; 5] = [
+        &[b"info", b"\xff.mcap"],
+        &[b"cut", b"\xff.mcap", b"--to", b"3", b"-o", b"a\xff.mcap"],
+        &[b"cut", b"\xff.mcap", b"--from", b"3", b"-o", b"b\xff.mcap"],
+        &[b"merge", b"a\xff.mcap", b"b\xff.mcap", b"-o", b"c\xff.mcap"],
+        &[b"export", b"c\xff.mcap", b"--csv", b"c\xff.csv"],
+    ];
+    for command in commands {
+        let arguments = command.iter().map(|argument| OsStr::from_bytes(argument));
+        let output = inerter(folder.path(), &[]).args(arguments).arg("--json").output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert!(last(&text(&output.stdout)).to_string().contains('\u{fffd}'), "{}", text(&output.stdout));
+    }
+}
+
 #[test]
 fn a_recording_that_breaks_off_can_be_cut_and_exported() {
     let folder = tempfile::tempdir().unwrap();

@@ -44,7 +44,8 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let (from_s, to_s) = cut.span_s;
     if args.json {
         return print_json(&json!({
-            "kind": "cut", "file": path, "samples": cut.samples, "frames": cut.frames, "from_s": from_s, "to_s": to_s,
+            "kind": "cut", "file": path.to_string_lossy(), "samples": cut.samples, "frames": cut.frames,
+            "from_s": from_s, "to_s": to_s,
         }));
     }
     terminal::say(format!(

@@ -1,6 +1,6 @@
 //! `inerter export`: samples and estimates for other tools.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use inerter_core::Machine;
 use inerter_data::{
@@ -141,11 +141,14 @@ pub fn run(args: &Args) -> Result<(), Error> {
         .map(|csv| settings::write_beside(&source.settings, source.calibration.as_ref(), csv, args.force))
         .transpose()?;
     if args.json {
-        let outputs: Vec<_> =
-            exported.files.iter().map(|(format, file)| json!({"format": word(*format), "file": file})).collect();
+        let outputs: Vec<_> = exported
+            .files
+            .iter()
+            .map(|(format, file)| json!({"format": word(*format), "file": file.to_string_lossy()}))
+            .collect();
         return print_json(&json!({
             "kind": "exported", "file": source.name, "samples": exported.rows, "estimates": exported.estimates,
-            "outputs": outputs, "settings_file": toml,
+            "outputs": outputs, "settings_file": toml.as_deref().map(Path::to_string_lossy),
         }));
     }
     let files: Vec<String> = exported.files.iter().map(|(_, file)| file.display().to_string()).collect();

@@ -45,9 +45,10 @@ pub fn run(args: &Args) -> Result<(), Error> {
     })?;
     bar.done();
     if args.json {
+        let files: Vec<_> = args.files.iter().map(|file| file.to_string_lossy()).collect();
         return print_json(&json!({
-            "kind": "merged", "file": path, "files": args.files, "samples": merged.samples, "frames": merged.frames,
-            "duration_s": merged.duration_s,
+            "kind": "merged", "file": path.to_string_lossy(), "files": files, "samples": merged.samples,
+            "frames": merged.frames, "duration_s": merged.duration_s,
         }));
     }
     let (samples, duration) = (plural(merged.samples, "sample"), duration_text(merged.duration_s));
