@@ -19,37 +19,35 @@ use parquet::{
 };
 use serde_json::{Map, Value, json};
 
-use super::{Batch, Cells, Column, EstimateTable, HeldColumn, Kind, Source, Values, about, selection::Sink};
+use super::{Cells, Column, EstimateTable, HeldColumn, Kind, Row, Source, Values, about, selection::Sink};
 use crate::output::{OutputError, Pending};
 
 /// A Parquet file being written.
 pub(super) struct Parquet {
     name: String,
+    columns: Vec<Column>,
     writer: SerializedFileWriter<File>,
 }
 
 impl Parquet {
-    pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+    pub(super) fn create(file: &Pending, source: &Source, columns: Vec<Column>) -> Result<Self, OutputError> {
         let machine = source.settings.machine;
         let fields =
             columns.iter().map(|column| (column.name(machine), Held::Number(column.kind()), Repetition::REQUIRED));
-        let metadata = metadata(source, about::units(source, columns));
+        let metadata = metadata(source, about::units(source, &columns));
         let writer = writer(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))?;
-        Ok(Self { name: file.name(), writer })
+        Ok(Self { name: file.name(), columns, writer })
     }
 }
 
 impl Sink for Parquet {
-    fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
-        let mut columns = batch.columns.iter();
-        group(&mut self.writer, |writer| {
-            match columns.next() {
-                Some((_, Values::Float(values))) => put::<DoubleType>(writer, values, None)?,
-                Some((_, Values::Whole(values))) => put::<Int64Type>(writer, values, None)?,
-                Some((_, Values::Flag(values))) => put::<BoolType>(writer, values, None)?,
-                None => {}
-            }
-            Ok(())
+    fn take(&mut self, source: &Source, rows: &[Row]) -> Result<(), OutputError> {
+        let mut columns = self.columns.iter().map(|column| column.values(source, rows));
+        group(&mut self.writer, |writer| match columns.next() {
+            Some(Values::Float(values)) => put::<DoubleType>(writer, &values, None),
+            Some(Values::Whole(values)) => put::<Int64Type>(writer, &values, None),
+            Some(Values::Flag(values)) => put::<BoolType>(writer, &values, None),
+            None => Ok(()),
         })
         .map_err(|error| failed(&self.name, error))
     }
