@@ -4,7 +4,7 @@ use inerter_core::{Machine, RawSample};
 use inerter_wire::catalogue::{self, Group};
 use serde::Serialize;
 
-use super::Source;
+use super::{Row, Source};
 use crate::series::Point;
 
 /// A column of the samples.
@@ -110,9 +110,6 @@ impl Column {
         }
     }
 }
-
-/// A sample as it was received, and in SI units.
-pub type Row = (RawSample, Point);
 
 /// Values of a column.
 #[derive(Clone, Debug, PartialEq)]

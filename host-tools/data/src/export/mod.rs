@@ -27,12 +27,12 @@ use std::{
 pub use about::settings_by_name;
 #[cfg(feature = "parquet")]
 pub use columnar::table_bytes;
-pub use columns::{Column, Kind, Row, Values};
+pub use columns::{Column, Kind, Values};
 pub use estimates::EstimateTable;
 #[cfg(feature = "parquet")]
 pub use held::{Cells, HeldColumn};
 pub use selection::{Format, Selection};
-pub use source::{Rows, Samples, Source};
+pub use source::{Row, Rows, Samples, Source};
 
 use selection::Sink;
 

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::{
-    columns::{Column, Row},
-    source::Source,
+    columns::Column,
+    source::{Row, Source},
 };
 use crate::output::OutputError;
 
