@@ -89,17 +89,7 @@ pub struct EstimateJson {
     #[serde(flatten)]
     pub detail: Option<DetailJson>,
     #[serde(flatten)]
-    pub counters: Option<CountersJson>,
-}
-
-/// Counts that the final estimate carries.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[allow(missing_docs, reason = "documented in core")]
-pub struct CountersJson {
-    pub samples: u64,
-    pub discontinuities: u32,
-    pub lost_samples: u64,
-    pub saturated: u32,
+    pub counters: Option<Counters>,
 }
 
 fn is_false(value: &bool) -> bool {
@@ -133,12 +123,6 @@ impl EstimateJson {
 
     /// The last estimate of a run.
     pub fn last(t_s: f64, estimated: &Estimated, settings: &Settings, counters: Option<Counters>) -> Self {
-        let counters = counters.map(|Counters { samples, discontinuities, lost_samples, saturated }| CountersJson {
-            samples,
-            discontinuities,
-            lost_samples,
-            saturated,
-        });
         Self { is_final: true, counters, ..Self::live(t_s, estimated, settings) }
     }
 }
