@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine,
-    Misfit, Parameter, Reason, Regime, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Change, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine, Misfit,
+    Parameter, Reason, Regime, Route, Settings, Status,
 };
 use inerter_wire::{
     Estimated, EventKind, Reading, ResetCause,
@@ -13,7 +13,7 @@ use inerter_wire::{
 
 use crate::{
     causes::warning_words,
-    names::description,
+    names::{description, parameter},
     replay::Outcome,
     words::{amount_text, duration_text, interval_text, plural},
 };
@@ -194,13 +194,8 @@ pub fn is_trouble(kind: &EventKind) -> bool {
 
 /// The field of the parameter that changed.
 pub fn changed_field(machine: Machine, change: &Change) -> &'static Field {
-    let path = match change.parameter {
-        Changed::Inertance => "inertance_kg",
-        Changed::Viscous => "viscous_n_s_per_m",
-        Changed::Coulomb => "coulomb_n",
-        Changed::Offset => "offset_n",
-    };
-    catalogue::find(machine, Group::Parameter, path).unwrap_or(&catalogue::FIELDS[0])
+    // Both in the order of the law's parameters.
+    parameter(machine, change.parameter as usize)
 }
 
 /// A change for a person.

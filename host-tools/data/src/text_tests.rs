@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use inerter_core::{Friction, Reversal};
+use inerter_core::{Changed, Friction, Reversal};
 
 use super::*;
 use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, ReversalJson, json_line};

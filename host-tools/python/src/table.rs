@@ -157,6 +157,7 @@ impl Table {
                 Kind::Float => DataType::Float64,
                 Kind::Whole => DataType::Int64,
                 Kind::Flag => DataType::Boolean,
+                Kind::Text => DataType::Utf8,
             };
             field(column.name(machine), column.unit(machine), kind, false)
         });

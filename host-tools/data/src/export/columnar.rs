@@ -32,8 +32,7 @@ pub(super) struct Parquet {
 impl Parquet {
     pub(super) fn create(file: &Pending, source: &Source, columns: Vec<Column>) -> Result<Self, OutputError> {
         let machine = source.settings.machine;
-        let fields =
-            columns.iter().map(|column| (column.name(machine), Held::Number(column.kind()), Repetition::REQUIRED));
+        let fields = columns.iter().map(|column| (column.name(machine), column.kind(), Repetition::REQUIRED));
         let metadata = metadata(source, about::units(source, &columns));
         let writer = writer(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))?;
         Ok(Self { name: file.name(), columns, writer })
@@ -75,9 +74,9 @@ pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
 fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
     let fields = table.iter().map(|column| {
         let kind = match &column.cells {
-            Cells::Float(_) => Held::Number(Kind::Float),
-            Cells::Whole(_) => Held::Number(Kind::Whole),
-            Cells::Text(_) => Held::Text,
+            Cells::Float(_) => Kind::Float,
+            Cells::Whole(_) => Kind::Whole,
+            Cells::Text(_) => Kind::Text,
         };
         (&*column.name, kind, Repetition::OPTIONAL)
     });
@@ -125,16 +124,9 @@ fn put<T: DataType>(
     writer.typed::<T>().write_batch(values, levels, None).map(drop)
 }
 
-/// The type of a column.
-#[derive(Clone, Copy)]
-enum Held {
-    Number(Kind),
-    Text,
-}
-
 fn writer<'a, W: Write + Send>(
     to: W,
-    fields: impl Iterator<Item = (&'a str, Held, Repetition)>,
+    fields: impl Iterator<Item = (&'a str, Kind, Repetition)>,
     metadata: Vec<KeyValue>,
 ) -> Result<SerializedFileWriter<W>, ParquetError> {
     // Hardly any number repeats, so a dictionary would not help.
@@ -149,16 +141,16 @@ fn writer<'a, W: Write + Send>(
         let path = ColumnPath::from(name);
         let (physical, encoding) = match kind {
             // Bytes of equal significance compress well side by side.
-            Held::Number(Kind::Float) => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
-            Held::Number(Kind::Whole) => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
-            Held::Number(Kind::Flag) => (Physical::BOOLEAN, Encoding::PLAIN),
-            Held::Text => {
+            Kind::Float => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
+            Kind::Whole => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
+            Kind::Flag => (Physical::BOOLEAN, Encoding::PLAIN),
+            Kind::Text => {
                 properties = properties.set_column_dictionary_enabled(path.clone(), true);
                 (Physical::BYTE_ARRAY, Encoding::PLAIN)
             }
         };
         properties = properties.set_column_encoding(path, encoding);
-        let logical = matches!(kind, Held::Text).then_some(LogicalType::String);
+        let logical = (kind == Kind::Text).then_some(LogicalType::String);
         let field = Type::primitive_type_builder(name, physical).with_repetition(repetition).with_logical_type(logical);
         types.push(Arc::new(field.build()?));
     }

@@ -35,6 +35,8 @@ pub enum Kind {
     Whole,
     /// Booleans.
     Flag,
+    /// Texts; no column of samples has them.
+    Text,
 }
 
 impl Column {
