@@ -10,8 +10,7 @@ use inerter_data::{
     json::{EventJson, ReversalJson, Shown, rounded_s},
     names::{self, name},
     recording,
-    text::law_word,
-    words::{printable, utc},
+    words::{code, printable, utc},
 };
 use inerter_wire::{EstimatorEvent, EventKind, catalogue};
 use serde_json::{Value, json};
@@ -161,7 +160,7 @@ fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldCol
         whole("index", reversals.iter().map(|reversal| Some(reversal.index.into()))),
         float(machine, "value_m", "m", all(|reversal| reversal.value_m.map(f64::from))),
         float(machine, "error_m", "m", all(|reversal| reversal.error_m.map(f64::from))),
-        text("route", reversals.iter().map(|reversal| Some(reversal.route))),
+        text("route", reversals.iter().map(|reversal| Some(&*reversal.route))),
         whole("rising", reversals.iter().map(|reversal| Some(reversal.rising.into()))),
     ]
 }
@@ -223,7 +222,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let misfit = outcome.law.misfit;
     let causes: Vec<&str> = replayed.remarks().map(|(code, _)| code).collect();
     columns.extend([
-        text("law", [Some(law_word(outcome.law.status))]),
+        text("law", [Some(code(&outcome.law.status))]),
         float(machine, "law_ratio", "", [misfit.map(|misfit| misfit.ratio.into())]),
         float(machine, "law_limit", "", [misfit.map(|misfit| misfit.limit.into())]),
         float(machine, "residual_rms_n", "N", [Some(outcome.estimate.residual_rms_n.into())]),
