@@ -64,14 +64,14 @@ pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateT
 }
 
 /// A table as the bytes of a Parquet file, with the units as metadata; the same columns give the same bytes.
-pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
+pub fn table_bytes(columns: &[HeldColumn]) -> Result<Vec<u8>, OutputError> {
     let units = about::units_by_name(columns.iter().map(|column| (&*column.name, column.unit)));
     let metadata =
         key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
     write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
 }
 
-fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
+fn write_held<W: Write + Send>(to: W, table: &[HeldColumn], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
     let fields = table.iter().map(|column| {
         let kind = match &column.cells {
             Cells::Float(_) => Kind::Float,

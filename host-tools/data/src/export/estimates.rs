@@ -94,11 +94,11 @@ impl EstimateTable {
 
     /// The columns as a table in memory.
     #[cfg(feature = "parquet")]
-    pub fn held(&self) -> impl Iterator<Item = HeldColumn<'_>> {
+    pub fn held(&self) -> impl Iterator<Item = HeldColumn> {
         self.columns.iter().map(|column| HeldColumn {
-            name: (&*column.name).into(),
+            name: column.name.clone(),
             unit: column.unit,
-            cells: Cells::Float((&*column.values).into()),
+            cells: Cells::Float(column.values.clone()),
         })
     }
 
