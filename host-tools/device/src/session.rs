@@ -99,14 +99,9 @@ pub struct Device {
 }
 
 impl Device {
-    /// Opens the link, identifies the device, and reads its settings.
-    pub fn connect(target: &Target, clock: Clock) -> Result<Self, DeviceError> {
-        Self::connect_until(target, clock, || false)
-    }
-
-    /// [`connect`](Self::connect) for a session that can be interrupted: every wait then ends with
-    /// [`DeviceError::Interrupted`]. Requests made afterwards to restore the device's state may take 3 s in all.
-    pub fn connect_until(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
+    /// Opens the link, identifies the device, and reads its settings. Once `interrupted`, every wait ends with
+    /// [`DeviceError::Interrupted`]; requests made afterwards to restore the device's state may take 3 s in all.
+    pub fn connect(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
         let (link, name) = Link::open(target)?;
         let mut device = Self {
             link,
@@ -136,7 +131,7 @@ impl Device {
     ) -> Result<Self, E> {
         let started = Instant::now();
         loop {
-            match Self::connect_until(target, Clock::new(), interrupted) {
+            match Self::connect(target, Clock::new(), interrupted) {
                 Ok(mut device) => {
                     device.write_settings(settings)?;
                     return Ok(device);

@@ -38,7 +38,7 @@ impl ThisMachine {
     }
 
     fn reached(&self, target: &Target) -> Result<Device, DeviceError> {
-        Device::connect_until(target, Clock::new(), self.interrupted)
+        Device::connect(target, Clock::new(), self.interrupted)
     }
 }
 

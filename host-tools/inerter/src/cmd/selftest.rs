@@ -543,7 +543,7 @@ impl Bench {
     fn reached(&self, patience: Duration, interrupted: Interrupted) -> Result<Device, DeviceError> {
         let begun = Instant::now();
         loop {
-            match Device::connect_until(&self.target, Clock::new(), interrupted) {
+            match Device::connect(&self.target, Clock::new(), interrupted) {
                 Ok(device) if device.hello().serial == self.test.hello.serial => return Ok(device),
                 Ok(device) if begun.elapsed() > patience => {
                     let reason = format!("another device (serial {}) answers", device.hello().serial);
