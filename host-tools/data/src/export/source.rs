@@ -135,9 +135,7 @@ impl Source {
         // Samples that are added meanwhile to a recording still being written do not count.
         let most = usize::try_from(self.extent.samples).unwrap_or(usize::MAX);
         Ok(match &self.samples {
-            Origin::Recording(path) => {
-                Box::new(recording::samples(path)?.take(most).map(|sample| sample.map_err(Error::from)))
-            }
+            Origin::Recording(path) => Box::new(recording::samples(path)?.take(most)),
             Origin::Held(samples) => {
                 let samples = samples.clone();
                 Box::new((0_usize..).map_while(move |place| samples.get(place).copied()).map(Ok))

@@ -2,8 +2,6 @@
 
 use std::{
     collections::{BTreeMap, VecDeque},
-    fs::File,
-    io::BufReader,
     path::Path,
 };
 
@@ -278,44 +276,24 @@ pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) ->
     Ok(settings)
 }
 
-/// Reads the raw samples of a recording one after the other, one batch in memory.
-pub struct SampleReader {
-    messages: Messages<BufReader<File>>,
-    framing: Framing,
-    batch: VecDeque<RawSample>,
-}
-
-/// Begins to read the samples of a recording.
-pub fn samples(path: &Path) -> Result<SampleReader, RecordingError> {
-    Ok(SampleReader { messages: Messages::open(path)?, framing: Framing::default(), batch: VecDeque::new() })
-}
-
-impl SampleReader {
-    /// Bytes of the file read so far.
-    pub fn offset(&self) -> u64 {
-        self.messages.offset()
-    }
-}
-
-impl Iterator for SampleReader {
-    type Item = Result<RawSample, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        while self.batch.is_empty() {
-            let batch = &mut self.batch;
-            match self.messages.next() {
-                Err(error) => return Some(Err(error)),
+/// The raw samples of a recording one after the other, with one batch in memory.
+pub fn samples(path: &Path) -> Result<impl Iterator<Item = Result<RawSample, Error>> + use<>, RecordingError> {
+    let (mut messages, mut framing, mut batch) = (Messages::open(path)?, Framing::default(), VecDeque::new());
+    Ok(std::iter::from_fn(move || {
+        while batch.is_empty() {
+            match messages.next() {
+                Err(error) => return Some(Err(error.into())),
                 Ok(None) => return None,
                 Ok(Some(Message::Marker { .. })) => {}
-                Ok(Some(Message::Raw { part, .. })) => self.framing.take(part, self.messages.bytes(), |frame| {
+                Ok(Some(Message::Raw { part, .. })) => framing.take(part, messages.bytes(), |frame| {
                     if let Frame::Message { message: Record::Samples(samples), .. } = frame {
-                        append(batch, &samples);
+                        append(&mut batch, &samples);
                     }
                 }),
             }
         }
-        self.batch.pop_front().map(Ok)
-    }
+        batch.pop_front().map(Ok)
+    }))
 }
 
 /// Appends the samples of a batch, or none if the batch is invalid.
