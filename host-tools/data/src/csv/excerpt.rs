@@ -9,7 +9,7 @@ use crate::words::printable;
 /// Maximum number of characters shown on either side of the error, and of the error itself.
 const AROUND: usize = 60;
 
-/// Part of a line, made printable, with its position in the file, as which it is displayed.
+/// Part of a line, made printable. Its `Display` is its position: file and line.
 #[derive(Debug)]
 pub struct Excerpt {
     file: String,

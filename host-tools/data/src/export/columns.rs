@@ -1,4 +1,4 @@
-//! The columns that a file for other tools can have, and batches of them.
+//! The columns that a file for other tools can have, and their values.
 
 use inerter_core::{Machine, RawSample};
 use inerter_wire::catalogue::{self, Group};
