@@ -80,7 +80,7 @@ impl Machine {
         let started = Instant::now();
         loop {
             let target = Target::Tcp { address: self.address.clone() };
-            match Device::connect(&target, Clock::new()) {
+            match Device::connect(&target, Clock::new(), || false) {
                 Ok(device) => return Ok(device),
                 Err(DeviceError::Connect { .. } | DeviceError::TurnedAway { .. } | DeviceError::Vanished { .. })
                     if started.elapsed() < START_TIME =>

@@ -12,7 +12,9 @@ use inerter_tests::{
     grid,
     qemu::{Machine, estimates, image, measure, undisturbed, until_the_end},
 };
-use inerter_wire::{Capabilities, Command, MAX_FRAME, Record, SettingValue, SettingsValues, Streams, encode_record};
+use inerter_wire::{
+    Capabilities, Command, EstimatorEvent, MAX_FRAME, Record, SettingValue, SettingsValues, Streams, encode_record,
+};
 
 /// The estimates that core publishes on this computer, with the final one last.
 fn here(settings: &Settings, samples: &[RawSample]) -> Vec<Estimate> {
@@ -103,8 +105,10 @@ fn injected(run: &Run) {
     let mut machine = Machine::boot(&image, &[]).unwrap();
     let mut device = machine.connect().unwrap();
     let mut there = Vec::new();
-    let publish = |_: f64, estimate: &Estimate| {
-        there.push(*estimate);
+    let publish = |_: f64, event: &EstimatorEvent| {
+        if let EstimatorEvent::Estimate(estimated) = event {
+            there.push(estimated.estimate);
+        }
         Ok::<(), DeviceError>(())
     };
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };

@@ -36,7 +36,7 @@ pub type Text<const N: usize> = heapless::String<N>;
 /// Identity of the device.
 ///
 /// `wire_version` stays the first field of record 0 in every version, so that any reader can read it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Hello {
     /// Wire version that the device speaks.
     pub wire_version: u16,
@@ -70,9 +70,10 @@ impl Hello {
 }
 
 /// What the sample clock runs from. Its error enters the inertance twice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ClockSource {
     /// The chip's own oscillator, about 1 %: no accuracy of the inertance is claimed.
+    #[default]
     Internal,
     /// Quartz, about 50 ppm.
     Crystal,

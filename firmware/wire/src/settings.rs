@@ -28,7 +28,7 @@ pub struct SettingValue {
 pub struct SettingsValues(pub Vec<SettingValue, MAX_SETTINGS>);
 
 /// Settings as read from a device or a recording.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// Every setting; a missing one has the value of the given base.
     pub settings: Settings,

@@ -42,23 +42,22 @@ pub enum BackupError {
 }
 
 /// The device that settings belong to.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Owner {
     /// Board.
-    pub board: Option<String>,
+    pub board: String,
     /// Serial number.
-    pub serial: Option<String>,
+    pub serial: String,
 }
 
 impl Owner {
     /// A device.
     pub fn of(hello: &Hello) -> Self {
-        Self { board: Some(hello.board.to_string()), serial: Some(hello.serial.to_string()) }
+        Self { board: hello.board.to_string(), serial: hello.serial.to_string() }
     }
 
     fn words(&self) -> String {
-        let [board, serial] = [&self.board, &self.serial].map(|part| part.as_deref().unwrap_or("unknown"));
-        format!("{board}, serial {serial}")
+        format!("{}, serial {}", self.board, self.serial)
     }
 }
 
@@ -67,8 +66,8 @@ impl Owner {
 pub struct Backup {
     /// The settings.
     pub values: Overrides,
-    /// The device that they belong to.
-    pub owner: Owner,
+    /// The device that they belong to, if the file names it.
+    pub owner: Option<Owner>,
 }
 
 /// The text of a backup.
@@ -144,7 +143,8 @@ pub fn read(path: &Path) -> Result<Backup, SettingsInputError> {
             lines.filter_map(|line| line.trim_start_matches(['#', ' ']).strip_prefix(name)?.strip_prefix(':'));
         values.next().and_then(uncommented)
     };
-    Ok(Backup { values, owner: Owner { board: comment("board"), serial: comment("serial") } })
+    let owner = comment("board").zip(comment("serial")).map(|(board, serial)| Owner { board, serial });
+    Ok(Backup { values, owner })
 }
 
 impl Backup {
@@ -152,9 +152,9 @@ impl Backup {
     pub fn check_owner(&self, path: &Path, hello: &Hello) -> Result<(), BackupError> {
         let ours = Owner::of(hello);
         match &self.owner {
-            owner if *owner == ours => Ok(()),
-            Owner { board: None, .. } | Owner { serial: None, .. } => Err(BackupError::Nobody { path: path.into() }),
-            owner => Err(BackupError::Other { path: path.into(), theirs: owner.words(), ours: ours.words() }),
+            None => Err(BackupError::Nobody { path: path.into() }),
+            Some(owner) if *owner == ours => Ok(()),
+            Some(owner) => Err(BackupError::Other { path: path.into(), theirs: owner.words(), ours: ours.words() }),
         }
     }
 }
@@ -196,7 +196,7 @@ mod tests {
         let mut restored = Settings::default();
         backup.values.apply(&mut restored).unwrap();
         assert_eq!(changes(&settings, &restored), []);
-        assert_eq!(backup.owner, Owner::of(&hello("205735883537")));
+        assert_eq!(backup.owner, Some(Owner::of(&hello("205735883537"))));
         assert!(backup.check_owner(&path, &hello("205735883537")).is_ok());
         assert!(matches!(backup.check_owner(&path, &hello("1")), Err(BackupError::Other { .. })));
         fs::write(&path, to_toml(&settings)).unwrap();

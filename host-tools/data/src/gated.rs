@@ -51,40 +51,28 @@ impl Gated {
         };
         let told: Vec<Warning> = told.iter().filter(is_in).copied().collect();
         let is_told = |kind: WarningKind| told.iter().any(|warning| warning.kind == kind);
-        let is_clipped = clipped(run);
+        let unclipped = unclipped(run);
         let dead = dead(run, is_told(WarningKind::DeadForce));
         let jumps = jumps(run, &told);
         let found = [
-            (WarningKind::ClippedForce, is_clipped.is_some()),
+            (WarningKind::ClippedForce, unclipped.is_some()),
             (WarningKind::DeadForce, dead.contains(&true)),
             (WarningKind::CountSlip, !jumps.is_empty()),
         ];
         let left_out = found.iter().filter(|(_, found)| *found).map(|(kind, _)| *kind).collect();
         let not_found = found.iter().filter(|(kind, found)| !found && is_told(*kind)).map(|(kind, _)| *kind).collect();
         let is_left_out = |n: usize, sample: &RawSample| {
-            dead.get(n).copied().unwrap_or(false) || is_clipped.is_some_and(|within| !within.holds(sample))
+            let code = f64::from(sample.force_code);
+            dead.get(n).copied().unwrap_or(false)
+                || unclipped.is_some_and(|(above, below)| code <= above || code >= below)
         };
         let series = Series::without(run, is_left_out, |n| jumps.binary_search(&n).is_ok());
         Self { series, left_out, not_found }
     }
 }
 
-/// Range of codes that are not clipped.
-#[derive(Clone, Copy, Debug)]
-struct Within {
-    above: f64,
-    below: f64,
-}
-
-impl Within {
-    fn holds(self, sample: &RawSample) -> bool {
-        let code = f64::from(sample.force_code);
-        code > self.above && code < self.below
-    }
-}
-
-/// The range of codes that is not clipped, if the force is clipped anywhere.
-fn clipped(run: &Run) -> Option<Within> {
+/// The codes between which the force is not clipped, if it is clipped anywhere.
+fn unclipped(run: &Run) -> Option<(f64, f64)> {
     let settings = &run.settings;
     let is_within = |code: f64| code > settings.force_min_code && code < settings.force_max_code;
     let codes: Vec<i64> = run
@@ -109,7 +97,7 @@ fn clipped(run: &Run) -> Option<Within> {
     let [high, low] = [piled(&|code| greatest - code), piled(&|code| code - least)];
     let below = if high { *greatest as f64 - CUT_OFF * noise } else { f64::INFINITY };
     let above = if low { *least as f64 + CUT_OFF * noise } else { f64::NEG_INFINITY };
-    (high || low).then_some(Within { above, below })
+    (high || low).then_some((above, below))
 }
 
 /// Noise of the force that is not clipped \[codes, rms\], from the fourth differences; `None` if there is too little.

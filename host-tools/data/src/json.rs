@@ -4,8 +4,8 @@
 //! NaN or an infinity. Unknown values are `null`.
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Bank, Counters, Detail, Interval, Law, Machine, Parameter, Parameters, Reversal,
-    Route, Settings, Status, Warning,
+    Backlash, BacklashSize, Band, Counters, Detail, Interval, Law, Machine, Parameter, Parameters, Reversal, Settings,
+    Status, Warning,
 };
 use inerter_wire::{
     Estimated, EventKind, Health,
@@ -17,7 +17,8 @@ use serde_json::Value;
 use crate::{
     causes::{warning_name, warning_words},
     names::Names,
-    text::{changed_field, contact_texts, event_words, law_word, reason_texts, regime_texts, seen},
+    text::{changed_field, event_words, seen},
+    words::{code, snake_case},
 };
 
 /// One parameter in JSON.
@@ -70,7 +71,7 @@ impl From<&Parameters> for ParametersJson {
 }
 
 /// An estimate in JSON: `{"kind":"estimate", ...}`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct EstimateJson {
     pub kind: &'static str,
@@ -81,7 +82,7 @@ pub struct EstimateJson {
     #[serde(flatten)]
     pub recent: ParametersJson,
     pub moving: bool,
-    pub bank: &'static str,
+    pub bank: String,
     pub residual_rms_n: Option<f32>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub law: Option<LawJson>,
@@ -89,17 +90,7 @@ pub struct EstimateJson {
     #[serde(flatten)]
     pub detail: Option<DetailJson>,
     #[serde(flatten)]
-    pub counters: Option<CountersJson>,
-}
-
-/// Counts that the final estimate carries.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[allow(missing_docs, reason = "documented in core")]
-pub struct CountersJson {
-    pub samples: u64,
-    pub discontinuities: u32,
-    pub lost_samples: u64,
-    pub saturated: u32,
+    pub counters: Option<Counters>,
 }
 
 fn is_false(value: &bool) -> bool {
@@ -122,7 +113,7 @@ impl EstimateJson {
             whole_run: (&estimate.whole_run).into(),
             recent: (&estimate.recent).into(),
             moving: estimate.moving,
-            bank: bank_word(estimate.bank),
+            bank: code(&estimate.bank),
             residual_rms_n: finite(estimate.residual_rms_n),
             law: law.map(LawJson::from),
             updates: estimate.updates,
@@ -133,21 +124,15 @@ impl EstimateJson {
 
     /// The last estimate of a run.
     pub fn last(t_s: f64, estimated: &Estimated, settings: &Settings, counters: Option<Counters>) -> Self {
-        let counters = counters.map(|Counters { samples, discontinuities, lost_samples, saturated }| CountersJson {
-            samples,
-            discontinuities,
-            lost_samples,
-            saturated,
-        });
         Self { is_final: true, counters, ..Self::live(t_s, estimated, settings) }
     }
 }
 
 /// Whether the law holds, in JSON.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
 pub struct LawJson {
-    pub status: &'static str,
+    pub status: String,
     pub ratio: Option<f32>,
     pub limit: Option<f32>,
 }
@@ -155,27 +140,27 @@ pub struct LawJson {
 impl From<Law> for LawJson {
     fn from(law: Law) -> Self {
         let (ratio, limit) = law.misfit.map(|misfit| (misfit.ratio, misfit.limit)).unzip();
-        Self { status: law_word(law.status), ratio, limit }
+        Self { status: code(&law.status), ratio, limit }
     }
 }
 
 /// A backlash in JSON.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct BacklashJson {
     pub value: Option<f32>,
     pub u95: Option<f32>,
     pub status: &'static str,
-    pub reason: Option<&'static str>,
+    pub reason: Option<String>,
     pub reversals: u32,
-    pub route: &'static str,
+    pub route: String,
 }
 
 impl From<Backlash> for BacklashJson {
     fn from(backlash: Backlash) -> Self {
         let known = backlash.known().filter(|known| known.value.is_finite());
         let (status, reason) = match backlash.size {
-            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(reason_texts(reason).0)),
+            BacklashSize::NotIdentifiable(reason) => ("not_identifiable", Some(code(&reason))),
             _ if known.is_none() => ("not_identifiable", None),
             BacklashSize::Ok(_) => ("ok", None),
             BacklashSize::BelowU95(_) => ("below_u95", None),
@@ -186,21 +171,21 @@ impl From<Backlash> for BacklashJson {
             status,
             reason,
             reversals: backlash.reversals,
-            route: route_code(backlash.route),
+            route: code(&backlash.route),
         }
     }
 }
 
 /// How friction behaves, in JSON.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct FrictionJson {
     pub reversal_ratio: Option<f32>,
-    pub regime: &'static str,
+    pub regime: String,
 }
 
 /// The detail of an estimate, in JSON.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and where they are estimated")]
 pub struct DetailJson {
     pub backlash_m: BacklashJson,
@@ -209,7 +194,7 @@ pub struct DetailJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub contact_damping_n_s_per_m: Option<ParameterJson>,
     pub band_hz: Option<[f32; 2]>,
-    pub contact: &'static str,
+    pub contact: String,
     pub friction: FrictionJson,
     pub changes: u32,
 }
@@ -224,10 +209,10 @@ impl DetailJson {
             stiffness_n_per_m: measured(stiffness_n_per_m),
             contact_damping_n_s_per_m: measured(contact_damping_n_s_per_m),
             band_hz: seen(band).map(|Band { low_hz, high_hz }| [low_hz, high_hz]),
-            contact: contact_texts(contact).0,
+            contact: code(&contact),
             friction: FrictionJson {
                 reversal_ratio: friction.reversal_ratio.and_then(finite),
-                regime: regime_texts(friction.regime).0,
+                regime: code(&friction.regime),
             },
             changes: detail.changes,
         }
@@ -235,7 +220,7 @@ impl DetailJson {
 }
 
 /// A reversal in JSON: `{"kind":"reversal", ...}`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "documented in docs/CLI.md and in core")]
 pub struct ReversalJson {
     pub kind: &'static str,
@@ -243,7 +228,7 @@ pub struct ReversalJson {
     pub index: u32,
     pub value_m: Option<f32>,
     pub error_m: Option<f32>,
-    pub route: &'static str,
+    pub route: String,
     pub rising: bool,
 }
 
@@ -256,7 +241,7 @@ impl ReversalJson {
             index: reversal.index,
             value_m: finite(reversal.value_m),
             error_m: finite(reversal.error_m),
-            route: route_code(reversal.route),
+            route: code(&reversal.route),
             rising: reversal.rising,
         }
     }
@@ -342,17 +327,6 @@ pub fn event_code(kind: &EventKind) -> String {
     }
 }
 
-fn snake_case(name: &str) -> String {
-    let mut text = String::new();
-    for letter in name.chars() {
-        if letter.is_uppercase() && !text.is_empty() {
-            text.push('_');
-        }
-        text.extend(letter.to_lowercase());
-    }
-    text
-}
-
 /// A time rounded to the nanosecond: more digits would be arithmetic noise.
 pub fn rounded_s(t_s: f64) -> f64 {
     (t_s * 1e9).round() / 1e9
@@ -435,21 +409,6 @@ impl Shown {
             Self::Held => "held",
             Self::NotIdentifiable => "not_identifiable",
         }
-    }
-}
-
-/// `fast` or `slow`.
-pub fn bank_word(bank: Bank) -> &'static str {
-    match bank {
-        Bank::Fast => "fast",
-        Bank::Slow => "slow",
-    }
-}
-
-fn route_code(route: Route) -> &'static str {
-    match route {
-        Route::Force => "force",
-        Route::Terminal => "terminal",
     }
 }
 

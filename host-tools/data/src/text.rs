@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use inerter_core::{
-    Backlash, BacklashSize, Band, Change, Changed, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine,
-    Misfit, Parameter, Reason, Regime, Route, Settings, Status,
+    Backlash, BacklashSize, Band, Change, Contact, Detail, Estimate, Interval, Law, LawStatus, Machine, Misfit,
+    Parameter, Reason, Regime, Route, Settings, Status,
 };
 use inerter_wire::{
     Estimated, EventKind, Reading, ResetCause,
@@ -13,9 +13,9 @@ use inerter_wire::{
 
 use crate::{
     causes::warning_words,
-    names::description,
+    names::{description, parameter},
     replay::Outcome,
-    words::{amount_text, duration_text, interval_text, plural},
+    words::{amount_text, code, duration_text, interval_text, plural},
 };
 
 /// Value and interval to the digits that the interval justifies: `95.11 ± 0.48`.
@@ -36,7 +36,7 @@ pub fn backlash_text(backlash: &Backlash) -> String {
         }
         BacklashSize::Ok(interval) => text(interval),
         BacklashSize::BelowU95(interval) => format!("{} (maybe none)", text(interval)),
-        BacklashSize::NotIdentifiable(reason) => reason_texts(reason).1.into(),
+        BacklashSize::NotIdentifiable(reason) => reason_words(reason).into(),
     }
 }
 
@@ -194,13 +194,8 @@ pub fn is_trouble(kind: &EventKind) -> bool {
 
 /// The field of the parameter that changed.
 pub fn changed_field(machine: Machine, change: &Change) -> &'static Field {
-    let path = match change.parameter {
-        Changed::Inertance => "inertance_kg",
-        Changed::Viscous => "viscous_n_s_per_m",
-        Changed::Coulomb => "coulomb_n",
-        Changed::Offset => "offset_n",
-    };
-    catalogue::find(machine, Group::Parameter, path).unwrap_or(&catalogue::FIELDS[0])
+    // Both in the order of the law's parameters.
+    parameter(machine, change.parameter as usize)
 }
 
 /// A change for a person.
@@ -215,23 +210,14 @@ pub fn change_words(machine: Machine, change: &Change) -> String {
     format!("the device has changed: {} from {before} to {after} {unit}; the estimator restarts", label.to_lowercase())
 }
 
-/// `holds`, `broken` or `unknown`.
-pub fn law_word(status: LawStatus) -> &'static str {
-    match status {
-        LawStatus::Unknown => "unknown",
-        LawStatus::Holds => "holds",
-        LawStatus::Broken => "broken",
-    }
-}
-
 /// Whether the law holds, for a person: `holds (the residual is 1.0 times what noise and steps explain)`.
 pub fn law_text(law: &Law) -> String {
-    let word = law_word(law.status);
+    let word = code(&law.status);
     match law.misfit {
         Some(Misfit { ratio, .. }) => {
             format!("{word} (the residual is {ratio:.1} times what noise and steps explain)")
         }
-        None => word.into(),
+        None => word,
     }
 }
 
@@ -303,46 +289,36 @@ fn decimals(hertz: f32) -> usize {
     (2.0 - hertz.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
-/// Why there is no backlash: for programs, and for a person.
-pub(crate) fn reason_texts(reason: Reason) -> (&'static str, &'static str) {
+/// Why there is no backlash, for a person.
+fn reason_words(reason: Reason) -> &'static str {
     match reason {
-        Reason::ForceNeverReverses => ("force_never_reverses", "load never reverses"),
-        Reason::TooFewReversals => ("too_few_reversals", "too few reversals"),
-        Reason::FlankTooShort => ("flank_too_short", "flanks too short"),
-        Reason::StiffnessUnknown => ("stiffness_unknown", "stiffness unknown"),
-        Reason::Scattered => ("scattered", "reversals disagree"),
-    }
-}
-
-/// How the flanks behave: for programs, and for a person.
-pub(crate) fn contact_texts(contact: Contact) -> (&'static str, &'static str) {
-    match contact {
-        Contact::Unknown => ("unknown", "not seen yet"),
-        Contact::OneSided => ("one_sided", "one flank carries all the force"),
-        Contact::Closed => ("closed", "no backlash seen"),
-        Contact::Backlash => ("backlash", "backlash at each reversal"),
-        Contact::Bouncing => ("bouncing", "the flanks bounce"),
+        Reason::ForceNeverReverses => "load never reverses",
+        Reason::TooFewReversals => "too few reversals",
+        Reason::FlankTooShort => "flanks too short",
+        Reason::StiffnessUnknown => "stiffness unknown",
+        Reason::Scattered => "reversals disagree",
     }
 }
 
 /// How the flanks behave, for a person.
 pub fn contact_words(contact: Contact) -> &'static str {
-    contact_texts(contact).1
-}
-
-/// How friction behaves: for programs, and for a person.
-pub(crate) fn regime_texts(regime: Regime) -> (&'static str, &'static str) {
-    match regime {
-        Regime::Unknown => ("unknown", "not seen yet"),
-        Regime::Coulomb => ("coulomb", "Coulomb"),
-        Regime::Presliding => ("presliding", "creeps before it slips (presliding)"),
-        Regime::Stribeck => ("stribeck", "greater near rest (Stribeck)"),
+    match contact {
+        Contact::Unknown => "not seen yet",
+        Contact::OneSided => "one flank carries all the force",
+        Contact::Closed => "no backlash seen",
+        Contact::Backlash => "backlash at each reversal",
+        Contact::Bouncing => "the flanks bounce",
     }
 }
 
 /// How friction behaves, for a person.
 pub fn regime_words(regime: Regime) -> &'static str {
-    regime_texts(regime).1
+    match regime {
+        Regime::Unknown => "not seen yet",
+        Regime::Coulomb => "Coulomb",
+        Regime::Presliding => "creeps before it slips (presliding)",
+        Regime::Stribeck => "greater near rest (Stribeck)",
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 
-use inerter_core::{Friction, Reversal};
+use inerter_core::{Changed, Friction, Reversal};
 
 use super::*;
 use crate::json::{BacklashJson, DetailJson, EstimateJson, EventJson, ReversalJson, json_line};
@@ -49,10 +49,10 @@ fn what_is_not_known_is_null_with_its_reason() {
     let json = DetailJson::new(&Detail::default(), &settings(true));
     assert_eq!(json.band_hz, None);
     assert_eq!(json.stiffness_n_per_m.map(|parameter| parameter.status), Some("not_identifiable"));
-    assert_eq!((json.contact, json.friction.regime, json.friction.reversal_ratio), ("unknown", "unknown", None));
+    assert_eq!((&*json.contact, &*json.friction.regime, json.friction.reversal_ratio), ("unknown", "unknown", None));
     let backlash = json.backlash_m;
     assert_eq!(
-        (backlash.value, backlash.status, backlash.reason),
+        (backlash.value, backlash.status, backlash.reason.as_deref()),
         (None, "not_identifiable", Some("too_few_reversals"))
     );
     for (reason, code) in [
@@ -65,7 +65,7 @@ fn what_is_not_known_is_null_with_its_reason() {
         // Whatever else the device sends with it.
         let backlash = Backlash { size: BacklashSize::NotIdentifiable(reason), ..detail().backlash };
         let json = BacklashJson::from(backlash);
-        assert_eq!((json.value, json.u95, json.reason), (None, None, Some(code)));
+        assert_eq!((json.value, json.u95, json.reason.as_deref()), (None, None, Some(code)));
     }
     let below = BacklashJson::from(Backlash {
         size: BacklashSize::BelowU95(Interval { value: 5e-5, u95: 2e-6 }),

@@ -3,6 +3,7 @@
 use std::{borrow::Cow, ops::RangeInclusive};
 
 use chrono::{DateTime, SecondsFormat};
+use serde::Serialize;
 
 /// One line of text that is safe to print on a terminal, wherever it comes from: control characters, bidirectional
 /// controls and invisible characters become JSON escapes, so that JSON keeps its meaning.
@@ -181,6 +182,23 @@ pub fn amount_text(value: f64, decimals: usize) -> String {
     }
     let needed = 1.0 - value.abs().log10().floor();
     format!("{value:.*}", (needed as usize).max(decimals))
+}
+
+/// The name of a value for programs: `not_identifiable` for `NotIdentifiable`.
+pub fn code(value: &impl Serialize) -> String {
+    let name = serde_json::to_value(value).unwrap_or_default();
+    snake_case(name.as_str().unwrap_or_default())
+}
+
+pub(crate) fn snake_case(name: &str) -> String {
+    let mut text = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !text.is_empty() {
+            text.push('_');
+        }
+        text.extend(letter.to_lowercase());
+    }
+    text
 }
 
 /// A unit after a name: ` [N]`; empty for a plain number.

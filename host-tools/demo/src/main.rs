@@ -138,7 +138,7 @@ fn shake(test: &Test, speed: f64, image: &Path, folder: &Path) -> Result<Outcome
     let target = inerter_device::Target::Tcp { address: qemu.name().to_owned() };
     let alive = || Ok::<(), Error>(qemu.check()?);
     drop(inerter_device::Device::connect_starting(&target, START_TIME, &setup.settings, || false, alive)?);
-    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO)?;
+    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO, || false)?;
 
     let recording = folder.join(test.name).with_extension("mcap");
     let mut recorder = Recorder::create(&recording, true)?;

@@ -2,7 +2,7 @@
 
 use std::{collections::VecDeque, time::Duration};
 
-use inerter_core::{Estimate, RawSample, Settings};
+use inerter_core::{RawSample, Settings};
 use inerter_wire::{
     Capabilities, Command, Done, Estimated, EstimatorEvent, EventKind, Frame, Pairing, Record, Refusal, Samples,
     Source, Streams, step,
@@ -42,25 +42,11 @@ pub struct Injected {
     pub samples: u64,
 }
 
-/// [`inject_all`] for the device's estimates alone.
-pub fn inject<E: From<DeviceError>>(
-    device: &mut Device,
-    injection: &Injection,
-    mut publish: impl FnMut(f64, &Estimate) -> Result<(), E>,
-    progress: impl FnMut(u64) -> Result<(), E>,
-) -> Result<Injected, E> {
-    let estimates = |t_s: f64, event: &EstimatorEvent| match event {
-        EstimatorEvent::Estimate(estimated) => publish(t_s, &estimated.estimate),
-        EstimatorEvent::Reversal(_) | EstimatorEvent::Changed(_) | EstimatorEvent::Warned(_) => Ok(()),
-    };
-    inject_all(device, injection, estimates, progress)
-}
-
 /// Sends settings and samples; `publish` gets everything that the device's estimator reports, `progress` the number of
 /// samples accepted. An error from either ends the injection.
 ///
 /// The device's own settings are restored afterwards, whether or not everything succeeded.
-pub fn inject_all<E: From<DeviceError>>(
+pub fn inject<E: From<DeviceError>>(
     device: &mut Device,
     injection: &Injection,
     publish: impl FnMut(f64, &EstimatorEvent) -> Result<(), E>,

@@ -51,13 +51,9 @@ enum State {
 }
 
 impl Live {
-    /// Connects and switches the streams on. If the device later goes away, waits up to `wait` for it.
-    pub fn connect(target: Target, streams: Streams, wait: Duration) -> Result<Self, DeviceError> {
-        Self::connect_until(target, streams, wait, || false)
-    }
-
-    /// [`connect`](Self::connect) for a session that can be interrupted.
-    pub fn connect_until(
+    /// Connects and switches the streams on. If the device later goes away, waits up to `wait` for it. Ends as
+    /// [`Device::connect`] does if `interrupted`.
+    pub fn connect(
         target: Target,
         streams: Streams,
         wait: Duration,
@@ -159,7 +155,7 @@ fn open(
     clock: Clock,
     interrupted: Interrupted,
 ) -> Result<(Device, bool), DeviceError> {
-    let mut device = Device::connect_until(target, clock, interrupted)?;
+    let mut device = Device::connect(target, clock, interrupted)?;
     device.stream(streams)?;
     match device.start_sampler() {
         // The program that controls the device decides whether its sampler runs.

@@ -88,10 +88,6 @@ pub struct Device {
     name: String,
     hello: Hello,
     reading: Reading,
-    talk: Talk,
-}
-
-struct Talk {
     reader: Box<FrameReader<Record>>,
     sequence: SequenceCounter,
     next_id: u16,
@@ -103,16 +99,15 @@ struct Talk {
 }
 
 impl Device {
-    /// Opens the link, identifies the device, and reads its settings.
-    pub fn connect(target: &Target, clock: Clock) -> Result<Self, DeviceError> {
-        Self::connect_until(target, clock, || false)
-    }
-
-    /// [`connect`](Self::connect) for a session that can be interrupted: every wait then ends with
-    /// [`DeviceError::Interrupted`]. Requests made afterwards to restore the device's state may take 3 s in all.
-    pub fn connect_until(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
+    /// Opens the link, identifies the device, and reads its settings. Once `interrupted`, every wait ends with
+    /// [`DeviceError::Interrupted`]; requests made afterwards to restore the device's state may take 3 s in all.
+    pub fn connect(target: &Target, clock: Clock, interrupted: Interrupted) -> Result<Self, DeviceError> {
         let (link, name) = Link::open(target)?;
-        let talk = Talk {
+        let mut device = Self {
+            link,
+            name,
+            hello: Hello::default(),
+            reading: Reading::default(),
             reader: Box::new(FrameReader::new()),
             sequence: SequenceCounter::new(),
             next_id: first_id(&clock),
@@ -121,18 +116,6 @@ impl Device {
             interrupted,
             clean_up: None,
         };
-        let hello = Hello {
-            wire_version: 0,
-            firmware: Hello::text(""),
-            git: Hello::text(""),
-            board: Hello::text(""),
-            serial: Hello::text(""),
-            sample_rate_hz: 0.0,
-            clock: inerter_wire::ClockSource::Internal,
-            capabilities: Capabilities::NONE,
-        };
-        let reading = Reading { settings: Settings::default(), unknown: 0, impossible: 0, missing: 0 };
-        let mut device = Self { link, name, hello, reading, talk };
         device.handshake()?;
         Ok(device)
     }
@@ -148,7 +131,7 @@ impl Device {
     ) -> Result<Self, E> {
         let started = Instant::now();
         loop {
-            match Self::connect_until(target, Clock::new(), interrupted) {
+            match Self::connect(target, Clock::new(), interrupted) {
                 Ok(mut device) => {
                     device.write_settings(settings)?;
                     return Ok(device);
@@ -198,20 +181,20 @@ impl Device {
 
     /// Frames seen, lost and damaged on this link.
     pub fn counts(&self) -> &Counts {
-        self.talk.reader.counts()
+        self.reader.counts()
     }
 
     /// The next frame; `None` if nothing has arrived for a moment.
     pub fn receive(&mut self) -> Result<Option<Received>, DeviceError> {
-        if self.talk.queue.is_empty() {
+        if self.queue.is_empty() {
             self.poll()?;
         }
-        Ok(self.talk.queue.pop_front())
+        Ok(self.queue.pop_front())
     }
 
     /// A frame that is already queued, without reading from the link.
     pub fn pending(&mut self) -> Option<Received> {
-        self.talk.queue.pop_front()
+        self.queue.pop_front()
     }
 
     /// Sends a command and waits for its reply; other frames that arrive meanwhile stay queued for
@@ -228,20 +211,20 @@ impl Device {
         time: Duration,
     ) -> Result<Done, DeviceError> {
         let mut deadline = Instant::now() + time;
-        let cleans_up = (self.talk.interrupted)();
+        let cleans_up = (self.interrupted)();
         if cleans_up {
-            let end = *self.talk.clean_up.get_or_insert_with(|| Instant::now() + CLEAN_UP_TIME);
+            let end = *self.clean_up.get_or_insert_with(|| Instant::now() + CLEAN_UP_TIME);
             deadline = deadline.min(end);
         }
         let id = self.send(command)?;
-        let mut seen = self.talk.queue.len();
+        let mut seen = self.queue.len();
         loop {
             self.poll()?;
-            let mut new = self.talk.queue.range(seen.min(self.talk.queue.len())..);
+            let mut new = self.queue.range(seen.min(self.queue.len())..);
             if let Some(result) = new.find_map(|received| received.reply_to(id)) {
                 return result.map_err(|refusal| DeviceError::Refused { name: self.name.clone(), what, refusal });
             }
-            seen = self.talk.queue.len();
+            seen = self.queue.len();
             if !cleans_up {
                 self.check_interrupted()?;
             }
@@ -253,7 +236,7 @@ impl Device {
 
     /// Fails if the work should end.
     pub fn check_interrupted(&self) -> Result<(), DeviceError> {
-        if (self.talk.interrupted)() { Err(DeviceError::Interrupted) } else { Ok(()) }
+        if (self.interrupted)() { Err(DeviceError::Interrupted) } else { Ok(()) }
     }
 
     /// Selects the records that the device streams.
@@ -282,7 +265,7 @@ impl Device {
     fn handshake(&mut self) -> Result<(), DeviceError> {
         let is_tcp = matches!(self.link, Link::Tcp(_));
         self.hello = self.introduce().map_err(|error| match error {
-            DeviceError::Vanished { name, .. } if is_tcp && self.talk.queue.is_empty() => {
+            DeviceError::Vanished { name, .. } if is_tcp && self.queue.is_empty() => {
                 DeviceError::TurnedAway { name }
             }
             error => error,
@@ -301,12 +284,12 @@ impl Device {
             }
             if asked.is_none_or(|asked| asked.elapsed() > HELLO_TIME) {
                 // Each attempt restarts the stream, with sequence number 0.
-                self.talk.sequence = SequenceCounter::new();
+                self.sequence = SequenceCounter::new();
                 self.send(Command::Hello)?;
                 asked = Some(Instant::now());
             }
             self.poll()?;
-            let hello = self.talk.queue.iter().find_map(|received| {
+            let hello = self.queue.iter().find_map(|received| {
                 message(received, |record| match record {
                     Record::Hello(hello) => Some(hello.clone()),
                     _ => None,
@@ -336,10 +319,10 @@ impl Device {
         time: Duration,
         of: fn(&Record) -> Option<T>,
     ) -> Result<Option<T>, DeviceError> {
-        let before = self.talk.queue.len();
+        let before = self.queue.len();
         self.request_within(what, command, time)?;
         // The last one: an earlier one may come from an earlier change.
-        Ok(self.talk.queue.range(before..).rev().find_map(|received| message(received, of)))
+        Ok(self.queue.range(before..).rev().find_map(|received| message(received, of)))
     }
 
     /// The settings that the device keeps across a restart, in use or not; those that it does not know are as in
@@ -389,10 +372,10 @@ impl Device {
 
     /// Sends a command without waiting; returns the id that its reply will carry.
     pub fn send(&mut self, command: Command) -> Result<u16, DeviceError> {
-        let id = self.talk.next_id;
-        self.talk.next_id = id.wrapping_add(1).max(1);
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1).max(1);
         let mut out = [0; MAX_FRAME];
-        let length = encode_request(&Request { id, command }, self.talk.sequence.take(), &mut out)
+        let length = encode_request(&Request { id, command }, self.sequence.take(), &mut out)
             // Only a command that no caller can build would be too long for a frame.
             .unwrap_or(0);
         self.write(out.get(..length).unwrap_or_default())?;
@@ -407,21 +390,21 @@ impl Device {
     fn poll(&mut self) -> Result<(), DeviceError> {
         let mut portion = [0; 4096];
         let count = self.link.read(&mut portion).map_err(|error| self.vanished(&error))?;
-        let time_ns = self.talk.clock.now_ns();
+        let time_ns = self.clock.now_ns();
         let mut input = portion.get(..count).unwrap_or_default();
-        while let Some(frame) = self.talk.reader.read(&mut input) {
+        while let Some(frame) = self.reader.read(&mut input) {
             if let Frame::ForeignVersion { wire_version, .. } = frame {
                 return Err(DeviceError::WireVersion { name: self.name.clone(), theirs: wire_version });
             }
             let bytes = match frame {
                 Frame::Lost { .. } | Frame::Restarted => Vec::new(),
-                _ => self.talk.reader.frame_bytes().to_vec(),
+                _ => self.reader.frame_bytes().to_vec(),
             };
-            if self.talk.queue.len() >= MOST_IN_LINE {
-                self.talk.queue.clear();
+            if self.queue.len() >= MOST_IN_LINE {
+                self.queue.clear();
                 return Err(DeviceError::Flood { name: self.name.clone() });
             }
-            self.talk.queue.push_back(Received { time_ns, bytes, frame });
+            self.queue.push_back(Received { time_ns, bytes, frame });
         }
         Ok(())
     }

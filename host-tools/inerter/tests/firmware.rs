@@ -96,7 +96,8 @@ fn settings_are_shown_changed_saved_and_forgotten() {
         all.pointer(&format!("/settings/{name}")).unwrap().as_f64().unwrap()
     };
     let reboot = || {
-        let mut device = Device::connect(&Target::Tcp { address: device.name().into() }, Clock::new()).unwrap();
+        let mut device =
+            Device::connect(&Target::Tcp { address: device.name().into() }, Clock::new(), || false).unwrap();
         device.request("to restart", Command::Reboot).unwrap();
     };
     assert_eq!(value("memory_s"), 30.0);

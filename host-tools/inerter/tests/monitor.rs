@@ -120,7 +120,7 @@ fn a_reset_is_refused_aloud_where_another_program_has_the_control() {
     let folder = tempfile::tempdir().unwrap();
     let device = device(2.0);
     let target = inerter_device::Target::Tcp { address: device.name().into() };
-    let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new()).unwrap();
+    let _controller = inerter_device::Device::connect(&target, inerter_device::Clock::new(), || false).unwrap();
     let mut monitor = Monitor::start(folder.path(), device.name(), &["--web"]);
     let url = monitor.next("view")["address"].as_str().unwrap().replace("http://", "ws://");
     let mut socket = connect(&format!("{url}live"), None, None).unwrap();

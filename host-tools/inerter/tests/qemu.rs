@@ -36,7 +36,7 @@ fn a_run_through_the_image_replays_to_the_same_digits() {
     let setup = setup("random@8s");
     let mut qemu = booted(&setup, &image);
     let target = Target::Tcp { address: qemu.name().into() };
-    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO).unwrap();
+    let mut live = Live::connect(target, Streams::ALL, Duration::ZERO, || false).unwrap();
     let mut recorder = Recorder::create(&folder.path().join("run.mcap"), false).unwrap();
     let device = live.device().unwrap();
     recorder.describe(device.hello(), device.settings()).unwrap();

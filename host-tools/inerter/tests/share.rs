@@ -12,7 +12,7 @@ fn device_at(address: &str) -> VirtualDevice {
 }
 
 fn connect(address: &str) -> Device {
-    Device::connect(&Target::Tcp { address: address.into() }, Clock::new()).unwrap()
+    Device::connect(&Target::Tcp { address: address.into() }, Clock::new(), || false).unwrap()
 }
 
 /// Receives until this many matching records have arrived.

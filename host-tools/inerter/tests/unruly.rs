@@ -149,7 +149,7 @@ fn a_self_test_backs_settings_up_before_it_begins_and_replaces_no_backup() {
         visit.ended(Duration::from_secs(10)).expect("it goes on");
         visit.end();
         assert_eq!(std::fs::read_to_string(first).unwrap(), "# of an earlier run\n");
-        assert!(inerter_data::backup::read(&second).unwrap().owner.serial.is_some());
+        assert!(inerter_data::backup::read(&second).unwrap().owner.is_some());
     }
     let words = common::fails(folder.path(), &["selftest", "-o", "board.json", "--connect", &device.address], 2);
     assert!(words.contains("give the page another ending"), "{words}");

@@ -72,7 +72,7 @@ pub fn connect(
         (None, None) => Target::Usb { serial },
     };
     watch(py, None, move |_| {
-        let live = Live::connect(target, Streams::ALL, wait)?;
+        let live = Live::connect(target, Streams::ALL, wait, || false)?;
         let device = live.device();
         let hello = device.map(|device| device.hello().clone());
         let identity = hello.into_iter().flat_map(|hello| {

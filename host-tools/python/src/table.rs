@@ -11,7 +11,7 @@ use inerter_analysis::plan::Planned;
 use inerter_core::Settings;
 use inerter_data::{
     csv::column_names,
-    export::{Batch, Column, EstimateTable, Kind, Rows, Source, Values},
+    export::{Column, EstimateTable, Kind, Row, Rows, Source, Values},
     names::unit,
     words::printable,
 };
@@ -157,6 +157,7 @@ impl Table {
                 Kind::Float => DataType::Float64,
                 Kind::Whole => DataType::Int64,
                 Kind::Flag => DataType::Boolean,
+                Kind::Text => DataType::Utf8,
             };
             field(column.name(machine), column.unit(machine), kind, false)
         });
@@ -214,21 +215,18 @@ impl Iterator for Batches {
         if self.has_failed {
             return None;
         }
-        let mut batch = Batch::new(&self.columns, BATCH);
-        for row in self.rows.by_ref().take(BATCH) {
-            match row {
-                Ok((sample, point)) => batch.push(&self.source, &sample, &point),
-                Err(error) => {
-                    self.has_failed = true;
-                    return Some(Err(ArrowError::ExternalError(Box::new(error))));
-                }
+        let rows = match self.rows.by_ref().take(BATCH).collect::<Result<Vec<Row>, inerter_data::Error>>() {
+            Ok(rows) => rows,
+            Err(error) => {
+                self.has_failed = true;
+                return Some(Err(ArrowError::ExternalError(Box::new(error))));
             }
-        }
-        if batch.rows == 0 {
+        };
+        if rows.is_empty() {
             return None;
         }
-        let columns = batch.columns.into_iter().map(|(_, values)| -> ArrayRef {
-            match values {
+        let columns = self.columns.iter().map(|column| -> ArrayRef {
+            match column.values(&self.source, &rows) {
                 Values::Float(values) => Arc::new(Float64Array::from(values)),
                 Values::Whole(values) => Arc::new(Int64Array::from(values)),
                 Values::Flag(values) => Arc::new(BooleanArray::from(values)),

@@ -36,11 +36,6 @@ pub(crate) trait Files: Send + Sync {
     /// Whether a file exists.
     fn has(&self, name: &str) -> io::Result<bool>;
 
-    /// The contents of a small file.
-    fn get(&self, name: &str) -> io::Result<Vec<u8>> {
-        self.get_up_to(name, SMALL)?.ok_or_else(|| io::Error::other("it is far too long"))
-    }
-
     /// The contents of a file, or `None` if they are longer than this: then the rest is not read.
     fn get_up_to(&self, name: &str, longest: usize) -> io::Result<Option<Vec<u8>>> {
         let (mut bytes, mut is_longer) = (Vec::new(), false);

@@ -4,7 +4,7 @@ use inerter_core::{LawStatus, Machine};
 use inerter_data::{
     limits::{Doubts, Judged, Limits, Measured, NAMES, field},
     names::beside,
-    text::law_word,
+    words::code,
 };
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -90,7 +90,7 @@ impl Row {
             return Doubts::because("it was added by a version that did not count wrong samples");
         };
         let law =
-            [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(law_word(*law)));
+            [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(&*code(law)));
         let misfit = self.number("law_ratio").zip(self.number("law_limit"));
         let is_beyond = misfit.is_some_and(|(ratio, limit)| ratio > limit);
         let changed = self.number("changes").is_some_and(|changes| changes > 0.0);

@@ -1,6 +1,6 @@
 //! The tables of a recording: results of our estimator only.
 
-use std::{borrow::Cow, path::Path};
+use std::path::Path;
 
 use inerter_analysis::results::{Replayed, replayed};
 use inerter_core::{Machine, Parameter};
@@ -10,8 +10,7 @@ use inerter_data::{
     json::{EventJson, ReversalJson, Shown, rounded_s},
     names::{self, name},
     recording,
-    text::law_word,
-    words::{printable, utc},
+    words::{code, printable, utc},
 };
 use inerter_wire::{EstimatorEvent, EventKind, catalogue};
 use serde_json::{Value, json};
@@ -116,8 +115,8 @@ impl Tables {
 }
 
 /// A row as JSON; objects stay objects.
-fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
-    let value = |column: &HeldColumn<'_>| match &column.cells {
+fn json_of(run: &str, row: &[HeldColumn]) -> Value {
+    let value = |column: &HeldColumn| match &column.cells {
         Cells::Float(values) => json!(values.first().copied().flatten()),
         Cells::Whole(values) => json!(values.first().copied().flatten()),
         Cells::Text(values) => {
@@ -127,7 +126,7 @@ fn json_of(run: &str, row: &[HeldColumn<'_>]) -> Value {
                 .unwrap_or_else(|| json!(text))
         }
     };
-    let values = row.iter().map(|column| (column.name.to_string(), value(column)));
+    let values = row.iter().map(|column| (column.name.clone(), value(column)));
     Value::Object([("run".to_owned(), json!(run))].into_iter().chain(values).collect())
 }
 
@@ -136,37 +135,37 @@ fn float(
     linear: &str,
     unit: &'static str,
     values: impl IntoIterator<Item = Option<f64>>,
-) -> HeldColumn<'static> {
+) -> HeldColumn {
     let finite = values.into_iter().map(|value| value.filter(|value| value.is_finite()));
     HeldColumn {
-        name: name(machine, linear).into_owned().into(),
+        name: name(machine, linear).into_owned(),
         unit: names::unit(machine, unit),
         cells: Cells::Float(finite.collect()),
     }
 }
 
-fn whole(name: &'static str, values: impl IntoIterator<Item = Option<i64>>) -> HeldColumn<'static> {
+fn whole(name: &'static str, values: impl IntoIterator<Item = Option<i64>>) -> HeldColumn {
     HeldColumn { name: name.into(), unit: "", cells: Cells::Whole(values.into_iter().collect()) }
 }
 
-fn text<'a>(name: &'static str, values: impl IntoIterator<Item = Option<impl Into<Cow<'a, str>>>>) -> HeldColumn<'a> {
+fn text(name: &'static str, values: impl IntoIterator<Item = Option<impl Into<String>>>) -> HeldColumn {
     let cells = values.into_iter().map(|value| value.map(Into::into)).collect();
     HeldColumn { name: name.into(), unit: "", cells: Cells::Text(cells) }
 }
 
-fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldColumn<'_>> {
+fn reversal_columns(machine: Machine, reversals: &[ReversalJson]) -> Vec<HeldColumn> {
     let all = |of: fn(&ReversalJson) -> Option<f64>| reversals.iter().map(of);
     vec![
         float(machine, "t_s", "s", all(|reversal| reversal.t_s)),
         whole("index", reversals.iter().map(|reversal| Some(reversal.index.into()))),
         float(machine, "value_m", "m", all(|reversal| reversal.value_m.map(f64::from))),
         float(machine, "error_m", "m", all(|reversal| reversal.error_m.map(f64::from))),
-        text("route", reversals.iter().map(|reversal| Some(reversal.route))),
+        text("route", reversals.iter().map(|reversal| Some(&*reversal.route))),
         whole("rising", reversals.iter().map(|reversal| Some(reversal.rising.into()))),
     ]
 }
 
-fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColumn<'_>> {
+fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColumn> {
     vec![
         float(Machine::Linear, "t_s", "s", events.iter().map(|event| Some(rounded_s(event.0)))),
         whole("index", events.iter().map(|event| event.1.map(i64::from))),
@@ -176,7 +175,7 @@ fn event_columns(events: &[(f64, Option<u32>, String, String)]) -> Vec<HeldColum
 }
 
 /// The result of the run: one row.
-fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
+fn row(source: &Source, replayed: &Replayed) -> Vec<HeldColumn> {
     let outcome = &replayed.outcome;
     let (settings, extent) = (&source.settings, &source.extent);
     let machine = settings.machine;
@@ -223,7 +222,7 @@ fn row<'a>(source: &'a Source, replayed: &Replayed) -> Vec<HeldColumn<'a>> {
     let misfit = outcome.law.misfit;
     let causes: Vec<&str> = replayed.remarks().map(|(code, _)| code).collect();
     columns.extend([
-        text("law", [Some(law_word(outcome.law.status))]),
+        text("law", [Some(code(&outcome.law.status))]),
         float(machine, "law_ratio", "", [misfit.map(|misfit| misfit.ratio.into())]),
         float(machine, "law_limit", "", [misfit.map(|misfit| misfit.limit.into())]),
         float(machine, "residual_rms_n", "N", [Some(outcome.estimate.residual_rms_n.into())]),
@@ -240,13 +239,13 @@ fn of_parameter(
     field: &'static catalogue::Field,
     parameter: &Parameter,
     interval: Option<(f64, f64)>,
-) -> Vec<HeldColumn<'static>> {
+) -> Vec<HeldColumn> {
     let known = parameter.known();
     let own = known.map(|known| f64::from(known.u95));
     let number = |name: String, value: Option<f64>| HeldColumn {
-        name: name.into(),
+        name,
         unit: field.unit,
-        cells: Cells::Float(vec![value.filter(|value| value.is_finite())].into()),
+        cells: Cells::Float(vec![value.filter(|value| value.is_finite())]),
     };
     let mut columns = vec![
         number(field.path.into(), known.map(|known| known.value.into())),
@@ -256,7 +255,7 @@ fn of_parameter(
         columns.push(number(names::beside(field, "_same_rig_u95"), known.map(|_| same_rig)));
     }
     columns.push(HeldColumn {
-        name: format!("{}_status", names::stem(field)).into(),
+        name: format!("{}_status", names::stem(field)),
         unit: "",
         cells: Cells::Text(vec![Some(Shown::of(field, parameter).word().into())]),
     });

@@ -3,12 +3,12 @@
 use inerter_core::{Backlash, Machine, Source};
 use inerter_data::{
     csv::motion::Point,
-    json::{BacklashJson, bank_word},
+    json::BacklashJson,
     names::{description, parameter, unit},
     text::backlash_text,
     uncertainty::{PartJson, parts, source_word},
     wants::Want,
-    words::{duration_text, rounded_text, three_digits},
+    words::{code, duration_text, rounded_text, three_digits},
 };
 use inerter_plant::{Excitation, Inerter};
 use serde::Serialize;
@@ -300,7 +300,7 @@ impl Planned {
             "force_noise_n": expected.force_noise_n,
             "predicted": predicted,
             "backlash_m": BacklashJson::from(*backlash),
-            "bank": bank_word(*bank),
+            "bank": code(bank),
             "band_hz": band_hz,
             "broken": broken,
             "wants": self.wanted().map(want).collect::<Vec<_>>(),

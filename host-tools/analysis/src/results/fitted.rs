@@ -2,8 +2,9 @@
 
 use inerter_core::Machine;
 use inerter_data::{
-    json::{ParameterJson, ParametersJson, bank_word},
+    json::{ParameterJson, ParametersJson},
     names::parameter,
+    words::code,
 };
 use serde::Serialize;
 
@@ -20,7 +21,7 @@ pub struct FitJson {
     /// Of several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     files: Vec<String>,
-    bank: &'static str,
+    bank: String,
     updates: u64,
     symmetric: ParametersJson,
     symmetric_residual_rms_n: f64,
@@ -67,7 +68,7 @@ impl FitJson {
             kind: "fit",
             file,
             files,
-            bank: bank_word(*bank),
+            bank: code(bank),
             updates: *updates,
             symmetric: (&fit.symmetric).into(),
             symmetric_residual_rms_n: fit.symmetric_residual_rms_n,

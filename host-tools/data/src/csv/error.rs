@@ -37,11 +37,9 @@ pub enum CsvError {
     LongLine { file: String, line: usize, longest: usize },
 
     /// The first line holds numbers instead of names.
-    #[error("{file}, line {line}: the header is missing: the first line holds numbers")]
+    #[error("{text}: the header is missing: the first line holds numbers")]
     #[diagnostic(code(inerter::csv::header), help("put the column names above the numbers: {header}"))]
     NoHeader {
-        file: String,
-        line: usize,
         header: &'static str,
         #[source_code]
         text: Arc<Excerpt>,
@@ -50,11 +48,9 @@ pub enum CsvError {
     },
 
     /// A column is missing.
-    #[error("{file}, line {line}: the column `{column}` is missing")]
+    #[error("{text}: the column `{column}` is missing")]
     #[diagnostic(code(inerter::csv::column), help("{advice}"))]
     MissingColumn {
-        file: String,
-        line: usize,
         column: &'static str,
         advice: String,
         #[source_code]
@@ -64,11 +60,9 @@ pub enum CsvError {
     },
 
     /// A column occurs twice.
-    #[error("{file}, line {line}: the column `{column}` appears twice")]
+    #[error("{text}: the column `{column}` appears twice")]
     #[diagnostic(code(inerter::csv::twice), help("rename one of them: it is unclear which is meant"))]
     DuplicateColumn {
-        file: String,
-        line: usize,
         column: &'static str,
         #[source_code]
         text: Arc<Excerpt>,
@@ -77,14 +71,12 @@ pub enum CsvError {
     },
 
     /// The columns belong to both kinds of machine.
-    #[error("{file}, line {line}: the column `{column}` does not go with `{other}`")]
+    #[error("{text}: the column `{column}` does not go with `{other}`")]
     #[diagnostic(
         code(inerter::csv::machine),
         help("a linear machine has force_n and terminal_m, a rotary one torque_n_m and terminal_rad")
     )]
     MixedMachines {
-        file: String,
-        line: usize,
         column: &'static str,
         other: &'static str,
         #[source_code]
@@ -102,14 +94,12 @@ pub enum CsvError {
     Machine { file: String, column: &'static str, set: u8, force: &'static str, terminal: &'static str },
 
     /// A line ends before its last needed column.
-    #[error("{file}, line {line}: the line ends before the column `{column}`")]
+    #[error("{text}: the line ends before the column `{column}`")]
     #[diagnostic(
         code(inerter::csv::short),
         help("to leave a sample out, leave out its whole line, never a part of it")
     )]
     Short {
-        file: String,
-        line: usize,
         column: &'static str,
         #[source_code]
         text: Arc<Excerpt>,
@@ -118,11 +108,9 @@ pub enum CsvError {
     },
 
     /// A cell does not hold a valid number.
-    #[error("{file}, line {line}, column {column}: {what}")]
+    #[error("{text}, column {column}: {what}")]
     #[diagnostic(code(inerter::csv::number), help("{advice}"))]
     Cell {
-        file: String,
-        line: usize,
         column: &'static str,
         what: String,
         advice: &'static str,
@@ -133,11 +121,9 @@ pub enum CsvError {
     },
 
     /// Time does not advance.
-    #[error("{file}, line {line}, column t_s: time {} from {previous} to {time}", if time < previous { "goes backwards" } else { "stands still" })]
+    #[error("{text}, column t_s: time {} from {previous} to {time}", if time < previous { "goes backwards" } else { "stands still" })]
     #[diagnostic(code(inerter::csv::time), help("{}", time_help(*previous, *time)))]
     Time {
-        file: String,
-        line: usize,
         previous: f64,
         time: f64,
         #[source_code]

@@ -1,5 +1,7 @@
 //! The part of a line that an error shows.
 
+use std::fmt;
+
 use miette::{MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
 
 use crate::words::printable;
@@ -7,7 +9,7 @@ use crate::words::printable;
 /// Maximum number of characters shown on either side of the error, and of the error itself.
 const AROUND: usize = 60;
 
-/// Part of a line, made printable, with its position in the file.
+/// Part of a line, made printable. Its `Display` is its position: file and line.
 #[derive(Debug)]
 pub struct Excerpt {
     file: String,
@@ -30,7 +32,13 @@ impl Excerpt {
                 part.unwrap_or_default().split('\t').map(printable).collect::<Vec<_>>().join("\t")
             });
         let span = SourceSpan::new(before.len().into(), meant.len());
-        (Self { file: printable(file).into(), line, text: before + &meant + &after, skipped: last }, span)
+        (Self { file: file.into(), line, text: before + &meant + &after, skipped: last }, span)
+    }
+}
+
+impl fmt::Display for Excerpt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, line {}", self.file, self.line)
     }
 }
 
@@ -44,7 +52,7 @@ impl SourceCode for Excerpt {
         let whole = SourceSpan::new(0.into(), self.text.len());
         let line = self.line.saturating_sub(1);
         let contents = MietteSpanContents::new_named(
-            self.file.clone(),
+            printable(&self.file).into(),
             self.text.as_bytes(),
             whole,
             line,

@@ -61,16 +61,16 @@ impl Line<'_> {
     /// The time in a cell, which must be later than the previous one, and its decimals.
     pub fn later(&self, previous: Option<&f64>, (time, at, written): Cell) -> Result<(f64, u32), CsvError> {
         if let Some(previous) = previous.copied().filter(|previous| time <= *previous) {
-            let (file, line, text, at) = self.source(at, written.len());
-            return Err(CsvError::Time { file, line, previous, time, text, at });
+            let (text, at) = self.source(at, written.len());
+            return Err(CsvError::Time { previous, time, text, at });
         }
         Ok((time, decimals(written)))
     }
 
-    /// The position of something in the line, for a message: file and line, the excerpt, and the span in it.
-    pub fn source(&self, at: usize, length: usize) -> (String, usize, Arc<Excerpt>, SourceSpan) {
+    /// The position of something in the line, for a message: the excerpt, and the span in it.
+    pub fn source(&self, at: usize, length: usize) -> (Arc<Excerpt>, SourceSpan) {
         let (excerpt, span) = Excerpt::of(self.file, self.number, self.text, at, length);
-        (self.file.into(), self.number, Arc::new(excerpt), span)
+        (Arc::new(excerpt), span)
     }
 }
 
@@ -127,8 +127,8 @@ impl<'a> Header<'a> {
         let dialect = Dialect::detect(line.text);
         let names: Vec<(usize, &str)> = dialect.fields(line.text).collect();
         if names.iter().all(|(_, name)| dialect.number(name).is_some()) {
-            let (file, line, text, at) = line.source(0, line.text.len());
-            return Err(CsvError::NoHeader { file, line, header, text, at });
+            let (text, at) = line.source(0, line.text.len());
+            return Err(CsvError::NoHeader { header, text, at });
         }
         Ok(Self { line, dialect, names })
     }
@@ -138,8 +138,8 @@ impl<'a> Header<'a> {
         let mut places = self.names.iter().enumerate().filter(|(_, (_, name))| name.eq_ignore_ascii_case(column));
         let first = places.next();
         if let Some((_, (offset, name))) = places.next() {
-            let (file, line, text, at) = self.line.source(*offset, name.len());
-            return Err(CsvError::DuplicateColumn { file, line, column, text, at });
+            let (text, at) = self.line.source(*offset, name.len());
+            return Err(CsvError::DuplicateColumn { column, text, at });
         }
         Ok(first.map(|(place, _)| place))
     }
@@ -147,8 +147,8 @@ impl<'a> Header<'a> {
     /// The index of a required column; `advice` says what to do if it is missing.
     pub fn need(&self, column: &'static str, advice: impl Fn(&[(usize, &str)]) -> String) -> Result<usize, CsvError> {
         self.find(column)?.ok_or_else(|| {
-            let (file, line, text, at) = self.line.source(0, self.line.text.len());
-            CsvError::MissingColumn { file, line, column, advice: advice(&self.names), text, at }
+            let (text, at) = self.line.source(0, self.line.text.len());
+            CsvError::MissingColumn { column, advice: advice(&self.names), text, at }
         })
     }
 }
@@ -165,15 +165,15 @@ pub(super) fn cell<'a>(
     column: &'static str,
 ) -> Result<Cell<'a>, CsvError> {
     let Some((offset, field)) = fields.get(place).copied() else {
-        let (file, line, text, at) = line.source(0, line.text.len());
-        return Err(CsvError::Short { file, line, column, text, at });
+        let (text, at) = line.source(0, line.text.len());
+        return Err(CsvError::Short { column, text, at });
     };
     match dialect.number(field) {
         Some(value) if value.is_finite() => Ok((value, offset, field)),
         number => {
-            let (file, line, text, at) = line.source(offset, field.len());
+            let (text, at) = line.source(offset, field.len());
             let (what, advice) = cell_words(field, number);
-            Err(CsvError::Cell { file, line, column, what, advice, text, at })
+            Err(CsvError::Cell { column, what, advice, text, at })
         }
     }
 }

@@ -7,7 +7,7 @@ use inerter_core::Machine;
 use super::{
     dialect::{self, Dialect},
     error::CsvError,
-    lines::{Cell, Header, Line, Lines, bytes_of, cell},
+    lines::{Header, Line, Lines, bytes_of, cell},
 };
 use crate::words::{nearest, shortened};
 
@@ -60,27 +60,19 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     let text = dialect::decode(file, bytes)?;
     let mut lines = Lines::of(file, &text);
     let header = Header::read(&mut lines, HEADER)?;
-    let dialect = header.dialect;
     let columns = Columns::find(&header)?;
     let mut table = Table { file: file.into(), machine: columns.machine, ..Table::default() };
     for line in lines {
         line.check_length()?;
-        let row = match columns.row(&line, dialect) {
+        match table.take(&columns, &line, header.dialect) {
             Err(CsvError::Short { .. } | CsvError::Cell { .. }) if line.is_cut_off(&text) => {
                 table
                     .notes
                     .push(format!("{file}, line {}: the file ends within this line, which is left out", line.number));
                 break;
             }
-            row => row?,
-        };
-        let (t_s, decimals) = line.later(table.t_s.last(), row.time)?;
-        table.t_s.push(t_s);
-        table.encoder_count.push(row.encoder_count);
-        table.force_n.push(row.force_n);
-        table.terminal_m.extend(row.terminal_m);
-        table.line.push(line.number);
-        table.time_decimals = table.time_decimals.max(decimals);
+            taken => taken?,
+        }
     }
     if table.t_s.is_empty() {
         return Err(CsvError::Empty { file: file.into(), header: HEADER });
@@ -88,55 +80,43 @@ pub fn parse(file: &str, bytes: &[u8]) -> Result<Table, CsvError> {
     Ok(table)
 }
 
-struct Row<'a> {
-    time: Cell<'a>,
-    encoder_count: i64,
-    force_n: f64,
-    terminal_m: Option<f64>,
-}
-
-/// The index of each column.
+/// The name and the index of each column, and the machine that the names belong to.
 struct Columns {
-    t_s: usize,
-    encoder_count: usize,
     machine: Machine,
-    force_n: usize,
-    terminal_m: Option<usize>,
+    /// Time, encoder count and force.
+    needed: [(&'static str, usize); 3],
+    terminal: Option<(&'static str, usize)>,
 }
 
 impl Columns {
     fn find(header: &Header) -> Result<Self, CsvError> {
         let find = |column| header.find(column);
-        let need = |column| header.need(column, |names| missing_advice(column, names));
+        let need = |column| Ok::<_, CsvError>((column, header.need(column, |names| missing_advice(column, names))?));
         let [linear, rotary] = [Machine::Linear, Machine::Rotary].map(column_names);
         let is_rotary = find(rotary.0)?.is_some() || (find(rotary.1)?.is_some() && find(linear.0)?.is_none());
         let (machine, (force, terminal), others) =
             if is_rotary { (Machine::Rotary, rotary, linear) } else { (Machine::Linear, linear, rotary) };
         for column in [others.0, others.1] {
             if let Some((offset, name)) = find(column)?.and_then(|place| header.names.get(place)) {
-                let (file, line, text, at) = header.line.source(*offset, name.len());
-                return Err(CsvError::MixedMachines { file, line, column, other: force, text, at });
+                let (text, at) = header.line.source(*offset, name.len());
+                return Err(CsvError::MixedMachines { column, other: force, text, at });
             }
         }
-        Ok(Self {
-            t_s: need(T_S)?,
-            encoder_count: need(ENCODER_COUNT)?,
-            machine,
-            force_n: need(force)?,
-            terminal_m: find(terminal)?,
-        })
+        let needed = [need(T_S)?, need(ENCODER_COUNT)?, need(force)?];
+        Ok(Self { machine, needed, terminal: find(terminal)?.map(|place| (terminal, place)) })
     }
+}
 
-    fn row<'a>(&self, line: &Line<'a>, dialect: Dialect) -> Result<Row<'a>, CsvError> {
+impl Table {
+    /// Adds the sample in a line.
+    fn take(&mut self, columns: &Columns, line: &Line, dialect: Dialect) -> Result<(), CsvError> {
         let fields: Vec<_> = dialect.fields(line.text).collect();
-        let cell = |place, column| cell(line, dialect, &fields, place, column);
-        let time = cell(self.t_s, T_S)?;
-        let (count, count_at, count_field) = cell(self.encoder_count, ENCODER_COUNT)?;
+        let cell = |(column, place)| cell(line, dialect, &fields, place, column);
+        let [time, count, force] = columns.needed.map(cell);
+        let (time, (count, count_at, count_field)) = (time?, count?);
         if count.fract() != 0.0 || count.abs() > MAX_COUNT {
-            let (file, line, text, at) = line.source(count_at, count_field.len());
+            let (text, at) = line.source(count_at, count_field.len());
             return Err(CsvError::Cell {
-                file,
-                line,
                 column: ENCODER_COUNT,
                 what: format!("{} is not a whole number of counts", shortened(count_field)),
                 advice: "the encoder's raw counts are needed: a displacement in metres must be divided by the metres per \
@@ -145,10 +125,15 @@ impl Columns {
                 at,
             });
         }
-        let (force, terminal) = column_names(self.machine);
-        let (force_n, _, _) = cell(self.force_n, force)?;
-        let terminal_m = self.terminal_m.map(|place| cell(place, terminal)).transpose()?.map(|(value, _, _)| value);
-        Ok(Row { time, encoder_count: count as i64, force_n, terminal_m })
+        let ((force_n, ..), terminal) = (force?, columns.terminal.map(cell).transpose()?);
+        let (t_s, decimals) = line.later(self.t_s.last(), time)?;
+        self.t_s.push(t_s);
+        self.encoder_count.push(count as i64);
+        self.force_n.push(force_n);
+        self.terminal_m.extend(terminal.map(|(terminal_m, ..)| terminal_m));
+        self.line.push(line.number);
+        self.time_decimals = self.time_decimals.max(decimals);
+        Ok(())
     }
 }
 

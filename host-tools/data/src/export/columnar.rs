@@ -19,37 +19,34 @@ use parquet::{
 };
 use serde_json::{Map, Value, json};
 
-use super::{Batch, Cells, Column, EstimateTable, HeldColumn, Kind, Source, Values, about, selection::Sink};
+use super::{Cells, Column, EstimateTable, HeldColumn, Kind, Row, Source, Values, about, selection::Sink};
 use crate::output::{OutputError, Pending};
 
 /// A Parquet file being written.
 pub(super) struct Parquet {
     name: String,
+    columns: Vec<Column>,
     writer: SerializedFileWriter<File>,
 }
 
 impl Parquet {
-    pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+    pub(super) fn create(file: &Pending, source: &Source, columns: Vec<Column>) -> Result<Self, OutputError> {
         let machine = source.settings.machine;
-        let fields =
-            columns.iter().map(|column| (column.name(machine), Held::Number(column.kind()), Repetition::REQUIRED));
-        let metadata = metadata(source, about::units(source, columns));
+        let fields = columns.iter().map(|column| (column.name(machine), column.kind(), Repetition::REQUIRED));
+        let metadata = metadata(source, about::units(source, &columns));
         let writer = writer(file.open()?, fields, metadata).map_err(|error| failed(&file.name(), error))?;
-        Ok(Self { name: file.name(), writer })
+        Ok(Self { name: file.name(), columns, writer })
     }
 }
 
 impl Sink for Parquet {
-    fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
-        let mut columns = batch.columns.iter();
-        group(&mut self.writer, |writer| {
-            match columns.next() {
-                Some((_, Values::Float(values))) => put::<DoubleType>(writer, values, None)?,
-                Some((_, Values::Whole(values))) => put::<Int64Type>(writer, values, None)?,
-                Some((_, Values::Flag(values))) => put::<BoolType>(writer, values, None)?,
-                None => {}
-            }
-            Ok(())
+    fn take(&mut self, source: &Source, rows: &[Row]) -> Result<(), OutputError> {
+        let mut columns = self.columns.iter().map(|column| column.values(source, rows));
+        group(&mut self.writer, |writer| match columns.next() {
+            Some(Values::Float(values)) => put::<DoubleType>(writer, &values, None),
+            Some(Values::Whole(values)) => put::<Int64Type>(writer, &values, None),
+            Some(Values::Flag(values)) => put::<BoolType>(writer, &values, None),
+            None => Ok(()),
         })
         .map_err(|error| failed(&self.name, error))
     }
@@ -67,19 +64,19 @@ pub(super) fn write_estimates(file: &Pending, source: &Source, table: &EstimateT
 }
 
 /// A table as the bytes of a Parquet file, with the units as metadata; the same columns give the same bytes.
-pub fn table_bytes(columns: &[HeldColumn<'_>]) -> Result<Vec<u8>, OutputError> {
+pub fn table_bytes(columns: &[HeldColumn]) -> Result<Vec<u8>, OutputError> {
     let units = about::units_by_name(columns.iter().map(|column| (&*column.name, column.unit)));
     let metadata =
         key_values([("PANDAS_ATTRS", Some(json!({ "units": units }))), ("inerter.units", Some(json!(units)))]);
     write_held(Vec::new(), columns, metadata).map_err(|error| failed("a table", error))
 }
 
-fn write_held<W: Write + Send>(to: W, table: &[HeldColumn<'_>], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
+fn write_held<W: Write + Send>(to: W, table: &[HeldColumn], metadata: Vec<KeyValue>) -> Result<W, ParquetError> {
     let fields = table.iter().map(|column| {
         let kind = match &column.cells {
-            Cells::Float(_) => Held::Number(Kind::Float),
-            Cells::Whole(_) => Held::Number(Kind::Whole),
-            Cells::Text(_) => Held::Text,
+            Cells::Float(_) => Kind::Float,
+            Cells::Whole(_) => Kind::Whole,
+            Cells::Text(_) => Kind::Text,
         };
         (&*column.name, kind, Repetition::OPTIONAL)
     });
@@ -127,16 +124,9 @@ fn put<T: DataType>(
     writer.typed::<T>().write_batch(values, levels, None).map(drop)
 }
 
-/// The type of a column.
-#[derive(Clone, Copy)]
-enum Held {
-    Number(Kind),
-    Text,
-}
-
 fn writer<'a, W: Write + Send>(
     to: W,
-    fields: impl Iterator<Item = (&'a str, Held, Repetition)>,
+    fields: impl Iterator<Item = (&'a str, Kind, Repetition)>,
     metadata: Vec<KeyValue>,
 ) -> Result<SerializedFileWriter<W>, ParquetError> {
     // Hardly any number repeats, so a dictionary would not help.
@@ -151,16 +141,16 @@ fn writer<'a, W: Write + Send>(
         let path = ColumnPath::from(name);
         let (physical, encoding) = match kind {
             // Bytes of equal significance compress well side by side.
-            Held::Number(Kind::Float) => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
-            Held::Number(Kind::Whole) => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
-            Held::Number(Kind::Flag) => (Physical::BOOLEAN, Encoding::PLAIN),
-            Held::Text => {
+            Kind::Float => (Physical::DOUBLE, Encoding::BYTE_STREAM_SPLIT),
+            Kind::Whole => (Physical::INT64, Encoding::DELTA_BINARY_PACKED),
+            Kind::Flag => (Physical::BOOLEAN, Encoding::PLAIN),
+            Kind::Text => {
                 properties = properties.set_column_dictionary_enabled(path.clone(), true);
                 (Physical::BYTE_ARRAY, Encoding::PLAIN)
             }
         };
         properties = properties.set_column_encoding(path, encoding);
-        let logical = matches!(kind, Held::Text).then_some(LogicalType::String);
+        let logical = (kind == Kind::Text).then_some(LogicalType::String);
         let field = Type::primitive_type_builder(name, physical).with_repetition(repetition).with_logical_type(logical);
         types.push(Arc::new(field.build()?));
     }

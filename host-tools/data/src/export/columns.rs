@@ -1,10 +1,10 @@
-//! The columns that a file for other tools can have, and batches of them.
+//! The columns that a file for other tools can have, and their values.
 
 use inerter_core::{Machine, RawSample};
 use inerter_wire::catalogue::{self, Group};
 use serde::Serialize;
 
-use super::Source;
+use super::{Row, Source};
 use crate::series::Point;
 
 /// A column of the samples.
@@ -35,6 +35,8 @@ pub enum Kind {
     Whole,
     /// Booleans.
     Flag,
+    /// Texts; no column of samples has them.
+    Text,
 }
 
 impl Column {
@@ -80,14 +82,33 @@ impl Column {
 
     /// Its value as a number; exact for integers and flags.
     pub fn value(self, source: &Source, sample: &RawSample, point: &Point) -> f64 {
+        match self.cell(source, sample, point) {
+            Cell::Float(value) => value,
+            Cell::Whole(value) => value as f64,
+            Cell::Flag(value) => value.into(),
+        }
+    }
+
+    /// Its value in a row.
+    pub(super) fn cell(self, source: &Source, sample: &RawSample, point: &Point) -> Cell {
         match self {
-            Self::Time => source.time_s(point.elapsed),
-            Self::EncoderCount => point.count as f64,
-            Self::Position => point.position_m,
-            Self::Force => point.force_n,
-            Self::Terminal => point.terminal_m.unwrap_or(f64::NAN),
-            Self::Index => f64::from(sample.index),
-            Self::Saturated => f64::from(u8::from(point.saturated)),
+            Self::Time => Cell::Float(source.time_s(point.elapsed)),
+            Self::EncoderCount => Cell::Whole(point.count),
+            Self::Position => Cell::Float(point.position_m),
+            Self::Force => Cell::Float(point.force_n),
+            Self::Terminal => Cell::Float(point.terminal_m.unwrap_or(f64::NAN)),
+            Self::Index => Cell::Whole(sample.index.into()),
+            Self::Saturated => Cell::Flag(point.saturated.into()),
+        }
+    }
+
+    /// Its values in these rows.
+    pub fn values(self, source: &Source, rows: &[Row]) -> Values {
+        match self {
+            Self::EncoderCount => Values::Whole(rows.iter().map(|(_, point)| point.count).collect()),
+            Self::Index => Values::Whole(rows.iter().map(|(sample, _)| sample.index.into()).collect()),
+            Self::Saturated => Values::Flag(rows.iter().map(|(_, point)| point.saturated).collect()),
+            _ => Values::Float(rows.iter().map(|(sample, point)| self.value(source, sample, point)).collect()),
         }
     }
 }
@@ -106,75 +127,11 @@ pub enum Values {
 /// One value, written as a plain number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
-pub enum Cell {
+pub(super) enum Cell {
     /// A floating-point number.
     Float(f64),
     /// An integer.
     Whole(i64),
     /// 0 or 1.
     Flag(u8),
-}
-
-impl Values {
-    /// The value of one row.
-    pub fn cell(&self, row: usize) -> Option<Cell> {
-        match self {
-            Self::Float(values) => values.get(row).copied().map(Cell::Float),
-            Self::Whole(values) => values.get(row).copied().map(Cell::Whole),
-            Self::Flag(values) => values.get(row).map(|flag| Cell::Flag(u8::from(*flag))),
-        }
-    }
-}
-
-/// Some rows, column by column.
-#[derive(Clone, Debug)]
-pub struct Batch {
-    /// Columns with their values, all of one length.
-    pub columns: Vec<(Column, Values)>,
-    /// Time of each row since the first sample of the source \[s\].
-    pub since_s: Vec<f64>,
-    /// Rows in it.
-    pub rows: usize,
-}
-
-impl Batch {
-    /// An empty batch with room for `room` rows.
-    pub fn new(columns: &[Column], room: usize) -> Self {
-        let values = |column: Column| match column.kind() {
-            Kind::Float => Values::Float(Vec::with_capacity(room)),
-            Kind::Whole => Values::Whole(Vec::with_capacity(room)),
-            Kind::Flag => Values::Flag(Vec::with_capacity(room)),
-        };
-        let columns = columns.iter().map(|column| (*column, values(*column))).collect();
-        Self { columns, since_s: Vec::with_capacity(room), rows: 0 }
-    }
-
-    /// Appends a row.
-    pub fn push(&mut self, source: &Source, sample: &RawSample, point: &Point) {
-        for (column, values) in &mut self.columns {
-            match values {
-                Values::Float(values) => values.push(column.value(source, sample, point)),
-                Values::Whole(values) => values.push(match column {
-                    Column::Index => sample.index.into(),
-                    _ => point.count,
-                }),
-                Values::Flag(values) => values.push(point.saturated),
-            }
-        }
-        self.since_s.push(point.elapsed as f64 / source.settings.sample_rate_hz);
-        self.rows += 1;
-    }
-
-    /// Removes the rows and keeps the allocation.
-    pub fn clear(&mut self) {
-        for (_, values) in &mut self.columns {
-            match values {
-                Values::Float(values) => values.clear(),
-                Values::Whole(values) => values.clear(),
-                Values::Flag(values) => values.clear(),
-            }
-        }
-        self.since_s.clear();
-        self.rows = 0;
-    }
 }

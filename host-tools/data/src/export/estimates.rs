@@ -94,11 +94,11 @@ impl EstimateTable {
 
     /// The columns as a table in memory.
     #[cfg(feature = "parquet")]
-    pub fn held(&self) -> impl Iterator<Item = HeldColumn<'_>> {
+    pub fn held(&self) -> impl Iterator<Item = HeldColumn> {
         self.columns.iter().map(|column| HeldColumn {
-            name: (&*column.name).into(),
+            name: column.name.clone(),
             unit: column.unit,
-            cells: Cells::Float((&*column.values).into()),
+            cells: Cells::Float(column.values.clone()),
         })
     }
 
@@ -150,7 +150,7 @@ fn row(t_s: f64, source: &Source, estimated: &Estimated) -> Vec<Cell> {
     }
     // As in the JSON, which leaves placeholder values out.
     let detail = detail.as_ref().map(|detail| (detail, DetailJson::new(detail, &source.settings)));
-    let backlash = detail.as_ref().map(|(_, json)| json.backlash_m);
+    let backlash = detail.as_ref().map(|(_, json)| &json.backlash_m);
     row.extend([
         plain("moving", Some(u8::from(estimate.moving).into())),
         quantity("residual_rms_n", "N", Some(estimate.residual_rms_n.into())),

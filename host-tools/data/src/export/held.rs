@@ -1,25 +1,23 @@
 //! Tables in memory.
 
-use std::borrow::Cow;
-
 /// A column of a table in memory; unknown values are `None`, and null in the file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct HeldColumn<'a> {
+pub struct HeldColumn {
     /// Name, with its unit at the end, if any.
-    pub name: Cow<'a, str>,
+    pub name: String,
     /// Unit; empty for a plain number or a text.
     pub unit: &'static str,
     /// Values, as many as in every other column of the table.
-    pub cells: Cells<'a>,
+    pub cells: Cells,
 }
 
 /// Values of a column.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Cells<'a> {
+pub enum Cells {
     /// Numbers.
-    Float(Cow<'a, [Option<f64>]>),
+    Float(Vec<Option<f64>>),
     /// Integers.
-    Whole(Cow<'a, [Option<i64>]>),
+    Whole(Vec<Option<i64>>),
     /// Texts; if they are all the same, they take hardly any space.
-    Text(Vec<Option<Cow<'a, str>>>),
+    Text(Vec<Option<String>>),
 }

@@ -2,12 +2,11 @@
 
 use std::{collections::BTreeMap, fs::File, io::BufWriter};
 
-use inerter_core::Machine;
 use mcap::{WriteOptions, records::MessageHeader, write::Metadata};
 use serde::Serializer;
 use serde_json::json;
 
-use super::{Batch, Column, Source, about, selection::Sink};
+use super::{Column, Row, Source, about, selection::Sink};
 use crate::{
     output::{OutputError, Pending},
     recording::{CALIBRATION_METADATA, SETTINGS_METADATA, into_io},
@@ -20,16 +19,15 @@ const CHUNK: u64 = 1 << 20;
 /// An MCAP file being written.
 pub(super) struct Mcap {
     name: String,
-    machine: Machine,
+    columns: Vec<Column>,
     writer: mcap::Writer<BufWriter<File>>,
     channel: u16,
     sequence: u32,
-    first_ns: u64,
     line: Vec<u8>,
 }
 
 impl Mcap {
-    pub(super) fn create(file: &Pending, source: &Source, columns: &[Column]) -> Result<Self, OutputError> {
+    pub(super) fn create(file: &Pending, source: &Source, columns: Vec<Column>) -> Result<Self, OutputError> {
         let failed = |error| failed(&file.name(), error);
         let options = WriteOptions::new()
             .profile("inerter-samples")
@@ -55,29 +53,20 @@ impl Mcap {
             let calibration = Metadata { name: CALIBRATION_METADATA.into(), metadata: calibration.texts() };
             writer.write_metadata(&calibration).map_err(failed)?;
         }
-        Ok(Self {
-            name: file.name(),
-            machine,
-            writer,
-            channel,
-            sequence: 0,
-            first_ns: source.first_ns,
-            line: Vec::new(),
-        })
+        Ok(Self { name: file.name(), columns, writer, channel, sequence: 0, line: Vec::new() })
     }
 }
 
 impl Sink for Mcap {
-    fn take(&mut self, batch: &Batch) -> Result<(), OutputError> {
-        for (number, since_s) in batch.since_s.iter().enumerate() {
-            let cells = batch
-                .columns
-                .iter()
-                .filter_map(|(column, values)| Some((column.name(self.machine), values.cell(number)?)));
+    fn take(&mut self, source: &Source, rows: &[Row]) -> Result<(), OutputError> {
+        let machine = source.settings.machine;
+        for (sample, point) in rows {
+            let cells = self.columns.iter().map(|column| (column.name(machine), column.cell(source, sample, point)));
             self.line.clear();
             let json = serde_json::Serializer::new(&mut self.line).collect_map(cells);
             json.map_err(|error| OutputError::write(&self.name, error.into()))?;
-            let time_ns = self.first_ns.saturating_add((since_s * 1e9).round() as u64);
+            let since_s = point.elapsed as f64 / source.settings.sample_rate_hz;
+            let time_ns = source.first_ns.saturating_add((since_s * 1e9).round() as u64);
             let header = MessageHeader {
                 channel_id: self.channel,
                 sequence: self.sequence,

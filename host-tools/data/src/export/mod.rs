@@ -27,12 +27,12 @@ use std::{
 pub use about::settings_by_name;
 #[cfg(feature = "parquet")]
 pub use columnar::table_bytes;
-pub use columns::{Batch, Cell, Column, Kind, Values};
+pub use columns::{Column, Kind, Values};
 pub use estimates::EstimateTable;
 #[cfg(feature = "parquet")]
 pub use held::{Cells, HeldColumn};
 pub use selection::{Format, Selection};
-pub use source::{Rows, Samples, Source};
+pub use source::{Row, Rows, Samples, Source};
 
 use selection::Sink;
 
@@ -40,8 +40,8 @@ use crate::{error::Error, output::Pending, recording::RecordingError};
 
 /// Rows that are read, passed on and written together.
 const BATCH: usize = 1 << 17;
-/// Batches in flight between the two threads.
-const BATCHES: usize = 2;
+/// Batches that wait between the two threads.
+const BATCHES: usize = 1;
 
 /// What has been written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,26 +67,22 @@ pub fn export(
     progress: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<Exported, Error> {
     let mut pending = Vec::new();
-    let mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)> = Vec::new();
-    // Formats that need their columns one by one, with their index among the pending files.
-    let mut mats: Vec<(Vec<Column>, usize)> = Vec::new();
+    let mut sinks = Vec::new();
     for (format, path) in targets {
         let file = Pending::create(path, replace)?;
         let columns = selection.columns(*format, source);
         let sink: Option<Box<dyn Sink>> = match format {
-            Format::Csv => Some(Box::new(text::Csv::create(&file, source, &columns)?)),
+            Format::Csv => Some(Box::new(text::Csv::create(&file, source, columns)?)),
             #[cfg(feature = "parquet")]
-            Format::Parquet => Some(Box::new(columnar::Parquet::create(&file, source, &columns)?)),
-            Format::Mcap => Some(Box::new(messages::Mcap::create(&file, source, &columns)?)),
+            Format::Parquet => Some(Box::new(columnar::Parquet::create(&file, source, columns)?)),
+            Format::Mcap => Some(Box::new(messages::Mcap::create(&file, source, columns)?)),
+            // Needs its columns one by one.
             #[cfg(feature = "matlab")]
             Format::Mat => None,
             #[cfg(not(all(feature = "parquet", feature = "matlab")))]
             _ => return Err(crate::output::OutputError::BuiltWithout { path: path.clone() }.into()),
         };
-        match sink {
-            Some(sink) => sinks.push((columns, sink)),
-            None => mats.push((columns, pending.len())),
-        }
+        sinks.extend(sink);
         pending.push((*format, file));
         // The other formats hold the estimates themselves, or none.
         if let (Some(table), Format::Csv | Format::Parquet) = (estimates, format) {
@@ -99,7 +95,9 @@ pub fn export(
             pending.push((*format, beside));
         }
     }
-    let passes = usize::from(!sinks.is_empty()) + mats.iter().map(|(columns, _)| columns.len()).sum::<usize>();
+    let columns = selection.columns(Format::Mat, source);
+    let mats = targets.iter().filter(|(format, _)| *format == Format::Mat).count();
+    let passes = usize::from(!sinks.is_empty()) + mats * columns.len();
     let mut part = |pass: usize, of_it: f64| progress((pass as f64 + of_it) / passes.max(1) as f64);
     let mut rows = None;
     if !sinks.is_empty() {
@@ -108,14 +106,12 @@ pub fn export(
     #[cfg(feature = "matlab")]
     {
         let mut pass = usize::from(rows.is_some());
-        for (columns, number) in mats {
+        for (_, file) in pending.iter().filter(|(format, _)| *format == Format::Mat) {
             let rows = match rows {
                 Some(rows) => rows,
                 None => *rows.insert(count(source, selection)?),
             };
-            if let Some((_, file)) = pending.get(number) {
-                mat::write(file, source, selection, &columns, rows, estimates, &mut |of_it| part(pass, of_it))?;
-            }
+            mat::write(file, source, selection, &columns, rows, estimates, &mut |of_it| part(pass, of_it))?;
             pass += columns.len();
         }
     }
@@ -136,9 +132,8 @@ pub fn write_csv(
     out: impl std::io::Write + Send + 'static,
     progress: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<u64, Error> {
-    let columns = selection.columns(Format::Csv, source);
-    let sink = text::Csv::new(name, Box::new(out), source, &columns)?;
-    match write_rows(source, selection, vec![(columns, Box::new(sink))], progress)? {
+    let sink = text::Csv::new(name, Box::new(out), source, selection.columns(Format::Csv, source))?;
+    match write_rows(source, selection, vec![Box::new(sink)], progress)? {
         0 => Err(empty(source, selection)),
         rows => Ok(rows),
     }
@@ -170,59 +165,37 @@ fn count(source: &Source, selection: &Selection) -> Result<u64, Error> {
 fn write_rows(
     source: &Source,
     selection: &Selection,
-    mut sinks: Vec<(Vec<Column>, Box<dyn Sink>)>,
+    mut sinks: Vec<Box<dyn Sink>>,
     mut progress: impl FnMut(f64) -> Result<(), Error>,
 ) -> Result<u64, Error> {
-    let (full, filled) = mpsc::sync_channel::<Result<Vec<Batch>, Error>>(BATCHES);
-    let (empty, emptied) = mpsc::channel::<Vec<Batch>>();
-    let columns: Vec<Vec<Column>> = sinks.iter().map(|(columns, _)| columns.clone()).collect();
-    let room = usize::try_from(source.extent.samples).unwrap_or(BATCH).min(BATCH);
-    let rows = std::thread::scope(|scope| {
+    let (full, filled) = mpsc::sync_channel::<Result<Vec<Row>, Error>>(BATCHES);
+    let count = std::thread::scope(|scope| {
         scope.spawn(move || {
             let read = || -> Result<(), Error> {
                 let mut rows = source.rows(selection.range_s.clone())?;
-                let mut over = false;
-                while !over {
-                    // Used batches come back, so that only a few are ever allocated.
-                    let mut batches: Vec<Batch> = emptied
-                        .try_recv()
-                        .unwrap_or_else(|_| columns.iter().map(|columns| Batch::new(columns, room)).collect());
-                    for _ in 0..BATCH {
-                        let Some(row) = rows.next() else {
-                            over = true;
-                            break;
-                        };
-                        let (sample, point) = row?;
-                        batches.iter_mut().for_each(|batch| batch.push(source, &sample, &point));
-                    }
-                    // Nobody receives them once writing has failed.
-                    if full.send(Ok(batches)).is_err() {
-                        break;
+                loop {
+                    let batch: Vec<Row> = rows.by_ref().take(BATCH).collect::<Result<_, _>>()?;
+                    // Nobody receives it once writing has failed.
+                    if batch.is_empty() || full.send(Ok(batch)).is_err() {
+                        return Ok(());
                     }
                 }
-                Ok(())
             };
             if let Err(error) = read() {
                 full.send(Err(error)).ok();
             }
         });
-        let mut rows = 0;
-        for batches in filled {
-            let mut batches = batches?;
-            rows += batches.first().map_or(0, |batch| batch.rows as u64);
-            for ((_, sink), batch) in sinks.iter_mut().zip(&mut batches) {
-                if batch.rows > 0 {
-                    sink.take(batch)?;
-                }
-                batch.clear();
-            }
-            empty.send(batches).ok();
-            progress(rows as f64 / source.extent.samples.max(1) as f64)?;
+        let mut count = 0;
+        for rows in filled {
+            let rows = rows?;
+            count += rows.len() as u64;
+            sinks.iter_mut().try_for_each(|sink| sink.take(source, &rows))?;
+            progress(count as f64 / source.extent.samples.max(1) as f64)?;
         }
-        Ok::<u64, Error>(rows)
+        Ok::<u64, Error>(count)
     })?;
-    for (_, sink) in sinks {
+    for sink in sinks {
         sink.finish()?;
     }
-    Ok(rows)
+    Ok(count)
 }

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::{
-    columns::{Batch, Column},
-    source::Source,
+    columns::Column,
+    source::{Row, Source},
 };
 use crate::output::OutputError;
 
@@ -52,9 +52,10 @@ impl Selection {
     }
 }
 
-/// Accepts the rows of a file, batch by batch.
+/// A file of a format that takes rows one after the other.
 pub(super) trait Sink {
-    fn take(&mut self, batch: &Batch) -> Result<(), OutputError>;
+    /// Writes the next rows.
+    fn take(&mut self, source: &Source, rows: &[Row]) -> Result<(), OutputError>;
     /// Completes the file.
     fn finish(self: Box<Self>) -> Result<(), OutputError>;
 }

@@ -14,11 +14,20 @@ use crate::{
     csv,
     error::Error,
     open::{is_recording, open},
-    recording::{self, Extent, HELLO_METADATA, Marker, SampleReader, TRUTH_METADATA},
+    recording::{self, Extent, HELLO_METADATA, Marker, TRUTH_METADATA},
     run::Run,
     series::{Converter, Point},
     settings::Overrides,
 };
+
+/// Samples one after the other.
+pub type Samples = Box<dyn Iterator<Item = Result<RawSample, Error>> + Send>;
+
+/// A sample as it was received, and in SI units.
+pub type Row = (RawSample, Point);
+
+/// The same one after the other.
+pub type Rows = Box<dyn Iterator<Item = Result<Row, Error>> + Send>;
 
 /// Samples and what is known about them; those of a recording are never held in memory.
 #[derive(Clone, Debug)]
@@ -123,22 +132,25 @@ impl Source {
 
     /// The samples in order.
     pub fn samples(&self) -> Result<Samples, Error> {
-        let origin = match &self.samples {
-            Origin::Recording(path) => Reader::Recording(Box::new(recording::samples(path)?)),
-            Origin::Held(samples) => Reader::Held(samples.clone(), 0),
-        };
         // Samples that are added meanwhile to a recording still being written do not count.
-        Ok(Samples { left: self.extent.samples, origin })
+        let most = usize::try_from(self.extent.samples).unwrap_or(usize::MAX);
+        Ok(match &self.samples {
+            Origin::Recording(path) => Box::new(recording::samples(path)?.take(most)),
+            Origin::Held(samples) => {
+                let samples = samples.clone();
+                Box::new((0_usize..).map_while(move |place| samples.get(place).copied()).map(Ok))
+            }
+        })
     }
 
     /// The samples whose time since the first one lies in `range_s` \[s\], in SI.
     pub fn rows(&self, range_s: Range<f64>) -> Result<Rows, Error> {
         let periods = |t_s: f64| (t_s * self.settings.sample_rate_hz - 1e-6).ceil().max(0.0) as u64;
-        Ok(Rows {
-            samples: self.samples()?,
-            converter: Converter::new(&self.settings),
-            range: periods(range_s.start)..periods(range_s.end),
-        })
+        let (start, end) = (periods(range_s.start), periods(range_s.end));
+        let mut converter = Converter::new(&self.settings);
+        let rows = self.samples()?.map(move |sample| sample.map(|sample| (sample, converter.point(&sample))));
+        let rows = rows.take_while(move |row| !row.as_ref().is_ok_and(|(_, point)| point.elapsed >= end));
+        Ok(Box::new(rows.filter(move |row| !row.as_ref().is_ok_and(|(_, point)| point.elapsed < start))))
     }
 
     /// Time of a sample \[s\].
@@ -149,59 +161,5 @@ impl Source {
     /// Time from the first sample to the last \[s\], missing samples included.
     pub fn duration_s(&self) -> f64 {
         self.extent.periods as f64 / self.settings.sample_rate_hz
-    }
-}
-
-/// Iterator over samples.
-pub struct Samples {
-    left: u64,
-    origin: Reader,
-}
-
-enum Reader {
-    Recording(Box<SampleReader>),
-    Held(Arc<Vec<RawSample>>, usize),
-}
-
-impl Iterator for Samples {
-    type Item = Result<RawSample, Error>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.left = self.left.checked_sub(1)?;
-        match &mut self.origin {
-            Reader::Recording(reader) => reader.next().map(|sample| sample.map_err(Error::from)),
-            Reader::Held(samples, next) => {
-                let sample = samples.get(*next).copied();
-                *next += 1;
-                sample.map(Ok)
-            }
-        }
-    }
-}
-
-/// Iterator over samples in SI units.
-pub struct Rows {
-    samples: Samples,
-    converter: Converter,
-    range: Range<u64>,
-}
-
-impl Iterator for Rows {
-    type Item = Result<(RawSample, Point), Error>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            let sample = match self.samples.next()? {
-                Ok(sample) => sample,
-                Err(error) => return Some(Err(error)),
-            };
-            let point = self.converter.point(&sample);
-            if point.elapsed >= self.range.end {
-                return None;
-            }
-            if point.elapsed >= self.range.start {
-                return Some(Ok((sample, point)));
-            }
-        }
     }
 }

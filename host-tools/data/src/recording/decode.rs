@@ -31,19 +31,15 @@ pub(super) enum Channel {
 }
 
 impl Channel {
-    pub(super) const ALL: [Self; 6] =
-        [Self::Marker, Self::Motion, Self::Estimate, Self::Reversal, Self::Event, Self::Health];
-
-    pub(super) fn topic(self) -> &'static str {
-        match self {
-            Self::Motion => "motion",
-            Self::Estimate => "estimate",
-            Self::Reversal => "reversal",
-            Self::Event => "event",
-            Self::Health => "health",
-            Self::Marker => super::MARKER_TOPIC,
-        }
-    }
+    /// All of them, each with its topic.
+    pub(super) const ALL: [(Self, &'static str); 6] = [
+        (Self::Marker, super::MARKER_TOPIC),
+        (Self::Motion, "motion"),
+        (Self::Estimate, "estimate"),
+        (Self::Reversal, "reversal"),
+        (Self::Event, "event"),
+        (Self::Health, "health"),
+    ];
 }
 
 /// A message of the channel `motion`; 32 bits are enough for a plot.

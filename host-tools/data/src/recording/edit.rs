@@ -52,7 +52,7 @@ pub fn cut(
     range_s: Range<f64>,
     to: &Path,
     replace: bool,
-    mut progress: impl FnMut(u64) -> Result<(), Error>,
+    progress: impl FnMut(u64) -> Result<(), Error>,
 ) -> Result<Cut, Error> {
     let file = path.display().to_string();
     let summary = summary(path)?;
@@ -62,40 +62,28 @@ pub fn cut(
     calibrated(&mut recorder, [&summary])?;
     let about = [("file", file.clone()), ("from_s", range_s.start.to_string()), ("to_s", range_s.end.to_string())];
     recorder.metadata("inerter.cut", map(about))?;
-    let (mut messages, mut framing) = (Messages::open(path)?, Framing::default());
-    let (mut all, mut samples, mut span_s) = (Extent::default(), 0, None);
+    let (mut framing, mut all, mut samples, mut span_s) = (Framing::default(), Extent::default(), 0, None);
     let mut inside = range_s.start <= 0.0;
-    let mut channel = None;
-    loop {
-        progress(messages.offset())?;
-        match messages.next()? {
-            None => break,
-            Some(Message::Marker { time_ns, text }) if inside => recorder.marker(time_ns, &text)?,
-            Some(Message::Marker { .. }) => {}
-            Some(Message::Raw { time_ns, part }) => {
-                let bytes = messages.bytes();
-                let mut here: Option<(f64, f64, u64)> = None;
-                framing.take(part, bytes, |frame| {
-                    for sample in batch(&frame).into_iter().flat_map(Samples::iter).flatten() {
-                        all.take(&sample);
-                        let t_s = all.periods as f64 / rate_hz;
-                        let (first_s, _, count) = here.unwrap_or((t_s, t_s, 0));
-                        here = Some((first_s, t_s, count + 1));
-                    }
-                });
-                if let Some((first_s, last_s, count)) = here {
-                    inside = range_s.contains(&first_s);
-                    if inside {
-                        let (start_s, _) = span_s.unwrap_or((first_s, last_s));
-                        (span_s, samples) = (Some((start_s, last_s)), samples + count);
-                    }
-                }
-                if inside {
-                    follow(&mut recorder, &mut channel, time_ns, part, bytes)?;
-                }
+    copy(path, &mut recorder, progress, |message, bytes| {
+        let Message::Raw { part, .. } = *message else { return inside };
+        let mut here: Option<(f64, f64, u64)> = None;
+        framing.take(part, bytes, |frame| {
+            for sample in batch(&frame).into_iter().flat_map(Samples::iter).flatten() {
+                all.take(&sample);
+                let t_s = all.periods as f64 / rate_hz;
+                let (first_s, _, count) = here.unwrap_or((t_s, t_s, 0));
+                here = Some((first_s, t_s, count + 1));
+            }
+        });
+        if let Some((first_s, last_s, count)) = here {
+            inside = range_s.contains(&first_s);
+            if inside {
+                let (start_s, _) = span_s.unwrap_or((first_s, last_s));
+                (span_s, samples) = (Some((start_s, last_s)), samples + count);
             }
         }
-    }
+        inside
+    })?;
     let duration_s = all.periods as f64 / rate_hz;
     let empty = RecordingError::EmptyRange { file, from_s: range_s.start, to_s: range_s.end, duration_s };
     let span_s = span_s.ok_or(empty)?;
@@ -139,17 +127,7 @@ pub fn merge(
         if number > 0 {
             recorder.begin_part()?;
         }
-        let (mut messages, mut channel) = (Messages::open(path)?, None);
-        loop {
-            progress(done + messages.offset())?;
-            match messages.next()? {
-                None => break,
-                Some(Message::Marker { time_ns, text }) => recorder.marker(time_ns, &text)?,
-                Some(Message::Raw { time_ns, part }) => {
-                    follow(&mut recorder, &mut channel, time_ns, part, messages.bytes())?;
-                }
-            }
-        }
+        copy(path, &mut recorder, |offset| progress(done + offset), |_, _| true)?;
         done += summary.contents.bytes;
         lost_frames += u64::from(summary.contents.counts.lost);
     }
@@ -161,18 +139,31 @@ pub fn merge(
     Ok(merged)
 }
 
-/// Copies a frame, and begins a new stream where the source does.
-fn follow(
+/// Copies the messages of a recording that `is_kept` accepts, and begins a new stream where the recording does.
+fn copy(
+    path: &Path,
     recorder: &mut Recorder,
-    channel: &mut Option<u16>,
-    time_ns: u64,
-    part: u16,
-    bytes: &[u8],
-) -> Result<(), OutputError> {
-    if channel.replace(part).is_some_and(|before| before != part) {
-        recorder.begin_part()?;
+    mut progress: impl FnMut(u64) -> Result<(), Error>,
+    mut is_kept: impl FnMut(&Message, &[u8]) -> bool,
+) -> Result<(), Error> {
+    let (mut messages, mut channel) = (Messages::open(path)?, None);
+    loop {
+        progress(messages.offset())?;
+        let Some(message) = messages.next()? else { return Ok(()) };
+        let bytes = messages.bytes();
+        if !is_kept(&message, bytes) {
+            continue;
+        }
+        match message {
+            Message::Marker { time_ns, text } => recorder.marker(time_ns, &text)?,
+            Message::Raw { time_ns, part } => {
+                if channel.replace(part).is_some_and(|before| before != part) {
+                    recorder.begin_part()?;
+                }
+                recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))?;
+            }
+        }
     }
-    recorder.frame(time_ns, bytes.strip_suffix(&[DELIMITER]).unwrap_or(bytes))
 }
 
 fn batch(frame: &Frame<Record>) -> Option<&Samples> {

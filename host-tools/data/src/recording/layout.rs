@@ -27,11 +27,12 @@ pub fn is_recording(path: &Path) -> std::io::Result<bool> {
 }
 
 /// How a file ends.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Ending {
     /// It was closed: everything is there.
     Closed,
     /// It is truncated: everything before the cut is there.
+    #[default]
     CutOff,
     /// It is damaged at about this byte, and readable up to there.
     Damaged {

@@ -71,7 +71,7 @@ impl<R: Read> Messages<R> {
 
     /// Bytes read so far.
     pub(super) fn offset(&self) -> u64 {
-        self.walker.offset()
+        self.walker.offset
     }
 
     /// The bytes of the message of the stream that [`next`](Self::next) has just returned.
@@ -86,7 +86,7 @@ impl<R: Read> Messages<R> {
         }
         let file = || self.file.clone();
         let ending = loop {
-            let byte = self.walker.offset();
+            let byte = self.walker.offset;
             let step = self.walker.step().map_err(|source| RecordingError::Read { path: file().into(), source })?;
             match step {
                 Step::Record { opcode, data } => match mcap::parse_record(opcode, data) {

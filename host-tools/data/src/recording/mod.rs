@@ -36,7 +36,7 @@ pub use layout::{
 };
 pub use read::{Contents, Incoming, Item, read};
 pub use samples::{
-    Extent, Marker, SampleReader, Summary, calibration, read_run, samples, summary, summary_watched, usable_settings,
+    Extent, Marker, Summary, calibration, read_run, samples, summary, summary_watched, usable_settings,
 };
 pub(crate) use write::into_io;
 pub use write::{End, Recorder};

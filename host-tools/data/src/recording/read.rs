@@ -32,7 +32,7 @@ pub enum Item {
 }
 
 /// What a file holds besides its frames.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Contents {
     /// Metadata by name.
     pub metadata: BTreeMap<String, BTreeMap<String, String>>,
@@ -66,7 +66,7 @@ fn read_all(mut messages: Messages<impl Read>, mut take: impl FnMut(Incoming)) -
     }
     let bytes = messages.offset();
     let Messages { known: Known { metadata, span_ns, .. }, ending, .. } = messages;
-    Ok(Contents { metadata, ending: ending.unwrap_or(Ending::CutOff), counts: framing.counts(), span_ns, bytes })
+    Ok(Contents { metadata, ending: ending.unwrap_or_default(), counts: framing.counts(), span_ns, bytes })
 }
 
 #[cfg(test)]

@@ -2,8 +2,6 @@
 
 use std::{
     collections::{BTreeMap, VecDeque},
-    fs::File,
-    io::BufReader,
     path::Path,
 };
 
@@ -28,7 +26,7 @@ use crate::{
 };
 
 /// What a recording holds.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Summary {
     /// Everything besides the frames.
     pub contents: Contents,
@@ -111,16 +109,12 @@ const LEFT_OUT: u64 = 20;
 
 #[derive(Default)]
 struct Collected {
+    /// What follows from the messages alone.
+    summary: Summary,
     /// Samples of the latest batch not handed out yet.
     batch: VecDeque<RawSample>,
-    hello: Option<Hello>,
     settings: Vec<SettingsValues>,
-    extent: Extent,
-    markers: Vec<Marker>,
-    estimated: Option<Estimated>,
     pairing: Pairing,
-    health: Option<Health>,
-    records: BTreeMap<&'static str, u64>,
     foreign: Option<u16>,
     bad_batches: u64,
     faults: Vec<String>,
@@ -134,26 +128,27 @@ impl Collected {
             Item::Frame(Frame::ForeignVersion { wire_version, .. }) => self.foreign = Some(wire_version),
             Item::Frame(Frame::Lost { .. } | Frame::Restarted | Frame::Corrupt(_) | Frame::Unknown { .. }) => {}
             Item::Marker(text) => {
-                self.markers.push(Marker { time_ns: incoming.time_ns, periods: self.extent.periods, text });
+                let periods = self.summary.extent.periods;
+                self.summary.markers.push(Marker { time_ns: incoming.time_ns, periods, text });
             }
         }
     }
 
     fn event(&mut self, event: EstimatorEvent) {
         if let EstimatorEvent::Estimate(estimated) = event {
-            self.estimated = Some(estimated);
+            self.summary.estimated = Some(estimated);
         }
     }
 
     fn message(&mut self, record: Record) {
-        *self.records.entry(record.name()).or_default() += 1;
+        *self.summary.records.entry(record.name()).or_default() += 1;
         for event in self.pairing.take(&record) {
             self.event(event);
         }
         match record {
-            Record::Hello(hello) => self.hello = Some(hello),
+            Record::Hello(hello) => self.summary.hello = Some(hello),
             Record::Samples(batch) => self.batch(&batch),
-            Record::Health(health) => self.health = Some(health),
+            Record::Health(health) => self.summary.health = Some(health),
             // Each value once: a host that reconnects reads the settings each time.
             Record::Settings(values) if self.settings.last() != Some(&values) => self.settings.push(values),
             Record::Event(event) => match event.kind {
@@ -186,7 +181,7 @@ impl Collected {
         if !append(&mut self.batch, batch) {
             self.bad_batches += 1;
         }
-        self.batch.iter().for_each(|sample| self.extent.take(sample));
+        self.batch.iter().for_each(|sample| self.summary.extent.take(sample));
     }
 }
 
@@ -216,7 +211,7 @@ fn summary_with(
         collected.event(event);
     }
     let file = path.display().to_string();
-    if let (Some(version), 0) = (collected.foreign, collected.extent.samples) {
+    if let (Some(version), 0) = (collected.foreign, collected.summary.extent.samples) {
         return Err(RecordingError::ForeignVersion { file, version });
     }
     let mut notes = Vec::from_iter(ending_note(&file, &contents));
@@ -229,8 +224,7 @@ fn summary_with(
             plural(collected.faults_untold, "further report")
         ));
     }
-    let Collected { hello, extent, markers, estimated, health, records, .. } = collected;
-    Ok(Summary { contents, hello, settings, extent, markers, estimated, health, records, notes })
+    Ok(Summary { contents, settings, notes, ..collected.summary })
 }
 
 /// Reads the run in a recording; `overrides` take precedence over the recorded settings.
@@ -282,44 +276,24 @@ pub fn usable_settings(path: &Path, summary: &Summary, overrides: &Overrides) ->
     Ok(settings)
 }
 
-/// Reads the raw samples of a recording one after the other, one batch in memory.
-pub struct SampleReader {
-    messages: Messages<BufReader<File>>,
-    framing: Framing,
-    batch: VecDeque<RawSample>,
-}
-
-/// Begins to read the samples of a recording.
-pub fn samples(path: &Path) -> Result<SampleReader, RecordingError> {
-    Ok(SampleReader { messages: Messages::open(path)?, framing: Framing::default(), batch: VecDeque::new() })
-}
-
-impl SampleReader {
-    /// Bytes of the file read so far.
-    pub fn offset(&self) -> u64 {
-        self.messages.offset()
-    }
-}
-
-impl Iterator for SampleReader {
-    type Item = Result<RawSample, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        while self.batch.is_empty() {
-            let batch = &mut self.batch;
-            match self.messages.next() {
-                Err(error) => return Some(Err(error)),
+/// The raw samples of a recording one after the other, with one batch in memory.
+pub fn samples(path: &Path) -> Result<impl Iterator<Item = Result<RawSample, Error>> + use<>, RecordingError> {
+    let (mut messages, mut framing, mut batch) = (Messages::open(path)?, Framing::default(), VecDeque::new());
+    Ok(std::iter::from_fn(move || {
+        while batch.is_empty() {
+            match messages.next() {
+                Err(error) => return Some(Err(error.into())),
                 Ok(None) => return None,
                 Ok(Some(Message::Marker { .. })) => {}
-                Ok(Some(Message::Raw { part, .. })) => self.framing.take(part, self.messages.bytes(), |frame| {
+                Ok(Some(Message::Raw { part, .. })) => framing.take(part, messages.bytes(), |frame| {
                     if let Frame::Message { message: Record::Samples(samples), .. } = frame {
-                        append(batch, &samples);
+                        append(&mut batch, &samples);
                     }
                 }),
             }
         }
-        self.batch.pop_front().map(Ok)
-    }
+        batch.pop_front().map(Ok)
+    }))
 }
 
 /// Appends the samples of a batch, or none if the batch is invalid.

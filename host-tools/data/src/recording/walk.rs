@@ -44,18 +44,14 @@ pub struct Walker<R> {
     begun: bool,
     /// Bytes left in the current chunk.
     chunk_left: u64,
-    offset: u64,
+    /// Bytes read so far.
+    pub offset: u64,
 }
 
 impl<R: Read> Walker<R> {
     /// At the beginning of the file.
     pub fn new(source: R) -> Self {
         Self { source, buffer: Vec::new(), begun: false, chunk_left: 0, offset: 0 }
-    }
-
-    /// Bytes read so far.
-    pub fn offset(&self) -> u64 {
-        self.offset
     }
 
     /// The next step. After anything but a record nothing more follows.

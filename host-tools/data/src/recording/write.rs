@@ -179,11 +179,10 @@ impl Recorder {
         if !self.decoded.is_empty() {
             return Ok(());
         }
-        let add = |channel: Channel| {
+        let add = |(channel, topic): (Channel, &str)| {
             let (text, none) = (schema(machine, channel), BTreeMap::new());
-            let schema =
-                self.writer.add_schema(&format!("inerter.{}", channel.topic()), "jsonschema", text.as_bytes())?;
-            Ok((channel, self.writer.add_channel(schema, channel.topic(), "json", &none)?, 0))
+            let schema = self.writer.add_schema(&format!("inerter.{topic}"), "jsonschema", text.as_bytes())?;
+            Ok((channel, self.writer.add_channel(schema, topic, "json", &none)?, 0))
         };
         let added: Result<Vec<_>, McapError> = Channel::ALL.into_iter().map(add).collect();
         self.decoded = added.map_err(|error| self.failed(error))?;

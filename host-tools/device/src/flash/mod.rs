@@ -56,35 +56,14 @@ fn choose(probes: Vec<Probe>, words: Option<&str>) -> Result<Probe, FlashError> 
 
 /// The probes of this machine.
 #[cfg(feature = "probe")]
-pub fn probes() -> Result<impl Probes, FlashError> {
-    Ok(probe_rs::Attached)
+pub fn probes() -> Result<Box<dyn Probes>, FlashError> {
+    Ok(Box::new(probe_rs::Attached))
 }
 
 /// No probes: this program was built without them.
 #[cfg(not(feature = "probe"))]
-pub fn probes() -> Result<Without, FlashError> {
+pub fn probes() -> Result<Box<dyn Probes>, FlashError> {
     Err(FlashError::BuiltWithout)
-}
-
-/// Replaces the probes in a program built without them.
-#[cfg(not(feature = "probe"))]
-pub enum Without {}
-
-#[cfg(not(feature = "probe"))]
-impl Probes for Without {
-    fn list(&mut self) -> Result<Vec<Probe>, FlashError> {
-        match *self {}
-    }
-
-    fn program(
-        &mut self,
-        _: &Probe,
-        _: &str,
-        _: &Image,
-        _: &mut dyn FnMut(Work, u64, u64),
-    ) -> Result<String, FlashError> {
-        match *self {}
-    }
 }
 
 #[cfg(test)]

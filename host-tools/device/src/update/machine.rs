@@ -22,7 +22,7 @@ pub trait Machine {
     /// Opens one of them.
     fn open(&mut self, device: &DfuDevice) -> Result<Self::Io, UpdateError>;
     /// Asks the device with this serial number for its identity; the error says why it does not answer yet.
-    fn hello(&mut self, serial: &str) -> Result<Back, UpdateError>;
+    fn hello(&mut self, serial: &str) -> Result<Running, UpdateError>;
     /// Waits.
     fn sleep(&mut self, time: Duration);
 
@@ -41,26 +41,8 @@ pub struct Running {
     pub hello: Hello,
 }
 
-/// A device that is back.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Back {
-    /// Port or address.
-    pub port: String,
-    /// Serial number.
-    pub serial: String,
-    /// Its firmware.
-    pub identity: Identity,
-}
-
 impl From<&Hello> for Identity {
     fn from(hello: &Hello) -> Self {
         Self { firmware: hello.firmware.to_string(), git: hello.git.to_string(), board: hello.board.to_string() }
-    }
-}
-
-impl From<Running> for Back {
-    fn from(running: Running) -> Self {
-        let identity = Identity::from(&running.hello);
-        Self { port: running.name, serial: running.hello.serial.to_string(), identity }
     }
 }

@@ -15,6 +15,6 @@ mod this_machine;
 
 pub use dfuse::{Going, Stage};
 pub use error::{BY_HAND, UpdateError};
-pub use machine::{Back, Machine, Running};
+pub use machine::{Machine, Running};
 pub use sequence::{UpdateEvent, confirm, update, visit};
 pub use this_machine::ThisMachine;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{
     dfuse::{self, Going, Stage},
     error::UpdateError,
-    machine::{Back, Machine, Running},
+    machine::{Machine, Running},
 };
 use crate::{
     board::FLASH_KB,
@@ -49,7 +49,7 @@ pub fn update(
     serial: Option<&str>,
     other_board: bool,
     tell: &mut dyn FnMut(UpdateEvent) -> Going,
-) -> Result<Back, UpdateError> {
+) -> Result<Running, UpdateError> {
     let device = match machine.running()? {
         Some(running) => {
             let _ = tell(UpdateEvent::Found(&running));
@@ -146,7 +146,7 @@ fn stays(serial: &str, reason: &UpdateError) -> UpdateError {
 ///
 /// An interrupt ends the wait for the user. It does not end anything else until the device was told to leave, because
 /// the device would stay in update mode.
-pub fn visit(machine: &mut impl Machine, running: &Hello, enter: bool) -> Result<Back, UpdateError> {
+pub fn visit(machine: &mut impl Machine, running: &Hello, enter: bool) -> Result<Running, UpdateError> {
     let stays = |error| stays(&running.serial, &error);
     if enter {
         machine.running()?;
@@ -235,17 +235,17 @@ fn open<M: Machine>(machine: &mut M, device: &DfuDevice, heeds: Heeds) -> Result
 }
 
 /// Waits for a device that was just started and compares its firmware with what was written.
-pub fn confirm(machine: &mut impl Machine, written: &Identity, serial: &str) -> Result<Back, UpdateError> {
+pub fn confirm(machine: &mut impl Machine, written: &Identity, serial: &str) -> Result<Running, UpdateError> {
     let mut reason = String::new();
     let mut left_s = RETURN_S as f64;
     while left_s > 0.0 {
         match machine.hello(serial) {
-            Ok(back) if back.serial != serial => {
-                reason = format!("another device (serial {}) answers at {}", back.serial, back.port);
+            Ok(Running { name, hello }) if hello.serial.as_str() != serial => {
+                reason = format!("another device (serial {}) answers at {name}", hello.serial);
             }
-            Ok(back) if back.identity == *written => return Ok(back),
+            Ok(back) if Identity::from(&back.hello) == *written => return Ok(back),
             Ok(back) => {
-                let running = back.identity.to_string();
+                let running = Identity::from(&back.hello).to_string();
                 return Err(UpdateError::OtherVersion { running, written: written.to_string() });
             }
             Err(error) => {

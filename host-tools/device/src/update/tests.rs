@@ -118,7 +118,7 @@ impl Machine for FakeMachine {
         Ok(MockIo::new(&self.chip, LAYOUT))
     }
 
-    fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
+    fn hello(&mut self, serial: &str) -> Result<Running, UpdateError> {
         self.see_it_leave();
         self.answers_after -= 1;
         if self.answers_after > 0 || !self.chip.borrow().left {
@@ -130,7 +130,7 @@ impl Machine for FakeMachine {
         let place = flash.windows(MAGIC.len()).position(|window| window == MAGIC).unwrap() + MAGIC.len();
         let firmware = flash.get(place..).unwrap().split(|byte| *byte == 0).next().unwrap();
         let hello = hello(serial, std::str::from_utf8(firmware).unwrap());
-        Ok(Running { name: "/dev/ttyACM1".into(), hello }.into())
+        Ok(Running { name: "/dev/ttyACM1".into(), hello })
     }
 
     fn sleep(&mut self, time: Duration) {
@@ -143,11 +143,11 @@ impl Machine for FakeMachine {
     }
 }
 
-fn run(bench: &mut FakeMachine, serial: Option<&str>) -> Result<Back, UpdateError> {
+fn run(bench: &mut FakeMachine, serial: Option<&str>) -> Result<Running, UpdateError> {
     run_told(bench, serial, &mut Vec::new())
 }
 
-fn run_told(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) -> Result<Back, UpdateError> {
+fn run_told(bench: &mut FakeMachine, serial: Option<&str>, told: &mut Vec<String>) -> Result<Running, UpdateError> {
     let mut tell = |event: UpdateEvent| {
         match event {
             UpdateEvent::Pages(..) => {}
@@ -172,7 +172,7 @@ fn a_running_device_is_updated_and_says_so_under_its_new_port() {
     let mut bench = running(&["0000"]);
     let mut told = Vec::new();
     let back = run_told(&mut bench, None, &mut told).unwrap();
-    assert_eq!((back.identity.firmware.as_str(), back.port.as_str()), (NEW, "/dev/ttyACM1"));
+    assert_eq!((back.hello.firmware.as_str(), back.name.as_str()), (NEW, "/dev/ttyACM1"));
     assert_eq!(told, ["found inerter 0.0.9", "entering", &format!("in dfu {SERIAL}"), "returning"]);
     assert_eq!(bench.in_dfu, ["0000"], "the other one is left alone");
 }
@@ -182,7 +182,7 @@ fn a_visit_to_update_mode_writes_nothing_and_comes_back() {
     let mut bench = before_visit();
     let flash = bench.chip.borrow().flash.clone();
     let back = visit(&mut bench, &hello(SERIAL, NEW), true).unwrap();
-    assert_eq!((back.serial.as_str(), back.identity.firmware.as_str()), (SERIAL, NEW));
+    assert_eq!((back.hello.serial.as_str(), back.hello.firmware.as_str()), (SERIAL, NEW));
     assert!(bench.chip.borrow().left && bench.chip.borrow().erased.is_empty());
     assert!(bench.chip.borrow().flash == flash);
     // By hand: the program does not send it there.
@@ -256,7 +256,7 @@ fn one_of_several_in_update_mode_is_chosen_by_its_serial_number() {
     let error = failure(&mut bench(None, &["1", "2"]), Some("3"));
     assert!(error.to_string().starts_with("no instrumented inerter was found with serial 3"), "{error}");
     let back = run(&mut bench(None, &["1", "2"]), Some("2")).unwrap();
-    assert_eq!(back.serial, "2");
+    assert_eq!(back.hello.serial.as_str(), "2");
     assert!(matches!(failure(&mut bench(None, &[]), None), UpdateError::NoDevice { serial: None }));
 }
 

@@ -9,7 +9,7 @@ use nusb::MaybeFuture;
 use super::{
     dfuse,
     error::UpdateError,
-    machine::{Back, Machine, Running},
+    machine::{Machine, Running},
 };
 use crate::{
     dfu::{DfuDevice, list, opened, refused},
@@ -38,7 +38,7 @@ impl ThisMachine {
     }
 
     fn reached(&self, target: &Target) -> Result<Device, DeviceError> {
-        Device::connect_until(target, Clock::new(), self.interrupted)
+        Device::connect(target, Clock::new(), self.interrupted)
     }
 }
 
@@ -99,7 +99,7 @@ impl Machine for ThisMachine {
         runtime.block_on(DfuNusb::open(opened, interface, FLASH_SETTING)).map_err(|error| failed(error.to_string()))
     }
 
-    fn hello(&mut self, serial: &str) -> Result<Back, UpdateError> {
+    fn hello(&mut self, serial: &str) -> Result<Running, UpdateError> {
         // Over USB on whatever port it now has; otherwise on the same port as before, since a UART's name does not
         // change.
         let device = match self.reached(&Target::Usb { serial: Some(serial.into()) }) {
@@ -108,7 +108,7 @@ impl Machine for ThisMachine {
             }
             result => result?,
         };
-        Ok(Running { name: device.name().into(), hello: device.hello().clone() }.into())
+        Ok(Running { name: device.name().into(), hello: device.hello().clone() })
     }
 
     fn sleep(&mut self, time: Duration) {

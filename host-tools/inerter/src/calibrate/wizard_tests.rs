@@ -101,7 +101,7 @@ fn bench() -> (VirtualDevice, Operator, Sensors) {
 }
 
 fn connected(device: &VirtualDevice) -> Device {
-    Device::connect(&Target::Tcp { address: device.name().into() }, Clock::new()).unwrap()
+    Device::connect(&Target::Tcp { address: device.name().into() }, Clock::new(), || false).unwrap()
 }
 
 #[test]

@@ -101,14 +101,14 @@ impl LinkArgs {
     }
 
     pub fn device(&self) -> Result<Device, Error> {
-        let device = Device::connect_until(&self.target(), Clock::new(), interrupted)?;
+        let device = Device::connect(&self.target(), Clock::new(), interrupted)?;
         tell(&device);
         Ok(device)
     }
 
     /// Connects with these streams on; if the device goes away, waits up to `wait` for it.
     pub fn live(&self, streams: Streams, wait: Duration) -> Result<Live, Error> {
-        let live = Live::connect_until(self.target(), streams, wait, interrupted)?;
+        let live = Live::connect(self.target(), streams, wait, interrupted)?;
         live.device().into_iter().for_each(tell);
         if live.looks_on() {
             note("another program controls this device: this one only watches, and its requests are refused");

@@ -181,7 +181,7 @@ fn plugged_in(ports: &[Port]) -> Vec<Check> {
 
 /// Who answers at this target.
 fn asked(target: &Target) -> Check {
-    match Device::connect(target, Clock::new()) {
+    match Device::connect(target, Clock::new(), || false) {
         Ok(device) => {
             let hello = device.hello();
             let text = format!(

@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
     let mut tell = |probe: &flash::Probe| {
         say(format!("writing {}, {}, through {probe}", image.identity, update::size(&image)));
     };
-    let flashed = flash::flash(&mut probes, args.probe.as_deref(), &args.chip, &image, &mut tell, &mut progress)?;
+    let flashed = flash::flash(&mut *probes, args.probe.as_deref(), &args.chip, &image, &mut tell, &mut progress)?;
     bars.done();
     say("written and read back; starting it");
     if args.no_check {

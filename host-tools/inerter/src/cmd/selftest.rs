@@ -20,7 +20,7 @@ use inerter_data::{
 };
 use inerter_device::{
     Clock, Device, DeviceError, Interrupted, Target,
-    update::{Back, ThisMachine, UpdateError, visit},
+    update::{Running, ThisMachine, UpdateError, visit},
 };
 use inerter_jumpers::Measured;
 use inerter_wire::{
@@ -502,7 +502,7 @@ impl Bench {
     }
 
     /// Enters update mode and returns; an error ends the test only if the user interrupts it.
-    fn visit(&mut self, enter: bool) -> Result<Result<Back, UpdateError>, Error> {
+    fn visit(&mut self, enter: bool) -> Result<Result<Running, UpdateError>, Error> {
         self.device = None;
         let mut machine = ThisMachine::new(self.target.clone(), interrupted);
         let visited = visit(&mut machine, &self.test.hello, enter);
@@ -545,7 +545,7 @@ impl Bench {
     fn reached(&self, patience: Duration, interrupted: Interrupted) -> Result<Device, DeviceError> {
         let begun = Instant::now();
         loop {
-            match Device::connect_until(&self.target, Clock::new(), interrupted) {
+            match Device::connect(&self.target, Clock::new(), interrupted) {
                 Ok(device) if device.hello().serial == self.test.hello.serial => return Ok(device),
                 Ok(device) if begun.elapsed() > patience => {
                     let reason = format!("another device (serial {}) answers", device.hello().serial);
@@ -562,13 +562,13 @@ impl Bench {
 const DFU: (&str, &str) = ("dfu", "Update mode and back");
 const DOUBLE: (&str, &str) = ("double_reset", "Two presses of the reset button");
 
-fn there_and_back((name, label): (&'static str, &'static str), visited: Result<Back, UpdateError>) -> Check {
+fn there_and_back((name, label): (&'static str, &'static str), visited: Result<Running, UpdateError>) -> Check {
     let found = if visited.is_ok() { "there and back" } else { "not back as before" };
     Check::words(name, label, "there and back", found, visited.err().as_ref().map(with_help))
 }
 
 /// The result of two presses of the button. If nobody presses it, that says nothing about the board.
-fn pressed(visited: Result<Back, UpdateError>) -> Check {
+fn pressed(visited: Result<Running, UpdateError>) -> Check {
     match visited {
         Err(UpdateError::DidNotAppear { seconds, .. }) => {
             let reason =

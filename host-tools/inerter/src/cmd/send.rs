@@ -8,7 +8,7 @@ use inerter_data::{
     output, text,
     words::{duration_text, plural},
 };
-use inerter_device::inject::{Injection, inject_all};
+use inerter_device::inject::{Injection, inject};
 use inerter_wire::EstimatorEvent;
 
 use super::{
@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), Error> {
         go_on().map_err(Error::from)
     };
     let injection = Injection { settings: &run.settings, samples: &run.samples, start_s: run.start_s };
-    let injected = inject_all(&mut device, &injection, publish, advance)?;
+    let injected = inject(&mut device, &injection, publish, advance)?;
     progress.done();
     if args.json {
         let last = EstimateJson::last(injected.t_s, &injected.estimated, &run.settings, None);

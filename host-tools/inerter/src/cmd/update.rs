@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use inerter_data::{output, words::plural};
 use inerter_device::{
     Target,
-    image::Image,
+    image::{Identity, Image},
     update::{self, Going, Stage, ThisMachine, UpdateEvent},
 };
 use serde_json::json;
@@ -87,16 +87,16 @@ pub fn run(args: &Args) -> Result<(), Error> {
 }
 
 /// Reports what runs now.
-pub fn report(image: &Image, back: &update::Back, kind: &str, json: bool) -> Result<(), Error> {
-    let identity = &back.identity;
+pub fn report(image: &Image, back: &update::Running, kind: &str, json: bool) -> Result<(), Error> {
+    let (identity, serial, port) = (Identity::from(&back.hello), back.hello.serial.as_str(), &back.name);
     if json {
         let line = json!({
             "kind": kind, "file": image.file, "firmware": identity.firmware, "git": identity.git,
-            "board": identity.board, "serial": back.serial, "port": back.port,
+            "board": identity.board, "serial": serial, "port": port,
         });
         return print_json(&line);
     }
-    Ok(output::line(format!("{kind}: {identity}, serial {}, at {}; settings kept", back.serial, back.port))?)
+    Ok(output::line(format!("{kind}: {identity}, serial {serial}, at {port}; settings kept"))?)
 }
 
 /// How many bytes there are to write.

@@ -5,14 +5,14 @@ use inerter_core::{Budget, ContactBudgets, LawStatus, Machine, Regime, Settings,
 use inerter_data::{
     calibration::Calibration,
     causes,
-    json::{Shown, bank_word},
+    json::Shown,
     limits,
     names::description,
     replay::Outcome,
     run::Run,
     text::{self, value_text},
     uncertainty::{parts, source_word},
-    words::{duration_text, plural, rounded_text, utc},
+    words::{self, duration_text, plural, rounded_text, utc},
 };
 use inerter_wire::{
     Hello, WIRE_VERSION,
@@ -287,7 +287,7 @@ fn conditions(content: &Content) -> Markup {
         ("Residual of the law", residual),
         ("Law", text::law_text(law)),
         ("Calibration of the rig", calibration_text(&content.run)),
-        ("Kernel bank", bank_word(estimate.bank).into()),
+        ("Kernel bank", words::code(&estimate.bank)),
         ("Updates", estimate.updates.to_string()),
         ("Reversals for the backlash", detail.backlash.reversals.to_string()),
     ];

@@ -4,7 +4,7 @@ use inerter_core::Parameter;
 use inerter_data::{
     json::{BacklashJson, Shown},
     text::{self, value_text},
-    words::{duration_text, printable},
+    words::{code, duration_text, printable},
 };
 use inerter_wire::{Estimated, catalogue};
 use ratatui::{
@@ -43,7 +43,7 @@ pub fn overview(frame: &mut Frame<'_>, area: Rect, state: &State, theme: Theme) 
             let residual = text::residual_text(state.settings.machine, &estimate);
             let law = law.map(|law| {
                 let ratio = law.misfit.map(|misfit| format!(" ({:.1} times explained)", misfit.ratio));
-                format!(", law {}{}", text::law_word(law.status), ratio.unwrap_or_default())
+                format!(", law {}{}", code(&law.status), ratio.unwrap_or_default())
             });
             let law = law.unwrap_or_default();
             format!(" {}, {motion}, residual {residual}{law} ", duration_text(t_s))
