@@ -219,7 +219,7 @@ impl Case {
 
     /// The estimator's result for one run.
     pub fn estimated(&self, motion: &Motion, seed: u64) -> Result<Outcome, Error> {
-        replayed(&self.recorded(motion, seed, true)?)
+        Ok(replayed(&self.recorded(motion, seed, true)?)?)
     }
 
     /// One run, with the causes named without being asked for and the parameters judged by the samples.

@@ -265,9 +265,7 @@ impl Device {
     fn handshake(&mut self) -> Result<(), DeviceError> {
         let is_tcp = matches!(self.link, Link::Tcp(_));
         self.hello = self.introduce().map_err(|error| match error {
-            DeviceError::Vanished { name, .. } if is_tcp && self.queue.is_empty() => {
-                DeviceError::TurnedAway { name }
-            }
+            DeviceError::Vanished { name, .. } if is_tcp && self.queue.is_empty() => DeviceError::TurnedAway { name },
             error => error,
         })?;
         self.read_settings()

@@ -89,8 +89,7 @@ impl Row {
         let Some(wrong) = self.number("wrong_samples") else {
             return Doubts::because("it was added by a version that did not count wrong samples");
         };
-        let law =
-            [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(&*code(law)));
+        let law = [LawStatus::Holds, LawStatus::Broken].into_iter().find(|law| self.text("law") == Some(&*code(law)));
         let misfit = self.number("law_ratio").zip(self.number("law_limit"));
         let is_beyond = misfit.is_some_and(|(ratio, limit)| ratio > limit);
         let changed = self.number("changes").is_some_and(|changes| changes > 0.0);

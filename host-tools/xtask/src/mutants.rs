@@ -315,9 +315,8 @@ fn with_limits(command: Command) -> Command {
 /// What `cargo-mutants` left in this folder, lines with file, position and change: the mutants caught by a test that
 /// failed or never ended, and those that were missed.
 fn outcomes(folder: &Path) -> Result<[Vec<String>; 2]> {
-    let lines = |name: &str| -> Result<Vec<String>> {
-        Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect())
-    };
+    let lines =
+        |name: &str| -> Result<Vec<String>> { Ok(tree::text(folder.join(name))?.lines().map(str::to_owned).collect()) };
     // Mutants that do not compile are left out. A link failure means that a compiler was killed during an incremental
     // build.
     for path in tree::files(folder.join("log"))? {

@@ -156,9 +156,7 @@ impl Run {
         // Otherwise a rounding has decided which bank is clear of steps, which samples are good, or whether the
         // memories restart: the two know different data.
         let is_alike = (here.bank, here.updates) == (there.bank, there.updates);
-        for (here, there, is_recent) in
-            [(here.recent, there.recent, true), (here.whole_run, there.whole_run, false)]
-        {
+        for (here, there, is_recent) in [(here.recent, there.recent, true), (here.whole_run, there.whole_run, false)] {
             for (place, sign) in [1.0, 1.0, 1.0, -1.0].into_iter().enumerate() {
                 let (here, there) = (four(&here)[place], four(&there)[place]);
                 // The bank of the whole run is not published.

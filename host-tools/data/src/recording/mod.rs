@@ -35,8 +35,6 @@ pub use layout::{
     SETTINGS_METADATA, TRUTH_METADATA, is_recording,
 };
 pub use read::{Contents, Incoming, Item, read};
-pub use samples::{
-    Extent, Marker, Summary, calibration, read_run, samples, summary, summary_watched, usable_settings,
-};
+pub use samples::{Extent, Marker, Summary, calibration, read_run, samples, summary, summary_watched, usable_settings};
 pub(crate) use write::into_io;
 pub use write::{End, Recorder};

@@ -324,7 +324,7 @@ fn an_update_whose_cable_was_pulled_is_completed_by_the_same_command() {
     bench.chip.borrow_mut().transfers_left = 60;
     assert!(matches!(failure(&mut bench, None), UpdateError::Lost { .. }));
     bench.chip.borrow_mut().restart();
-    assert_eq!(run(&mut bench, None).unwrap().identity.firmware, NEW);
+    assert_eq!(run(&mut bench, None).unwrap().hello.firmware, NEW);
 }
 
 #[test]
