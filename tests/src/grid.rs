@@ -1,7 +1,9 @@
 //! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
 use crate::{linear::Cholesky, sums::gram};
-use inerter_core::{Estimate, Interval, Parameter, Parameters, Published, RawSample, Settings, State};
+use inerter_core::{
+    Active, Estimate, Interval, Output, Parameter, Parameters, Published, RawSample, Settings, SettingsError, State,
+};
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
@@ -179,14 +181,39 @@ pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u6
     shaken(device, motion.name, instruments(rig, seed))
 }
 
+/// The estimator: settings and state.
+pub struct Estimator {
+    /// The settings.
+    pub active: Active,
+    /// The state.
+    pub state: Box<State>,
+}
+
+impl Estimator {
+    /// Before the first sample.
+    pub fn new(settings: &Settings) -> Result<Self, SettingsError> {
+        let active = settings.validate()?;
+        Ok(Self { state: Box::new(State::new(&active)), active })
+    }
+
+    /// Takes a sample.
+    pub fn step(&mut self, sample: &RawSample) -> Output {
+        self.active.step(&mut self.state, sample)
+    }
+
+    /// What it publishes now.
+    pub fn publish(&self) -> Published {
+        self.active.publish(&self.state)
+    }
+}
+
 /// What the estimator publishes after these samples.
 pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published, Error> {
-    let active = settings.validate()?;
-    let mut state = Box::new(State::new(&active));
+    let mut estimator = Estimator::new(settings)?;
     for sample in samples {
-        active.step(&mut state, &sample);
+        estimator.step(&sample);
     }
-    Ok(active.publish(&state))
+    Ok(estimator.publish())
 }
 
 /// One run for each of these, such as seeds, in two threads: first the odd places, then the even ones.
@@ -215,17 +242,15 @@ pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> R
         memory_s: 100.0,
         ..calibrated(device, simulation.sensors())
     };
-    let active = settings.validate()?;
-    let short = Settings { memory_s: SHORT_MEMORY_S, ..settings }.validate()?;
-    let mut state = Box::new(State::new(&active));
-    let mut short_state = Box::new(State::new(&short));
+    let mut estimator = Estimator::new(&settings)?;
+    let mut short = Estimator::new(&Settings { memory_s: SHORT_MEMORY_S, ..settings })?;
     let (mut published, mut forgetful) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(motion.duration_s) {
         let raw = raw(&sample);
-        published.extend(active.step(&mut state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
-        forgetful.extend(short.step(&mut short_state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        published.extend(estimator.step(&raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        forgetful.extend(short.step(&raw).estimate().map(|estimate| (sample.t_s, estimate)));
     }
-    Ok(Run { published, forgetful, last: active.publish(&state).estimate })
+    Ok(Run { published, forgetful, last: estimator.publish().estimate })
 }
 
 /// The smallest sigma of any unbiased estimator that knows the motion exactly, with this rig's force noise (Cramer and
@@ -297,6 +322,12 @@ pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
+/// Root mean square.
+pub fn rms(all: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = all.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
+    (sum / count).sqrt()
+}
+
 /// Mean and standard deviation; NaN for fewer than two values.
 pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     if errors.len() < 2 {
@@ -307,13 +338,15 @@ pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     (bias, variance.sqrt())
 }
 
-/// Errors of one value over the runs of a cell.
+/// Errors of one value over some runs, with the half widths of its intervals.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Column {
     /// Mean error; NaN if fewer than two runs gave a value.
     pub bias: f64,
     /// Standard deviation of the error, with the same convention.
     pub sigma: f64,
+    /// Root mean square of the error over the half width of the interval.
+    pub rms: f64,
     /// Mean half width of the interval.
     pub u95: f64,
     /// Runs that gave a value.
@@ -327,8 +360,20 @@ impl Column {
     pub fn of(found: impl Iterator<Item = (f64, f64)>) -> Self {
         let (errors, u95): (Vec<f64>, Vec<f64>) = found.unzip();
         let (bias, sigma) = bias_and_sigma(&errors);
-        let wrong = errors.iter().zip(&u95).filter(|(error, u95)| error.abs() > **u95).count();
-        Self { bias, sigma, u95: mean(u95.into_iter()), given: errors.len(), wrong }
+        let each = || errors.iter().zip(&u95);
+        let rms = rms(each().map(|(error, u95)| error / u95));
+        let wrong = each().filter(|(error, u95)| error.abs() > **u95).count();
+        Self { bias, sigma, rms, u95: mean(u95.iter().copied()), given: errors.len(), wrong }
+    }
+
+    /// Runs whose interval contains the true value.
+    pub fn covered(&self) -> usize {
+        self.given - self.wrong
+    }
+
+    /// Their fraction of the runs that gave a value; `None` if none did.
+    pub fn coverage(&self) -> Option<f64> {
+        (self.given > 0).then(|| self.covered() as f64 / self.given as f64)
     }
 }
 
@@ -353,29 +398,18 @@ pub fn cells(device: &Inerter, runs: &[Run]) -> [Cell; 3] {
     std::array::from_fn(|i| {
         let mut times: Vec<f64> = runs.iter().map(|run| settling(run, i, truth[i], limits[i])).collect();
         times.sort_by(f64::total_cmp);
-        let whole_run = runs.iter().flat_map(|run| &run.published);
+        let coverage = |published: fn(&Run) -> &[(f64, Estimate)], parameters: fn(&Estimate) -> &Parameters| {
+            let all = runs.iter().flat_map(|run| published(run));
+            let given = all.filter_map(|(_, estimate)| three(parameters(estimate))[i].ok());
+            Column::of(given.map(|found| error(found, truth[i]))).coverage()
+        };
         Cell {
             last: Column::of(runs.iter().filter_map(|run| errors(&run.last.whole_run, device)[i])),
-            coverage: coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]),
-            whole_run_coverage: coverage(whole_run, truth[i], |e| three(&e.whole_run)[i]),
+            coverage: coverage(|run| &run.forgetful, |estimate| &estimate.recent),
+            whole_run_coverage: coverage(|run| &run.published, |estimate| &estimate.whole_run),
             settling_s: times.get(times.len() / 2).copied().filter(|time| time.is_finite()),
         }
     })
-}
-
-/// Fraction of the published values whose interval covers the true value.
-fn coverage<'a>(
-    published: impl Iterator<Item = &'a (f64, Estimate)>,
-    truth: f64,
-    parameter: impl Fn(&Estimate) -> Parameter,
-) -> Option<f64> {
-    let (mut covered, mut all) = (0_u32, 0_u32);
-    for found in published.filter_map(|(_, estimate)| parameter(estimate).ok()) {
-        let (error, u95) = error(found, truth);
-        all += 1;
-        covered += u32::from(error.abs() <= u95);
-    }
-    (all > 0).then(|| f64::from(covered) / f64::from(all))
 }
 
 /// Time from which every published value is given and within the limit; infinite if there is none.

@@ -19,15 +19,9 @@ pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
 /// Length of a run \[s\].
 pub const DURATION_S: f64 = 20.0;
 
-/// The identified parameters and the goals for their errors; `true` marks a goal relative to the value.
-pub const GOALS: [(&str, f64, bool); 6] = [
-    ("mt %", 1e-3, true),
-    ("fc N", 0.5, false),
-    ("cf N s/m", 3.0, false),
-    ("ks %", 5e-3, true),
-    ("cs %", 5e-2, true),
-    ("eps um", 1e-6, false),
-];
+/// The identified parameters and the goals for their errors, in SI; a goal in % is relative to the value.
+pub const GOALS: [(&str, f64); 6] =
+    [("mt %", 1e-3), ("fc N", 0.5), ("cf N s/m", 3.0), ("ks %", 5e-3), ("cs %", 5e-2), ("eps um", 1e-6)];
 
 /// An unknown device: half to twice the paper's, with up to 0.1 mm of backlash.
 pub fn hidden(seed: u64) -> Inerter {
@@ -85,8 +79,8 @@ pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
         (&p.backlash_m, device.backlash_m),
     ];
     array::from_fn(|i| {
-        let ((found, truth), (.., is_part)) = (all[i], GOALS[i]);
-        let per = if is_part { truth } else { 1.0 };
+        let ((found, truth), (name, _)) = (all[i], GOALS[i]);
+        let per = if name.ends_with('%') { truth } else { 1.0 };
         let known = found.value.zip(found.u95).filter(|_| found.status != FoundStatus::NotIdentifiable);
         known.map(|(value, u95)| ((value - truth) / per, u95 / per))
     })

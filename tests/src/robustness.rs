@@ -1,10 +1,12 @@
 //! The robustness sheet: one imperfection of rig or device at a time, the estimates, and the faults that the device
 //! reports.
 
-use crate::grid::{Column, Error, calibrated, error, errors, mean, raw, seeded, sensors as rig, shaken, three, truth};
-use inerter_core::{Counters, Published, Regime, Settings, State};
+use crate::grid::{
+    Column, Error, Estimator, calibrated, each, error, errors, mean, raw, seeded, sensors as rig, shaken, three, truth,
+};
+use inerter_core::{Published, Regime, Settings};
 use inerter_plant::{Inerter, Sensors};
-use std::array::from_fn;
+use std::{array::from_fn, ops::RangeInclusive};
 
 /// Rate of the published estimates \[Hz\].
 const PUBLISHED_HZ: f64 = 10.0;
@@ -77,23 +79,23 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Length of a run \[s\].
-pub fn duration_s(motion: &str) -> f64 {
+fn duration_s(motion: &str) -> f64 {
     if motion == "slow" { 80.0 } else { 20.0 }
 }
 
+/// What the device itself can report.
+const FLAGS: [&str; 5] = ["discontinuities", "saturated", "presliding", "Stribeck", "friction unknown"];
+
 /// One run.
-#[derive(Clone, Debug)]
-pub struct Run {
+struct Run {
     /// Errors and half widths of inertance, viscous and Coulomb friction at the end, if given.
-    pub last: [Option<(f64, f64)>; 3],
-    /// Number of published values with status ok, and how many of their intervals cover the true value.
-    pub covered: [(u32, u32); 3],
-    /// Counters at the end.
-    pub counters: Counters,
-    /// Friction regime at the end.
-    pub regime: Regime,
+    last: [Option<(f64, f64)>; 3],
+    /// The same of all published values with status ok.
+    published: [Vec<(f64, f64)>; 3],
+    /// Which of the flags the device raises.
+    flags: [bool; FLAGS.len()],
     /// Residual at the end \[N\].
-    pub residual_n: f64,
+    residual_n: f64,
 }
 
 impl Case {
@@ -110,39 +112,55 @@ impl Case {
     }
 
     /// Simulates the device and records its estimates, with settings that ignore the imperfection.
-    pub fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
+    fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
         let sensors = self.sensors(motion, seed)?;
-        let settings = Settings {
+        let mut estimator = Estimator::new(&Settings {
             force_gain_u95: self.force_gain_u95,
             lead_u95: 0.0,
             timebase_u95: 0.0,
             publish_rate_hz: PUBLISHED_HZ,
             ..calibrated(&self.device, &sensors)
-        };
-        let active = settings.validate()?;
-        let mut state = Box::new(State::new(&active));
+        })?;
         let truth = truth(&self.device);
-        let mut covered = [(0, 0); 3];
+        let mut published: [Vec<_>; 3] = Default::default();
         for sample in shaken(&self.device, motion, sensors)?.lasting(duration_s(motion)) {
-            let Some(estimate) = active.step(&mut state, &raw(&sample)).estimate() else { continue };
+            let Some(estimate) = estimator.step(&raw(&sample)).estimate() else { continue };
             for parameters in [&estimate.recent, &estimate.whole_run] {
-                let all = three(parameters).into_iter().zip(truth);
-                for ((parameter, truth), (given, within)) in all.zip(&mut covered) {
-                    if let Some(found) = parameter.ok() {
-                        let (error, u95) = error(found, truth);
-                        *given += 1;
-                        *within += u32::from(error.abs() <= u95);
-                    }
+                for (i, found) in three(parameters).into_iter().enumerate() {
+                    published[i].extend(found.ok().map(|found| error(found, truth[i])));
                 }
             }
         }
-        let Published { estimate: last, detail, .. } = active.publish(&state);
+        let Published { estimate: last, detail, .. } = estimator.publish();
+        let (counters, regime) = (estimator.state.counters(), detail.friction.regime);
         Ok(Run {
             last: errors(&last.whole_run, &self.device),
-            covered,
-            counters: state.counters(),
-            regime: detail.friction.regime,
+            published,
+            flags: [
+                counters.discontinuities > 0,
+                counters.saturated > 0,
+                regime == Regime::Presliding,
+                regime == Regime::Stribeck,
+                regime == Regime::Unknown,
+            ],
             residual_n: f64::from(last.residual_rms_n),
+        })
+    }
+
+    /// Statistics over these seeds; `usual_n` is the residual of the undisturbed rig with this motion \[N\].
+    pub fn cell(&self, motion: &str, seeds: RangeInclusive<u64>, usual_n: Option<f64>) -> Result<Cell, Error> {
+        let runs = each(seeds, |seed| self.run(motion, seed))?;
+        let residual_n = mean(runs.iter().map(|run| run.residual_n));
+        let is_raised = |i: &usize| 2 * runs.iter().filter(|run| run.flags[*i]).count() >= runs.len();
+        let mut flags: Vec<_> = (0..FLAGS.len()).filter(is_raised).map(|i| FLAGS[i]).collect();
+        if usual_n.is_some_and(|usual_n| residual_n > LOUD * usual_n) {
+            flags.push("residual");
+        }
+        Ok(Cell {
+            last: from_fn(|i| Column::of(runs.iter().filter_map(|run| run.last[i]))),
+            coverage: from_fn(|i| Column::of(runs.iter().flat_map(|run| run.published[i].iter().copied())).coverage()),
+            residual_n,
+            flags,
         })
     }
 }
@@ -158,30 +176,4 @@ pub struct Cell {
     pub residual_n: f64,
     /// Faults that the device itself reports in at least half of the runs.
     pub flags: Vec<&'static str>,
-}
-
-/// Statistics over the runs; `usual_n` is the residual of the undisturbed rig with this motion \[N\].
-pub fn cell(runs: &[Run], usual_n: Option<f64>) -> Cell {
-    let residual_n = mean(runs.iter().map(|run| run.residual_n));
-    let mut flags = Vec::new();
-    let mut flag = |name: &'static str, found: fn(&Run) -> bool| {
-        if 2 * runs.iter().filter(|run| found(run)).count() >= runs.len() {
-            flags.push(name);
-        }
-    };
-    flag("discontinuities", |run| run.counters.discontinuities > 0);
-    flag("saturated", |run| run.counters.saturated > 0);
-    flag("presliding", |run| run.regime == Regime::Presliding);
-    flag("Stribeck", |run| run.regime == Regime::Stribeck);
-    flag("friction unknown", |run| run.regime == Regime::Unknown);
-    if usual_n.is_some_and(|usual_n| residual_n > LOUD * usual_n) {
-        flags.push("residual");
-    }
-    let last = from_fn(|i| Column::of(runs.iter().filter_map(|run| run.last[i])));
-    let coverage = from_fn(|i| {
-        let (all, within) =
-            runs.iter().fold((0, 0), |(all, within), run| (all + run.covered[i].0, within + run.covered[i].1));
-        (all > 0).then(|| f64::from(within) / f64::from(all))
-    });
-    Cell { last, coverage, residual_n, flags }
 }

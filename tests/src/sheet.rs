@@ -1,6 +1,6 @@
 //! Measured tables: written as Markdown, committed, and compared cell by cell with new measurements.
 
-use crate::grid::Error;
+use crate::grid::{Column, Error};
 use std::{
     fmt::Display,
     fs,
@@ -21,6 +21,36 @@ pub enum Asked {
     CompareShort,
     /// Measure all of it and write the table.
     Update,
+}
+
+/// A measured table, and whether its figures are good.
+pub type Measured = Result<(String, bool), Error>;
+
+/// Measures a table, prints it and concludes. Accepts `--update`, or nothing, or `--short` if the table can be measured
+/// in part. Returns true if everything measured is good and agrees with the committed table.
+pub fn measured(
+    name: &str,
+    words: &[&str],
+    keys: usize,
+    can_be_short: bool,
+    measure: fn(Asked) -> Measured,
+) -> Result<bool, Error> {
+    let asked = asked(name, words, can_be_short)?;
+    let (text, is_good) = measure(asked)?;
+    print!("{text}");
+    Ok(conclude(name, &text, keys, asked)? && is_good)
+}
+
+/// What these words ask for.
+pub fn asked(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error> {
+    match words {
+        [] => Ok(Asked::Compare),
+        ["--update"] => Ok(Asked::Update),
+        ["--short"] if can_be_short => Ok(Asked::CompareShort),
+        _ => {
+            Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
+        }
+    }
 }
 
 /// Writes `text` as `docs/tables/NAME.md`, or compares it with that file and reports differences. Returns true if
@@ -67,35 +97,12 @@ pub fn write(below_docs: &str, text: &str) -> Result<PathBuf, Error> {
     Ok(path)
 }
 
-/// From errors with their half widths: how many there are, how many are covered, the root mean square of error over
-/// half width, and the median half width.
-pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f64) {
+/// The column of errors with their half widths, in the order of the widths, and the median half width.
+pub fn by_width(found: impl Iterator<Item = (f64, f64)>) -> (Column, f64) {
     let mut found: Vec<_> = found.collect();
     found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
-    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len().max(1) as f64;
-    (found.len(), held, square.sqrt(), found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95))
-}
-
-/// Accepts `--update`, or nothing.
-pub fn asked(name: &str, words: &[&str]) -> Result<Asked, Error> {
-    given(name, words, false)
-}
-
-/// Accepts `--update`, `--short`, or nothing.
-pub fn asked_or_short(name: &str, words: &[&str]) -> Result<Asked, Error> {
-    given(name, words, true)
-}
-
-fn given(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error> {
-    match words {
-        [] => Ok(Asked::Compare),
-        ["--update"] => Ok(Asked::Update),
-        ["--short"] if can_be_short => Ok(Asked::CompareShort),
-        _ => {
-            Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
-        }
-    }
+    let median = found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95);
+    (Column::of(found.into_iter()), median)
 }
 
 /// The number of these in the first word, which may have underscores; `usual` without a word.
@@ -130,6 +137,14 @@ pub fn line(cells: impl IntoIterator<Item = impl Display>) -> String {
 /// The same, from the cells that name it and the others.
 pub fn row(names: &[&str], cells: impl IntoIterator<Item = String>) -> String {
     line(names.iter().map(|name| (*name).to_owned()).chain(cells))
+}
+
+/// Each sentence as an item of a list; `None.` if there is none.
+pub fn list(sentences: &[String]) -> String {
+    if sentences.is_empty() {
+        return "None.\n".into();
+    }
+    sentences.iter().map(|sentence| format!("- {sentence}.\n")).collect()
 }
 
 /// A part as a percentage; a dash if there is none.

@@ -10,7 +10,7 @@ use inerter_plant::Inerter;
 use inerter_tests::{
     bound,
     grid::{self, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
-    sheet::{self, Asked},
+    sheet::{Asked, Measured},
 };
 use table::{Row, Section};
 
@@ -33,34 +33,33 @@ also in `random`, where nothing repeats, because the estimator cannot know that.
 
 ";
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked_or_short("accuracy", words)?;
-    let rigs = if asked == Asked::CompareShort { &RIGS[..1] } else { &RIGS[..] };
+pub fn measure(asked: Asked) -> Measured {
+    let paper = Inerter::paper();
+    let is_short = asked == Asked::CompareShort;
+    let rigs = if is_short { &RIGS[..1] } else { &RIGS[..] };
     let mut sections = Vec::new();
     for rig in rigs {
-        sections.push(section(&Inerter::paper(), rig, rig.name, "")?);
+        sections.push(section(&paper, rig, rig.name, "")?);
     }
-    if asked != Asked::CompareShort {
-        sections.push(section(&Inerter::paper(), &TWO_CLOCKS, TWO_CLOCKS.name, CLOCKS)?);
+    if !is_short {
+        sections.push(section(&paper, &TWO_CLOCKS, TWO_CLOCKS.name, CLOCKS)?);
         for (rig, words) in RIGS.iter().filter(|rig| rig.force_noise_n == 1.0).zip([WORN, "No goals.\n\n"]) {
             sections.push(section(&Inerter::worn(), rig, &format!("{}, worn: 0.1 mm of backlash", rig.name), words)?);
         }
     }
     let backlash = rigs.iter().map(|rig| backlash::section(rig, SEEDS)).collect::<Result<Vec<_>, _>>()?;
     let text = table::markdown(&sections, &backlash, SEEDS);
-    print!("{text}");
-    let uncovered: Vec<String> =
-        sections.iter().filter(|section| section.has_goals()).flat_map(|section| section.under(SEEDS)).collect();
+    let with_goals = sections.iter().filter(|section| section.note.is_empty());
+    let uncovered: Vec<String> = with_goals.flat_map(|section| section.under(SEEDS)).collect();
     for line in &uncovered {
         eprintln!("{line}");
     }
-    let holds = uncovered.is_empty() && backlash.iter().all(|section| section.holds);
-    Ok(sheet::conclude("accuracy", &text, 2, asked)? && holds)
+    Ok((text, uncovered.is_empty() && backlash.iter().all(|section| section.holds)))
 }
 
 fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
     // Sections with a note have no goals: their behaviour is not fully understood.
-    let with_goals = note.is_empty();
+    let has_goals = note.is_empty();
     let mut rows = Vec::new();
     for motion in &MOTIONS {
         eprintln!("{name}: {}", motion.name);
@@ -69,17 +68,17 @@ fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) 
         let least_with_steps = bound::least_sigma(device, motion, rig, 1)?;
         let kept_sigma = grid::least_sigma(device, motion, rig, 1, motion.kernel_s())?;
         for (i, cell) in cells.into_iter().enumerate() {
+            let least = |of: Option<[f64; 3]>| of.map_or(f64::NAN, |of| of[i]);
             rows.push(Row {
                 motion: motion.name,
                 parameter: grid::NAMES[i],
                 cell,
-                goal: with_goals.then_some(motion.goals[i]),
-                least_sigma: least_sigma.map_or(f64::NAN, |least| least[i]),
-                ratio_goal: (with_goals && rig.name == RIGS[0].name)
+                goals: has_goals.then_some((motion.goals[i], motion.settling_goals_s[i])),
+                least_sigma: least(least_sigma),
+                ratio_goal: (has_goals && rig.name == RIGS[0].name)
                     .then_some(if ["fast", "random"].contains(&motion.name) { 1.5 } else { 2.5 }),
-                least_with_steps: least_with_steps.map_or(f64::NAN, |least| least[i]),
-                kept_sigma: kept_sigma.map_or(f64::NAN, |least| least[i]),
-                settling_goal_s: with_goals.then_some(motion.settling_goals_s[i]),
+                least_with_steps: least(least_with_steps),
+                kept_sigma: least(kept_sigma),
             });
         }
     }

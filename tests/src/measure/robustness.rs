@@ -5,26 +5,23 @@
 
 mod table;
 
-use inerter_tests::grid::{self, Error};
-use inerter_tests::robustness::{cases, cell};
-use inerter_tests::sheet;
+use inerter_tests::{
+    robustness::cases,
+    sheet::{Asked, Measured},
+};
 use table::Row;
 
 /// Runs per row.
 const SEEDS: u64 = 8;
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("robustness", words)?;
+pub fn measure(_: Asked) -> Measured {
     let mut rows: Vec<Row> = Vec::new();
     for case in cases() {
         eprintln!("{}", case.name);
         for &motion in case.motions {
             let usual_n = rows.iter().find(|row| row.motion == motion).map(|row| row.cell.residual_n);
-            let runs = grid::each(1..=SEEDS, |seed| case.run(motion, seed))?;
-            rows.push(Row { case: case.name, motion, cell: cell(&runs, usual_n) });
+            rows.push(Row { case: case.name, motion, cell: case.cell(motion, 1..=SEEDS, usual_n)? });
         }
     }
-    let text = table::markdown(&rows, SEEDS);
-    print!("{text}");
-    sheet::conclude("robustness", &text, 3, asked)
+    Ok((table::markdown(&rows, SEEDS), true))
 }

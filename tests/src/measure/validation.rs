@@ -10,10 +10,10 @@ use inerter_tests::{
     coverage::stated_true,
     data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, error, four, raw, sensors, shaken, three, truth},
+    grid::{Error, calibrated, error, four, raw, rms, sensors, shaken, three, truth},
     sheet::{self, Asked, line, row, significant},
     sums::SEPARABLE,
-    updates::{fit, left, rms, rows},
+    updates::{fit, left, rows},
 };
 use serde_json::{Value, json};
 use std::{fs, path::Path};
@@ -113,8 +113,7 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     );
     text += &methods(folder)?;
     text += &another_plant(folder)?;
-    if let Some(run) = Recording::Emps.run(1) {
-        let run = run?;
+    if let Some(run) = Recording::Emps.run(1).transpose()? {
         text += &prediction(&run)?;
         text += &bootstrap(&run)?;
     }
@@ -300,8 +299,7 @@ Each recording in {PARTS} parts of the same length, one after the other; each pa
 "
     );
     for (recording, name) in [(Recording::LodzSymmetric, "r0"), (Recording::LodzAsymmetric, "r16")] {
-        let Some(run) = recording.run(1) else { continue };
-        let run = run?;
+        let Some(run) = recording.run(1).transpose()? else { continue };
         let whole = three(&replayed(&run)?.estimate.whole_run);
         let length = run.samples.len() / PARTS;
         let parts = (0..PARTS).map(|place| part(&run, place * length, (place + 1) * length));

@@ -3,8 +3,7 @@
 use super::backlash;
 use inerter_tests::coverage;
 use inerter_tests::grid::{Cell, Column};
-use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
-use std::fmt::Write;
+use inerter_tests::sheet::{TOLERANCE, line, list, mean, percent, significant};
 
 /// Standard errors within which a mean counts as zero.
 const SIGNIFICANT: f64 = 2.5;
@@ -14,8 +13,8 @@ pub struct Row {
     pub motion: &'static str,
     pub parameter: &'static str,
     pub cell: Cell,
-    /// Goals for bias and sigma.
-    pub goal: Option<(f64, f64)>,
+    /// Goals for bias and sigma, and for the time until it settles \[s\]: `None` if it is not expected to.
+    pub goals: Option<((f64, f64), Option<f64>)>,
     /// Cramer-Rao bound.
     pub least_sigma: f64,
     /// The Cramer-Rao bound with the encoder's steps as additional noise.
@@ -24,8 +23,6 @@ pub struct Row {
     pub ratio_goal: Option<f64>,
     /// Cramer-Rao bound without the samples within a kernel's length of a sticking.
     pub kept_sigma: f64,
-    /// The inner value is `None` if the parameter is not expected to settle.
-    pub settling_goal_s: Option<Option<f64>>,
 }
 
 /// One rig.
@@ -37,69 +34,48 @@ pub struct Section {
 }
 
 impl Section {
-    /// Whether it has goals.
-    pub fn has_goals(&self) -> bool {
-        self.rows.iter().any(|row| row.goal.is_some())
-    }
-
     /// Cells whose intervals cover the true value in significantly less than 95 % of that many runs.
     pub fn under(&self, seeds: u64) -> Vec<String> {
-        let short = |part: Option<f64>| part.is_some_and(|part| coverage::is_low(part, seeds));
-        self.rows
-            .iter()
-            .map(|row| (row, [row.cell.coverage, row.cell.whole_run_coverage]))
-            .filter(|(_, parts)| parts.iter().copied().any(short))
-            .map(|(row, parts)| {
+        let is_low = |part: Option<f64>| part.is_some_and(|part| coverage::is_low(part, seeds));
+        let mut under = Vec::new();
+        for row in &self.rows {
+            let parts = [row.cell.coverage, row.cell.whole_run_coverage];
+            if parts.into_iter().any(is_low) {
                 let [live, whole] = parts.map(percent);
-                format!(
-                    "{}, {}, {}: covers {live} live, {whole} over the whole run, less than 95 %",
-                    self.name, row.motion, row.parameter
-                )
-            })
-            .collect()
+                let name = row.name(self);
+                under.push(format!("{name}: covers {live} live, {whole} over the whole run, less than 95 %"));
+            }
+        }
+        under
     }
 }
 
 impl Row {
-    fn bias_missed(&self) -> bool {
-        self.goal.is_some_and(|(bias, _)| self.cell.last.bias.abs() > bias)
+    fn name(&self, section: &Section) -> String {
+        format!("{}, {}, {}", section.name, self.motion, self.parameter)
     }
 
-    fn sigma_missed(&self) -> bool {
-        self.goal.is_some_and(|(_, sigma)| self.cell.last.sigma > sigma)
-    }
-
-    fn settling_missed(&self) -> bool {
-        match (self.settling_goal_s.flatten(), self.cell.settling_s) {
-            // Allow for the publication interval of 0.1 s.
-            (Some(goal), Some(time)) => time > goal + 0.1,
-            (Some(_), None) => true,
-            (None, _) => false,
+    fn verdict(&self, seeds: u64) -> String {
+        if self.goals.is_none() {
+            return String::new();
         }
+        let missed: Vec<&str> = self.misses(seeds).into_iter().filter_map(|(word, _)| word).collect();
+        if missed.is_empty() { "yes".into() } else { format!("**{}**", missed.join(", ")) }
     }
 
-    fn verdict(&self) -> String {
-        let missed: Vec<&str> =
-            [("bias", self.bias_missed()), ("sigma", self.sigma_missed()), ("time", self.settling_missed())]
-                .into_iter()
-                .filter_map(|(name, missed)| missed.then_some(name))
-                .collect();
-        match (self.goal, missed.as_slice()) {
-            (None, _) => String::new(),
-            (_, []) => "yes".into(),
-            _ => format!("**{}**", missed.join(", ")),
-        }
-    }
-
-    fn cells(&self) -> Vec<String> {
+    fn cells(&self, seeds: u64) -> Vec<String> {
         let Cell { last: Column { bias, sigma, u95, given, .. }, coverage, whole_run_coverage, settling_s } = self.cell;
+        let goals = self.goals.map(|((bias, sigma), settling_s)| {
+            [format!("{bias}, {sigma}"), settling_s.map_or("never".into(), |goal_s| goal_s.to_string())]
+        });
+        let [goal, settling_goal_s] = goals.unwrap_or_default();
         vec![
             self.motion.into(),
             self.parameter.into(),
             mean(bias, sigma),
             significant(sigma),
-            self.goal.map_or(String::new(), |(bias, sigma)| format!("{bias}, {sigma}")),
-            self.verdict(),
+            goal,
+            self.verdict(seeds),
             significant(self.least_sigma),
             significant(sigma / self.least_sigma),
             significant(sigma / self.least_with_steps),
@@ -108,16 +84,17 @@ impl Row {
             percent(whole_run_coverage),
             given.to_string(),
             settling_s.map_or("never".into(), |time| format!("{time:.1}")),
-            self.settling_goal_s.map_or(String::new(), |goal| goal.map_or("never".into(), |goal| goal.to_string())),
+            settling_goal_s,
         ]
     }
 
-    /// Describes by how much the goals are missed, and what the figures show about the reason.
-    fn misses(&self, seeds: u64) -> Vec<String> {
-        let mut lines = Vec::new();
-        let Some((bias_goal, sigma_goal)) = self.goal else { return lines };
+    /// The missed goals: a word for the verdict, if it counts there, and by how much each is missed, with what the
+    /// figures show about the reason.
+    fn misses(&self, seeds: u64) -> Vec<(Option<&'static str>, String)> {
+        let mut misses = Vec::new();
+        let Some(((bias_goal, sigma_goal), settling_goal_s)) = self.goals else { return misses };
         let Column { bias, sigma, u95, given, .. } = self.cell.last;
-        if self.bias_missed() {
+        if bias.abs() > bias_goal {
             let errors = bias.abs() / (sigma / (seeds as f64).sqrt());
             let word = if errors < SIGNIFICANT {
                 format!("{errors:.1} standard errors of its mean over {seeds} runs: not told from none")
@@ -128,36 +105,40 @@ impl Row {
                     part * 100.0
                 )
             };
-            lines.push(format!("bias {} against {bias_goal}: {word}", significant(bias)));
+            misses.push((Some("bias"), format!("bias {} against {bias_goal}: {word}", significant(bias))));
         }
-        if self.sigma_missed() {
+        if sigma > sigma_goal {
             let known = 100.0 / (2.0 * (seeds as f64 - 1.0)).sqrt();
             let over = (sigma / sigma_goal - 1.0) * 100.0;
             let [sigma, least, kept] = [sigma, self.least_sigma, self.kept_sigma].map(significant);
             let unreachable = if self.least_sigma > sigma_goal { ", above the goal itself" } else { "" };
-            lines.push(format!(
+            let words = format!(
                 "sigma {sigma} against {sigma_goal}, over by {over:.1} %, itself known to {known:.0} %. The least that this \
                  noise allows is {least}{unreachable}; {kept} where a kernel's length around each sticking is left out"
-            ));
+            );
+            misses.push((Some("sigma"), words));
         }
         if let Some(goal) = self.ratio_goal.filter(|goal| sigma > goal * self.least_sigma) {
             let [ratio, with_steps] = [self.least_sigma, self.least_with_steps].map(|least| significant(sigma / least));
-            lines.push(format!(
+            let words = format!(
                 "sigma {ratio} times what the force's noise allows, against {goal}; {with_steps} times what it allows with the \
                  encoder's steps"
-            ));
+            );
+            misses.push((None, words));
         }
-        if self.settling_missed() {
-            let goal = self.settling_goal_s.flatten().unwrap_or(0.0);
-            lines.push(match self.cell.settling_s {
+        if let Some(goal) = settling_goal_s {
+            let words = match self.cell.settling_s {
+                // Allow for the publication interval of 0.1 s.
+                Some(time) if time <= goal + 0.1 => return misses,
                 Some(time) => format!("settled after {time:.1} s against {goal} s"),
                 None if given == 0 => {
                     format!("no value, rightly: its interval is wider than half of it; goal {goal} s")
                 }
                 None => format!("a value in {given} of {seeds} runs, never settled; goal {goal} s"),
-            });
+            };
+            misses.push((Some("time"), words));
         }
-        lines
+        misses
     }
 }
 
@@ -200,37 +181,24 @@ published values lie within their interval of the truth; `--short`, part of `car
         TOLERANCE * 100.0
     );
     for section in sections {
-        // Writing to a String cannot fail.
-        let _ = write!(
-            text,
+        text += &format!(
             "\n## {}\n\n{}| motion | parameter | bias | sigma | goal | reached | least | ratio | with steps | U95 | live | whole | runs | settled s | goal s |\n\
              |---|---|--:|--:|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
             section.name, section.note
         );
-        for row in &section.rows {
-            text += &line(row.cells());
-        }
+        text.extend(section.rows.iter().map(|row| line(row.cells(seeds))));
     }
     text += BACKLASH;
     text.extend(backlash.iter().map(|section| section.text.as_str()));
-    text.push_str("\n## Goals that are missed\n\n");
-    let mut met = true;
+    let mut missed = Vec::new();
     for section in sections {
         for row in &section.rows {
-            for miss in row.misses(seeds) {
-                met = false;
-                let _ = writeln!(text, "- {}, {}, {}: {miss}.", section.name, row.motion, row.parameter);
-            }
+            let name = row.name(section);
+            missed.extend(row.misses(seeds).into_iter().map(|(_, miss)| format!("{name}: {miss}")));
         }
     }
-    for miss in backlash.iter().flat_map(|section| &section.misses) {
-        met = false;
-        let _ = writeln!(text, "- {miss}.");
-    }
-    if met {
-        text.push_str("None.\n");
-    }
-    text
+    missed.extend(backlash.iter().flat_map(|section| section.misses.iter().cloned()));
+    text + "\n## Goals that are missed\n\n" + &list(&missed)
 }
 
 #[cfg(test)]
@@ -242,17 +210,16 @@ mod tests {
             motion: "slow",
             parameter: "mt kg",
             cell: Cell {
-                last: Column { bias, sigma, u95: 12.3, given: 32, wrong: 0 },
+                last: Column { bias, sigma, u95: 12.3, given: 32, ..Column::default() },
                 coverage: Some(0.991),
                 whole_run_coverage: None,
                 settling_s: None,
             },
-            goal: Some((1.5, 3.0)),
+            goals: Some(((1.5, 3.0), None)),
             least_sigma: 2.99,
             kept_sigma: 3.28,
             least_with_steps: 3.0,
             ratio_goal: Some(2.5),
-            settling_goal_s: Some(None),
         };
         Section { name: "1 kHz, 1 N".into(), note: "", rows: vec![row] }
     }

@@ -3,8 +3,7 @@
 use inerter_tests::coverage;
 use inerter_tests::grid::{Column, NAMES};
 use inerter_tests::robustness::{Cell, LOUD};
-use inerter_tests::sheet::{TOLERANCE, line, mean, percent, significant};
-use std::fmt::Write;
+use inerter_tests::sheet::{TOLERANCE, line, list, mean, percent, significant};
 
 /// One case with one motion.
 pub struct Row {
@@ -14,10 +13,6 @@ pub struct Row {
 }
 
 impl Row {
-    fn key(&self, i: usize) -> String {
-        format!("{}, {}, {}", self.case, self.motion, NAMES[i])
-    }
-
     fn flags(&self, i: usize, seeds: u64) -> String {
         let mut flags = self.cell.flags.clone();
         if 2 * self.cell.last[i].given <= seeds as usize {
@@ -80,21 +75,15 @@ table by more than {} %, either way, or where another flag shows.
             text += &line(row.cells(i, seeds));
         }
     }
-    text.push_str("\n## Wrong and not flagged\n\n");
-    let mut none = true;
+    let mut wrong = Vec::new();
     for row in rows {
         for i in (0..NAMES.len()).filter(|i| row.is_wrong(*i, seeds) && row.flags(*i, seeds) == "-") {
-            none = false;
             let Column { bias, u95, .. } = row.cell.last[i];
             let [bias, u95] = [bias, u95].map(significant);
-            // Writing to a String cannot fail.
-            let _ = writeln!(text, "- {}: {bias} with an interval of {u95}.", row.key(i));
+            wrong.push(format!("{}, {}, {}: {bias} with an interval of {u95}", row.case, row.motion, NAMES[i]));
         }
     }
-    if none {
-        text.push_str("None.\n");
-    }
-    text
+    text + "\n## Wrong and not flagged\n\n" + &list(&wrong)
 }
 
 #[cfg(test)]
@@ -108,7 +97,7 @@ mod tests {
 
     fn row(bias: f64, coverage: f64, flags: &[&'static str]) -> Row {
         let cell = Cell {
-            last: [Column { bias, sigma: 0.02, u95: 0.09, given: 8, wrong: 0 }; 3],
+            last: [Column { bias, sigma: 0.02, u95: 0.09, given: 8, ..Column::default() }; 3],
             coverage: [Some(coverage), Some(1.0), None],
             residual_n: 0.39,
             flags: flags.to_vec(),
