@@ -1,7 +1,7 @@
 //! Backlash on the accuracy grid: every width, from the force alone and with the terminal sensor.
 
 use crate::coverage::stated_true;
-use crate::grid::{self, Column, Error, Estimator, Instruments, calibrated, error, raw};
+use crate::grid::{self, Column, Estimator, Instruments, Result, calibrated, error, raw};
 use inerter_core::{Detail, Parameter, Reversal, Settings};
 use inerter_plant::{Inerter, Sensors};
 
@@ -50,7 +50,7 @@ pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
 }
 
 /// Simulates a device, and estimates with and without its sensor.
-pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
     let mut estimator = Estimator::new(&settings)?;

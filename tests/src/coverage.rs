@@ -1,6 +1,6 @@
 //! Width and coverage of the intervals if every stated value is true.
 
-use crate::grid::{Column, Error, Motion, calibrated, each, errors, published, raw, seeded, shaken};
+use crate::grid::{Column, Motion, Result, calibrated, each, errors, published, raw, seeded, shaken};
 use inerter_core::{LawStatus, NORMAL_COVERAGE, Settings, Source};
 use inerter_plant::{Inerter, Sensors};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -78,12 +78,12 @@ pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
 impl Bench {
     /// The runs of a motion with these seeds.
-    pub fn runs(&self, motion: &Motion, seeds: Range<u64>) -> Result<Vec<Outcome>, Error> {
+    pub fn runs(&self, motion: &Motion, seeds: Range<u64>) -> Result<Vec<Outcome>> {
         each(seeds, |seed| self.run(motion.name, motion.duration_s, seed))
     }
 
     /// One run of `duration_s` seconds with a motion in the plant's notation.
-    pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome, Error> {
+    pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome> {
         let sensors = seeded(self.sensors, seed);
         let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
         let samples = shaken(&self.device, motion, sensors)?.lasting(duration_s).map(|sample| raw(&sample));

@@ -11,6 +11,9 @@ use std::thread;
 /// Errors in setting up a run.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
 
+/// A result with such an error.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
 /// One motion of the grid.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
@@ -172,12 +175,12 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 }
 
 /// A device in a motion of the plant's notation; the sensors' seed is also that of the motion.
-pub fn shaken(device: &Inerter, motion: &str, sensors: Sensors) -> Result<Simulation, Error> {
+pub fn shaken(device: &Inerter, motion: &str, sensors: Sensors) -> Result<Simulation> {
     Ok(Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, sensors)?)
 }
 
 /// The motion as measured by this rig's instruments.
-pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
+pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation> {
     shaken(device, motion.name, instruments(rig, seed))
 }
 
@@ -208,7 +211,7 @@ impl Estimator {
 }
 
 /// What the estimator publishes after these samples.
-pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published, Error> {
+pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published> {
     let mut estimator = Estimator::new(settings)?;
     for sample in samples {
         estimator.step(&sample);
@@ -219,9 +222,9 @@ pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSampl
 /// One run for each of these, such as seeds, in two threads: first the odd places, then the even ones.
 pub fn each<T, R: Send>(
     all: impl Iterator<Item = T> + Clone + Sync,
-    run: impl Fn(T) -> Result<R, Error> + Sync,
-) -> Result<Vec<R>, Error> {
-    let part = |skipped| all.clone().skip(skipped).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
+    run: impl Fn(T) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let part = |skipped| all.clone().skip(skipped).step_by(2).map(&run).collect::<Result<Vec<R>>>();
     thread::scope(|scope| {
         let even = scope.spawn(|| part(1));
         let mut runs = part(0)?;
@@ -232,7 +235,7 @@ pub fn each<T, R: Send>(
 
 /// Simulates a device and records its estimates. The intervals include no calibration error, because the simulated rig
 /// has none.
-pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
         force_gain_u95: 0.0,
@@ -264,7 +267,7 @@ pub fn least_sigma(
     rig: &Instruments,
     seed: u64,
     clearance_s: f64,
-) -> Result<Option<[f64; 3]>, Error> {
+) -> Result<Option<[f64; 3]>> {
     let truths: Vec<_> = simulation(device, motion, rig, seed)?
         .lasting(motion.duration_s)
         .map(|sample| sample.truth)

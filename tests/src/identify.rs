@@ -12,7 +12,7 @@ use rand_chacha::{
 
 use std::array;
 
-use crate::grid::{Error, seeded, sensors, shaken};
+use crate::grid::{Result, seeded, sensors, shaken};
 
 /// Motions that excite all parameters.
 pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
@@ -47,7 +47,7 @@ pub fn instruments(seed: u64) -> Sensors {
 
 /// The run that the instruments record: calibrated without error, with stiffness and damping unknown. The sensors' seed
 /// is also the seed of the motion.
-pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
+pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run> {
     let settings = Settings {
         terminal_sensor: true,
         stiffness_n_per_m: 0.0,

@@ -2,7 +2,7 @@
 
 use crate::{
     diagnose::{Added, Case, Replayed, clean_case},
-    grid::{Column, Error, MOTIONS, Motion, each, errors, three},
+    grid::{Column, MOTIONS, Motion, Result, each, errors, three},
     sheet::{self, significant},
 };
 use inerter_analysis::diagnose::Kind;
@@ -110,7 +110,7 @@ impl Silent {
 }
 
 /// The sections of the table, and the corresponding figure.
-pub fn sections(seeds: Range<u64>) -> Result<(String, Figure), Error> {
+pub fn sections(seeds: Range<u64>) -> Result<(String, Figure)> {
     let mut text = String::new();
     let mut silent = Vec::new();
     let mut panels = Vec::new();
@@ -189,12 +189,12 @@ The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what
 
 impl Violation {
     /// For each of [`SIZES`] that can be reached: the wanted shift, the shift reached, and the size of the violation.
-    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
+    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>> {
         let clean = clean_case(1.0, 1000.0);
         let values =
             |case: Case| each(first..first + PAIRS, |seed| Ok(case.estimated(motion, seed)?.estimate.whole_run));
         let without = values(clean)?;
-        let moved = |size: f64| -> Result<f64, Error> {
+        let moved = |size: f64| -> Result<f64> {
             let with = values((self.case)(clean, size))?;
             let all = with.iter().zip(&without).map(|(with, without)| moved_most(with, without));
             Ok(all.sum::<f64>() / PAIRS as f64)
@@ -231,7 +231,7 @@ fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
 }
 
 /// The parameters of a run, and whether the report warns the user.
-fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Error> {
+fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told> {
     let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
     let device = errors(&outcome.estimate.whole_run, &case.device);
     Ok(Told {

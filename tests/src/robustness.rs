@@ -2,7 +2,7 @@
 //! reports.
 
 use crate::grid::{
-    Column, Error, Estimator, calibrated, each, error, errors, mean, raw, seeded, sensors as rig, shaken, three, truth,
+    Column, Estimator, Result, calibrated, each, error, errors, mean, raw, seeded, sensors as rig, shaken, three, truth,
 };
 use inerter_core::{Published, Regime, Settings};
 use inerter_plant::{Inerter, Sensors};
@@ -100,7 +100,7 @@ struct Run {
 
 impl Case {
     /// The instruments of one run.
-    fn sensors(&self, motion: &str, seed: u64) -> Result<Sensors, Error> {
+    fn sensors(&self, motion: &str, seed: u64) -> Result<Sensors> {
         let sensors = seeded(self.sensors, seed);
         if !self.clipped {
             return Ok(sensors);
@@ -112,7 +112,7 @@ impl Case {
     }
 
     /// Simulates the device and records its estimates, with settings that ignore the imperfection.
-    fn run(&self, motion: &str, seed: u64) -> Result<Run, Error> {
+    fn run(&self, motion: &str, seed: u64) -> Result<Run> {
         let sensors = self.sensors(motion, seed)?;
         let mut estimator = Estimator::new(&Settings {
             force_gain_u95: self.force_gain_u95,
@@ -148,7 +148,7 @@ impl Case {
     }
 
     /// Statistics over these seeds; `usual_n` is the residual of the undisturbed rig with this motion \[N\].
-    pub fn cell(&self, motion: &str, seeds: RangeInclusive<u64>, usual_n: Option<f64>) -> Result<Cell, Error> {
+    pub fn cell(&self, motion: &str, seeds: RangeInclusive<u64>, usual_n: Option<f64>) -> Result<Cell> {
         let runs = each(seeds, |seed| self.run(motion, seed))?;
         let residual_n = mean(runs.iter().map(|run| run.residual_n));
         let is_raised = |i: &usize| 2 * runs.iter().filter(|run| run.flags[*i]).count() >= runs.len();

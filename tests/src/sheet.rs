@@ -1,6 +1,6 @@
 //! Measured tables: written as Markdown, committed, and compared cell by cell with new measurements.
 
-use crate::grid::{Column, Error};
+use crate::grid::{Column, Result};
 use std::{
     fmt::Display,
     fs,
@@ -24,7 +24,7 @@ pub enum Asked {
 }
 
 /// A measured table, and whether its figures are good.
-pub type Measured = Result<(String, bool), Error>;
+pub type Measured = Result<(String, bool)>;
 
 /// Measures a table, prints it and concludes. Accepts `--update`, or nothing, or `--short` if the table can be measured
 /// in part. Returns true if everything measured is good and agrees with the committed table.
@@ -34,7 +34,7 @@ pub fn measured(
     keys: usize,
     can_be_short: bool,
     measure: fn(Asked) -> Measured,
-) -> Result<bool, Error> {
+) -> Result<bool> {
     let asked = asked(name, words, can_be_short)?;
     let (text, is_good) = measure(asked)?;
     print!("{text}");
@@ -42,7 +42,7 @@ pub fn measured(
 }
 
 /// What these words ask for.
-pub fn asked(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error> {
+pub fn asked(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked> {
     match words {
         [] => Ok(Asked::Compare),
         ["--update"] => Ok(Asked::Update),
@@ -55,7 +55,7 @@ pub fn asked(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Er
 
 /// Writes `text` as `docs/tables/NAME.md`, or compares it with that file and reports differences. Returns true if
 /// everything measured agrees with the committed table. `keys` is the number of columns that identify a row.
-pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
+pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool> {
     let below_docs = format!("tables/{name}.md");
     if asked == Asked::Update {
         println!("{name}: written {}", write(&below_docs, text)?.display());
@@ -90,7 +90,7 @@ fn docs() -> PathBuf {
 }
 
 /// Writes a file below `docs`; returns its path.
-pub fn write(below_docs: &str, text: &str) -> Result<PathBuf, Error> {
+pub fn write(below_docs: &str, text: &str) -> Result<PathBuf> {
     let path = docs().join(below_docs);
     fs::create_dir_all(path.parent().unwrap_or(&path))?;
     fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
@@ -106,7 +106,7 @@ pub fn by_width(found: impl Iterator<Item = (f64, f64)>) -> (Column, f64) {
 }
 
 /// The number of these in the first word, which may have underscores; `usual` without a word.
-pub fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N, Error> {
+pub fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N> {
     let Some(word) = words.first() else { return Ok(usual) };
     word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of {these}").into())
 }

@@ -1,7 +1,7 @@
 //! The updates of the estimator, reconstructed one by one from the exact sums that core publishes.
 
 use crate::{
-    grid::{Error, Estimator},
+    grid::{Estimator, Result},
     sums::{self, gram},
 };
 use inerter_core::{Bank, RawSample, Settings};
@@ -10,7 +10,7 @@ use inerter_core::{Bank, RawSample, Settings};
 pub type Row = [f64; 5];
 
 /// One row for each update of a bank since its memory was last reset.
-pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
+pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>> {
     let mut estimator = Estimator::new(settings)?;
     let (mut rows, mut column) = (Vec::new(), [0_i128; 5]);
     for sample in samples {

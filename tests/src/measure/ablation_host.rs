@@ -6,7 +6,7 @@ use inerter_analysis::diagnose::{Cause, Kind};
 use inerter_core::{LawStatus, Parameters};
 use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
-    grid::{Error, Motion, each, errors, motion},
+    grid::{Motion, Result, each, errors, motion},
 };
 
 /// No table has this seed.
@@ -65,7 +65,7 @@ impl Counts {
     }
 
     /// A run in which nothing must be named, with the parameters judged by the samples.
-    fn add_law(&mut self, case: &Case, motion: &Motion) -> Result<(), Error> {
+    fn add_law(&mut self, case: &Case, motion: &Motion) -> Result<()> {
         let Replayed { outcome, causes, judged } = case.replayed(motion, SEED)?;
         self.wrong += u32::from(causes.first().is_some_and(|cause| Some(cause.kind) != case.kind));
         if !causes.is_empty() || outcome.law.status == LawStatus::Broken {
@@ -88,7 +88,7 @@ impl Counts {
 
     /// A run in which flanks separate, with the contact's stiffness stated or not. If it is not stated, a structure
     /// mass may be named, because the device has one.
-    fn add_flanks(&mut self, backlash_m: f64, motion: &Motion, with_stiffness: bool) -> Result<(), Error> {
+    fn add_flanks(&mut self, backlash_m: f64, motion: &Motion, with_stiffness: bool) -> Result<()> {
         let causes = parting(backlash_m).told(motion, SEED, with_stiffness)?;
         let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
         self.wrong += u32::from(causes.iter().any(is_wrong));
@@ -110,12 +110,12 @@ fn nearly() -> Vec<Case> {
     loads.into_iter().chain(ripples).collect()
 }
 
-pub fn run(_: &[&str]) -> Result<bool, Error> {
+pub fn run(_: &[&str]) -> Result<bool> {
     let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
     // A rotary machine gives the same results in other units.
     let clean = clean_cases().into_iter().filter(|case| case.sensors.sample_rate_hz <= FASTEST_HZ && !case.is_rotary);
     let laws: Vec<Case> = clean.chain(nearly()).collect();
-    let of_motion = |name: &&str| -> Result<Counts, Error> {
+    let of_motion = |name: &&str| -> Result<Counts> {
         let motion = motion(name);
         let mut counts = Counts::default();
         faults.iter().for_each(|case| counts.add_fault(case, motion));

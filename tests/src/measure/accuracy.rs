@@ -9,7 +9,7 @@ mod table;
 use inerter_plant::Inerter;
 use inerter_tests::{
     bound,
-    grid::{self, Error, Instruments, MOTIONS, RIGS, TWO_CLOCKS},
+    grid::{self, Instruments, MOTIONS, RIGS, Result, TWO_CLOCKS},
     sheet::{Asked, Measured},
 };
 use table::{Row, Section};
@@ -57,7 +57,7 @@ pub fn measure(asked: Asked) -> Measured {
     Ok((text, uncovered.is_empty() && backlash.iter().all(|section| section.holds)))
 }
 
-fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section, Error> {
+fn section(device: &Inerter, rig: &Instruments, name: &str, note: &'static str) -> Result<Section> {
     // Sections with a note have no goals: their behaviour is not fully understood.
     let has_goals = note.is_empty();
     let mut rows = Vec::new();

@@ -3,7 +3,7 @@
 use inerter_core::{Change, Changed, Settings};
 use inerter_plant::{Excitation, Inerter, Plant, Simulation};
 use inerter_tests::{
-    grid::{self, Error, Estimator, Instruments, MOTIONS, Motion, RIGS},
+    grid::{self, Estimator, Instruments, MOTIONS, Motion, RIGS, Result},
     sheet::{self, Asked, Measured},
 };
 
@@ -77,7 +77,7 @@ figure left the table, where anything is found in steady motion, or where a step
 }
 
 /// The cells of a motion, and whether they are good.
-fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<String>, bool), Error> {
+fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<String>, bool)> {
     let (at_s, within_s) = if motion.is_slow() { (60.0, 60.0) } else { (10.0, 10.0) };
     let mut cells = vec![motion.name.to_owned()];
     let mut good = true;
@@ -114,7 +114,7 @@ fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<Stri
 }
 
 /// The reported changes, each with its time \[s\].
-fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
+fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>> {
     let sensors = grid::instruments(rig, seed);
     let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.device(), &sensors) };
     let mut estimator = Estimator::new(&settings)?;

@@ -7,7 +7,7 @@ use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     backlash,
     coverage::{Bench, RIGHT, STATED, columns},
-    grid::{self, Column, Error, MOTIONS, NAMES, RIGS, each, error, motion, sensors},
+    grid::{self, Column, MOTIONS, NAMES, RIGS, Result, each, error, motion, sensors},
     nearly::{WANTED, sections},
     sheet::{self, Asked, Measured, significant},
 };
@@ -89,7 +89,7 @@ state is exactly true: {} runs of each motion of [accuracy](accuracy.md), seeds 
 }
 
 /// Tones whose period is a whole number of samples, or nearly.
-fn tones() -> Result<String, Error> {
+fn tones() -> Result<String> {
     let mut text = format!(
         "
 ## Tones of a whole number of samples
@@ -125,7 +125,7 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
 }
 
 /// Backlash, stiffness and damping of the contact, on a rig with true settings.
-fn contacts() -> Result<String, Error> {
+fn contacts() -> Result<String> {
     let mut text = format!(
         "
 ## Contact
@@ -181,7 +181,7 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
 }
 
 /// Settings that are wrong by their stated uncertainty.
-fn stated() -> Result<String, Error> {
+fn stated() -> Result<String> {
     let chance = 196.0 * (0.95 * 0.05 / SEEDS.count() as f64).sqrt();
     let mut text = format!(
         "
@@ -290,7 +290,7 @@ fn chance(grows: f64) -> f64 {
 
 /// The cost of covering an omitted cause of any size, as a function of the increase in standard error when the cause is
 /// fitted too. In units of the law's standard error.
-fn frontier(update: bool) -> Result<String, Error> {
+fn frontier(update: bool) -> Result<String> {
     let draws = Draws::new();
     let mut text = format!(
         "
@@ -356,7 +356,7 @@ fn frontier_figure(draws: &Draws) -> Figure {
 }
 
 /// Table and figure for a law that is nearly true.
-fn nearly(update: bool) -> Result<String, Error> {
+fn nearly(update: bool) -> Result<String> {
     let (sections, figure) = sections(NEARLY)?;
     if update {
         sheet::write("coverage.svg", &svg(&figure))?;

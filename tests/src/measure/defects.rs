@@ -9,7 +9,7 @@ use inerter_tests::{
         made::{From, MOTIONS},
         tally::Tally,
     },
-    grid::{Error, each},
+    grid::{Result, each},
     roc::{Curve, svg},
     sheet::{self, Asked, Measured},
 };
@@ -20,7 +20,7 @@ const SEEDS: u64 = 2;
 const CLEAN: u64 = 200;
 
 /// The runs in the order of seeds and motions, whatever thread computed them.
-fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Said>, Error> {
+fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Said>> {
     let mut all = each(0..MOTIONS.len() * seeds as usize, |place| {
         let (motion, seed) = (place % MOTIONS.len(), DEVELOPMENT + 1 + (place / MOTIONS.len()) as u64);
         Ok((place, run(kind, motion, seed)?))

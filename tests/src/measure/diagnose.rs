@@ -5,7 +5,7 @@ use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
 use inerter_tests::{
     data::replayed,
     diagnose::{Case, cases, clean_cases, parting},
-    grid::{Error, MOTIONS, Motion, each, error, mean, three, truth},
+    grid::{MOTIONS, Motion, Result, each, error, mean, three, truth},
     identified::Told,
     sheet::{self, Asked, Measured, significant},
 };
@@ -80,13 +80,13 @@ fn percent(part: u32, of: u32) -> f64 {
     100.0 * f64::from(part) / f64::from(of.max(1))
 }
 
-fn tally(case: &Case, motion: &Motion, seeds: RangeInclusive<u64>) -> Result<Tally, Error> {
+fn tally(case: &Case, motion: &Motion, seeds: RangeInclusive<u64>) -> Result<Tally> {
     let runs = each(seeds, |seed| Ok(Tally::of(case, &case.diagnosed(motion, seed)?)))?;
     Ok(runs.into_iter().fold(Tally::default(), Tally::add))
 }
 
 /// How well the motion reveals a fault, averaged over the seeds.
-fn told(case: &Case, motion: &Motion) -> Result<Told, Error> {
+fn told(case: &Case, motion: &Motion) -> Result<Told> {
     let all = each(SEEDS, |seed| {
         let outcome = replayed(&case.recorded(motion, seed, true)?)?;
         case.told_by(motion, seed, f64::from(outcome.motion.repeats))
@@ -95,7 +95,7 @@ fn told(case: &Case, motion: &Motion) -> Result<Told, Error> {
 }
 
 /// Tallies of all faults, and of those that the motion reveals well enough. Writes a row for each fault and motion.
-fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
+fn faults(text: &mut String) -> Result<[Tally; 2]> {
     let (mut all, mut told_enough) = (Tally::default(), Tally::default());
     for case in cases() {
         for motion in &MOTIONS {
@@ -115,7 +115,7 @@ fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
     Ok([all, told_enough])
 }
 
-fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
+fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally> {
     let mut clean = Tally::default();
     for case in clean_cases() {
         for motion in &MOTIONS {
@@ -126,7 +126,7 @@ fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
 }
 
 /// Number of runs whose flanks separate, and of those in which a wrong cause is named without being asked for.
-fn with_flanks_that_part() -> Result<[usize; 2], Error> {
+fn with_flanks_that_part() -> Result<[usize; 2]> {
     let [mut runs, mut told] = [0; 2];
     for backlash_m in BACKLASHES_M {
         for motion in &MOTIONS {

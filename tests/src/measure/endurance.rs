@@ -7,7 +7,7 @@
 use inerter_core::{Bank, Published, RawSample, Settings, Sums};
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
-    grid::{self, Error, Estimator},
+    grid::{self, Estimator, Result},
     sheet::number,
 };
 
@@ -57,7 +57,7 @@ impl Look {
     }
 }
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     let wanted = number(words, SAMPLES, "samples")?;
     let device = Inerter { backlash_m: 5e-5, ..Inerter::paper() };
     let sensors = Sensors { seed: 1, ..grid::sensors() };

@@ -6,7 +6,7 @@ use std::{fmt::Write, path::Path, time::Instant};
 use inerter_analysis::identify::{Parameters, known_skew_s, known_structure_mass_kg};
 use inerter_data::series::Series;
 use inerter_tests::{
-    grid::Error,
+    grid::Result,
     identify::{DURATION_S, GOALS, MOTIONS, errors, hidden, identified, instruments, recorded},
     sheet::{self, significant},
 };
@@ -17,16 +17,16 @@ const DEVICES: u64 = 8;
 /// The first of them were inspected while the interval factors were tuned.
 const TUNED: u64 = 3;
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     match words {
         ["--bench", path] => bench(Path::new(path), DURATION_S),
-        ["--bench", path, seconds] => seconds.parse().map_err(Error::from).and_then(|s| bench(Path::new(path), s)),
+        ["--bench", path, seconds] => bench(Path::new(path), seconds.parse()?),
         ["--compare", path, faster] => compare(Path::new(path), faster),
         _ => table(words),
     }
 }
 
-fn table(words: &[&str]) -> Result<bool, Error> {
+fn table(words: &[&str]) -> Result<bool> {
     let asked = sheet::asked("identify", words, false)?;
     let mut text = format!(
         "# Identification of hidden devices\n\nThe complete model by `inerter identify` from {DURATION_S} s at 1 kHz, 1 N of \
@@ -92,7 +92,7 @@ fn unit(name: &str) -> f64 {
 }
 
 /// Writes the problem for scipy and solves it, with the same samples, parameters, start values and prior knowledge.
-fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
+fn bench(path: &Path, duration_s: f64) -> Result<bool> {
     let device = hidden(3);
     let rig = instruments(3);
     let run = recorded(&device, "random", &rig, duration_s)?;
@@ -124,8 +124,8 @@ fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
 }
 
 /// Whether scipy takes at least this many times longer.
-fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
-    let read = |path: &Path| -> Result<Value, Error> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
+fn compare(path: &Path, faster: &str) -> Result<bool> {
+    let read = |path: &Path| -> Result<Value> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
     let (problem, scipy) = (read(path)?, read(&path.with_extension("scipy.json"))?);
     let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_f64).ok_or(format!("no {key}"));
     let (ours, theirs) = (number(&problem, "inerter_s")?, number(&scipy, "scipy_s")?);

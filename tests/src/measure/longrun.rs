@@ -7,7 +7,7 @@
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Simulation};
 use inerter_tests::{
-    grid::{self, Error},
+    grid::{self, Result},
     reference::{BOUNDS, Pair},
     sheet::number,
 };
@@ -21,7 +21,7 @@ const RUNS: [(&str, &str); 2] = [
     ("slow alone", "slow@600s"),
 ];
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     let updates = number(words, UPDATES, "updates")?;
     println!("core's integers beside f64, greatest difference at any published estimate over {updates} updates:");
     let pairs = thread::scope(|scope| {
@@ -41,7 +41,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
     Ok(agree)
 }
 
-fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
+fn shake(motion: &str, updates: u32) -> Result<Pair> {
     let device = Inerter::paper();
     let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &grid::sensors()) };
     let mut pair = Pair::new(&settings)?;

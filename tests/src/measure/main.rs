@@ -1,7 +1,7 @@
 //! Measures the tables of docs/tables, and runs the tests that are too long for the suite: `cargo xtask NAME`.
 
 use inerter_tests::{
-    grid::Error,
+    grid::Result,
     sheet::{Asked, Measured, measured},
 };
 use std::process::ExitCode;
@@ -25,7 +25,7 @@ mod validation;
 /// What a measurement runs.
 enum Measure {
     /// Anything, with arguments of its own: whether its result is good, or why there is none.
-    Own(fn(&[&str]) -> Result<bool, Error>),
+    Own(fn(&[&str]) -> Result<bool>),
     /// A table: how many cells name a row, and whether it can be measured in part.
     Table(usize, bool, fn(Asked) -> Measured),
 }
@@ -64,7 +64,7 @@ fn main() -> ExitCode {
 }
 
 /// Runs the measurement that the first word names, with the other words.
-fn run(words: &[&str]) -> Result<bool, Error> {
+fn run(words: &[&str]) -> Result<bool> {
     let named =
         words.split_first().and_then(|(name, rest)| Some((MEASURES.iter().find(|each| each.0 == *name)?, rest)));
     match named {

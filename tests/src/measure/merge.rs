@@ -7,7 +7,7 @@ use inerter_data::{replay::replay_samples, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_tests::{
-    grid::{Column, Error, NAMES, each, errors},
+    grid::{Column, Error, NAMES, Result, each, errors},
     sheet::{self, Asked, Measured, significant},
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -66,7 +66,7 @@ struct Told {
 }
 
 /// Results of one group, for each number of merged runs.
-fn group(case: &Case, seed: u64) -> Result<Vec<Told>, Error> {
+fn group(case: &Case, seed: u64) -> Result<Vec<Told>> {
     let seed = FIRST_SEED + 1000 * seed;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut overrides = Overrides::default();

@@ -6,7 +6,7 @@ use inerter_core::Machine;
 use inerter_data::wants;
 use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_tests::{
-    grid::{self, Error, MOTIONS, Motion, NAMES},
+    grid::{self, MOTIONS, Motion, NAMES, Result},
     plan::{Bench, Reached, WITHIN, as_written},
     sheet::{self, Asked, Measured, significant},
 };
@@ -263,7 +263,7 @@ fn description(plan: &Plan, machine: Machine) -> String {
 }
 
 /// Compares a design, which has reached this, with the fixed motions under the same limits.
-fn compared(name: &str, bench: &Bench, limits: Limits, reached: &[Reached; 3]) -> Result<String, Error> {
+fn compared(name: &str, bench: &Bench, limits: Limits, reached: &[Reached; 3]) -> Result<String> {
     let (first, seeds) = BESIDE;
     let line = |name: &str, found: &[Reached; 3]| {
         let given = found.iter().map(|found| found.given).min().unwrap_or(0);

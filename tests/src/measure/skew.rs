@@ -2,7 +2,7 @@
 
 use inerter_analysis::skew::{Skew, SkewError};
 use inerter_tests::{
-    grid::{Column, Error, each},
+    grid::{Column, Result, each},
     sheet::{Asked, Measured, by_width, significant},
     skew::{Case, Found, drawn},
 };
@@ -25,7 +25,7 @@ struct Told {
     residual: Option<[f64; 2]>,
 }
 
-fn told(seed: u64) -> Result<Told, Error> {
+fn told(seed: u64) -> Result<Told> {
     let case = drawn(seed)?;
     let Found { skew, .. } = case.found()?;
     let Case { device, motion, .. } = case;

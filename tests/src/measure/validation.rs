@@ -10,7 +10,7 @@ use inerter_tests::{
     coverage::stated_true,
     data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, error, four, raw, rms, sensors, shaken, three, truth},
+    grid::{Result, calibrated, error, four, raw, rms, sensors, shaken, three, truth},
     sheet::{self, Asked, line, row, significant},
     sums::SEPARABLE,
     updates::{fit, left, rows},
@@ -29,7 +29,7 @@ const PARTS: usize = 3;
 /// The authors' own results for the EMPS record, by zero-phase least squares: mt, cf, fc.
 const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     match words {
         ["--data", folder] => write_data(Path::new(folder)).map(|()| true),
         ["--rivals", folder] => table(Path::new(folder), Asked::Compare),
@@ -47,7 +47,7 @@ struct Data {
 }
 
 /// The simulated runs, and the EMPS record if it is available.
-fn data() -> Result<Vec<Data>, Error> {
+fn data() -> Result<Vec<Data>> {
     // The other methods have no structure mass.
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
     let mut all = Vec::new();
@@ -65,7 +65,7 @@ fn data() -> Result<Vec<Data>, Error> {
     Ok(all)
 }
 
-fn write_data(folder: &Path) -> Result<(), Error> {
+fn write_data(folder: &Path) -> Result<()> {
     let mut list = Vec::new();
     for Data { name, run, noise_n, .. } in data()? {
         let settings = &run.settings;
@@ -104,7 +104,7 @@ fn interval(parameter: &Parameter) -> String {
     }
 }
 
-fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
+fn table(folder: &Path, asked: Asked) -> Result<bool> {
     let mut text = String::from(
         "# Validation
 
@@ -122,14 +122,14 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     sheet::conclude("validation", &text, 2, asked)
 }
 
-fn read(folder: &Path, name: &str) -> Result<Vec<Value>, Error> {
+fn read(folder: &Path, name: &str) -> Result<Vec<Value>> {
     let path = folder.join(name);
     let text = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
     Ok(serde_json::from_str(&text)?)
 }
 
 /// The same data analysed with other methods.
-fn methods(folder: &Path) -> Result<String, Error> {
+fn methods(folder: &Path) -> Result<String> {
     let rivals = read(folder, "rivals.json")?;
     let mut text = String::from(
         "
@@ -168,7 +168,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
 }
 
 /// Verdict on the runs of the plant written in Python.
-fn another_plant(folder: &Path) -> Result<String, Error> {
+fn another_plant(folder: &Path) -> Result<String> {
     let rows = read(folder, "plant.json")?;
     let mut text = String::from(
         "
@@ -194,7 +194,7 @@ word that names the defect, with `assumes` alone, or with none; *device*: silent
 }
 
 /// The force of each half of the EMPS record, predicted from the other half.
-fn prediction(run: &Run) -> Result<String, Error> {
+fn prediction(run: &Run) -> Result<String> {
     let mut text = String::from(
         "
 ## Half of the EMPS record by the other half
@@ -228,7 +228,7 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
 }
 
 /// The scatter of the EMPS parameters over resampled residuals.
-fn bootstrap(run: &Run) -> Result<String, Error> {
+fn bootstrap(run: &Run) -> Result<String> {
     let outcome = replayed(run)?;
     let rows = rows(&run.settings, &run.samples, Bank::Fast)?;
     let values = fit(rows.iter().copied(), SEPARABLE).ok_or("a record that shows nothing")?;
@@ -287,7 +287,7 @@ of its budget), and with the law's misfit, and altogether.
 }
 
 /// Parts of the Lodz recordings compared with their intervals.
-fn scatter() -> Result<String, Error> {
+fn scatter() -> Result<String> {
     let mut text = format!(
         "
 ## Scatter of the Lodz recordings

@@ -3,7 +3,7 @@
 use inerter_plant::Inerter;
 use inerter_tests::{
     backlash::{self, BACKLASHES_M, Cell, goal, sensed_goal},
-    grid::{self, Column, Error, Instruments, MOTIONS, Motion},
+    grid::{self, Column, Instruments, MOTIONS, Motion, Result},
     sheet::{line, mean, significant},
 };
 
@@ -21,7 +21,7 @@ pub struct Section {
 }
 
 /// Measures every backlash in every motion on this rig.
-pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
+pub fn section(rig: &Instruments, seeds: u64) -> Result<Section> {
     eprintln!("{}: backlash", rig.name);
     let mut by_force = format!(
         "
