@@ -5,14 +5,13 @@ use inerter_core::Settings;
 use inerter_data::run::Run;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{calibrated, raw};
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{RngCore, SeedableRng},
-};
 
 use std::array;
 
-use crate::grid::{Result, seeded, sensors, shaken};
+use crate::{
+    grid::{Result, seeded, sensors, shaken},
+    skew::Draw,
+};
 
 /// Motions that excite all parameters.
 pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
@@ -25,9 +24,8 @@ pub const GOALS: [(&str, f64); 6] =
 
 /// An unknown device: half to twice the paper's, with up to 0.1 mm of backlash.
 pub fn hidden(seed: u64) -> Inerter {
-    let mut random = ChaCha8Rng::seed_from_u64(0x1de7 + seed);
-    let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-    let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * uniform() - 1.0);
+    let mut draw = Draw::new(0x1de7 + seed);
+    let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * draw.unit() - 1.0);
     let device = Inerter {
         inertance_kg: about(300.0, 1.6),
         viscous_n_s_per_m: about(60.0, 2.0),
@@ -37,7 +35,7 @@ pub fn hidden(seed: u64) -> Inerter {
         structure_mass_kg: about(1.5, 1.5),
         ..Inerter::paper()
     };
-    Inerter { backlash_m: 1e-4 * uniform(), ..device }
+    Inerter { backlash_m: 1e-4 * draw.unit(), ..device }
 }
 
 /// 1 kHz, 1 N, 2.44 um per count, terminal 1 um.

@@ -155,10 +155,8 @@ pub fn percent(part: Option<f64>) -> String {
 /// A row of a table.
 struct Row {
     section: String,
-    /// Section and leading cells.
-    name: String,
-    /// Its number among the rows with this name.
-    place: usize,
+    /// Its name, section and leading cells, and its number among the rows with this name.
+    key: (String, usize),
     /// The other cells with their column headings; several columns may have the same heading.
     cells: Vec<(String, String)>,
 }
@@ -181,11 +179,10 @@ fn differences_in_part(committed: &str, now: &str, keys: usize) -> Vec<String> {
 }
 
 fn between(committed: &[Row], now: &[Row]) -> Vec<String> {
-    let is_same = |one: &Row, other: &Row| one.name == other.name && one.place == other.place;
     let mut differences = Vec::new();
-    for row in now {
-        let Row { name, cells, .. } = row;
-        let Some(before) = committed.iter().find(|other| is_same(other, row)).map(|before| &before.cells) else {
+    for Row { key, cells, .. } in now {
+        let (name, _) = key;
+        let Some(Row { cells: before, .. }) = committed.iter().find(|other| other.key == *key) else {
             differences.push(format!("{name}: not in the table"));
             continue;
         };
@@ -202,10 +199,10 @@ fn between(committed: &[Row], now: &[Row]) -> Vec<String> {
             }
         }
     }
-    for row in committed {
-        let name = &row.name;
-        match now.iter().find(|other| is_same(other, row)) {
-            Some(now) if now.cells.len() >= row.cells.len() => {}
+    for Row { key, cells, .. } in committed {
+        let (name, _) = key;
+        match now.iter().find(|other| other.key == *key) {
+            Some(now) if now.cells.len() >= cells.len() => {}
             Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
             None => differences.push(format!("{name}: in the table, no longer measured")),
         }
@@ -227,14 +224,12 @@ fn rows(markdown: &str, keys: usize) -> Vec<Row> {
         if head.is_empty() {
             head = cells;
         } else if !cells[0].starts_with("--") {
-            let name = [section]
-                .into_iter()
-                .filter(|name| !name.is_empty())
-                .chain(cells.iter().take(keys).map(String::as_str));
-            let name = name.collect::<Vec<_>>().join(", ");
-            let place = rows.iter().filter(|row| row.name == name).count();
+            let names = Some(section).filter(|name| !name.is_empty()).into_iter();
+            let names = names.chain(cells.iter().take(keys).map(String::as_str)).collect::<Vec<_>>();
+            let name = names.join(", ");
+            let place = rows.iter().filter(|row| row.key.0 == name).count();
             let cells = head.iter().cloned().zip(cells).skip(keys).collect();
-            rows.push(Row { section: section.into(), name, place, cells });
+            rows.push(Row { section: section.into(), key: (name, place), cells });
         }
     }
     rows

@@ -115,10 +115,14 @@ pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case> {
 }
 
 /// A source of random numbers.
-struct Draw(ChaCha8Rng);
+pub(crate) struct Draw(ChaCha8Rng);
 
 impl Draw {
-    fn unit(&mut self) -> f64 {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    pub(crate) fn unit(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
@@ -178,7 +182,7 @@ fn motion(draw: &mut Draw) -> Shaken {
 /// A machine of 3 mg m^2 to 500 kg with a motion of its own, noise of 0.02 to 5 % of its force, and 300 to 300 000
 /// counts per stroke, at 500 Hz to 4 kHz, with the force up to 5 ms late or early.
 pub fn drawn(seed: u64) -> Result<Case> {
-    let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed));
+    let mut draw = Draw::new(seed);
     let shaken = motion(&mut draw);
     let Shaken { stroke_m, velocity, acceleration, .. } = shaken;
     let kind = draw.of(&DEVICES);

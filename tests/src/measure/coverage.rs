@@ -212,19 +212,18 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
             text += &sheet::row(&[name, motion.name, &broken], figures);
         }
     }
-    for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {
-        let extremes =
-            covered.iter().fold((100.0_f64, 0.0_f64), |(least, most), one| (least.min(*one), most.max(*one)));
+    for (wrong, mut covered) in [("By single sources", by_one), ("With all together", by_all)] {
+        covered.sort_by(f64::total_cmp);
+        let under = covered.partition_point(|one| one < HELD.start());
+        let over = covered.len() - covered.partition_point(|one| one <= HELD.end());
         text += &format!(
-            "\n{wrong} {} of {} cells are within {} to {} %, {} under and {} over it: {:.1} to {:.1} %.\n",
-            covered.iter().filter(|one| HELD.contains(one)).count(),
+            "\n{wrong} {} of {} cells are within {} to {} %, {under} under and {over} over it: {:.1} to {:.1} %.\n",
+            covered.len() - under - over,
             covered.len(),
             HELD.start(),
             HELD.end(),
-            covered.iter().filter(|one| *one < HELD.start()).count(),
-            covered.iter().filter(|one| *one > HELD.end()).count(),
-            extremes.0,
-            extremes.1,
+            covered[0],
+            covered[covered.len() - 1],
         );
     }
     Ok(text)
