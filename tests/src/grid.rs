@@ -275,9 +275,9 @@ pub fn least_sigma(
         .collect();
     let stuck: Vec<f64> = truths.iter().filter(|truth| truth.motion == Screw::Stuck).map(|truth| truth.t_s).collect();
     let clear = |t_s: f64| {
-        let next = stuck.partition_point(|stuck| *stuck < t_s);
-        let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|place| stuck.get(place));
-        around.into_iter().all(|stuck| (stuck - t_s).abs() > clearance_s)
+        // The last before and the next.
+        let around = stuck.partition_point(|stuck| *stuck < t_s).saturating_sub(1);
+        stuck.iter().skip(around).take(2).all(|stuck| (stuck - t_s).abs() > clearance_s)
     };
     let rows = truths.iter().filter(|truth| clear(truth.t_s)).map(|truth| {
         let (a, v) = if motion.is_slow() {

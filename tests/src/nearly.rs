@@ -89,8 +89,6 @@ struct Silent {
     violation: &'static str,
     motion: &'static str,
     parameter: &'static str,
-    /// Coverage of the device's intervals \[%\].
-    held_by_device: f64,
     /// Coverage of the samples' intervals \[%\].
     held: f64,
     /// Most of these runs report that the parameter assumes the absence of the violation.
@@ -261,7 +259,7 @@ fn row(
         format!("{left:.2}"),
         format!("{told_percent:.0}"),
     ];
-    let (mut cells, mut ratios) = (Vec::new(), Vec::new());
+    let (mut cells, mut ratios) = (Vec::new(), Vec::<String>::new());
     for (i, parameter) in ["mt", "cf", "fc"].into_iter().enumerate() {
         let column = Column::of(silent.iter().filter_map(|run| run.samples[i]));
         if column.given == 0 {
@@ -272,7 +270,7 @@ fn row(
         let by_device = Column::of(silent.iter().filter_map(|run| run.device[i]));
         let [held_by_device, held] = [by_device, column].map(|by| 100.0 * by.covered() as f64 / column.given as f64);
         let rests = 2 * silent.iter().filter(|run| run.assumed[i]).count() > silent.len();
-        cells.push(Silent { violation, motion, parameter, held_by_device, held, rests, left });
+        cells.push(Silent { violation, motion, parameter, held, rests, left });
         figures.push(format!("{held_by_device:.0} {held:.0}{}", if rests { "*" } else { "" }));
         ratios.push(format!("{:.1}", column.rms));
     }
@@ -287,15 +285,7 @@ mod tests {
 
     #[test]
     fn the_summary_says_where_intervals_hold_least_and_what_is_not_named() {
-        let cell = |motion, held, rests, left| Silent {
-            violation: "load",
-            motion,
-            parameter: "cf",
-            held_by_device: held,
-            held,
-            rests,
-            left,
-        };
+        let cell = |motion, held, rests, left| Silent { violation: "load", motion, parameter: "cf", held, rests, left };
         let cells = [
             cell("random", 0.0, true, 36.6),
             cell("random", 0.0, true, 36.6),

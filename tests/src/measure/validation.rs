@@ -150,12 +150,11 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
                 Some((value, u95)) => format!("{} +- {}", sheet::mean(value, u95), significant(u95)),
                 None => "-".into(),
             });
-            let off = pairs.iter().zip(truth).map(|(pair, truth)| match pair {
-                Some((value, u95)) => format!("{:.1}", (value - truth).abs() / u95),
+            let off = [0, 1, 2].map(|i| match pairs[i] {
+                Some((value, u95)) => format!("{:.1}", (value - truth[i]).abs() / u95),
                 None => "-".into(),
             });
-            let off = off.collect::<Vec<_>>().join(", ");
-            text += &row(&[name, method], shown.into_iter().chain([off]));
+            text += &row(&[name, method], shown.into_iter().chain([off.join(", ")]));
         };
         add("`inerter replay`", pairs);
         for rival in rivals.iter().filter(|rival| rival["name"] == name) {
@@ -210,18 +209,18 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
     let halves = [part(run, 0, middle), part(run, middle, run.samples.len())];
     let outcomes = [replayed(&halves[0])?, replayed(&halves[1])?];
     let found = outcomes.each_ref().map(|outcome| three(&outcome.estimate.whole_run));
-    let apart = (0..3).map(|i| {
-        let both = f64::from(found[0][i].u95()).hypot(f64::from(found[1][i].u95()));
-        format!("{:.1}", (value(&found[0][i]) - value(&found[1][i])).abs() / both)
+    let apart = [0, 1, 2].map(|i| {
+        let [first, second] = found.map(|found| found[i]);
+        let both = f64::from(first.u95()).hypot(f64::from(second.u95()));
+        format!("{:.1}", (value(&first) - value(&second)).abs() / both)
     });
-    let apart = apart.collect::<Vec<_>>().join(", ");
     for (place, (half, name)) in halves.iter().zip(["first", "second"]).enumerate() {
         let rows = rows(&half.settings, &half.samples, Bank::Fast)?;
         let own = fit(rows.iter().copied(), SEPARABLE).ok_or("a half that shows nothing")?;
         let other = values(&outcomes[1 - place], &half.settings);
         let of = |values: &[f64; 4]| significant(rms(rows.iter().map(|row| left(values, row))));
         let shown = found[place].map(|parameter| interval(&parameter));
-        let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.clone()];
+        let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.join(", ")];
         text += &row(&[name], shown.into_iter().chain(figures));
     }
     Ok(text)
@@ -253,14 +252,12 @@ of its budget), and with the law's misfit, and altogether.
         let mut fits: Vec<[f64; 4]> = Vec::new();
         for _ in 0..RESAMPLED {
             let mut resampled = rows.clone();
-            let mut place = 0;
-            while place < rows.len() {
-                let from = (random.unit() * rows.len() as f64) as usize;
-                for k in 0..block.min(rows.len() - place) {
-                    let row = &rows[place + k];
-                    resampled[place + k][4] = row[4] - residuals[place + k] + residuals[(from + k) % rows.len()];
+            for (rows, own) in resampled.chunks_mut(block).zip(residuals.chunks(block)) {
+                let from = (random.unit() * residuals.len() as f64) as usize;
+                let others = residuals.iter().cycle().skip(from);
+                for ((row, own), other) in rows.iter_mut().zip(own).zip(others) {
+                    row[4] = row[4] - own + other;
                 }
-                place += block;
             }
             fits.extend(fit(resampled.into_iter(), SEPARABLE));
         }

@@ -41,7 +41,7 @@ pub fn section(rig: &Instruments, seeds: u64) -> Result<Section> {
 ",
         rig.name
     );
-    let (mut given, mut wrong, mut holds) = (0, 0, true);
+    let (mut given, mut wrong, mut holds) = (0_usize, 0, true);
     let mut misses = Vec::new();
     for (motion, backlash_m) in MOTIONS.iter().flat_map(|motion| BACKLASHES_M.map(|backlash_m| (motion, backlash_m))) {
         let device = Inerter { backlash_m, ..Inerter::paper() };
