@@ -254,7 +254,7 @@ of its budget), and with the law's misfit, and altogether.
             let mut resampled = rows.clone();
             for (rows, own) in resampled.chunks_mut(block).zip(residuals.chunks(block)) {
                 let from = (random.unit() * residuals.len() as f64) as usize;
-                let others = residuals.iter().cycle().skip(from);
+                let others = residuals[from..].iter().chain(&residuals);
                 for ((row, own), other) in rows.iter_mut().zip(own).zip(others) {
                     row[4] = row[4] - own + other;
                 }
