@@ -78,7 +78,8 @@ figure left the table, where anything is found in steady motion, or where a step
 
 /// The cells of a motion, and whether they are good.
 fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<String>, bool)> {
-    let (at_s, within_s) = if motion.is_slow() { (60.0, 60.0) } else { (10.0, 10.0) };
+    // As long before the change as after it.
+    let at_s = if motion.is_slow() { 60.0 } else { 10.0 };
     let mut cells = vec![motion.name.to_owned()];
     let mut good = true;
     let mut doubt = |what: String| {
@@ -90,7 +91,7 @@ fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<Stri
         for seed in 1..=SEEDS {
             let excitation = Excitation::parse(motion.name, seed)?;
             let plant = Plant::changing(*device, vec![(at_s, step.of(*device))], excitation)?;
-            found.extend(changes(plant, rig, seed, at_s + within_s)?.first().copied());
+            found.extend(changes(plant, rig, seed, 2.0 * at_s)?.first().copied());
         }
         if let Some((t_s, change)) = found.iter().find(|(t_s, _)| *t_s < at_s) {
             doubt(format!(", {}: found before it was made, at {t_s:.1} s: {change:?}", step.name));

@@ -26,6 +26,7 @@ const GREATEST_BACKLASH_M: f64 = 0.1e-6;
 const GREATEST_DIFFERENCE: [f64; 2] = [1e-6, 1e-3];
 
 /// What is compared after each repetition: what is published, and the sums of both banks.
+#[derive(Clone, Copy)]
 struct Look {
     published: Published,
     sums: [Sums; 2],
@@ -72,7 +73,8 @@ pub fn run(words: &[&str]) -> Result<bool> {
     let repetitions = wanted.div_ceil(u64::from(length)).max(SETTLING + 2);
     let (mut index, mut position) = (u32::MAX - 3 * length, i32::MAX - 7);
     let mut last = Look::at(&estimator);
-    let mut reference: Option<(Look, Vec<i128>)> = None;
+    // The first repetitions settle; the last of them is the reference.
+    let (mut look, mut usual) = (last, Vec::new());
     let (mut greatest, mut changes) = ([0.0_f64; 2], 0_u64);
     for repetition in 1..=repetitions {
         for sample in &segment {
@@ -87,18 +89,14 @@ pub fn run(words: &[&str]) -> Result<bool> {
         position = position.wrapping_add(advance);
         let now = Look::at(&estimator);
         let growth = now.growth(&last);
-        match &reference {
-            None if repetition > SETTLING => reference = Some((Look::at(&estimator), growth)),
-            None => {}
-            Some((_, usual)) if growth != *usual => {
-                println!("repetition {repetition}: the sums grew otherwise than before");
-                return Ok(false);
-            }
-            Some((look, _)) => {
-                for (i, (now, then)) in now.values().zip(look.values()).take(8).enumerate() {
-                    greatest[i % 2] = greatest[i % 2].max((now - then).abs() / then.abs().max(1e-9));
-                }
-            }
+        if repetition <= SETTLING + 1 {
+            (look, usual) = (now, growth);
+        } else if growth != usual {
+            println!("repetition {repetition}: the sums grew otherwise than before");
+            return Ok(false);
+        }
+        for (i, (now, then)) in now.values().zip(look.values()).take(8).enumerate() {
+            greatest[i % 2] = greatest[i % 2].max((now - then).abs() / then.abs().max(1e-9));
         }
         let counters = estimator.state.counters();
         if counters.discontinuities != 0 || counters.saturated != 0 {
@@ -107,7 +105,6 @@ pub fn run(words: &[&str]) -> Result<bool> {
         }
         last = now;
     }
-    let Some((look, _)) = &reference else { return Err("too few samples".into()) };
     println!(
         "{} samples in {repetitions} repetitions of {DURATION_S} s: every one added the same to the sums of the whole run; the live \
          values moved by at most {:.1e} of themselves, their intervals by {:.1e}, {changes} changes found",

@@ -11,7 +11,6 @@ use inerter_tests::{
     reference::{BOUNDS, Pair},
     sheet::number,
 };
-use std::thread;
 
 /// Updates of the fast bank.
 const UPDATES: u32 = 10_000_000;
@@ -24,13 +23,9 @@ const RUNS: [(&str, &str); 2] = [
 pub fn run(words: &[&str]) -> Result<bool> {
     let updates = number(words, UPDATES, "updates")?;
     println!("core's integers beside f64, greatest difference at any published estimate over {updates} updates:");
-    let pairs = thread::scope(|scope| {
-        let runs = RUNS.map(|(_, motion)| scope.spawn(move || shake(motion, updates)));
-        runs.map(|run| run.join().unwrap_or_else(|_| Err("a run panicked".into())))
-    });
+    let pairs = grid::each(RUNS.iter(), |(_, motion)| shake(motion, updates))?;
     let mut agree = true;
     for ((name, _), pair) in RUNS.iter().zip(pairs) {
-        let pair = pair?;
         println!("{name}: {} updates, {} values compared", pair.updates(), pair.compared);
         for ((label, greatest), bound) in ["mt kg", "cf N s/m", "fc N", "F0 N"].iter().zip(pair.greatest).zip(BOUNDS) {
             let word = if greatest <= bound { "" } else { "  OVER" };
