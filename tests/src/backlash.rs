@@ -1,8 +1,8 @@
 //! Backlash on the accuracy grid: every width, from the force alone and with the terminal sensor.
 
 use crate::coverage::stated_true;
-use crate::grid::{self, Column, Error, Instruments, calibrated, error, raw};
-use inerter_core::{Detail, Parameter, Reversal, Settings, State};
+use crate::grid::{self, Column, Estimator, Instruments, Result, calibrated, error, raw};
+use inerter_core::{Detail, Parameter, Reversal, Settings};
 use inerter_plant::{Inerter, Sensors};
 
 /// Backlash of the grid \[m\].
@@ -50,26 +50,19 @@ pub fn settings(device: &Inerter, sensors: &Sensors) -> Settings {
 }
 
 /// Simulates a device, and estimates with and without its sensor.
-pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &str, duration_s: f64, rig: &Instruments, seed: u64) -> Result<Run> {
     let sensors = instruments(rig, seed);
     let settings = settings(device, &sensors);
-    let simulation = grid::shaken(device, motion, sensors)?;
-    let active = settings.validate()?;
-    let with_sensor = Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..settings }.validate()?;
-    let mut state = Box::new(State::new(&active));
-    let mut sensing = Box::new(State::new(&with_sensor));
+    let mut estimator = Estimator::new(&settings)?;
+    let mut sensing = Estimator::new(&Settings { terminal_sensor: true, stiffness_n_per_m: 0.0, ..settings })?;
     let (mut reversals, mut sensed_reversals) = (Vec::new(), Vec::new());
-    for sample in simulation.lasting(duration_s) {
+    for sample in grid::shaken(device, motion, sensors)?.lasting(duration_s) {
         let raw = raw(&sample);
-        reversals.extend(active.step(&mut state, &raw).reversal);
-        sensed_reversals.extend(with_sensor.step(&mut sensing, &raw).reversal);
+        reversals.extend(estimator.step(&raw).reversal);
+        sensed_reversals.extend(sensing.step(&raw).reversal);
     }
-    Ok(Run {
-        force: active.publish(&state).detail,
-        sensed: with_sensor.publish(&sensing).detail,
-        reversals,
-        sensed_reversals,
-    })
+    let [force, sensed] = [estimator, sensing].map(|estimator| estimator.publish().detail);
+    Ok(Run { force, sensed, reversals, sensed_reversals })
 }
 
 /// One backlash in one motion on one rig.

@@ -9,7 +9,7 @@
 //! exceed the bound by up to the square root of the number of periods (tests `steps`; [`TWO_CLOCKS`](grid::TWO_CLOCKS)
 //! is the rig on which nothing repeats).
 
-use crate::grid::{self, Error, Instruments, Motion};
+use crate::grid::{self, Instruments, Motion, Result};
 use inerter_plant::{Inerter, Motion as Screw};
 use std::f64::consts::PI;
 
@@ -34,7 +34,7 @@ fn whitening(device: &Inerter, rig: &Instruments, count_m: f64) -> Vec<f64> {
 
 /// The smallest sigma of mt, cf and fc with the noise of force and encoder, over all samples around which the screw
 /// slips for the length of core's kernel. `None` if these samples do not determine the parameters.
-pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>, Error> {
+pub fn least_sigma(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Option<[f64; 3]>> {
     if motion.is_slow() {
         // Below 1 Hz the encoder contributes less than a hundredth of the force noise.
         return grid::least_sigma(device, motion, rig, seed, 0.0);

@@ -1,13 +1,11 @@
 //! Width and coverage of the intervals if every stated value is true.
 
-use crate::{
-    grid::{Error, Motion, calibrated, each, errors, mean, published, raw, seeded, shaken},
-    updates::rms,
-};
+use crate::grid::{Column, Motion, Result, calibrated, each, errors, published, raw, seeded, shaken};
 use inerter_core::{LawStatus, NORMAL_COVERAGE, Settings, Source};
 use inerter_plant::{Inerter, Sensors};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
+use std::ops::{Range, RangeInclusive};
 
 /// Fraction of the runs that a 95 % interval should cover.
 const COVERED: f64 = 0.95;
@@ -16,7 +14,7 @@ const CHANCE: f64 = 1e-4;
 /// Independent values in a run of 20 s, which spans four memories of 5 s.
 const VALUES_OF_A_RUN: f64 = 4.0;
 /// Accepted rms of error over half width; 0.51 is exact for a 95 % interval.
-pub const RIGHT: std::ops::RangeInclusive<f64> = 0.25..=0.6;
+pub const RIGHT: RangeInclusive<f64> = 0.25..=0.6;
 
 /// A device on a rig whose settings are exact and stated as exact, except for `wrong`.
 #[derive(Clone, Copy, Debug)]
@@ -36,39 +34,16 @@ pub struct Bench {
 pub const STATED: [Source; 6] =
     [Source::Gain, Source::Lead, Source::Timebase, Source::Skew, Source::Structure, Source::Stiffness];
 
-/// One parameter over the runs of one motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cell {
-    /// Runs that gave a value and whose law was not reported as broken.
-    pub given: u64,
-    /// Runs among these whose interval contains the true value.
-    pub covered: u64,
-    /// Root mean square of the error over the half width of the interval.
-    pub rms: f64,
-    /// Mean half width.
-    pub u95: f64,
-}
-
-impl Cell {
-    /// From errors and half widths.
-    pub fn of(found: &[(f64, f64)]) -> Self {
-        Self {
-            given: found.len() as u64,
-            covered: found.iter().filter(|(error, u95)| error.abs() <= *u95).count() as u64,
-            rms: rms(found.iter().map(|(error, u95)| error / u95)),
-            u95: mean(found.iter().map(|(_, u95)| *u95)),
-        }
-    }
-
+impl Column {
     /// Whether significantly more than 95 % of the intervals cover the true value.
     pub fn is_blunt(&self) -> bool {
         // P(at least n covered) = 1 - P(at most n - 1 covered).
-        self.given > 0 && 1.0 - at_most(self.covered.saturating_sub(1), self.given) < CHANCE
+        self.given > 0 && 1.0 - at_most(self.covered().saturating_sub(1), self.given) < CHANCE
     }
 
     /// Whether significantly less than 95 % of the intervals cover the true value.
     pub fn is_low(&self) -> bool {
-        at_most(self.covered, self.given) < CHANCE
+        at_most(self.covered(), self.given) < CHANCE
     }
 
     /// Whether no value was given, the coverage is below 95 % or the rms outside [`RIGHT`], beyond chance.
@@ -82,11 +57,11 @@ impl Cell {
 /// Whether this fraction covered in so many runs is significantly less than 95 %.
 pub fn is_low(part: f64, runs: u64) -> bool {
     let all = VALUES_OF_A_RUN * runs as f64;
-    at_most((part * all).round() as u64, all as u64) < CHANCE
+    at_most((part * all).round() as usize, all as usize) < CHANCE
 }
 
 /// Probability that at most `covered` of `all` intervals cover, if each does so with 95 % probability.
-fn at_most(covered: u64, all: u64) -> f64 {
+fn at_most(covered: usize, all: usize) -> f64 {
     let odds: f64 = COVERED / (1.0 - COVERED);
     // Sums the binomial terms from zero on, in logarithms.
     let mut logarithm = all as f64 * (1.0 - COVERED).ln();
@@ -102,13 +77,13 @@ fn at_most(covered: u64, all: u64) -> f64 {
 pub type Outcome = ([Option<(f64, f64)>; 3], bool);
 
 impl Bench {
-    /// All runs of a motion, with seeds from `first` on.
-    pub fn runs(&self, motion: &Motion, first: u64, seeds: u64) -> Result<Vec<Outcome>, Error> {
-        each(first..first + seeds, |seed| self.run(motion.name, motion.duration_s, seed))
+    /// The runs of a motion with these seeds.
+    pub fn runs(&self, motion: &Motion, seeds: Range<u64>) -> Result<Vec<Outcome>> {
+        each(seeds, |seed| self.run(motion.name, motion.duration_s, seed))
     }
 
     /// One run of `duration_s` seconds with a motion in the plant's notation.
-    pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome, Error> {
+    pub fn run(&self, motion: &str, duration_s: f64, seed: u64) -> Result<Outcome> {
         let sensors = seeded(self.sensors, seed);
         let settings = stated(calibrated(&self.device, &sensors), self.wrong, seed);
         let samples = shaken(&self.device, motion, sensors)?.lasting(duration_s).map(|sample| raw(&sample));
@@ -140,46 +115,28 @@ fn stated(settings: Settings, wrong: &[Source], seed: u64) -> Settings {
     let errors: [f64; STATED.len()] = std::array::from_fn(|_| StandardNormal.sample(&mut random));
     let mut settings = stated_true(settings);
     for (source, error) in STATED.into_iter().zip(errors).filter(|(source, _)| wrong.contains(source)) {
-        let off = |u95: f64| error * u95 / f64::from(NORMAL_COVERAGE);
-        match source {
-            Source::Gain => {
-                settings.force_gain_u95 = 0.005;
-                settings.newtons_per_code *= 1.0 + off(0.005);
-            }
-            Source::Lead => {
-                settings.lead_u95 = 0.002;
-                settings.metres_per_count *= 1.0 + off(0.002);
-            }
-            Source::Timebase => {
-                settings.timebase_u95 = 0.001;
-                settings.sample_rate_hz *= 1.0 + off(0.001);
-            }
-            Source::Skew => {
-                settings.skew_u95_s = 20e-6;
-                settings.skew_s += off(20e-6);
-            }
-            Source::Structure => {
-                settings.structure_mass_u95_kg = 0.1;
-                settings.structure_mass_kg += off(0.1);
-            }
+        let (u95, is_relative, stated, value) = match source {
+            Source::Gain => (0.005, true, &mut settings.force_gain_u95, &mut settings.newtons_per_code),
+            Source::Lead => (0.002, true, &mut settings.lead_u95, &mut settings.metres_per_count),
+            Source::Timebase => (0.001, true, &mut settings.timebase_u95, &mut settings.sample_rate_hz),
+            Source::Skew => (20e-6, false, &mut settings.skew_u95_s, &mut settings.skew_s),
+            Source::Structure => (0.1, false, &mut settings.structure_mass_u95_kg, &mut settings.structure_mass_kg),
             Source::Stiffness => {
                 let u95 = 0.2 * settings.stiffness_n_per_m;
-                settings.stiffness_u95_n_per_m = u95;
-                settings.stiffness_n_per_m += off(u95);
+                (u95, false, &mut settings.stiffness_u95_n_per_m, &mut settings.stiffness_n_per_m)
             }
-            Source::Noise | Source::Encoder | Source::Model => {}
-        }
+            Source::Noise | Source::Encoder | Source::Model => continue,
+        };
+        let off = error * u95 / f64::from(NORMAL_COVERAGE);
+        *stated = u95;
+        *value = if is_relative { *value * (1.0 + off) } else { *value + off };
     }
     settings
 }
 
-/// The cells of the three parameters, from all runs.
-pub fn cells(runs: &[Outcome]) -> [Cell; 3] {
-    std::array::from_fn(|i| {
-        let given = runs.iter().filter(|(_, broken)| !broken);
-        let found: Vec<(f64, f64)> = given.filter_map(|(found, _)| found.get(i).copied().flatten()).collect();
-        Cell::of(&found)
-    })
+/// The columns of the three parameters, from the runs whose law was not reported as broken.
+pub fn columns(runs: &[Outcome]) -> [Column; 3] {
+    std::array::from_fn(|i| Column::of(runs.iter().filter(|(_, broken)| !broken).filter_map(|(found, _)| found[i])))
 }
 
 #[cfg(test)]
@@ -195,11 +152,11 @@ mod tests {
 
     #[test]
     fn a_cell_is_wrong_where_it_is_empty_too_sharp_or_blunt() {
-        let cell = |covered, rms| Cell { given: 400, covered, rms, u95: 1.0 };
+        let cell = |covered: usize, rms| Column { given: 400, wrong: 400 - covered, rms, ..Column::default() };
         assert!(!cell(380, 0.51).is_wrong() && !cell(400, 0.26).is_wrong() && !cell(400, 0.24).is_wrong());
         assert!(cell(400, 0.3).is_blunt() && !cell(390, 0.5).is_blunt());
         assert!(is_low(0.7, 8) && !is_low(0.9, 8) && is_low(0.85, 32) && !is_low(0.9, 32));
         assert!(cell(350, 0.55).is_wrong() && cell(400, 0.2).is_wrong() && cell(380, 0.8).is_wrong());
-        assert!(Cell::of(&[]).is_wrong());
+        assert!(Column::of(std::iter::empty()).is_wrong());
     }
 }

@@ -1,13 +1,18 @@
 //! The accuracy grid: six motions, several seeds, three rigs; estimates against the true values.
 
 use crate::{linear::Cholesky, sums::gram};
-use inerter_core::{Estimate, Interval, Parameter, Parameters, Published, RawSample, Settings, State};
+use inerter_core::{
+    Active, Estimate, Interval, Output, Parameter, Parameters, Published, RawSample, Settings, SettingsError, State,
+};
 use inerter_plant::{Excitation, Inerter, Motion as Screw, Sensors, Simulation};
 pub use inerter_simulate::raw;
 use std::thread;
 
 /// Errors in setting up a run.
 pub type Error = Box<dyn std::error::Error + Send + Sync>;
+
+/// A result with such an error.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// One motion of the grid.
 #[derive(Clone, Copy, Debug)]
@@ -170,31 +175,56 @@ pub fn instruments(rig: &Instruments, seed: u64) -> Sensors {
 }
 
 /// A device in a motion of the plant's notation; the sensors' seed is also that of the motion.
-pub fn shaken(device: &Inerter, motion: &str, sensors: Sensors) -> Result<Simulation, Error> {
+pub fn shaken(device: &Inerter, motion: &str, sensors: Sensors) -> Result<Simulation> {
     Ok(Simulation::new(*device, Excitation::parse(motion, sensors.seed)?, sensors)?)
 }
 
 /// The motion as measured by this rig's instruments.
-pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation, Error> {
+pub fn simulation(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Simulation> {
     shaken(device, motion.name, instruments(rig, seed))
 }
 
-/// What the estimator publishes after these samples.
-pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published, Error> {
-    let active = settings.validate()?;
-    let mut state = Box::new(State::new(&active));
-    for sample in samples {
-        active.step(&mut state, &sample);
+/// The estimator: settings and state.
+pub struct Estimator {
+    /// The settings.
+    pub active: Active,
+    /// The state.
+    pub state: Box<State>,
+}
+
+impl Estimator {
+    /// Before the first sample.
+    pub fn new(settings: &Settings) -> Result<Self, SettingsError> {
+        let active = settings.validate()?;
+        Ok(Self { state: Box::new(State::new(&active)), active })
     }
-    Ok(active.publish(&state))
+
+    /// Takes a sample.
+    pub fn step(&mut self, sample: &RawSample) -> Output {
+        self.active.step(&mut self.state, sample)
+    }
+
+    /// What it publishes now.
+    pub fn publish(&self) -> Published {
+        self.active.publish(&self.state)
+    }
+}
+
+/// What the estimator publishes after these samples.
+pub fn published(settings: &Settings, samples: impl IntoIterator<Item = RawSample>) -> Result<Published> {
+    let mut estimator = Estimator::new(settings)?;
+    for sample in samples {
+        estimator.step(&sample);
+    }
+    Ok(estimator.publish())
 }
 
 /// One run for each of these, such as seeds, in two threads: first the odd places, then the even ones.
 pub fn each<T, R: Send>(
     all: impl Iterator<Item = T> + Clone + Sync,
-    run: impl Fn(T) -> Result<R, Error> + Sync,
-) -> Result<Vec<R>, Error> {
-    let part = |skipped| all.clone().skip(skipped).step_by(2).map(&run).collect::<Result<Vec<R>, Error>>();
+    run: impl Fn(T) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    let part = |skipped| all.clone().skip(skipped).step_by(2).map(&run).collect::<Result<Vec<R>>>();
     thread::scope(|scope| {
         let even = scope.spawn(|| part(1));
         let mut runs = part(0)?;
@@ -205,7 +235,7 @@ pub fn each<T, R: Send>(
 
 /// Simulates a device and records its estimates. The intervals include no calibration error, because the simulated rig
 /// has none.
-pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run, Error> {
+pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> Result<Run> {
     let simulation = simulation(device, motion, rig, seed)?;
     let settings = Settings {
         force_gain_u95: 0.0,
@@ -215,17 +245,15 @@ pub fn run(device: &Inerter, motion: &Motion, rig: &Instruments, seed: u64) -> R
         memory_s: 100.0,
         ..calibrated(device, simulation.sensors())
     };
-    let active = settings.validate()?;
-    let short = Settings { memory_s: SHORT_MEMORY_S, ..settings }.validate()?;
-    let mut state = Box::new(State::new(&active));
-    let mut short_state = Box::new(State::new(&short));
+    let mut estimator = Estimator::new(&settings)?;
+    let mut short = Estimator::new(&Settings { memory_s: SHORT_MEMORY_S, ..settings })?;
     let (mut published, mut forgetful) = (Vec::new(), Vec::new());
     for sample in simulation.lasting(motion.duration_s) {
         let raw = raw(&sample);
-        published.extend(active.step(&mut state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
-        forgetful.extend(short.step(&mut short_state, &raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        published.extend(estimator.step(&raw).estimate().map(|estimate| (sample.t_s, estimate)));
+        forgetful.extend(short.step(&raw).estimate().map(|estimate| (sample.t_s, estimate)));
     }
-    Ok(Run { published, forgetful, last: active.publish(&state).estimate })
+    Ok(Run { published, forgetful, last: estimator.publish().estimate })
 }
 
 /// The smallest sigma of any unbiased estimator that knows the motion exactly, with this rig's force noise (Cramer and
@@ -239,7 +267,7 @@ pub fn least_sigma(
     rig: &Instruments,
     seed: u64,
     clearance_s: f64,
-) -> Result<Option<[f64; 3]>, Error> {
+) -> Result<Option<[f64; 3]>> {
     let truths: Vec<_> = simulation(device, motion, rig, seed)?
         .lasting(motion.duration_s)
         .map(|sample| sample.truth)
@@ -247,9 +275,9 @@ pub fn least_sigma(
         .collect();
     let stuck: Vec<f64> = truths.iter().filter(|truth| truth.motion == Screw::Stuck).map(|truth| truth.t_s).collect();
     let clear = |t_s: f64| {
-        let next = stuck.partition_point(|stuck| *stuck < t_s);
-        let around = [next.checked_sub(1), Some(next)].into_iter().flatten().filter_map(|place| stuck.get(place));
-        around.into_iter().all(|stuck| (stuck - t_s).abs() > clearance_s)
+        // The last before and the next.
+        let around = stuck.partition_point(|stuck| *stuck < t_s).saturating_sub(1);
+        stuck.iter().skip(around).take(2).all(|stuck| (stuck - t_s).abs() > clearance_s)
     };
     let rows = truths.iter().filter(|truth| clear(truth.t_s)).map(|truth| {
         let (a, v) = if motion.is_slow() {
@@ -297,6 +325,12 @@ pub fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
+/// Root mean square.
+pub fn rms(all: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = all.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
+    (sum / count).sqrt()
+}
+
 /// Mean and standard deviation; NaN for fewer than two values.
 pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     if errors.len() < 2 {
@@ -307,13 +341,15 @@ pub fn bias_and_sigma(errors: &[f64]) -> (f64, f64) {
     (bias, variance.sqrt())
 }
 
-/// Errors of one value over the runs of a cell.
+/// Errors of one value over some runs, with the half widths of its intervals.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Column {
     /// Mean error; NaN if fewer than two runs gave a value.
     pub bias: f64,
     /// Standard deviation of the error, with the same convention.
     pub sigma: f64,
+    /// Root mean square of the error over the half width of the interval.
+    pub rms: f64,
     /// Mean half width of the interval.
     pub u95: f64,
     /// Runs that gave a value.
@@ -327,8 +363,20 @@ impl Column {
     pub fn of(found: impl Iterator<Item = (f64, f64)>) -> Self {
         let (errors, u95): (Vec<f64>, Vec<f64>) = found.unzip();
         let (bias, sigma) = bias_and_sigma(&errors);
-        let wrong = errors.iter().zip(&u95).filter(|(error, u95)| error.abs() > **u95).count();
-        Self { bias, sigma, u95: mean(u95.into_iter()), given: errors.len(), wrong }
+        let each = || errors.iter().zip(&u95);
+        let rms = rms(each().map(|(error, u95)| error / u95));
+        let wrong = each().filter(|(error, u95)| error.abs() > **u95).count();
+        Self { bias, sigma, rms, u95: mean(u95.iter().copied()), given: errors.len(), wrong }
+    }
+
+    /// Runs whose interval contains the true value.
+    pub fn covered(&self) -> usize {
+        self.given - self.wrong
+    }
+
+    /// Their fraction of the runs that gave a value; `None` if none did.
+    pub fn coverage(&self) -> Option<f64> {
+        (self.given > 0).then(|| self.covered() as f64 / self.given as f64)
     }
 }
 
@@ -353,29 +401,18 @@ pub fn cells(device: &Inerter, runs: &[Run]) -> [Cell; 3] {
     std::array::from_fn(|i| {
         let mut times: Vec<f64> = runs.iter().map(|run| settling(run, i, truth[i], limits[i])).collect();
         times.sort_by(f64::total_cmp);
-        let whole_run = runs.iter().flat_map(|run| &run.published);
+        let coverage = |published: fn(&Run) -> &[(f64, Estimate)], parameters: fn(&Estimate) -> &Parameters| {
+            let all = runs.iter().flat_map(|run| published(run));
+            let given = all.filter_map(|(_, estimate)| three(parameters(estimate))[i].ok());
+            Column::of(given.map(|found| error(found, truth[i]))).coverage()
+        };
         Cell {
             last: Column::of(runs.iter().filter_map(|run| errors(&run.last.whole_run, device)[i])),
-            coverage: coverage(runs.iter().flat_map(|run| &run.forgetful), truth[i], |e| three(&e.recent)[i]),
-            whole_run_coverage: coverage(whole_run, truth[i], |e| three(&e.whole_run)[i]),
+            coverage: coverage(|run| &run.forgetful, |estimate| &estimate.recent),
+            whole_run_coverage: coverage(|run| &run.published, |estimate| &estimate.whole_run),
             settling_s: times.get(times.len() / 2).copied().filter(|time| time.is_finite()),
         }
     })
-}
-
-/// Fraction of the published values whose interval covers the true value.
-fn coverage<'a>(
-    published: impl Iterator<Item = &'a (f64, Estimate)>,
-    truth: f64,
-    parameter: impl Fn(&Estimate) -> Parameter,
-) -> Option<f64> {
-    let (mut covered, mut all) = (0_u32, 0_u32);
-    for found in published.filter_map(|(_, estimate)| parameter(estimate).ok()) {
-        let (error, u95) = error(found, truth);
-        all += 1;
-        covered += u32::from(error.abs() <= u95);
-    }
-    (all > 0).then(|| f64::from(covered) / f64::from(all))
 }
 
 /// Time from which every published value is given and within the limit; infinite if there is none.

@@ -12,7 +12,7 @@ use std::{f64::consts::TAU, iter::once};
 
 use crate::{
     diagnose::{Case, WITHIN},
-    grid::{Error, Motion, mean},
+    grid::{Motion, Result, mean},
     updates::{fit, left},
 };
 
@@ -41,7 +41,7 @@ impl Told {
 
 impl Case {
     /// How well a motion reveals this fault, if the encoder's steps repeat this often.
-    pub fn told_by(&self, motion: &Motion, seed: u64, repeats: f64) -> Result<Told, Error> {
+    pub fn told_by(&self, motion: &Motion, seed: u64, repeats: f64) -> Result<Told> {
         let rate_hz = self.sensors.sample_rate_hz;
         let truths = self.truths(motion, seed)?;
         let means = |values: Vec<f64>| -> Vec<f64> {

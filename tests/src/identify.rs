@@ -5,35 +5,27 @@ use inerter_core::Settings;
 use inerter_data::run::Run;
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{calibrated, raw};
-use rand_chacha::{
-    ChaCha8Rng,
-    rand_core::{RngCore, SeedableRng},
-};
 
 use std::array;
 
-use crate::grid::{Error, seeded, sensors, shaken};
+use crate::{
+    grid::{Result, seeded, sensors, shaken},
+    skew::Draw,
+};
 
 /// Motions that excite all parameters.
 pub const MOTIONS: [&str; 4] = ["mid", "multi", "random", "two"];
 /// Length of a run \[s\].
 pub const DURATION_S: f64 = 20.0;
 
-/// The identified parameters and the goals for their errors; `true` marks a goal relative to the value.
-pub const GOALS: [(&str, f64, bool); 6] = [
-    ("mt %", 1e-3, true),
-    ("fc N", 0.5, false),
-    ("cf N s/m", 3.0, false),
-    ("ks %", 5e-3, true),
-    ("cs %", 5e-2, true),
-    ("eps um", 1e-6, false),
-];
+/// The identified parameters and the goals for their errors, in SI; a goal in % is relative to the value.
+pub const GOALS: [(&str, f64); 6] =
+    [("mt %", 1e-3), ("fc N", 0.5), ("cf N s/m", 3.0), ("ks %", 5e-3), ("cs %", 5e-2), ("eps um", 1e-6)];
 
 /// An unknown device: half to twice the paper's, with up to 0.1 mm of backlash.
 pub fn hidden(seed: u64) -> Inerter {
-    let mut random = ChaCha8Rng::seed_from_u64(0x1de7 + seed);
-    let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-    let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * uniform() - 1.0);
+    let mut draw = Draw::new(0x1de7 + seed);
+    let mut about = |middle: f64, factor: f64| middle * factor.powf(2.0 * draw.unit() - 1.0);
     let device = Inerter {
         inertance_kg: about(300.0, 1.6),
         viscous_n_s_per_m: about(60.0, 2.0),
@@ -43,7 +35,7 @@ pub fn hidden(seed: u64) -> Inerter {
         structure_mass_kg: about(1.5, 1.5),
         ..Inerter::paper()
     };
-    Inerter { backlash_m: 1e-4 * uniform(), ..device }
+    Inerter { backlash_m: 1e-4 * draw.unit(), ..device }
 }
 
 /// 1 kHz, 1 N, 2.44 um per count, terminal 1 um.
@@ -53,7 +45,7 @@ pub fn instruments(seed: u64) -> Sensors {
 
 /// The run that the instruments record: calibrated without error, with stiffness and damping unknown. The sensors' seed
 /// is also the seed of the motion.
-pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run, Error> {
+pub fn recorded(device: &Inerter, motion: &str, sensors: &Sensors, duration_s: f64) -> Result<Run> {
     let settings = Settings {
         terminal_sensor: true,
         stiffness_n_per_m: 0.0,
@@ -85,8 +77,8 @@ pub fn errors(device: &Inerter, found: &Identified) -> [Option<(f64, f64)>; 6] {
         (&p.backlash_m, device.backlash_m),
     ];
     array::from_fn(|i| {
-        let ((found, truth), (.., is_part)) = (all[i], GOALS[i]);
-        let per = if is_part { truth } else { 1.0 };
+        let ((found, truth), (name, _)) = (all[i], GOALS[i]);
+        let per = if name.ends_with('%') { truth } else { 1.0 };
         let known = found.value.zip(found.u95).filter(|_| found.status != FoundStatus::NotIdentifiable);
         known.map(|(value, u95)| ((value - truth) / per, u95 / per))
     })

@@ -17,7 +17,6 @@ pub mod plan;
 pub mod qemu;
 #[path = "../../firmware/core/tests/closed_loop/reference.rs"]
 pub mod reference;
-pub mod robustness;
 pub mod roc;
 pub mod sheet;
 pub mod skew;

@@ -1,15 +1,15 @@
 //! Small violations of the law, scaled by their effect on the parameters, and the resulting coverage of the intervals.
 
 use crate::{
-    coverage::{Outcome, cells},
     diagnose::{Added, Case, Replayed, clean_case},
-    grid::{Error, MOTIONS, Motion, each, errors, three},
+    grid::{Column, MOTIONS, Motion, Result, each, errors, three},
     sheet::{self, significant},
 };
 use inerter_analysis::diagnose::Kind;
 use inerter_core::{LawStatus, Parameters, Regime};
 use inerter_plant::Inerter;
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke};
+use std::{array::from_fn, ops::Range};
 
 /// Shift of the most affected parameter, in half widths of that parameter's interval without the violation.
 pub const SIZES: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
@@ -73,22 +73,25 @@ const VIOLATIONS: [Violation; 4] = [
     },
 ];
 
-/// Results of a run: with the device's intervals, and with those from the samples.
+/// Results of a run: errors and half widths of the three parameters, if given, with the device's intervals and with
+/// those from the samples.
 struct Told {
-    device: Outcome,
-    samples: Outcome,
+    device: [Option<(f64, f64)>; 3],
+    samples: [Option<(f64, f64)>; 3],
+    /// Whether the report warns the user.
+    warns: bool,
     /// Which of the three parameters are reported to assume the absence of the violation.
     assumed: [bool; 3],
 }
 
-/// A cell in which some runs report nothing.
+/// One parameter of one size in one motion, in which some runs report nothing.
 struct Silent {
     violation: &'static str,
     motion: &'static str,
     parameter: &'static str,
     /// Coverage of the samples' intervals \[%\].
     held: f64,
-    /// The parameter is reported to assume the absence of the violation.
+    /// Most of these runs report that the parameter assumes the absence of the violation.
     rests: bool,
     /// Part of the violation's regressor that the law leaves unexplained \[%\].
     left: f64,
@@ -105,7 +108,7 @@ impl Silent {
 }
 
 /// The sections of the table, and the corresponding figure.
-pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
+pub fn sections(seeds: Range<u64>) -> Result<(String, Figure)> {
     let mut text = String::new();
     let mut silent = Vec::new();
     let mut panels = Vec::new();
@@ -118,14 +121,16 @@ pub fn sections(first: u64, seeds: u64) -> Result<(String, Figure), Error> {
         for (motion, colour) in MOTIONS.iter().zip(COLOURS) {
             eprintln!("{}: {}", violation.name, motion.name);
             let mut points = Vec::new();
-            for (wanted, in_u95, size) in violation.sizes(motion, first)? {
+            for (wanted, in_u95, size) in violation.sizes(motion, seeds.start)? {
                 let case = (violation.case)(clean_case(1.0, 1000.0), size);
-                let runs = each(first..first + seeds, |seed| told(violation.kind, &case, motion, seed))?;
-                let left_percent = 100.0 * violation.left(&case, motion, first)?;
-                let row = Row::of(&runs, left_percent);
-                points.extend(row.least_held().map(|held| (in_u95, held)));
-                text += &row.line(motion.name, wanted, in_u95, size);
-                silent.extend(row.silent(violation.name, motion.name));
+                let runs = each(seeds.clone(), |seed| told(violation.kind, &case, motion, seed))?;
+                // By the plant's true values.
+                let fault = Case { kind: Some(violation.kind), ..case };
+                let left = 100.0 * fault.told_by(motion, seeds.start, 1.0)?.left;
+                let (line, cells) = row(violation.name, motion.name, [wanted, in_u95, size, left], &runs);
+                text += &line;
+                points.extend(cells.iter().map(|cell| cell.held).reduce(f64::min).map(|held| (in_u95, held)));
+                silent.extend(cells);
             }
             layers.push(Layer::new(motion.name, colour, Shape::Line(points, Stroke::Solid)));
         }
@@ -181,18 +186,13 @@ The worst hold {least:.0} %. These are {worst} cells, by violation, motion (what
 }
 
 impl Violation {
-    /// Fraction of the square of the violation's force that the law leaves unexplained, from the plant's true values.
-    fn left(&self, case: &Case, motion: &Motion, seed: u64) -> Result<f64, Error> {
-        Ok(Case { kind: Some(self.kind), ..*case }.told_by(motion, seed, 1.0)?.left)
-    }
-
     /// For each of [`SIZES`] that can be reached: the wanted shift, the shift reached, and the size of the violation.
-    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>, Error> {
+    fn sizes(&self, motion: &Motion, first: u64) -> Result<Vec<(f64, f64, f64)>> {
         let clean = clean_case(1.0, 1000.0);
         let values =
             |case: Case| each(first..first + PAIRS, |seed| Ok(case.estimated(motion, seed)?.estimate.whole_run));
         let without = values(clean)?;
-        let moved = |size: f64| -> Result<f64, Error> {
+        let moved = |size: f64| -> Result<f64> {
             let with = values((self.case)(clean, size))?;
             let all = with.iter().zip(&without).map(|(with, without)| moved_most(with, without));
             Ok(all.sum::<f64>() / PAIRS as f64)
@@ -229,81 +229,53 @@ fn moved_most(with: &Parameters, without: &Parameters) -> f64 {
 }
 
 /// The parameters of a run, and whether the report warns the user.
-fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told, Error> {
+fn told(kind: Kind, case: &Case, motion: &Motion, seed: u64) -> Result<Told> {
     let Replayed { outcome, causes, judged } = case.replayed(motion, seed)?;
-    let told = !causes.is_empty()
-        || outcome.law.status == LawStatus::Broken
-        || matches!(outcome.detail.friction.regime, Regime::Presliding | Regime::Stribeck);
     let device = errors(&outcome.estimate.whole_run, &case.device);
-    let wider = |i: usize| device[i].map(|(error, _)| (error, f64::from(judged[i].budget.u95())));
     Ok(Told {
-        device: (device, told),
-        samples: (std::array::from_fn(wider), told),
-        assumed: std::array::from_fn(|i| judged[i].assumes.contains(&kind)),
+        device,
+        samples: from_fn(|i| device[i].map(|(error, _)| (error, f64::from(judged[i].budget.u95())))),
+        warns: !causes.is_empty()
+            || outcome.law.status == LawStatus::Broken
+            || matches!(outcome.detail.friction.regime, Regime::Presliding | Regime::Stribeck),
+        assumed: from_fn(|i| judged[i].assumes.contains(&kind)),
     })
 }
 
-/// One size in one motion.
-struct Row {
-    told_percent: f64,
-    left_percent: f64,
-    /// For each parameter, if any run reports nothing: coverage by the device's and by the samples' intervals \[%\],
-    /// and whether most of these runs report it as an assumption.
-    parts: [Option<([f64; 2], bool)>; 3],
-    ratios: String,
-}
-
-impl Row {
-    fn of(runs: &[Told], left_percent: f64) -> Self {
-        let device = cells(&runs.iter().map(|run| run.device).collect::<Vec<_>>());
-        let samples = cells(&runs.iter().map(|run| run.samples).collect::<Vec<_>>());
-        let silent: Vec<&Told> = runs.iter().filter(|run| !run.device.1).collect();
-        let parts = std::array::from_fn(|i| {
-            let given = samples[i].given;
-            let held = [device[i], samples[i]].map(|cell| 100.0 * cell.covered as f64 / given as f64);
-            let rests = 2 * silent.iter().filter(|run| run.assumed[i]).count() > silent.len();
-            (given > 0).then_some((held, rests))
-        });
-        let ratios = samples.map(|cell| if cell.given == 0 { "-".into() } else { format!("{:.1}", cell.rms) });
-        let told_percent = 100.0 * (runs.len() - silent.len()) as f64 / runs.len() as f64;
-        Self { told_percent, left_percent, parts, ratios: ratios.join(", ") }
+/// The line of one size in one motion, and its cells in which some runs report nothing. The figures are the wanted
+/// shift, the shift reached, the size of the violation, and the part of it that the law leaves unexplained \[%\].
+fn row(
+    violation: &'static str,
+    motion: &'static str,
+    [wanted, in_u95, size, left]: [f64; 4],
+    runs: &[Told],
+) -> (String, Vec<Silent>) {
+    let silent: Vec<&Told> = runs.iter().filter(|run| !run.warns).collect();
+    let told_percent = 100.0 * (runs.len() - silent.len()) as f64 / runs.len() as f64;
+    let mut figures = vec![
+        wanted.to_string(),
+        format!("{in_u95:.1}"),
+        significant(size),
+        format!("{left:.2}"),
+        format!("{told_percent:.0}"),
+    ];
+    let (mut cells, mut ratios) = (Vec::new(), Vec::<String>::new());
+    for (i, parameter) in ["mt", "cf", "fc"].into_iter().enumerate() {
+        let column = Column::of(silent.iter().filter_map(|run| run.samples[i]));
+        if column.given == 0 {
+            figures.push("-".into());
+            ratios.push("-".into());
+            continue;
+        }
+        let by_device = Column::of(silent.iter().filter_map(|run| run.device[i]));
+        let [held_by_device, held] = [by_device, column].map(|by| 100.0 * by.covered() as f64 / column.given as f64);
+        let rests = 2 * silent.iter().filter(|run| run.assumed[i]).count() > silent.len();
+        cells.push(Silent { violation, motion, parameter, held, rests, left });
+        figures.push(format!("{held_by_device:.0} {held:.0}{}", if rests { "*" } else { "" }));
+        ratios.push(format!("{:.1}", column.rms));
     }
-
-    /// Lowest coverage of the samples' intervals among the three parameters \[%\].
-    fn least_held(&self) -> Option<f64> {
-        self.parts.iter().flatten().map(|([_, held], _)| *held).reduce(f64::min)
-    }
-
-    /// The cells of this row in which some runs report nothing.
-    fn silent(&self, violation: &'static str, motion: &'static str) -> impl Iterator<Item = Silent> {
-        let Self { left_percent: left, parts, .. } = *self;
-        let named = ["mt", "cf", "fc"].into_iter().zip(parts);
-        named.filter_map(move |(parameter, part)| {
-            let ([_, held], rests) = part?;
-            Some(Silent { violation, motion, parameter, held, rests, left })
-        })
-    }
-
-    fn line(&self, motion: &str, wanted: f64, in_u95: f64, size: f64) -> String {
-        let [mt, cf, fc] = self.parts.map(|part| match part {
-            Some(([by_device, by_samples], rests)) => {
-                format!("{by_device:.0} {by_samples:.0}{}", if rests { "*" } else { "" })
-            }
-            None => "-".into(),
-        });
-        sheet::line([
-            motion.into(),
-            wanted.to_string(),
-            format!("{in_u95:.1}"),
-            significant(size),
-            format!("{:.2}", self.left_percent),
-            format!("{:.0}", self.told_percent),
-            mt,
-            cf,
-            fc,
-            self.ratios.clone(),
-        ])
-    }
+    figures.push(ratios.join(", "));
+    (sheet::row(&[motion], figures), cells)
 }
 
 #[cfg(test)]

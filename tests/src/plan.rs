@@ -2,7 +2,7 @@
 
 use crate::{
     coverage::stated_true,
-    grid::{Error, calibrated, each, errors, raw, seeded},
+    grid::{Result, calibrated, each, errors, raw, seeded},
 };
 use inerter_analysis::plan::{Expected, Limits, Peaks};
 use inerter_core::{Machine, Settings};
@@ -58,7 +58,7 @@ impl Bench {
     }
 
     /// Results for inertance, viscous and Coulomb friction over runs with seeds from `first` on.
-    pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3], Error> {
+    pub fn reached(&self, motion: &Excitation, duration_s: f64, first: u64, seeds: u64) -> Result<[Reached; 3]> {
         let settings = self.expected().settings;
         let runs = each(first..first + seeds, |seed| {
             let sensors = seeded(Sensors { force_offset_n: 0.02 * self.device.coulomb_n, ..self.sensors }, seed);
@@ -85,9 +85,9 @@ impl Bench {
     }
 
     /// A motion as large as the limits allow.
-    pub fn enlarged(&self, motion: &Excitation, limits: &Limits) -> Result<Excitation, Error> {
+    pub fn enlarged(&self, motion: &Excitation, limits: &Limits) -> Result<Excitation> {
         let limits = limits.checked(&self.expected())?;
-        let is_within = |factor: f64| -> Result<bool, Error> {
+        let is_within = |factor: f64| -> Result<bool> {
             Ok(limits.room(&self.peaks(&motion.clone().scaled(factor), limits.duration_s)?) >= 1.0)
         };
         let (mut low, mut high) = (0.0, 1.0);
@@ -102,7 +102,7 @@ impl Bench {
     }
 
     /// The motion's demands on the rig.
-    pub fn peaks(&self, motion: &Excitation, duration_s: f64) -> Result<Peaks, Error> {
+    pub fn peaks(&self, motion: &Excitation, duration_s: f64) -> Result<Peaks> {
         let mut peaks = Peaks::default();
         for sample in Simulation::new(self.device, motion.clone(), self.sensors)?.lasting(duration_s) {
             let truth = sample.truth;
@@ -120,7 +120,7 @@ impl Bench {
 }
 
 /// A motion as a shaker receives it: written to a CSV at this rate and read again.
-pub fn as_written(planned: &Excitation, rate_hz: f64) -> Result<Excitation, Error> {
+pub fn as_written(planned: &Excitation, rate_hz: f64) -> Result<Excitation> {
     let count = (planned.duration_s() * rate_hz).ceil() as u64;
     let points = (0..=count).map(|k| {
         let t_s = k as f64 / rate_hz;

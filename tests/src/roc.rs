@@ -4,7 +4,7 @@
 /// One curve: its name and its points from the strictest threshold on, each the rates of false and of true alarms.
 pub struct Curve {
     /// Name in the legend.
-    pub name: String,
+    pub name: &'static str,
     /// Colour.
     pub colour: &'static str,
     /// Points.
@@ -15,7 +15,7 @@ pub struct Curve {
 
 impl Curve {
     /// From the scores of runs without a fault and with one; the instrument calls a run with a score above 1 faulty.
-    pub fn of(name: &str, colour: &'static str, clean: &[f64], faulty: &[f64]) -> Self {
+    pub fn of(name: &'static str, colour: &'static str, clean: &[f64], faulty: &[f64]) -> Self {
         let part = |scores: &[f64], threshold: f64| {
             scores.iter().filter(|score| **score > threshold).count() as f64 / scores.len().max(1) as f64
         };
@@ -23,7 +23,7 @@ impl Curve {
         thresholds.sort_by(|a, b| b.total_cmp(a));
         thresholds.dedup();
         let at = |threshold| (part(clean, threshold), part(faulty, threshold));
-        Self { name: name.into(), colour, points: thresholds.into_iter().map(at).collect(), stands: at(1.0) }
+        Self { name, colour, points: thresholds.into_iter().map(at).collect(), stands: at(1.0) }
     }
 }
 
@@ -43,53 +43,47 @@ pub fn svg(curves: &[Curve]) -> String {
         left + width + 16.0,
         top + height + 52.0 + 18.0 * curves.len() as f64
     );
-    let mut line = |from: (f64, f64), to: (f64, f64), colour: &str| {
-        text += &format!(
-            "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{colour}\"/>\n",
-            from.0, from.1, to.0, to.1
-        );
+    let line = |x1: f64, y1: f64, x2: f64, y2: f64| {
+        format!("<line x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\" stroke=\"#ddd\"/>\n")
     };
-    for part in [1e-3, 1e-2, 1e-1, 1.0] {
-        line((x(part), top), (x(part), top + height), "#ddd");
-    }
-    for part in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0] {
-        line((left, y(part)), (left + width, y(part)), "#ddd");
-    }
-    let mut word = |at: (f64, f64), anchor: &str, turn: &str, word: &str| {
-        text += &format!("<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\"{turn}>{word}</text>\n", at.0, at.1);
+    let word = |x: f64, y: f64, anchor: &str, turn: &str, word: &str| {
+        format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{turn}>{word}</text>\n")
     };
+    let bottom = top + height;
+    let mut words = String::new();
     for (part, name) in [(1e-3, "0.1 % or less"), (1e-2, "1 %"), (1e-1, "10 %"), (1.0, "100 %")] {
-        word((x(part), top + height + 16.0), if part == 1.0 { "end" } else { "middle" }, "", name);
+        text += &line(x(part), top, x(part), bottom);
+        words += &word(x(part), bottom + 16.0, if part == 1.0 { "end" } else { "middle" }, "", name);
     }
-    for part in [0, 20, 40, 60, 80, 100] {
-        word((left - 6.0, y(f64::from(part) / 100.0) + 4.0), "end", "", &format!("{part} %"));
+    for percent in [0, 20, 40, 60, 80, 100] {
+        let y = y(f64::from(percent) / 100.0);
+        text += &line(left, y, left + width, y);
+        words += &word(left - 6.0, y + 4.0, "end", "", &format!("{percent} %"));
     }
-    word((left + width / 2.0, top + height + 34.0), "middle", "", "clean runs called faulty");
+    words += &word(left + width / 2.0, bottom + 34.0, "middle", "", "clean runs called faulty");
     let middle = top + height / 2.0;
-    word((16.0, middle), "middle", &format!(" transform=\"rotate(-90 16 {middle:.1})\""), "harmful defects found");
+    let turn = format!(" transform=\"rotate(-90 16 {middle:.1})\"");
+    text += &(words + &word(16.0, middle, "middle", &turn, "harmful defects found"));
     for (place, curve) in curves.iter().enumerate() {
         let mut points = format!("{:.1},{:.1}", x(0.0), y(0.0));
         let mut last = 0.0;
         for (false_part, true_part) in &curve.points {
             // Draw a staircase: the rate is constant between two thresholds.
-            points += &format!(" {:.1},{:.1} {:.1},{:.1}", x(*false_part), y(last), x(*false_part), y(*true_part));
+            points += &format!(" {0:.1},{1:.1} {0:.1},{2:.1}", x(*false_part), y(last), y(*true_part));
             last = *true_part;
         }
-        let row = top + height + 54.0 + 18.0 * place as f64;
-        let (false_part, true_part) = curve.stands;
+        let row = bottom + 54.0 + 18.0 * place as f64;
+        let Curve { name, colour, stands: (false_part, true_part), .. } = curve;
         text += &format!(
-            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{0}\" stroke-width=\"1.5\"/>\n\
-             <circle cx=\"{1:.1}\" cy=\"{2:.1}\" r=\"5\" fill=\"{0}\"/>\n\
-             <circle cx=\"{3:.1}\" cy=\"{4:.1}\" r=\"5\" fill=\"{0}\"/>\n\
-             <text x=\"{5:.1}\" y=\"{6:.1}\">{7}: {8:.1} % found, {9:.2} % false</text>\n",
-            curve.colour,
-            x(false_part),
-            y(true_part),
+            "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\"/>\n\
+             <circle cx=\"{0:.1}\" cy=\"{1:.1}\" r=\"5\" fill=\"{colour}\"/>\n\
+             <circle cx=\"{2:.1}\" cy=\"{3:.1}\" r=\"5\" fill=\"{colour}\"/>\n\
+             <text x=\"{4:.1}\" y=\"{row:.1}\">{name}: {5:.1} % found, {6:.2} % false</text>\n",
+            x(*false_part),
+            y(*true_part),
             left + 6.0,
             row - 4.0,
             left + 18.0,
-            row,
-            curve.name,
             100.0 * true_part,
             100.0 * false_part,
         );

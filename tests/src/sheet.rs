@@ -1,6 +1,6 @@
 //! Measured tables: written as Markdown, committed, and compared cell by cell with new measurements.
 
-use crate::grid::Error;
+use crate::grid::{Column, Result};
 use std::{
     fmt::Display,
     fs,
@@ -23,9 +23,39 @@ pub enum Asked {
     Update,
 }
 
+/// A measured table, and whether its figures are good.
+pub type Measured = Result<(String, bool)>;
+
+/// Measures a table, prints it and concludes. Accepts `--update`, or nothing, or `--short` if the table can be measured
+/// in part. Returns true if everything measured is good and agrees with the committed table.
+pub fn measured(
+    name: &str,
+    words: &[&str],
+    keys: usize,
+    can_be_short: bool,
+    measure: fn(Asked) -> Measured,
+) -> Result<bool> {
+    let asked = asked(name, words, can_be_short)?;
+    let (text, is_good) = measure(asked)?;
+    print!("{text}");
+    Ok(conclude(name, &text, keys, asked)? && is_good)
+}
+
+/// What these words ask for.
+pub fn asked(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked> {
+    match words {
+        [] => Ok(Asked::Compare),
+        ["--update"] => Ok(Asked::Update),
+        ["--short"] if can_be_short => Ok(Asked::CompareShort),
+        _ => {
+            Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
+        }
+    }
+}
+
 /// Writes `text` as `docs/tables/NAME.md`, or compares it with that file and reports differences. Returns true if
 /// everything measured agrees with the committed table. `keys` is the number of columns that identify a row.
-pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool, Error> {
+pub fn conclude(name: &str, text: &str, keys: usize, asked: Asked) -> Result<bool> {
     let below_docs = format!("tables/{name}.md");
     if asked == Asked::Update {
         println!("{name}: written {}", write(&below_docs, text)?.display());
@@ -60,46 +90,23 @@ fn docs() -> PathBuf {
 }
 
 /// Writes a file below `docs`; returns its path.
-pub fn write(below_docs: &str, text: &str) -> Result<PathBuf, Error> {
+pub fn write(below_docs: &str, text: &str) -> Result<PathBuf> {
     let path = docs().join(below_docs);
     fs::create_dir_all(path.parent().unwrap_or(&path))?;
     fs::write(&path, text).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
     Ok(path)
 }
 
-/// From errors with their half widths: how many there are, how many are covered, the root mean square of error over
-/// half width, and the median half width.
-pub fn counted(found: impl Iterator<Item = (f64, f64)>) -> (usize, usize, f64, f64) {
+/// The column of errors with their half widths, in the order of the widths, and the median half width.
+pub fn by_width(found: impl Iterator<Item = (f64, f64)>) -> (Column, f64) {
     let mut found: Vec<_> = found.collect();
     found.sort_by(|(_, a), (_, b)| a.total_cmp(b));
-    let held = found.iter().filter(|(error, u95)| error.abs() <= *u95).count();
-    let square = found.iter().map(|(error, u95)| (error / u95).powi(2)).sum::<f64>() / found.len().max(1) as f64;
-    (found.len(), held, square.sqrt(), found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95))
-}
-
-/// Accepts `--update`, or nothing.
-pub fn asked(name: &str, words: &[&str]) -> Result<Asked, Error> {
-    given(name, words, false)
-}
-
-/// Accepts `--update`, `--short`, or nothing.
-pub fn asked_or_short(name: &str, words: &[&str]) -> Result<Asked, Error> {
-    given(name, words, true)
-}
-
-fn given(name: &str, words: &[&str], can_be_short: bool) -> Result<Asked, Error> {
-    match words {
-        [] => Ok(Asked::Compare),
-        ["--update"] => Ok(Asked::Update),
-        ["--short"] if can_be_short => Ok(Asked::CompareShort),
-        _ => {
-            Err(format!("usage: cargo xtask {name} [{}--update]", if can_be_short { "--short | " } else { "" }).into())
-        }
-    }
+    let median = found.get(found.len() / 2).map_or(f64::NAN, |(_, u95)| *u95);
+    (Column::of(found.into_iter()), median)
 }
 
 /// The number of these in the first word, which may have underscores; `usual` without a word.
-pub fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N, Error> {
+pub fn number<N: FromStr>(words: &[&str], usual: N, these: &str) -> Result<N> {
     let Some(word) = words.first() else { return Ok(usual) };
     word.replace('_', "").parse().map_err(|_| format!("`{word}` is no number of {these}").into())
 }
@@ -132,6 +139,14 @@ pub fn row(names: &[&str], cells: impl IntoIterator<Item = String>) -> String {
     line(names.iter().map(|name| (*name).to_owned()).chain(cells))
 }
 
+/// Each sentence as an item of a list; `None.` if there is none.
+pub fn list(sentences: &[String]) -> String {
+    if sentences.is_empty() {
+        return "None.\n".into();
+    }
+    sentences.iter().map(|sentence| format!("- {sentence}.\n")).collect()
+}
+
 /// A part as a percentage; a dash if there is none.
 pub fn percent(part: Option<f64>) -> String {
     part.map_or("-".into(), |part| format!("{:.1}", part * 100.0))
@@ -140,10 +155,8 @@ pub fn percent(part: Option<f64>) -> String {
 /// A row of a table.
 struct Row {
     section: String,
-    /// Section and leading cells.
-    name: String,
-    /// Its number among the rows with this name.
-    place: usize,
+    /// Its name, section and leading cells, and its number among the rows with this name.
+    key: (String, usize),
     /// The other cells with their column headings; several columns may have the same heading.
     cells: Vec<(String, String)>,
 }
@@ -166,11 +179,10 @@ fn differences_in_part(committed: &str, now: &str, keys: usize) -> Vec<String> {
 }
 
 fn between(committed: &[Row], now: &[Row]) -> Vec<String> {
-    let is_same = |one: &Row, other: &Row| one.name == other.name && one.place == other.place;
     let mut differences = Vec::new();
-    for row in now {
-        let Row { name, cells, .. } = row;
-        let Some(before) = committed.iter().find(|other| is_same(other, row)).map(|before| &before.cells) else {
+    for Row { key, cells, .. } in now {
+        let (name, _) = key;
+        let Some(Row { cells: before, .. }) = committed.iter().find(|other| other.key == *key) else {
             differences.push(format!("{name}: not in the table"));
             continue;
         };
@@ -187,10 +199,10 @@ fn between(committed: &[Row], now: &[Row]) -> Vec<String> {
             }
         }
     }
-    for row in committed {
-        let name = &row.name;
-        match now.iter().find(|other| is_same(other, row)) {
-            Some(now) if now.cells.len() >= row.cells.len() => {}
+    for Row { key, cells, .. } in committed {
+        let (name, _) = key;
+        match now.iter().find(|other| other.key == *key) {
+            Some(now) if now.cells.len() >= cells.len() => {}
             Some(_) => differences.push(format!("{name}: has columns in the table that are no longer measured")),
             None => differences.push(format!("{name}: in the table, no longer measured")),
         }
@@ -212,14 +224,12 @@ fn rows(markdown: &str, keys: usize) -> Vec<Row> {
         if head.is_empty() {
             head = cells;
         } else if !cells[0].starts_with("--") {
-            let name = [section]
-                .into_iter()
-                .filter(|name| !name.is_empty())
-                .chain(cells.iter().take(keys).map(String::as_str));
-            let name = name.collect::<Vec<_>>().join(", ");
-            let place = rows.iter().filter(|row| row.name == name).count();
+            let names = Some(section).filter(|name| !name.is_empty()).into_iter();
+            let names = names.chain(cells.iter().take(keys).map(String::as_str)).collect::<Vec<_>>();
+            let name = names.join(", ");
+            let place = rows.iter().filter(|row| row.key.0 == name).count();
             let cells = head.iter().cloned().zip(cells).skip(keys).collect();
-            rows.push(Row { section: section.into(), name, place, cells });
+            rows.push(Row { section: section.into(), key: (name, place), cells });
         }
     }
     rows

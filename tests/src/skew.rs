@@ -2,7 +2,7 @@
 
 use crate::{
     data::replayed,
-    grid::{Error, raw},
+    grid::{Result, raw},
 };
 use inerter_analysis::skew::{Skew, SkewError, skew};
 use inerter_data::{replay::Outcome, run::Run, settings::Overrides};
@@ -51,7 +51,7 @@ impl Case {
     }
 
     /// Simulates the machine and determines the skew.
-    pub fn found(&self) -> Result<Found, Error> {
+    pub fn found(&self) -> Result<Found> {
         let samples = self.setup.samples()?.map(|sample| raw(&sample)).collect();
         let mut run = Run { settings: self.setup.settings, samples, ..Run::default() };
         let before = replayed(&run)?;
@@ -73,7 +73,7 @@ pub fn case(
     sensors: Sensors,
     (motion, text): (&'static str, &str),
     overrides: &Overrides,
-) -> Result<Case, Error> {
+) -> Result<Case> {
     let mut setup = Setup::new(parameters, sensors, text, Some(DURATION_S), overrides)?;
     setup.settings.skew_s = 0.0;
     Ok(Case { device, motion, setup })
@@ -81,7 +81,7 @@ pub fn case(
 
 /// The axis of a servo motor: 2e-4 kg m^2 and torques below 0.1 N m at 1 kHz with 20 bits per turn; friction is greater
 /// at low speed, has a presliding distance of 0.2 mrad, and differs by direction.
-pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case, Error> {
+pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case> {
     let parameters = Inerter {
         inertance_kg: 2e-4,
         viscous_n_s_per_m: 1e-4,
@@ -115,10 +115,14 @@ pub fn servo_axis(text: &str, delay_s: f64, seed: u64) -> Result<Case, Error> {
 }
 
 /// A source of random numbers.
-struct Draw(ChaCha8Rng);
+pub(crate) struct Draw(ChaCha8Rng);
 
 impl Draw {
-    fn unit(&mut self) -> f64 {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    pub(crate) fn unit(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
@@ -177,8 +181,8 @@ fn motion(draw: &mut Draw) -> Shaken {
 
 /// A machine of 3 mg m^2 to 500 kg with a motion of its own, noise of 0.02 to 5 % of its force, and 300 to 300 000
 /// counts per stroke, at 500 Hz to 4 kHz, with the force up to 5 ms late or early.
-pub fn drawn(seed: u64) -> Result<Case, Error> {
-    let mut draw = Draw(ChaCha8Rng::seed_from_u64(seed));
+pub fn drawn(seed: u64) -> Result<Case> {
+    let mut draw = Draw::new(seed);
     let shaken = motion(&mut draw);
     let Shaken { stroke_m, velocity, acceleration, .. } = shaken;
     let kind = draw.of(&DEVICES);

@@ -1,22 +1,21 @@
 //! The updates of the estimator, reconstructed one by one from the exact sums that core publishes.
 
 use crate::{
-    grid::Error,
+    grid::{Estimator, Result},
     sums::{self, gram},
 };
-use inerter_core::{Bank, RawSample, Settings, State};
+use inerter_core::{Bank, RawSample, Settings};
 
 /// Acceleration \[m/s^2\], velocity \[m/s\], sign, one, force \[N\].
 pub type Row = [f64; 5];
 
 /// One row for each update of a bank since its memory was last reset.
-pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>, Error> {
-    let active = settings.validate()?;
-    let mut state = Box::new(State::new(&active));
+pub fn rows(settings: &Settings, samples: &[RawSample], bank: Bank) -> Result<Vec<Row>> {
+    let mut estimator = Estimator::new(settings)?;
     let (mut rows, mut column) = (Vec::new(), [0_i128; 5]);
     for sample in samples {
-        active.step(&mut state, sample);
-        let sums = active.sums(&state, bank);
+        estimator.step(sample);
+        let sums = estimator.active.sums(&estimator.state, bank);
         if (sums.updates as usize) < rows.len() {
             (rows, column) = (Vec::new(), [0; 5]);
         }
@@ -42,16 +41,10 @@ pub fn left(values: &[f64; 4], row: &Row) -> f64 {
     row[4] - values.iter().zip(row).map(|(value, regressor)| value * regressor).sum::<f64>()
 }
 
-/// Root mean square.
-pub fn rms(all: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = all.fold((0.0, 0.0), |(sum, count), value| (sum + value * value, count + 1.0));
-    (sum / count).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{MOTIONS, RIGS, calibrated, raw, simulation};
+    use crate::grid::{MOTIONS, RIGS, calibrated, raw, rms, simulation};
     use inerter_plant::Inerter;
 
     /// The fit to the rows equals core's fit, except for core's correction for the encoder's steps.

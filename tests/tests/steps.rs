@@ -9,9 +9,8 @@ use inerter_tests::coverage::{Bench, stated_true};
 use inerter_tests::data::replayed;
 use inerter_tests::grid::{
     self, Instruments, Motion, RIGS, TWO_CLOCKS, bias_and_sigma, calibrated, error, instruments, motion, published,
-    raw, shaken, simulation, three, truth,
+    raw, rms, shaken, simulation, three, truth,
 };
-use inerter_tests::updates::rms;
 
 /// Number of runs, as in the table: a standard deviation is known to 13 %.
 const SEEDS: u64 = 32;

@@ -370,7 +370,7 @@ pub fn first_trace(device: &Inerter, excitation: &Excitation, duration_s: f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::updates::rms;
+    use crate::grid::rms;
 
     /// Both plants, written independently, agree on the same device.
     #[test]

@@ -6,7 +6,7 @@ use inerter_analysis::diagnose::{Cause, Kind};
 use inerter_core::{LawStatus, Parameters};
 use inerter_tests::{
     diagnose::{Added, Case, Replayed, cases, clean_case, clean_cases, others, parting},
-    grid::{Error, Motion, each, errors, motion},
+    grid::{Motion, Result, each, errors, motion},
 };
 
 /// No table has this seed.
@@ -23,8 +23,8 @@ const BACKLASHES_M: [f64; 2] = [50e-6, 300e-6];
 const LOADS: [f64; 2] = [0.0006, 0.0025];
 const RIPPLES_N: [f64; 2] = [0.2, 0.7];
 
-/// Totals over the runs.
-#[derive(Clone, Copy, Default)]
+/// Totals over the runs of one motion.
+#[derive(Default)]
 struct Counts {
     /// Runs whose fault is named first, and those among them with the right size.
     first: u32,
@@ -46,82 +46,53 @@ struct Counts {
 }
 
 impl Counts {
-    fn add(self, other: Self) -> Self {
-        Self {
-            first: self.first + other.first,
-            sized: self.sized + other.sized,
-            corrected: self.corrected + other.corrected,
-            right: self.right + other.right,
-            wrong: self.wrong + other.wrong,
-            given: self.given + other.given,
-            outside: self.outside + other.outside,
-            unsaid: self.unsaid + other.unsaid,
-            assumed: self.assumed + other.assumed,
-            widths: self.widths + other.widths,
-        }
-    }
-
-    fn of_fault(case: &Case, motion: &Motion) -> Result<Self, Error> {
+    fn add_fault(&mut self, case: &Case, motion: &Motion) {
         // With one part of the analysis removed, the search may end in rows that it cannot fit. Then nothing is named.
         let found = case.diagnosed(motion, SEED).ok();
         let Some((first, corrected)) = found.and_then(|found| Some((*found.causes.first()?, found.corrected))) else {
-            return Ok(Self::default());
+            return;
         };
         if Some(first.kind) != case.kind {
-            return Ok(Self { wrong: 1, ..Self::default() });
+            self.wrong += 1;
+            return;
         }
-        let is_sized = (first.value - case.size).abs() <= RIGHT * case.size.abs();
-        let mut counts = Self { first: 1, sized: u32::from(is_sized), ..Self::default() };
+        self.first += 1;
+        self.sized += u32::from((first.value - case.size).abs() <= RIGHT * case.size.abs());
         for (off, u95) in corrected.iter().flat_map(|parameters| given(case, parameters)).flatten() {
-            counts.corrected += 1;
-            counts.right += u32::from(off <= u95);
+            self.corrected += 1;
+            self.right += u32::from(off <= u95);
         }
-        Ok(counts)
     }
 
     /// A run in which nothing must be named, with the parameters judged by the samples.
-    fn of_law(case: &Case, motion: &Motion) -> Result<Self, Error> {
+    fn add_law(&mut self, case: &Case, motion: &Motion) -> Result<()> {
         let Replayed { outcome, causes, judged } = case.replayed(motion, SEED)?;
-        let is_wrong = causes.first().is_some_and(|cause| Some(cause.kind) != case.kind);
-        let mut counts = Self { wrong: u32::from(is_wrong), ..Self::default() };
+        self.wrong += u32::from(causes.first().is_some_and(|cause| Some(cause.kind) != case.kind));
         if !causes.is_empty() || outcome.law.status == LawStatus::Broken {
-            return Ok(counts);
+            return Ok(());
         }
+        let mut widths = 0.0;
         for (own, judged) in given(case, &outcome.estimate.whole_run).into_iter().zip(judged) {
             let Some((off, u95)) = own else { continue };
             let wider = f64::from(judged.budget.u95());
             let is_said = case.kind.is_some_and(|kind| judged.assumes.contains(&kind));
-            counts.given += 1;
-            counts.outside += u32::from(off > wider);
-            counts.unsaid += u32::from(off > wider && !is_said);
-            counts.assumed += u32::from(!judged.assumes.is_empty());
-            counts.widths += (wider / u95).ln();
+            self.given += 1;
+            self.outside += u32::from(off > wider);
+            self.unsaid += u32::from(off > wider && !is_said);
+            self.assumed += u32::from(!judged.assumes.is_empty());
+            widths += (wider / u95).ln();
         }
-        Ok(counts)
+        self.widths += widths;
+        Ok(())
     }
 
     /// A run in which flanks separate, with the contact's stiffness stated or not. If it is not stated, a structure
     /// mass may be named, because the device has one.
-    fn of_flanks(backlash_m: f64, motion: &Motion, with_stiffness: bool) -> Result<Self, Error> {
+    fn add_flanks(&mut self, backlash_m: f64, motion: &Motion, with_stiffness: bool) -> Result<()> {
         let causes = parting(backlash_m).told(motion, SEED, with_stiffness)?;
         let is_wrong = |cause: &Cause| with_stiffness || cause.kind != Kind::Structure;
-        Ok(Self { wrong: u32::from(causes.iter().any(is_wrong)), ..Self::default() })
-    }
-
-    fn print(&self) {
-        let counts = [
-            ("first", self.first),
-            ("sized", self.sized),
-            ("corrected", self.corrected),
-            ("right", self.right),
-            ("wrong", self.wrong),
-            ("given", self.given),
-            ("outside", self.outside),
-            ("unsaid", self.unsaid),
-            ("assumed", self.assumed),
-        ];
-        counts.iter().for_each(|(name, count)| println!("{name}\t{count}"));
-        println!("width\t{:.4}", f64::exp(self.widths / f64::from(self.given.max(1))));
+        self.wrong += u32::from(causes.iter().any(is_wrong));
+        Ok(())
     }
 }
 
@@ -139,27 +110,40 @@ fn nearly() -> Vec<Case> {
     loads.into_iter().chain(ripples).collect()
 }
 
-pub fn run(_: &[&str]) -> Result<bool, Error> {
+pub fn run(_: &[&str]) -> Result<bool> {
     let faults: Vec<Case> = cases().into_iter().chain(others()).collect();
     // A rotary machine gives the same results in other units.
     let clean = clean_cases().into_iter().filter(|case| case.sensors.sample_rate_hz <= FASTEST_HZ && !case.is_rotary);
     let laws: Vec<Case> = clean.chain(nearly()).collect();
-    let of_motion = |name: &&str| -> Result<Counts, Error> {
+    let of_motion = |name: &&str| -> Result<Counts> {
         let motion = motion(name);
         let mut counts = Counts::default();
-        for case in &faults {
-            counts = counts.add(Counts::of_fault(case, motion)?);
-        }
-        for case in &laws {
-            counts = counts.add(Counts::of_law(case, motion)?);
-        }
+        faults.iter().for_each(|case| counts.add_fault(case, motion));
+        laws.iter().try_for_each(|case| counts.add_law(case, motion))?;
         for backlash_m in BACKLASHES_M {
             for with_stiffness in [true, false] {
-                counts = counts.add(Counts::of_flanks(backlash_m, motion, with_stiffness)?);
+                counts.add_flanks(backlash_m, motion, with_stiffness)?;
             }
         }
         Ok(counts)
     };
-    each(NAMES.iter(), of_motion)?.into_iter().fold(Counts::default(), Counts::add).print();
+    let all = each(NAMES.iter(), of_motion)?;
+    let readings: [(&str, fn(&Counts) -> u32); 9] = [
+        ("first", |counts| counts.first),
+        ("sized", |counts| counts.sized),
+        ("corrected", |counts| counts.corrected),
+        ("right", |counts| counts.right),
+        ("wrong", |counts| counts.wrong),
+        ("given", |counts| counts.given),
+        ("outside", |counts| counts.outside),
+        ("unsaid", |counts| counts.unsaid),
+        ("assumed", |counts| counts.assumed),
+    ];
+    for (name, count) in readings {
+        println!("{name}\t{}", all.iter().map(count).sum::<u32>());
+    }
+    let given: u32 = all.iter().map(|counts| counts.given).sum();
+    let widths = all.iter().fold(0.0, |sum, counts| sum + counts.widths);
+    println!("width\t{:.4}", f64::exp(widths / f64::from(given.max(1))));
     Ok(true)
 }

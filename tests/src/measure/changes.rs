@@ -1,10 +1,10 @@
 //! `cargo xtask changes`: how soon a change of the device is detected, and how often one is reported falsely.
 
-use inerter_core::{Change, Changed, Settings, State};
+use inerter_core::{Change, Changed, Settings};
 use inerter_plant::{Excitation, Inerter, Plant, Simulation};
 use inerter_tests::{
-    grid::{self, Error, Instruments, MOTIONS, Motion, RIGS},
-    sheet::{self, Asked},
+    grid::{self, Estimator, Instruments, MOTIONS, Motion, RIGS, Result},
+    sheet::{self, Asked, Measured},
 };
 
 /// Duration of steady motion in which no change may be reported \[s\].
@@ -41,8 +41,7 @@ impl Step {
     }
 }
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked_or_short("changes", words)?;
+pub fn measure(asked: Asked) -> Measured {
     let mut text = format!(
         "# Changes of the device
 
@@ -59,63 +58,49 @@ figure left the table, where anything is found in steady motion, or where a step
         STEADY_S / 60.0
     );
     let mut good = true;
-    let (devices, rigs) = match asked {
-        Asked::CompareShort => (&[Inerter::paper()][..], &RIGS[..1]),
-        Asked::Compare | Asked::Update => (&[Inerter::paper(), Inerter::worn()][..], &RIGS[..]),
-    };
-    for &device in devices {
-        for rig in rigs {
+    let (devices, rigs) = if asked == Asked::CompareShort { (1, 1) } else { (2, RIGS.len()) };
+    for device in [Inerter::paper(), Inerter::worn()].into_iter().take(devices) {
+        for rig in &RIGS[..rigs] {
             let worn = if device.backlash_m > 0.0 { ", worn: 0.1 mm of backlash" } else { "" };
             text += &format!("\n## {}{worn}\n\n| motion |", rig.name);
             text.extend(STEPS.iter().map(|step| format!(" {} |", step.name)));
             text += " found in steady motion |\n|---|--:|--:|--:|--:|--:|--:|\n";
             let mut rows = grid::each(MOTIONS.iter().enumerate(), |(n, motion)| Ok((n, row(&device, motion, rig)?)))?;
             rows.sort_by_key(|(n, _)| *n);
-            for (_, row) in rows {
-                good &= row.good;
-                text += &sheet::line(row.cells);
+            for (_, (cells, is_good)) in rows {
+                text += &sheet::line(cells);
+                good &= is_good;
             }
         }
     }
-    print!("{text}");
-    Ok(sheet::conclude("changes", &text, 1, asked)? && good)
+    Ok((text, good))
 }
 
-struct Row {
-    cells: Vec<String>,
-    good: bool,
-}
-
-fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<Row, Error> {
-    let (at_s, within_s) = if motion.is_slow() { (60.0, 60.0) } else { (10.0, 10.0) };
+/// The cells of a motion, and whether they are good.
+fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<(Vec<String>, bool)> {
+    // As long before the change as after it.
+    let at_s = if motion.is_slow() { 60.0 } else { 10.0 };
     let mut cells = vec![motion.name.to_owned()];
     let mut good = true;
+    let mut doubt = |what: String| {
+        eprintln!("{}, {}{what}", rig.name, motion.name);
+        good = false;
+    };
     for step in &STEPS {
         let mut found = Vec::new();
         for seed in 1..=SEEDS {
             let excitation = Excitation::parse(motion.name, seed)?;
             let plant = Plant::changing(*device, vec![(at_s, step.of(*device))], excitation)?;
-            found.extend(changes(plant, rig, seed, at_s + within_s)?.first().copied());
+            found.extend(changes(plant, rig, seed, 2.0 * at_s)?.first().copied());
         }
         if let Some((t_s, change)) = found.iter().find(|(t_s, _)| *t_s < at_s) {
-            eprintln!(
-                "{}, {}, {}: found before it was made, at {t_s:.1} s: {change:?}",
-                rig.name, motion.name, step.name
-            );
-            good = false;
+            doubt(format!(", {}: found before it was made, at {t_s:.1} s: {change:?}", step.name));
         }
         let longest = found.iter().fold(0.0_f64, |longest, (t_s, _)| longest.max(t_s - at_s));
         let other = if found.iter().any(|(_, change)| change.parameter != step.parameter) { "*" } else { "" };
         let all = found.len() as u64 == SEEDS;
         if motion.name == "mid" && rig.force_noise_n == 1.0 && !(all && longest <= 2.0) {
-            eprintln!(
-                "{}, {}: {} found in {} of {SEEDS}, after {longest:.2} s",
-                rig.name,
-                motion.name,
-                step.name,
-                found.len()
-            );
-            good = false;
+            doubt(format!(": {} found in {} of {SEEDS}, after {longest:.2} s", step.name, found.len()));
         }
         cells.push(match found.len() {
             0 => "-".into(),
@@ -124,24 +109,19 @@ fn row(device: &Inerter, motion: &Motion, rig: &Instruments) -> Result<Row, Erro
         });
     }
     let steady = changes(Plant::new(*device, Excitation::parse(motion.name, 5)?)?, rig, 5, STEADY_S)?;
-    for (t_s, change) in &steady {
-        eprintln!("{}, {}, steady: at {t_s:.1} s {change:?}", rig.name, motion.name);
-        good = false;
-    }
+    steady.iter().for_each(|(t_s, change)| doubt(format!(", steady: at {t_s:.1} s {change:?}")));
     cells.push(steady.len().to_string());
-    Ok(Row { cells, good })
+    Ok((cells, good))
 }
 
 /// The reported changes, each with its time \[s\].
-fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>, Error> {
+fn changes(plant: Plant, rig: &Instruments, seed: u64, duration_s: f64) -> Result<Vec<(f64, Change)>> {
     let sensors = grid::instruments(rig, seed);
     let settings = Settings { memory_s: 30.0, ..grid::calibrated(plant.device(), &sensors) };
-    let active = settings.validate()?;
-    let mut state = Box::new(State::new(&active));
+    let mut estimator = Estimator::new(&settings)?;
     let mut found = Vec::new();
     for sample in Simulation::of(plant, sensors)?.lasting(duration_s) {
-        let output = active.step(&mut state, &grid::raw(&sample));
-        found.extend(output.change.map(|change| (sample.t_s, change)));
+        found.extend(estimator.step(&grid::raw(&sample)).change.map(|change| (sample.t_s, change)));
     }
     Ok(found)
 }

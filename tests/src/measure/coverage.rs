@@ -6,25 +6,27 @@ use inerter_data::uncertainty::source_word;
 use inerter_plant::{Inerter, Sensors};
 use inerter_tests::{
     backlash,
-    coverage::{Bench, Cell, RIGHT, STATED, cells},
-    grid::{self, Error, MOTIONS, Motion, NAMES, RIGS, each, error, motion, sensors},
+    coverage::{Bench, RIGHT, STATED, columns},
+    grid::{self, Column, MOTIONS, NAMES, RIGS, Result, each, error, motion, sensors},
     nearly::{WANTED, sections},
-    sheet::{self, significant},
+    sheet::{self, Asked, Measured, significant},
 };
 use inerter_view::figure::{Axis, Colour, Figure, Layer, Panel, Shape, Stroke, svg};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use std::{f64::consts::TAU, ops::RangeInclusive};
+use std::{
+    f64::consts::TAU,
+    ops::{Range, RangeInclusive},
+};
 
-/// First seed and number of the runs that count. Runs 1 to 100 on the first bench determined the share of the encoder's
-/// steps.
-const SEEDS: (u64, u64) = (1001, 400);
-/// First seed and number of runs for a law that is nearly true.
-const NEARLY: (u64, u64) = (2001, 40);
-/// First seed and number of runs for tones with a whole number of samples per period.
-const TONES: (u64, u64) = (4001, 200);
-/// First seed and number of runs for the contact.
-const CONTACT: (u64, u64) = (3001, 60);
+/// Seeds of the runs that count. Runs 1 to 100 on the first bench determined the share of the encoder's steps.
+const SEEDS: Range<u64> = 1001..1401;
+/// Seeds of the runs for a law that is nearly true.
+const NEARLY: Range<u64> = 2001..2041;
+/// Seeds of the runs for tones with a whole number of samples per period.
+const TONES: Range<u64> = 4001..4201;
+/// Seeds of the runs for the contact.
+const CONTACT: Range<u64> = 3001..3061;
 /// Required coverage if settings are wrong by their stated uncertainty \[%\].
 const HELD: RangeInclusive<f64> = 93.0..=97.0;
 /// Number of random draws for the frontier.
@@ -41,19 +43,19 @@ fn benches() -> impl Iterator<Item = Bench> {
     all.map(|(name, device, sensors)| Bench { name, device, sensors, wrong: &[] })
 }
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("coverage", words)?;
-    let update = asked == sheet::Asked::Update;
-    let (first, seeds) = SEEDS;
+pub fn measure(asked: Asked) -> Measured {
+    let update = asked == Asked::Update;
     let mut text = format!(
         "# Coverage
 
 `cargo xtask coverage --update` writes this table. It shows how sharp `U95` over the whole run is, and how often it holds, when everything that the settings
-state is exactly true: {seeds} runs of each motion of [accuracy](accuracy.md), seeds from {first} on.
+state is exactly true: {} runs of each motion of [accuracy](accuracy.md), seeds from {} on.
 
 - *rms*: root mean square of the error over `U95`. An interval that is right has 0.51; {} to {} is wanted. *covered*: runs whose interval holds the truth.
 - A cell is bold where less than 95 % are covered beyond chance (1 in 10 000), or the rms lies outside beyond chance. *broken*: runs in which the law is called broken in the end.
 ",
+        SEEDS.count(),
+        SEEDS.start,
         RIGHT.start(),
         RIGHT.end()
     );
@@ -65,13 +67,15 @@ state is exactly true: {seeds} runs of each motion of [accuracy](accuracy.md), s
         );
         for motion in MOTIONS.iter().filter(|motion| motion.name != "slow" || bench.sensors.sample_rate_hz < 2000.0) {
             eprintln!("{}: {}", bench.name, motion.name);
-            let runs = bench.runs(motion, first, seeds)?;
-            let broken = runs.iter().filter(|(_, broken)| *broken).count();
-            for (cell, name) in cells(&runs).into_iter().zip(NAMES) {
+            let runs = bench.runs(motion, SEEDS)?;
+            let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
+            for (column, name) in columns(&runs).into_iter().zip(NAMES) {
                 all += 1;
-                right += usize::from(!cell.is_wrong());
-                blunt += usize::from(cell.is_blunt());
-                text += &row(motion, name, &cell, broken);
+                right += usize::from(!column.is_wrong());
+                blunt += usize::from(column.is_blunt());
+                let [u95, rms, covered] = figures(&column, 1.0, 1);
+                let [rms, covered] = [rms, covered].map(|text| bold(text, column.is_wrong()));
+                text += &sheet::line([motion.name, name, &u95, &rms, &covered, &broken]);
             }
         }
     }
@@ -81,23 +85,23 @@ state is exactly true: {seeds} runs of each motion of [accuracy](accuracy.md), s
     text += &stated()?;
     text += &frontier(update)?;
     text += &nearly(update)?;
-    print!("{text}");
-    sheet::conclude("coverage", &text, 2, asked)
+    Ok((text, true))
 }
 
 /// Tones whose period is a whole number of samples, or nearly.
-fn tones() -> Result<String, Error> {
-    let (first, seeds) = TONES;
+fn tones() -> Result<String> {
     let mut text = format!(
         "
 ## Tones of a whole number of samples
 
-The first bench, {seeds} runs of each tone with amplitudes within 15 % of the speed's, seeds from {first} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or the instrument's is 10 ppm faster. *rms* is
+The first bench, {} runs of each tone with amplitudes within 15 % of the speed's, seeds from {} on. The shaker's clock is the instrument's own, so that each period reads the same counts, or the instrument's is 10 ppm faster. *rms* is
 that of the error over `U95`, *%* the runs whose interval holds the truth.
 
 | Hz | mm/s | clock | mt: U95 kg | rms | % | cf: U95 N s/m | rms | % | fc: U95 N | rms | % |
 |--:|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
-"
+",
+        TONES.count(),
+        TONES.start
     );
     for hz in [2.0, 5.0, 8.0, 10.0, 12.5] {
         for mm_per_s in [30.0, 80.0] {
@@ -106,12 +110,13 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
                 let sample_rate_hz = sensors().sample_rate_hz * (1.0 + 1e-6 * ppm);
                 let sensors = Sensors { sample_rate_hz, ..sensors() };
                 let bench = Bench { name: "tones", device: Inerter::paper(), sensors, wrong: &[] };
-                let runs = each(1..=seeds, |seed| {
-                    let part = 0.85 + 0.3 * ((seed as f64 * 0.7549) % 1.0);
+                let runs = each(TONES, |seed| {
+                    let number = seed - TONES.start + 1;
+                    let part = 0.85 + 0.3 * ((number as f64 * 0.7549) % 1.0);
                     let motion = format!("sine:{hz}Hz:{}mm", part * mm_per_s / (TAU * hz));
-                    bench.run(&motion, 20.0, first + seed - 1)
+                    bench.run(&motion, 20.0, seed)
                 })?;
-                let figures = cells(&runs).into_iter().flat_map(|cell| figures(&cell, 0));
+                let figures = columns(&runs).into_iter().flat_map(|column| bold_figures(&column, 0));
                 text += &sheet::row(&[&hz.to_string(), &mm_per_s.to_string(), clock], figures);
             }
         }
@@ -120,17 +125,18 @@ that of the error over `U95`, *%* the runs whose interval holds the truth.
 }
 
 /// Backlash, stiffness and damping of the contact, on a rig with true settings.
-fn contacts() -> Result<String, Error> {
-    let (first, seeds) = CONTACT;
+fn contacts() -> Result<String> {
     let mut text = format!(
         "
 ## Contact
 
-Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the terminal's sensor, with stiffness and damping: {seeds} runs of each motion, seeds from {first} on, all else that the settings state true to the last
+Backlash by the force alone, with a stiffness that is known to 0.1 %; and by the terminal's sensor, with stiffness and damping: {} runs of each motion, seeds from {} on, all else that the settings state true to the last
 digit. U95 of a backlash in um, the others in per cent. Runs without a value are not counted.
-"
+",
+        CONTACT.count(),
+        CONTACT.start
     );
-    let mut all: Vec<Cell> = Vec::new();
+    let mut all: Vec<Column> = Vec::new();
     for rig in [&RIGS[0], &RIGS[RIGS.len() - 1]] {
         text += &format!(
             "\n### Contact, {}\n\n| motion | backlash um | by force: U95 | rms | covered % | by sensor: U95 | rms | covered % | stiffness: U95 % | rms | covered % | damping: U95 % | rms | covered % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
@@ -141,16 +147,14 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
                 eprintln!("contact: {} {} {:.0} um", rig.name, motion.name, backlash_m * 1e6);
                 let device = Inerter { backlash_m, ..Inerter::paper() };
                 let shaken = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
-                let runs = each(first..first + seeds, shaken)?;
+                let runs = each(CONTACT, shaken)?;
                 let mut of = |read: fn(&backlash::Run) -> Option<Interval>, truth: f64, unit: f64| {
-                    let found = runs.iter().filter_map(read);
-                    let errors: Vec<(f64, f64)> = found.map(|found| error(found, truth)).collect();
-                    if errors.is_empty() {
-                        return ["-".to_string(), "-".into(), "-".into()];
+                    let column = Column::of(runs.iter().filter_map(read).map(|found| error(found, truth)));
+                    if column.given == 0 {
+                        return ["-"; 3].map(String::from);
                     }
-                    let cell = Cell::of(&errors);
-                    all.push(cell);
-                    [significant(cell.u95 * unit), format!("{:.2}", cell.rms), format!("{:.1}", covered_percent(&cell))]
+                    all.push(column);
+                    figures(&column, unit, 1)
                 };
                 let (stiffness, damping) = (device.stiffness_n_per_m, device.contact_damping_n_s_per_m);
                 let figures = [
@@ -163,33 +167,33 @@ digit. U95 of a backlash in um, the others in per cent. Runs without a value are
             }
         }
     }
-    let count = |which: &dyn Fn(&Cell) -> bool| all.iter().filter(|cell| which(cell)).count();
+    let count = |which: &dyn Fn(&Column) -> bool| all.iter().filter(|column| which(column)).count();
     text += &format!(
         "\nIn {} cells at least {:.1} % are covered. The rms is over {} in {} of them, and under {} in {}.\n",
         all.len(),
         all.iter().map(covered_percent).fold(f64::INFINITY, f64::min),
         RIGHT.end(),
-        count(&|cell| cell.rms > *RIGHT.end()),
+        count(&|column| column.rms > *RIGHT.end()),
         RIGHT.start(),
-        count(&|cell| cell.rms < *RIGHT.start()),
+        count(&|column| column.rms < *RIGHT.start()),
     );
     Ok(text)
 }
 
 /// Settings that are wrong by their stated uncertainty.
-fn stated() -> Result<String, Error> {
-    let (first, seeds) = SEEDS;
-    let chance = 196.0 * (0.95 * 0.05 / seeds as f64).sqrt();
+fn stated() -> Result<String> {
+    let chance = 196.0 * (0.95 * 0.05 / SEEDS.count() as f64).sqrt();
     let mut text = format!(
         "
 ## Settings that are wrong by what they state
 
-Monte Carlo after JCGM 101: in each of {seeds} runs of the first bench the settings are wrong by a normal error of the size that they state, one source at a time, then all. Stated as 95 % are 0.5 % of
+Monte Carlo after JCGM 101: in each of {} runs of the first bench the settings are wrong by a normal error of the size that they state, one source at a time, then all. Stated as 95 % are 0.5 % of
 the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 kg of the structure's 1.5, 20 % of the contact's stiffness. 95 % of so many runs are {:.1} to {:.1} % by chance.
 
 | wrong | motion | broken | mt: U95 | rms | covered % | cf: U95 | rms | covered % | fc: U95 | rms | covered % |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 ",
+        SEEDS.count(),
         95.0 - chance,
         95.0 + chance
     );
@@ -199,54 +203,50 @@ the force's gain, 0.2 % of the lead, 0.1 % of the timebase, 20 us of skew, 0.1 k
         let bench = Bench { name, device: Inerter::paper(), sensors: sensors(), wrong };
         for motion in ["fast", "random", "two"].map(motion) {
             eprintln!("{name}: {}", motion.name);
-            let runs = bench.runs(motion, first, seeds)?;
-            let found = cells(&runs);
+            let runs = bench.runs(motion, SEEDS)?;
+            let found = columns(&runs);
             let covered = if wrong.len() == 1 { &mut by_one } else { &mut by_all };
             covered.extend(found.iter().map(covered_percent));
             let broken = runs.iter().filter(|(_, broken)| *broken).count().to_string();
-            let figures = found.iter().flat_map(|cell| figures(cell, 1));
+            let figures = found.iter().flat_map(|column| bold_figures(column, 1));
             text += &sheet::row(&[name, motion.name, &broken], figures);
         }
     }
-    for (wrong, covered) in [("By single sources", by_one), ("With all together", by_all)] {
-        let extremes =
-            covered.iter().fold((100.0_f64, 0.0_f64), |(least, most), one| (least.min(*one), most.max(*one)));
+    for (wrong, mut covered) in [("By single sources", by_one), ("With all together", by_all)] {
+        covered.sort_by(f64::total_cmp);
+        let under = covered.partition_point(|one| one < HELD.start());
+        let over = covered.len() - covered.partition_point(|one| one <= HELD.end());
         text += &format!(
-            "\n{wrong} {} of {} cells are within {} to {} %, {} under and {} over it: {:.1} to {:.1} %.\n",
-            covered.iter().filter(|one| HELD.contains(one)).count(),
+            "\n{wrong} {} of {} cells are within {} to {} %, {under} under and {over} over it: {:.1} to {:.1} %.\n",
+            covered.len() - under - over,
             covered.len(),
             HELD.start(),
             HELD.end(),
-            covered.iter().filter(|one| *one < HELD.start()).count(),
-            covered.iter().filter(|one| *one > HELD.end()).count(),
-            extremes.0,
-            extremes.1,
+            covered[0],
+            covered[covered.len() - 1],
         );
     }
     Ok(text)
 }
 
-/// Half width, rms, and covered runs with this number of decimals \[%\]: bold where they are too few.
-fn figures(cell: &Cell, decimals: usize) -> [String; 3] {
-    let covered = format!("{:.decimals$}", covered_percent(cell));
-    let bold = if cell.is_low() { format!("**{covered}**") } else { covered };
-    [significant(cell.u95), format!("{:.2}", cell.rms), bold]
+/// Half width in units of this many per unit, rms, and covered runs with this number of decimals \[%\].
+fn figures(column: &Column, unit: f64, decimals: usize) -> [String; 3] {
+    let covered = format!("{:.decimals$}", covered_percent(column));
+    [significant(column.u95 * unit), format!("{:.2}", column.rms), covered]
 }
 
-fn covered_percent(cell: &Cell) -> f64 {
-    100.0 * cell.covered as f64 / cell.given as f64
+/// The same, bold where too few are covered.
+fn bold_figures(column: &Column, decimals: usize) -> [String; 3] {
+    let [u95, rms, covered] = figures(column, 1.0, decimals);
+    [u95, rms, bold(covered, column.is_low())]
 }
 
-fn row(motion: &Motion, name: &str, cell: &Cell, broken: usize) -> String {
-    let bold = |text: String| if cell.is_wrong() { format!("**{text}**") } else { text };
-    sheet::line([
-        motion.name.into(),
-        name.into(),
-        significant(cell.u95),
-        bold(format!("{:.2}", cell.rms)),
-        bold(format!("{:.1}", covered_percent(cell))),
-        broken.to_string(),
-    ])
+fn bold(text: String, is_bold: bool) -> String {
+    if is_bold { format!("**{text}**") } else { text }
+}
+
+fn covered_percent(column: &Column) -> f64 {
+    100.0 * column.covered() as f64 / column.given as f64
 }
 
 /// Two independent standard normal errors: the error of the law's own estimate, and that of the size of a cause.
@@ -289,7 +289,7 @@ fn chance(grows: f64) -> f64 {
 
 /// The cost of covering an omitted cause of any size, as a function of the increase in standard error when the cause is
 /// fitted too. In units of the law's standard error.
-fn frontier(update: bool) -> Result<String, Error> {
+fn frontier(update: bool) -> Result<String> {
     let draws = Draws::new();
     let mut text = format!(
         "
@@ -355,9 +355,8 @@ fn frontier_figure(draws: &Draws) -> Figure {
 }
 
 /// Table and figure for a law that is nearly true.
-fn nearly(update: bool) -> Result<String, Error> {
-    let (first, seeds) = NEARLY;
-    let (sections, figure) = sections(first, seeds)?;
+fn nearly(update: bool) -> Result<String> {
+    let (sections, figure) = sections(NEARLY)?;
     if update {
         sheet::write("coverage.svg", &svg(&figure))?;
     }
@@ -365,13 +364,15 @@ fn nearly(update: bool) -> Result<String, Error> {
         "
 ## A law that is nearly true
 
-The first bench with one violation of the law, {seeds} runs of each size, seeds from {first} on; [a figure](../coverage.svg). *size*: the intended shift of the parameter that it moves most, in half widths of that parameter's interval
+The first bench with one violation of the law, {} runs of each size, seeds from {} on; [a figure](../coverage.svg). *size*: the intended shift of the parameter that it moves most, in half widths of that parameter's interval
 without the violation; *in U95*: what the size in the next column does move it by. A row is missing where no size does so much, within a third; where the greatest that is sought does less, it is the last. *left*: part of the square of what the violation adds to the force that the law's four regressors leave over, by the plant's truth, as in
 [causes](diagnose.md). *told*: runs in which the law is called broken, or a cause is named unasked, or friction is
 called presliding or Stribeck's. The others are silent. Of these, each cell gives two percentages: truths that the device's interval holds, and truths that the interval of `replay` holds, which looks at the samples as well
 (`uncertainty`, [THEORY](../THEORY.md), 14). An asterisk: the motion does not tell the violation from the parameter, and `replay` says that the parameter rests on its absence (`assumes`).
 *error/U95*: root mean square, by `replay`'s interval. A skew as large as it is stated is among the settings that are wrong, above.
-{sections}"
+{sections}",
+        NEARLY.count(),
+        NEARLY.start
     ))
 }
 

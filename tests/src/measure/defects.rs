@@ -9,9 +9,9 @@ use inerter_tests::{
         made::MOTIONS,
         tally::Tally,
     },
-    grid::{Error, each},
+    grid::{Result, each},
     roc::{Curve, svg},
-    sheet,
+    sheet::{self, Asked, Measured},
 };
 
 /// Runs per kind and motion.
@@ -19,56 +19,46 @@ const SEEDS: u64 = 2;
 /// Clean runs per motion. Those with the first seeds are the defects' runs without the defect.
 const CLEAN: u64 = 200;
 
-/// One run, with its motion and seed.
-struct Seen {
-    motion: usize,
-    seed: u64,
-    said: Said,
-}
-
 /// The runs in the order of seeds and motions, whatever thread computed them.
-fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Seen>, Error> {
+fn runs(kind: Option<&Kind>, seeds: u64) -> Result<Vec<Said>> {
     let mut all = each(0..MOTIONS.len() * seeds as usize, |place| {
         let (motion, seed) = (place % MOTIONS.len(), DEVELOPMENT + 1 + (place / MOTIONS.len()) as u64);
-        Ok(Seen { motion, seed, said: run(kind, motion, seed)? })
+        Ok((place, run(kind, motion, seed)?))
     })?;
-    all.sort_by_key(|seen| (seen.seed, seen.motion));
-    Ok(all)
+    all.sort_by_key(|(place, _)| *place);
+    Ok(all.into_iter().map(|(_, said)| said).collect())
 }
 
-pub fn measure(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("defects", words)?;
-    let clean = runs(None, CLEAN)?;
+pub fn measure(asked: Asked) -> Measured {
+    let clean = &runs(None, CLEAN)?;
     eprintln!("clean");
-    let twin = |seen: &Seen| clean.iter().find(|clean| (clean.motion, clean.seed) == (seen.motion, seen.seed));
     let mut found = Vec::new();
     for kind in kinds::all() {
-        let seen = runs(Some(kind), SEEDS)?;
-        let silent = seen.iter().filter(|seen| verdict(&seen.said.replay, 1.0) == Verdict::Silent).count();
-        eprintln!("{}: {silent} of {} wrong without a word", kind.name, seen.len());
-        found.push((kind, seen));
+        let runs = runs(Some(kind), SEEDS)?;
+        let silent = runs.iter().filter(|said| verdict(&said.replay, 1.0) == Verdict::Silent).count();
+        eprintln!("{}: {silent} of {} wrong without a word", kind.name, runs.len());
+        found.push((kind, runs));
     }
-    let tally = |runs: &mut dyn Iterator<Item = &Seen>| {
-        Tally::of(runs.map(|seen| (&seen.said, twin(seen).map_or(&seen.said, |clean| &clean.said))))
-    };
-    let of_group = |group| found.iter().filter(move |(kind, _)| kind.group == group);
-    let defects = || of_group(Group::Defect).flat_map(|(_, runs)| runs);
-    let scales = || of_group(Group::Scale).flat_map(|(_, runs)| runs);
+    let of_group = |group: Group| found.iter().filter(move |(kind, _)| kind.group == group);
+    // Each run with that of the same motion and seed without the defect, which has the same place.
+    let pairs = |group: Group| of_group(group).flat_map(move |(_, runs)| runs.iter().zip(clean));
+    let defects: Vec<(&Said, &Said)> = pairs(Group::Defect).collect();
+    let of_plant = |second: bool| Tally::of(defects.iter().copied().filter(|(said, _)| said.by_second == second));
     let mut text = head(of_group(Group::Defect).count());
     text += "\n## Together\n\n| runs | n | harmful | wrong: told | assumed | silent | silent % | device alone: silent % | beyond twice: silent % | device alone % |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n";
     for (name, all) in [
-        ("defects", tally(&mut defects())),
-        ("defects, first plant", tally(&mut defects().filter(|seen| !seen.said.by_second))),
-        ("defects, second plant", tally(&mut defects().filter(|seen| seen.said.by_second))),
-        ("clean", tally(&mut clean.iter())),
-        ("wrong scales", tally(&mut scales())),
+        ("defects", Tally::of(defects.iter().copied())),
+        ("defects, first plant", of_plant(false)),
+        ("defects, second plant", of_plant(true)),
+        ("clean", Tally::of(clean.iter().zip(clean))),
+        ("wrong scales", Tally::of(pairs(Group::Scale))),
     ] {
-        let percent = |part| format!("{:.1}", all.percent(part));
         let counts = [all.runs, all.harmful, all.told, all.assumed, all.silent].map(|count| count.to_string());
-        let parts = [all.silent, all.device, all.silent_twice, all.device_twice].map(percent);
-        text += &sheet::row(&[name], counts.into_iter().chain(parts));
+        let parts = [all.silent, all.device, all.silent_twice, all.device_twice];
+        let percents = parts.map(|part| format!("{:.1}", all.percent(part)));
+        text += &sheet::row(&[name], counts.into_iter().chain(percents));
     }
-    text += &clean_figures(&clean);
+    text += &clean_figures(clean);
     for (group, name) in [(Group::Defect, "Kinds"), (Group::Scale, "Wrong scales")] {
         text += &format!(
             "\n## {name}\n\n| kind | n | harmful | wrong: told | assumed | silent | beyond twice | {} |\n|---|--:|--:|--:|--:|--:|--:|{}\n",
@@ -76,25 +66,26 @@ pub fn measure(words: &[&str]) -> Result<bool, Error> {
             "--:|".repeat(MOTIONS.len())
         );
         for (kind, runs) in of_group(group) {
-            let all = tally(&mut runs.iter());
+            let all = Tally::of(runs.iter().zip(clean));
             let counts = [all.runs, all.harmful, all.told, all.assumed, all.silent, all.silent_twice];
-            let by_motion =
-                (0..MOTIONS.len()).map(|motion| tally(&mut runs.iter().filter(|seen| seen.motion == motion)).silent);
+            let of_both = |motion| of_motion(runs, motion).zip(of_motion(clean, motion));
+            let by_motion = (0..MOTIONS.len()).map(|motion| Tally::of(of_both(motion)).silent);
             let cells = counts.into_iter().chain(by_motion).map(|count| count.to_string());
             text += &sheet::row(&[kind.name], cells);
         }
     }
-    print!("{text}");
-    let harmful: Vec<&Said> = defects()
-        .filter(|seen| twin(seen).is_some_and(|clean| is_harmful(&seen.said, &clean.said)))
-        .map(|seen| &seen.said)
-        .collect();
-    let usual: Vec<&Said> = clean.iter().map(|seen| &seen.said).collect();
-    if asked == sheet::Asked::Update {
-        let path = sheet::write("roc.svg", &characteristic(&usual, &harmful))?;
+    if asked == Asked::Update {
+        let harmful = defects.iter().filter(|(said, clean)| is_harmful(said, clean)).map(|(said, _)| *said);
+        let usual: Vec<&Said> = clean.iter().collect();
+        let path = sheet::write("roc.svg", &characteristic(&usual, &harmful.collect::<Vec<_>>()))?;
         println!("defects: written {}", path.display());
     }
-    sheet::conclude("defects", &text, 1, asked)
+    Ok((text, true))
+}
+
+/// Those of the runs that are of this motion.
+fn of_motion(runs: &[Said], motion: usize) -> impl Iterator<Item = &Said> {
+    runs.iter().skip(motion).step_by(MOTIONS.len())
 }
 
 fn head(kinds: usize) -> String {
@@ -122,18 +113,13 @@ The settings state no uncertainty of the rig and do not mention the defect.
 }
 
 /// Verdicts on the clean runs.
-fn clean_figures(clean: &[Seen]) -> String {
-    let count = |is: &dyn Fn(&Said) -> bool| clean.iter().filter(|seen| is(&seen.said)).count();
-    let broken = count(&|said| said.broken);
-    let words = count(&|said| !said.words.is_empty());
-    let by_motion: Vec<String> = MOTIONS
-        .iter()
-        .enumerate()
-        .map(|(motion, name)| {
-            let broken = clean.iter().filter(|seen| seen.motion == motion && seen.said.broken).count();
-            format!("{name} {broken}")
-        })
-        .collect();
+fn clean_figures(clean: &[Said]) -> String {
+    let broken = clean.iter().filter(|said| said.broken).count();
+    let words = clean.iter().filter(|said| !said.words.is_empty()).count();
+    let by_motion = MOTIONS.iter().enumerate().map(|(motion, name)| {
+        let broken = of_motion(clean, motion).filter(|said| said.broken).count();
+        format!("{name} {broken}")
+    });
     format!(
         "
 ## Clean runs
@@ -145,7 +131,7 @@ fn clean_figures(clean: &[Seen]) -> String {
 Called broken, by motion: {}.
 ",
         clean.len(),
-        by_motion.join(", ")
+        by_motion.collect::<Vec<_>>().join(", ")
     )
 }
 

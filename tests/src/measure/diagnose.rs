@@ -2,16 +2,14 @@
 //! wrong cause is named.
 
 use inerter_analysis::diagnose::{Cause, Diagnosis, Kind, LIMIT};
-use inerter_core::Parameters;
-use inerter_plant::Inerter;
 use inerter_tests::{
     data::replayed,
     diagnose::{Case, cases, clean_cases, parting},
-    grid::{Error, MOTIONS, Motion, each, error, mean},
+    grid::{MOTIONS, Motion, Result, each, error, mean, three, truth},
     identified::Told,
-    sheet::{self, significant},
+    sheet::{self, Asked, Measured, significant},
 };
-use std::ops::RangeInclusive;
+use std::{array::from_fn, ops::RangeInclusive};
 
 /// Runs that determined the thresholds; no other runs were inspected before that.
 const SETTING: RangeInclusive<u64> = 1..=4;
@@ -26,14 +24,10 @@ const BACKLASHES_M: [f64; 4] = [50e-6, 100e-6, 300e-6, 1e-3];
 #[derive(Clone, Copy, Default)]
 struct Tally {
     runs: u32,
-    first: u32,
-    sized: u32,
-    within: u32,
-    /// Number of runs in which inertance, viscous and Coulomb friction lie within their intervals, with the causes
-    /// included.
-    corrected: [u32; 3],
-    other: u32,
-    nothing: u32,
+    /// Runs in which the fault is named first; those among them whose size is right; runs in which another cause is
+    /// named first; in which nothing is named. Then those among the first whose interval holds the size, and in which
+    /// inertance, viscous and Coulomb friction lie within their intervals, with the causes included.
+    counts: [u32; 8],
     /// Largest F statistic, relative to its threshold.
     strongest: f64,
 }
@@ -41,48 +35,43 @@ struct Tally {
 impl Tally {
     fn of(case: &Case, found: &Diagnosis) -> Self {
         let first = found.causes.first().filter(|cause| Some(cause.kind) == case.kind);
-        let is = |right: bool| u32::from(first.is_some() && right);
         let off = first.map_or(f64::INFINITY, |cause| (cause.value - case.size).abs());
-        let named = found.causes.iter().map(|cause| cause.f / LIMIT);
-        Self {
-            runs: 1,
-            first: is(true),
-            sized: is(off <= RIGHT * case.size.abs()),
-            within: is(first.is_some_and(|cause| off <= cause.u95)),
-            corrected: within_intervals(case, found).map(is),
-            other: u32::from(first.is_none() && !found.causes.is_empty()),
-            nothing: u32::from(found.causes.is_empty()),
-            strongest: named.fold(found.greatest_left, f64::max),
-        }
+        let [mt, cf, fc] = within_intervals(case, found).map(|within| within && first.is_some());
+        let is = [
+            first.is_some(),
+            first.is_some() && off <= RIGHT * case.size.abs(),
+            first.is_none() && !found.causes.is_empty(),
+            found.causes.is_empty(),
+            first.is_some_and(|cause| off <= cause.u95),
+            mt,
+            cf,
+            fc,
+        ];
+        let strongest = found.causes.iter().map(|cause| cause.f / LIMIT).fold(found.greatest_left, f64::max);
+        Self { runs: 1, counts: is.map(u32::from), strongest }
     }
 
     fn add(self, other: Self) -> Self {
         Self {
             runs: self.runs + other.runs,
-            first: self.first + other.first,
-            sized: self.sized + other.sized,
-            within: self.within + other.within,
-            corrected: std::array::from_fn(|i| self.corrected[i] + other.corrected[i]),
-            other: self.other + other.other,
-            nothing: self.nothing + other.nothing,
+            counts: from_fn(|i| self.counts[i] + other.counts[i]),
             strongest: self.strongest.max(other.strongest),
         }
     }
 
-    /// Percentages of the runs: named first, named first with the right size, another cause first.
-    fn percent(&self) -> [f64; 3] {
-        [self.first, self.sized, self.other].map(|part| percent(part, self.runs))
+    /// Number of runs, and percentages: named first, named first with the right size, another cause first.
+    fn line(&self) -> String {
+        let [first, sized, other, ..] = self.counts.map(|part| format!("{:.1}", percent(part, self.runs)));
+        format!("{} | {first} | {sized} | {other}", self.runs)
     }
 }
 
 /// Which of inertance, viscous and Coulomb friction lie within their intervals, with the causes included.
 fn within_intervals(case: &Case, found: &Diagnosis) -> [bool; 3] {
-    let Some(Parameters { inertance_kg, viscous_n_s_per_m, coulomb_n, .. }) = found.corrected else {
-        return [false; 3];
-    };
-    let Inerter { inertance_kg: mass, viscous_n_s_per_m: viscous, coulomb_n: coulomb, .. } = case.device;
-    [(inertance_kg, mass), (viscous_n_s_per_m, viscous), (coulomb_n, coulomb)].map(|(parameter, truth)| {
-        let (error, u95) = error(parameter.fitted(), truth);
+    let Some(corrected) = found.corrected else { return [false; 3] };
+    let (found, truth) = (three(&corrected), truth(&case.device));
+    from_fn(|i| {
+        let (error, u95) = error(found[i].fitted(), truth[i]);
         error.abs() <= u95
     })
 }
@@ -91,13 +80,13 @@ fn percent(part: u32, of: u32) -> f64 {
     100.0 * f64::from(part) / f64::from(of.max(1))
 }
 
-fn tally(case: &Case, motion: &Motion, seeds: RangeInclusive<u64>) -> Result<Tally, Error> {
+fn tally(case: &Case, motion: &Motion, seeds: RangeInclusive<u64>) -> Result<Tally> {
     let runs = each(seeds, |seed| Ok(Tally::of(case, &case.diagnosed(motion, seed)?)))?;
     Ok(runs.into_iter().fold(Tally::default(), Tally::add))
 }
 
 /// How well the motion reveals a fault, averaged over the seeds.
-fn told(case: &Case, motion: &Motion) -> Result<Told, Error> {
+fn told(case: &Case, motion: &Motion) -> Result<Told> {
     let all = each(SEEDS, |seed| {
         let outcome = replayed(&case.recorded(motion, seed, true)?)?;
         case.told_by(motion, seed, f64::from(outcome.motion.repeats))
@@ -106,16 +95,15 @@ fn told(case: &Case, motion: &Motion) -> Result<Told, Error> {
 }
 
 /// Tallies of all faults, and of those that the motion reveals well enough. Writes a row for each fault and motion.
-fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
+fn faults(text: &mut String) -> Result<[Tally; 2]> {
     let (mut all, mut told_enough) = (Tally::default(), Tally::default());
     for case in cases() {
         for motion in &MOTIONS {
             let of_these = tally(&case, motion, SEEDS)?;
             let told = told(&case, motion)?;
-            let Tally { first, sized, other, nothing, .. } = of_these;
             let [left, sigmas] = [100.0 * told.left, told.sigmas].map(significant);
             let is_enough = if told.is_enough() { "yes" } else { "no" };
-            let counts = [first, sized, other, nothing].map(|count| count.to_string());
+            let counts = of_these.counts.iter().take(4).map(u32::to_string);
             *text += &sheet::row(&[case.name, motion.name, &left, &sigmas, is_enough], counts);
             all = all.add(of_these);
             if told.is_enough() {
@@ -127,7 +115,7 @@ fn faults(text: &mut String) -> Result<[Tally; 2], Error> {
     Ok([all, told_enough])
 }
 
-fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
+fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally> {
     let mut clean = Tally::default();
     for case in clean_cases() {
         for motion in &MOTIONS {
@@ -138,7 +126,7 @@ fn without_a_fault(seeds: &RangeInclusive<u64>) -> Result<Tally, Error> {
 }
 
 /// Number of runs whose flanks separate, and of those in which a wrong cause is named without being asked for.
-fn with_flanks_that_part() -> Result<[usize; 2], Error> {
+fn with_flanks_that_part() -> Result<[usize; 2]> {
     let [mut runs, mut told] = [0; 2];
     for backlash_m in BACKLASHES_M {
         for motion in &MOTIONS {
@@ -154,8 +142,7 @@ fn with_flanks_that_part() -> Result<[usize; 2], Error> {
     Ok([runs, told])
 }
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("diagnose", words)?;
+pub fn measure(_: Asked) -> Measured {
     let mut text = format!(
         "# Causes
 
@@ -175,40 +162,35 @@ motion that repeats itself repeats). *Enough*: 0.5 % are left over, and the size
         100.0 * RIGHT
     );
     let [all, told_enough] = faults(&mut text)?;
-    let [first, sized, other] = all.percent();
-    let [enough_first, enough_sized, enough_other] = told_enough.percent();
+    let [first, _, other, _, within, corrected @ ..] = all.counts;
+    let [mt, cf, fc] = corrected.map(|held| percent(held, first));
     let (setting, clean) = (without_a_fault(&SETTING)?, without_a_fault(&SEEDS)?);
-    let corrected = all.corrected.map(|held| percent(held, all.first));
+    let [_, _, false_alarms, ..] = clean.counts;
     let [parting_runs, parting_told] = with_flanks_that_part()?;
     text += &format!(
         "
 | runs | number | named first % | sized right as well % | another first % |
 |---|--:|--:|--:|--:|
-| all | {} | {first:.1} | {sized:.1} | {other:.1} |
-| where the motion shows enough | {} | {enough_first:.1} | {enough_sized:.1} | {enough_other:.1} |
+| all | {} |
+| where the motion shows enough | {} |
 
 The goal is 85 % named first and sized right. Where a cause is named at all, it is the right one in {:.0} %; where it is, its interval holds the size in {:.0} %, and the
-intervals of inertance, viscous and Coulomb friction with it included hold these in {:.0}, {:.0} and {:.0} %.
+intervals of inertance, viscous and Coulomb friction with it included hold these in {mt:.0}, {cf:.0} and {fc:.0} %.
 
-Of {} runs without a fault (noise of 0.2 to 20 N, 1 to 4 kHz, counts of 0.5 to 20 um, a device of 95 kg, a preloaded one, a rotary one of 2e-4 kg m2) {} name a
+Of {} runs without a fault (noise of 0.2 to 20 N, 1 to 4 kHz, counts of 0.5 to 20 um, a device of 95 kg, a preloaded one, a rotary one of 2e-4 kg m2) {false_alarms} name a
 cause; the greatest F statistic is {:.2} of its threshold, and {:.2} with the seeds {} to {}, which set it.
 
 Of {parting_runs} runs whose flanks part by 0.05 to 1 mm, stiffness stated or not, {parting_told} are given a cause unasked (`replay`, `report`, `monitor`), which would be false.
 ",
-        all.runs,
-        told_enough.runs,
-        percent(all.first, all.first + all.other),
-        percent(all.within, all.first),
-        corrected[0],
-        corrected[1],
-        corrected[2],
+        all.line(),
+        told_enough.line(),
+        percent(first, first + other),
+        percent(within, first),
         clean.runs,
-        clean.other,
         clean.strongest,
         setting.strongest,
         SETTING.start(),
         SETTING.end(),
     );
-    print!("{text}");
-    Ok(sheet::conclude("diagnose", &text, 2, asked)? && clean.other == 0)
+    Ok((text, false_alarms == 0))
 }

@@ -6,7 +6,7 @@
 
 use inerter_tests::{
     fuzz::{Conditions, findings, shrink, stream, write_corpus},
-    grid::Error,
+    grid::Result,
 };
 use std::{
     fs,
@@ -18,7 +18,7 @@ const USAGE: &str = "usage: fuzz [--minutes N] [--seed S] | fuzz --play FILE... 
 /// Interval between two progress lines.
 const PROGRESS: Duration = Duration::from_secs(10);
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     match words {
         ["--write-corpus"] => {
             println!("{} streams written to tests/corpus", write_corpus()?);
@@ -39,7 +39,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
     }
 }
 
-fn play(files: &[&str]) -> Result<bool, Error> {
+fn play(files: &[&str]) -> Result<bool> {
     let mut good = true;
     for file in files {
         let bytes = fs::read(file).map_err(|error| format!("{file}: {error}"))?;
@@ -50,7 +50,7 @@ fn play(files: &[&str]) -> Result<bool, Error> {
     Ok(good)
 }
 
-fn search(time: Duration, first: u64) -> Result<bool, Error> {
+fn search(time: Duration, first: u64) -> Result<bool> {
     // A panic of the device is a finding, and its one line is enough.
     std::panic::set_hook(Box::new(|_| {}));
     let (start, mut told) = (Instant::now(), Instant::now());

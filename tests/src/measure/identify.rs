@@ -6,7 +6,7 @@ use std::{fmt::Write, path::Path, time::Instant};
 use inerter_analysis::identify::{Parameters, known_skew_s, known_structure_mass_kg};
 use inerter_data::series::Series;
 use inerter_tests::{
-    grid::Error,
+    grid::Result,
     identify::{DURATION_S, GOALS, MOTIONS, errors, hidden, identified, instruments, recorded},
     sheet::{self, significant},
 };
@@ -17,24 +17,24 @@ const DEVICES: u64 = 8;
 /// The first of them were inspected while the interval factors were tuned.
 const TUNED: u64 = 3;
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     match words {
         ["--bench", path] => bench(Path::new(path), DURATION_S),
-        ["--bench", path, seconds] => seconds.parse().map_err(Error::from).and_then(|s| bench(Path::new(path), s)),
+        ["--bench", path, seconds] => bench(Path::new(path), seconds.parse()?),
         ["--compare", path, faster] => compare(Path::new(path), faster),
         _ => table(words),
     }
 }
 
-fn table(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("identify", words)?;
+fn table(words: &[&str]) -> Result<bool> {
+    let asked = sheet::asked("identify", words, false)?;
     let mut text = format!(
         "# Identification of hidden devices\n\nThe complete model by `inerter identify` from {DURATION_S} s at 1 kHz, 1 N of \
          force noise, 2.44 um per count, terminal sensor of 1 um;\ndevices drawn by a seed (half to twice the paper's, up to 0.1 mm \
          of backlash), begun without knowing them.\nErrors; in brackets the half width of the 95 % interval; `*` beyond the \
          goal, `!` beyond the interval. Devices 1 to {TUNED} were looked at\nwhile the factors in the intervals were set, the others not.\n\nWritten by `cargo xtask identify --update`; checked by `cargo xtask identify`.\n\n"
     );
-    let heads: Vec<&str> = GOALS.iter().map(|(name, ..)| *name).collect();
+    let heads = GOALS.map(|(name, _)| name);
     writeln!(
         text,
         "| motion | device | {} | residual/noise |\n|---|---|{}---|",
@@ -48,25 +48,26 @@ fn table(words: &[&str]) -> Result<bool, Error> {
             let device = hidden(seed);
             let found = identified(recorded(&device, motion, &instruments(seed), DURATION_S)?)?;
             let mut cells = Vec::new();
-            for (error, (name, goal, _)) in errors(&device, &found).into_iter().zip(GOALS) {
+            for (error, (name, goal)) in errors(&device, &found).into_iter().zip(GOALS) {
                 let Some((error, u95)) = error else {
                     cells.push("-".to_owned());
                     missed[fresh] += 1;
                     continue;
                 };
                 all[fresh] += 1;
-                let within = error.abs() <= u95;
-                covered[fresh] += u32::from(within);
-                missed[fresh] += u32::from(error.abs() > goal);
-                let marks = format!("{}{}", if error.abs() > goal { "*" } else { "" }, if within { "" } else { "!" });
-                cells.push(format!("{} ({}){marks}", significant(error * unit(name)), significant(u95 * unit(name))));
+                let (is_missed, is_covered) = (error.abs() > goal, error.abs() <= u95);
+                covered[fresh] += u32::from(is_covered);
+                missed[fresh] += u32::from(is_missed);
+                let marks = [if is_missed { "*" } else { "" }, if is_covered { "" } else { "!" }].concat();
+                let [error, u95] = [error, u95].map(|value| significant(value * unit(name)));
+                cells.push(format!("{error} ({u95}){marks}"));
             }
             let ratio = found.residual_over_noise.unwrap_or(f64::NAN);
             writeln!(text, "| {motion} | {seed} | {} | {} |", cells.join(" | "), significant(ratio))?;
             eprintln!("{}", text.lines().last().unwrap_or_default());
         }
     }
-    let goals: Vec<String> = GOALS.iter().map(|(name, goal, _)| format!("{name} {}", goal * unit(name))).collect();
+    let goals = GOALS.map(|(name, goal)| format!("{name} {}", goal * unit(name)));
     writeln!(text, "\nGoals: {}.\n", goals.join(", "))?;
     for (fresh, first, last) in [(0, 1, TUNED), (1, TUNED + 1, DEVICES)] {
         writeln!(
@@ -91,7 +92,7 @@ fn unit(name: &str) -> f64 {
 }
 
 /// Writes the problem for scipy and solves it, with the same samples, parameters, start values and prior knowledge.
-fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
+fn bench(path: &Path, duration_s: f64) -> Result<bool> {
     let device = hidden(3);
     let rig = instruments(3);
     let run = recorded(&device, "random", &rig, duration_s)?;
@@ -123,8 +124,8 @@ fn bench(path: &Path, duration_s: f64) -> Result<bool, Error> {
 }
 
 /// Whether scipy takes at least this many times longer.
-fn compare(path: &Path, faster: &str) -> Result<bool, Error> {
-    let read = |path: &Path| -> Result<Value, Error> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
+fn compare(path: &Path, faster: &str) -> Result<bool> {
+    let read = |path: &Path| -> Result<Value> { Ok(serde_json::from_str(&std::fs::read_to_string(path)?)?) };
     let (problem, scipy) = (read(path)?, read(&path.with_extension("scipy.json"))?);
     let number = |value: &Value, key: &str| value.get(key).and_then(Value::as_f64).ok_or(format!("no {key}"));
     let (ours, theirs) = (number(&problem, "inerter_s")?, number(&scipy, "scipy_s")?);

@@ -7,11 +7,10 @@
 use inerter_core::Settings;
 use inerter_plant::{Excitation, Inerter, Simulation};
 use inerter_tests::{
-    grid::{self, Error},
+    grid::{self, Result},
     reference::{BOUNDS, Pair},
     sheet::number,
 };
-use std::thread;
 
 /// Updates of the fast bank.
 const UPDATES: u32 = 10_000_000;
@@ -21,16 +20,12 @@ const RUNS: [(&str, &str); 2] = [
     ("slow alone", "slow@600s"),
 ];
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     let updates = number(words, UPDATES, "updates")?;
     println!("core's integers beside f64, greatest difference at any published estimate over {updates} updates:");
-    let pairs = thread::scope(|scope| {
-        let runs = RUNS.map(|(_, motion)| scope.spawn(move || shake(motion, updates)));
-        runs.map(|run| run.join().unwrap_or_else(|_| Err("a run panicked".into())))
-    });
+    let pairs = grid::each(RUNS.iter(), |(_, motion)| shake(motion, updates))?;
     let mut agree = true;
     for ((name, _), pair) in RUNS.iter().zip(pairs) {
-        let pair = pair?;
         println!("{name}: {} updates, {} values compared", pair.updates(), pair.compared);
         for ((label, greatest), bound) in ["mt kg", "cf N s/m", "fc N", "F0 N"].iter().zip(pair.greatest).zip(BOUNDS) {
             let word = if greatest <= bound { "" } else { "  OVER" };
@@ -41,7 +36,7 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
     Ok(agree)
 }
 
-fn shake(motion: &str, updates: u32) -> Result<Pair, Error> {
+fn shake(motion: &str, updates: u32) -> Result<Pair> {
     let device = Inerter::paper();
     let settings = Settings { publish_rate_hz: 1.0, ..grid::calibrated(&device, &grid::sensors()) };
     let mut pair = Pair::new(&settings)?;

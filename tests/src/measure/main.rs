@@ -1,6 +1,9 @@
 //! Measures the tables of docs/tables, and runs the tests that are too long for the suite: `cargo xtask NAME`.
 
-use inerter_tests::grid::Error;
+use inerter_tests::{
+    grid::Result,
+    sheet::{Asked, Measured, measured},
+};
 use std::process::ExitCode;
 
 mod ablation_host;
@@ -19,29 +22,38 @@ mod robustness;
 mod skew;
 mod validation;
 
-/// A measurement: whether its result is good, or why there is none.
-type Measure = fn(&[&str]) -> Result<bool, Error>;
+/// What a measurement runs.
+enum Measure {
+    /// Anything, with arguments of its own: whether its result is good, or why there is none.
+    Own(fn(&[&str]) -> Result<bool>),
+    /// A table: how many cells name a row, and whether it can be measured in part.
+    Table(usize, bool, fn(Asked) -> Measured),
+}
+
+use Measure::{Own, Table};
 
 const MEASURES: &[(&str, Measure)] = &[
-    ("ablation_host", ablation_host::run),
-    ("accuracy", accuracy::run),
-    ("changes", changes::run),
-    ("coverage", coverage::run),
-    ("defects", defects::measure),
-    ("diagnose", diagnose::run),
-    ("endurance", endurance::run),
-    ("fuzz", fuzz::run),
-    ("identify", identify::run),
-    ("longrun", longrun::run),
-    ("merge", merge::run),
-    ("plan", plan::run),
-    ("robustness", robustness::run),
-    ("skew", skew::run),
-    ("validation", validation::run),
+    ("ablation_host", Own(ablation_host::run)),
+    ("accuracy", Table(2, true, accuracy::measure)),
+    ("changes", Table(1, true, changes::measure)),
+    ("coverage", Table(2, false, coverage::measure)),
+    ("defects", Table(1, false, defects::measure)),
+    ("diagnose", Table(2, false, diagnose::measure)),
+    ("endurance", Own(endurance::run)),
+    ("fuzz", Own(fuzz::run)),
+    ("identify", Own(identify::run)),
+    ("longrun", Own(longrun::run)),
+    ("merge", Table(2, false, merge::measure)),
+    ("plan", Table(2, false, plan::measure)),
+    ("robustness", Table(3, false, robustness::measure)),
+    ("skew", Table(1, false, skew::measure)),
+    ("validation", Own(validation::run)),
 ];
 
 fn main() -> ExitCode {
-    match measured() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    match run(&words) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -51,15 +63,16 @@ fn main() -> ExitCode {
     }
 }
 
-/// Runs the measurement that the first argument names, with the other arguments.
-fn measured() -> Result<bool, Error> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+/// Runs the measurement that the first word names, with the other words.
+fn run(words: &[&str]) -> Result<bool> {
     let named =
         words.split_first().and_then(|(name, rest)| Some((MEASURES.iter().find(|each| each.0 == *name)?, rest)));
-    let Some(((_, measure), rest)) = named else {
-        let names: Vec<&str> = MEASURES.iter().map(|each| each.0).collect();
-        return Err(format!("the first argument is one of {}", names.join(", ")).into());
-    };
-    measure(rest)
+    match named {
+        Some(((_, Own(run)), rest)) => run(rest),
+        Some(((name, Table(keys, can_be_short, table)), rest)) => measured(name, rest, *keys, *can_be_short, *table),
+        None => {
+            let names: Vec<&str> = MEASURES.iter().map(|each| each.0).collect();
+            Err(format!("the first argument is one of {}", names.join(", ")).into())
+        }
+    }
 }

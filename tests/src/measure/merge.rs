@@ -7,8 +7,8 @@ use inerter_data::{replay::replay_samples, settings::Overrides};
 use inerter_plant::{Inerter, Sensors};
 use inerter_simulate::{Setup, bench_sensors, raw};
 use inerter_tests::{
-    grid::{Error, NAMES, each, errors},
-    sheet::{self, significant},
+    grid::{Column, Error, NAMES, Result, each, errors},
+    sheet::{self, Asked, Measured, significant},
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -66,7 +66,7 @@ struct Told {
 }
 
 /// Results of one group, for each number of merged runs.
-fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
+fn group(case: &Case, seed: u64) -> Result<Vec<Told>> {
     let seed = FIRST_SEED + 1000 * seed;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut overrides = Overrides::default();
@@ -74,8 +74,7 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
     overrides.set("skew_u95_s", case.skew_u95_s, "the table")?;
     let skew: f64 = StandardNormal.sample(&mut random);
     let delay_s = skew * case.skew_u95_s / f64::from(NORMAL_COVERAGE);
-    let mut all: Option<Runs> = None;
-    let mut told = Vec::new();
+    let (mut runs, mut told) = (Vec::new(), Vec::new());
     let most = SIZES[SIZES.len() - 1];
     for number in 0..most {
         let [inertance, coulomb]: [f64; 2] = array::from_fn(|i| {
@@ -92,32 +91,17 @@ fn group(case: &Case, seed: u64) -> Result<[Told; SIZES.len()], Error> {
         let setup = Setup::new(device, sensors, motion, Some(DURATION_S), &overrides)?;
         let samples = setup.samples()?.map(|sample| Ok(raw(&sample)));
         let outcome = replay_samples::<Error>(&setup.settings, 0.0, samples, |_, _| Ok(()))?;
-        let run = Runs::of(&format!("{seed}"), &setup.settings, &outcome);
-        let both = match all.take() {
-            None => run,
-            Some(before) => before.and(run)?,
-        };
-        if SIZES.contains(&(number + 1)) {
-            let merged = both.merged(None)?;
+        runs.push(Runs::of(&format!("{seed}"), &setup.settings, &outcome));
+        if SIZES.contains(&runs.len()) {
+            let merged = Runs::all(runs.iter().cloned())?.merged(None)?;
             let found = errors(&merged.fit.symmetric, &paper);
             told.push(Told { found, differ: merged.differs.contains(&true) });
         }
-        all = Some(both);
     }
-    told.try_into().map_err(|_| "a size is left out".into())
+    Ok(told)
 }
 
-/// Cells of one parameter in groups of one size, with the numbers of intervals covered and given.
-fn counted(groups: &[&Told], parameter: usize) -> (String, usize, usize) {
-    let (told, held, rms, u95) = sheet::counted(groups.iter().filter_map(|told| told.found[parameter]));
-    if told == 0 {
-        return ("- | - | - |".into(), 0, 0);
-    }
-    (format!("{} | {held} of {told} | {rms:.2} |", significant(u95)), held, told)
-}
-
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("merge", words)?;
+pub fn measure(_: Asked) -> Measured {
     let mut text = format!(
         "# Runs merged
 
@@ -136,22 +120,27 @@ interval is that of the device during that run, so rows of one run are not count
     for case in &CASES {
         let groups = each(1..=GROUPS, |seed| group(case, seed))?;
         for (place, size) in SIZES.into_iter().enumerate() {
-            let those: Vec<&Told> = groups.iter().map(|group| &group[place]).collect();
-            let mut row = format!("| {} | {size} |", case.name);
+            let mut cells = Vec::new();
             for parameter in 0..NAMES.len() {
-                let (cell, now_held, now_told) = counted(&those, parameter);
-                row += &format!(" {cell}");
+                let found = groups.iter().filter_map(|group| group[place].found[parameter]);
+                let (column, median) = sheet::by_width(found);
+                let Column { rms, given, .. } = column;
+                cells.extend(match given {
+                    0 => ["-"; 3].map(String::from),
+                    _ => [significant(median), format!("{} of {given}", column.covered()), format!("{rms:.2}")],
+                });
                 // A single run cannot show the variation from run to run.
                 if size > 1 || case.varies == [0.0; 2] {
-                    held[parameter] += now_held;
-                    told[parameter] += now_told;
+                    held[parameter] += column.covered();
+                    told[parameter] += given;
                 }
             }
-            let differ = those.iter().filter(|told| told.differ).count();
+            let differ = groups.iter().filter(|group| group[place].differ).count();
             if case.varies == [0.0; 2] && size > 1 {
-                differ_alike = (differ_alike.0 + differ, differ_alike.1 + those.len());
+                differ_alike = (differ_alike.0 + differ, differ_alike.1 + groups.len());
             }
-            text += &format!("{row} {differ} |\n");
+            cells.push(differ.to_string());
+            text += &sheet::row(&[case.name, &size.to_string()], cells);
         }
     }
     let share = |i: usize| 100.0 * held[i] as f64 / told[i] as f64;
@@ -168,7 +157,6 @@ Held: {:.1} % of {} intervals of mt, {:.1} % of {} of cf, {:.1} % of {} of fc. O
         differ_alike.1,
         differ_alike.0
     );
-    print!("{text}");
     let are_held = (0..NAMES.len()).all(|i| held[i] as f64 >= LEAST_HELD * told[i] as f64);
-    Ok(sheet::conclude("merge", &text, 2, asked)? && are_held)
+    Ok((text, are_held))
 }

@@ -6,10 +6,11 @@ use inerter_core::Machine;
 use inerter_data::wants;
 use inerter_plant::{Excitation, Inerter, Sensors};
 use inerter_tests::{
-    grid::{self, Error, MOTIONS, Motion, NAMES},
+    grid::{self, MOTIONS, Motion, NAMES, Result},
     plan::{Bench, Reached, WITHIN, as_written},
-    sheet::{self, significant},
+    sheet::{self, Asked, Measured, significant},
 };
+use std::array::from_fn;
 
 /// First seed and number of the runs that count. No rehearsal uses these seeds.
 const SEEDS: (u64, u64) = (1001, 200);
@@ -18,7 +19,7 @@ const BESIDE: (u64, u64) = (3001, 40);
 /// Sample rate of a designed motion's file \[Hz\].
 const FILE_HZ: f64 = 1000.0;
 
-/// The grid's benches and others, of which the last two were not used during development.
+/// The grid's benches and others, of which the last two were not used during development; then a rotary axis.
 fn benches() -> Vec<Bench> {
     let sensors = Sensors { force_noise_n: 1.0, ..Sensors::default() };
     let paper = Inerter::paper();
@@ -70,6 +71,7 @@ fn benches() -> Vec<Bench> {
     ];
     let all = grid::benches(sensors).into_iter().chain(others);
     all.map(|(name, device, sensors)| Bench { name, device, sensors, full_scale: 1.0, machine: Machine::Linear })
+        .chain([axis()])
         .collect()
 }
 
@@ -95,71 +97,45 @@ fn axis() -> Bench {
     }
 }
 
-/// A rig's limits and the goals.
-struct Case {
-    name: &'static str,
-    bench: Bench,
-    limits: Limits,
-    wants: &'static str,
-}
+/// Designs: name, bench, limits of stroke \[m\], speed \[m/s\], force \[N\] and duration \[s\], and goals.
+const CASES: [(&str, usize, [f64; 4], &str); 12] = [
+    ("A: 10 mm, 0.1 m/s, 600 N, 20 s", 0, [0.01, 0.1, 600.0, 20.0], ""),
+    ("B: 8 mm, 0.12 m/s, 3000 N, 20 s", 0, [0.008, 0.12, 3000.0, 20.0], ""),
+    ("C: 5 N of noise, as A", 1, [0.01, 0.1, 600.0, 20.0], ""),
+    ("D: 20 um, as A", 4, [0.01, 0.1, 600.0, 20.0], ""),
+    ("E: 95 kg, 5 mm, 0.05 m/s, 200 N, 10 s", 5, [0.005, 0.05, 200.0, 10.0], ""),
+    ("F: as A, fc to 0.05 N and mt to 0.03 kg in 60 s", 0, [0.01, 0.1, 600.0, 60.0], "fc to 0.05 N, mt to 0.03 kg"),
+    ("G: 5 N of noise, as A, cf to 2 N s/m in 60 s", 1, [0.01, 0.1, 600.0, 60.0], "cf to 2 N s/m"),
+    ("H: preloaded, 4 mm, 0.2 m/s, 1500 N, 15 s", 6, [0.004, 0.2, 1500.0, 15.0], ""),
+    ("I: 700 kg, 12 mm, 0.06 m/s, 900 N, 30 s", 7, [0.012, 0.06, 900.0, 30.0], ""),
+    ("K: 30 kg, 5 mm, 0.1 m/s, 60 N, 25 s", 8, [0.005, 0.1, 60.0, 25.0], ""),
+    ("L: 2000 kg, 15 mm, 0.15 m/s, 5000 N, 30 s", 9, [0.015, 0.15, 5000.0, 30.0], ""),
+    ("J: rotary axis, 2 rad, 30 rad/s, 0.5 N m, 20 s", 10, [2.0, 30.0, 0.5, 20.0], ""),
+];
 
-fn cases() -> Vec<Case> {
-    let all = benches();
-    let limits = |stroke_m, speed_m_per_s, force_n, duration_s| Limits {
-        stroke_m,
-        speed_m_per_s,
-        force_n,
-        duration_s,
-        ..Limits::default()
-    };
-    let case = |name, bench: &Bench, limits, wants| Case { name, bench: *bench, limits, wants };
-    vec![
-        case("A: 10 mm, 0.1 m/s, 600 N, 20 s", &all[0], limits(0.01, 0.1, 600.0, 20.0), ""),
-        case("B: 8 mm, 0.12 m/s, 3000 N, 20 s", &all[0], limits(0.008, 0.12, 3000.0, 20.0), ""),
-        case("C: 5 N of noise, as A", &all[1], limits(0.01, 0.1, 600.0, 20.0), ""),
-        case("D: 20 um, as A", &all[4], limits(0.01, 0.1, 600.0, 20.0), ""),
-        case("E: 95 kg, 5 mm, 0.05 m/s, 200 N, 10 s", &all[5], limits(0.005, 0.05, 200.0, 10.0), ""),
-        case(
-            "F: as A, fc to 0.05 N and mt to 0.03 kg in 60 s",
-            &all[0],
-            limits(0.01, 0.1, 600.0, 60.0),
-            "fc to 0.05 N, mt to 0.03 kg",
-        ),
-        case("G: 5 N of noise, as A, cf to 2 N s/m in 60 s", &all[1], limits(0.01, 0.1, 600.0, 60.0), "cf to 2 N s/m"),
-        case("H: preloaded, 4 mm, 0.2 m/s, 1500 N, 15 s", &all[6], limits(0.004, 0.2, 1500.0, 15.0), ""),
-        case("I: 700 kg, 12 mm, 0.06 m/s, 900 N, 30 s", &all[7], limits(0.012, 0.06, 900.0, 30.0), ""),
-        case("K: 30 kg, 5 mm, 0.1 m/s, 60 N, 25 s", &all[8], limits(0.005, 0.1, 60.0, 25.0), ""),
-        case("L: 2000 kg, 15 mm, 0.15 m/s, 5000 N, 30 s", &all[9], limits(0.015, 0.15, 5000.0, 30.0), ""),
-        case("J: rotary axis, 2 rad, 30 rad/s, 0.5 N m, 20 s", &axis(), limits(2.0, 30.0, 0.5, 20.0), ""),
-    ]
-}
-
-/// How often a result is within the limit of its prediction.
-#[derive(Clone, Copy)]
-struct Tally {
-    within: u32,
-    all: u32,
-    /// Ratio of result to prediction that is farthest from 1.
-    farthest: f64,
-}
+/// Ratios of results to their predictions.
+#[derive(Default)]
+struct Tally(Vec<f64>);
 
 impl Tally {
-    const NONE: Self = Self { within: 0, all: 0, farthest: 1.0 };
-
-    /// Adds one pair. Returns the ratio, in bold if it is beyond the limit.
-    fn add(&mut self, predicted: f64, reached: f64) -> String {
-        let ratio = reached / predicted;
-        let is_within = (ratio - 1.0).abs() <= WITHIN;
-        self.all += 1;
-        self.within += u32::from(is_within);
-        if ratio.ln().abs() > self.farthest.ln().abs() {
-            self.farthest = ratio;
-        }
-        if is_within { format!("{ratio:.2}") } else { format!("**{ratio:.2}**") }
+    fn is_within(ratio: f64) -> bool {
+        (ratio - 1.0).abs() <= WITHIN
     }
 
+    /// Adds a prediction and its result. Returns the ratio, in bold if it is beyond the limit.
+    fn add(&mut self, (predicted, reached): (f64, f64)) -> String {
+        let ratio = reached / predicted;
+        self.0.push(ratio);
+        if Self::is_within(ratio) { format!("{ratio:.2}") } else { format!("**{ratio:.2}**") }
+    }
+
+    /// How many are within the limit, and the ratio that is farthest from 1.
     fn text(&self) -> String {
-        format!("{} of {} (farthest {:.2})", self.within, self.all, self.farthest)
+        let within = self.0.iter().filter(|ratio| Self::is_within(**ratio)).count();
+        let farthest = self.0.iter().fold(1.0_f64, |farthest, ratio| {
+            if ratio.ln().abs() > farthest.ln().abs() { *ratio } else { farthest }
+        });
+        format!("{within} of {} (farthest {farthest:.2})", self.0.len())
     }
 }
 
@@ -180,14 +156,13 @@ fn rows(name: &str, prediction: &Prediction, reached: &[Reached; 3], tallies: &m
         let mut cells = vec![name.to_string(), parameter.to_string()];
         let given = reached.given as f64 / seeds as f64;
         if predicted.is_given() && given >= 0.5 {
-            let mut tallies = tallies.iter_mut();
-            let [by_theory, of_u_a, of_scatter, of_u95] = [
+            let pairs = [
                 (predicted.theory_u_a, reached.u_a),
                 (predicted.u_a(), reached.u_a),
                 (predicted.scatter, reached.scatter),
                 (predicted.u95(), reached.u95),
-            ]
-            .map(|(predicted, reached)| tallies.next().map_or_else(String::new, |tally| tally.add(predicted, reached)));
+            ];
+            let [by_theory, of_u_a, of_scatter, of_u95] = from_fn(|i| tallies[i].add(pairs[i]));
             cells.extend([predicted.theory_u_a, predicted.u_a(), reached.u_a].map(figure));
             cells.extend([by_theory, of_u_a]);
             cells.extend([figure(predicted.scatter), figure(reached.scatter), of_scatter]);
@@ -206,12 +181,12 @@ const HEAD: &str = "| motion | parameter | u_a by theory | with residual | state
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 ";
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("plan", words)?;
+pub fn measure(_: Asked) -> Measured {
     let (first, seeds) = SEEDS;
-    let (mut fixed, mut designed) = ([Tally::NONE; 4], [Tally::NONE; 4]);
+    let benches = benches();
+    let (mut fixed, mut designed) = (Tallies::default(), Tallies::default());
     let mut body = String::new();
-    for bench in benches() {
+    for bench in benches.iter().filter(|bench| bench.machine == Machine::Linear) {
         body += &format!("\n## Fixed motions: {}\n\n{HEAD}", bench.name);
         for motion in MOTIONS.iter().filter(|motion| !motion.is_slow() || bench.sensors.sample_rate_hz < 1500.0) {
             eprintln!("{}: {}", bench.name, motion.name);
@@ -223,19 +198,20 @@ pub fn run(words: &[&str]) -> Result<bool, Error> {
     }
     body += &format!("\n## Designed motions\n\n{HEAD}");
     let (mut made, mut beside) = (String::new(), String::new());
-    for case in cases() {
-        eprintln!("{}", case.name);
-        let Case { name, bench, limits, wants } = &case;
+    for (name, bench, [stroke_m, speed_m_per_s, force_n, duration_s], wants) in CASES {
+        eprintln!("{name}");
+        let bench = &benches[bench];
+        let limits = Limits { stroke_m, speed_m_per_s, force_n, duration_s, ..Limits::default() };
         let expected = bench.expected();
         let wanted = if wants.is_empty() { Vec::new() } else { wants::parse(wants, Machine::Linear, expected.law())? };
-        let plan = design(&expected, *limits, &wanted, |_| ())?;
+        let plan = design(&expected, limits, &wanted, |_| ())?;
         let written = as_written(&plan.motion(), FILE_HZ)?;
         let reached = bench.reached(&written, plan.duration_s(), first, seeds)?;
         let letter = name.get(..1).unwrap_or_default();
         body += &rows(letter, &plan.prediction, &reached, &mut designed);
         made += &format!("- {name}: {}\n", description(&plan, bench.machine));
         if wanted.is_empty() {
-            beside += &compared(&case, &plan, &reached)?;
+            beside += &compared(name, bench, Limits { duration_s: plan.duration_s(), ..limits }, &reached)?;
         }
     }
     let [fixed, designed] = [fixed, designed].map(|tallies| tallies.map(|tally| tally.text()).join(" | "));
@@ -271,8 +247,7 @@ fixed motion over that of the design, which has to be good at all three at once;
         BESIDE.1,
         BESIDE.0,
     );
-    print!("{text}");
-    sheet::conclude("plan", &text, 2, asked)
+    Ok((text, true))
 }
 
 /// The parts of a design, and which of its goals it reaches.
@@ -287,27 +262,28 @@ fn description(plan: &Plan, machine: Machine) -> String {
     parts.join(", ") + &reached.collect::<String>()
 }
 
-/// Compares the design with the fixed motions under the same limits.
-fn compared(case: &Case, plan: &Plan, reached: &[Reached; 3]) -> Result<String, Error> {
+/// Compares a design, which has reached this, with the fixed motions under the same limits.
+fn compared(name: &str, bench: &Bench, limits: Limits, reached: &[Reached; 3]) -> Result<String> {
     let (first, seeds) = BESIDE;
-    let limits = Limits { duration_s: plan.duration_s(), ..case.limits };
-    let line = |name: &str, u95: [f64; 3], given: usize| {
-        sheet::row(&[name], u95.map(figure).into_iter().chain([given.to_string()]))
+    let line = |name: &str, found: &[Reached; 3]| {
+        let given = found.iter().map(|found| found.given).min().unwrap_or(0);
+        sheet::row(&[name], found.map(|found| figure(found.u95)).into_iter().chain([given.to_string()]))
     };
     let mut text = format!(
-        "### {}\n\n| motion | {} | {} | {} | runs with a value |\n|---|--:|--:|--:|--:|\n",
-        case.name, NAMES[0], NAMES[1], NAMES[2]
+        "### {name}\n\n| motion | {} | {} | {} | runs with a value |\n|---|--:|--:|--:|--:|\n",
+        NAMES[0], NAMES[1], NAMES[2]
     );
     let own = reached.map(|reached| reached.u95);
-    text += &line("designed", own, reached.iter().map(|reached| reached.given).min().unwrap_or(0));
+    text += &line("designed", reached);
     let (mut best, mut together) = ([f64::INFINITY; 3], f64::INFINITY);
     for Motion { name, .. } in &MOTIONS {
-        let large = case.bench.enlarged(&Excitation::parse(name, 1)?, &limits)?;
-        let found = case.bench.reached(&large, limits.duration_s, first, seeds)?;
-        let u95 = found.map(|found| if found.given == 0 { f64::INFINITY } else { found.u95 });
-        best.iter_mut().zip(u95).for_each(|(best, u95)| *best = best.min(u95));
+        let large = bench.enlarged(&Excitation::parse(name, 1)?, &limits)?;
+        let found = bench.reached(&large, limits.duration_s, first, seeds)?;
+        // Without a value it is not a number, which no minimum takes.
+        let u95 = found.map(|found| found.u95);
+        best = from_fn(|i| best[i].min(u95[i]));
         together = together.min(u95.iter().product());
-        text += &line(name, u95, found.iter().map(|found| found.given).min().unwrap_or(0));
+        text += &line(name, &found);
     }
     let ratios: Vec<String> = best.iter().zip(own).map(|(best, own)| format!("{:.1}", best / own)).collect();
     let together = (together / own.iter().product::<f64>()).cbrt();

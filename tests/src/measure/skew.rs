@@ -2,11 +2,11 @@
 
 use inerter_analysis::skew::{Skew, SkewError};
 use inerter_tests::{
-    grid::{Error, each},
-    sheet::{self, significant},
+    grid::{Column, Result, each},
+    sheet::{Asked, Measured, by_width, significant},
     skew::{Case, Found, drawn},
 };
-use std::ops::RangeInclusive;
+use std::{collections::BTreeSet, ops::RangeInclusive};
 
 /// Seeds of the machines that determined the thresholds.
 const SETTING: RangeInclusive<u64> = 1..=300;
@@ -25,7 +25,7 @@ struct Told {
     residual: Option<[f64; 2]>,
 }
 
-fn told(seed: u64) -> Result<Told, Error> {
+fn told(seed: u64) -> Result<Told> {
     let case = drawn(seed)?;
     let Found { skew, .. } = case.found()?;
     let Case { device, motion, .. } = case;
@@ -43,13 +43,12 @@ fn told(seed: u64) -> Result<Told, Error> {
     Ok(Told { device, motion, skew, residual })
 }
 
-/// Number of skews reported, number covered, root mean square of error over half width, and median half width \[s\].
-fn counted(all: &[&Told]) -> (usize, usize, f64, f64) {
-    sheet::counted(all.iter().filter_map(|one| one.skew.ok()))
+/// The skews that are reported, and their median half width \[s\].
+fn counted<'a>(all: impl Iterator<Item = &'a Told>) -> (Column, f64) {
+    by_width(all.filter_map(|one| one.skew.ok()))
 }
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
-    let asked = sheet::asked("skew", words)?;
+pub fn measure(_: Asked) -> Measured {
     let judging = each(JUDGING, told)?;
     let mut text = format!(
         "# Skews
@@ -64,19 +63,22 @@ Each run has 20 s of motion, and its settings do not state the delay. *Told*: a 
         JUDGING.start(),
         JUDGING.end()
     );
-    let names = |of: fn(&Told) -> &'static str| {
-        let mut names: Vec<&str> = judging.iter().map(of).collect();
-        names.sort_unstable();
-        names.dedup();
-        names.into_iter().map(move |name| (name, of)).collect::<Vec<_>>()
-    };
-    for (name, of) in names(|one| one.device).into_iter().chain(names(|one| one.motion)) {
-        let those: Vec<&Told> = judging.iter().filter(|one| of(one) == name).collect();
-        let (told, held, rms, u95_s) = counted(&those);
-        text += &format!("| {name} | {} | {told} | {held} | {rms:.2} | {} |\n", those.len(), significant(1e6 * u95_s));
+    let kinds: [fn(&Told) -> &'static str; 2] = [|one| one.device, |one| one.motion];
+    for kind in kinds {
+        for name in judging.iter().map(kind).collect::<BTreeSet<_>>() {
+            let those = judging.iter().filter(|one| kind(one) == name);
+            let (told, u95_s) = counted(those.clone());
+            text += &format!(
+                "| {name} | {} | {} | {} | {:.2} | {} |\n",
+                those.count(),
+                told.given,
+                told.covered(),
+                told.rms,
+                significant(1e6 * u95_s)
+            );
+        }
     }
-    let all: Vec<&Told> = judging.iter().collect();
-    let (told, held, rms, _) = counted(&all);
+    let (told, _) = counted(judging.iter());
     let refused = |why: &str| judging.iter().filter(|one| one.skew.err() == Some(why)).count();
     let [before, after] = [0, 1].map(|place| {
         let mut residuals: Vec<f64> = judging.iter().filter_map(|one| Some(one.residual?[place])).collect();
@@ -84,17 +86,23 @@ Each run has 20 s of motion, and its settings do not state the delay. *Told*: a 
         residuals[residuals.len() / 2]
     });
     let setting = each(SETTING, self::told)?;
-    let (set_told, set_held, set_rms, _) = counted(&setting.iter().collect::<Vec<_>>());
+    let (set, _) = counted(setting.iter());
     text += &format!(
         "
-Of {} machines {told} get a skew, and {held} intervals hold it ({:.1} %, rms {rms:.2}); of those that set the thresholds, seeds {} to {}, {set_held} of {set_told} (rms {set_rms:.2}).
+Of {} machines {} get a skew, and {} intervals hold it ({:.1} %, rms {:.2}); of those that set the thresholds, seeds {} to {}, {} of {} (rms {:.2}).
 The median of what the law leaves over falls from {:.1} to {:.1} % of the force. The others get none: {} for too little motion that does not count as rest (strokes shorter than the kernel, or friction that holds the screw),
 {} for noise, {} as a single tone, and {} as a delay beyond 5 ms, which none of them has.
 ",
         judging.len(),
-        100.0 * held as f64 / told.max(1) as f64,
+        told.given,
+        told.covered(),
+        100.0 * told.covered() as f64 / told.given.max(1) as f64,
+        told.rms,
         SETTING.start(),
         SETTING.end(),
+        set.covered(),
+        set.given,
+        set.rms,
         100.0 * before,
         100.0 * after,
         refused("too little motion"),
@@ -102,6 +110,5 @@ The median of what the law leaves over falls from {:.1} to {:.1} % of the force.
         refused("single tone"),
         refused("beyond 5 ms") + refused("wrong way"),
     );
-    print!("{text}");
-    Ok(sheet::conclude("skew", &text, 1, asked)? && held as f64 >= LEAST_HELD * told as f64)
+    Ok((text, told.covered() as f64 >= LEAST_HELD * told.given as f64))
 }

@@ -10,10 +10,10 @@ use inerter_tests::{
     coverage::stated_true,
     data::{Recording, replayed},
     defects::draw::Draw,
-    grid::{Error, calibrated, error, four, raw, sensors, shaken, three, truth},
+    grid::{Result, calibrated, error, four, raw, rms, sensors, shaken, three, truth},
     sheet::{self, Asked, line, row, significant},
     sums::SEPARABLE,
-    updates::{fit, left, rms, rows},
+    updates::{fit, left, rows},
 };
 use serde_json::{Value, json};
 use std::{fs, path::Path};
@@ -29,7 +29,7 @@ const PARTS: usize = 3;
 /// The authors' own results for the EMPS record, by zero-phase least squares: mt, cf, fc.
 const EMPS: [f64; 3] = [95.1089, 203.5034, 20.3935];
 
-pub fn run(words: &[&str]) -> Result<bool, Error> {
+pub fn run(words: &[&str]) -> Result<bool> {
     match words {
         ["--data", folder] => write_data(Path::new(folder)).map(|()| true),
         ["--rivals", folder] => table(Path::new(folder), Asked::Compare),
@@ -47,7 +47,7 @@ struct Data {
 }
 
 /// The simulated runs, and the EMPS record if it is available.
-fn data() -> Result<Vec<Data>, Error> {
+fn data() -> Result<Vec<Data>> {
     // The other methods have no structure mass.
     let device = Inerter { structure_mass_kg: 0.0, ..Inerter::paper() };
     let mut all = Vec::new();
@@ -65,7 +65,7 @@ fn data() -> Result<Vec<Data>, Error> {
     Ok(all)
 }
 
-fn write_data(folder: &Path) -> Result<(), Error> {
+fn write_data(folder: &Path) -> Result<()> {
     let mut list = Vec::new();
     for Data { name, run, noise_n, .. } in data()? {
         let settings = &run.settings;
@@ -104,7 +104,7 @@ fn interval(parameter: &Parameter) -> String {
     }
 }
 
-fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
+fn table(folder: &Path, asked: Asked) -> Result<bool> {
     let mut text = String::from(
         "# Validation
 
@@ -113,8 +113,7 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     );
     text += &methods(folder)?;
     text += &another_plant(folder)?;
-    if let Some(run) = Recording::Emps.run(1) {
-        let run = run?;
+    if let Some(run) = Recording::Emps.run(1).transpose()? {
         text += &prediction(&run)?;
         text += &bootstrap(&run)?;
     }
@@ -123,14 +122,14 @@ fn table(folder: &Path, asked: Asked) -> Result<bool, Error> {
     sheet::conclude("validation", &text, 2, asked)
 }
 
-fn read(folder: &Path, name: &str) -> Result<Vec<Value>, Error> {
+fn read(folder: &Path, name: &str) -> Result<Vec<Value>> {
     let path = folder.join(name);
     let text = fs::read_to_string(&path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
     Ok(serde_json::from_str(&text)?)
 }
 
 /// The same data analysed with other methods.
-fn methods(folder: &Path) -> Result<String, Error> {
+fn methods(folder: &Path) -> Result<String> {
     let rivals = read(folder, "rivals.json")?;
     let mut text = String::from(
         "
@@ -151,12 +150,11 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
                 Some((value, u95)) => format!("{} +- {}", sheet::mean(value, u95), significant(u95)),
                 None => "-".into(),
             });
-            let off = pairs.iter().zip(truth).map(|(pair, truth)| match pair {
-                Some((value, u95)) => format!("{:.1}", (value - truth).abs() / u95),
+            let off = [0, 1, 2].map(|i| match pairs[i] {
+                Some((value, u95)) => format!("{:.1}", (value - truth[i]).abs() / u95),
                 None => "-".into(),
             });
-            let off = off.collect::<Vec<_>>().join(", ");
-            text += &row(&[name, method], shown.into_iter().chain([off]));
+            text += &row(&[name, method], shown.into_iter().chain([off.join(", ")]));
         };
         add("`inerter replay`", pairs);
         for rival in rivals.iter().filter(|rival| rival["name"] == name) {
@@ -169,7 +167,7 @@ Value +- half width of the 95 % interval that each method states itself. *off*: 
 }
 
 /// Verdict on the runs of the plant written in Python.
-fn another_plant(folder: &Path) -> Result<String, Error> {
+fn another_plant(folder: &Path) -> Result<String> {
     let rows = read(folder, "plant.json")?;
     let mut text = String::from(
         "
@@ -195,7 +193,7 @@ word that names the defect, with `assumes` alone, or with none; *device*: silent
 }
 
 /// The force of each half of the EMPS record, predicted from the other half.
-fn prediction(run: &Run) -> Result<String, Error> {
+fn prediction(run: &Run) -> Result<String> {
     let mut text = String::from(
         "
 ## Half of the EMPS record by the other half
@@ -211,25 +209,25 @@ estimator's kernels, all updates. *apart*: distance between the halves' paramete
     let halves = [part(run, 0, middle), part(run, middle, run.samples.len())];
     let outcomes = [replayed(&halves[0])?, replayed(&halves[1])?];
     let found = outcomes.each_ref().map(|outcome| three(&outcome.estimate.whole_run));
-    let apart = (0..3).map(|i| {
-        let both = f64::from(found[0][i].u95()).hypot(f64::from(found[1][i].u95()));
-        format!("{:.1}", (value(&found[0][i]) - value(&found[1][i])).abs() / both)
+    let apart = [0, 1, 2].map(|i| {
+        let [first, second] = found.map(|found| found[i]);
+        let both = f64::from(first.u95()).hypot(f64::from(second.u95()));
+        format!("{:.1}", (value(&first) - value(&second)).abs() / both)
     });
-    let apart = apart.collect::<Vec<_>>().join(", ");
     for (place, (half, name)) in halves.iter().zip(["first", "second"]).enumerate() {
         let rows = rows(&half.settings, &half.samples, Bank::Fast)?;
         let own = fit(rows.iter().copied(), SEPARABLE).ok_or("a half that shows nothing")?;
         let other = values(&outcomes[1 - place], &half.settings);
         let of = |values: &[f64; 4]| significant(rms(rows.iter().map(|row| left(values, row))));
         let shown = found[place].map(|parameter| interval(&parameter));
-        let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.clone()];
+        let figures = [of(&other), of(&own), significant(rms(rows.iter().map(|row| row[4]))), apart.join(", ")];
         text += &row(&[name], shown.into_iter().chain(figures));
     }
     Ok(text)
 }
 
 /// The scatter of the EMPS parameters over resampled residuals.
-fn bootstrap(run: &Run) -> Result<String, Error> {
+fn bootstrap(run: &Run) -> Result<String> {
     let outcome = replayed(run)?;
     let rows = rows(&run.settings, &run.samples, Bank::Fast)?;
     let values = fit(rows.iter().copied(), SEPARABLE).ok_or("a record that shows nothing")?;
@@ -254,14 +252,12 @@ of its budget), and with the law's misfit, and altogether.
         let mut fits: Vec<[f64; 4]> = Vec::new();
         for _ in 0..RESAMPLED {
             let mut resampled = rows.clone();
-            let mut place = 0;
-            while place < rows.len() {
-                let from = (random.unit() * rows.len() as f64) as usize;
-                for k in 0..block.min(rows.len() - place) {
-                    let row = &rows[place + k];
-                    resampled[place + k][4] = row[4] - residuals[place + k] + residuals[(from + k) % rows.len()];
+            for (rows, own) in resampled.chunks_mut(block).zip(residuals.chunks(block)) {
+                let from = (random.unit() * residuals.len() as f64) as usize;
+                let others = residuals[from..].iter().chain(&residuals);
+                for ((row, own), other) in rows.iter_mut().zip(own).zip(others) {
+                    row[4] = row[4] - own + other;
                 }
-                place += block;
             }
             fits.extend(fit(resampled.into_iter(), SEPARABLE));
         }
@@ -288,7 +284,7 @@ of its budget), and with the law's misfit, and altogether.
 }
 
 /// Parts of the Lodz recordings compared with their intervals.
-fn scatter() -> Result<String, Error> {
+fn scatter() -> Result<String> {
     let mut text = format!(
         "
 ## Scatter of the Lodz recordings
@@ -300,8 +296,7 @@ Each recording in {PARTS} parts of the same length, one after the other; each pa
 "
     );
     for (recording, name) in [(Recording::LodzSymmetric, "r0"), (Recording::LodzAsymmetric, "r16")] {
-        let Some(run) = recording.run(1) else { continue };
-        let run = run?;
+        let Some(run) = recording.run(1).transpose()? else { continue };
         let whole = three(&replayed(&run)?.estimate.whole_run);
         let length = run.samples.len() / PARTS;
         let parts = (0..PARTS).map(|place| part(&run, place * length, (place + 1) * length));

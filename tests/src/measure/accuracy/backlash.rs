@@ -3,8 +3,7 @@
 use inerter_plant::Inerter;
 use inerter_tests::{
     backlash::{self, BACKLASHES_M, Cell, goal, sensed_goal},
-    coverage,
-    grid::{self, Column, Error, Instruments, MOTIONS, Motion},
+    grid::{self, Column, Instruments, MOTIONS, Motion, Result},
     sheet::{line, mean, significant},
 };
 
@@ -21,121 +20,94 @@ pub struct Section {
     pub holds: bool,
 }
 
-struct Row {
-    motion: &'static Motion,
-    backlash_m: f64,
-    cell: Cell,
-}
-
 /// Measures every backlash in every motion on this rig.
-pub fn section(rig: &Instruments, seeds: u64) -> Result<Section, Error> {
+pub fn section(rig: &Instruments, seeds: u64) -> Result<Section> {
     eprintln!("{}: backlash", rig.name);
-    let mut rows = Vec::new();
-    for motion in &MOTIONS {
-        for backlash_m in BACKLASHES_M {
-            let device = Inerter { backlash_m, ..Inerter::paper() };
-            let run = |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed);
-            let runs = grid::each(1..=seeds, run)?;
-            rows.push(Row { motion, backlash_m, cell: backlash::cell(&device, &runs) });
-        }
-    }
-    let mut text = format!(
-        "\n## Backlash by the force alone, {0}\n\n{FORCE_HEAD}\n|---|--:|--:|--:|---|---|--:|--:|--:|\n",
+    let mut by_force = format!(
+        "
+## Backlash by the force alone, {}
+
+| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong |
+|---|--:|--:|--:|---|---|--:|--:|--:|
+",
         rig.name
     );
-    for row in &rows {
-        text += &line(row.cells(&row.cell.force, row.goal()));
-    }
-    text += &format!(
-        "\n## Backlash and contact with the terminal's sensor, {}\n\n{SENSED_HEAD}\n|---|--:|--:|--:|---|---|--:|--:|--:|--:|--:|--:|--:|\n",
+    let mut by_sensor = format!(
+        "
+## Backlash and contact with the terminal's sensor, {}
+
+| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |
+|---|--:|--:|--:|---|---|--:|--:|--:|--:|--:|--:|--:|
+",
         rig.name
     );
-    for row in &rows {
-        let mut cells = row.cells(&row.cell.sensed, row.sensed_goal());
-        for Column { bias, sigma, .. } in [row.cell.stiffness, row.cell.damping] {
+    let (mut given, mut wrong, mut holds) = (0_usize, 0, true);
+    let mut misses = Vec::new();
+    for (motion, backlash_m) in MOTIONS.iter().flat_map(|motion| BACKLASHES_M.map(|backlash_m| (motion, backlash_m))) {
+        let device = Inerter { backlash_m, ..Inerter::paper() };
+        let runs = grid::each(1..=seeds, |seed| backlash::run(&device, motion.name, motion.duration_s, rig, seed))?;
+        let Cell { force, sensed, stiffness, damping } = backlash::cell(&device, &runs);
+        let (bias, sigma, up_to_m) = goal(motion.name);
+        // Widths are round numbers of micrometres.
+        let by_force_alone = (backlash_m < up_to_m + 1e-9).then_some((bias, sigma));
+        let with_sensor = Some((sensed_goal(motion.name), sensed_goal(motion.name)));
+        by_force += &line(cells(motion, backlash_m, &force, by_force_alone));
+        let mut cells = cells(motion, backlash_m, &sensed, with_sensor);
+        for Column { bias, sigma, .. } in [stiffness, damping] {
             cells.extend([mean(100.0 * bias, 100.0 * sigma), significant(100.0 * sigma)]);
         }
-        text += &line(cells);
-    }
-    let (given, wrong) = rows
-        .iter()
-        .flat_map(|row| [row.cell.force, row.cell.sensed])
-        .fold((0, 0), |(given, wrong), c| (given + c.given, wrong + c.wrong));
-    let part_wrong = wrong as f64 / given.max(1) as f64;
-    text += &format!(
-        "\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most {} % is wanted.\n",
-        100.0 * part_wrong,
-        100.0 * MOST_WRONG
-    );
-    let mut misses = Vec::new();
-    let mut holds = part_wrong <= MOST_WRONG;
-    if !holds {
-        eprintln!("{}, backlash: {wrong} of {given} values outside of their interval", rig.name);
-    }
-    for row in &rows {
-        for (route, column, goal) in
-            [("force", &row.cell.force, row.goal()), ("sensor", &row.cell.sensed, row.sensed_goal())]
-        {
-            let name =
-                format!("{}, {}, backlash {} um by the {route}", rig.name, row.motion.name, row.backlash_m * MICRO);
-            misses.extend(missed(column, goal).map(|what| format!("{name}: {what}")));
-            let (given, covered) = (column.given as u64, (column.given - column.wrong) as u64);
-            if (coverage::Cell { given, covered, ..Default::default() }).is_low() {
-                eprintln!("{name}: {} of {} values outside of their interval", column.wrong, column.given);
+        by_sensor += &line(cells);
+        let name = format!("{}, {}, backlash {} um", rig.name, motion.name, backlash_m * MICRO);
+        for (route, column, goal) in [("force", force, by_force_alone), ("sensor", sensed, with_sensor)] {
+            given += column.given;
+            wrong += column.wrong;
+            misses.extend(missed(&column, goal).map(|what| format!("{name} by the {route}: {what}")));
+            if column.is_low() {
+                let Column { wrong, given, .. } = column;
+                eprintln!("{name} by the {route}: {wrong} of {given} values outside of their interval");
                 holds = false;
             }
         }
-        let stiffness = row.cell.stiffness;
         let known = stiffness.bias.abs().max(stiffness.sigma) <= STIFFNESS_GOAL;
-        if !row.motion.is_slow() && !known {
+        if !motion.is_slow() && !known {
             misses.push(format!(
-                "{}, {}, backlash {} um: ks {} %, {} % against {} %",
-                rig.name,
-                row.motion.name,
-                row.backlash_m * MICRO,
+                "{name}: ks {} %, {} % against {} %",
                 significant(100.0 * stiffness.bias),
                 significant(100.0 * stiffness.sigma),
                 100.0 * STIFFNESS_GOAL
             ));
         }
     }
+    let part_wrong = wrong as f64 / given.max(1) as f64;
+    if part_wrong > MOST_WRONG {
+        eprintln!("{}, backlash: {wrong} of {given} values outside of their interval", rig.name);
+        holds = false;
+    }
+    let text = format!(
+        "{by_force}{by_sensor}\nOf {given} values that were given, {wrong} lie farther from the truth than their interval: {:.2} %; at most {} % is wanted.\n",
+        100.0 * part_wrong,
+        100.0 * MOST_WRONG
+    );
     Ok(Section { text, misses, holds })
 }
 
-const FORCE_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong |";
-const SENSED_HEAD: &str = "| motion | backlash um | bias | sigma | goal | reached | U95 | given | wrong | ks % bias | ks % sigma | cs % bias | cs % sigma |";
-
-impl Row {
-    /// Goals for bias and sigma of the backlash from the force alone.
-    fn goal(&self) -> Option<(f64, f64)> {
-        let (bias, sigma, up_to_m) = goal(self.motion.name);
-        // Widths are round numbers of micrometres.
-        (self.backlash_m < up_to_m + 1e-9).then_some((bias, sigma))
-    }
-
-    fn sensed_goal(&self) -> Option<(f64, f64)> {
-        let goal = sensed_goal(self.motion.name);
-        Some((goal, goal))
-    }
-
-    fn cells(&self, column: &Column, goal: Option<(f64, f64)>) -> Vec<String> {
-        let verdict = match (goal, missed(column, goal)) {
-            (None, _) => String::new(),
-            (Some(_), None) => "yes".into(),
-            (Some(_), Some(_)) => "**no**".into(),
-        };
-        vec![
-            self.motion.name.into(),
-            format!("{:.0}", self.backlash_m * MICRO),
-            mean(column.bias * MICRO, column.sigma * MICRO),
-            significant(column.sigma * MICRO),
-            goal.map_or(String::new(), |(bias, sigma)| format!("{:.1}, {:.1}", bias * MICRO, sigma * MICRO)),
-            verdict,
-            significant(column.u95 * MICRO),
-            column.given.to_string(),
-            column.wrong.to_string(),
-        ]
-    }
+fn cells(motion: &Motion, backlash_m: f64, column: &Column, goal: Option<(f64, f64)>) -> Vec<String> {
+    let verdict = match (goal, missed(column, goal)) {
+        (None, _) => "",
+        (Some(_), None) => "yes",
+        (Some(_), Some(_)) => "**no**",
+    };
+    vec![
+        motion.name.into(),
+        format!("{:.0}", backlash_m * MICRO),
+        mean(column.bias * MICRO, column.sigma * MICRO),
+        significant(column.sigma * MICRO),
+        goal.map_or(String::new(), |(bias, sigma)| format!("{:.1}, {:.1}", bias * MICRO, sigma * MICRO)),
+        verdict.into(),
+        significant(column.u95 * MICRO),
+        column.given.to_string(),
+        column.wrong.to_string(),
+    ]
 }
 
 /// Describes by how much a goal is missed.
