@@ -32,10 +32,23 @@ const EXISTING: u128 = (1 << (FIRST_INTERRUPT + INTERRUPTS)) - 1;
 /// The four implemented priority bits.
 const PRIORITY_BITS: u8 = 0xf0;
 
-const SEVONPEND: u32 = 1 << 4;
-/// AIRCR: the key that a write must carry, and the bit that requests a reset.
+registers! { u32:
+    // Requests a reset.
+    AIRCR 0xd0c { SYSRESETREQ 2 },
+    SCR 0xd10 { SEVONPEND 4 },
+    CFSR 0xd28,
+    HFSR 0xd2c,
+    MMFAR 0xd34,
+    BFAR 0xd38,
+    CPACR 0xd88,
+    // Enabled; also enabled in the handlers of NMI and HardFault; default memory map outside the regions.
+    MPU_CTRL 0xd94 { MPU_ENABLE 0, MPU_IN_FAULTS 1, MPU_BACKGROUND 2 },
+    MPU_RNR 0xd98,
+    MPU_RBAR 0xd9c,
+    DEMCR 0xdfc,
+}
+/// AIRCR: the key that a write must carry.
 const VECTKEY: u32 = 0x05fa;
-const SYSRESETREQ: u32 = 1 << 2;
 /// CPACR: full access to the FPU.
 const FPU_ACCESS: u32 = 0xf << 20;
 
@@ -44,24 +57,10 @@ const IPR: u32 = 0x400;
 const IPR_END: u32 = 0x468;
 const SHPR: u32 = 0xd18;
 const SHPR_END: u32 = 0xd24;
-const SCR: u32 = 0xd10;
-const CPACR: u32 = 0xd88;
-const CFSR: u32 = 0xd28;
-const HFSR: u32 = 0xd2c;
-const BFAR: u32 = 0xd38;
-const DEMCR: u32 = 0xdfc;
-const MMFAR: u32 = 0xd34;
-const MPU_CTRL: u32 = 0xd94;
-const MPU_RNR: u32 = 0xd98;
-const MPU_RBAR: u32 = 0xd9c;
 /// End of RASR and of the three aliases of RBAR and RASR.
 const MPU_END: u32 = 0xdbc;
 /// Number of MPU regions (PM0214 4.5).
 const REGIONS: usize = 8;
-/// MPU_CTRL: enabled; also enabled in the handlers of NMI and HardFault; default memory map outside the regions.
-const MPU_ENABLE: u32 = 1 << 0;
-const MPU_IN_FAULTS: u32 = 1 << 1;
-const MPU_BACKGROUND: u32 = 1 << 2;
 
 /// Access that the MPU grants privileged code in an address range (B3.5.9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -465,7 +464,7 @@ impl Nvic {
             0xd00 => 0x410f_c241,
             0xd04 => self.control_state(),
             0xd08 => self.vector_table,
-            0xd0c => 0xfa05_0000 | self.group << 8,
+            AIRCR => 0xfa05_0000 | self.group << 8,
             MPU_RBAR..MPU_END => {
                 let number = self.region();
                 let (base, attributes) = self.regions[number];
@@ -560,7 +559,7 @@ impl Nvic {
                 self.pending &= !(bit(27, PEND_SV) | bit(25, SYS_TICK));
             }
             0xd08 => self.vector_table = value & !0x7f,
-            0xd0c => {
+            AIRCR => {
                 if value >> 16 != VECTKEY {
                     return Err(Unknown { what: "AIRCR written without VECTKEY" });
                 }

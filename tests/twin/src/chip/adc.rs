@@ -71,59 +71,35 @@ const SAMPLING_CLOCKS: [f64; 8] = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.
 /// EXTSEL value of the trigger TIM6_TRGO.
 pub const TRIGGER_TIM6: u32 = 13;
 
-// ISR.
-const ADRDY: u32 = 1 << 0;
-const EOSMP: u32 = 1 << 1;
-const EOC: u32 = 1 << 2;
-const EOS: u32 = 1 << 3;
-const OVR: u32 = 1 << 4;
+registers! { u32:
+    ISR 0x00 { ADRDY 0, EOSMP 1, EOC 2, EOS 3, OVR 4 },
+    IER 0x04,
+    CR 0x08 {
+        ADEN 0, ADDIS 1, ADSTART 2, JADSTART 3, ADSTP 4, JADSTP 5, ADVREGEN 28, DEEPPWD 29, ADCALDIF 30, ADCAL 31
+    },
+    CFGR 0x0C { DMAEN 0, DMACFG 1, CFGR_RESERVED 2, OVRMOD 12, CONT 13, JQDIS 31 },
+    CFGR2 0x10,
+    SMPR1 0x14,
+    SMPR2 0x18,
+    SQR1 0x30,
+    SQR4 0x3C,
+    DR 0x40,
+    OFR1 0x60,
+    OFR4 0x6C,
+    JDR1 0x80,
+    JDR4 0x8C,
+    DIFSEL 0xB0,
+}
+// The common registers of a block.
+registers! { u32:
+    CSR 0x00,
+    CCR 0x08 { VREFEN 22, VSENSESEL 23, VBATSEL 24 },
+}
 const ISR_ALL: u32 = 0x7FF;
-
-// CR.
-const ADEN: u32 = 1 << 0;
-const ADDIS: u32 = 1 << 1;
-const ADSTART: u32 = 1 << 2;
-const JADSTART: u32 = 1 << 3;
-const ADSTP: u32 = 1 << 4;
-const JADSTP: u32 = 1 << 5;
-const ADVREGEN: u32 = 1 << 28;
-const DEEPPWD: u32 = 1 << 29;
-const ADCALDIF: u32 = 1 << 30;
-const ADCAL: u32 = 1 << 31;
-
-// CFGR.
-const DMAEN: u32 = 1 << 0;
-const DMACFG: u32 = 1 << 1;
-const OVRMOD: u32 = 1 << 12;
-const CONT: u32 = 1 << 13;
-const JQDIS: u32 = 1 << 31;
-const CFGR_RESERVED: u32 = 1 << 2;
 /// RES, AUTDLY, ALIGN, DISCEN, JDISCEN, AWD1EN, JAWD1EN, JAUTO.
 const CFGR_NOT_MODELLED: u32 = 3 << 3 | 1 << 14 | 1 << 15 | 1 << 16 | 1 << 20 | 3 << 23 | 1 << 25;
-
-// CCR.
 const DUAL: u32 = 0x1F;
-const VREFEN: u32 = 1 << 22;
-const VSENSESEL: u32 = 1 << 23;
-const VBATSEL: u32 = 1 << 24;
 const CCR_ALL: u32 = 0x01FF_EF1F;
-
-// Offsets of registers.
-const ISR: u32 = 0x00;
-const IER: u32 = 0x04;
-const CR: u32 = 0x08;
-const CFGR: u32 = 0x0C;
-const CFGR2: u32 = 0x10;
-const SMPR1: u32 = 0x14;
-const SMPR2: u32 = 0x18;
-const SQR1: u32 = 0x30;
-const SQR4: u32 = 0x3C;
-const DR: u32 = 0x40;
-const OFR1: u32 = 0x60;
-const OFR4: u32 = 0x6C;
-const JDR1: u32 = 0x80;
-const JDR4: u32 = 0x8C;
-const DIFSEL: u32 = 0xB0;
 
 /// Registers of a converter that are plain storage: offset, reset value, writable bits.
 const STORAGE: [(u32, u32, u32); 20] = [
@@ -857,17 +833,17 @@ impl Adcs {
     fn read_common(&mut self, common: usize, offset: u32) -> Result<u32, Unknown> {
         match offset {
             // Flags of the block's first two converters (master and slave).
-            0x00 => {
+            CSR => {
                 Ok(Self::units_of(common).take(2).enumerate().map(|(n, unit)| self.unit(unit).isr << (16 * n)).sum())
             }
-            0x08 => Ok(self.common[common]),
+            CCR => Ok(self.common[common]),
             _ => Err(Unknown::REGISTER),
         }
     }
 
     fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
         let value = value & CCR_ALL;
-        if offset != 0x08 {
+        if offset != CCR {
             return Err(Unknown::REGISTER);
         }
         refuse_if(value & DUAL != 0, "ADC_CCR.DUAL: only independent mode is modelled")?;

@@ -5,16 +5,14 @@
 use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
-const CR: u32 = 0x00;
-const CFGR: u32 = 0x04;
-const ISR: u32 = 0x08;
-const ICR: u32 = 0x0c;
-
-/// CR: frequency error counter enable.
-const CEN: u32 = 1 << 5;
-/// ISR and ICR: synchronisation OK, and expected synchronisation.
-const SYNCOK: u32 = 1 << 0;
-const ESYNC: u32 = 1 << 3;
+registers! { u32:
+    // Frequency error counter enable.
+    CR 0x00 { CEN 5 },
+    CFGR 0x04,
+    // Synchronisation OK, and expected synchronisation; the same bits in ICR.
+    ISR 0x08 { SYNCOK 0, ESYNC 3 },
+    ICR 0x0c,
+}
 
 /// The CRS registers.
 #[derive(Clone, Debug)]

@@ -22,18 +22,15 @@ const FROM_RAIL_V: f64 = 0.2;
 /// Number of output changes kept. An ADC reads back less than one step.
 const REMEMBERED: usize = 4;
 
-// CR.
-const EN: u32 = 1 << 0;
-const TEN: u32 = 1 << 1;
+registers! { u32:
+    CR 0x00 { EN 0, TEN 1, DMAEN 12, DMAUDRIE 13 },
+    DHR12R1 0x08,
+    DOR1 0x2C,
+    SR 0x34 { DACRDY 11, DMAUDR 13 },
+    MCR 0x3C,
+}
 const TSEL: u32 = 0xF << 2;
-const DMAEN: u32 = 1 << 12;
-const DMAUDRIE: u32 = 1 << 13;
 const CR_KNOWN: u32 = EN | TEN | TSEL | DMAEN | DMAUDRIE;
-
-// SR.
-const DACRDY: u32 = 1 << 11;
-const DMAUDR: u32 = 1 << 13;
-
 /// HFSEL in MCR.
 const HFSEL: u32 = 3 << 14;
 
@@ -138,14 +135,14 @@ impl Dac {
 impl Registers for Dac {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         let word = match offset & !3 {
-            0x00 => self.cr,
-            0x08 => self.holding,
-            0x2C => self.output,
-            0x34 => {
+            CR => self.cr,
+            DHR12R1 => self.holding,
+            DOR1 => self.output,
+            SR => {
                 let ready = if self.cr & EN != 0 { DACRDY } else { 0 };
                 ready | if self.underrun { DMAUDR } else { 0 }
             }
-            0x3C => self.mcr,
+            MCR => self.mcr,
             _ => return Err(Unknown::REGISTER),
         };
         Ok(width.part(word, offset))
@@ -156,10 +153,10 @@ impl Registers for Dac {
             return Err(Unknown::WIDTH);
         }
         match offset {
-            0x00 if value & !CR_KNOWN != 0 => {
+            CR if value & !CR_KNOWN != 0 => {
                 return refuse("DAC_CR: only channel 1 without wave generation and calibration is modelled");
             }
-            0x00 => {
+            CR => {
                 refuse_if(
                     value & EN != 0 && self.hclk_hz > FAST_HZ && self.mcr & HFSEL != 2 << 14,
                     "DAC_MCR.HFSEL is not 2 with the bus clock above 160 MHz",
@@ -174,15 +171,15 @@ impl Registers for Dac {
                     self.put_out(now);
                 }
             }
-            0x08 => {
+            DHR12R1 => {
                 self.holding = value & 0xFFF;
                 if self.cr & (EN | TEN) == EN {
                     self.put_out(now);
                 }
             }
-            0x34 => self.underrun &= value & DMAUDR == 0,
-            0x3C if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
-            0x3C => self.mcr = value,
+            SR => self.underrun &= value & DMAUDR == 0,
+            MCR if value & !HFSEL != 0 => return refuse("DAC_MCR: only normal mode with the buffer is modelled"),
+            MCR => self.mcr = value,
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())

@@ -16,19 +16,17 @@ use crate::{Cycles, Registers, Unknown, Width};
 /// Number of channels of a controller.
 pub const CHANNELS: usize = 8;
 
-// DMA_CCRx.
-const EN: u32 = 1 << 0;
-const TCIE: u32 = 1 << 1;
-const HTIE: u32 = 1 << 2;
-const TEIE: u32 = 1 << 3;
-const DIR: u32 = 1 << 4;
-const CIRC: u32 = 1 << 5;
-const PINC: u32 = 1 << 6;
-const MINC: u32 = 1 << 7;
+// Registers of a channel, by their place in its group.
+registers! { u32:
+    CCR 0x00 { EN 0, TCIE 1, HTIE 2, TEIE 3, DIR 4, CIRC 5, PINC 6, MINC 7, MEM2MEM 14 },
+    CNDTR 0x04,
+    CPAR 0x08,
+    CMAR 0x0C,
+}
+// Fields of CCR.
 const PSIZE: u32 = 3 << 8;
 const MSIZE: u32 = 3 << 10;
 const PL: u32 = 3 << 12;
-const MEM2MEM: u32 = 1 << 14;
 /// Interrupt enables, at the positions of their flags.
 const INTERRUPTS: u32 = TCIE | HTIE | TEIE;
 /// Fields that must not change while the channel is enabled.
@@ -241,10 +239,10 @@ impl Registers for Dma {
             return Ok((0..).zip(&self.channels).map(|(n, it)| nibble(it.flags) << (4 * n)).sum());
         }
         match Self::place(offset).and_then(|(n, register)| self.channels.get(n).zip(Some(register))) {
-            Some((it, 0x00)) => Ok(it.ccr),
-            Some((it, 0x04)) => Ok(it.cndtr),
-            Some((it, 0x08)) => Ok(it.cpar),
-            Some((it, 0x0C)) => Ok(it.cmar),
+            Some((it, CCR)) => Ok(it.ccr),
+            Some((it, CNDTR)) => Ok(it.cndtr),
+            Some((it, CPAR)) => Ok(it.cpar),
+            Some((it, CMAR)) => Ok(it.cmar),
             _ => Err(Unknown::REGISTER),
         }
     }
@@ -267,7 +265,7 @@ impl Registers for Dma {
         let (it, register) = Self::place(offset)
             .and_then(|(n, register)| self.channels.get_mut(n).zip(Some(register)))
             .ok_or(Unknown::REGISTER)?;
-        if register == 0x00 {
+        if register == CCR {
             let value = value & CCR_ALL;
             refuse_if(
                 it.is_enabled() && value & EN != 0 && (it.ccr ^ value) & FIXED != 0,
@@ -282,9 +280,9 @@ impl Registers for Dma {
         }
         refuse_if(it.is_enabled(), "DMA_CNDTR, CPAR or CMAR: written while the channel is enabled")?;
         match register {
-            0x04 => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
-            0x08 => it.cpar = value,
-            0x0C => it.cmar = value,
+            CNDTR => (it.cndtr, it.lap) = (value & 0xFFFF, value & 0xFFFF),
+            CPAR => it.cpar = value,
+            CMAR => it.cmar = value,
             _ => return Err(Unknown::REGISTER),
         }
         Ok(())

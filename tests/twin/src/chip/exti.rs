@@ -6,14 +6,16 @@
 use crate::registers::peek;
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
-const IMR1: u32 = 0x00;
-const EMR1: u32 = 0x04;
-const RTSR1: u32 = 0x08;
-const FTSR1: u32 = 0x0c;
-const SWIER1: u32 = 0x10;
-const PR1: u32 = 0x14;
-const IMR2: u32 = 0x20;
-const EMR2: u32 = 0x24;
+registers! { u32:
+    IMR1 0x00,
+    EMR1 0x04,
+    RTSR1 0x08,
+    FTSR1 0x0c,
+    SWIER1 0x10,
+    PR1 0x14,
+    IMR2 0x20,
+    EMR2 0x24,
+}
 
 /// The controller.
 #[derive(Clone, Debug)]

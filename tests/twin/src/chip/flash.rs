@@ -49,53 +49,31 @@ pub struct Access {
 const PROGRAM_S: f64 = 85e-6;
 const ERASE_S: f64 = 22e-3;
 
-const ACR: u32 = 0x00;
-const KEYR: u32 = 0x08;
-const OPTKEYR: u32 = 0x0c;
-const SR: u32 = 0x10;
-const CR: u32 = 0x14;
-const ECCR: u32 = 0x18;
-const OPTR: u32 = 0x20;
+registers! { u32:
+    // Instruction cache enable, data cache enable, data cache reset.
+    ACR 0x00 { ICEN 9, DCEN 10, DCRST 12 },
+    KEYR 0x08,
+    OPTKEYR 0x0c,
+    SR 0x10 { EOP 0, OPERR 1, PROGERR 3, PGAERR 5, SIZERR 6, PGSERR 7, BSY 16 },
+    CR 0x14 { PG 0, PER 1, BKER 11, STRT 16, OPTSTRT 17, EOPIE 24, ERRIE 25, OBL_LAUNCH 27, OPTLOCK 30, LOCK 31 },
+    // The failing double word is in bank 2; interrupt enable; a double-bit error, which cannot be corrected.
+    ECCR 0x18 { BK_ECC 21, ECCIE 24, ECCD 31 },
+    // Dual-bank mode.
+    OPTR 0x20 { DBANK 22 },
+}
 /// OPTR: reserved bits, which keep their factory value.
 const OPTR_RESERVED: u32 = 0x8020_8800;
 
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 
-/// OPTR: dual-bank mode.
-const DBANK: u32 = 1 << 22;
-/// ACR: instruction cache enable, data cache enable, data cache reset.
-const ICEN: u32 = 1 << 9;
-const DCEN: u32 = 1 << 10;
-const DCRST: u32 = 1 << 12;
-const EOP: u32 = 1 << 0;
-const OPERR: u32 = 1 << 1;
-const PROGERR: u32 = 1 << 3;
-const PGAERR: u32 = 1 << 5;
-const SIZERR: u32 = 1 << 6;
-const PGSERR: u32 = 1 << 7;
 /// Flags of SR that block programming and erasing while set.
 const ERRORS: u32 = 0x3f8;
-const BSY: u32 = 1 << 16;
-const PG: u32 = 1 << 0;
-const PER: u32 = 1 << 1;
-const BKER: u32 = 1 << 11;
-const STRT: u32 = 1 << 16;
-const OPTSTRT: u32 = 1 << 17;
-const EOPIE: u32 = 1 << 24;
-const ERRIE: u32 = 1 << 25;
-const OBL_LAUNCH: u32 = 1 << 27;
-const OPTLOCK: u32 = 1 << 30;
-const LOCK: u32 = 1 << 31;
 /// CR: PG, PER, PNB, BKER and the interrupt enables. The other bits start an operation or have no model.
 const CR_KEPT: u32 = PG | PER | 0x7f << 3 | BKER | EOPIE | ERRIE;
 const CR_UNKNOWN: u32 = 1 << 2 | 1 << 15 | 1 << 18 | 3 << 28;
-/// ECCR: the failing double word is in bank 2. ECCD below flags a double-bit error, which cannot be corrected.
-const BK_ECC: u32 = 1 << 21;
 /// ECCR: address, bank, system flash.
 const ECC_PLACE: u32 = 0x7_ffff | BK_ECC | 1 << 22;
-const ECCIE: u32 = 1 << 24;
-const ECCD: u32 = 1 << 31;
 
 /// Factory option bytes: dual-bank, brown-out level 0, no protection.
 pub const OPTIONS_DELIVERED: u32 = 0xffef_f8aa;

@@ -6,16 +6,18 @@
 use crate::registers::{peek, refuse};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
-const MODER: u32 = 0x00;
-const OTYPER: u32 = 0x04;
-const OSPEEDR: u32 = 0x08;
-const PUPDR: u32 = 0x0c;
-const IDR: u32 = 0x10;
-const ODR: u32 = 0x14;
-const BSRR: u32 = 0x18;
-const AFRL: u32 = 0x20;
-const AFRH: u32 = 0x24;
-const BRR: u32 = 0x28;
+registers! { u32:
+    MODER 0x00,
+    OTYPER 0x04,
+    OSPEEDR 0x08,
+    PUPDR 0x0c,
+    IDR 0x10,
+    ODR 0x14,
+    BSRR 0x18,
+    AFRL 0x20,
+    AFRH 0x24,
+    BRR 0x28,
+}
 
 /// The mode of a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

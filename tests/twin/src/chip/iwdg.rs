@@ -7,11 +7,13 @@ use super::rcc::LSI_HZ;
 use crate::registers::refuse;
 use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
 
-const KR: u32 = 0x00;
-const PR: u32 = 0x04;
-const RLR: u32 = 0x08;
-const SR: u32 = 0x0c;
-const WINR: u32 = 0x10;
+registers! { u32:
+    KR 0x00,
+    PR 0x04,
+    RLR 0x08,
+    SR 0x0c,
+    WINR 0x10,
+}
 
 const ACCESS: u32 = 0x5555;
 const RELOAD: u32 = 0xaaaa;

@@ -8,44 +8,25 @@ use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 
-const CR1: u32 = 0x00;
-const CR2: u32 = 0x04;
-const CR3: u32 = 0x08;
-const BRR: u32 = 0x0c;
-const RQR: u32 = 0x18;
-const ISR: u32 = 0x1c;
-const ICR: u32 = 0x20;
-const RDR: u32 = 0x24;
-const TDR: u32 = 0x28;
-const PRESC: u32 = 0x2c;
-
-/// CR1: UART enable, receiver enable, transmitter enable, FIFO enable.
-const UE: u32 = 1 << 0;
-const RE: u32 = 1 << 2;
-const TE: u32 = 1 << 3;
-const FIFOEN: u32 = 1 << 29;
+registers! { u32:
+    // UART enable, receiver enable, transmitter enable, FIFO enable.
+    CR1 0x00 { UE 0, RE 2, TE 3, FIFOEN 29 },
+    CR2 0x04,
+    // Error interrupt enable, DMA enable of receiver and transmitter, overrun disable.
+    CR3 0x08 { EIE 0, DMAR 6, DMAT 7, OVRDIS 12 },
+    BRR 0x0c,
+    RQR 0x18,
+    ISR 0x1c {
+        FE 1, ORE 3, IDLE 4, RXNE 5, TC 6, TXE 7, BUSY 16, TEACK 21, REACK 22, TXFE 23, RXFF 24, RXFT 26, TXFT 27
+    },
+    ICR 0x20,
+    RDR 0x24,
+    TDR 0x28,
+    PRESC 0x2c,
+}
 /// CR1: word length other than 8, parity, mute mode.
 const CR1_UNKNOWN: u32 = 1 << 28 | 1 << 12 | 1 << 10 | 1 << 13;
-/// CR3: error interrupt enable, DMA enable of receiver and transmitter, overrun disable.
-const EIE: u32 = 1 << 0;
-const DMAR: u32 = 1 << 6;
-const DMAT: u32 = 1 << 7;
-const OVRDIS: u32 = 1 << 12;
 const CR3_KNOWN: u32 = EIE | DMAR | DMAT | OVRDIS | 7 << 25 | 7 << 29 | 1 << 28 | 1 << 23 | 1 << 13;
-
-const FE: u32 = 1 << 1;
-const ORE: u32 = 1 << 3;
-const IDLE: u32 = 1 << 4;
-const RXNE: u32 = 1 << 5;
-const TC: u32 = 1 << 6;
-const TXE: u32 = 1 << 7;
-const BUSY: u32 = 1 << 16;
-const TEACK: u32 = 1 << 21;
-const REACK: u32 = 1 << 22;
-const TXFE: u32 = 1 << 23;
-const RXFF: u32 = 1 << 24;
-const RXFT: u32 = 1 << 26;
-const TXFT: u32 = 1 << 27;
 
 /// Start bit, eight data bits, stop bit.
 const BITS: f64 = 10.0;

@@ -3,14 +3,12 @@
 use crate::registers::{peek, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width};
 
-const CR1: u32 = 0x00;
-const SR2: u32 = 0x14;
-const CR5: u32 = 0x80;
-
-/// CR1: write access to the backup domain.
-const DBP: u32 = 1 << 8;
-/// CR5: range 1 normal mode, without boost.
-const R1MODE: u32 = 1 << 8;
+registers! { u32:
+    // Write access to the backup domain.
+    CR1 0x00 { DBP 8 },
+    // Range 1 normal mode, without boost.
+    CR5 0x80 { R1MODE 8 },
+}
 
 /// The PWR registers.
 #[derive(Clone, Debug)]
@@ -25,7 +23,7 @@ impl Default for Pwr {
             (0x08, 0x8000, 0xc51f),
             (0x0c, 0, 0x31f),
             (0x10, 0, 0),
-            (SR2, 0, 0),
+            (0x14, 0, 0),
             (0x18, 0, 0),
             (CR5, R1MODE, R1MODE),
         ]))

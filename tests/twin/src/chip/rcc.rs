@@ -13,23 +13,29 @@ use crate::{
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
-const CR: u32 = 0x00;
-const ICSCR: u32 = 0x04;
-const CFGR: u32 = 0x08;
-const PLLCFGR: u32 = 0x0c;
-const CIER: u32 = 0x18;
-const CIFR: u32 = 0x1c;
-const CICR: u32 = 0x20;
-pub(super) const AHB1ENR: u32 = 0x48;
-pub(super) const AHB2ENR: u32 = 0x4c;
-pub(super) const APB1ENR1: u32 = 0x58;
-pub(super) const APB1ENR2: u32 = 0x5c;
-pub(super) const APB2ENR: u32 = 0x60;
-const CCIPR: u32 = 0x88;
-const BDCR: u32 = 0x90;
-const CSR: u32 = 0x94;
-const CRRCR: u32 = 0x98;
-const CCIPR2: u32 = 0x9c;
+registers! { u32:
+    // Each ready flag is the bit above its enable bit, except HSI's. The CSS monitors the crystal.
+    CR 0x00 { HSION 8, HSIRDY 10, HSEON 16, HSERDY 17, HSEBYP 18, CSSON 19, PLLON 24, PLLRDY 25 },
+    ICSCR 0x04,
+    // The AHB prescaler divides.
+    CFGR 0x08 { AHB_DIVIDES 7 },
+    PLLCFGR 0x0c,
+    CIER 0x18,
+    // The CSS detected a crystal failure; the same bit in CICR.
+    CIFR 0x1c { CSSF 8 },
+    CICR 0x20,
+    pub(super) AHB1ENR 0x48,
+    pub(super) AHB2ENR 0x4c,
+    pub(super) APB1ENR1 0x58,
+    pub(super) APB1ENR2 0x5c,
+    pub(super) APB2ENR 0x60,
+    CCIPR 0x88,
+    BDCR 0x90,
+    // Clears the reset flags.
+    CSR 0x94 { RMVF 23 },
+    CRRCR 0x98,
+    CCIPR2 0x9c,
+}
 
 /// Implemented gates. The RTC and the window watchdog have no reset bit.
 const AHB1_GATES: u32 = 0x111f;
@@ -40,31 +46,13 @@ const RTCAPB: u32 = 3 << 10;
 const APB1_2_GATES: u32 = 0x103;
 const APB2_GATES: u32 = 0x0437_f801;
 
-const HSION: u32 = 1 << 8;
-const HSEON: u32 = 1 << 16;
-const HSEBYP: u32 = 1 << 18;
-/// The CSS monitors the crystal.
-const CSSON: u32 = 1 << 19;
-const PLLON: u32 = 1 << 24;
-/// In CR each ready flag is the bit above its enable bit, except HSI's.
-const HSIRDY: u32 = 1 << 10;
-const HSERDY: u32 = 1 << 17;
-const PLLRDY: u32 = 1 << 25;
-
 /// When the system clock rises across `STEP_HZ`, HCLK must be half of it for `STEP_S` (RM0440 7.2.7; ST's HAL,
 /// `stm32g4xx_hal_rcc.c`, `HAL_RCC_ClockConfig`).
 const STEP_HZ: f64 = 80e6;
 const STEP_S: f64 = 1e-6;
-/// CFGR: the AHB prescaler divides.
-const AHB_DIVIDES: u32 = 1 << 7;
 
 /// BDCR: RTCEN, and RTCSEL = 2 (LSI).
 const RTC_ON_LSI: u32 = 1 << 15 | 2 << 8;
-/// CSR: clears the reset flags.
-const RMVF: u32 = 1 << 23;
-
-/// CIFR and CICR: the CSS detected a crystal failure.
-const CSSF: u32 = 1 << 8;
 
 const HSI_HZ: f64 = 16e6;
 const HSI48_HZ: f64 = 48e6;

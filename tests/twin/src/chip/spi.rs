@@ -14,34 +14,15 @@ use crate::registers::Storage;
 use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Unknown, Width};
 
-// CR1.
-const CPHA: u32 = 1 << 0;
-const CPOL: u32 = 1 << 1;
-const MSTR: u32 = 1 << 2;
-const SPE: u32 = 1 << 6;
-const LSBFIRST: u32 = 1 << 7;
-const SSI: u32 = 1 << 8;
-const SSM: u32 = 1 << 9;
-const RXONLY: u32 = 1 << 10;
-const CRCEN: u32 = 1 << 13;
-const BIDIMODE: u32 = 1 << 15;
+registers! { u32:
+    CR1 0x00 { CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, CRCEN 13, BIDIMODE 15 },
+    CR2 0x04 { RXDMAEN 0, TXDMAEN 1, FRF 4, ERRIE 5, RXNEIE 6, TXEIE 7, FRXTH 12 },
+    SR 0x08 { RXNE 0, TXE 1, OVR 6, BSY 7 },
+    DR 0x0C,
+    I2SCFGR 0x1C,
+}
 const CR1_NOT_MODELLED: u32 = LSBFIRST | RXONLY | CRCEN | BIDIMODE;
-
-// CR2.
-const RXDMAEN: u32 = 1 << 0;
-const TXDMAEN: u32 = 1 << 1;
-const FRF: u32 = 1 << 4;
-const ERRIE: u32 = 1 << 5;
-const RXNEIE: u32 = 1 << 6;
-const TXEIE: u32 = 1 << 7;
-const FRXTH: u32 = 1 << 12;
 const CR2_RESET: u32 = 0x0700;
-
-// SR.
-const RXNE: u32 = 1 << 0;
-const TXE: u32 = 1 << 1;
-const OVR: u32 = 1 << 6;
-const BSY: u32 = 1 << 7;
 
 /// Size of a FIFO \[bytes\].
 const DEPTH: usize = 4;
@@ -94,7 +75,7 @@ impl Default for Spi {
                 (0x10, 7, 0xFFFF),
                 (0x14, 0, 0),
                 (0x18, 0, 0),
-                (0x1C, 0, 0x1FBF),
+                (I2SCFGR, 0, 0x1FBF),
                 (0x20, 2, 0x03FF),
             ]),
         }
@@ -273,16 +254,16 @@ impl Spi {
 impl Registers for Spi {
     fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
         let word = match offset & !3 {
-            0x00 => self.cr1,
-            0x04 => self.cr2,
-            0x08 => {
+            CR1 => self.cr1,
+            CR2 => self.cr2,
+            SR => {
                 let status = self.status();
                 if std::mem::take(&mut self.overrun_read) {
                     self.overrun = false;
                 }
                 status
             }
-            0x0C if offset & 3 == 0 => return Ok(self.read_data(width)),
+            DR if offset & 3 == 0 => return Ok(self.read_data(width)),
             _ => return self.storage.read(offset, width),
         };
         Ok(width.part(word, offset))
@@ -290,8 +271,8 @@ impl Registers for Spi {
 
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         match offset & !3 {
-            0x00 => self.write_control(width.replace(self.cr1, offset, value), now),
-            0x04 => {
+            CR1 => self.write_control(width.replace(self.cr1, offset, value), now),
+            CR2 => {
                 let value = width.replace(self.cr2, offset, value) & 0x7FFF;
                 // DS, FRF, NSSP and SSOE may change only while the SPI is disabled (39.9.2).
                 let fixed = 0xF << 8 | FRF | 1 << 3 | 1 << 2;
@@ -303,9 +284,9 @@ impl Registers for Spi {
                 Ok(())
             }
             // Error flags that this model does not raise.
-            0x08 => Ok(()),
-            0x0C if offset & 3 == 0 => self.write_data(value, width, now),
-            0x1C if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
+            SR => Ok(()),
+            DR if offset & 3 == 0 => self.write_data(value, width, now),
+            I2SCFGR if value & 1 << 11 != 0 => refuse("SPI_I2SCFGR.I2SMOD: I2S is not modelled"),
             _ => self.storage.write(offset, value, width),
         }
     }

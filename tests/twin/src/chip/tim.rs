@@ -10,43 +10,37 @@ use super::rcc::LSI_HZ;
 use crate::registers::{refuse, refuse_if};
 use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
 
-const CR1: u32 = 0x00;
-const CR2: u32 = 0x04;
-const SMCR: u32 = 0x08;
-const DIER: u32 = 0x0c;
-const SR: u32 = 0x10;
-const EGR: u32 = 0x14;
-const CCMR1: u32 = 0x18;
-const CCMR2: u32 = 0x1c;
-const CCER: u32 = 0x20;
-const CNT: u32 = 0x24;
-const PSC: u32 = 0x28;
-const ARR: u32 = 0x2c;
-const RCR: u32 = 0x30;
-const CCR1: u32 = 0x34;
-const CCR2: u32 = 0x38;
-const CCR3: u32 = 0x3c;
-const CCR4: u32 = 0x40;
-const BDTR: u32 = 0x44;
-const TISEL: u32 = 0x5c;
-const AF1: u32 = 0x60;
-const AF2: u32 = 0x64;
+registers! { u32:
+    CR1 0x00 { CEN 0, UDIS 1, URS 2, DIR 4, ARPE 7, UIFREMAP 11 },
+    CR2 0x04,
+    SMCR 0x08,
+    DIER 0x0c,
+    // Update; the same bit in DIER. Compare 1 to 4 are the next bits.
+    SR 0x10 { UIF 0 },
+    EGR 0x14,
+    CCMR1 0x18,
+    CCMR2 0x1c,
+    CCER 0x20,
+    CNT 0x24,
+    PSC 0x28,
+    ARR 0x2c,
+    RCR 0x30,
+    CCR1 0x34,
+    CCR2 0x38,
+    CCR3 0x3c,
+    CCR4 0x40,
+    // Main output enable, for timers with a break input.
+    BDTR 0x44 { MOE 15 },
+    TISEL 0x5c,
+    AF1 0x60,
+    AF2 0x64,
+}
 
 /// TISEL of TIM5: LSI.
 const LSI: u32 = 1;
 
-const CEN: u32 = 1 << 0;
-const UDIS: u32 = 1 << 1;
-const URS: u32 = 1 << 2;
-const DIR: u32 = 1 << 4;
-const ARPE: u32 = 1 << 7;
-const UIFREMAP: u32 = 1 << 11;
 /// CR1 bits that the model implements: CEN, UDIS, URS, DIR, ARPE, CKD, UIFREMAP.
 const CR1_KNOWN: u32 = CEN | UDIS | URS | DIR | ARPE | 3 << 8 | UIFREMAP;
-/// SR and DIER: update. Compare 1 to 4 are the next bits.
-const UIF: u32 = 1 << 0;
-/// BDTR: main output enable, for timers with a break input.
-const MOE: u32 = 1 << 15;
 
 /// The kind of a timer, which gives its bus and its features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,19 +11,18 @@ use super::clocks::Clocks;
 use crate::registers::refuse_if;
 use crate::{Cycles, Registers, Unknown, Width};
 
-// CR1.
-const CEN: u32 = 1 << 0;
-const UDIS: u32 = 1 << 1;
-const URS: u32 = 1 << 2;
-const OPM: u32 = 1 << 3;
-const ARPE: u32 = 1 << 7;
-const UIFREMAP: u32 = 1 << 11;
-const DITHEN: u32 = 1 << 12;
+registers! { u32:
+    CR1 0x00 { CEN 0, UDIS 1, URS 2, OPM 3, ARPE 7, UIFREMAP 11, DITHEN 12 },
+    CR2 0x04,
+    // UIE has the position of UIF in SR.
+    DIER 0x0C { UIE 0, UDE 8 },
+    SR 0x10,
+    EGR 0x14,
+    CNT 0x24,
+    PSC 0x28,
+    ARR 0x2C,
+}
 const CR1_ALL: u32 = CEN | UDIS | URS | OPM | ARPE | UIFREMAP | DITHEN;
-
-// Bits of DIER; UIE has the position of UIF in SR.
-const UIE: u32 = 1 << 0;
-const UDE: u32 = 1 << 8;
 
 /// MMS in CR2: the update event is the trigger output.
 const TRIGGER_UPDATE: u32 = 2;
@@ -162,15 +161,15 @@ impl Tim6 {
 impl Registers for Tim6 {
     fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
         let word = match offset & !3 {
-            0x00 => self.cr1,
-            0x04 => self.cr2,
-            0x0C => self.dier,
-            0x10 => self.sr,
-            0x14 => 0,
-            0x24 if self.cr1 & UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
-            0x24 => self.counter(now),
-            0x28 => self.psc,
-            0x2C => self.arr,
+            CR1 => self.cr1,
+            CR2 => self.cr2,
+            DIER => self.dier,
+            SR => self.sr,
+            EGR => 0,
+            CNT if self.cr1 & UIFREMAP != 0 => self.counter(now) | (self.sr & 1) << 31,
+            CNT => self.counter(now),
+            PSC => self.psc,
+            ARR => self.arr,
             _ => return Err(Unknown::REGISTER),
         };
         Ok(width.part(word, offset))
@@ -179,16 +178,16 @@ impl Registers for Tim6 {
     fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
         refuse_if(width == Width::Byte || offset & 3 != 0, "TIM6 accepts only word and aligned half-word accesses")?;
         match offset {
-            0x00 => self.write_control(value, now)?,
-            0x04 => self.cr2 = value & 0x70,
-            0x0C => {
+            CR1 => self.write_control(value, now)?,
+            CR2 => self.cr2 = value & 0x70,
+            DIER => {
                 self.dier = value & (UIE | UDE);
                 self.dma_request &= self.dier & UDE != 0;
             }
             // Writing 0 clears a flag.
-            0x10 => self.sr &= value,
-            0x14 if value & 1 == 0 => {}
-            0x14 => {
+            SR => self.sr &= value,
+            EGR if value & 1 == 0 => {}
+            EGR => {
                 // A software update. URS suppresses the flag and the DMA request, but not the trigger output.
                 if self.cr1 & UDIS == 0 {
                     if self.cr1 & URS == 0 {
@@ -200,9 +199,9 @@ impl Registers for Tim6 {
                 }
                 self.set_counter(0, now);
             }
-            0x24 => self.set_counter(value & 0xFFFF, now),
-            0x28 => self.psc = value & 0xFFFF,
-            0x2C => {
+            CNT => self.set_counter(value & 0xFFFF, now),
+            PSC => self.psc = value & 0xFFFF,
+            ARR => {
                 self.arr = value & 0xFFFF;
                 if self.cr1 & ARPE == 0 {
                     let counter = self.counter(now);
