@@ -46,7 +46,7 @@ pub mod tim;
 pub mod tim6;
 pub mod usb;
 
-use crate::{Board, Cycles, Registers, Unknown, Width, World};
+use crate::{Board, Cycles, Modelled, Registers, Unknown, Width, World};
 use clocks::Clocks;
 use errata::Errata;
 use gpio::{Gpio, Mode};
@@ -515,7 +515,7 @@ impl Chip {
         gate.is_none_or(|gate| self.rcc.is_on(gate) && !self.rcc.is_reset(gate))
     }
 
-    fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read_register(&mut self, block: &Block, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         if !self.is_clocked(block, offset) {
             match (self.rules, block.peripheral) {
                 (Rules::Enforced, _) => return Err(CLOCK_OFF),
@@ -530,14 +530,7 @@ impl Chip {
         self.model(block.peripheral).read(offset, width, now)
     }
 
-    fn write_register(
-        &mut self,
-        block: &Block,
-        offset: u32,
-        value: u32,
-        width: Width,
-        now: Cycles,
-    ) -> Result<(), Unknown> {
+    fn write_register(&mut self, block: &Block, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let in_backup = block.peripheral == Peripheral::Tamp || block.start + offset == RCC_BDCR;
         let refused = match (self.is_clocked(block, offset), in_backup && !self.pwr.backup_is_open()) {
             (false, _) => Some(CLOCK_OFF),
@@ -581,7 +574,7 @@ impl Chip {
         }
     }
 
-    fn change_clocks(&mut self, now: Cycles) -> Result<(), Unknown> {
+    fn change_clocks(&mut self, now: Cycles) -> Modelled {
         let clocks = self.rcc.clocks(now, self.clocks.seconds(now));
         self.rcc.check(&clocks, self.pwr.boost(), self.flash.wait_states())?;
         let same = Clocks { since: self.clocks.since, since_s: self.clocks.since_s, ..clocks } == self.clocks;

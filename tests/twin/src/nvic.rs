@@ -10,7 +10,7 @@
 //! - *priority*: lower is more urgent: -2 NMI, -1 HardFault, 0 to 240 the rest in steps of 16 (four bits on this chip),
 //!   [`THREAD`] when nothing is active.
 
-use crate::{Cycles, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Storage, Unknown, Width};
 
 /// Priority of thread mode, less urgent than any exception.
 pub const THREAD: i32 = 256;
@@ -84,7 +84,7 @@ impl Region {
     }
 
     /// Decodes RBAR and RASR; none if the region is disabled.
-    fn decode(base: u32, attributes: u32) -> Result<Option<Self>, Unknown> {
+    fn decode(base: u32, attributes: u32) -> Modelled<Option<Self>> {
         if attributes & 1 == 0 {
             return Ok(None);
         }
@@ -431,7 +431,7 @@ impl Nvic {
     }
 
     /// A read on the private peripheral bus, 0xE000_0000 and up.
-    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    pub fn read(&mut self, address: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let word = match address & !3 {
             0xe000_1000 => 0x4000_0000 | u32::from(self.cycle_counter_on),
             0xe000_1004 => self.cycle_count(now),
@@ -445,7 +445,7 @@ impl Nvic {
         if self.cycle_counter_on { (now as u32).wrapping_sub(self.cycle_counter_lag) } else { self.cycle_counter_lag }
     }
 
-    fn read_scs(&mut self, register: u32, now: Cycles) -> Result<u32, Unknown> {
+    fn read_scs(&mut self, register: u32, now: Cycles) -> Modelled<u32> {
         // The word of a set of interrupts, 32 bits each.
         let word = |set: u128| (set >> shift(register)) as u32;
         Ok(match register {
@@ -476,7 +476,7 @@ impl Nvic {
     }
 
     /// A write on the private peripheral bus.
-    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    pub fn write(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match address & !3 {
             0xe000_1000 => {
                 let count = self.cycle_count(now);
@@ -505,7 +505,7 @@ impl Nvic {
     }
 
     /// A write to RBAR or RASR, or to one of their three aliases.
-    fn write_region(&mut self, register: u32, value: u32) -> Result<(), Unknown> {
+    fn write_region(&mut self, register: u32, value: u32) -> Modelled {
         let is_base = register & 4 == MPU_RBAR & 4;
         // VALID: the write includes the region number.
         if is_base && value & 1 << 4 != 0 {
@@ -525,7 +525,7 @@ impl Nvic {
         self.cycle_counter_lag = if self.cycle_counter_on { (now as u32).wrapping_sub(count) } else { count };
     }
 
-    fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_scs(&mut self, register: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let set = u128::from(value) << shift(register);
         let by_byte = matches!(register, IPR..IPR_END | SHPR..SHPR_END);
         if width != Width::Word && !by_byte {

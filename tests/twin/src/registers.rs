@@ -61,16 +61,19 @@ impl Unknown {
     pub const WIDTH: Self = Self { what: "the register accepts only word accesses" };
 }
 
+/// What an access gives, unless the model does not handle it.
+pub type Modelled<T = ()> = Result<T, Unknown>;
+
 /// The registers of a peripheral.
 ///
 /// `offset` is relative to the peripheral's base address and keeps its two low bits. An access never crosses a word.
 /// `now` never decreases.
 pub trait Registers {
     /// A read by the core or by DMA, side effects included.
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown>;
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32>;
 
     /// A write by the core or by DMA.
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown>;
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled;
 
     /// Earliest time at which an interrupt request or another peripheral may change without an access. May be too
     /// early, never too late.
@@ -127,19 +130,19 @@ impl Storage {
         Self { cells: registers.iter().map(cell).collect() }
     }
 
-    fn cell(&mut self, offset: u32) -> Result<&mut Cell, Unknown> {
+    fn cell(&mut self, offset: u32) -> Modelled<&mut Cell> {
         self.cells.iter_mut().find(|cell| cell.offset == offset & !3).ok_or(Unknown::REGISTER)
     }
 
     /// A read by the program.
-    pub fn read(&mut self, offset: u32, width: Width) -> Result<u32, Unknown> {
+    pub fn read(&mut self, offset: u32, width: Width) -> Modelled<u32> {
         let cell = self.cell(offset)?;
         cell.read_unwritten |= !cell.written;
         Ok(width.part(cell.value, offset))
     }
 
     /// A write by the program; bits that are not writable keep their value.
-    pub fn write(&mut self, offset: u32, value: u32, width: Width) -> Result<(), Unknown> {
+    pub fn write(&mut self, offset: u32, value: u32, width: Width) -> Modelled {
         let cell = self.cell(offset)?;
         let word = width.replace(cell.value, offset, value);
         cell.value = (cell.value & !cell.writable) | (word & cell.writable);
@@ -188,17 +191,17 @@ impl Storage {
 }
 
 /// The error that ends the run.
-pub fn refuse<T>(what: &'static str) -> Result<T, Unknown> {
+pub fn refuse<T>(what: &'static str) -> Modelled<T> {
     Err(Unknown { what })
 }
 
 /// The same where a condition holds.
-pub fn refuse_if(condition: bool, what: &'static str) -> Result<(), Unknown> {
+pub fn refuse_if(condition: bool, what: &'static str) -> Modelled {
     if condition { refuse(what) } else { Ok(()) }
 }
 
 /// Reads a register without listing it as read before any write: programs read it to change single bits.
-pub fn peek(storage: &Storage, offset: u32, width: Width) -> Result<u32, Unknown> {
+pub fn peek(storage: &Storage, offset: u32, width: Width) -> Modelled<u32> {
     if storage.contains(offset) { Ok(width.part(storage.get(offset & !3), offset)) } else { Err(Unknown::REGISTER) }
 }
 

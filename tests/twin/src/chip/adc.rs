@@ -28,7 +28,7 @@ use super::pin::Pin;
 use super::rules::Rules;
 use crate::registers::Storage;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Reference voltage of all converters \[V\].
 pub const REFERENCE_V: f64 = 3.3;
@@ -428,7 +428,7 @@ impl Converter {
     }
 
     /// Loads the sequence and refuses settings that have no model.
-    fn load_sequence(&mut self) -> Result<(), Unknown> {
+    fn load_sequence(&mut self) -> Modelled {
         refuse_if(self.cfgr & CFGR_NOT_MODELLED != 0, "ADC_CFGR: mode is not modelled")?;
         refuse_if(self.storage.get(CFGR2) != 0, "ADC_CFGR2: oversampling is not modelled")?;
         for ofr in (OFR1..=OFR4).step_by(4) {
@@ -520,7 +520,7 @@ impl Adcs {
     }
 
     /// The ADC clock of a block.
-    fn timing(&self, common: usize) -> Result<Timing, Unknown> {
+    fn timing(&self, common: usize) -> Modelled<Timing> {
         let ccr = self.common[common];
         let prescaler = match ccr >> 18 & 0xF {
             0 => 1.0,
@@ -542,7 +542,7 @@ impl Adcs {
         Ok(timing)
     }
 
-    fn clocks(&self, unit: Unit, clocks: f64) -> Result<Cycles, Unknown> {
+    fn clocks(&self, unit: Unit, clocks: f64) -> Modelled<Cycles> {
         Ok((clocks * self.timing(unit.common())?.cycles).round() as Cycles)
     }
 
@@ -552,12 +552,12 @@ impl Adcs {
     }
 
     /// A trigger output rises at `now`: every sequence waiting for it starts. A sequence in progress continues.
-    pub fn trigger(&mut self, number: u32, now: Cycles) -> Result<(), Unknown> {
+    pub fn trigger(&mut self, number: u32, now: Cycles) -> Modelled {
         Unit::ALL.into_iter().try_for_each(|unit| self.trigger_one(unit, number, now))
     }
 
     /// The same for one converter.
-    pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Result<(), Unknown> {
+    pub fn trigger_one(&mut self, unit: Unit, number: u32, now: Cycles) -> Modelled {
         let it = self.unit(unit);
         let waits = it.is_started() && it.conversion.is_none();
         // EXTEN values 1 and 3 include rising edges.
@@ -570,7 +570,7 @@ impl Adcs {
         Ok(())
     }
 
-    fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Result<(), Unknown> {
+    fn begin(&mut self, unit: Unit, rank: usize, now: Cycles, latency: f64) -> Modelled {
         let sampling = self.unit(unit).sequence.get(rank).map_or(0.0, |rank| rank.sampling_clocks);
         let aperture = now + self.clocks(unit, latency + sampling)?;
         let end = now + self.clocks(unit, latency + sampling + CONVERSION_CLOCKS)?;
@@ -584,7 +584,7 @@ impl Adcs {
     ///
     /// Conversions that start at the same moment do not disturb each other if they share the same ADC clock and it is
     /// either undivided or has a period that divides the trigger period.
-    fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Result<bool, Unknown> {
+    fn disturbs_others(&mut self, unit: Unit, now: Cycles) -> Modelled<bool> {
         let clock_of = |this: &Self, unit: Unit| {
             let common = unit.common();
             let timing = this.timing(common)?;
@@ -628,7 +628,7 @@ impl Adcs {
     }
 
     /// The input of `unit`'s conversion in progress, and its aperture.
-    pub fn looks_at(&self, unit: Unit) -> Result<(Signal, Cycles), Unknown> {
+    pub fn looks_at(&self, unit: Unit) -> Modelled<(Signal, Cycles)> {
         let it = self.unit(unit);
         let conversion = it.conversion.ok_or(Unknown { what: "no conversion is in progress" })?;
         let channel = it.sequence.get(conversion.rank).map_or(0, |rank| rank.channel);
@@ -639,7 +639,7 @@ impl Adcs {
     }
 
     /// Ends `unit`'s conversion in progress, which held `volts`.
-    pub fn finish(&mut self, unit: Unit, volts: f64) -> Result<(), Unknown> {
+    pub fn finish(&mut self, unit: Unit, volts: f64) -> Modelled {
         let Some(conversion) = self.unit_mut(unit).conversion.take() else { return Ok(()) };
         let Conversion { rank, aperture, end, disturbed, .. } = conversion;
         let volts = if disturbed { volts + DISTURBED_V } else { volts };
@@ -696,7 +696,7 @@ impl Adcs {
         it.isr & it.ier != 0
     }
 
-    fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, unit: Unit, value: u32, now: Cycles) -> Modelled {
         let settle = (REGULATOR_S * self.hclk_hz).round() as Cycles;
         let enforced = self.rules == Rules::Enforced;
         let it = self.unit_mut(unit);
@@ -762,7 +762,7 @@ impl Adcs {
         Ok(())
     }
 
-    fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_unit(&mut self, unit: Unit, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let it = self.unit_mut(unit);
         it.advance(now);
         if offset & !3 > CR && width != Width::Word {
@@ -797,7 +797,7 @@ impl Adcs {
         Ok(())
     }
 
-    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read_unit(&mut self, unit: Unit, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let it = self.unit_mut(unit);
         it.advance(now);
         let word = match offset & !3 {
@@ -816,7 +816,7 @@ impl Adcs {
     }
 
     /// The converter or common block at an offset, and the offset within it.
-    fn place(offset: u32) -> Result<(Place, u32), Unknown> {
+    fn place(offset: u32) -> Modelled<(Place, u32)> {
         let (base, within) = (offset & !0xFF, offset & 0xFF);
         let place = match base {
             0x300 => Place::Common(0),
@@ -830,7 +830,7 @@ impl Adcs {
         Unit::ALL.into_iter().filter(move |unit| unit.common() == common)
     }
 
-    fn read_common(&mut self, common: usize, offset: u32) -> Result<u32, Unknown> {
+    fn read_common(&mut self, common: usize, offset: u32) -> Modelled<u32> {
         match offset {
             // Flags of the block's first two converters (master and slave).
             CSR => {
@@ -841,7 +841,7 @@ impl Adcs {
         }
     }
 
-    fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Result<(), Unknown> {
+    fn write_common(&mut self, common: usize, offset: u32, value: u32) -> Modelled {
         let value = value & CCR_ALL;
         if offset != CCR {
             return Err(Unknown::REGISTER);
@@ -868,14 +868,14 @@ enum Place {
 }
 
 impl Registers for Adcs {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         match Self::place(offset)? {
             (Place::Unit(unit), within) => self.read_unit(unit, within, width, now),
             (Place::Common(common), within) => Ok(width.part(self.read_common(common, within & !3)?, within)),
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match Self::place(offset)? {
             (Place::Unit(unit), within) => self.write_unit(unit, within, value, width, now),
             (Place::Common(_), _) if width != Width::Word => Err(Unknown::WIDTH),

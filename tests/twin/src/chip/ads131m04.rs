@@ -20,7 +20,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::pin::Pin;
 use crate::registers::refuse_if;
-use crate::{Cycles, Unknown, World};
+use crate::{Cycles, Modelled, World};
 
 /// Chip select, active low.
 pub const CS: Pin = Pin::new('B', 12);
@@ -245,14 +245,14 @@ impl Ads131m04 {
     }
 
     /// Exchanges a byte over SPI; `mode` is (CPOL, CPHA).
-    pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Result<u8, Unknown> {
+    pub fn exchange(&mut self, byte: u8, mode: (bool, bool), rate_hz: f64) -> Modelled<u8> {
         refuse_if(self.selected && mode != (false, true), "the ADS131M04 requires SPI mode 1 (CPOL 0, CPHA 1)")?;
         refuse_if(self.selected && rate_hz > GREATEST_RATE_HZ, "SCLK of the ADS131M04 is above 25 MHz")?;
         Ok(self.chip.shift(byte))
     }
 
     /// Refuses a CLKIN outside the device's range; `hclk_hz` is the core clock \[Hz\].
-    pub fn check_clock(&self, hclk_hz: f64) -> Result<(), Unknown> {
+    pub fn check_clock(&self, hclk_hz: f64) -> Modelled {
         let outside = |cycles: Cycles| !CLKIN_HZ.contains(&(hclk_hz / cycles as f64));
         refuse_if(self.clkin.cycles.is_some_and(outside), "the ADS131M04's CLKIN is outside 0.3 to 8.4 MHz")
     }

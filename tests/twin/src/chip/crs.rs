@@ -3,7 +3,7 @@
 //! The twin's oscillator is exact, so trimming changes nothing and each synchronisation reports success.
 
 use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Unknown, Width};
 
 registers! { u32:
     // Frequency error counter enable.
@@ -42,7 +42,7 @@ impl Crs {
 }
 
 impl Registers for Crs {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         match offset & !3 {
             ISR => Ok(width.part(self.flags, offset)),
             ICR => Ok(0),
@@ -50,7 +50,7 @@ impl Registers for Crs {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         match offset & !3 {
             ICR => self.flags &= !width.replace(0, offset, value),
             CR | CFGR => self.storage.write(offset, value, width)?,

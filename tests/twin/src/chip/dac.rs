@@ -10,7 +10,7 @@
 use super::adc::{CODES, REFERENCE_V};
 use super::clocks::Clocks;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 use std::collections::VecDeque;
 
 /// TSEL value of TIM7_TRGO.
@@ -133,7 +133,7 @@ impl Dac {
 }
 
 impl Registers for Dac {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         let word = match offset & !3 {
             CR => self.cr,
             DHR12R1 => self.holding,
@@ -148,7 +148,7 @@ impl Registers for Dac {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }

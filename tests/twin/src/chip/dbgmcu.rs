@@ -1,7 +1,7 @@
 //! Debug support of the chip (RM0440 section 47.6): the device ID. The freeze bits are storage.
 
 use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 /// Category 3 devices of the G4, revision X (RM0440 47.6.1).
 const IDCODE: u32 = 0x2003_6469;
@@ -24,11 +24,11 @@ impl Default for Dbgmcu {
 }
 
 impl Registers for Dbgmcu {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         peek(&self.0, offset, width)
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         self.0.write(offset, value, width)
     }
 

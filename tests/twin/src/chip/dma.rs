@@ -11,7 +11,7 @@
 
 use super::errata::Errata;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Number of channels of a controller.
 pub const CHANNELS: usize = 8;
@@ -89,7 +89,7 @@ impl Channel {
         self.lap - self.cndtr
     }
 
-    fn width(&self, shift: u32) -> Result<Width, Unknown> {
+    fn width(&self, shift: u32) -> Modelled<Width> {
         match self.ccr >> shift & 3 {
             0 => Ok(Width::Byte),
             1 => Ok(Width::Half),
@@ -143,7 +143,7 @@ impl Dma {
     }
 
     /// The transfer that the channel would do on a request; none if it is disabled, has completed, or is stalled.
-    pub fn transfer(&self, channel: usize) -> Result<Option<Transfer>, Unknown> {
+    pub fn transfer(&self, channel: usize) -> Modelled<Option<Transfer>> {
         let Some(it) = self.channels.get(channel) else { return Ok(None) };
         if !it.is_enabled() || it.cndtr == 0 || self.stall.is_some_and(|(stalled, _)| stalled == channel) {
             return Ok(None);
@@ -230,7 +230,7 @@ impl Dma {
 }
 
 impl Registers for Dma {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
@@ -247,7 +247,7 @@ impl Registers for Dma {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }

@@ -6,7 +6,7 @@
 //! Sources: RM0440 chapter 13, registers 13.6.1 to 13.6.6; request numbers, table 91 (the same in stm32-metapac 21.0).
 
 use crate::registers::refuse;
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Number of multiplexer channels.
 pub const CHANNELS: usize = 16;
@@ -91,7 +91,7 @@ impl Dmamux {
 }
 
 impl Registers for Dmamux {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }
@@ -105,7 +105,7 @@ impl Registers for Dmamux {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         if width != Width::Word {
             return Err(Unknown::WIDTH);
         }

@@ -4,7 +4,7 @@
 //! as the twin has no sleep mode that needs them.
 
 use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 registers! { u32:
     IMR1 0x00,
@@ -58,7 +58,7 @@ impl Exti {
 }
 
 impl Registers for Exti {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         match offset & !3 {
             PR1 => Ok(width.part(self.pending, offset)),
             // All users of the lines share these registers, and each changes one bit.
@@ -67,7 +67,7 @@ impl Registers for Exti {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         match offset & !3 {
             PR1 => self.pending &= !width.replace(0, offset, value),
             SWIER1 => self.pending |= width.replace(0, offset, value) & self.storage.get(IMR1),

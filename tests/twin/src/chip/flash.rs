@@ -14,7 +14,7 @@
 use super::rom;
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Unknown, Width,
     chip::{
         clocks::Clocks,
         errata::Errata,
@@ -481,7 +481,7 @@ impl Flash {
 
     /// Refuses an operation while the data cache is on, if the erratum on writing one bank while reading the other
     /// applies.
-    fn check_cache(&self) -> Result<(), Unknown> {
+    fn check_cache(&self) -> Modelled {
         refuse_if(
             self.errata.data_cache && self.storage.get(ACR) & DCEN != 0,
             "flash operation while the data cache is on, which may corrupt the cache (ES0430 2.2.2)",
@@ -553,7 +553,7 @@ impl Flash {
     }
 
     /// The core reads bank 2.
-    pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    pub fn read_memory(&mut self, address: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let at = address.wrapping_sub(START) as usize;
         let now = match self.operation {
             Some(operation) if operation.bank() == Some(at / BANK) => self.wait(now),
@@ -579,7 +579,7 @@ impl Flash {
     }
 
     /// The core writes to flash.
-    pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    pub fn write_memory(&mut self, address: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let at = address.wrapping_sub(START) as usize;
         refuse_if(at < BANK, "write to bank 1, from which the code runs")?;
         refuse_if(at >= LEN, "past the end of flash")?;
@@ -609,7 +609,7 @@ impl Flash {
         Ok(())
     }
 
-    fn unlock(&mut self, key: u32) -> Result<(), Unknown> {
+    fn unlock(&mut self, key: u32) -> Modelled {
         if self.shut || self.control & LOCK == 0 || key != KEYS[self.keys] {
             self.shut = true;
             return refuse("wrong FLASH_KEYR key: bus fault, locked until reset");
@@ -621,7 +621,7 @@ impl Flash {
         Ok(())
     }
 
-    fn unlock_options(&mut self, key: u32) -> Result<(), Unknown> {
+    fn unlock_options(&mut self, key: u32) -> Modelled {
         refuse_if(
             self.control & (LOCK | OPTLOCK) != OPTLOCK || key != OPTION_KEYS[self.option_keys],
             "wrong FLASH_OPTKEYR key, or FLASH_CR is locked",
@@ -633,7 +633,7 @@ impl Flash {
         Ok(())
     }
 
-    fn write_control(&mut self, word: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, word: u32, now: Cycles) -> Modelled {
         let now = self.wait(now);
         if self.control & LOCK != 0 {
             // Setting LOCK again is allowed.
@@ -677,7 +677,7 @@ impl Flash {
 }
 
 impl Registers for Flash {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         let word = match offset & !3 {
             KEYR | OPTKEYR => 0,
@@ -698,7 +698,7 @@ impl Registers for Flash {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         let word = width.replace(0, offset, value);
         match offset & !3 {

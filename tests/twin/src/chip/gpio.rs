@@ -4,7 +4,7 @@
 //! storage; locking is refused. A pin that is neither driven nor pulled reads low.
 
 use crate::registers::{peek, refuse};
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 registers! { u32:
     MODER 0x00,
@@ -121,7 +121,7 @@ impl Gpio {
 }
 
 impl Registers for Gpio {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         match offset & !3 {
             IDR => Ok(width.part(self.input(), offset)),
             BSRR | BRR => Ok(0),
@@ -131,7 +131,7 @@ impl Registers for Gpio {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         let word = width.replace(0, offset, value);
         let output = self.storage.get(ODR);
         match offset & !3 {

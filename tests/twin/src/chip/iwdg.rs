@@ -5,7 +5,7 @@
 
 use super::rcc::LSI_HZ;
 use crate::registers::refuse;
-use crate::{Cycles, Registers, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Unknown, Width, chip::clocks::Clocks};
 
 registers! { u32:
     KR 0x00,
@@ -98,7 +98,7 @@ impl Iwdg {
 }
 
 impl Registers for Iwdg {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         let word = match offset & !3 {
             KR => 0,
@@ -114,7 +114,7 @@ impl Registers for Iwdg {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, _: Width, now: Cycles) -> Modelled {
         self.advance(now);
         match offset {
             KR => {

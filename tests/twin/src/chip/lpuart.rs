@@ -5,7 +5,7 @@
 //! and interrupts, idle line, overrun, DMA requests. Refused: flow control, addressing, wake-up, half-duplex.
 
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Storage, Width, chip::clocks::Clocks};
 use std::collections::VecDeque;
 
 registers! { u32:
@@ -200,7 +200,7 @@ impl Lpuart {
 }
 
 impl Registers for Lpuart {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         let word = match offset & !3 {
             ISR => self.status(),
@@ -214,7 +214,7 @@ impl Registers for Lpuart {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         let word = width.replace(0, offset, value);
         match offset & !3 {

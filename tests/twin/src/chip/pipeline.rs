@@ -21,7 +21,7 @@ use super::pin::Pin;
 use super::spi::Frame;
 use super::{BadAccess, Chip};
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// SCK, MISO and MOSI of SPI2, and their alternate function (DS12288 table 13).
 const WIRES: [Pin; 3] = [Pin::new('B', 13), Pin::new('B', 14), Pin::new('B', 15)];
@@ -132,7 +132,7 @@ impl Chip {
         sources.into_iter().flatten().min()
     }
 
-    fn step(&mut self, at: Cycles) -> Result<(), Unknown> {
+    fn step(&mut self, at: Cycles) -> Modelled {
         self.dma1.advance(at);
         self.dma2.advance(at);
         if self.tim6.next_update() == Some(at) {
@@ -170,7 +170,7 @@ impl Chip {
     }
 
     /// Delivers the sampling clock's trigger to the converters, each with its injected delay.
-    fn start_conversions(&mut self, at: Cycles) -> Result<(), Unknown> {
+    fn start_conversions(&mut self, at: Cycles) -> Modelled {
         if self.planted.late == [0; 2] {
             return self.adc.trigger(TRIGGER_TIM6, at);
         }
@@ -186,7 +186,7 @@ impl Chip {
     }
 
     /// Exchanges a frame on SPI2; returns the received data.
-    fn exchange(&mut self, frame: Frame) -> Result<u16, Unknown> {
+    fn exchange(&mut self, frame: Frame) -> Modelled<u16> {
         let (mode, rate_hz) = (self.spi2.mode(), self.spi2.rate_hz(self.clocks.hclk_hz));
         // If the ADS131M04 is connected, the pins must be assigned to SPI2. If not, nothing drives MISO, which reads as
         // ones.
@@ -205,7 +205,7 @@ impl Chip {
     }
 
     /// Ends the digital front end's conversion if it is due: DRDY falls, which latches the encoder count.
-    fn convert(&mut self, at: Cycles) -> Result<(), Unknown> {
+    fn convert(&mut self, at: Cycles) -> Modelled {
         let clocks = self.clocks;
         let Some(ads) = self.ads131m04.as_mut().filter(|ads| ads.due() == Some(at)) else { return Ok(()) };
         ads.check_clock(clocks.hclk_hz)?;
@@ -240,7 +240,7 @@ impl Chip {
         Some((self.clocks.hclk_hz / pwm.frequency_hz).round() as Cycles).filter(|cycles| *cycles > 0)
     }
 
-    fn volts(&mut self, signal: Signal, at: Cycles) -> Result<f64, Unknown> {
+    fn volts(&mut self, signal: Signal, at: Cycles) -> Modelled<f64> {
         let time_s = self.seconds(at);
         let pin = match signal {
             Signal::Temperature => return Ok(adc::sensor_volts(self.world.temperature_c(time_s))),
@@ -256,7 +256,7 @@ impl Chip {
     }
 
     /// Voltage at the force pin or the terminal pin \[V\].
-    fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Result<f64, Unknown> {
+    fn input_volts(&mut self, pin: Pin, at: Cycles, time_s: f64) -> Modelled<f64> {
         let (is_force, is_terminal) = (pin == self.board.force, pin == self.board.terminal);
         match (self.jumpers, is_force, is_terminal) {
             (Some(jumpers), true, _) => Ok(self.wire_volts(jumpers.force, at)),

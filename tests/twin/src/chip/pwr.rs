@@ -1,7 +1,7 @@
 //! Power control (RM0440 section 6.4): boost mode and write protection of the backup domain; the rest is storage.
 
 use crate::registers::{peek, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 registers! { u32:
     // Write access to the backup domain.
@@ -43,11 +43,11 @@ impl Pwr {
 }
 
 impl Registers for Pwr {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         peek(&self.0, offset, width)
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         refuse_if(
             offset & !3 == CR1 && width == Width::Word && value >> 9 & 3 != 1,
             "PWR_CR1.VOS: only range 1 is modelled",

@@ -9,7 +9,7 @@
 
 use crate::registers::{refuse, refuse_if};
 use crate::{
-    Cycles, Registers, Storage, Unknown, Width,
+    Cycles, Modelled, Registers, Storage, Unknown, Width,
     chip::{clocks::Clocks, errata::Errata, rules::Rules},
 };
 
@@ -330,7 +330,7 @@ impl Rcc {
     /// Whether the core may run at the set frequencies (RM0440 7.2.4 and 3.3.3, DS12288 table "PLL characteristics").
     ///
     /// `boost`: PWR_CR5.R1MODE is 0; `wait_states`: FLASH_ACR.LATENCY.
-    pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Result<(), Unknown> {
+    pub fn check(&self, clocks: &Clocks, boost: bool, wait_states: u32) -> Modelled {
         let cr = self.storage.get(CR);
         // Outside its range the PLL may or may not lock, which matters only if it clocks the system.
         if cr & PLLON != 0 && (self.rules == Rules::Enforced || self.in_use() == 3) {
@@ -363,7 +363,7 @@ fn switched(on: bool, before: Option<Cycles>, ready: Cycles) -> Option<Cycles> {
 }
 
 impl Registers for Rcc {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let ready = |moment: Option<Cycles>, flag: u32| if moment.is_some_and(|at| at <= now) { flag } else { 0 };
         let register = offset & !3;
         if matches!(register, CIFR | CICR) {
@@ -389,7 +389,7 @@ impl Registers for Rcc {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         let register = offset & !3;
         if register == CICR {
             self.failed &= width.replace(0, offset, value) & CSSF == 0;

@@ -12,7 +12,7 @@ use super::clocks::Clocks;
 use super::errata::Errata;
 use crate::registers::Storage;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 registers! { u32:
     CR1 0x00 { CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, CRCEN 13, BIDIMODE 15 },
@@ -205,7 +205,7 @@ impl Spi {
         self.busy_stays
     }
 
-    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u32, now: Cycles) -> Modelled {
         if value & SPE != 0 {
             refuse_if(
                 self.is_enabled() && (self.cr1 ^ value) & !(SPE | SSI) != 0,
@@ -224,7 +224,7 @@ impl Spi {
         Ok(())
     }
 
-    fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write_data(&mut self, value: u32, width: Width, now: Cycles) -> Modelled {
         // A half-word holds two frames of up to eight bits. A byte cannot hold a longer frame.
         let bytes = match width {
             Width::Byte if self.frame_bytes() == 2 => {
@@ -252,7 +252,7 @@ impl Spi {
 }
 
 impl Registers for Spi {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         let word = match offset & !3 {
             CR1 => self.cr1,
             CR2 => self.cr2,
@@ -269,7 +269,7 @@ impl Registers for Spi {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         match offset & !3 {
             CR1 => self.write_control(width.replace(self.cr1, offset, value), now),
             CR2 => {

@@ -2,7 +2,7 @@
 //! storage.
 
 use crate::registers::{peek, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 const MEMRMP: u32 = 0x00;
 const EXTICR1: u32 = 0x08;
@@ -67,7 +67,7 @@ impl Syscfg {
 }
 
 impl Registers for Syscfg {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         match offset & !3 {
             // Programs read MEMRMP for the boot mode, and EXTICR1 to EXTICR4 to change one of four lines.
             MEMRMP | 0x08..=0x14 => peek(&self.0, offset, width),
@@ -75,7 +75,7 @@ impl Registers for Syscfg {
         }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         // The ROM's boot loader must be at address 0; other memories cannot be mapped there in the twin.
         refuse_if(
             offset & !3 == MEMRMP && value & 7 > 1,

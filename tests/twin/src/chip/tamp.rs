@@ -2,7 +2,7 @@
 //! refused.
 
 use crate::registers::peek;
-use crate::{Cycles, Registers, Storage, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Storage, Width};
 
 const BACKUP: std::ops::RangeInclusive<u32> = 0x100..=0x17c;
 
@@ -29,12 +29,12 @@ impl Tamp {
 }
 
 impl Registers for Tamp {
-    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, _: Cycles) -> Modelled<u32> {
         // Programs read the backup registers for the values of the previous run.
         if BACKUP.contains(&(offset & !3)) { peek(&self.0, offset, width) } else { self.0.read(offset, width) }
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, _: Cycles) -> Modelled {
         self.0.write(offset, value, width)
     }
 

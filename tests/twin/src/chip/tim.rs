@@ -8,7 +8,7 @@
 
 use super::rcc::LSI_HZ;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Storage, Unknown, Width, chip::clocks::Clocks};
+use crate::{Cycles, Modelled, Registers, Storage, Width, chip::clocks::Clocks};
 
 registers! { u32:
     CR1 0x00 { CEN 0, UDIS 1, URS 2, DIR 4, ARPE 7, UIFREMAP 11 },
@@ -374,7 +374,7 @@ impl Tim {
 }
 
 impl Registers for Tim {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         let word = match offset & !3 {
             SR => self.flags,
@@ -398,7 +398,7 @@ impl Registers for Tim {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         match offset & !3 {
             // Writing 0 clears a flag, writing 1 has no effect.

@@ -9,7 +9,7 @@
 
 use super::clocks::Clocks;
 use crate::registers::refuse_if;
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 registers! { u32:
     CR1 0x00 { CEN 0, UDIS 1, URS 2, OPM 3, ARPE 7, UIFREMAP 11, DITHEN 12 },
@@ -149,7 +149,7 @@ impl Tim6 {
         self.zero = now.saturating_sub(u64::from(value) * self.step());
     }
 
-    fn write_control(&mut self, value: u32, now: Cycles) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u32, now: Cycles) -> Modelled {
         refuse_if(value & (OPM | DITHEN) != 0, "TIM6_CR1: one-pulse mode and dithering are not modelled")?;
         let counter = self.counter(now);
         self.cr1 = value & CR1_ALL;
@@ -159,7 +159,7 @@ impl Tim6 {
 }
 
 impl Registers for Tim6 {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         let word = match offset & !3 {
             CR1 => self.cr1,
             CR2 => self.cr2,
@@ -175,7 +175,7 @@ impl Registers for Tim6 {
         Ok(width.part(word, offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         refuse_if(width == Width::Byte || offset & 3 != 0, "TIM6 accepts only word and aligned half-word accesses")?;
         match offset {
             CR1 => self.write_control(value, now)?,

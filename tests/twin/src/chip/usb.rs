@@ -16,7 +16,7 @@
 
 use super::clocks::Clocks;
 use crate::registers::{refuse, refuse_if};
-use crate::{Cycles, Registers, Unknown, Width};
+use crate::{Cycles, Modelled, Registers, Unknown, Width};
 
 /// Offset of the packet memory from the registers: 0x4000_6000 from 0x4000_5C00 (RM0440 table 3).
 pub const MEMORY_OFFSET: u32 = 0x400;
@@ -476,7 +476,7 @@ impl Usb {
         }
     }
 
-    fn read_register(&self, offset: u32) -> Result<u16, Unknown> {
+    fn read_register(&self, offset: u32) -> Modelled<u16> {
         Ok(match offset {
             EPR..=0x1F => self.endpoints[(offset / 4) as usize],
             CNTR => self.control,
@@ -490,7 +490,7 @@ impl Usb {
         })
     }
 
-    fn write_register(&mut self, offset: u32, value: u16) -> Result<(), Unknown> {
+    fn write_register(&mut self, offset: u32, value: u16) -> Modelled {
         match offset {
             EPR..=0x1F => return self.write_endpoint((offset / 4) as usize, value),
             CNTR => return self.write_control(value),
@@ -511,7 +511,7 @@ impl Usb {
         Ok(())
     }
 
-    fn write_endpoint(&mut self, index: usize, value: u16) -> Result<(), Unknown> {
+    fn write_endpoint(&mut self, index: usize, value: u16) -> Modelled {
         let of_type = value & EP_TYPE;
         refuse_if(of_type == ISOCHRONOUS, "USB_EPnR: isochronous endpoints are not modelled")?;
         refuse_if(of_type == BULK && value & EP_KIND != 0, "USB_EPnR: double-buffered endpoints are not modelled")?;
@@ -520,7 +520,7 @@ impl Usb {
         Ok(())
     }
 
-    fn write_control(&mut self, value: u16) -> Result<(), Unknown> {
+    fn write_control(&mut self, value: u16) -> Modelled {
         refuse_if(value & (RESUME | L1RESUME) != 0, "USB_CNTR: remote wake-up is not modelled")?;
         let low = self.lines_low();
         let woken = self.sleeps() && value & FSUSP == 0;
@@ -548,7 +548,7 @@ fn send_status(register: u16) -> u16 {
 }
 
 impl Registers for Usb {
-    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Result<u32, Unknown> {
+    fn read(&mut self, offset: u32, width: Width, now: Cycles) -> Modelled<u32> {
         self.advance(now);
         if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
             let place = place as usize;
@@ -562,7 +562,7 @@ impl Registers for Usb {
         self.read_register(offset & !3).map(|word| width.part(word.into(), offset))
     }
 
-    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Result<(), Unknown> {
+    fn write(&mut self, offset: u32, value: u32, width: Width, now: Cycles) -> Modelled {
         self.advance(now);
         if let Some(place) = offset.checked_sub(MEMORY_OFFSET) {
             let place = place as usize;
